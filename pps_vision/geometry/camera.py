@@ -1,0 +1,189 @@
+"""A pinhole camera with OpenCV lens distortion, a camera at a place, and a pair of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.types import Array, StereoFrame
+
+_UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics: focal lengths and principal point in pixels, distortion (k1, k2, p1, p2, k3)."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not (self.fx > 0 and self.fy > 0 and self.width > 0 and self.height > 0):
+            raise ValueError(
+                f"camera {self.width}×{self.height}, focal lengths {self.fx}, {self.fy}: expected positive numbers"
+            )
+
+    @cached_property
+    def K(self) -> Array:
+        """(3, 3) camera matrix."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+    @cached_property
+    def _r2_max(self) -> float:
+        """Squared normalised radius up to which the distortion is one-to-one (with a margin
+        beyond the image, so that points just outside still project)."""
+        k1, k2, _, _, k3 = self.distortion
+        roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
+        real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real
+        return float(real.min()) if real.size else np.inf
+
+    def project(self, points: ArrayLike) -> Array:
+        """Pixels (…, 2) of points (…, 3) in camera coordinates; NaN where they cannot be seen
+        (behind the camera, or so far aside that the distortion model folds back)."""
+        p = np.asarray(points, dtype=float)
+        z = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
+        x, y = p[..., 0] / z, p[..., 1] / z
+        r2 = x * x + y * y
+        x, y = self._distort(x, y, np.where(r2 < self._r2_max, r2, np.nan))
+        return np.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
+
+    def _distort(self, x: Array, y: Array, r2: Array) -> tuple[Array, Array]:
+        k1, k2, p1, p2, k3 = self.distortion
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        )
+
+    def project_jacobian(self, point: ArrayLike) -> Array:
+        """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates."""
+        X, Y, Z = np.asarray(point, dtype=float)
+        x, y = X / Z, Y / Z
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # ∂radial/∂x = slope·x
+        cross = slope * x * y + 2 * p1 * x + 2 * p2 * y
+        d_distorted = np.array(
+            [
+                [radial + slope * x * x + 2 * p1 * y + 6 * p2 * x, cross],
+                [cross, radial + slope * y * y + 6 * p1 * y + 2 * p2 * x],
+            ]
+        )
+        d_normalised = np.array([[1 / Z, 0, -x / Z], [0, 1 / Z, -y / Z]])
+        jacobian: Array = np.array([[self.fx], [self.fy]]) * (d_distorted @ d_normalised)
+        return jacobian
+
+    def bearings(self, pixels: ArrayLike) -> Array:
+        """Unit viewing directions (…, 3) in camera coordinates of pixels (…, 2)."""
+        px = np.asarray(pixels, dtype=float)
+        flat = px.reshape(-1, 1, 2)
+        xy = cv2.undistortPointsIter(flat, self.K, np.array(self.distortion), np.eye(3), np.eye(3), _UNDISTORT)
+        rays = np.concatenate([xy.reshape(-1, 2), np.ones((len(flat), 1))], axis=1)
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return rays.reshape(*px.shape[:-1], 3)
+
+    @cached_property
+    def bearing_map(self) -> Array:
+        """(height, width, 3) viewing direction of every pixel centre."""
+        v, u = np.mgrid[: self.height, : self.width]
+        return self.bearings(np.stack([u, v], axis=-1))
+
+    @cached_property
+    def solid_angle_map(self) -> Array:
+        """(height, width) solid angle (sr) that each pixel covers."""
+        du, dv = np.gradient(self.bearing_map, axis=1), np.gradient(self.bearing_map, axis=0)
+        return np.linalg.norm(np.cross(du, dv), axis=-1)
+
+    @property
+    def focal_px(self) -> float:
+        """Geometric mean focal length: pixels per radian at the image centre."""
+        return float(np.sqrt(self.fx * self.fy))
+
+    def contains(self, pixel: ArrayLike, margin_px: float = 0.0) -> bool:
+        """Whether a pixel (2,) lies at least `margin_px` inside the image; False for NaN."""
+        u, v = np.asarray(pixel, dtype=float)
+        m = margin_px - 0.5
+        return bool(m <= u <= self.width - 1 - m and m <= v <= self.height - 1 - m)
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera at a place: projects root-frame points and casts root-frame rays."""
+
+    camera: Camera
+    T_root_camera: Array
+
+    @cached_property
+    def T_camera_root(self) -> Array:
+        """The inverse pose."""
+        return inverse(self.T_root_camera)
+
+    @property
+    def center(self) -> Array:
+        """(3,) the optical centre in the root frame."""
+        return self.T_root_camera[:3, 3]
+
+    def project(self, points_root: ArrayLike) -> Array:
+        """Pixels (…, 2) of root-frame points (…, 3); NaN where they cannot be seen."""
+        return self.camera.project(move_points(self.T_camera_root, points_root))
+
+    def project_jacobian(self, point_root: ArrayLike) -> Array:
+        """∂pixel/∂p_root (2, 3), px/m."""
+        at = move_points(self.T_camera_root, point_root)
+        return self.camera.project_jacobian(at) @ self.T_camera_root[:3, :3]
+
+    def rays(self, pixels: ArrayLike) -> Array:
+        """Unit viewing directions (…, 3) in the root frame."""
+        rays: Array = self.camera.bearings(pixels) @ self.T_root_camera[:3, :3].T
+        return rays
+
+    def sees(self, point_root: ArrayLike, margin_px: float = 0.0) -> bool:
+        """Whether a root-frame point projects inside the image."""
+        return self.camera.contains(self.project(point_root), margin_px)
+
+
+@dataclass(frozen=True)
+class StereoView:
+    """Both eyes at one moment."""
+
+    left: View
+    right: View
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """Two cameras and where they are for given joints.
+
+    `eye_poses(joints)` returns (T_root_left, T_root_right); a fixed pair ignores its argument.
+    """
+
+    left: Camera
+    right: Camera
+    eye_poses: Callable[[Array | None], tuple[Array, Array]]
+
+    @classmethod
+    def fixed(cls, left: Camera, right: Camera, T_left_right: Array) -> "StereoRig":
+        """A rig that does not move; the root frame is the left camera's."""
+        poses = (np.eye(4), np.asarray(T_left_right, dtype=float))
+        return cls(left, right, lambda _: poses)
+
+    def view(self, joints_left: Array | None = None, joints_right: Array | None = None) -> StereoView:
+        """Both eyes, each at its own joints (`joints_right` defaults to `joints_left`)."""
+        T_root_left, T_root_right = self.eye_poses(joints_left)
+        if joints_right is not None and joints_right is not joints_left:
+            T_root_right = self.eye_poses(joints_right)[1]
+        return StereoView(View(self.left, T_root_left), View(self.right, T_root_right))
+
+    def view_of(self, frame: StereoFrame) -> StereoView:
+        """Both eyes as they were when each image of the frame was taken."""
+        return self.view(frame.joints_left_rad, frame.joints_right_rad)

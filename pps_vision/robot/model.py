@@ -1,0 +1,174 @@
+"""Any robot described by a URDF: where its frames are, how they move, what its bodies look like."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from pps_vision.geometry.se3 import move_points
+from pps_vision.types import Array
+
+
+@dataclass(frozen=True)
+class FrameNames:
+    """The URDF links that play each part; another robot is used by naming its own.
+
+    `gaze_joints` are neck yaw, neck pitch, eyes tilt, left eye pan, right eye pan; pans grow in
+    the same sense, and vergence is left minus right.  `arm_joints` run from shoulder to wrist.
+    """
+
+    left_eye: str = "left_eye"
+    right_eye: str = "right_eye"
+    palms: tuple[str, str] = ("left_palm", "right_palm")
+    index_tips: tuple[str, str] = ("left_index_tip", "right_index_tip")
+    gaze_joints: tuple[str, str, str, str, str] = (
+        "neck_yaw",
+        "neck_pitch",
+        "eyes_tilt",
+        "left_eye_pan",
+        "right_eye_pan",
+    )
+    arm_joints: tuple[str, ...] = (
+        "shoulder_pitch",
+        "shoulder_roll",
+        "shoulder_yaw",
+        "elbow",
+        "wrist_prosupination",
+        "wrist_pitch",
+        "wrist_yaw",
+    )
+
+    def arm(self, side: str) -> tuple[str, ...]:
+        """The joint names of one arm, shoulder first."""
+        return tuple(f"{side}_{name}" for name in self.arm_joints)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body to draw: `size_m` is (radius,) of a sphere, (radius, length) of a cylinder
+    along z, or the three sides of a box; `T_frame_body` its place in `frame`; colour RGB 0–1."""
+
+    name: str
+    frame: str
+    shape: Literal["sphere", "cylinder", "box"]
+    size_m: tuple[float, ...]
+    T_frame_body: Array
+    color: tuple[float, float, float]
+
+
+class Robot:
+    """A robot's kinematics and shape.  Immutable; `at(q)` evaluates it at a posture."""
+
+    def __init__(self, urdf: Path, names: FrameNames | None = None) -> None:
+        """Read a URDF of revolute joints; ValueError names the file and what is missing."""
+        names = names or FrameNames()
+        if not urdf.is_file():
+            raise ValueError(f"{urdf}: no such robot description; expected a URDF file")
+        try:
+            self.model = pin.buildModelFromUrdf(str(urdf))
+            self._visual = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.VISUAL)
+        except (ValueError, RuntimeError) as error:
+            raise ValueError(f"{urdf}: cannot be read as URDF: {str(error).strip().splitlines()[0]}") from error
+        if self.model.nq != self.model.njoints - 1:
+            raise ValueError(f"{urdf}: has joints that are not revolute or prismatic; expected one number a joint")
+        self.names = names
+        self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
+        self.lower_rad: Array = self.model.lowerPositionLimit.copy()
+        self.upper_rad: Array = self.model.upperPositionLimit.copy()
+        for array in (self.lower_rad, self.upper_rad):
+            array.flags.writeable = False
+        self.frame_ids = {f.name: i for i, f in enumerate(self.model.frames) if f.type != pin.FrameType.JOINT}
+        missing = [f for f in (names.left_eye, names.right_eye) if f not in self.frame_ids]
+        missing += [j for j in names.gaze_joints if j not in self.joint_names]
+        if missing:
+            raise ValueError(f"{urdf}: lacks {', '.join(missing)}; name its own frames and joints in FrameNames")
+
+    @property
+    def n_joints(self) -> int:
+        """Length of the configuration vector."""
+        return len(self.joint_names)
+
+    def indices(self, joints: tuple[str, ...]) -> list[int]:
+        """Positions of named joints in the configuration vector; ValueError for an unknown one."""
+        unknown = [name for name in joints if name not in self.joint_names]
+        if unknown:
+            raise ValueError(f"no joint {unknown[0]!r}; this robot has {', '.join(self.joint_names)}")
+        return [self.joint_names.index(name) for name in joints]
+
+    def at(self, q_rad: ArrayLike) -> "Posture":
+        """The robot at configuration `q_rad` (n_joints,)."""
+        q = np.array(q_rad, dtype=float)
+        if q.shape != (self.n_joints,) or not np.all(np.isfinite(q)):
+            raise ValueError(f"joints {np.array2string(q, precision=3)}: expected {self.n_joints} finite angles")
+        return Posture(self, q)
+
+    def eye_poses(self, q_rad: ArrayLike | None) -> tuple[Array, Array]:
+        """(T_root_left, T_root_right), the form `StereoRig` asks for."""
+        if q_rad is None:
+            raise ValueError("the frame carries no joints, but this robot's eyes move with them")
+        posture = self.at(q_rad)
+        return posture.T_root(self.names.left_eye), posture.T_root(self.names.right_eye)
+
+    def clamp(self, q_rad: Array) -> Array:
+        """The nearest configuration within the joint limits."""
+        return np.clip(q_rad, self.lower_rad, self.upper_rad)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """What there is to draw, from the URDF's visuals (spheres, cylinders, boxes)."""
+        return tuple(self._body(geometry) for geometry in self._visual.geometryObjects)
+
+    def _body(self, obj: Any) -> Body:
+        frame, shape = self.model.frames[obj.parentFrame], obj.geometry
+        # pinocchio places visuals relative to the moving joint; we want the link they were written in
+        T_frame_body = (frame.placement.inverse() * obj.placement).homogeneous
+        color = (float(obj.meshColor[0]), float(obj.meshColor[1]), float(obj.meshColor[2]))
+        kind = type(shape).__name__.lower()
+        if kind == "sphere":
+            return Body(obj.name, frame.name, "sphere", (shape.radius,), T_frame_body, color)
+        if kind == "cylinder":
+            size = (shape.radius, 2 * shape.halfLength)
+            return Body(obj.name, frame.name, "cylinder", size, T_frame_body, color)
+        if kind == "box":
+            sides = (2 * float(shape.halfSide[0]), 2 * float(shape.halfSide[1]), 2 * float(shape.halfSide[2]))
+            return Body(obj.name, frame.name, "box", sides, T_frame_body, color)
+        raise ValueError(f"body {obj.name} is a {kind}; expected a sphere, cylinder or box")
+
+
+class Posture:
+    """A robot at one configuration; owns its own evaluation, so postures never alias."""
+
+    def __init__(self, robot: Robot, q_rad: Array) -> None:
+        self.robot = robot
+        self.q_rad = q_rad
+        self.q_rad.flags.writeable = False
+        self._data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, self._data, q_rad)
+
+    def _frame_id(self, frame: str) -> int:
+        if frame not in self.robot.frame_ids:
+            raise ValueError(f"no frame {frame!r}; this robot has {', '.join(self.robot.frame_ids)}")
+        return self.robot.frame_ids[frame]
+
+    def T_root(self, frame: str) -> Array:
+        """`T_root_frame` (4, 4)."""
+        T: Array = self._data.oMf[self._frame_id(frame)].homogeneous
+        return T
+
+    def point(self, frame: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """A point (…, 3) of `frame` in root coordinates."""
+        return move_points(self.T_root(frame), point)
+
+    def jacobian(self, frame: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """(6, n_joints) ∂(position of the point, orientation of the frame)/∂q in root axes, m/rad
+        and rad/rad; the point (3,) is fixed in `frame`."""
+        index = self._frame_id(frame)
+        J: Array = pin.computeFrameJacobian(
+            self.robot.model, self._data, self.q_rad, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        lever = self._data.oMf[index].rotation @ np.asarray(point, dtype=float)
+        return np.vstack([J[:3] - np.cross(lever, J[3:], axisb=0, axisc=0), J[3:]])

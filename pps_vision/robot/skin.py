@@ -1,0 +1,144 @@
+"""The artificial skin as data: virtual taxels, their frames, and what a touch is.
+
+A virtual taxel stands for one triangular module (R, "Pressure-sensitive skin").
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pps_vision.robot.model import Posture
+from pps_vision.types import Array, Mask
+
+TOUCH_RADIUS_M = 0.020  # a touch this near a virtual taxel's centre is a touch of it
+TAXEL_RADIUS_M = 0.00235
+
+# id: position in mm | unit normal, in the left forearm frame (the right one mirrors y and z)
+_FOREARM = {
+    27: ((-31, -97, 14), (-0.976, 0.061, 0.208)),
+    15: ((-30, -81, 18), (-0.965, 0.091, 0.248)),
+    3: ((-30, -70, 5), (-0.987, 0.134, 0.090)),
+    183: ((-26, -53, 19), (-0.923, 0.106, 0.371)),
+    135: ((-16, -68, 36), (-0.534, 0.118, 0.837)),
+    147: ((-24, -85, 30), (-0.823, 0.077, 0.563)),
+    159: ((-18, -98, 37), (-0.639, 0.054, 0.768)),
+    171: ((-18, -56, 31), (-0.730, 0.176, 0.661)),
+    87: ((27, -99, 27), (0.900, -0.009, 0.436)),
+    75: ((19, -85, 36), (0.694, 0.074, 0.716)),
+    39: ((26, -72, 24), (0.900, 0.086, 0.427)),
+    51: ((21, -54, 28), (0.787, 0.166, 0.594)),
+}
+INNER_FOREARM = (27, 15, 3, 183, 135, 147, 159, 171)
+OUTER_FOREARM = (87, 75, 39, 51)
+_PALM = {
+    "left": {101: (-5.9, 16.2, 0), 99: (-4.9, 1.2, 0), 109: (-19.9, 12.2, 0), 134: (-30.4, 12.2, 0)},
+    "right": {101: (-5.9, 16.2, 0), 103: (-4.9, 1.2, 0), 118: (-19.9, 12.2, 0), 137: (-30.4, 12.2, 0)},
+}
+
+
+@dataclass(frozen=True)
+class SkinPart:
+    """The virtual taxels of one body part: `positions_m`, `normals` (n, 3) in robot frame `frame`."""
+
+    name: str
+    frame: str
+    ids: tuple[int, ...]
+    positions_m: Array
+    normals: Array
+
+    def __post_init__(self) -> None:
+        if self.positions_m.shape != (len(self.ids), 3) or self.normals.shape != (len(self.ids), 3):
+            raise ValueError(f"skin part {self.name}: {len(self.ids)} ids, expected as many positions and normals")
+        lengths = np.linalg.norm(self.normals, axis=1)
+        if not np.allclose(lengths, 1, atol=1e-6):
+            raise ValueError(f"skin part {self.name}: normals of length {lengths.min():.3f}–{lengths.max():.3f}, not 1")
+
+
+@dataclass(frozen=True)
+class Skin:
+    """All body parts, with their taxels as one array in the order of `parts`."""
+
+    parts: tuple[SkinPart, ...]
+
+    @cached_property
+    def taxel_ids(self) -> tuple[str, ...]:
+        """Names "part:id" of all taxels."""
+        return tuple(f"{part.name}:{i}" for part in self.parts for i in part.ids)
+
+    @cached_property
+    def part_index(self) -> NDArray[np.intp]:
+        """(n,) which part each taxel belongs to."""
+        return np.repeat(np.arange(len(self.parts)), [len(part.ids) for part in self.parts])
+
+    def index(self, taxel_id: str) -> int:
+        """Position of a taxel "part:id"; ValueError for an unknown one."""
+        if taxel_id not in self.taxel_ids:
+            raise ValueError(f"no taxel {taxel_id!r}; this skin has {', '.join(self.taxel_ids)}")
+        return self.taxel_ids.index(taxel_id)
+
+    def frame_of(self, index: int) -> str:
+        """The robot frame a taxel is fixed to."""
+        return self.parts[self.part_index[index]].frame
+
+    def at(self, posture: Posture) -> tuple[Array, Array]:
+        """Positions (n, 3) m and unit normals (n, 3) of all taxels in the root frame.
+
+        Normals turn with the body; they are directions and are not translated.
+        """
+        positions, normals = [], []
+        for part in self.parts:
+            T = posture.T_root(part.frame)
+            positions.append(part.positions_m @ T[:3, :3].T + T[:3, 3])
+            normals.append(part.normals @ T[:3, :3].T)
+        return np.concatenate(positions), np.concatenate(normals)
+
+
+def icub_skin(
+    parts: tuple[Literal["left_forearm", "right_forearm", "left_palm", "right_palm"], ...] = (
+        "left_forearm",
+        "right_forearm",
+        "left_palm",
+        "right_palm",
+    ),
+) -> Skin:
+    """The virtual taxels of FACTS §2."""
+    return Skin(tuple(_icub_part(name) for name in parts))
+
+
+def _icub_part(name: str) -> SkinPart:
+    side, part = name.split("_")
+    sign = 1.0 if side == "left" else -1.0
+    if part == "forearm":
+        ids = tuple(_FOREARM)
+        mirror = np.array([1, sign, sign])
+        positions = np.array([_FOREARM[i][0] for i in ids], dtype=float) * mirror
+        normals = np.array([_FOREARM[i][1] for i in ids]) * mirror
+    else:
+        ids = tuple(_PALM[side])
+        positions = np.array([_PALM[side][i] for i in ids], dtype=float)
+        normals = np.tile([0.0, 0.0, -sign], (len(ids), 1))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return SkinPart(name, name, ids, positions / 1000, normals)
+
+
+def taxel_frame(position: ArrayLike, normal: ArrayLike) -> Array:
+    """`T_part_taxel`: z along the outward normal, y ∝ (−nz/nx, 0, 1), x = −(z × y) (FACTS §2)."""
+    z = np.asarray(normal, dtype=float)
+    z = z / np.linalg.norm(z)
+    nx = z[0] if z[0] != 0 else 1e-8
+    y = np.array([-z[2] / nx, 0.0, 1.0])
+    y /= np.linalg.norm(y)
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1], T[:3, 2] = -np.cross(z, y), y, z
+    T[:3, 3] = position
+    return T
+
+
+def touched_taxels(positions_root: Array, center_root: ArrayLike, radius_m: float) -> Mask:
+    """(n,) which taxels a ball of `radius_m` about `center_root` touches: its surface comes
+    within 20 mm of the taxel's centre (DESIGN, demo)."""
+    gap = np.linalg.norm(positions_root - np.asarray(center_root, dtype=float), axis=1) - radius_m
+    return np.asarray(gap <= TOUCH_RADIUS_M)

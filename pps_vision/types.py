@@ -1,0 +1,138 @@
+"""What flows through pps_vision: one frozen dataclass per arrow of the data path.
+
+Time is a stamp in seconds, lengths are metres, angles radians, image points pixels
+(integer coordinates are pixel centres).  A name says its unit where that is not obvious.
+`T_root_left` maps left-camera coordinates into the root frame.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+CameraName = Literal["left", "right"]
+
+
+class Status(StrEnum):
+    """How much the tracker knows about the object."""
+
+    SEARCHING = "searching"  # nothing tracked, the motion trigger runs
+    TRACKING = "tracking"  # measured in this frame
+    COASTING = "coasting"  # predicted without a measurement
+    LOST = "lost"  # unseen for too long; returned once, then searching
+
+
+@dataclass(frozen=True, slots=True)
+class StereoFrame:
+    """One image per eye, each with its own stamp and the robot's joints at that stamp.
+
+    Images are (height, width, 3) uint8 RGB.  Joints are the robot model's configuration
+    vector (rad), or None where the cameras are fixed.
+    """
+
+    left: Image
+    right: Image
+    stamp_left_s: float
+    stamp_right_s: float
+    joints_left_rad: Array | None = None
+    joints_right_rad: Array | None = None
+
+    @property
+    def stamp_s(self) -> float:
+        """Mean stamp of the pair; what is derived from both eyes carries it."""
+        return 0.5 * (self.stamp_left_s + self.stamp_right_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Detection2D:
+    """The object in one eye's image.
+
+    `center_px` (2,) is where the object's centre projects, in the image as recorded (lens
+    distortion included); `cov_px` (2, 2) its covariance; `angular_radius_rad` half the angle
+    under which the object is seen; `score` in [0, 1] how well its appearance fits.
+    """
+
+    stamp_s: float
+    camera: CameraName
+    center_px: Array
+    cov_px: Array
+    score: float
+    angular_radius_rad: float
+    box_px: tuple[float, float, float, float]  # x, y of the top-left corner, width, height
+
+
+@dataclass(frozen=True, slots=True)
+class Observation3D:
+    """A triangulated position in the root frame: `p_root` (3,), `cov_root` (3, 3), m and m²."""
+
+    stamp_s: float
+    p_root: Array
+    cov_root: Array
+    radius_m: float
+    radius_var_m2: float
+    residual_px: float  # how far the two eyes disagree with one point, RMS reprojection error
+
+
+@dataclass(frozen=True, slots=True)
+class Track3D:
+    """The filtered object: position, velocity, acceleration and jerk in the root frame.
+
+    `mean` (4, 3): row k is the k-th time derivative of position; `cov` (12, 12) in the order
+    of `mean.ravel()`.  A filter of lower order leaves the rows it does not model at zero.
+    While `status` is searching or lost, `mean` and `cov` are NaN.
+    """
+
+    stamp_s: float
+    mean: Array
+    cov: Array
+    radius_m: float
+    radius_var_m2: float
+    status: Status
+
+    @property
+    def position(self) -> Array:
+        """(3,) m."""
+        return self.mean[0]
+
+    @property
+    def velocity(self) -> Array:
+        """(3,) m/s."""
+        return self.mean[1]
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a position to act on."""
+        return self.status in (Status.TRACKING, Status.COASTING)
+
+    @classmethod
+    def unknown(cls, stamp_s: float, status: Status = Status.SEARCHING) -> "Track3D":
+        """A track that knows nothing: NaN everywhere."""
+        return cls(stamp_s, np.full((4, 3), np.nan), np.full((12, 12), np.nan), np.nan, np.nan, status)
+
+
+@dataclass(frozen=True, slots=True)
+class TaxelEvents:
+    """What every taxel perceives of the stimulus at one stamp.
+
+    `taxel_ids` (n,) are names "part:id"; `distance_m` D and `ttc_s` TTC (n,) follow R eqs 1
+    and 2, NaN outside a taxel's receptive field; `touched` (n,) is what the skin reports.
+    """
+
+    stamp_s: float
+    taxel_ids: tuple[str, ...]
+    distance_m: Array
+    ttc_s: Array
+    touched: Mask
+
+
+@dataclass(frozen=True, slots=True)
+class JointVelocity:
+    """A velocity command for the whole robot, rad/s in the model's joint order."""
+
+    stamp_s: float
+    dq_rad_s: Array
