@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 CameraName = Literal["left", "right"]
