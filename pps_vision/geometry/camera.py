@@ -53,8 +53,8 @@ class Camera:
         z = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
         x, y = p[..., 0] / z, p[..., 1] / z
         r2 = x * x + y * y
-        x, y = self._distort(x, y, np.where(r2 < self._r2_max, r2, np.nan))
-        return np.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
+        xd, yd = self._distort(x, y, np.where(r2 < self._r2_max, r2, np.nan))
+        return np.stack([self.fx * xd + self.cx, self.fy * yd + self.cy], axis=-1)
 
     def _distort(self, x: Array, y: Array, r2: Array) -> tuple[Array, Array]:
         k1, k2, p1, p2, k3 = self.distortion
