@@ -1,0 +1,1 @@
+"""Stereo vision for robots that feel what is about to touch them."""

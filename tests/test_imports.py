@@ -1,0 +1,62 @@
+"""The house of the design: who may import whom, and what the core's __init__ drags in."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LEAVES = ("rendering", "tracking", "learning", "control")
+FOR_LEAVES = ("pps_vision.types", "pps_vision.geometry", "pps_vision.robot")
+
+
+def imported_modules(file: Path) -> set[str]:
+    """Every module a file imports, `from a import b` counted as a.b too (b may be a module)."""
+    modules = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative import"
+            modules |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return modules
+
+
+def is_within(module: str, packages: tuple[str, ...]) -> bool:
+    return any(module == package or module.startswith(package + ".") for package in packages)
+
+
+def forbidden(file: Path) -> set[str]:
+    """Imports of a file that the design does not allow."""
+    package, *rest = file.relative_to(ROOT).with_suffix("").parts
+    ours = {m for m in imported_modules(file) if is_within(m, ("pps_vision", *LEAVES))}
+    if package in LEAVES:
+        return {m for m in ours if not is_within(m, (package, *FOR_LEAVES))}
+    if rest[0] in ("app", "experiments"):
+        return set()
+    if rest[0] == "types":
+        return ours | {m for m in imported_modules(file) if not is_within(m, ("dataclasses", "enum", "typing", "numpy"))}
+    if rest[0] == "__main__":
+        return {m for m in ours if not is_within(m, ("pps_vision.app.cli",))}
+    return {m for m in ours if not is_within(m, (*FOR_LEAVES, f"pps_vision.{rest[0]}"))}
+
+
+FILES = [file for package in ("pps_vision", *LEAVES) for file in sorted((ROOT / package).rglob("*.py"))]
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(ROOT)))
+def test_imports_keep_to_the_house(file: Path) -> None:
+    assert forbidden(file) == set()
+
+
+def test_the_core_imports_neither_app_nor_experiments() -> None:
+    code = "import sys, pps_vision; print([m for m in sys.modules if m.startswith(('pps_vision.app', 'pps_vision.exp'))])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd="/").stdout
+    assert out.strip() == "[]"
+
+
+def test_no_other_import_package_at_the_root() -> None:
+    packages = {p.parent.name for p in ROOT.glob("*/__init__.py")}
+    assert packages - {"tests"} == {"pps_vision", *LEAVES}

@@ -1,0 +1,52 @@
+"""The wheel holds the five import packages and their data, installs, and runs."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("wheel")
+    # built from a copy, so that no build folder is left in (or taken from) the source tree
+    source = out / "source"
+    files = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True)
+    for name in files.stdout.splitlines():
+        if (ROOT / name).is_file():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            (source / name).write_bytes((ROOT / name).read_bytes())
+    pip = [sys.executable, "-m", "pip", "-q", "--disable-pip-version-check"]
+    subprocess.run([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(out), str(source)], check=True)
+    return next(out.glob("*.whl"))
+
+
+def test_holds_exactly_the_five_packages_with_their_data(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
+    assert tops == {"pps_vision", "rendering", "tracking", "learning", "control"}
+    assert "pps_vision/robot/icub.urdf" in names
+    assert {f"{top}/py.typed" for top in tops} <= set(names)
+
+
+def test_installs_and_runs_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+    venv.create(tmp_path / "env", with_pip=True)
+    python = tmp_path / "env" / "bin" / "python"
+    run = {"check": True, "capture_output": True, "text": True, "cwd": tmp_path}
+    subprocess.run([python, "-m", "pip", "install", "-q", "--no-deps", "--no-index", wheel], **run)
+    site = next((tmp_path / "env").glob("lib/python*/site-packages"))
+    # the dependencies come from the environment that runs this test
+    (site / "dependencies.pth").write_text(f"import site; site.addsitedir({sysconfig.get_paths()['purelib']!r})\n")
+    where = subprocess.run([python, "-c", "import pps_vision.robot.icub as m; m.load_icub(); print(m.__file__)"], **run)
+    assert str(site) in where.stdout
+    script = tmp_path / "env" / "bin" / "pps-vision"
+    help_text = subprocess.run([script, "--help"], env={**os.environ, "COLUMNS": "120"}, **run).stdout
+    for command in ("render", "track", "track2d", "learn", "show", "demo", "bench"):
+        assert command in help_text
