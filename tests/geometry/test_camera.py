@@ -1,0 +1,129 @@
+"""Cameras against OpenCV's own projection, finite differences and round trips."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.se3 import transform
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
+from pps_vision.types import Array, StereoFrame
+
+PINHOLE = Camera(320, 240, 220.0, 221.0, 159.5, 119.5)
+WITH_K3 = Camera(640, 480, 500.0, 505.0, 320.0, 238.0, (-0.2, 0.1, 0.001, -0.002, -0.02))
+CAMERAS = pytest.mark.parametrize("camera", [PINHOLE, LEFT_EYE, RIGHT_EYE, WITH_K3], ids=["pinhole", "left", "right", "k3"])
+
+
+def points_in_view(camera: Camera, rng: np.random.Generator, n: int = 200) -> Array:
+    """Points 0.1–2 m before the camera, filling the image of the pinhole model."""
+    z = rng.uniform(0.1, 2.0, n)
+    u, v = rng.uniform(0, camera.width, n), rng.uniform(0, camera.height, n)
+    return np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
+
+
+@CAMERAS
+def test_project_is_opencvs(camera: Camera, rng: np.random.Generator) -> None:
+    points = points_in_view(camera, rng)
+    theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))
+    np.testing.assert_allclose(camera.project(points), theirs[:, 0], atol=1e-9)
+
+
+@CAMERAS
+def test_bearings_undo_the_projection(camera: Camera, rng: np.random.Generator) -> None:
+    pixels = rng.uniform([0, 0], [camera.width - 1, camera.height - 1], (300, 2))
+    rays = camera.bearings(pixels)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(camera.project(rays * 0.7), pixels, atol=1e-6)
+
+
+@CAMERAS
+def test_project_jacobian_is_the_slope_of_project(camera: Camera, rng: np.random.Generator) -> None:
+    for point in points_in_view(camera, rng, 20):
+        h = 1e-6
+        slopes = [(camera.project(point + h * e) - camera.project(point - h * e)) / (2 * h) for e in np.eye(3)]
+        np.testing.assert_allclose(camera.project_jacobian(point), np.column_stack(slopes), rtol=1e-5, atol=1e-4)
+
+
+def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng: np.random.Generator) -> None:
+    rotation = Rotation.random(rng=rng)
+    view = View(LEFT_EYE, transform(rotation.as_matrix(), (0.1, -0.4, 0.3)))
+    p_root = view.T_root_camera[:3, :3] @ [0.05, 0.04, 0.4] + view.center
+    inverse_rotation = rotation.inv()
+    theirs, _ = cv2.projectPoints(
+        p_root[None], inverse_rotation.as_rotvec(), -inverse_rotation.apply(view.center), LEFT_EYE.K,
+        np.array(LEFT_EYE.distortion),
+    )  # fmt: skip
+    np.testing.assert_allclose(view.project(p_root), theirs[0, 0], atol=1e-9)
+    slopes = [(view.project(p_root + 1e-6 * e) - view.project(p_root - 1e-6 * e)) / 2e-6 for e in np.eye(3)]
+    np.testing.assert_allclose(view.project_jacobian(p_root), np.column_stack(slopes), rtol=1e-5, atol=1e-4)
+    assert view.sees(p_root)
+    assert not view.sees(2 * view.center - p_root)  # behind
+    ray = view.rays(view.project(p_root))
+    np.testing.assert_allclose(np.cross(ray, p_root - view.center), 0.0, atol=1e-8)
+
+
+@CAMERAS
+def test_what_cannot_be_seen_projects_to_nan(camera: Camera) -> None:
+    assert np.all(np.isnan(camera.project([[0.0, 0.0, -1.0], [0.1, 0.0, 0.0]])))
+    assert np.all(np.isfinite(camera.project([0.0, 0.0, 0.5])))
+
+
+def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen() -> None:
+    """With k1 = −.374 alone the image of a ray turns back at tan² = 1/(3·.374), 43° aside."""
+    camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (-0.374, 0.0, 0.0, 0.0, 0.0))
+    angles = np.deg2rad(np.linspace(0, 80, 801))
+    u = camera.project(np.column_stack([np.sin(angles), np.zeros(801), np.cos(angles)]))[:, 0]
+    seen = np.isfinite(u)
+    assert angles[seen].max() == pytest.approx(np.arctan(np.sqrt(1 / (3 * 0.374))), abs=0.003)
+    assert np.all(np.diff(u[seen]) > 0)
+
+
+def test_bearing_map_looks_where_bearings_do() -> None:
+    rays = LEFT_EYE.bearing_map
+    assert rays.shape == (240, 320, 3)
+    np.testing.assert_allclose(rays[17, 230], LEFT_EYE.bearings([230.0, 17.0]), atol=1e-12)
+
+
+def test_solid_angles_add_up_to_the_pyramid_the_image_spans() -> None:
+    """A pinhole's image covers 4·asin(sin α·sin β) sr, the half angles to its edges."""
+    camera = Camera(301, 201, 220.0, 220.0, 150.0, 100.0)
+    half_width, half_height = np.arctan(150.5 / 220), np.arctan(100.5 / 220)
+    pyramid = 4 * np.arcsin(np.sin(half_width) * np.sin(half_height))
+    assert camera.solid_angle_map.sum() == pytest.approx(pyramid, rel=2e-3)
+    assert camera.focal_px == pytest.approx(220.0)
+
+
+def test_contains_counts_pixel_areas_and_refuses_nan() -> None:
+    assert PINHOLE.contains((-0.5, -0.5))
+    assert PINHOLE.contains((319.5, 239.5))
+    assert not PINHOLE.contains((319.6, 100.0))
+    assert not PINHOLE.contains((4.0, 100.0), margin_px=5.0)
+    assert not PINHOLE.contains((np.nan, 100.0))
+
+
+@pytest.mark.parametrize("change", [{"fx": 0.0}, {"fy": np.nan}, {"width": 0}, {"height": -1}])
+def test_a_camera_without_extent_or_focal_length_is_refused(change: dict[str, float]) -> None:
+    arguments = {"width": 320, "height": 240, "fx": 220.0, "fy": 220.0, "cx": 160.0, "cy": 120.0} | change
+    with pytest.raises(ValueError, match="expected positive numbers"):
+        Camera(**arguments)  # type: ignore[arg-type]
+
+
+def test_a_fixed_rig_has_the_left_camera_as_root() -> None:
+    T_left_right = transform(translation=(0.068, 0.0, 0.0))
+    view = StereoRig.fixed(LEFT_EYE, RIGHT_EYE, T_left_right).view()
+    np.testing.assert_array_equal(view.left.T_root_camera, np.eye(4))
+    np.testing.assert_allclose(view.right.project([0.068, 0.0, 0.5]), RIGHT_EYE.project([0.0, 0.0, 0.5]))
+
+
+def test_each_eye_is_placed_by_the_joints_of_its_own_stamp() -> None:
+    def eye_poses(joints: Array | None) -> tuple[Array, Array]:
+        assert joints is not None
+        return transform(translation=(joints[0], 0, 0)), transform(translation=(joints[0], 1, 0))
+
+    rig = StereoRig(LEFT_EYE, RIGHT_EYE, eye_poses)
+    image = np.zeros((240, 320, 3), np.uint8)
+    view = rig.view_of(StereoFrame(image, image, 0.0, 0.01, np.array([1.0]), np.array([2.0])))
+    np.testing.assert_array_equal(view.left.center, [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(view.right.center, [2.0, 1.0, 0.0])
+    np.testing.assert_array_equal(rig.view(np.array([3.0])).right.center, [3.0, 1.0, 0.0])

@@ -1,0 +1,102 @@
+"""Triangulation against the known point, OpenCV's linear method and Monte Carlo."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
+from pps_vision.geometry.se3 import inverse, transform
+from pps_vision.geometry.triangulation import midpoint, triangulate
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.types import Array
+
+ONE_PX = np.eye(2)
+
+
+@pytest.fixture(scope="module")
+def view() -> StereoView:
+    robot = load_icub()
+    return icub_rig(robot).view(home(robot))
+
+
+def point_ahead(view: StereoView, rng: np.random.Generator) -> Array:
+    in_left = np.array([*rng.uniform(-0.08, 0.08, 2), rng.uniform(0.25, 0.6)])
+    return np.asarray((view.left.T_root_camera @ np.append(in_left, 1))[:3])
+
+
+def undistorted(view: View, px: Array) -> Array:
+    K, d = view.camera.K, np.array(view.camera.distortion)
+    return np.asarray(cv2.undistortPoints(px.reshape(1, 1, 2), K, d))[0, 0]
+
+
+def opencv_linear(view: StereoView, left_px: Array, right_px: Array) -> Array:
+    projections = [inverse(v.T_root_camera)[:3] for v in (view.left, view.right)]
+    points = [undistorted(v, px) for v, px in ((view.left, left_px), (view.right, right_px))]
+    homogeneous = cv2.triangulatePoints(*projections, *points)[:, 0]
+    return np.asarray(homogeneous[:3] / homogeneous[3])
+
+
+def test_exact_images_give_back_the_point(view: StereoView, rng: np.random.Generator) -> None:
+    for _ in range(50):
+        p = point_ahead(view, rng)
+        found = triangulate(view, view.left.project(p), view.right.project(p), ONE_PX, ONE_PX)
+        assert found is not None
+        np.testing.assert_allclose(found.p_root, p, atol=1e-8)
+        assert found.residual_px < 1e-5
+
+
+def test_noisy_images_agree_with_opencvs_linear_method_within_the_noise(
+    view: StereoView, rng: np.random.Generator
+) -> None:
+    """The linear method minimises another error, so it differs by much less than one standard deviation."""
+    for _ in range(50):
+        p = point_ahead(view, rng)
+        left, right = view.left.project(p) + rng.normal(0, 0.1, 2), view.right.project(p) + rng.normal(0, 0.1, 2)
+        found = triangulate(view, left, right, 0.01 * ONE_PX, 0.01 * ONE_PX)
+        assert found is not None
+        sigma = np.sqrt(np.trace(found.cov_root))
+        assert np.linalg.norm(found.p_root - opencv_linear(view, left, right)) < 0.2 * sigma
+
+
+def test_covariance_and_residual_are_what_monte_carlo_finds(view: StereoView, rng: np.random.Generator) -> None:
+    p = point_ahead(view, rng)
+    cov_left, cov_right = np.array([[0.04, 0.01], [0.01, 0.02]]), np.array([[0.01, 0.0], [0.0, 0.05]])
+    exact = triangulate(view, view.left.project(p), view.right.project(p), cov_left, cov_right)
+    assert exact is not None
+    n = 1500
+    noise = [rng.multivariate_normal(np.zeros(2), cov, n) for cov in (cov_left, cov_right)]
+    errors, chi2 = np.empty((n, 3)), np.empty(n)
+    for i in range(n):
+        found = triangulate(
+            view, view.left.project(p) + noise[0][i], view.right.project(p) + noise[1][i], cov_left, cov_right
+        )
+        assert found is not None
+        errors[i], chi2[i] = found.p_root - p, found.mahalanobis
+    whitened = np.linalg.inv(np.linalg.cholesky(exact.cov_root))
+    np.testing.assert_allclose(whitened @ np.cov(errors.T) @ whitened.T, np.eye(3), atol=0.15)
+    assert chi2.mean() == pytest.approx(1.0, abs=0.15)  # four numbers measured, three estimated
+
+
+def test_depth_noise_of_parallel_eyes_is_the_textbooks() -> None:
+    """σ_z = z²·σ_disparity/(f·b)."""
+    camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
+    view = StereoRig.fixed(camera, camera, transform(translation=(0.068, 0, 0))).view()
+    p = np.array([0.034, 0.0, 0.4])
+    found = triangulate(view, view.left.project(p), view.right.project(p), ONE_PX, ONE_PX)
+    assert found is not None
+    assert np.sqrt(found.cov_root[2, 2]) == pytest.approx(0.4**2 * np.sqrt(2) / (220 * 0.068), rel=1e-3)
+
+
+def test_rays_that_cannot_meet_give_none(view: StereoView) -> None:
+    parallel = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
+    ahead = StereoRig.fixed(parallel, parallel, transform(translation=(0.068, 0, 0))).view()
+    center = (159.5, 119.5)
+    assert triangulate(ahead, center, center, ONE_PX, ONE_PX) is None  # at infinity
+    assert triangulate(ahead, (100.0, 119.5), (200.0, 119.5), ONE_PX, ONE_PX) is None  # behind the eyes
+    assert triangulate(view, (np.nan, np.nan), (160.0, 120.0), ONE_PX, ONE_PX) is None  # seen by one eye only
+
+
+def test_midpoint_halves_the_gap_of_skew_rays() -> None:
+    x, y, z = np.eye(3)
+    np.testing.assert_allclose(midpoint(-x, x, 0.2 * z - y, y), [0.0, 0.0, 0.1])
+    assert midpoint(-x, -x, 0.2 * z - y, y) is None
