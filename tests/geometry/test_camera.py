@@ -12,7 +12,9 @@ from pps_vision.types import Array, StereoFrame
 
 PINHOLE = Camera(320, 240, 220.0, 221.0, 159.5, 119.5)
 WITH_K3 = Camera(640, 480, 500.0, 505.0, 320.0, 238.0, (-0.2, 0.1, 0.001, -0.002, -0.02))
-CAMERAS = pytest.mark.parametrize("camera", [PINHOLE, LEFT_EYE, RIGHT_EYE, WITH_K3], ids=["pinhole", "left", "right", "k3"])
+CAMERAS = pytest.mark.parametrize(
+    "camera", [PINHOLE, LEFT_EYE, RIGHT_EYE, WITH_K3], ids=["pinhole", "left", "right", "k3"]
+)
 
 
 def points_in_view(camera: Camera, rng: np.random.Generator, n: int = 200) -> Array:

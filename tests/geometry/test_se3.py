@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation, RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from pps_vision.geometry.se3 import inverse, move_points, rotation_to, transform
 from pps_vision.types import Array
@@ -14,7 +14,9 @@ vectors = st.tuples(coordinate, coordinate, coordinate).map(np.array)
 # ordinary turns, turns too small to see in the cosine, and turns that almost reach π
 angles = st.one_of(st.floats(0.0, np.pi), st.floats(0.0, 1e-7), st.floats(0.0, 1e-7).map(lambda a: np.pi - a))
 axes = vectors.filter(lambda v: np.linalg.norm(v) > 1e-3).map(lambda v: v / np.linalg.norm(v))
-transforms = st.builds(lambda axis, a, t: transform(Rotation.from_rotvec(axis * a).as_matrix(), t), axes, angles, vectors)
+transforms = st.builds(
+    lambda axis, a, t: transform(Rotation.from_rotvec(axis * a).as_matrix(), t), axes, angles, vectors
+)
 
 
 def as_scipy(T: Array) -> RigidTransform:

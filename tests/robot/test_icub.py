@@ -1,0 +1,169 @@
+"""The iCub's URDF against its published Denavit–Hartenberg tables (retyped here) and checks (FACTS §1)."""
+
+import numpy as np
+import pytest
+
+from pps_vision.robot import icub
+from pps_vision.robot.gaze import fixation_point
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array
+
+ROOT = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
+TORSO = [(0.032, 0, 90, 0), (0, -0.0055, 90, -90)]
+# A, D (m), α, offset (degrees)
+LEFT_ARM = [
+    (0.0233647, -0.1433, -90, 105),
+    (0, 0.10774, -90, 90),
+    (0, 0, 90, -90),
+    (0.015, 0.15228, -90, 75),
+    (-0.015, 0, 90, 0),
+    (0, 0.1373, 90, -90),
+    (0, 0, 90, 90),
+    (0.0625, -0.016, 0, 0),
+]
+RIGHT_ARM = [
+    (-0.0233647, -0.1433, 90, -105),
+    (0, -0.10774, 90, -90),
+    (0, 0, -90, -90),
+    (-0.015, -0.15228, -90, -105),
+    (0.015, 0, 90, 0),
+    (0, -0.1373, 90, -90),
+    (0, 0, 90, 90),
+    (0.0625, 0.016, 0, 180),
+]
+NECK = [(0.00231, -0.1933, -90, -90), (0.033, 0, 90, 90), (0, 0.001, -90, -90), (-0.054, 0.0825, -90, 90)]
+LEFT_EYE = [(0, -0.034, -90, 0), (0, 0, 90, -90)]
+RIGHT_EYE = [(0, 0.034, -90, 0), (0, 0, 90, -90)]
+TORSO_JOINTS = ("torso_pitch", "torso_roll", "torso_yaw")
+NECK_JOINTS = ("neck_pitch", "neck_roll", "neck_yaw", "eyes_tilt")
+ARM_JOINTS = (
+    "shoulder_pitch",
+    "shoulder_roll",
+    "shoulder_yaw",
+    "elbow",
+    "wrist_prosupination",
+    "wrist_pitch",
+    "wrist_yaw",
+)
+CHAINS = {
+    "left_palm": (TORSO + LEFT_ARM, TORSO_JOINTS + tuple(f"left_{j}" for j in ARM_JOINTS)),
+    "right_palm": (TORSO + RIGHT_ARM, TORSO_JOINTS + tuple(f"right_{j}" for j in ARM_JOINTS)),
+    "left_forearm": (TORSO + LEFT_ARM[:6], TORSO_JOINTS + tuple(f"left_{j}" for j in ARM_JOINTS[:5])),
+    "right_forearm": (TORSO + RIGHT_ARM[:6], TORSO_JOINTS + tuple(f"right_{j}" for j in ARM_JOINTS[:5])),
+    "left_eye": (TORSO + NECK + LEFT_EYE, (*TORSO_JOINTS, *NECK_JOINTS, "left_eye_pan")),
+    "right_eye": (TORSO + NECK + RIGHT_EYE, (*TORSO_JOINTS, *NECK_JOINTS, "right_eye_pan")),
+}
+LIMITS_DEG = {
+    "torso_pitch": (-22, 84), "torso_roll": (-39, 39), "torso_yaw": (-59, 59),
+    "shoulder_pitch": (-95.5, 5), "shoulder_roll": (0, 160.8), "shoulder_yaw": (-37, 100), "elbow": (5.5, 106),
+    "wrist_prosupination": (-50, 50), "wrist_pitch": (-65, 10), "wrist_yaw": (-25, 25),
+    "neck_pitch": (-40, 30), "neck_roll": (-70, 60), "neck_yaw": (-55, 55),
+    "eyes_tilt": (-35, 15), "eye_pan": (-50, 50),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return icub.load_icub()
+
+
+def denavit_hartenberg(rows: list[tuple[float, float, float, float]], q: Array) -> Array:
+    T = ROOT
+    for (a, d, alpha_deg, offset_deg), angle in zip(rows, q, strict=True):
+        t, alpha = angle + np.deg2rad(offset_deg), np.deg2rad(alpha_deg)
+        c, s, ca, sa = np.cos(t), np.sin(t), np.cos(alpha), np.sin(alpha)
+        T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
+    return T
+
+
+@pytest.mark.parametrize("frame", CHAINS)
+def test_every_chain_is_its_denavit_hartenberg_table(robot: Robot, frame: str) -> None:
+    rows, joints = CHAINS[frame]
+    columns = robot.indices(joints)
+    rng = np.random.default_rng(11)
+    for _ in range(1000):
+        q = rng.uniform(robot.lower_rad, robot.upper_rad)
+        np.testing.assert_allclose(robot.at(q).T_root(frame), denavit_hartenberg(rows, q[columns]), rtol=0, atol=1e-9)
+
+
+def test_eyes_are_at_the_published_height(robot: Robot) -> None:
+    for pose in robot.eye_poses(np.zeros(robot.n_joints)):
+        assert pose[2, 3] == pytest.approx(0.3408, abs=1e-4)
+
+
+def test_fixation_point_at_20_degrees_vergence(robot: Robot) -> None:
+    q = icub.set_gaze(robot, np.zeros(robot.n_joints), vergence=np.deg2rad(20))
+    np.testing.assert_allclose(fixation_point(robot.at(q)), [-0.2556, 0.0, 0.3408], atol=1e-4)
+
+
+def test_right_palm_at_zero(robot: Robot) -> None:
+    palm = robot.at(np.zeros(robot.n_joints)).point("right_palm")
+    np.testing.assert_allclose(palm, [-0.0108, 0.0941, -0.1768], atol=1e-4)
+
+
+def test_index_tips_in_their_palms(robot: Robot) -> None:
+    posture = robot.at(np.full(robot.n_joints, 0.1))
+    np.testing.assert_allclose(
+        posture.point("right_index_tip"), posture.point("right_palm", (0.0739, -0.0601, -0.0079))
+    )
+    np.testing.assert_allclose(posture.point("left_index_tip"), posture.point("left_palm", (0.0739, -0.0601, 0.0079)))
+
+
+def test_palms_are_at_home(robot: Robot) -> None:
+    posture = robot.at(icub.home(robot))
+    np.testing.assert_allclose(posture.point("left_palm"), [-0.30, -0.20, 0.05], atol=1e-4)
+    np.testing.assert_allclose(posture.point("right_palm"), [-0.30, 0.20, 0.05], atol=1e-4)
+
+
+def test_joint_limits_are_the_published_ones(robot: Robot) -> None:
+    for name, lower, upper in zip(robot.joint_names, robot.lower_rad, robot.upper_rad, strict=True):
+        kind = name.removeprefix("left_").removeprefix("right_")
+        assert (np.rad2deg(lower), np.rad2deg(upper)) == pytest.approx(LIMITS_DEG[kind])
+
+
+def test_baseline_is_68_mm_and_cameras_look_forward(robot: Robot) -> None:
+    left, right = robot.eye_poses(np.zeros(robot.n_joints))
+    np.testing.assert_allclose(right[:3, 3] - left[:3, 3], [0, 0.068, 0], atol=1e-12)
+    np.testing.assert_allclose(left[:3, :3], np.array([[0, 0, -1], [1, 0, 0], [0, -1, 0.0]]), atol=1e-12)
+
+
+def test_the_rigs_cameras_are_the_robots_eyes(robot: Robot) -> None:
+    q = icub.home(robot)
+    view = icub.icub_rig(robot).view(q)
+    np.testing.assert_array_equal(view.left.T_root_camera, robot.at(q).T_root("left_eye"))
+    np.testing.assert_array_equal(view.right.T_root_camera, robot.at(q).T_root("right_eye"))
+
+
+def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
+    q = icub.set_gaze(robot, icub.home(robot), yaw=0.1, pitch=-0.2, tilt=0.05, version=0.06, vergence=0.2)
+    again = icub.set_gaze(robot, q, version=-0.02)
+    expected = q.copy()
+    expected[robot.indices(("left_eye_pan", "right_eye_pan"))] = (0.08, -0.12)
+    np.testing.assert_allclose(again, expected, atol=1e-12)
+    np.testing.assert_allclose(q[robot.indices(robot.names.gaze_joints)], [0.1, -0.2, 0.05, 0.16, -0.04])
+
+
+def test_encoders_go_round(robot: Robot) -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        q = rng.uniform(robot.lower_rad, robot.upper_rad)
+        ports = icub.encoders_from_q(robot, q)
+        assert {name: len(values) for name, values in ports.items()} == {
+            "torso": 3, "head": 6, "left_arm": 16, "right_arm": 16,
+        }  # fmt: skip
+        np.testing.assert_allclose(icub.q_from_encoders(robot, **ports), q, atol=1e-12)
+
+
+def test_encoders_are_degrees_in_the_robots_order(robot: Robot) -> None:
+    """The torso's motors run yaw, roll, pitch; the head ends in version and vergence."""
+    q = np.zeros(robot.n_joints)
+    q[robot.indices(("torso_pitch", "torso_yaw", "neck_roll", "left_elbow"))] = np.deg2rad([1, 3, 5, 7])
+    q = icub.set_gaze(robot, q, version=np.deg2rad(4), vergence=np.deg2rad(6))
+    ports = icub.encoders_from_q(robot, q)
+    np.testing.assert_allclose(ports["torso"], [3, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(ports["head"], [0, 5, 0, 0, 4, 6], atol=1e-12)
+    np.testing.assert_allclose(ports["left_arm"][:7], [0, 0, 0, 7, 0, 0, 0], atol=1e-12)
+
+
+def test_ports_that_were_not_recorded_read_zero(robot: Robot) -> None:
+    np.testing.assert_array_equal(icub.q_from_encoders(robot), np.zeros(robot.n_joints))

@@ -1,0 +1,182 @@
+"""Any robot: frames, Jacobians and bodies of a small arm we can compute by hand, and every guard."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.model import FrameNames, Robot
+
+PLANAR_NAMES = FrameNames(
+    left_eye="eye_l",
+    right_eye="eye_r",
+    palms=("hand", "hand"),
+    index_tips=("hand", "hand"),
+    gaze_joints=("pan", "nod", "look", "pan_l", "pan_r"),
+    arm_joints=("upper", "lower"),
+)
+
+
+def revolute(name: str, parent: str, child: str, xyz: str, axis: str, kind: str = "revolute") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/>'
+        f'<limit lower="-2" upper="2" effort="1" velocity="1"/></joint><link name="{child}"/>'
+    )
+
+
+def planar_urdf(folder: Path, extra: str = "", first_joint: str = "revolute") -> Path:
+    """A planar two-joint arm (links 0.3 and 0.2 m along x, axes z) and a head with two eyes."""
+    urdf = folder / "planar.urdf"
+    urdf.write_text(
+        '<?xml version="1.0"?><robot name="planar"><link name="base"/>'
+        + revolute("left_upper", "base", "upper", "0 0 0", "0 0 1", first_joint)
+        + revolute("left_lower", "upper", "lower", "0.3 0 0", "0 0 1")
+        + '<joint name="grip" type="fixed"><parent link="lower"/><child link="hand"/>'
+        '<origin xyz="0.2 0 0" rpy="0 0 0"/></joint>'
+        '<link name="hand"><visual><origin xyz="0.01 0 0" rpy="0 0 0"/><geometry>'
+        '<box size="0.02 0.04 0.06"/></geometry><material name="green"><color rgba="0 1 0 1"/></material></visual></link>'
+        + revolute("pan", "base", "neck", "0 0 1", "0 0 1")
+        + revolute("nod", "neck", "skull", "0 0 0", "0 1 0")
+        + revolute("look", "skull", "sight", "0 0 0", "0 1 0")
+        + revolute("pan_l", "sight", "eye_l", "0 0.05 0", "0 0 1")
+        + revolute("pan_r", "sight", "eye_r", "0 -0.05 0", "0 0 1")
+        + extra
+        + "</robot>"
+    )
+    return urdf
+
+
+@pytest.fixture(scope="module")
+def icub() -> Robot:
+    return load_icub()
+
+
+def test_another_robot_is_used_by_naming_its_frames(tmp_path: Path) -> None:
+    robot = Robot(planar_urdf(tmp_path), PLANAR_NAMES)
+    q = np.zeros(robot.n_joints)
+    first, second = robot.indices(robot.names.arm("left"))
+    q[first], q[second] = 0.4, -1.1
+    posture = robot.at(q)
+    elbow = 0.3 * np.array([np.cos(0.4), np.sin(0.4), 0])
+    hand = elbow + 0.2 * np.array([np.cos(-0.7), np.sin(-0.7), 0])
+    np.testing.assert_allclose(posture.point("hand"), hand, atol=1e-12)
+    np.testing.assert_allclose(posture.point("lower"), elbow, atol=1e-12)
+    J = posture.jacobian("hand")
+    np.testing.assert_allclose(J[:, first], [-hand[1], hand[0], 0, 0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(J[:, second], [-(hand - elbow)[1], (hand - elbow)[0], 0, 0, 0, 1], atol=1e-12)
+    left, right = robot.eye_poses(q)
+    np.testing.assert_allclose(left[:3, 3], [0, 0.05, 1])
+    np.testing.assert_allclose(right[:3, 3], [0, -0.05, 1])
+
+
+def test_bodies_are_the_urdfs_visuals_in_their_own_links(tmp_path: Path) -> None:
+    (body,) = Robot(planar_urdf(tmp_path), PLANAR_NAMES).bodies
+    assert (body.frame, body.shape) == ("hand", "box")
+    np.testing.assert_allclose(body.size_m, (0.02, 0.04, 0.06))
+    np.testing.assert_allclose(body.T_frame_body[:3, 3], (0.01, 0, 0), atol=1e-12)
+    assert body.color == pytest.approx((0.0, 1.0, 0.0), abs=0.01)
+
+
+def test_the_icubs_bodies_are_spheres_cylinders_and_boxes_on_known_frames(icub: Robot) -> None:
+    assert {body.shape for body in icub.bodies} == {"sphere", "cylinder", "box"}
+    assert all(body.frame in icub.frame_ids and min(body.size_m) > 0 for body in icub.bodies)
+    n_sizes = {"sphere": 1, "cylinder": 2, "box": 3}
+    assert all(len(body.size_m) == n_sizes[body.shape] for body in icub.bodies)
+
+
+@pytest.mark.parametrize("frame", ["left_palm", "right_forearm", "left_eye", "right_index_tip"])
+def test_jacobians_are_the_slopes_of_position_and_orientation(icub: Robot, frame: str) -> None:
+    rng, h = np.random.default_rng(3), 1e-6
+    for _ in range(5):
+        q = rng.uniform(icub.lower_rad, icub.upper_rad)
+        point = rng.uniform(-0.1, 0.1, 3)
+        R = icub.at(q).T_root(frame)[:3, :3]
+        J = icub.at(q).jacobian(frame, point)
+        for i, e in enumerate(h * np.eye(icub.n_joints)):
+            ahead, behind = icub.at(q + e), icub.at(q - e)
+            np.testing.assert_allclose(
+                J[:3, i], (ahead.point(frame, point) - behind.point(frame, point)) / (2 * h), atol=1e-8
+            )
+            spin = (ahead.T_root(frame) - behind.T_root(frame))[:3, :3] / (2 * h) @ R.T
+            np.testing.assert_allclose(J[3:, i], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
+
+
+def test_a_posture_keeps_its_own_numbers(icub: Robot) -> None:
+    q = np.zeros(icub.n_joints)
+    posture, other = icub.at(q), icub.at(q + 0.1)
+    before = posture.point("left_palm")
+    q[:] = 0.5
+    np.testing.assert_array_equal(posture.point("left_palm"), before)
+    assert not np.allclose(other.point("left_palm"), before)
+    for frozen in (posture.q_rad, icub.lower_rad, icub.upper_rad):
+        with pytest.raises(ValueError, match="read-only"):
+            frozen[0] = 0.0
+
+
+def test_a_point_array_is_moved_as_a_whole(icub: Robot) -> None:
+    posture = icub.at(np.full(icub.n_joints, 0.1))
+    points = np.random.default_rng(0).normal(size=(4, 2, 3))
+    np.testing.assert_allclose(posture.point("head", points)[3, 1], posture.point("head", points[3, 1]))
+
+
+def test_clamp_stays_within_the_limits(icub: Robot) -> None:
+    np.testing.assert_array_equal(icub.clamp(np.full(icub.n_joints, 10.0)), icub.upper_rad)
+    np.testing.assert_array_equal(icub.clamp(np.full(icub.n_joints, -10.0)), icub.lower_rad)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"nowhere\.urdf: no such robot description"):
+        Robot(tmp_path / "nowhere.urdf")
+
+
+@pytest.mark.parametrize("text", ["not xml", "<robot name='x'>", "<?xml version='1.0'?><boat/>"])
+def test_what_is_not_urdf_is_named(tmp_path: Path, text: str) -> None:
+    broken = tmp_path / "broken.urdf"
+    broken.write_text(text)
+    with pytest.raises(ValueError, match=r"broken\.urdf: cannot be read as URDF"):
+        Robot(broken)
+
+
+def test_joints_of_more_than_one_number_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not revolute or prismatic"):
+        Robot(planar_urdf(tmp_path, first_joint="continuous"), PLANAR_NAMES)
+
+
+def test_frames_it_does_not_have_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"lacks left_eye, right_eye, neck_yaw.*FrameNames"):
+        Robot(planar_urdf(tmp_path))
+
+
+def test_a_body_of_another_shape_is_refused(tmp_path: Path) -> None:
+    mesh = tmp_path / "nose.stl"
+    trimesh.creation.icosphere().export(mesh)
+    nose = (
+        f'<link name="nose"><visual><geometry><mesh filename="{mesh}"/></geometry></visual></link>'
+        '<joint name="glue" type="fixed"><parent link="base"/><child link="nose"/></joint>'
+    )
+    robot = Robot(planar_urdf(tmp_path, nose), PLANAR_NAMES)
+    with pytest.raises(ValueError, match=r"body nose_0 is a .*; expected a sphere, cylinder or box"):
+        _ = robot.bodies
+
+
+@pytest.mark.parametrize("q", [np.zeros(3), np.full(23, np.nan), np.full(23, np.inf), np.zeros((23, 1))])
+def test_a_posture_of_wrong_length_or_not_finite_is_refused(icub: Robot, q: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="expected 23 finite angles"):
+        icub.at(q)
+
+
+def test_unknown_names_are_answered_with_the_known_ones(icub: Robot) -> None:
+    with pytest.raises(ValueError, match=r"no joint 'tail'; this robot has torso_pitch"):
+        icub.indices(("neck_yaw", "tail"))
+    with pytest.raises(ValueError, match=r"no frame 'tail'; this robot has .*left_palm"):
+        icub.at(np.zeros(23)).T_root("tail")
+    with pytest.raises(ValueError, match="no frame 'tail'"):
+        icub.at(np.zeros(23)).jacobian("tail")
+
+
+def test_eyes_that_move_need_joints(icub: Robot) -> None:
+    with pytest.raises(ValueError, match="carries no joints"):
+        icub.eye_poses(None)

@@ -1,0 +1,114 @@
+"""Taxels as published, mirrored, carried by the body, and touched where a ball is."""
+
+import re
+
+import numpy as np
+import pytest
+from data import shared_data
+
+from pps_vision.geometry.se3 import move_points
+from pps_vision.robot.icub import home, load_icub
+from pps_vision.robot.skin import (
+    INNER_FOREARM,
+    OUTER_FOREARM,
+    Skin,
+    SkinPart,
+    icub_skin,
+    taxel_frame,
+    touched_taxels,
+)
+
+
+def test_parts_hold_the_published_taxels() -> None:
+    skin = icub_skin()
+    assert [(p.name, len(p.ids)) for p in skin.parts] == [
+        ("left_forearm", 12), ("right_forearm", 12), ("left_palm", 4), ("right_palm", 4),
+    ]  # fmt: skip
+    assert set(skin.parts[0].ids) == set(INNER_FOREARM) | set(OUTER_FOREARM)
+    assert skin.taxel_ids[0] == "left_forearm:27"
+    i = skin.index("left_forearm:159")
+    np.testing.assert_allclose(skin.parts[0].positions_m[i], [-0.018, -0.098, 0.037])
+    np.testing.assert_allclose(skin.parts[0].normals[i], [-0.639, 0.054, 0.768], atol=1e-3)
+    assert skin.frame_of(skin.index("right_palm:118")) == "right_palm"
+
+
+@pytest.mark.parametrize(
+    ("part", "file"),
+    [
+        ("left_forearm", "left_forearm_mesh.txt"),
+        ("right_forearm", "right_forearm_mesh.txt"),
+        ("left_palm", "left_hand_V2_1.txt"),
+        ("right_palm", "right_hand_V2_1.txt"),
+    ],
+)
+def test_taxels_are_where_the_robots_own_calibration_puts_them(part: str, file: str) -> None:
+    """Row k of the robot's file is taxel k: position (m) and a normal of almost unit length."""
+    lines = shared_data("icub_files", "skin_positions", file).read_text().splitlines()
+    rows = [line.split() for line in lines if re.match(r"\s*-?\d", line)]
+    table = np.array([[float(number) for number in row[:6]] for row in rows])
+    (ours,) = icub_skin((part,)).parts  # type: ignore[arg-type]
+    theirs = table[list(ours.ids)]
+    np.testing.assert_allclose(ours.positions_m, theirs[:, :3], atol=1e-4)
+    unit = theirs[:, 3:] / np.linalg.norm(theirs[:, 3:], axis=1, keepdims=True)
+    np.testing.assert_allclose(ours.normals, unit, atol=2e-3)
+
+
+def test_the_inner_left_forearm_faces_the_robots_eyes_at_home() -> None:
+    """Seen from between the eyes, the inner taxels face us (135 edgewise), the outer ones face away (FACTS §5)."""
+    robot = load_icub()
+    posture = robot.at(home(robot))
+    skin = icub_skin(("left_forearm",))
+    positions, normals = skin.at(posture)
+    eyes = 0.5 * (posture.point("left_eye") + posture.point("right_eye"))
+    facing = np.einsum("ni,ni->n", normals, eyes - positions) / np.linalg.norm(eyes - positions, axis=1)
+    inner = [skin.index(f"left_forearm:{i}") for i in INNER_FOREARM]
+    outer = [skin.index(f"left_forearm:{i}") for i in OUTER_FOREARM]
+    assert facing[inner].min() > -0.1
+    assert np.median(facing[inner]) > 0.3
+    assert facing[outer].max() < -0.9
+
+
+def test_normals_turn_with_the_body_but_are_not_translated() -> None:
+    robot = load_icub()
+    skin = icub_skin()
+    posture = robot.at(home(robot))
+    positions, normals = skin.at(posture)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    tips = positions + 0.01 * normals  # a point above each taxel, carried by the body as a point
+    for i in range(len(skin.taxel_ids)):
+        part = skin.parts[skin.part_index[i]]
+        k = part.ids.index(int(skin.taxel_ids[i].split(":")[1]))
+        above = move_points(posture.T_root(part.frame), part.positions_m[k] + 0.01 * part.normals[k])
+        np.testing.assert_allclose(tips[i], above, atol=1e-12)
+
+
+@pytest.mark.parametrize("part", icub_skin().parts, ids=lambda part: part.name)
+def test_taxel_frames_have_z_along_the_normal_and_are_right_handed(part: SkinPart) -> None:
+    for position, normal in zip(part.positions_m, part.normals, strict=True):
+        T = taxel_frame(position, 2.5 * normal)
+        np.testing.assert_allclose(T[:3, 2], normal, atol=1e-12)
+        np.testing.assert_allclose(T[:3, 3], position)
+        # nx = 0 is published as 1e-8, so the palms' axes are square to 1e-8 only
+        np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), atol=2e-8)
+        assert T[1, 1] == 0.0  # the published construction keeps y in the part's xz plane
+        assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
+
+
+def test_a_ball_touches_the_taxels_within_20_mm_of_its_surface() -> None:
+    taxels = np.array([[0.0, 0, 0], [0.03, 0, 0], [0.0, 0.06, 0]])
+    np.testing.assert_array_equal(touched_taxels(taxels, (0.0, 0.0, 0.0549), 0.035), [True, False, False])
+    np.testing.assert_array_equal(touched_taxels(taxels, (0.0, 0.0, 0.0551), 0.035), [False, False, False])
+    np.testing.assert_array_equal(touched_taxels(taxels, (0.015, 0.0, 0.0), 0.035), [True, True, False])
+
+
+def test_unknown_taxels_are_answered_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"no taxel 'left_forearm:1'; this skin has left_forearm:27"):
+        icub_skin().index("left_forearm:1")
+
+
+def test_a_part_must_have_one_unit_normal_a_taxel() -> None:
+    one = np.array([[0.0, 0.0, 1.0]])
+    with pytest.raises(ValueError, match="2 ids, expected as many positions and normals"):
+        SkinPart("nose", "head", (1, 2), one, one)
+    with pytest.raises(ValueError, match=r"normals of length 2\.000–2\.000, not 1"):
+        Skin((SkinPart("nose", "head", (1,), one, 2 * one),))
