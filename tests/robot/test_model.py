@@ -37,7 +37,8 @@ def planar_urdf(folder: Path, extra: str = "", first_joint: str = "revolute") ->
         + '<joint name="grip" type="fixed"><parent link="lower"/><child link="hand"/>'
         '<origin xyz="0.2 0 0" rpy="0 0 0"/></joint>'
         '<link name="hand"><visual><origin xyz="0.01 0 0" rpy="0 0 0"/><geometry>'
-        '<box size="0.02 0.04 0.06"/></geometry><material name="green"><color rgba="0 1 0 1"/></material></visual></link>'
+        '<box size="0.02 0.04 0.06"/></geometry>'
+        '<material name="green"><color rgba="0 1 0 1"/></material></visual></link>'
         + revolute("pan", "base", "neck", "0 0 1", "0 0 1")
         + revolute("nod", "neck", "skull", "0 0 0", "0 1 0")
         + revolute("look", "skull", "sight", "0 0 0", "0 1 0")
