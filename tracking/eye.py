@@ -1,0 +1,189 @@
+"""One eye's image tracker: colour (or difference) likelihood → particles → mask → sub-pixel outline."""
+
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.types import Array, Image, Mask
+from tracking.color import ColorModel, color_bins, histogram
+from tracking.outline import Box, Optics, Outline, cover, outline
+from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
+
+
+@dataclass(frozen=True)
+class EyeParams:
+    """`min_score` below which the object counts as not seen; `learn_rate` how fast its colours follow
+    the newest image, `ring_rate` those of its surroundings, `size_rate` its size and proportions;
+    `min_area_px` the smallest image; `reach` how far past its expected outline a mask may go."""
+
+    particles: ParticleParams = field(default_factory=ParticleParams)
+    min_score: float = 0.4
+    learn_rate: float = 0.03
+    ring_rate: float = 0.2
+    size_rate: float = 0.3
+    min_area_px: float = 10.0
+    reach: float = 1.25
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """The object in one image: its outline, its box (x, y, width, height px) with the size smoothed
+    over time, and how well appearance and area fit, 0–1."""
+
+    outline: Outline
+    box_px: tuple[float, float, float, float]
+    score: float
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    model: ColorModel
+    cloud: Cloud
+    size: float  # √(width·height) of the box, px
+    shape: tuple[float, float]  # box sides at unit size
+    fill: float  # share of the box that the object covers
+
+
+class EyeTracker:
+    """Follows one object in one camera's images.  `start` learns it, `step` finds it again."""
+
+    def __init__(self, params: EyeParams, optics: Optics, rng: np.random.Generator) -> None:
+        self.params, self.optics, self.rng = params, optics, rng
+        self._state: _State | None = None
+
+    @property
+    def model(self) -> ColorModel | None:
+        """What the object looks like; None before `start`."""
+        return self._state.model if self._state else None
+
+    def forget(self) -> None:
+        """Track nothing any more."""
+        self._state = None
+
+    def start(self, image: Image, box: tuple[float, float, float, float], model: ColorModel | None = None) -> None:
+        """Learn the object that fills `box` (x, y, w, h px), or take its colours from another `model`."""
+        x, y, w, h = box
+        center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
+        roi = self._region(center, 1.2 * w + 4, 1.2 * h + 4)
+        bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
+        inside, around = _ellipse(roi, center, 0.9 * w, 0.9 * h), _ellipse(roi, center, 1.2 * w, 1.2 * h)
+        model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
+        size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
+        shape = (aspect, 1 / aspect)
+        mask = self._mask(model.table()[bins], roi, center, size, shape)
+        fill = np.pi / 4 if mask is None else min(float(np.count_nonzero(mask)) / (w * h), 1.0)
+        cloud = spawn(self.params.particles, center, size, 0.5, self.rng)
+        self._state = _State(model, cloud, size, shape, fill)
+
+    def step(self, image: Image, prior: Prior | None = None, evidence: NDArray[np.float32] | None = None) -> Sighting | None:
+        """Find the object in the next image; None where it does not show.
+
+        `evidence` (H, W) replaces the colour likelihood where there is no colour (grey images).
+        """
+        if self._state is None:
+            return None
+        s, p = self._state, self.params.particles
+        if prior:
+            s = replace(s, size=s.size * prior.growth)
+        cloud = propagate(p, s.cloud, prior, self.rng)
+        middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
+        half = self.params.reach * s.size * np.array(s.shape) / 2 + reach + 4
+        roi = self._region(middle, *half)
+        if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
+            return None
+        crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
+        bins = color_bins(image[crop])
+        likelihood = s.model.table()[bins] if evidence is None else evidence[crop]
+        weights = weigh(p, cloud, cv2.integral(2 * likelihood - 1, sdepth=cv2.CV_64F), roi[:2], s.shape)
+        center = weights @ cloud.now[:, :2]
+        self._state = s = replace(s, cloud=resample(cloud, weights, self.rng))
+        mask = self._mask(likelihood, roi, center, s.size, s.shape)
+        shape = None if mask is None else outline(cover(image, mask, roi), self.optics)
+        if mask is None or shape is None:
+            return None
+        expected = s.fill * s.size**2
+        ratio = shape.area_px / expected
+        score = s.model.similarity(histogram(bins[mask])) if evidence is None else float(likelihood[mask].mean())
+        score *= min(ratio, 1 / ratio, 1.0)
+        if score < self.params.min_score:
+            return None
+        return self._learn(s, bins, mask, shape, score, ratio)
+
+    def _learn(
+        self, s: _State, bins: NDArray[np.uint8], mask: Mask, shape: Outline, score: float, ratio: float
+    ) -> Sighting:
+        """Let cloud, size and colours follow what was seen."""
+        k = self.params.size_rate
+        size = s.size * ratio ** (0.5 * k)
+        aspect = (s.shape[0] ** 2) ** (1 - k) * (shape.box_px[2] / shape.box_px[3]) ** k
+        now = s.cloud.now.copy()
+        now[:, :2] += shape.center_px - now[:, :2].mean(axis=0)
+        now[:, 2] *= size / now[:, 2].mean()
+        newest = ColorModel(histogram(bins[mask]), histogram(bins[~_dilated(mask, 2)]))
+        model = s.model.blend(newest, self.params.learn_rate, self.params.ring_rate)
+        sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
+        self._state = _State(model, Cloud(now, s.cloud.before), size, sides, s.fill)
+        w, h = size * sides[0], size * sides[1]
+        box = (float(shape.center_px[0] - (w - 1) / 2), float(shape.center_px[1] - (h - 1) / 2), w, h)
+        return Sighting(shape, box, score)
+
+    def _region(self, center: Array, half_w: float, half_h: float) -> Box:
+        camera = self.optics.camera
+        x0, y0 = max(int(center[0] - half_w), 0), max(int(center[1] - half_h), 0)
+        return x0, y0, min(int(center[0] + half_w) + 2, camera.width), min(int(center[1] + half_h) + 2, camera.height)
+
+    def _mask(
+        self, likelihood: NDArray[np.float32], roi: Box, center: Array, size: float, shape: tuple[float, float]
+    ) -> Mask | None:
+        """The object's pixels near `center`, holes filled; None where there are too few.
+
+        What reaches past the expected outline is cut off there, and what is much thinner than the
+        object (a limb of the same colour) is opened away.
+        """
+        hard = (cv2.GaussianBlur(likelihood, (3, 3), 0) > 0.5).astype(np.uint8)
+        gap = int(size / 12)
+        if gap:
+            hard = cv2.morphologyEx(hard, cv2.MORPH_CLOSE, _disc(gap))
+        w, h = size * shape[0], size * shape[1]
+        for _ in range(2):
+            one = _component(hard, _ellipse(roi, center, 0.6 * w, 0.6 * h))
+            if one is None:
+                return None
+            allowed = _ellipse(roi, center, self.params.reach * w, self.params.reach * h)
+            leaks = np.count_nonzero(one) > np.count_nonzero(one[allowed])
+            if not leaks:
+                break
+            one = one * allowed
+            opened = cv2.morphologyEx(one, cv2.MORPH_OPEN, _disc(int(0.22 * size))) if size > 12 else one
+            one = opened if np.count_nonzero(opened) > 0.3 * np.count_nonzero(one) else one
+            ys, xs = np.nonzero(one)
+            center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
+        contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(one, contours, -1, 1, cv2.FILLED)
+        return one.view(bool) if cv2.countNonZero(one) >= self.params.min_area_px else None
+
+
+def _component(hard: NDArray[np.uint8], near: Mask) -> NDArray[np.uint8] | None:
+    """The connected component with most pixels in `near`."""
+    count, labels = cv2.connectedComponents(hard, connectivity=4)
+    votes = np.bincount(labels[near], minlength=count)
+    votes[0] = 0
+    return (labels == int(votes.argmax())).astype(np.uint8) if votes.any() else None
+
+
+def _disc(radius: int) -> NDArray[np.uint8]:
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.uint8)
+
+
+def _dilated(mask: Mask, px: int) -> Mask:
+    return cv2.dilate(mask.view(np.uint8), np.ones((2 * px + 1, 2 * px + 1), np.uint8)).view(bool)
+
+
+def _ellipse(roi: Box, center: Array, width: float, height: float) -> Mask:
+    """Pixels of the region inside the ellipse inscribed in a box."""
+    x = (np.arange(roi[0], roi[2]) - center[0]) / (0.5 * width)
+    y = (np.arange(roi[1], roi[3]) - center[1]) / (0.5 * height)
+    inside: Mask = (x * x)[None, :] + (y * y)[:, None] <= 1.0
+    return inside

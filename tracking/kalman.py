@@ -1,0 +1,114 @@
+"""A Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter")."""
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+
+from pps_vision.types import Array
+
+
+@dataclass(frozen=True)
+class KalmanParams:
+    """`order` 1–4: how many of position, velocity, acceleration, jerk are modelled (R: 4).
+
+    `noise_density` is the spectral density of the white noise that drives the derivative above the
+    highest modelled one, (m/s^order)²·s; `prior_std` the spread of each derivative before it was
+    observed (position excepted: the first measurement gives it), m/s, m/s², m/s³; `gate_chi2` the
+    squared Mahalanobis distance (3 degrees of freedom) above which a measurement is an outlier;
+    after `max_rejections` outliers in a row the filter starts again from the newest.
+    """
+
+    order: int = 4
+    noise_density: float = 30.0
+    prior_std: tuple[float, float, float] = (0.15, 0.3, 1.0)
+    gate_chi2: float = 20.0
+    max_rejections: int = 3
+
+    def __post_init__(self) -> None:
+        if self.order not in (1, 2, 3, 4):
+            raise ValueError(f"filter order {self.order}; expected 1, 2, 3 or 4")
+        if not (self.noise_density > 0 and self.gate_chi2 > 0 and self.max_rejections >= 1):
+            raise ValueError(
+                f"noise density {self.noise_density}, gate {self.gate_chi2}, rejections {self.max_rejections}: "
+                "expected positive numbers"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`; `rejections` so far in a
+    row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first."""
+
+    stamp_s: float
+    mean: Array
+    cov: Array
+    rejections: int = 0
+    nis: float = float("nan")
+
+
+def transition(order: int, dt_s: float) -> Array:
+    """(order, order) A_ij = dt^(j−i)/(j−i)! (FACTS §4)."""
+    return np.array([[dt_s ** (j - i) / factorial(j - i) if j >= i else 0.0 for j in range(order)] for i in range(order)])
+
+
+def process_noise(order: int, dt_s: float, density: float) -> Array:
+    """(order, order) covariance that white noise of the next derivative leaves after `dt_s`."""
+    n = order - 1
+    return np.array(
+        [
+            [
+                density * dt_s ** (2 * n + 1 - i - j) / ((2 * n + 1 - i - j) * factorial(n - i) * factorial(n - j))
+                for j in range(order)
+            ]
+            for i in range(order)
+        ]
+    )
+
+
+def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> Belief:
+    """The belief after the first measurement: `position` (3,) m with `cov` (3, 3) m²."""
+    mean = np.zeros((params.order, 3))
+    mean[0] = position
+    prior = np.array([0.0, *params.prior_std[: params.order - 1]])
+    P = np.kron(np.diag(prior**2), np.eye(3))
+    P[:3, :3] = cov
+    return Belief(stamp_s, mean, P)
+
+
+def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
+    """The belief at a later stamp; ValueError for an earlier one."""
+    dt = stamp_s - belief.stamp_s
+    if not dt >= 0:
+        raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
+    if dt == 0:
+        return belief
+    A = transition(params.order, dt)
+    A_all = np.kron(A, np.eye(3))
+    Q = np.kron(process_noise(params.order, dt, params.noise_density), np.eye(3))
+    return Belief(stamp_s, A @ belief.mean, _symmetric(A_all @ belief.cov @ A_all.T + Q), belief.rejections, belief.nis)
+
+
+def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Belief:
+    """The belief after a measured `position` (3,) m with `cov` (3, 3) m² at its stamp.
+
+    An outlier leaves the state as it was and counts; the one after too many restarts the filter.
+    """
+    innovation = position - belief.mean[0]
+    S = belief.cov[:3, :3] + cov
+    nis = float(innovation @ np.linalg.solve(S, innovation))
+    if nis > params.gate_chi2:
+        if belief.rejections + 1 >= params.max_rejections:
+            return start(params, belief.stamp_s, position, cov)
+        return Belief(belief.stamp_s, belief.mean, belief.cov, belief.rejections + 1, nis)
+    gain = np.linalg.solve(S, belief.cov[:3]).T
+    mean = belief.mean + (gain @ innovation).reshape(params.order, 3)
+    keep = np.eye(3 * params.order)
+    keep[:, :3] -= gain
+    P = keep @ belief.cov @ keep.T + gain @ cov @ gain.T  # Joseph form: positive whatever the rounding
+    return Belief(belief.stamp_s, mean, _symmetric(P), 0, nis)
+
+
+def _symmetric(P: Array) -> Array:
+    half: Array = 0.5 * (P + P.T)
+    return half

@@ -1,0 +1,137 @@
+"""Sub-pixel outline: which share of every pixel the object covers, and from it where its centre is.
+
+A sphere's image is the cone of directions around its centre, so the mean viewing direction of its
+pixels, each weighted by the solid angle it covers, is exactly the direction of its centre, and the
+solid angle 2π(1 − cos θ) its angular radius θ: neither perspective nor the lens biases them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.geometry.camera import Camera
+from pps_vision.types import Array, Image, Mask
+
+Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
+_MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
+_CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """`alpha` (h, w) share of each pixel that the object covers and its variance, in `box` of the image."""
+
+    alpha: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    box: Box
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The object's centre (2,) px with covariance (2, 2), angular radius and its variance, the box
+    (x, y, width, height) around it, its area in px, and whether it meets the image's border."""
+
+    center_px: Array
+    cov_px: Array
+    angular_radius_rad: float
+    angular_radius_var: float
+    box_px: tuple[float, float, float, float]
+    area_px: float
+    at_border: bool
+
+
+class Optics:
+    """Per-pixel weights of one camera: solid angle and solid angle times direction, kept for every frame."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+
+    @cached_property
+    def solid_angle(self) -> NDArray[np.float32]:
+        """(h, w) sr."""
+        return self.camera.solid_angle_map.astype(np.float32)
+
+    @cached_property
+    def moments(self) -> NDArray[np.float32]:
+        """(h, w, 3) viewing direction times solid angle."""
+        return (self.camera.bearing_map * self.camera.solid_angle_map[..., None]).astype(np.float32)
+
+
+def cover(image: Image, mask: Mask, box: Box) -> Coverage:
+    """Soft coverage from a hard mask (h, w) of the region `box` of an RGB image.
+
+    In a band around the mask's edge a pixel mixes the colours F just inside and B just outside; its
+    share of F is read off along the line B → F.  What is left over says how well that explains it.
+    """
+    x0, y0, x1, y1 = box
+    roi = image[y0:y1, x0:x1].astype(np.float32)
+    hard = mask.view(np.uint8)
+    band = 2 if np.count_nonzero(hard) > 60 else 1
+    kernel = np.ones((3, 3), np.uint8)
+    inner = cv2.erode(hard, kernel, iterations=band, borderType=cv2.BORDER_REPLICATE)
+    if not inner.any():
+        inner = hard
+    outer = 1 - cv2.dilate(hard, kernel, iterations=band)
+    window = (4 * band + 5, 4 * band + 5)
+    F, B = _local_mean(roi, inner, window), _local_mean(roi, outer, window)
+    line = F - B
+    contrast = np.maximum(np.einsum("ijk,ijk->ij", line, line), 1.0)
+    raw = np.einsum("ijk,ijk->ij", roi - B, line) / contrast
+    alpha = np.clip(raw, 0.0, 1.0)
+    edge = (inner == 0) & (outer == 0)
+    rest = roi - B - alpha[..., None] * line
+    noise = float(np.mean(np.square(rest[edge]))) + 1.0 if edge.any() else 1.0
+    alpha[inner != 0], alpha[outer != 0] = 1.0, 0.0
+    variance = np.where(edge, np.minimum(3 * noise / contrast, 0.25), 0.0)
+    return Coverage(alpha, variance.astype(np.float32), box)
+
+
+def _local_mean(roi: NDArray[np.float32], where: NDArray[np.uint8], window: tuple[int, int]) -> NDArray[np.float32]:
+    """(h, w, 3) mean colour of the marked pixels nearby; of all marked ones where none is near."""
+    weight = where.astype(np.float32)
+    total = cv2.boxFilter(roi * weight[..., None], -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    count = cv2.boxFilter(weight, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)[..., None]
+    marked = max(float(weight.sum()), 1.0)
+    overall = np.einsum("ijk,ij->k", roi, weight) / marked
+    mean: NDArray[np.float32] = np.where(count > 0.5, total / np.maximum(count, 1.0), overall)
+    return mean
+
+
+def outline(coverage: Coverage, optics: Optics) -> Outline | None:
+    """The outline of a covered region; None where nothing is covered."""
+    x0, y0, x1, y1 = coverage.box
+    alpha = coverage.alpha
+    area = float(alpha.sum())
+    if area < 1.0:
+        return None
+    solid = optics.solid_angle[y0:y1, x0:x1]
+    direction = np.einsum("ij,ijk->k", alpha, optics.moments[y0:y1, x0:x1]).astype(float)
+    omega = float((alpha * solid).sum())
+    center = optics.camera.project(direction / max(float(np.linalg.norm(direction)), 1e-30))
+    if not np.all(np.isfinite(center)):
+        return None
+    cov = _center_cov(coverage, center, area)
+    radius = float(np.arccos(1 - min(omega / (2 * np.pi), 1.0)))
+    omega_var = _CORRELATION * float((coverage.variance * solid * solid).sum())
+    radius_var = omega_var / (2 * np.pi * np.sin(radius)) ** 2
+    columns, rows = np.flatnonzero((alpha > 0.5).any(axis=0)), np.flatnonzero((alpha > 0.5).any(axis=1))
+    if not len(columns):
+        return None
+    left, top = x0 + columns[0], y0 + rows[0]
+    right, bottom = x0 + columns[-1] + 1, y0 + rows[-1] + 1
+    width, height = optics.camera.width, optics.camera.height
+    at_border = bool(left <= 0 or top <= 0 or right >= width or bottom >= height)
+    box_px = (float(left), float(top), float(right - left), float(bottom - top))
+    return Outline(center, cov, radius, radius_var, box_px, area, at_border)
+
+
+def _center_cov(coverage: Coverage, center: Array, area: float) -> Array:
+    """(2, 2) px²: every edge pixel's uncertain share pulls the centre by its lever arm."""
+    x0, y0, x1, y1 = coverage.box
+    x, y = np.arange(x0, x1) - center[0], np.arange(y0, y1) - center[1]
+    v = coverage.variance
+    xx, yy, xy = float((v @ (x * x)).sum()), float(((y * y) @ v).sum()), float(y @ v @ x)
+    return _CORRELATION * np.array([[xx, xy], [xy, yy]]) / area**2 + _MIN_STD_PX**2 * np.eye(2)
