@@ -1,0 +1,40 @@
+"""Arrays in a versioned .npz file without pickle, written whole or not at all."""
+
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
+    """Write to a temporary name beside `path`, then rename."""
+    contents: dict[str, Any] = {"kind": np.array(kind), "version": np.array(version), **arrays}
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, **contents)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
+    """The named arrays; ValueError that names the file and what is wrong with it."""
+    try:
+        with np.load(path) as file:
+            present = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file; expected a {kind} (.npz)") from None
+    except (OSError, ValueError, EOFError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: is not a readable .npz file; expected a {kind}") from error
+    if "kind" not in present or str(present["kind"]) != kind:
+        raise ValueError(f"{path}: is not a {kind}")
+    if "version" not in present or int(present["version"]) != version:
+        raise ValueError(f"{path}: {kind} of version {present.get('version', 'unknown')}; expected version {version}")
+    missing = [name for name in names if name not in present]
+    if missing:
+        raise ValueError(f"{path}: {kind} without {', '.join(missing)}")
+    return {name: present[name] for name in names}

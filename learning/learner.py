@@ -1,0 +1,58 @@
+"""Learning as things happen: buffer what is perceived, and learn once from every contact."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from learning.buffer import EventBuffer, push
+from learning.memory import PPSMemory, learn
+from pps_vision.types import Mask, TaxelEvents
+
+
+@dataclass(frozen=True)
+class LearnerParams:
+    """How long after the first touch further taxels may join the same contact."""
+
+    contact_s: float = 0.25
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A touch that goes on: its start, the taxels (n,) it reached so far, whether it was learned."""
+
+    since_s: float
+    touched: Mask
+    learned: bool = False
+
+
+@dataclass(frozen=True)
+class LearnerState:
+    """The buffer stops at the first touch, so that a contact is learned from what came before it."""
+
+    memory: PPSMemory
+    buffer: EventBuffer
+    contact: Contact | None = None
+
+
+def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> LearnerState:
+    """The state after one more sample; the memory changes once for every contact, when it is over
+    or `contact_s` old."""
+    touching = bool(np.any(events.touched))
+    if state.contact is None:
+        contact = Contact(events.stamp_s, events.touched) if touching else None
+        return replace(state, buffer=push(state.buffer, events), contact=contact)
+    contact = state.contact
+    if not contact.learned:
+        contact = replace(contact, touched=contact.touched | events.touched)
+        state = replace(state, contact=contact)
+    if not touching or events.stamp_s - contact.since_s >= params.contact_s:
+        state = finish(state)
+    return state if touching else replace(state, contact=None)
+
+
+def finish(state: LearnerState) -> LearnerState:
+    """Learn a contact that goes on, as at the end of a recording; once only."""
+    if state.contact is None or state.contact.learned:
+        return state
+    memory = learn(state.memory, state.buffer, state.contact.touched)
+    return LearnerState(memory, EventBuffer(state.buffer.params), replace(state.contact, learned=True))
