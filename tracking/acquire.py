@@ -1,0 +1,107 @@
+"""From a patch of motion to the whole object: what has the moving pixels' colours and hangs together."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.types import Image, Mask
+from tracking.color import ColorModel, color_bins, histogram
+from tracking.outline import Box, Optics, Outline, cover, outline
+from tracking.trigger import Region2D
+
+
+@dataclass(frozen=True)
+class AcquireParams:
+    """`margin` of the patch's size is searched around it; `max_likeness` (Bhattacharyya) to the
+    surroundings above which nothing stands out; a patch grows in at most `rounds`; an object fills at
+    least `min_fill` of its box, covers `min_area_px` and at most `max_share` of the image."""
+
+    margin: float = 1.5
+    max_likeness: float = 0.8
+    rounds: int = 4
+    min_fill: float = 0.35
+    min_area_px: int = 16
+    max_share: float = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An object that may be worth tracking, in one image."""
+
+    outline: Outline
+    model: ColorModel
+    evidence: float
+
+
+def acquire(
+    params: AcquireParams, image: Image, region: Region2D, optics: Optics, evidence: NDArray[np.float32] | None = None
+) -> Candidate | None:
+    """The object whose edge or body moved in `region`; None where nothing stands out there.
+
+    `evidence` (H, W), where given, tells object from background instead of colour (grey images).
+    """
+    x, y, w, h = region.box_px
+    height, width = image.shape[:2]
+    reach = int(params.margin * max(w, h)) + 6
+    box = max(x - reach, 0), max(y - reach, 0), min(x + w + reach, width), min(y + h + reach, height)
+    crop = np.s_[box[1] : box[3], box[0] : box[2]]
+    seed = np.zeros((box[3] - box[1], box[2] - box[0]), bool)
+    seed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
+    bins = color_bins(image[crop])
+    if evidence is None:
+        mask, model = _grow(params, bins, seed)
+    else:
+        mask = _connected(evidence[crop] > 0.5, seed)
+        model = _model(bins, mask) if mask is not None else None
+    if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
+        return None
+    return _candidate(params, image, region, mask, model, box, optics)
+
+
+def _candidate(
+    params: AcquireParams, image: Image, region: Region2D, mask: Mask, model: ColorModel, box: Box, optics: Optics
+) -> Candidate | None:
+    shape = outline(cover(image, mask, box), optics)
+    if shape is None or shape.area_px > params.max_share * image.shape[0] * image.shape[1]:
+        return None
+    if shape.area_px < params.min_fill * shape.box_px[2] * shape.box_px[3]:
+        return None
+    return Candidate(shape, model, region.evidence)
+
+
+def _grow(params: AcquireParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
+    """Alternate between colours and extent; background in the seed drops out, for it is around as well."""
+    mask: Mask = seed
+    model = None
+    for _ in range(params.rounds):
+        model = _model(bins, mask)
+        if model.similarity(model.background) > params.max_likeness:
+            return None, None
+        grown = _connected(cv2.GaussianBlur(model.table()[bins], (3, 3), 0) > 0.5, seed)
+        if grown is None:
+            return None, None
+        if np.count_nonzero(grown != mask) < 0.02 * np.count_nonzero(grown):
+            break
+        mask = grown
+    return mask, model
+
+
+def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
+    around = cv2.dilate(mask.view(np.uint8), np.ones((5, 5), np.uint8)) == 0
+    return ColorModel(histogram(bins[mask]), histogram(bins[around]))
+
+
+def _connected(hard: Mask, seed: Mask) -> Mask | None:
+    """The closed component that holds most of the seed, holes filled."""
+    closed = cv2.morphologyEx(hard.view(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, labels = cv2.connectedComponents(closed, connectivity=4)
+    votes = np.bincount(labels[seed], minlength=count)
+    votes[0] = 0
+    if not votes.any():
+        return None
+    one = (labels == int(votes.argmax())).astype(np.uint8)
+    contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(one, contours, -1, 1, cv2.FILLED)
+    return one.view(bool)

@@ -1,0 +1,92 @@
+"""Which sighting in the left eye belongs to which in the right, and where the object then is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pps_vision.geometry.camera import StereoView, View
+from pps_vision.geometry.triangulation import triangulate
+from pps_vision.types import Array, Observation3D
+from tracking.outline import Outline
+
+
+@dataclass(frozen=True)
+class AssociationParams:
+    """`unknown_error` is what the calibration may be off before anything is known of it, as a share
+    of the image's width; the gate opens to `gate_sigma` of that, and later of the residual measured
+    so far (`learn_rate` of the newest), but of no less than `min_error_px`; `max_ratio` between the
+    two eyes' apparent radii; depths outside `depth_range_m` are no object; `radius_error` is how far
+    (relative) an outline may be from a sphere's."""
+
+    unknown_error: float = 0.008
+    min_error_px: float = 0.03
+    gate_sigma: float = 3.5
+    learn_rate: float = 0.1
+    max_ratio: float = 1.7
+    depth_range_m: tuple[float, float] = (0.05, 60.0)
+    radius_error: float = 0.05
+
+
+class Association:
+    """Triangulates pairs, and learns from their residuals how far the calibration can be trusted."""
+
+    def __init__(self, params: AssociationParams, width: int) -> None:
+        self.params = params
+        self._unknown_var = (params.unknown_error * width) ** 2
+        self.error_var_px2 = self._unknown_var
+
+    def forget(self) -> None:
+        """Back to knowing nothing about the calibration's error."""
+        self.error_var_px2 = self._unknown_var
+
+    def observe(
+        self, view: StereoView, left: Outline, right: Outline, stamp_s: float, shift_px: tuple[Array, Array] | None = None
+    ) -> Observation3D | None:
+        """The point both outlines are images of; None where there is none.
+
+        `shift_px` moves each centre from its own stamp to the pair's, for eyes that do not look at once.
+        """
+        p = self.params
+        ratio = left.angular_radius_rad / right.angular_radius_rad
+        if max(ratio, 1 / ratio) > p.max_ratio:
+            return None
+        extra = max(self.error_var_px2, p.min_error_px**2) * np.eye(2)
+        centers = [left.center_px, right.center_px]
+        if shift_px is not None:
+            centers = [c + s for c, s in zip(centers, shift_px, strict=True)]
+        found = triangulate(view, *centers, left.cov_px + extra, right.cov_px + extra)
+        if found is None or found.mahalanobis > p.gate_sigma**2:
+            return None
+        distance = float(np.linalg.norm(found.p_root - view.left.center))
+        if not p.depth_range_m[0] <= distance <= p.depth_range_m[1]:
+            return None
+        radius, radius_var = self._radius(view, left, right, found.p_root, found.cov_root)
+        return Observation3D(stamp_s, found.p_root, found.cov_root, radius, radius_var, found.residual_px)
+
+    def learn(self, observation: Observation3D, left: Outline, right: Outline) -> None:
+        """Take an accepted pair's residual in.  Four coordinates leave one degree of freedom, so
+        4·residual² estimates the variance of one coordinate."""
+        own = 0.25 * float(np.trace(left.cov_px) + np.trace(right.cov_px))
+        excess = max(4 * observation.residual_px**2 - own, 0.0)
+        k = self.params.learn_rate
+        self.error_var_px2 = (1 - k) * self.error_var_px2 + k * excess
+
+    def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
+        """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""
+        values, weights = [], []
+        for one, eye in ((left, view.left), (right, view.right)):
+            distance, distance_var = _distance(eye, p, cov)
+            theta = one.angular_radius_rad
+            radius = distance * np.sin(theta)
+            var = distance**2 * np.cos(theta) ** 2 * one.angular_radius_var + np.sin(theta) ** 2 * distance_var
+            values.append(radius)
+            weights.append(1 / (var + (self.params.radius_error * radius) ** 2))
+        return float(np.average(values, weights=weights)), float(1 / max(weights))
+
+
+def _distance(eye: View, p: Array, cov: Array) -> tuple[float, float]:
+    """Distance from an eye (m) and its variance (m²)."""
+    line = p - eye.center
+    distance = float(np.linalg.norm(line))
+    line = line / distance
+    return distance, float(line @ cov @ line)

@@ -1,0 +1,336 @@
+"""From stereo frames to one tracked object: trigger → image → triangulation → filter (R Fig 13)."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.geometry.camera import StereoRig, StereoView, View
+from pps_vision.types import Array, CameraName, Detection2D, Image, Mask, Observation3D, Status, StereoFrame, Track3D
+from tracking.acquire import AcquireParams, Candidate, acquire
+from tracking.association import Association, AssociationParams
+from tracking.background import Background
+from tracking.eye import EyeParams, EyeTracker, Sighting
+from tracking.kalman import Belief, KalmanParams, predict, start, update
+from tracking.marker import MarkerParams, find_marker
+from tracking.outline import Optics, Outline
+from tracking.particles import Prior
+from tracking.trigger import Region2D, Trigger, TriggerParams
+
+OwnBody = Callable[[Array, View], Mask]  # joints (rad), an eye's view → where the robot sees itself
+Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
+
+
+@dataclass(frozen=True)
+class TrackerParams:
+    """`mode`: any moving object, or a marker of known hue.  An object is tracked once seen in both
+    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`."""
+
+    mode: Literal["generic", "marker"] = "generic"
+    confirm_frames: int = 3
+    lost_after_s: float = 0.5
+    max_candidates: int = 4
+    background_memory_s: float = 0.3
+    radius_drift: float = 0.05
+    trigger: TriggerParams = field(default_factory=TriggerParams)
+    acquire: AcquireParams = field(default_factory=AcquireParams)
+    eye: EyeParams = field(default_factory=EyeParams)
+    marker: MarkerParams = field(default_factory=MarkerParams)
+    association: AssociationParams = field(default_factory=AssociationParams)
+    kalman: KalmanParams = field(default_factory=KalmanParams)
+
+    def __post_init__(self) -> None:
+        if self.mode not in ("generic", "marker"):
+            raise ValueError(f"tracker mode {self.mode!r}; expected 'generic' or 'marker'")
+        if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
+            raise ValueError(
+                f"confirm after {self.confirm_frames} frames, lost after {self.lost_after_s} s; expected positive numbers"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerStep:
+    """What one frame gave: the track, the detections and observation behind it, and while searching
+    the moving regions of the left and the right image."""
+
+    track: Track3D
+    detections: tuple[Detection2D, ...]
+    observation: Observation3D | None
+    regions: tuple[list[Region2D], list[Region2D]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """One eye's share of a frame."""
+
+    image: Image
+    view: View
+    stamp_s: float
+    joints: Array | None
+
+
+class _Eye:
+    """What is kept for one eye between frames."""
+
+    def __init__(self, name: CameraName, params: TrackerParams, rig: StereoRig, rng: np.random.Generator) -> None:
+        self.name = name
+        self.params = params
+        self.optics = Optics(rig.left if name == "left" else rig.right)
+        self.trigger = Trigger(params.trigger, self.optics.camera)
+        self.object = EyeTracker(params.eye, self.optics, rng)
+        self.background = Background(self.trigger.ego, params.background_memory_s)
+        self.offset_px: Array = np.zeros(2)  # of the outline from the track's projection: calibration error
+        self.size_px = 0.0
+
+    def candidates(self, look: _Look, regions: list[Region2D], evidence: NDArray[np.float32] | None) -> list[Candidate]:
+        """Objects behind the strongest moving regions."""
+        strongest = regions[: self.params.max_candidates]
+        found = (acquire(self.params.acquire, look.image, r, self.optics, evidence) for r in strongest)
+        return [candidate for candidate in found if candidate is not None]
+
+    def find_marker(self, look: _Look, prior: Prior | None) -> Sighting | None:
+        """The marker, near where it should be if that is known."""
+        near = None
+        if prior is not None:
+            half = 0.5 * self.size_px * (1 + self.params.marker.reach) + 4 * prior.std_px + 3
+            near = (float(prior.center_px[0]), float(prior.center_px[1]), half)
+        shape = find_marker(self.params.marker, look.image, self.optics, near)
+        return None if shape is None else Sighting(shape, shape.box_px, 1.0)
+
+
+class Tracker:
+    """Tracks one object in 3D.  `step` takes frames in the order of their stamps.
+
+    `own_body` marks the robot's own image, which is no stimulus; `stages` is entered around each
+    stage (to time it).
+    """
+
+    def __init__(
+        self,
+        params: TrackerParams,
+        rig: StereoRig,
+        rng: np.random.Generator,
+        own_body: OwnBody | None = None,
+        stages: Stages = lambda _: nullcontext(),
+    ) -> None:
+        self.params, self.rig, self.own_body, self.stages = params, rig, own_body, stages
+        self._eyes = (_Eye("left", params, rig, rng), _Eye("right", params, rig, rng))
+        self._association = Association(params.association, rig.left.width)
+        self._belief: Belief | None = None
+        self._radius = (np.nan, np.nan)  # m, m²
+        self._hits = 0
+        self._seen_s = -np.inf
+        self._stamps = (-np.inf, -np.inf)
+
+    def step(self, frame: StereoFrame) -> TrackerStep:
+        """The track after this frame; ValueError for a stamp that does not lie after the last one."""
+        self._check_stamps(frame)
+        view = self.rig.view_of(frame)
+        looks = (
+            _Look(frame.left, view.left, frame.stamp_left_s, frame.joints_left_rad),
+            _Look(frame.right, view.right, frame.stamp_right_s, frame.joints_right_rad),
+        )
+        regions: tuple[list[Region2D], list[Region2D]] = ([], [])
+        grey = self.params.mode == "generic" and _is_grey(frame.left)
+        if self._belief is None:
+            sightings, regions = self._search(looks, view, frame.stamp_s, grey)
+        else:
+            with self.stages("image"):
+                sightings = self._follow(self._belief, looks, frame.stamp_s, grey)
+        with self.stages("triangulation"):
+            observation = self._observe(view, looks, sightings, frame.stamp_s)
+        with self.stages("filter"):
+            track = self._filter(observation, frame.stamp_s)
+            self._after(looks, sightings, observation, grey)
+        return TrackerStep(track, _detections(self._eyes, looks, sightings), observation, regions)
+
+    def _check_stamps(self, frame: StereoFrame) -> None:
+        stamps = (frame.stamp_left_s, frame.stamp_right_s)
+        for name, new, old in zip(("left", "right"), stamps, self._stamps, strict=True):
+            if not new > old:
+                raise ValueError(f"{name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
+        self._stamps = stamps
+
+    def _search(
+        self, looks: tuple[_Look, _Look], view: StereoView, stamp_s: float, grey: bool
+    ) -> tuple[tuple[Sighting | None, Sighting | None], tuple[list[Region2D], list[Region2D]]]:
+        """Look for an object anywhere in both images."""
+        if self.params.mode == "marker":
+            with self.stages("image"):
+                left, right = (eye.find_marker(look, None) for eye, look in zip(self._eyes, looks, strict=True))
+            return (left, right), ([], [])
+        with self.stages("trigger"):
+            left_regions, right_regions = (
+                eye.trigger.step(look.image, look.view, look.stamp_s, self._own(look))
+                for eye, look in zip(self._eyes, looks, strict=True)
+            )
+        regions = left_regions, right_regions
+        if not (left_regions and right_regions):
+            return (None, None), regions
+        with self.stages("image"):
+            found = [
+                eye.candidates(look, r, eye.background.evidence(look.image, look.view) if grey else None)
+                for eye, look, r in zip(self._eyes, looks, regions, strict=True)
+            ]
+            pair = self._best_pair(view, found[0], found[1], stamp_s)
+            if pair is None:
+                return (None, None), regions
+            for eye, look, candidate in zip(self._eyes, looks, pair, strict=True):
+                eye.object.start(look.image, candidate.outline.box_px, candidate.model)
+            left, right = (Sighting(c.outline, c.outline.box_px, 1.0) for c in pair)
+        return (left, right), regions
+
+    def _own(self, look: _Look) -> Mask | None:
+        return self.own_body(look.joints, look.view) if self.own_body and look.joints is not None else None
+
+    def _best_pair(
+        self, view: StereoView, left: list[Candidate], right: list[Candidate], stamp_s: float
+    ) -> tuple[Candidate, Candidate] | None:
+        """The two candidates that are one object, with most evidence; colours must agree too."""
+        best, most = None, 0.0
+        for a in left:
+            for b in right:
+                evidence = (a.evidence * b.evidence) ** 0.5 * a.model.similarity(b.model.object)
+                if evidence > most and self._association.observe(view, a.outline, b.outline, stamp_s):
+                    best, most = (a, b), evidence
+        return best
+
+    def _follow(
+        self, last: Belief, looks: tuple[_Look, _Look], stamp_s: float, grey: bool
+    ) -> tuple[Sighting | None, Sighting | None]:
+        """Find the object again, near where the track says it is now."""
+        now = predict(self.params.kalman, last, stamp_s)
+        found: list[Sighting | None] = []
+        for eye, look in zip(self._eyes, looks, strict=True):
+            prior = _prior(eye, look, last, now)
+            if prior is None:
+                found.append(None)
+            elif self.params.mode == "marker":
+                found.append(eye.find_marker(look, prior))
+            else:
+                evidence = eye.background.evidence(look.image, look.view) if grey else None
+                found.append(eye.object.step(look.image, prior, evidence))
+        return found[0], found[1]
+
+    def _observe(
+        self,
+        view: StereoView,
+        looks: tuple[_Look, _Look],
+        sightings: tuple[Sighting | None, Sighting | None],
+        stamp_s: float,
+    ) -> Observation3D | None:
+        left, right = sightings
+        if left is None or right is None:
+            return None
+        shift = None
+        if self._belief is not None and self.params.kalman.order > 1:
+            p, v = self._belief.mean[0], self._belief.mean[1]
+            shift = tuple(look.view.project_jacobian(p) @ v * (stamp_s - look.stamp_s) for look in looks)
+        observation = self._association.observe(view, left.outline, right.outline, stamp_s, shift)
+        if observation is not None:
+            self._association.learn(observation, left.outline, right.outline)
+        return observation
+
+    def _filter(self, observation: Observation3D | None, stamp_s: float) -> Track3D:
+        """Bring the belief to this stamp and decide what is known."""
+        params = self.params.kalman
+        seen = observation is not None
+        if self._belief is not None:
+            self._belief = predict(params, self._belief, stamp_s)
+        if observation is not None:
+            if self._belief is None:
+                self._belief = start(params, stamp_s, observation.p_root, observation.cov_root)
+            else:
+                self._belief = update(params, self._belief, observation.p_root, observation.cov_root)
+                seen = self._belief.rejections == 0
+        if self._belief is None:
+            return Track3D.unknown(stamp_s)
+        if seen and observation is not None:
+            self._blend_radius(observation, stamp_s)
+            self._hits += 1
+            self._seen_s = stamp_s
+        elif self._hits < self.params.confirm_frames:
+            self._forget()
+            return Track3D.unknown(stamp_s)
+        elif stamp_s - self._seen_s > self.params.lost_after_s:
+            self._forget()
+            return Track3D.unknown(stamp_s, Status.LOST)
+        if self._hits < self.params.confirm_frames:
+            return Track3D.unknown(stamp_s)
+        return self._track(self._belief, Status.TRACKING if seen else Status.COASTING)
+
+    def _track(self, belief: Belief, status: Status) -> Track3D:
+        order = self.params.kalman.order
+        mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
+        mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
+        return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1], status)
+
+    def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
+        """A scalar Kalman filter on a size that hardly changes."""
+        if self._hits == 0:
+            self._radius = observation.radius_m, observation.radius_var_m2
+            return
+        value, var = self._radius
+        var += (self.params.radius_drift * value) ** 2 * (stamp_s - self._seen_s)
+        gain = var / (var + observation.radius_var_m2)
+        self._radius = value + gain * (observation.radius_m - value), (1 - gain) * var
+
+    def _forget(self) -> None:
+        self._belief, self._hits = None, 0
+        self._association.forget()
+        for eye in self._eyes:
+            eye.object.forget()
+
+    def _after(
+        self,
+        looks: tuple[_Look, _Look],
+        sightings: tuple[Sighting | None, Sighting | None],
+        observation: Observation3D | None,
+        grey: bool,
+    ) -> None:
+        """Remember, for each eye, where the object is relative to the track, and the scene without it."""
+        for eye, look, seen in zip(self._eyes, looks, sightings, strict=True):
+            if seen is not None and observation is not None and self._belief is not None:
+                eye.offset_px = seen.outline.center_px - look.view.project(self._belief.mean[0])
+                eye.size_px = 2 * seen.outline.angular_radius_rad * eye.optics.camera.focal_px
+            if grey:
+                eye.background.learn(look.image, look.view, look.stamp_s, [seen.box_px] if seen else [])
+
+
+def _prior(eye: _Eye, look: _Look, last: Belief, now: Belief) -> Prior | None:
+    """Where the track says this eye sees the object; None where it cannot."""
+    p = now.mean[0]
+    if len(now.mean) > 1:
+        p = p + now.mean[1] * (look.stamp_s - now.stamp_s)
+    center = look.view.project(p) + eye.offset_px
+    if not eye.optics.camera.contains(center):
+        return None
+    J = look.view.project_jacobian(p)
+    std = float(np.sqrt(np.linalg.eigvalsh(J @ now.cov[:3, :3] @ J.T)[-1]))
+    growth = float(np.linalg.norm(last.mean[0] - look.view.center) / np.linalg.norm(p - look.view.center))
+    return Prior(center, float(np.clip(std, 0.7, 40.0)), float(np.clip(growth, 0.8, 1.25)))
+
+
+def _detections(
+    eyes: tuple[_Eye, _Eye], looks: tuple[_Look, _Look], sightings: tuple[Sighting | None, Sighting | None]
+) -> tuple[Detection2D, ...]:
+    return tuple(
+        _detection(eye.name, look.stamp_s, seen.outline, seen.box_px, seen.score)
+        for eye, look, seen in zip(eyes, looks, sightings, strict=True)
+        if seen is not None
+    )
+
+
+def _detection(
+    name: CameraName, stamp_s: float, shape: Outline, box: tuple[float, float, float, float], score: float
+) -> Detection2D:
+    return Detection2D(stamp_s, name, shape.center_px, shape.cov_px, score, shape.angular_radius_rad, box)
+
+
+def _is_grey(image: Image) -> bool:
+    """Whether an RGB image carries no colour at all."""
+    few = image[::16, ::16]
+    return bool((few[..., 0] == few[..., 1]).all() and (few[..., 1] == few[..., 2]).all())
