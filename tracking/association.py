@@ -13,15 +13,17 @@ from tracking.outline import Outline
 @dataclass(frozen=True)
 class AssociationParams:
     """`unknown_error` is what the calibration may be off before anything is known of it, as a share
-    of the image's width; the gate opens to `gate_sigma` of that, and later of the residual measured
-    so far (`learn_rate` of the newest), but of no less than `min_error_px`; `max_ratio` between the
-    two eyes' apparent radii; depths outside `depth_range_m` are no object; `radius_error` is how far
-    (relative) an outline may be from a sphere's."""
+    of the image's width; the gate opens to `gate_sigma` of that, narrowing over `gate_memory` pairs
+    to the residual measured; `memory` pairs tell the error that widens the covariance, never less
+    than `min_error_px`; `max_ratio` between the two eyes' apparent radii; depths outside
+    `depth_range_m` are no object; `radius_error` is how far (relative) an outline may be from a
+    sphere's."""
 
     unknown_error: float = 0.008
-    min_error_px: float = 0.03
+    min_error_px: float = 0.02
     gate_sigma: float = 3.5
-    learn_rate: float = 0.1
+    gate_memory: float = 15.0
+    memory: float = 30.0
     max_ratio: float = 1.7
     depth_range_m: tuple[float, float] = (0.05, 60.0)
     radius_error: float = 0.05
@@ -33,14 +35,24 @@ class Association:
     def __init__(self, params: AssociationParams, width: int) -> None:
         self.params = params
         self._unknown_var = (params.unknown_error * width) ** 2
-        self.error_var_px2 = self._unknown_var
+        self.forget()
 
     def forget(self) -> None:
         """Back to knowing nothing about the calibration's error."""
-        self.error_var_px2 = self._unknown_var
+        self._gate_var, self._error_var, self._pairs = self._unknown_var, self._unknown_var, 0.0
+
+    @property
+    def error_px(self) -> float:
+        """Standard deviation of what the calibration adds to each image coordinate."""
+        return max(float(np.sqrt(self._error_var)), self.params.min_error_px)
 
     def observe(
-        self, view: StereoView, left: Outline, right: Outline, stamp_s: float, shift_px: tuple[Array, Array] | None = None
+        self,
+        view: StereoView,
+        left: Outline,
+        right: Outline,
+        stamp_s: float,
+        shift_px: tuple[Array, Array] | None = None,
     ) -> Observation3D | None:
         """The point both outlines are images of; None where there is none.
 
@@ -50,12 +62,12 @@ class Association:
         ratio = left.angular_radius_rad / right.angular_radius_rad
         if max(ratio, 1 / ratio) > p.max_ratio:
             return None
-        extra = max(self.error_var_px2, p.min_error_px**2) * np.eye(2)
+        extra = self.error_px**2 * np.eye(2)
         centers = [left.center_px, right.center_px]
         if shift_px is not None:
             centers = [c + s for c, s in zip(centers, shift_px, strict=True)]
         found = triangulate(view, *centers, left.cov_px + extra, right.cov_px + extra)
-        if found is None or found.mahalanobis > p.gate_sigma**2:
+        if found is None or 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
         distance = float(np.linalg.norm(found.p_root - view.left.center))
         if not p.depth_range_m[0] <= distance <= p.depth_range_m[1]:
@@ -65,11 +77,12 @@ class Association:
 
     def learn(self, observation: Observation3D, left: Outline, right: Outline) -> None:
         """Take an accepted pair's residual in.  Four coordinates leave one degree of freedom, so
-        4·residual² estimates the variance of one coordinate."""
-        own = 0.25 * float(np.trace(left.cov_px) + np.trace(right.cov_px))
-        excess = max(4 * observation.residual_px**2 - own, 0.0)
-        k = self.params.learn_rate
-        self.error_var_px2 = (1 - k) * self.error_var_px2 + k * excess
+        4·residual² estimates the variance of one coordinate; few such say little, hence 1 + 3/n."""
+        excess = max(4 * observation.residual_px**2 - _own_var(left, right), 0.0)
+        mean = self._error_var / (1 + 3 / self._pairs) if self._pairs else 0.0
+        self._pairs = min(self._pairs + 1, self.params.memory)
+        self._error_var = (mean + (excess - mean) / self._pairs) * (1 + 3 / self._pairs)
+        self._gate_var += (excess - self._gate_var) / self.params.gate_memory
 
     def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
         """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""
@@ -82,6 +95,11 @@ class Association:
             values.append(radius)
             weights.append(1 / (var + (self.params.radius_error * radius) ** 2))
         return float(np.average(values, weights=weights)), float(1 / max(weights))
+
+
+def _own_var(left: Outline, right: Outline) -> float:
+    """Mean variance of the four coordinates, px²."""
+    return 0.25 * float(np.trace(left.cov_px) + np.trace(right.cov_px))
 
 
 def _distance(eye: View, p: Array, cov: Array) -> tuple[float, float]:

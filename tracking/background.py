@@ -8,7 +8,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.types import Image
 from tracking.ego_motion import EgoMotion
 
-_RISE_LEVELS = 3.0  # grey levels from 'certainly background' to even odds, and again to certain
+_RISE_LEVELS = 1.5  # grey levels from 'certainly background' to even odds, and again to certain
 
 
 class Background:
@@ -31,7 +31,7 @@ class Background:
         kernel = np.ones((3, 3), np.uint8)
         over = cv2.max(grey - cv2.dilate(self._scene, kernel), cv2.erode(self._scene, kernel) - grey)
         noise = 1.4826 * float(np.median(np.abs(grey[::4, ::4] - self._scene[::4, ::4])))
-        odds: NDArray[np.float32] = np.clip(over / (2 * max(_RISE_LEVELS, 2 * noise)), 0.0, 1.0)
+        odds: NDArray[np.float32] = np.clip(over / (2 * max(_RISE_LEVELS, 3 * noise)), 0.0, 1.0)
         return odds
 
     def learn(self, image: Image, view: View, stamp_s: float, boxes: list[tuple[float, float, float, float]]) -> None:
@@ -42,6 +42,8 @@ class Background:
         rate = 1 - float(np.exp(-max(stamp_s - self._stamp_s, 0.0) / self.memory_s))
         newer = self._scene + rate * (grey - self._scene)
         for x, y, w, h in boxes:
-            keep = np.s_[max(int(y - 0.3 * h), 0) : int(y + 1.3 * h) + 1, max(int(x - 0.3 * w), 0) : int(x + 1.3 * w) + 1]
+            keep = np.s_[
+                max(int(y - 0.3 * h), 0) : int(y + 1.3 * h) + 1, max(int(x - 0.3 * w), 0) : int(x + 1.3 * w) + 1
+            ]
             newer[keep] = self._scene[keep]
         self._scene, self._stamp_s = newer, stamp_s

@@ -47,7 +47,5 @@ class EgoMotion:
         rows, columns = nodes.shape[:2]
         whole = cv2.resize(nodes, (columns * _STEP, rows * _STEP), interpolation=cv2.INTER_LINEAR)
         maps = whole[_STEP : _STEP + self.camera.height, _STEP : _STEP + self.camera.width]
-        warped = cv2.remap(
-            image, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(outside,)
-        )
+        warped = cv2.remap(image, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(outside,))
         return np.asarray(warped, dtype=np.uint8)

@@ -77,7 +77,9 @@ class EyeTracker:
         cloud = spawn(self.params.particles, center, size, 0.5, self.rng)
         self._state = _State(model, cloud, size, shape, fill)
 
-    def step(self, image: Image, prior: Prior | None = None, evidence: NDArray[np.float32] | None = None) -> Sighting | None:
+    def step(
+        self, image: Image, prior: Prior | None = None, evidence: NDArray[np.float32] | None = None
+    ) -> Sighting | None:
         """Find the object in the next image; None where it does not show.
 
         `evidence` (H, W) replaces the colour likelihood where there is no colour (grey images).

@@ -1,11 +1,13 @@
 """A Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter")."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial
 
 import numpy as np
 
 from pps_vision.types import Array
+
+_REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class KalmanParams:
 
     order: int = 4
     noise_density: float = 30.0
-    prior_std: tuple[float, float, float] = (0.15, 0.3, 1.0)
+    prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
     gate_chi2: float = 20.0
     max_rejections: int = 3
 
@@ -33,6 +35,14 @@ class KalmanParams:
                 f"noise density {self.noise_density}, gate {self.gate_chi2}, rejections {self.max_rejections}: "
                 "expected positive numbers"
             )
+
+
+def scaled(params: KalmanParams, distance_m: float) -> KalmanParams:
+    """The same filter for an object at another distance: what is far away (or given in another unit)
+    moves and changes as fast in the image, so its lengths grow with the distance; 0.4 m is 1."""
+    scale = distance_m / _REFERENCE_M
+    std = tuple(scale * value for value in params.prior_std)
+    return replace(params, noise_density=params.noise_density * scale**2, prior_std=(std[0], std[1], std[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +59,9 @@ class Belief:
 
 def transition(order: int, dt_s: float) -> Array:
     """(order, order) A_ij = dt^(j−i)/(j−i)! (FACTS §4)."""
-    return np.array([[dt_s ** (j - i) / factorial(j - i) if j >= i else 0.0 for j in range(order)] for i in range(order)])
+    return np.array(
+        [[dt_s ** (j - i) / factorial(j - i) if j >= i else 0.0 for j in range(order)] for i in range(order)]
+    )
 
 
 def process_noise(order: int, dt_s: float, density: float) -> Array:

@@ -41,7 +41,9 @@ class Cloud:
     before: Array
 
 
-def spawn(params: ParticleParams, center_px: Array, size_px: float, spread_px: float, rng: np.random.Generator) -> Cloud:
+def spawn(
+    params: ParticleParams, center_px: Array, size_px: float, spread_px: float, rng: np.random.Generator
+) -> Cloud:
     """Particles at rest around a place; `spread_px` their standard deviation."""
     now = np.ones((params.count, 3))
     now[:, :2] = center_px + spread_px * rng.standard_normal((params.count, 2))
@@ -65,7 +67,11 @@ def propagate(params: ParticleParams, cloud: Cloud, prior: Prior | None, rng: np
 
 
 def weigh(
-    params: ParticleParams, cloud: Cloud, integral: NDArray[np.float64], corner: tuple[int, int], shape: tuple[float, float]
+    params: ParticleParams,
+    cloud: Cloud,
+    integral: NDArray[np.float64],
+    corner: tuple[int, int],
+    shape: tuple[float, float],
 ) -> Array:
     """(n,) normalised weights from the integral image of 2p − 1 (p the object probability).
 

@@ -40,7 +40,7 @@ class ColorTracker:
         """Learn the object in `box_px` of the first RGB image; ValueError where the box is no part of it."""
         height, width = image.shape[:2]
         x, y, w, h = box_px
-        if not (w >= 2 and h >= 2 and 0 <= x and 0 <= y and x + w <= width and y + h <= height):
+        if not (w >= 2 and h >= 2 and x >= 0 and y >= 0 and x + w <= width and y + h <= height):
             raise ValueError(f"first box {x:g} {y:g} {w:g} {h:g}: expected a box inside the {width}×{height} image")
         self._eye = EyeTracker(self.params.eye, _flat_optics(width, height), self.rng)
         self._eye.start(image, box_px)

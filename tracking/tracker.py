@@ -14,7 +14,7 @@ from tracking.acquire import AcquireParams, Candidate, acquire
 from tracking.association import Association, AssociationParams
 from tracking.background import Background
 from tracking.eye import EyeParams, EyeTracker, Sighting
-from tracking.kalman import Belief, KalmanParams, predict, start, update
+from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.marker import MarkerParams, find_marker
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
@@ -47,7 +47,7 @@ class TrackerParams:
             raise ValueError(f"tracker mode {self.mode!r}; expected 'generic' or 'marker'")
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
             raise ValueError(
-                f"confirm after {self.confirm_frames} frames, lost after {self.lost_after_s} s; expected positive numbers"
+                f"confirm after {self.confirm_frames} frames, lost after {self.lost_after_s} s; expected more than 0"
             )
 
 
@@ -119,7 +119,9 @@ class Tracker:
         self.params, self.rig, self.own_body, self.stages = params, rig, own_body, stages
         self._eyes = (_Eye("left", params, rig, rng), _Eye("right", params, rig, rng))
         self._association = Association(params.association, rig.left.width)
+        self._kalman = params.kalman
         self._belief: Belief | None = None
+        self._head: Array = np.zeros(3)
         self._radius = (np.nan, np.nan)  # m, m²
         self._hits = 0
         self._seen_s = -np.inf
@@ -140,6 +142,7 @@ class Tracker:
         else:
             with self.stages("image"):
                 sightings = self._follow(self._belief, looks, frame.stamp_s, grey)
+        self._head = 0.5 * (view.left.center + view.right.center)
         with self.stages("triangulation"):
             observation = self._observe(view, looks, sightings, frame.stamp_s)
         with self.stages("filter"):
@@ -202,7 +205,7 @@ class Tracker:
         self, last: Belief, looks: tuple[_Look, _Look], stamp_s: float, grey: bool
     ) -> tuple[Sighting | None, Sighting | None]:
         """Find the object again, near where the track says it is now."""
-        now = predict(self.params.kalman, last, stamp_s)
+        now = predict(self._kalman, last, stamp_s)
         found: list[Sighting | None] = []
         for eye, look in zip(self._eyes, looks, strict=True):
             prior = _prior(eye, look, last, now)
@@ -236,12 +239,15 @@ class Tracker:
 
     def _filter(self, observation: Observation3D | None, stamp_s: float) -> Track3D:
         """Bring the belief to this stamp and decide what is known."""
-        params = self.params.kalman
+        params = self._kalman
         seen = observation is not None
         if self._belief is not None:
             self._belief = predict(params, self._belief, stamp_s)
         if observation is not None:
             if self._belief is None:
+                self._kalman = params = scaled(
+                    self.params.kalman, float(np.linalg.norm(observation.p_root - self._head))
+                )
                 self._belief = start(params, stamp_s, observation.p_root, observation.cov_root)
             else:
                 self._belief = update(params, self._belief, observation.p_root, observation.cov_root)

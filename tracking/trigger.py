@@ -95,7 +95,9 @@ class Trigger:
         return sorted(regions, key=lambda r: -r.evidence)
 
     @staticmethod
-    def _region(label: int, stats: NDArray[np.int32], labels: NDArray[np.int32], surprise: NDArray[np.uint8]) -> Region2D:
+    def _region(
+        label: int, stats: NDArray[np.int32], labels: NDArray[np.int32], surprise: NDArray[np.uint8]
+    ) -> Region2D:
         x, y, w, h = (int(side) for side in stats[:4])
         crop = np.s_[y : y + h, x : x + w]
         contrast = np.where(labels[crop] == label, surprise[crop], 0)
