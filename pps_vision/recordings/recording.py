@@ -1,0 +1,77 @@
+"""A stereo recording, however it is stored: pairs of images with their stamps and joints."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pps_vision.recordings.image_file import ImageFile, check_size, decode
+from pps_vision.recordings.problems import BadInput, Problem
+from pps_vision.recordings.truth import TruthRow
+from pps_vision.types import Image, StereoFrame
+
+Pair = tuple[ImageFile, ImageFile]
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """Which virtual taxels "part:id" were touched at a stamp; empty when the skin reports none."""
+
+    stamp_s: float
+    taxel_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Stereo pairs in order of time; iterating decodes them one at a time.
+
+    `len` counts the pairs, those included whose image turns out to be unreadable: they are
+    skipped and added to `problems`, which holds all that was skipped so far.
+    """
+
+    name: str
+    pairs: tuple[Pair, ...]
+    image_size: tuple[int, int]  # width, height
+    problems: list[Problem]
+    calibration: Path | None = None
+    touches: tuple[Touch, ...] = ()
+    truth: tuple[TruthRow, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __iter__(self) -> Iterator[StereoFrame]:
+        return (frame for _, frame in self.numbered())
+
+    def numbered(self) -> Iterator[tuple[int, StereoFrame]]:
+        """(frame, pair): the number in the left image's file name (its place where it has none),
+        so that a frame keeps its number when others are skipped.  BadInput if an image has
+        another size than the first."""
+        for place, (left, right) in enumerate(self.pairs):
+            images = decode_pair(left, right, self.problems)
+            if images is None:
+                continue
+            for file, image in zip((left, right), images, strict=True):
+                check_size(file, image, self.image_size)
+            number = place if left.number is None else left.number
+            yield number, StereoFrame(*images, left.stamp_s, right.stamp_s, left.joints_rad, right.joints_rad)
+
+
+def decode_pair(left: ImageFile, right: ImageFile, problems: list[Problem]) -> tuple[Image, Image] | None:
+    """Both images, or None after noting which could not be read (once, however often asked)."""
+    images = decode(left), decode(right)
+    for image in images:
+        if isinstance(image, Problem) and image not in problems:
+            problems.append(image)
+    if isinstance(images[0], Problem) or isinstance(images[1], Problem):
+        return None
+    return images[0], images[1]
+
+
+def size_of_first(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:
+    """(width, height) of the first readable pair's left image; BadInput if no pair is readable."""
+    for left, right in pairs:
+        images = decode_pair(left, right, problems)
+        if images is not None:
+            return images[0].shape[1], images[0].shape[0]
+    why = f"; {problems[0]}" if problems else ""
+    raise BadInput(source, f"no usable frame; expected at least one readable pair of left and right images{why}")

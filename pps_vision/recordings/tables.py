@@ -1,0 +1,22 @@
+"""Numbers to text: CSV with full precision, NaN and "none" as an empty field."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+
+def cell(value: object) -> str:
+    """One field: a float with all its digits, NaN empty, a truth value as 0 or 1."""
+    if isinstance(value, float | np.floating):
+        return "" if np.isnan(value) else repr(float(value))
+    return str(int(value)) if isinstance(value, bool | np.bool_) else str(value)
+
+
+def write_table(file: Path, columns: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """A header and rows, comma separated."""
+    with file.open("w", newline="") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(columns)
+        table.writerows([cell(value) for value in row] for row in rows)

@@ -1,0 +1,143 @@
+"""Reads a yarpdatadumper recording: two image ports, joint ports, touches, in one folder."""
+
+from dataclasses import replace
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from pps_vision.recordings.image_file import ImageFile
+from pps_vision.recordings.pairing import pair_by_stamp
+from pps_vision.recordings.problems import BadInput, Problem, ProblemKind
+from pps_vision.recordings.recording import Pair, Recording, Touch, size_of_first
+from pps_vision.recordings.truth import read_truth
+from pps_vision.recordings.yarp_log import read_log
+from pps_vision.recordings.yarp_ports import find_ports
+from pps_vision.robot.icub import ARM_PORT_JOINTS, HEAD_PORT, TORSO_PORT, load_icub, q_from_encoders
+from pps_vision.types import Array
+
+JOINT_PORTS = {
+    "torso": len(TORSO_PORT),
+    "head": len(HEAD_PORT),
+    "left_arm": ARM_PORT_JOINTS,
+    "right_arm": ARM_PORT_JOINTS,
+}
+MAX_JOINT_GAP_S = 0.1  # an image this far outside a joint log takes its nearest sample
+_LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
+
+
+def open_yarp(folder: Path, max_skew_s: float = 0.02) -> Recording:
+    """The recording in `folder`: pairs of images within `max_skew_s`, joints (rad) at each image's stamp.
+
+    Ports are found by what their folders are called, wherever they lie.  A joint port that was
+    not recorded reads 0; the head must be there.  Bad rows, unpaired images and images without
+    joints go to `problems`.  BadInput if no frame remains or a log cannot be read at all.
+    """
+    if not folder.is_dir():
+        raise BadInput(folder, "no such folder; expected a yarpdatadumper recording")
+    problems: list[Problem] = []
+    ports = find_ports(folder)
+    for port in ("left", "right", "head"):
+        if port not in ports:
+            what = "head joints" if port == "head" else f"{port} images"
+            raise BadInput(folder, f"no {what}; expected a folder '{port}' with a data.log")
+    joints = {port: _read_joints(ports[port], n, problems) for port, n in JOINT_PORTS.items() if port in ports}
+    touches = _read_touches(ports["skin"], problems) if "skin" in ports else ()
+    eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
+    pairs = pair_by_stamp(eyes[0], eyes[1], max_skew_s, problems)
+    posed = _with_joints(pairs, joints, problems)
+    calibration, truth = folder / "icubEyes.ini", folder / "truth.csv"
+    return Recording(
+        name=folder.resolve().name,
+        pairs=posed,
+        image_size=size_of_first(folder, posed, problems),
+        problems=problems,
+        calibration=calibration if calibration.exists() else None,
+        touches=touches,
+        truth=read_truth(truth, problems) if truth.exists() else (),
+    )
+
+
+def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
+    """The images a log names; BadInput for one that is not within the log's folder."""
+    files = []
+    for row in read_log(log, None, problems):
+        if not row.words or len(row.words) > 2:  # the second is the pixel code, "[rgb]"
+            found = f"{len(row.words)} words; expected index, stamp and the name of an image"
+            problems.append(Problem(ProblemKind.ROW, log, row.line, found))
+            continue
+        name = PurePath(row.words[0])
+        if name.is_absolute() or ".." in name.parts:
+            raise BadInput(log, f"file name '{name}' points outside; expected a file beside the log", row.line)
+        files.append(ImageFile(log.parent / name, row.stamp_s, log=log, line=row.line))
+    return files
+
+
+def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Array, Array]:
+    """Stamps (n,) and encoder readings (n, n_joints) in degrees."""
+    stamps, samples = [], []
+    for row in read_log(log, n_joints, problems):
+        sample = np.array(row.words, dtype=float)
+        if np.all(np.abs(sample) < _LARGEST_DEG):
+            stamps.append(row.stamp_s)
+            samples.append(sample)
+        else:
+            found = f"joint reads {row.words[int(np.argmin(np.abs(sample) < _LARGEST_DEG))]}"
+            problems.append(Problem(ProblemKind.JOINTS, log, row.line, f"{found}; expected degrees"))
+    if not stamps:
+        raise BadInput(log, f"no readable sample; expected rows of index, stamp and {n_joints} joints in degrees")
+    return np.array(stamps), np.array(samples)
+
+
+def _read_touches(log: Path, problems: list[Problem]) -> tuple[Touch, ...]:
+    """Touched taxels by stamp."""
+    touches, foreign_rows = [], []
+    for row in read_log(log, None, problems):
+        foreign = [word for word in row.words if not _is_taxel(word)]
+        if foreign:
+            found = f"'{foreign[0]}'; expected touched taxels as part:id"
+            foreign_rows.append(Problem(ProblemKind.ROW, log, row.line, found))
+        else:
+            touches.append(Touch(row.stamp_s, row.words))
+    if foreign_rows and not touches:
+        raise BadInput(log, f"{foreign_rows[0].message}; no row can be read", foreign_rows[0].line)
+    problems += foreign_rows
+    return tuple(touches)
+
+
+def _is_taxel(word: str) -> bool:
+    part, _, number = word.partition(":")
+    return part.isidentifier() and number.isdecimal()
+
+
+def _with_joints(
+    pairs: tuple[Pair, ...], joints: dict[str, tuple[Array, Array]], problems: list[Problem]
+) -> tuple[Pair, ...]:
+    """Every pair with the joints at each eye's stamp; what the joint logs do not cover is noted and left out."""
+    robot = load_icub()
+    posed = []
+    for pair in pairs:
+        missing = [(file, port) for file in pair for port, log in joints.items() if not _covers(log[0], file.stamp_s)]
+        problems += [
+            Problem(
+                *(ProblemKind.JOINTS, file.cited, file.line),
+                f"{file.path.name} has no {port} joints; expected samples within {MAX_JOINT_GAP_S} s of its stamp",
+            )
+            for file, port in missing
+        ]
+        if not missing:
+            readings = [{port: _at(*log, file.stamp_s) for port, log in joints.items()} for file in pair]
+            left, right = (
+                replace(file, joints_rad=q_from_encoders(robot, **reading))
+                for file, reading in zip(pair, readings, strict=True)
+            )
+            posed.append((left, right))
+    return tuple(posed)
+
+
+def _covers(stamps: Array, stamp_s: float) -> bool:
+    return bool(stamps[0] - MAX_JOINT_GAP_S <= stamp_s <= stamps[-1] + MAX_JOINT_GAP_S)
+
+
+def _at(stamps: Array, samples: Array, stamp_s: float) -> Array:
+    """Encoders at one stamp, linear between samples, the end's own value beyond the ends."""
+    return np.array([np.interp(stamp_s, stamps, column) for column in samples.T])

@@ -1,0 +1,95 @@
+"""The data.log of one yarpdatadumper port: "index stamp payload" a line, read row by row.
+
+A dumper told to write both times puts the sender's stamp before the receiver's; the sender's counts.
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from pathlib import Path
+
+from pps_vision.recordings.problems import BadInput, Problem, ProblemKind, first_line
+
+_STAMP_LIMIT_S = 1e12  # beyond any clock; keeps differences of stamps finite
+
+
+@dataclass(frozen=True, slots=True)
+class LogRow:
+    """One readable row: its line in the file (from 1), its stamp, and the words after the stamps."""
+
+    line: int
+    stamp_s: float
+    words: tuple[str, ...]
+
+
+def read_log(log: Path, n_numbers: int | None, problems: list[Problem]) -> list[LogRow]:
+    """The readable rows of a log in the order of their stamps.
+
+    `n_numbers` is the count of numbers a payload has; None where it begins with a word.  A row
+    that cannot be read or whose stamp goes backwards is noted and skipped.  BadInput if the log
+    cannot be opened, or holds rows but no readable one.
+    """
+    expected = "index, stamp and " + ("words" if n_numbers is None else f"{n_numbers} numbers")
+    try:
+        lines = log.read_bytes().decode(errors="replace").split("\n")
+    except OSError as error:
+        raise BadInput(log, f"cannot be read: {first_line(error)}; expected rows of {expected}") from error
+    rows, bad = [], []
+    for number, text in enumerate(lines, start=1):
+        words = text.split()
+        row = _parse(number, words, n_numbers) if words else None
+        if row is not None:
+            rows.append(row)
+        elif words:
+            bad.append(Problem(ProblemKind.ROW, log, number, f"'{' '.join(words)[:60]}'; expected {expected}"))
+    if bad and not rows:
+        raise BadInput(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
+    problems += bad
+    return _in_order(log, rows, problems)
+
+
+def _parse(line: int, words: list[str], n_numbers: int | None) -> LogRow | None:
+    """The row, or None if it has not the form of one."""
+    numbers = [_number(word) for word in words]
+    begin = len(words) - n_numbers if n_numbers is not None else (*numbers, None).index(None)
+    head, payload = numbers[: max(begin, 0)], numbers[max(begin, 0) :]
+    if len(head) not in (2, 3) or any(number is None or not abs(number) < _STAMP_LIMIT_S for number in head):
+        return None
+    if n_numbers is not None and None in payload:
+        return None
+    return LogRow(line, float(words[1]), tuple(words[begin:]))
+
+
+def _number(word: str) -> float | None:
+    """The number a word spells, NaN and infinity included; None if it is none."""
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
+def _in_order(log: Path, rows: list[LogRow], problems: list[Problem]) -> list[LogRow]:
+    """The most rows whose stamps do not decrease, the others noted.
+
+    The longest such subsequence, not a running maximum: one stamp that jumps ahead must not
+    discard all the rows behind it.  Found from the end, so that of two rows which contradict
+    each other the earlier is kept.
+    """
+    best_ends: list[float] = []  # −stamp at the end of the best run of every length
+    at: list[int] = []  # the row that is there
+    before = [-1] * len(rows)
+    for i in range(len(rows) - 1, -1, -1):
+        length = bisect_right(best_ends, -rows[i].stamp_s)
+        before[i] = at[length - 1] if length else -1
+        best_ends[length : length + 1] = [-rows[i].stamp_s]
+        at[length : length + 1] = [i]
+    kept, i = [], at[-1] if at else -1
+    while i >= 0:
+        kept.append(rows[i])
+        i = before[i]
+    lines = {row.line for row in kept}
+    problems += [
+        Problem(ProblemKind.STAMP, log, row.line, f"stamp {row.stamp_s} s; expected stamps that never go backwards")
+        for row in rows
+        if row.line not in lines
+    ]
+    return kept

@@ -1,0 +1,88 @@
+"""Writes a recording as yarpdatadumper would have, with its calibration and its truth."""
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+import cv2
+from numpy.typing import ArrayLike
+
+from pps_vision.geometry.camera import Camera
+from pps_vision.recordings.calibration import write_icub_eyes
+from pps_vision.recordings.outputs import whole_folder
+from pps_vision.recordings.truth import TruthRow, write_truth
+from pps_vision.robot.icub import encoders_from_q
+from pps_vision.robot.model import Robot
+from pps_vision.types import StereoFrame
+
+_PORTS = {
+    "cam/left": "Image:ppm",
+    "cam/right": "Image:ppm",
+    "torso": "Bottle",
+    "head": "Bottle",
+    "left_arm": "Bottle",
+    "right_arm": "Bottle",
+    "skin": "Bottle",
+}
+
+
+class YarpWriter:
+    """A recording being written; as a context manager it appears under its name when all went well.
+
+    Entering raises BadInput if `folder` cannot be written or is not empty.  Every kind of row
+    may come at its own rate; joints must span the frames' stamps.
+    """
+
+    def __init__(self, folder: Path, robot: Robot, left: Camera, right: Camera) -> None:
+        self._target, self._robot, self._eyes = folder, robot, (left, right)
+        self._stack = ExitStack()
+        self._logs: dict[str, TextIO] = {}
+        self._rows = dict.fromkeys(_PORTS, 0)
+        self._truth: list[TruthRow] = []
+
+    def __enter__(self) -> "YarpWriter":
+        with ExitStack() as stack:  # undoes what was begun if beginning fails
+            self._folder = stack.enter_context(whole_folder(self._target))
+            for port, kind in _PORTS.items():
+                place = self._folder / port
+                place.mkdir(parents=True)
+                (place / "info.log").write_text(f"Type: {kind};\n")
+                self._logs[port] = stack.enter_context((place / "data.log").open("w"))
+            write_icub_eyes(self._folder / "icubEyes.ini", *self._eyes)
+            stack.callback(lambda: write_truth(self._folder / "truth.csv", self._truth))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def write_frame(self, frame: StereoFrame) -> None:
+        """Both images, each at its own stamp."""
+        eyes = (("cam/left", frame.left, frame.stamp_left_s), ("cam/right", frame.right, frame.stamp_right_s))
+        for port, image, stamp_s in eyes:
+            name = f"{self._rows[port]:08d}.ppm"
+            pixels = cv2.imencode(".ppm", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]
+            (self._folder / port / name).write_bytes(pixels.tobytes())
+            self._write_row(port, stamp_s, [name])
+
+    def write_joints(self, stamp_s: float, q_rad: ArrayLike) -> None:
+        """The configuration at a stamp, as every port's encoders read it, in degrees."""
+        for port, degrees in encoders_from_q(self._robot, q_rad).items():
+            self._write_row(port, stamp_s, [f"{value:.9g}" for value in degrees])
+
+    def write_touches(self, stamp_s: float, taxel_ids: Iterable[str]) -> None:
+        """The touched virtual taxels "part:id" at a stamp; none is a row without a payload."""
+        self._write_row("skin", stamp_s, list(taxel_ids))
+
+    def write_truth(self, row: TruthRow) -> None:
+        """The object's true state at a stamp."""
+        self._truth.append(row)
+
+    def _write_row(self, port: str, stamp_s: float, words: list[str]) -> None:
+        row = " ".join([str(self._rows[port]), repr(float(stamp_s)), *words])
+        self._logs[port].write(row + "\n")
+        self._rows[port] += 1
