@@ -32,6 +32,12 @@ class MemoryParams:
         if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and self.sigma_bins > 0):
             raise ValueError(f"{self}: expected ranges from low to high, at least one bin and a width above 0")
 
+    def covers(self, distance_m: Array, ttc_s: Array) -> Mask:
+        """Whether D and TTC lie within the ranges; False for NaN."""
+        (d0, d1), (t0, t1) = self.distance_range_m, self.ttc_range_s
+        inside: Mask = (distance_m >= d0) & (distance_m <= d1) & (ttc_s >= t0) & (ttc_s <= t1)
+        return inside
+
 
 @dataclass(frozen=True)
 class PPSMemory:
@@ -107,8 +113,7 @@ def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> Ar
     """
     params = memory.params
     distance, ttc = np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float)
-    (d0, d1), (t0, t1) = params.distance_range_m, params.ttc_range_s
-    inside = (distance >= d0) & (distance <= d1) & (ttc >= t0) & (ttc <= t1)
+    inside = params.covers(distance, ttc)
     w_distance = _window(params, distance, params.distance_range_m, params.bins[0], inside)
     w_ttc = _window(params, ttc, params.ttc_range_s, params.bins[1], inside)
     along_ttc = (memory.frequency @ w_ttc[..., None])[..., 0]

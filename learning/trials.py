@@ -109,7 +109,6 @@ def predict(params: PredictionParams, memory: PPSMemory, buffer: EventBuffer) ->
     """
     known = buffer.samples[-1].stamp_s - params.lead_s
     D, TTC = resample(replace(buffer, samples=tuple(s for s in buffer.samples if s.stamp_s <= known)))
-    (d0, d1), (t0, t1) = params.memory.distance_range_m, params.memory.ttc_range_s
-    inside = (D >= d0) & (D <= d1) & (TTC >= t0) & (TTC <= t1)
+    inside = memory.params.covers(D, TTC)
     n = inside.sum(axis=0)
     return np.where(n > 0, activation(memory, D, TTC).sum(axis=0) / np.maximum(n, 1), np.nan)

@@ -162,7 +162,7 @@ def test_saved_and_loaded_is_the_same(tmp_path):
 
 def test_a_failed_write_leaves_nothing(tmp_path):
     (tmp_path / "taken.npz").mkdir()
-    with pytest.raises(OSError, match="taken.npz"):
+    with pytest.raises(OSError, match=r"taken\.npz"):
         save_memory(tmp_path / "taken.npz", random_memory())
     assert [p.name for p in tmp_path.iterdir()] == ["taken.npz"]
 

@@ -38,7 +38,7 @@ def test_what_can_be_told_apart_is_told_apart():
 def test_a_trial_out_of_sight_is_given_the_base_rate():
     rng = np.random.default_rng(1)
     trials = [made_up(rng, i % 2) for i in range(6)]
-    far = Trial(trials[0].stamps_s, trials[0].d_m + [0, 0, 1.0], trials[0].v_m_s, trials[0].touched)
+    far = Trial(trials[0].stamps_s, trials[0].d_m + np.array([0, 0, 1.0]), trials[0].v_m_s, trials[0].touched)
     result = leave_one_out(PredictionParams(), (far, *trials[1:]))
     np.testing.assert_allclose(result.probability[0], result.base_rate[0])
 

@@ -1,0 +1,74 @@
+"""Batched kinematics against Pinocchio, posture by posture."""
+
+import numpy as np
+import pytest
+
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.icub import home, load_icub
+
+ROBOT = load_icub()
+CHAINS = [
+    (ROBOT.names.arm("left"), "left_palm"),
+    (("torso_yaw", "torso_pitch", "torso_roll", *ROBOT.names.arm("right")), "right_index_tip"),  # any order
+    (("right_elbow", "right_shoulder_pitch"), "right_forearm"),  # not all, not in order
+    (("neck_yaw", "neck_pitch", "left_eye_pan"), "left_eye"),
+    (("neck_yaw", "left_elbow"), "right_eye"),  # one that does not move the frame
+]
+
+
+@pytest.mark.parametrize(("joints", "frame"), CHAINS)
+def test_positions_frames_and_jacobians(joints, frame):
+    rng = np.random.default_rng(0)
+    base, point = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.normal(size=3) * 0.1
+    indices = ROBOT.indices(joints)
+    q = rng.uniform(-np.pi, np.pi, (20, len(joints)))
+    chain = Chain.of(ROBOT, joints, frame, base)
+    rotations, origins = chain.frames(q)
+    positions, jacobians = chain.positions(q, point)
+    for i in range(len(q)):
+        full = base.copy()
+        full[indices] = q[i]
+        posture = ROBOT.at(full)
+        T = posture.T_root(frame)
+        np.testing.assert_allclose(rotations[i], T[:3, :3], atol=1e-12)
+        np.testing.assert_allclose(origins[i], T[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(positions[i], posture.point(frame, point), atol=1e-12)
+        np.testing.assert_allclose(jacobians[i], posture.jacobian(frame, point)[:3, indices], atol=1e-12)
+
+
+def test_a_sliding_joint_too(tmp_path):
+    urdf = tmp_path / "slider.urdf"
+    joint = (
+        '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="0.1 0.2 0" rpy="0.3 0 0"/>'
+    )
+    joint += '<axis xyz="0 {4} 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    eyes = ["neck_yaw", "neck_pitch", "eyes_tilt", "left_eye_pan", "right_eye_pan"]
+    links = ["base", "turned", "slid", *eyes, "left_eye", "right_eye"]
+    urdf.write_text(
+        '<robot name="slider">' + "".join(f'<link name="{name}"/>' for name in links)
+        + joint.format("turn", "revolute", "base", "turned", 0)
+        + joint.format("slide", "prismatic", "turned", "slid", 1)
+        + "".join(joint.format(name, "revolute", "base", name, 0) for name in eyes)
+        + "".join(f'<joint name="fix_{e}" type="fixed"><parent link="base"/><child link="{e}"/></joint>'
+                  for e in ("left_eye", "right_eye"))
+        + "</robot>"
+    )  # fmt: skip
+    robot = type(ROBOT)(urdf)
+    q = np.random.default_rng(1).uniform(-1, 1, (5, 2))
+    positions, jacobians = Chain.of(robot, ("turn", "slide"), "slid").positions(q)
+    indices = robot.indices(("turn", "slide"))
+    for i in range(5):
+        full = np.zeros(robot.n_joints)
+        full[indices] = q[i]
+        np.testing.assert_allclose(positions[i], robot.at(full).point("slid"), atol=1e-12)
+        np.testing.assert_allclose(jacobians[i], robot.at(full).jacobian("slid")[:3, indices], atol=1e-12)
+
+
+def test_wrong_shapes_and_names_are_refused():
+    chain = Chain.of(ROBOT, ROBOT.names.arm("left"), "left_palm", home(ROBOT))
+    with pytest.raises(ValueError, match=r"expected \(N, 7\)"):
+        chain.positions(np.zeros(7))
+    with pytest.raises(ValueError, match="no joint 'left_knee'"):
+        Chain.of(ROBOT, ("left_knee",), "left_palm")
+    with pytest.raises(ValueError, match="no frame 'left_foot'"):
+        Chain.of(ROBOT, ("left_elbow",), "left_foot")
