@@ -23,7 +23,7 @@ class AssociationParams:
     min_error_px: float = 0.02
     gate_sigma: float = 3.5
     gate_memory: float = 15.0
-    memory: float = 30.0
+    memory: float = 20.0
     max_ratio: float = 1.7
     depth_range_m: tuple[float, float] = (0.05, 60.0)
     radius_error: float = 0.05

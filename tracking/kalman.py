@@ -22,7 +22,7 @@ class KalmanParams:
     """
 
     order: int = 4
-    noise_density: float = 30.0
+    noise_density: float = 100.0
     prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
     gate_chi2: float = 20.0
     max_rejections: int = 3
@@ -47,12 +47,14 @@ def scaled(params: KalmanParams, distance_m: float) -> KalmanParams:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`; `rejections` so far in a
-    row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first."""
+    """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`; when it was last
+    updated; `rejections` so far in a row; `nis` the last innovation's squared Mahalanobis distance
+    (expected 3), NaN before the first."""
 
     stamp_s: float
     mean: Array
     cov: Array
+    updated_s: float
     rejections: int = 0
     nis: float = float("nan")
 
@@ -85,7 +87,7 @@ def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> 
     prior = np.array([0.0, *params.prior_std[: params.order - 1]])
     P = np.kron(np.diag(prior**2), np.eye(3))
     P[:3, :3] = cov
-    return Belief(stamp_s, mean, P)
+    return Belief(stamp_s, mean, P, stamp_s)
 
 
 def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
@@ -98,27 +100,45 @@ def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
     A = transition(params.order, dt)
     A_all = np.kron(A, np.eye(3))
     Q = np.kron(process_noise(params.order, dt, params.noise_density), np.eye(3))
-    return Belief(stamp_s, A @ belief.mean, _symmetric(A_all @ belief.cov @ A_all.T + Q), belief.rejections, belief.nis)
+    P = _symmetric(A_all @ belief.cov @ A_all.T + Q)
+    return replace(belief, stamp_s=stamp_s, mean=A @ belief.mean, cov=P)
 
 
 def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Belief:
     """The belief after a measured `position` (3,) m with `cov` (3, 3) m² at its stamp.
 
-    An outlier leaves the state as it was and counts; the one after too many restarts the filter.
+    A measurement outside the gate is first taken for a sudden change of motion (everything but the
+    position as uncertain as at the start); outside that too it is an outlier, which leaves the state
+    as it was and counts.  The one after too many restarts the filter.
     """
-    innovation = position - belief.mean[0]
-    S = belief.cov[:3, :3] + cov
-    nis = float(innovation @ np.linalg.solve(S, innovation))
+    nis = _nis(belief, position, cov)
     if nis > params.gate_chi2:
-        if belief.rejections + 1 >= params.max_rejections:
-            return start(params, belief.stamp_s, position, cov)
-        return Belief(belief.stamp_s, belief.mean, belief.cov, belief.rejections + 1, nis)
+        loose = _loosened(params, belief)
+        if _nis(loose, position, cov) > params.gate_chi2:
+            if belief.rejections + 1 >= params.max_rejections:
+                return start(params, belief.stamp_s, position, cov)
+            return replace(belief, rejections=belief.rejections + 1, nis=nis)
+        belief = loose
+    S = belief.cov[:3, :3] + cov
     gain = np.linalg.solve(S, belief.cov[:3]).T
-    mean = belief.mean + (gain @ innovation).reshape(params.order, 3)
+    mean = belief.mean + (gain @ (position - belief.mean[0])).reshape(params.order, 3)
     keep = np.eye(3 * params.order)
     keep[:, :3] -= gain
     P = keep @ belief.cov @ keep.T + gain @ cov @ gain.T  # Joseph form: positive whatever the rounding
-    return Belief(belief.stamp_s, mean, _symmetric(P), 0, nis)
+    return Belief(belief.stamp_s, mean, _symmetric(P), belief.stamp_s, 0, nis)
+
+
+def _nis(belief: Belief, position: Array, cov: Array) -> float:
+    """Squared Mahalanobis distance of a measurement from where it was expected."""
+    innovation = position - belief.mean[0]
+    return float(innovation @ np.linalg.solve(belief.cov[:3, :3] + cov, innovation))
+
+
+def _loosened(params: KalmanParams, belief: Belief) -> Belief:
+    """As if the motion had begun anew at the last update: its prior spread added to every derivative."""
+    prior = np.diag([0.0, *params.prior_std[: params.order - 1]]) ** 2
+    A = transition(params.order, belief.stamp_s - belief.updated_s)
+    return replace(belief, cov=belief.cov + np.kron(A @ prior @ A.T, np.eye(3)))
 
 
 def _symmetric(P: Array) -> Array:

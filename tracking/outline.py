@@ -17,6 +17,7 @@ from pps_vision.types import Array, Image, Mask
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
 _MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
+_SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 _CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
 
 
@@ -63,8 +64,9 @@ class Optics:
 def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     """Soft coverage from a hard mask (h, w) of the region `box` of an RGB image.
 
-    In a band around the mask's edge a pixel mixes the colours F just inside and B just outside; its
-    share of F is read off along the line B → F.  What is left over says how well that explains it.
+    In a band around the mask's edge a pixel mixes the colours F just inside and B just outside:
+    I = a·F + b·B, with a + b near 1 but not bound to it, since light falls off towards the rim of a
+    round object.  What is left over says how well that explains the pixel.
     """
     x0, y0, x1, y1 = box
     roi = image[y0:y1, x0:x1].astype(np.float32)
@@ -76,27 +78,48 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
         inner = hard
     outer = 1 - cv2.dilate(hard, kernel, iterations=band)
     window = (4 * band + 5, 4 * band + 5)
-    F, B = _local_mean(roi, inner, window), _local_mean(roi, outer, window)
-    line = F - B
-    contrast = np.maximum(np.einsum("ijk,ijk->ij", line, line), 1.0)
-    raw = np.einsum("ijk,ijk->ij", roi - B, line) / contrast
-    alpha = np.clip(raw, 0.0, 1.0)
     edge = (inner == 0) & (outer == 0)
-    rest = roi - B - alpha[..., None] * line
-    noise = float(np.mean(np.square(rest[edge]))) + 1.0 if edge.any() else 1.0
-    alpha[inner != 0], alpha[outer != 0] = 1.0, 0.0
-    variance = np.where(edge, np.minimum(3 * noise / contrast, 0.25), 0.0)
-    return Coverage(alpha, variance.astype(np.float32), box)
+    F, B = _local_mean(roi, inner, window, edge), _local_mean(roi, outer, window, edge)
+    alpha = inner.astype(np.float32)
+    variance = np.zeros_like(alpha)
+    if edge.any():
+        alpha[edge], variance[edge] = _unmix(roi[edge], F, B)
+    return Coverage(alpha, variance, box)
 
 
-def _local_mean(roi: NDArray[np.float32], where: NDArray[np.uint8], window: tuple[int, int]) -> NDArray[np.float32]:
-    """(h, w, 3) mean colour of the marked pixels nearby; of all marked ones where none is near."""
+def _unmix(
+    I: NDArray[np.float32], F: NDArray[np.float32], B: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Share of F (n,) in pixels I (n, 3) that mix F and B, and its variance."""
+    line = F - B
+    contrast = np.maximum(np.einsum("ij,ij->i", line, line), 1.0)
+    plain = np.clip(np.einsum("ij,ij->i", I - B, line) / contrast, 0.0, 1.0)
+    rest = I - B - plain[:, None] * line
+    bound = (float(np.mean(rest * rest)) + 1.0) / _SHADE_STD**2
+    ff, bb = np.einsum("ij,ij->i", F, F) + bound, np.einsum("ij,ij->i", B, B) + bound
+    fb = np.einsum("ij,ij->i", F, B) + bound
+    fi, bi = np.einsum("ij,ij->i", F, I) + bound, np.einsum("ij,ij->i", B, I) + bound
+    det = np.maximum(ff * bb - fb * fb, 1e-3)
+    a = np.maximum((bb * fi - fb * bi) / det, 0.0)
+    b = np.maximum((ff * bi - fb * fi) / det, 0.0)
+    alpha = a / np.maximum(a + b, 1e-6)
+    rest = I - a[:, None] * F - b[:, None] * B
+    noise = float(np.mean(rest * rest)) + 1.0
+    variance = np.minimum(noise / contrast, 0.25)
+    return alpha.astype(np.float32), variance.astype(np.float32)
+
+
+def _local_mean(
+    roi: NDArray[np.float32], where: NDArray[np.uint8], window: tuple[int, int], at: Mask
+) -> NDArray[np.float32]:
+    """(n, 3) mean colour of the marked pixels around each pixel of `at`; of all marked ones where
+    none is near."""
     weight = where.astype(np.float32)
     total = cv2.boxFilter(roi * weight[..., None], -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    count = cv2.boxFilter(weight, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)[..., None]
+    count = cv2.boxFilter(weight, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)[at, None]
     marked = max(float(weight.sum()), 1.0)
     overall = np.einsum("ijk,ij->k", roi, weight) / marked
-    mean: NDArray[np.float32] = np.where(count > 0.5, total / np.maximum(count, 1.0), overall)
+    mean: NDArray[np.float32] = np.where(count > 0.5, total[at] / np.maximum(count, 1.0), overall)
     return mean
 
 

@@ -233,7 +233,7 @@ class Tracker:
             p, v = self._belief.mean[0], self._belief.mean[1]
             shift = tuple(look.view.project_jacobian(p) @ v * (stamp_s - look.stamp_s) for look in looks)
         observation = self._association.observe(view, left.outline, right.outline, stamp_s, shift)
-        if observation is not None:
+        if observation is not None and self._hits > 0:  # the first outline, grown from motion, is rough
             self._association.learn(observation, left.outline, right.outline)
         return observation
 
