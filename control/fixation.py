@@ -1,0 +1,110 @@
+"""Keep both eyes on a point (J IV.1), the eyes' tilt helping the neck where it ends."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from control.head import TILT, HeadLimits, gaze_columns, gaze_of, gaze_range
+from control.rates import rate_bounds, solve_rates
+from pps_vision.geometry.camera import StereoView
+from pps_vision.geometry.triangulation import midpoint
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.types import Array, JointVelocity
+
+# Least squares weights of the rates, in units of the features': the tilt is dear, so it moves
+# only where neck pitch cannot; what it costs shows as an error of (0.05)² of the tilt's return.
+_WEIGHTS = np.array([1e-3, 1e-3, 0.05, 1e-3])
+
+
+@dataclass(frozen=True)
+class FixationParams:
+    """`gain_per_s` is k of G = k·(∂x/∂q)⁻¹, stable below 2/dt; the tilt returns to zero at
+    `tilt_return_per_s` as the neck takes over."""
+
+    gain_per_s: float = 8.0
+    tilt_return_per_s: float = 2.0
+    limits: HeadLimits = field(default_factory=HeadLimits)
+
+
+def step(
+    params: FixationParams,
+    posture: Posture,
+    p_root: ArrayLike,
+    v_root: ArrayLike = (0.0, 0.0, 0.0),
+    dt_s: float = 0.05,
+    stamp_s: float = 0.0,
+) -> JointVelocity:
+    """Head and eye rates q̇ = −G x towards fixation of a point (J IV.1).
+
+    x is [a_L − a_R, mean a, mean b] of the azimuth a and elevation b (rad) under which each eye
+    sees the point: J's pixel features, free of the lens and linear in the joints far off axis
+    too.  `p_root` (3,) m is where the target is at `stamp_s`, `v_root` (3,) m/s its velocity,
+    fed forward.  ValueError for a target that is not finite.
+    """
+    p, v = np.asarray(p_root, dtype=float), np.asarray(v_root, dtype=float)
+    if p.shape != (3,) or v.shape != (3,) or not (np.all(np.isfinite(p)) and np.all(np.isfinite(v))):
+        raise ValueError(f"target at {p} moving {v}: expected a known point and velocity (3,)")
+    gaze, columns = gaze_of(posture), gaze_columns(posture.robot)
+    x, dx_dq, dx_dp = features(posture, p)
+    lower, upper = gaze_range(params.limits.gaze, posture)
+    bounds = rate_bounds(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
+    preferred = np.zeros(4)
+    preferred[TILT] = -params.tilt_return_per_s * gaze[TILT]
+    rates = solve_rates(dx_dq @ columns, -params.gain_per_s * x - dx_dp @ v, preferred, _WEIGHTS, bounds)
+    return JointVelocity(stamp_s, columns @ rates)
+
+
+def features(posture: Posture, p_root: Array) -> tuple[Array, Array, Array]:
+    """x (3,) of a root point, ∂x/∂q (3, n_joints) and ∂x/∂p (3, 3): the interaction matrices."""
+    names = posture.robot.names
+    seen = [_direction(posture, eye, p_root) for eye in (names.left_eye, names.right_eye)]
+    left, right = (np.column_stack([angles, d_dq, d_dp]) for angles, d_dq, d_dp in seen)
+    rows = np.vstack([left[0] - right[0], 0.5 * (left + right)])
+    return rows[:, 0], rows[:, 1:-3], rows[:, -3:]
+
+
+def _direction(posture: Posture, eye: str, p_root: Array) -> tuple[Array, Array, Array]:
+    """Azimuth and elevation (2,) of a point seen by an eye, with their slopes by q and by p_root."""
+    T = posture.T_root(eye)
+    X, Y, Z = at = (p_root - T[:3, 3]) @ T[:3, :3]
+    rho2 = max(X * X + Z * Z, 1e-12)
+    rho, r2 = np.sqrt(rho2), rho2 + Y * Y
+    d_at = np.array([[Z / rho2, 0.0, -X / rho2], [-X * Y / (rho * r2), rho / r2, -Z * Y / (rho * r2)]])
+    d_dp = d_at @ T[:3, :3].T
+    # what turns the eye carries a point fixed to it; the target moves the other way in its sight
+    d_dq = -d_dp @ posture.jacobian(eye, at)[:3]
+    return np.array([np.arctan2(X, Z), np.arctan2(Y, rho)]), d_dq, d_dp
+
+
+def point_of_pixels(view: StereoView, left_px: ArrayLike, right_px: ArrayLike) -> Array | None:
+    """The root point (3,) that two image points (2,) (as recorded, lens distortion included) show,
+    for `step`; None where their rays do not meet in front of the eyes."""
+    rays = view.left.rays(left_px), view.right.rays(right_px)
+    return midpoint(view.left.center, rays[0], view.right.center, rays[1])
+
+
+def fixation_error(posture: Posture, p_root: ArrayLike) -> float:
+    """The larger of the two angles (rad) between an eye's optical axis and the way to the point."""
+    errors = []
+    for eye in (posture.robot.names.left_eye, posture.robot.names.right_eye):
+        T = posture.T_root(eye)
+        way = np.asarray(p_root, dtype=float) - T[:3, 3]
+        axis = T[:3, 2]
+        errors.append(np.arctan2(np.linalg.norm(np.cross(axis, way)), axis @ way))
+    return float(max(errors))
+
+
+def gaze_at(robot: Robot, q_rad: ArrayLike, p_root: ArrayLike, params: FixationParams | None = None) -> Array:
+    """The configuration (n_joints,) whose eyes fixate a point, or come as near as their limits let
+    them: the same law, run to its end from `q_rad`."""
+    params = params or FixationParams()
+    unhurried = replace(params.limits, neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6)
+    whole_step = replace(params, gain_per_s=0.8, tilt_return_per_s=0.5, limits=unhurried)
+    q = np.array(q_rad, dtype=float)
+    for _ in range(60):
+        dq = step(whole_step, robot.at(q), p_root, dt_s=1.0).dq_rad_s
+        q += dq
+        if np.abs(dq).max() < 1e-9:
+            break
+    return q

@@ -1,0 +1,59 @@
+"""The head as a gaze: neck yaw, neck pitch, eyes tilt, vergence.
+
+The eyes' version and the neck's roll stay where they are (J moves neither).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.types import Array
+
+YAW, PITCH, TILT, VERGENCE = range(4)
+_DEG = np.pi / 180
+
+
+@dataclass(frozen=True)
+class HeadLimits:
+    """How far (J's gaze range, narrowed by the robot's own limits) and how fast the head may turn."""
+
+    gaze: GazeLimits = field(default_factory=GazeLimits)
+    neck_rad_s: float = 60 * _DEG
+    eyes_rad_s: float = 180 * _DEG
+
+    @property
+    def max_rate(self) -> Array:
+        """(4,) rad/s; both eyes turn, so vergence changes twice as fast as one of them."""
+        return np.array([self.neck_rad_s, self.neck_rad_s, self.eyes_rad_s, 2 * self.eyes_rad_s])
+
+
+def gaze_of(posture: Posture) -> Array:
+    """(4,) neck yaw, neck pitch, eyes tilt, vergence, rad."""
+    yaw, pitch, tilt, left, right = posture.q_rad[posture.robot.indices(posture.robot.names.gaze_joints)]
+    return np.array([yaw, pitch, tilt, left - right])
+
+
+def gaze_range(limits: GazeLimits, posture: Posture) -> tuple[Array, Array]:
+    """Lower and upper (4,) rad of the gaze at the present version: `limits` and the robot's own."""
+    robot = posture.robot
+    index = robot.indices(robot.names.gaze_joints)
+    low, high = robot.lower_rad[index], robot.upper_rad[index]
+    left, right = posture.q_rad[index[3:]]
+    version = 0.5 * (left + right)
+    lower = np.array([*low[:3], 2 * max(low[3] - version, version - high[4])])
+    upper = np.array([*high[:3], 2 * min(high[3] - version, version - low[4])])
+    asked = [YAW, PITCH, VERGENCE]  # J knows no tilt
+    lower[asked] = np.maximum(lower[asked], limits.lower)
+    upper[asked] = np.minimum(upper[asked], limits.upper)
+    return lower, upper
+
+
+def gaze_columns(robot: Robot) -> Array:
+    """(n_joints, 4) how each joint turns with the gaze: dq = gaze_columns @ d(gaze)."""
+    columns = np.zeros((robot.n_joints, 4))
+    yaw, pitch, tilt, left, right = robot.indices(robot.names.gaze_joints)
+    columns[yaw, YAW] = columns[pitch, PITCH] = columns[tilt, TILT] = 1.0
+    columns[left, VERGENCE], columns[right, VERGENCE] = 0.5, -0.5
+    return columns
