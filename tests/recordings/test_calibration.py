@@ -1,0 +1,73 @@
+"""The robot's calibration form, and fitting a camera to images of another resolution."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import Camera
+from pps_vision.recordings.calibration import fit_to_images, read_icub_eyes, write_icub_eyes
+from pps_vision.recordings.problems import BadInput
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
+
+
+@pytest.fixture
+def ini(tmp_path: Path) -> Path:
+    file = tmp_path / "icubEyes.ini"
+    write_icub_eyes(file, LEFT_EYE, RIGHT_EYE)
+    return file
+
+
+def test_what_is_written_is_read(ini: Path) -> None:
+    assert read_icub_eyes(ini) == (LEFT_EYE, RIGHT_EYE)
+
+
+def test_tabs_comments_and_foreign_keys_are_taken(ini: Path) -> None:
+    text = ini.read_text().replace("fx ", "fx\t\t").replace("[CAMERA", "// a remark\ndrawCenterCross\t0\n[CAMERA")
+    ini.write_text(text + "\n[STEREO]\nfx wrong\n")
+    assert read_icub_eyes(ini) == (LEFT_EYE, RIGHT_EYE)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("fx 219.057", "fx abc", r"icubEyes\.ini:5: fx abc; expected a number"),
+        ("fx 219.057", "fx nan", r"icubEyes\.ini:5: fx nan; expected a finite"),
+        ("fx 219.057", "fx 0", r"icubEyes\.ini:5: fx 0; expected a positive"),
+        ("fx 219.057", "", r"icubEyes\.ini:1: \[CAMERA_CALIBRATION_LEFT\] has no fx"),
+        ("[CAMERA_CALIBRATION_RIGHT]", "[OTHER]", r"icubEyes\.ini: no section \[CAMERA_CALIBRATION_RIGHT\]"),
+    ],
+)
+def test_what_is_missing_is_named(ini: Path, old: str, new: str, message: str) -> None:
+    ini.write_text(ini.read_text().replace(old, new))
+    with pytest.raises(BadInput, match=message):
+        read_icub_eyes(ini)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"none\.ini: cannot be read: No such file"):
+        read_icub_eyes(tmp_path / "none.ini")
+
+
+def test_k3_has_no_place_in_the_form(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"right camera has k3 = 0\.5"):
+        write_icub_eyes(tmp_path / "a.ini", LEFT_EYE, Camera(4, 3, 1, 1, 0, 0, (0, 0, 0, 0, 0.5)))
+
+
+def test_a_resized_image_shows_the_same_point_at_the_resized_camera(ini: Path) -> None:
+    # the oracle is OpenCV's own resizing: the centroid of a blob seen by either camera
+    left, _ = read_icub_eyes(ini, (640, 480))
+    point = np.array([0.05, 0.02, 0.4])
+    u, v = LEFT_EYE.project(point)
+    rows, columns = np.mgrid[:240, :320]
+    blob = np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 18)
+    large = cv2.resize(blob, (640, 480), interpolation=cv2.INTER_AREA)
+    rows, columns = np.mgrid[:480, :640]
+    centroid = np.array([(large * columns).sum(), (large * rows).sum()]) / large.sum()
+    np.testing.assert_allclose(left.project(point), centroid, atol=0.01)
+
+
+def test_other_proportions_are_refused() -> None:
+    with pytest.raises(BadInput, match=r"a\.ini: calibrated for 320×240 pixels, images are 640×360"):
+        fit_to_images(LEFT_EYE, (640, 360), Path("a.ini"))

@@ -1,0 +1,88 @@
+"""Outputs appear whole or not at all."""
+
+from pathlib import Path
+
+import pytest
+
+from pps_vision.recordings.outputs import whole_file, whole_folder
+from pps_vision.recordings.problems import BadInput
+
+
+def test_a_folder_appears_when_the_block_ends(tmp_path: Path) -> None:
+    target = tmp_path / "deep" / "out"
+    with whole_folder(target) as folder:
+        (folder / "a").write_text("1")
+        assert not target.exists()
+    assert [p.name for p in target.iterdir()] == ["a"]
+    assert [p.name for p in target.parent.iterdir()] == ["out"]
+
+
+def test_a_failed_folder_leaves_nothing(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with whole_folder(tmp_path / "out") as folder:
+            (folder / "a").write_text("1")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    target.mkdir()
+    with whole_folder(target) as folder:
+        (folder / "mine").write_text("1")
+    with pytest.raises(BadInput, match="already holds mine"), whole_folder(target):
+        pass
+    assert (target / "mine").read_text() == "1"
+
+
+def test_a_previous_run_is_replaced_but_nothing_foreign_is(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    for text in ("old", "new"):
+        with whole_folder(target, replaceable=("report.html",)) as folder:
+            (folder / "report.html").write_text(text)
+    assert (target / "report.html").read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    (target / "thesis.txt").write_text("mine")
+    with pytest.raises(BadInput, match=r"already holds thesis\.txt"), whole_folder(target, ("report.html",)):
+        pass
+
+
+def test_a_failed_second_run_keeps_the_first(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    with whole_folder(target) as folder:
+        (folder / "a").write_text("old")
+    with pytest.raises(RuntimeError), whole_folder(target, replaceable=("a",)):
+        raise RuntimeError
+    assert (target / "a").read_text() == "old"
+
+
+@pytest.mark.parametrize("whole", [whole_folder, whole_file])
+def test_an_unwritable_place_is_refused_on_entering(tmp_path: Path, whole) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="cannot be written"), whole(tmp_path / "file" / "out"):
+        pytest.fail("entered")
+
+
+def test_a_file_where_a_folder_is_asked_for_and_the_reverse(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="is a file"), whole_folder(tmp_path / "file"):
+        pass
+    with pytest.raises(BadInput, match="is a folder"), whole_file(tmp_path):
+        pass
+
+
+def test_a_file_appears_when_the_block_ends_and_keeps_its_suffix(tmp_path: Path) -> None:
+    target = tmp_path / "boxes.csv"
+    target.write_text("old")
+    with whole_file(target) as partial:
+        assert partial.suffix == ".csv"
+        partial.write_text("new")
+        assert target.read_text() == "old"
+    assert target.read_text() == "new"
+    with pytest.raises(ZeroDivisionError), whole_file(target) as partial:
+        partial.write_text(f"broken {1 / 0}")
+    assert target.read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["boxes.csv"]

@@ -1,0 +1,90 @@
+"""Left and right images by their stamps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+
+from pps_vision.recordings.image_file import ImageFile
+from pps_vision.recordings.pairing import pair_by_stamp
+from pps_vision.recordings.problems import Problem, ProblemKind
+
+
+def images(side: str, stamps: list[float]) -> list[ImageFile]:
+    log = Path(side) / "data.log"
+    return [ImageFile(log.with_name(f"{i}.ppm"), t, log=log, line=i) for i, t in enumerate(sorted(stamps), start=1)]
+
+
+def pair(left: list[float], right: list[float], skew: float = 0.02) -> tuple[list[tuple[float, float]], list[Problem]]:
+    problems: list[Problem] = []
+    pairs = pair_by_stamp(images("left", left), images("right", right), skew, problems)
+    return [(a.stamp_s, b.stamp_s) for a, b in pairs], problems
+
+
+def test_the_unpaired_are_named_by_file_and_line() -> None:
+    pairs, problems = pair([0.0, 0.1, 0.2], [0.005, 0.23])
+    assert pairs == [(0.0, 0.005)]
+    assert {problem.kind for problem in problems} == {ProblemKind.UNPAIRED}
+    assert [str(problem) for problem in problems] == [
+        "left/data.log:2: 2.ppm is unpaired; expected a right image within 20 ms",
+        "left/data.log:3: 3.ppm is unpaired; expected a right image within 20 ms",
+        "right/data.log:2: 2.ppm is unpaired; expected a left image within 20 ms",
+    ]
+
+
+def test_one_eye_without_images_pairs_nothing() -> None:
+    pairs, problems = pair([], [0.0, 0.1])
+    assert pairs == []
+    assert len(problems) == 2
+
+
+def test_two_images_of_one_stamp_make_one_pair() -> None:
+    pairs, problems = pair([1.0, 1.0, 2.0], [1.0, 2.0, 2.0, 2.0])
+    assert pairs == [(1.0, 1.0), (2.0, 2.0)]
+    assert len(problems) == 3
+
+
+@pytest.mark.parametrize("skew", [-0.1, float("nan"), float("inf")])
+def test_a_tolerance_must_be_a_time(skew: float) -> None:
+    with pytest.raises(ValueError, match=r"max_skew_s .* expected a finite time"):
+        pair([0.0], [0.0], skew)
+
+
+stamps = st.lists(st.integers(0, 400).map(lambda n: n / 1000), max_size=12)
+
+
+@given(left=stamps, right=stamps)
+def test_pairs_are_one_to_one_close_and_in_order(left: list[float], right: list[float]) -> None:
+    pairs, problems = pair(left, right)
+    assert len(left) + len(right) == 2 * len(pairs) + len(problems)
+    assert all(abs(a - b) <= 0.02 + 1e-12 for a, b in pairs)
+    for eye in range(2):
+        chosen = [p[eye] for p in pairs]
+        assert chosen == sorted(chosen)
+
+
+def test_eyes_half_a_frame_apart_lose_no_pair() -> None:
+    rng = np.random.default_rng(3)
+    left = np.arange(50) / 30 + rng.uniform(-0.001, 0.001, 50)
+    right = np.arange(50) / 30 + 1 / 60 + rng.uniform(-0.001, 0.001, 50)
+    pairs, _ = pair(list(left), list(right))
+    assert pairs == list(zip(left, right, strict=True))
+
+
+def test_equal_stamps_pair_without_tolerance() -> None:
+    assert pair([0.1, 0.2, 0.3], [0.2, 0.3, 0.4], 0)[0] == [(0.2, 0.2), (0.3, 0.3)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_jittered_eyes_pair_as_the_optimal_assignment(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    true = np.cumsum(rng.uniform(0.05, 0.08, 40))
+    keep = rng.random((2, 40)) > 0.2
+    left, right = (list(true[k] + rng.uniform(-0.006, 0.006, k.sum())) for k in keep)
+    cost = np.abs(np.subtract.outer(left, right))
+    rows, columns = linear_sum_assignment(np.minimum(cost, 2 * 0.02))  # two unpaired images cost as much
+    best = {(left[i], right[j]) for i, j in zip(rows, columns, strict=True) if cost[i, j] <= 0.02}
+    assert set(pair(left, right)[0]) == best

@@ -1,0 +1,221 @@
+"""Reading a recording that is damaged: what is named and skipped, and what ends it."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from recordings.recorded import ROBOT, START_S, Written, write_recording
+
+from pps_vision.recordings.problems import BadInput, ProblemKind
+from pps_vision.recordings.yarp import open_yarp
+
+
+@pytest.fixture
+def rec(tmp_path: Path) -> Written:
+    return write_recording(tmp_path / "rec", n=4)
+
+
+def change(log: Path, line: int, text: str) -> None:
+    """Replace a line (from 1) of a log."""
+    lines = log.read_text().splitlines()
+    lines[line - 1] = text
+    log.write_text("\n".join(lines) + "\n")
+
+
+def problems_of(folder: Path) -> tuple[list[tuple[ProblemKind, str, int | None]], list[int]]:
+    """(kind, file, line) of every problem and the numbers of the frames that remain."""
+    recording = open_yarp(folder)
+    numbers = [number for number, _ in recording.numbered()]
+    return [(p.kind, p.file.relative_to(folder).as_posix(), p.line) for p in recording.problems], numbers
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut", "missing"])
+def test_a_bad_image_is_skipped(rec: Written, damage: str) -> None:
+    file = rec.folder / "cam/right/00000002.ppm"
+    file.unlink() if damage == "missing" else file.write_bytes(file.read_bytes()[:20] if damage == "cut" else b"")
+    assert problems_of(rec.folder) == ([(ProblemKind.IMAGE, "cam/right/data.log", 3)], [0, 1, 3])
+
+
+def test_a_bad_log_row_is_skipped(rec: Written) -> None:
+    change(rec.folder / "head/data.log", 2, "1 1512784563.55 1 2 3")
+    change(rec.folder / "skin/data.log", 1, f"0 {START_S} left_forearm:x")
+    change(rec.folder / "cam/left/data.log", 3, f"2 {START_S + 0.1}")
+    problems, numbers = problems_of(rec.folder)
+    assert problems == [
+        (ProblemKind.ROW, "head/data.log", 2),
+        (ProblemKind.ROW, "skin/data.log", 1),
+        (ProblemKind.ROW, "cam/left/data.log", 3),
+        (ProblemKind.UNPAIRED, "cam/right/data.log", 3),
+    ]
+    assert numbers == [0, 1, 3]
+
+
+def test_a_backwards_stamp_is_skipped(rec: Written) -> None:
+    change(rec.folder / "cam/left/data.log", 3, f"2 {START_S - 1} 00000002.ppm")
+    problems, numbers = problems_of(rec.folder)
+    assert problems[0] == (ProblemKind.STAMP, "cam/left/data.log", 3)
+    assert numbers == [0, 1, 3]
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e30"])
+def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, value: str) -> None:
+    change(rec.folder / "torso/data.log", 3, f"2 {START_S + 0.05} 0 {value} 0")
+    problems, numbers = problems_of(rec.folder)
+    assert problems == [(ProblemKind.JOINTS, "torso/data.log", 3)]
+    assert numbers == [0, 1, 2, 3]
+    before, after = (rec.frames[i] for i in (0, 1))
+    roll = ROBOT.indices(("torso_roll",))[0]
+    expected = np.interp(
+        START_S + 0.05,
+        [before.stamp_right_s, after.stamp_right_s],
+        [before.joints_right_rad[roll], after.joints_right_rad[roll]],
+    )
+    frame = dict(open_yarp(rec.folder).numbered())[1]
+    assert frame.joints_left_rad[roll] == pytest.approx(expected, abs=1e-6)
+
+
+def test_frames_that_the_joints_do_not_span(rec: Written) -> None:
+    # head samples of the first frame only: 50 ms and 100 ms on it still holds, 150 ms on it does not
+    log = rec.folder / "head/data.log"
+    log.write_text("\n".join(log.read_text().splitlines()[:2]))
+    problems, numbers = problems_of(rec.folder)
+    assert problems == [(ProblemKind.JOINTS, f"cam/{side}/data.log", 4) for side in ("left", "right")]
+    assert numbers == [0, 1, 2]
+    frames = dict(open_yarp(rec.folder).numbered())
+    neck = ROBOT.indices(("neck_yaw",))[0]
+    assert frames[2].joints_left_rad[neck] == pytest.approx(rec.frames[0].joints_right_rad[neck], abs=1e-8)
+
+
+def test_an_unpaired_frame_is_named(rec: Written) -> None:
+    change(rec.folder / "cam/right/data.log", 2, f"1 {START_S + 0.075} 00000001.ppm")
+    problems, numbers = problems_of(rec.folder)
+    assert problems == [(ProblemKind.UNPAIRED, f"cam/{side}/data.log", 2) for side in ("left", "right")]
+    assert numbers == [0, 2, 3]
+    assert len(open_yarp(rec.folder, max_skew_s=0.03)) == 4
+
+
+def test_two_stamps_and_pixel_codes_are_read(rec: Written) -> None:
+    for log in rec.folder.rglob("data.log"):
+        rows = [row.split() for row in log.read_text().splitlines()]
+        code = ["[rgb]"] if log.parent.parent.name == "cam" else []
+        log.write_text("\n".join(" ".join([r[0], r[1], repr(float(r[1]) + 0.7), *r[2:], *code]) for r in rows))
+    recording = open_yarp(rec.folder)
+    assert recording.problems == []
+    assert [f.stamp_left_s for f in recording] == [f.stamp_left_s for f in rec.frames]
+    np.testing.assert_allclose(next(iter(recording)).joints_left_rad, rec.frames[0].joints_left_rad, atol=1e-8)
+    assert [touch.taxel_ids for touch in recording.touches] == [ids for _, ids in rec.touches]
+
+
+@pytest.mark.parametrize("with_info", [True, False])
+def test_ports_are_found_by_other_names(rec: Written, with_info: bool) -> None:
+    names = {
+        "cam/left": "icub/cam/left/rgbImage_o",
+        "cam/right": "icub/cam/right/rgbImage_o",
+        "head": "icub/head/state_o",
+        "right_arm": "rightArm",
+    }
+    for old, new in names.items():
+        (rec.folder / new).parent.mkdir(parents=True, exist_ok=True)
+        (rec.folder / old).rename(rec.folder / new)
+    shutil.rmtree(rec.folder / "left_arm")
+    (rec.folder / "imu_left").mkdir()
+    (rec.folder / "imu_left/data.log").write_text("0 1.0 2 3\n")
+    if not with_info:
+        for info in rec.folder.rglob("info.log"):
+            info.unlink()
+    recording = open_yarp(rec.folder)
+    assert (len(recording), recording.problems) == (4, [])
+    joints = next(iter(recording)).joints_left_rad
+    right, left = (ROBOT.indices(ROBOT.names.arm(side)) for side in ("right", "left"))
+    np.testing.assert_allclose(joints[right], rec.frames[0].joints_left_rad[right], atol=1e-8)
+    np.testing.assert_array_equal(joints[left], 0)
+
+
+def test_without_truth_touches_and_calibration(rec: Written) -> None:
+    (rec.folder / "truth.csv").unlink()
+    (rec.folder / "icubEyes.ini").unlink()
+    shutil.rmtree(rec.folder / "skin")
+    recording = open_yarp(rec.folder)
+    assert (recording.truth, recording.touches, recording.calibration) == ((), (), None)
+
+
+@pytest.mark.parametrize("name", ["../../secret.ppm", "/etc/passwd", "a/../../b.ppm"])
+def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> None:
+    change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} {name}")
+    with pytest.raises(BadInput, match=r"cam/left/data\.log:2: file name .* points outside"):
+        open_yarp(rec.folder)
+
+
+@pytest.mark.parametrize(
+    ("log", "text", "message"),
+    [
+        ("head", "what is this\n", r"head/data\.log:1: 'what is this'; expected index, stamp and 6 numbers"),
+        ("head", f"0 {START_S} nan 0 0 0 0 0\n", r"head/data\.log: no readable sample"),
+        ("head", "", r"head/data\.log: no readable sample"),
+        ("skin", "0 1.0 (1 2 (3))\n", r"skin/data\.log:1: '\(1'; expected touched taxels"),
+        ("cam/left", "\x00\x01\x02\n", r"cam/left/data\.log:1: "),
+        ("cam/left", "", "no usable frame"),
+        ("cam/left", f"0 {START_S - 60} 00000000.ppm\n", r"no usable frame.*cam/left/data\.log:1"),
+        ("cam/left", f"0 {START_S}\n", r"no usable frame.*cam/left/data\.log:1: 0 words"),
+        ("cam/left", f"0 {START_S} none.ppm\n", "no usable frame"),
+    ],
+)
+def test_what_cannot_be_read_at_all_is_refused(rec: Written, log: str, text: str, message: str) -> None:
+    (rec.folder / log / "data.log").write_text(text)
+    with pytest.raises(BadInput, match=message):
+        open_yarp(rec.folder)
+
+
+@pytest.mark.parametrize(("port", "message"), [("cam/left", "no left images"), ("head", "no head joints")])
+def test_a_missing_port_is_named(rec: Written, port: str, message: str) -> None:
+    shutil.rmtree(rec.folder / port)
+    with pytest.raises(BadInput, match=message):
+        open_yarp(rec.folder)
+
+
+def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None:
+    with pytest.raises(BadInput, match="none: no such folder"):
+        open_yarp(rec.folder / "none")
+    shutil.copytree(rec.folder / "head", rec.folder / "old" / "head")
+    with pytest.raises(BadInput, match=r"a second log for head; expected one, and .*head/data\.log is there"):
+        open_yarp(rec.folder)
+
+
+def test_images_of_two_sizes_are_refused(rec: Written) -> None:
+    (rec.folder / "cam/right/00000001.ppm").write_bytes(b"P6 2 1 255\nabcdef")
+    with pytest.raises(BadInput, match=r"cam/right/data\.log:2: 00000001\.ppm is 2×1 pixels; expected 8×6"):
+        list(open_yarp(rec.folder))
+
+
+rows = st.lists(
+    st.lists(
+        st.sampled_from(
+            ["0", "-1", str(START_S), str(START_S + 0.1), "nan", "1e308", "00000000.ppm", "skin:1", "\x00"]
+        ),
+        max_size=9,
+    ).map(" ".join),
+    max_size=6,
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(
+    port=st.sampled_from(["cam/left", "cam/right", "head", "torso", "skin"]),
+    content=st.one_of(st.binary(max_size=200), rows.map(lambda lines: "\n".join(lines).encode())),
+)
+def test_no_content_of_a_log_breaks_the_reader(rec: Written, port: str, content: bytes) -> None:
+    log = rec.folder / port / "data.log"
+    sound = log.read_bytes()
+    log.write_bytes(content)
+    refusal, joints = str(rec.folder), []
+    try:
+        joints = [frame.joints_left_rad for frame in open_yarp(rec.folder)]
+    except BadInput as error:
+        refusal = str(error)
+    finally:
+        log.write_bytes(sound)
+    assert str(rec.folder) in refusal
+    assert np.all(np.isfinite(joints))

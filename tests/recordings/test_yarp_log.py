@@ -1,0 +1,91 @@
+"""One log: the rows that can be read, in order, and every other one named."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pps_vision.recordings.problems import BadInput, Problem, ProblemKind
+from pps_vision.recordings.yarp_log import read_log
+
+
+def read(log: Path, text: str, n_numbers: int | None) -> tuple[list[tuple[int, float]], list[tuple[ProblemKind, int]]]:
+    """(line, stamp) of what is read and (kind, line) of what is not."""
+    log.write_text(text)
+    problems: list[Problem] = []
+    rows = read_log(log, n_numbers, problems)
+    return [(row.line, row.stamp_s) for row in rows], [(problem.kind, problem.line) for problem in problems]
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return tmp_path / "data.log"
+
+
+def test_one_or_two_stamps_the_senders_first(log: Path) -> None:
+    assert read(log, "0 1.5 a.ppm\n1 2.5 2.6 b.ppm [rgb]\n", None) == ([(1, 1.5), (2, 2.5)], [])
+    assert read(log, "0 1.5 7 8\n1 2.5 2.6 7 8\n", 2) == ([(1, 1.5), (2, 2.5)], [])
+
+
+def test_an_empty_payload_and_blank_lines_are_no_problem(log: Path) -> None:
+    assert read(log, "\n0 1.5 \r\n\n1 2.5\n", None) == ([(2, 1.5), (4, 2.5)], [])
+    assert read(log, "", 3) == ([], [])
+
+
+@pytest.mark.parametrize(
+    "row", ["1 2.0 7", "1 2.0 2.1 2.2 7 8", "x 2.0 7 8", "1 nan 7 8", "1 2.0 7 eight", "1 9e99 7 8"]
+)
+def test_a_row_of_another_form_is_skipped(log: Path, row: str) -> None:
+    rows, problems = read(log, f"0 1.0 7 8\n{row}\n2 3.0 7 8\n", 2)
+    assert [line for line, _ in rows] == [1, 3]
+    assert problems == [(ProblemKind.ROW, 2)]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "skipped"),
+    [
+        ((1, 2, 3, 1.5, 4), [4]),  # a single one goes back
+        ((1, 2, 3, 2.5, 4), [4]),  # of two that contradict each other, the later
+        ((1, 2, 900, 3, 4, 5), [3]),  # one that jumps ahead does not discard what follows
+        ((1, 2, 2, 3), []),  # equal stamps happen in real joint logs
+        ((5, 6, 7, 1, 2), [4, 5]),  # the clock was set back: the longer part
+    ],
+)
+def test_stamps_that_go_backwards_are_skipped(log: Path, stamps: tuple[float, ...], skipped: list[int]) -> None:
+    rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None)
+    assert problems == [(ProblemKind.STAMP, line) for line in skipped]
+    assert [line for line, _ in rows] == [line for line in range(1, len(stamps) + 1) if line not in skipped]
+
+
+def test_a_log_of_which_nothing_can_be_read_is_refused(log: Path) -> None:
+    with pytest.raises(BadInput, match=r"data\.log:2: 'what is this'; expected .* none of 2 rows can be read"):
+        read(log, "\nwhat is this\nor that\n", 3)
+    with pytest.raises(BadInput, match="cannot be read: No such file"):
+        read_log(log.with_name("none.log"), None, [])
+
+
+words = st.sampled_from(
+    ["0", "-1", "1.5", "nan", "inf", "1e400", "a.ppm", "../x", "[rgb]", "left_palm:101", "\x00", "9" * 400]
+)
+texts = st.lists(st.lists(words, max_size=6).map(" ".join), max_size=8).map("\n".join).map(str.encode)
+
+
+@given(content=st.one_of(st.binary(max_size=400), texts), n_numbers=st.sampled_from([None, 1, 3]))
+def test_no_content_breaks_it(tmp_path_factory: pytest.TempPathFactory, content: bytes, n_numbers: int | None) -> None:
+    log = tmp_path_factory.mktemp("fuzz") / "data.log"
+    log.write_bytes(content)
+    problems: list[Problem] = []
+    rows, refusal = [], ""
+    try:
+        rows = read_log(log, n_numbers, problems)
+    except BadInput as error:
+        refusal = str(error)
+    filled = [i for i, line in enumerate(content.decode(errors="replace").split("\n"), start=1) if line.split()]
+    if refusal:
+        assert refusal.startswith(f"{log}:{filled[0]}: ")
+    else:
+        told = [row.line for row in rows] + [problem.line for problem in problems]
+        assert sorted(told) == filled  # every row is either read or named
+    stamps = [row.stamp_s for row in rows]
+    assert stamps == sorted(stamps)
