@@ -50,25 +50,25 @@ def acquire(
     seed = np.zeros((box[3] - box[1], box[2] - box[0]), bool)
     seed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
     bins = color_bins(image[crop])
+    distinctness = 1.0
     if evidence is None:
         mask, model = _grow(params, bins, seed)
+        distinctness = 1 - model.similarity(model.background) if model else 0.0
     else:
         mask = _connected(evidence[crop] > 0.5, seed)
         model = _model(bins, mask) if mask is not None else None
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None
-    return _candidate(params, image, region, mask, model, box, optics)
+    shape = _object_outline(params, image, mask, box, optics)
+    return None if shape is None else Candidate(shape, model, region.evidence * distinctness)
 
 
-def _candidate(
-    params: AcquireParams, image: Image, region: Region2D, mask: Mask, model: ColorModel, box: Box, optics: Optics
-) -> Candidate | None:
+def _object_outline(params: AcquireParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
+    """The mask's outline, unless it is too large or too ragged for an object."""
     shape = outline(cover(image, mask, box), optics)
     if shape is None or shape.area_px > params.max_share * image.shape[0] * image.shape[1]:
         return None
-    if shape.area_px < params.min_fill * shape.box_px[2] * shape.box_px[3]:
-        return None
-    return Candidate(shape, model, region.evidence)
+    return shape if shape.area_px >= params.min_fill * shape.box_px[2] * shape.box_px[3] else None
 
 
 def _grow(params: AcquireParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
@@ -88,9 +88,13 @@ def _grow(params: AcquireParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[M
     return mask, model
 
 
+# Of what moves together the most colourful is the object, the rest what carries it (a hand, a sleeve).
+_VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
+
+
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
     around = cv2.dilate(mask.view(np.uint8), np.ones((5, 5), np.uint8)) == 0
-    return ColorModel(histogram(bins[mask]), histogram(bins[around]))
+    return ColorModel(histogram(bins[mask], _VIVIDNESS[bins[mask]]), histogram(bins[around]))
 
 
 def _connected(hard: Mask, seed: Mask) -> Mask | None:

@@ -1,5 +1,6 @@
 """From stereo frames to one tracked object: trigger → image → triangulation → filter (R Fig 13)."""
 
+import itertools
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
@@ -27,12 +28,16 @@ Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], Abst
 @dataclass(frozen=True)
 class TrackerParams:
     """`mode`: any moving object, or a marker of known hue.  An object is tracked once seen in both
-    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`."""
+    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`.  Of the
+    `max_candidates` most conspicuous things that move, the two eyes' are one when their colours are
+    `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than `max_ratio`."""
 
     mode: Literal["generic", "marker"] = "generic"
     confirm_frames: int = 3
     lost_after_s: float = 0.5
     max_candidates: int = 4
+    min_likeness: float = 0.7
+    max_ratio: float = 1.4
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
     trigger: TriggerParams = field(default_factory=TriggerParams)
@@ -178,7 +183,7 @@ class Tracker:
                 eye.candidates(look, r, eye.background.evidence(look.image, look.view) if grey else None)
                 for eye, look, r in zip(self._eyes, looks, regions, strict=True)
             ]
-            pair = self._best_pair(view, found[0], found[1], stamp_s)
+            pair = self._best_pair(view, found[0], found[1], stamp_s, grey)
             if pair is None:
                 return (None, None), regions
             for eye, look, candidate in zip(self._eyes, looks, pair, strict=True):
@@ -190,15 +195,18 @@ class Tracker:
         return self.own_body(look.joints, look.view) if self.own_body and look.joints is not None else None
 
     def _best_pair(
-        self, view: StereoView, left: list[Candidate], right: list[Candidate], stamp_s: float
+        self, view: StereoView, left: list[Candidate], right: list[Candidate], stamp_s: float, grey: bool
     ) -> tuple[Candidate, Candidate] | None:
         """The two candidates that are one object, with most evidence; colours must agree too."""
         best, most = None, 0.0
-        for a in left:
-            for b in right:
-                evidence = (a.evidence * b.evidence) ** 0.5 * a.model.similarity(b.model.object)
-                if evidence > most and self._association.observe(view, a.outline, b.outline, stamp_s):
-                    best, most = (a, b), evidence
+        for a, b in itertools.product(left, right):
+            likeness = 1.0 if grey else a.model.similarity(b.model.object)  # eyes differ in exposure
+            ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
+            evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
+            if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > self.params.max_ratio:
+                continue
+            if self._association.observe(view, a.outline, b.outline, stamp_s):
+                best, most = (a, b), evidence
         return best
 
     def _follow(

@@ -54,6 +54,7 @@ class Region2D:
 
 @dataclass(frozen=True, slots=True)
 class _Past:
+    image: Image
     grey: NDArray[np.uint8]
     view: View
     stamp_s: float
@@ -70,8 +71,12 @@ class Trigger:
 
     def step(self, image: Image, view: View, stamp_s: float, own: Mask | None = None) -> list[Region2D]:
         """Moving regions, strongest first; `own` (H, W) marks the robot's own body, which is no stimulus."""
-        present = _Past(cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3)), view, stamp_s, own)
-        while len(self._past) > 1 and stamp_s - self._past[1].stamp_s >= self.params.interval_s - 1e-6:
+        grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3))
+        present = _Past(image, np.asarray(grey, dtype=np.uint8), view, stamp_s, own)
+        interval_s = self.params.interval_s
+        while self._past and stamp_s - self._past[0].stamp_s > 3 * interval_s:
+            self._past.popleft()  # from before something was tracked
+        while len(self._past) > 1 and stamp_s - self._past[1].stamp_s >= interval_s - 1e-6:
             self._past.popleft()
         regions = self._regions(self._past[0], present) if self._past else []
         self._past.append(present)
@@ -82,11 +87,14 @@ class Trigger:
         parallax = 0.0 if still else self.ego.parallax_px(then.view, now.view)
         if parallax > p.max_parallax_px:
             return []
-        surprise = self._surprise(then, now, still, p.tolerance_px + parallax)
-        self._ignore_own(surprise, then, now, still)
+        tolerance_px = p.tolerance_px + parallax
+        surprise = self._surprise(then.grey, now.grey, then, now, tolerance_px)
         on = cv2.compare(surprise, 0, cv2.CMP_GT)
         if cv2.countNonZero(on) < p.min_area_px:
             return []
+        colors = [np.asarray(cv2.blur(one.image, (3, 3)), dtype=np.uint8) for one in (then, now)]
+        surprise = self._surprise(colors[0], colors[1], then, now, tolerance_px)  # with all its colours
+        on = cv2.compare(surprise, 0, cv2.CMP_GT)
         side = 2 * p.join_px + 1
         joined = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
         count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
@@ -103,24 +111,32 @@ class Trigger:
         contrast = np.where(labels[crop] == label, surprise[crop], 0)
         return Region2D((x, y, w, h), contrast > 0, float(contrast.sum()))
 
-    def _surprise(self, then: _Past, now: _Past, still: bool, tolerance_px: float) -> NDArray[np.uint8]:
-        """(H, W) by how many grey levels each pixel exceeds what the older image explains, noise included."""
-        height, width = now.grey.shape
-        kernel = np.ones((2 * round(tolerance_px) + 1,) * 2, np.uint8)
-        old = then.grey if still else self.ego.warp(then.grey, then.view, now.view)
-        difference = now.grey[::4, ::4].astype(np.int16) - old[::4, ::4]
+    def _surprise(
+        self, old: NDArray[np.uint8], new: NDArray[np.uint8], then: _Past, now: _Past, tolerance_px: float
+    ) -> NDArray[np.uint8]:
+        """(H, W) by how many levels each pixel exceeds what the older image explains, noise included;
+        of colour images (H, W, 3) the most of the three channels."""
+        still = self.ego.is_still(then.view, now.view)
+        if not still:
+            old = self.ego.warp(old, then.view, now.view)
+        difference = new[::4, ::4].astype(np.int16) - old[::4, ::4]
         exposure = float(np.median(difference))
         noise = 1.4826 * float(np.median(np.abs(difference - exposure)))
         threshold = max(self.params.noise_factor * noise, self.params.min_contrast)
+        kernel = np.ones((2 * round(tolerance_px) + 1,) * 2, np.uint8)
         high, low = cv2.dilate(old, kernel), cv2.erode(old, kernel)
         if not still:  # what the older image did not see explains everything
             low[old == 0], high[old == 0] = 0, 255
-        brighter = cv2.subtract(now.grey, cv2.add(high, (threshold + exposure,)))
-        darker = cv2.subtract(cv2.add(low, (exposure - threshold,)), now.grey)
+        brighter = cv2.subtract(new, cv2.add(high, (threshold + exposure,) * 3))
+        darker = cv2.subtract(cv2.add(low, (exposure - threshold,) * 3), new)
         surprise = cv2.max(brighter, darker)
+        if surprise.ndim == 3:
+            surprise = surprise.max(axis=2)
+        height, width = surprise.shape
         mx, my = round((1 - self.params.central) / 2 * width), round((1 - self.params.central) / 2 * height)
         surprise[:my], surprise[height - my :] = 0, 0
         surprise[:, :mx], surprise[:, width - mx :] = 0, 0
+        self._ignore_own(surprise, then, now, still)
         return np.asarray(surprise, dtype=np.uint8)
 
     def _ignore_own(self, surprise: NDArray[np.uint8], then: _Past, now: _Past, still: bool) -> None:
