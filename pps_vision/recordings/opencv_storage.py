@@ -115,6 +115,6 @@ def _numbers(file: Path, key: str, node: cv2.FileNode) -> Array:
 
 def _unreadable(file: Path, error: cv2.error, lines_added: int) -> BadInput:
     """OpenCV's parsing error as ours, with the line if it names one."""
-    place = re.findall(r"\((\d+)\): ([^\n']+)", str(error))
-    why, line = (place[-1][1], int(place[-1][0]) - lines_added) if place else (f"{error.err}", None)
+    place = re.findall(r"\((\d+)\): ([^\n]+)", str(error))
+    why, line = (place[-1][1].rstrip("'"), int(place[-1][0]) - lines_added) if place else (f"{error.err}", None)
     return BadInput(file, f"cannot be parsed: {why}; expected OpenCV's XML, YAML or JSON", line)

@@ -184,6 +184,13 @@ def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None
         open_yarp(rec.folder)
 
 
+def test_a_log_that_is_no_file_is_named(rec: Written) -> None:
+    shutil.rmtree(rec.folder / "head")
+    (rec.folder / "head/data.log").mkdir(parents=True)
+    with pytest.raises(BadInput, match=r"head/data\.log: cannot be read: Is a directory"):
+        open_yarp(rec.folder)
+
+
 def test_images_of_two_sizes_are_refused(rec: Written) -> None:
     (rec.folder / "cam/right/00000001.ppm").write_bytes(b"P6 2 1 255\nabcdef")
     with pytest.raises(BadInput, match=r"cam/right/data\.log:2: 00000001\.ppm is 2×1 pixels; expected 8×6"):
