@@ -1,0 +1,222 @@
+"""How a stimulus moves: functions of time that give position and velocity together."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pps_vision.geometry.se3 import rotation_to
+from pps_vision.types import Array
+
+MotionName = Literal["approach", "recede", "static", "circle", "figure8", "linear", "jerk"]
+
+START_M = (0.25, 0.30)  # how far from the taxel an approach starts (FACTS §3)
+START_ANGLE = np.deg2rad(45.0)  # and how far from its normal
+EXTENT_M = (0.05, 0.08)  # how far from its centre a motion in the air gets
+
+
+class Motion(Protocol):
+    """(position (3,) m, velocity (3,) m/s) in the root frame at `t_s` ≥ 0."""
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """Where the stimulus is, and how fast it moves."""
+        ...
+
+
+@dataclass(frozen=True)
+class Static:
+    """Stays where it is."""
+
+    position: Array
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """The same position always."""
+        return self.position, np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Straight from `start` to `end` at constant speed, a dwell there, and back along the same path."""
+
+    start: Array
+    end: Array
+    speed_m_s: float
+    dwell_s: float = 0.3
+
+    @property
+    def contact_s(self) -> float:
+        """When it arrives at `end`."""
+        return float(np.linalg.norm(self.end - self.start)) / self.speed_m_s
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """On the way there, at the end, on the way back, or at the start again."""
+        velocity = (self.end - self.start) / self.contact_s
+        since_withdrawal = t_s - self.contact_s - self.dwell_s
+        if t_s < self.contact_s:
+            return self.start + t_s * velocity, velocity
+        if since_withdrawal < 0:
+            return self.end, np.zeros(3)
+        if since_withdrawal < self.contact_s:
+            return self.end - since_withdrawal * velocity, -velocity
+        return self.start, np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Recede:
+    """Straight from `start` to `end` at constant speed, and stays there."""
+
+    start: Array
+    end: Array
+    speed_m_s: float
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """On the way, or at the end."""
+        way = self.end - self.start
+        length = float(np.linalg.norm(way))
+        if t_s * self.speed_m_s >= length:
+            return self.end, np.zeros(3)
+        velocity = way * (self.speed_m_s / length)
+        return self.start + t_s * velocity, velocity
+
+
+@dataclass(frozen=True)
+class Linear:
+    """To and fro between two points at constant speed."""
+
+    start: Array
+    end: Array
+    speed_m_s: float
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """A triangle wave along the segment."""
+        way = self.end - self.start
+        length = float(np.linalg.norm(way))
+        along = (t_s * self.speed_m_s) % (2 * length)
+        velocity = way * (self.speed_m_s / length)
+        if along < length:
+            return self.start + way * (along / length), velocity
+        return self.end - way * (along / length - 1), -velocity
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Around `center` at constant speed in the plane of the unit vectors `axes` (2, 3)."""
+
+    center: Array
+    axes: Array
+    radius_m: float
+    speed_m_s: float
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """At angle speed·t/radius from the first axis."""
+        angle = t_s * self.speed_m_s / self.radius_m
+        c, s = np.cos(angle), np.sin(angle)
+        position = self.center + self.radius_m * (np.array([c, s]) @ self.axes)
+        return position, self.speed_m_s * (np.array([-s, c]) @ self.axes)
+
+
+@dataclass(frozen=True)
+class Figure8:
+    """Along the lemniscate of Gerono, (sin a, sin a · cos a), at constant speed (within 0.1 %)."""
+
+    center: Array
+    axes: Array
+    radius_m: float
+    speed_m_s: float
+
+    @cached_property
+    def _length_table(self) -> tuple[Array, Array]:
+        """Curve parameter a and the length of the unit curve up to it, over one round."""
+        a = np.linspace(0, 2 * np.pi, 4001)
+        pace = np.hypot(np.cos(a), np.cos(2 * a))
+        return a, np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(a))])
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """Where the length travelled since t = 0 is speed·t."""
+        a_table, length = self._length_table
+        a = np.interp((t_s * self.speed_m_s / self.radius_m) % length[-1], length, a_table)
+        position = self.center + self.radius_m * (np.array([np.sin(a), 0.5 * np.sin(2 * a)]) @ self.axes)
+        tangent = np.array([np.cos(a), np.cos(2 * a)])
+        return position, self.speed_m_s * (tangent / np.linalg.norm(tangent)) @ self.axes
+
+
+@dataclass(frozen=True)
+class Jerk:
+    """Stop and go: minimum-jerk moves around a closed tour of `waypoints` (n, 3), a pause at each.
+
+    `speed_m_s` is the peak of each move.
+    """
+
+    waypoints: Array
+    speed_m_s: float
+    pause_s: float = 0.2
+
+    @cached_property
+    def _moves(self) -> tuple[Array, Array]:
+        """Vector and duration of the move that leaves each waypoint; the peak is 15/8 of the mean speed."""
+        ways = np.roll(self.waypoints, -1, axis=0) - self.waypoints
+        return ways, 1.875 * np.linalg.norm(ways, axis=1) / self.speed_m_s
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """10 τ³ − 15 τ⁴ + 6 τ⁵ of the current move."""
+        ways, durations = self._moves
+        ends = np.cumsum(durations + self.pause_s)
+        t = t_s % ends[-1]
+        i = int(np.searchsorted(ends, t, side="right"))
+        tau = min((t - (ends[i] - durations[i] - self.pause_s)) / durations[i], 1.0)
+        position = self.waypoints[i] + ways[i] * (tau**3 * (10 - 15 * tau + 6 * tau**2))
+        return position, ways[i] * (30 * tau**2 * (1 - tau) ** 2 / durations[i])
+
+
+def make_motion(
+    kind: MotionName,
+    rng: np.random.Generator,
+    center: ArrayLike,
+    speed_m_s: float,
+    target: tuple[ArrayLike, ArrayLike] | None = None,
+    stop_at_m: float = 0.0,
+) -> Motion:
+    """A random motion of a kind.
+
+    An approach is aimed at `target` = (point, outward normal) and ends `stop_at_m` before the
+    point; a recede is its reverse.  The other kinds stay within 8 cm of `center`, where `static`
+    stays.  Whether the path is in view is for the caller to see, and to draw again.
+    """
+    if kind not in get_args(MotionName):
+        raise ValueError(f"motion {kind!r}; expected one of {', '.join(get_args(MotionName))}")
+    if not (np.isfinite(speed_m_s) and speed_m_s > 0):
+        raise ValueError(f"speed {speed_m_s} m/s; expected a positive number")
+    middle = np.array(center, dtype=float)
+    if kind in ("approach", "recede"):
+        if target is None:
+            raise ValueError(f"motion {kind!r} needs a target: a point of the skin and its normal")
+        if not 0 <= stop_at_m < START_M[0]:
+            raise ValueError(f"an approach that stops {stop_at_m} m before its target; expected 0 to {START_M[0]}")
+        far, near = _path_to(rng, np.asarray(target[0], dtype=float), np.asarray(target[1], dtype=float), stop_at_m)
+        return Approach(far, near, speed_m_s) if kind == "approach" else Recede(near, far, speed_m_s)
+    if kind == "static":
+        return Static(middle)
+    if kind == "jerk":
+        return Jerk(middle + np.array([_in_ball(rng) for _ in range(8)]), speed_m_s)
+    plane = rotation_to(rng.standard_normal(3))
+    extent = rng.uniform(*EXTENT_M)
+    if kind == "linear":
+        return Linear(middle - extent * plane[:, 2], middle + extent * plane[:, 2], speed_m_s)
+    return (Circle if kind == "circle" else Figure8)(middle, plane[:, :2].T, extent, speed_m_s)
+
+
+def _path_to(rng: np.random.Generator, point: Array, normal: Array, stop_at_m: float) -> tuple[Array, Array]:
+    """Where an approach starts and where it ends: uniform in distance and over the cap around the normal."""
+    cosine = rng.uniform(np.cos(START_ANGLE), 1.0)
+    azimuth = rng.uniform(0, 2 * np.pi)
+    sine = np.sqrt(1 - cosine**2)
+    away = rotation_to(normal) @ np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
+    return point + rng.uniform(*START_M) * away, point + stop_at_m * away
+
+
+def _in_ball(rng: np.random.Generator) -> Array:
+    """A point uniform in the ball of 8 cm."""
+    direction = rng.standard_normal(3)
+    return direction / np.linalg.norm(direction) * EXTENT_M[1] * rng.uniform() ** (1 / 3)

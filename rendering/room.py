@@ -1,0 +1,149 @@
+"""The room around the robot: walls, floor, ceiling and a table, with texture at every scale.
+
+Muted colours, so that a stimulus stands out, but none of them grey; detail from whole walls
+down to single pixels, so that optical flow finds hold wherever the eyes look.
+"""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pps_vision.types import Array
+from rendering.offscreen import pyrender
+
+_TILE = 512  # texels along each side of a surface's picture
+_PER_ROW = 4
+
+# Corners (m, root frame) at the picture's top left, top right and bottom left, seen from inside.
+_FRONT, _BACK, _WALL, _FLOOR, _CEILING, _TABLE = -1.9, 0.9, 1.5, -0.65, 1.45, -0.22
+
+
+def _noise(rng: np.random.Generator, coarsest: int, finest: int, stretch: tuple[int, int] = (1, 1)) -> Array:
+    """Fractal noise (tile, tile) in [−1, 1]: octaves of `coarsest` to `finest` cells a side."""
+    total, cells = np.zeros((_TILE, _TILE), np.float32), coarsest
+    while cells <= finest:
+        shape = (max(cells // stretch[0], 2), max(cells // stretch[1], 2))
+        octave = rng.uniform(-1, 1, shape).astype(np.float32)
+        total += cv2.resize(octave, (_TILE, _TILE), interpolation=cv2.INTER_CUBIC)
+        cells *= 2
+    return total / np.abs(total).max()
+
+
+def _painted(rng: np.random.Generator, color: tuple[int, int, int], noise: Array, depth: float) -> Array:
+    """A colour whose brightness, and slightly its hue, follow noise: (tile, tile, 3) levels of 255."""
+    tint = np.stack([_noise(rng, 4, 32) for _ in range(3)], axis=-1)
+    return np.array(color, np.float32) * (1 + depth * noise[..., None] + 0.08 * tint)
+
+
+def _bricks(rng: np.random.Generator, color: tuple[int, int, int], mortar: tuple[int, int, int], rows: int) -> Array:
+    """Courses of bricks, each brick of its own shade."""
+    picture = _painted(rng, mortar, _noise(rng, 16, 256), 0.25)
+    bricks = _painted(rng, color, _noise(rng, 8, 256), 0.30)
+    height, width = _TILE // rows, 2 * _TILE // rows
+    for row in range(rows):
+        for left in range(-(row % 2) * width // 2, _TILE, width):
+            box = np.s_[row * height + 2 : (row + 1) * height - 1, max(left + 2, 0) : max(left + width - 1, 0)]
+            picture[box] = bricks[box] * rng.uniform(0.65, 1.25)
+    return picture
+
+
+def _planks(rng: np.random.Generator, color: tuple[int, int, int], columns: int) -> Array:
+    """Boards with a grain along them, each of its own shade, cut at its own places."""
+    picture = _painted(rng, color, _noise(rng, 32, 256, stretch=(8, 1)), 0.45)
+    width = _TILE // columns
+    for column in range(columns):
+        stripe = picture[:, column * width : (column + 1) * width]
+        cuts = [0, *sorted(rng.integers(0, _TILE, 3)), _TILE]
+        for top, bottom in pairwise(cuts):
+            stripe[top:bottom] *= rng.uniform(0.7, 1.2)
+            stripe[top : top + 2] *= 0.5
+        stripe[:, :2] *= 0.5
+    return picture
+
+
+def _plaster(rng: np.random.Generator, color: tuple[int, int, int], pictures: int) -> Array:
+    """A rough wall with framed pictures on it."""
+    wall = _painted(rng, color, _noise(rng, 4, 256), 0.45)
+    for _ in range(pictures):
+        height, width = rng.integers(50, 130, 2)
+        top, left = rng.integers(20, _TILE - 150, 2)
+        wall[top - 5 : top + height + 5, left - 5 : left + width + 5] = (70, 60, 55)
+        motif = tuple(int(c) for c in rng.integers(90, 190, 3))
+        detail = _painted(rng, (motif[0], motif[1], motif[2]), _noise(rng, 8, 128), 0.7)
+        wall[top : top + height, left : left + width] = detail[top : top + height, left : left + width]
+    return wall
+
+
+def _tabletop(rng: np.random.Generator) -> Array:
+    """Boards under a checked cloth, with stains and specks."""
+    table = _planks(rng, (150, 125, 100), 8)
+    cloth = _painted(rng, (140, 140, 125), _noise(rng, 32, 256), 0.25)
+    checks = (np.indices((_TILE, _TILE)) // 24).sum(axis=0) % 2
+    cloth *= np.where(checks, 1.0, 0.72)[..., None]
+    table[70:440, 90:420] = cloth[70:440, 90:420]
+    return table
+
+
+Painter = Callable[[np.random.Generator], Array]
+_SURFACES: tuple[tuple[Painter, Array], ...] = (
+    (
+        lambda rng: _bricks(rng, (165, 135, 118), (150, 148, 140), 24),
+        np.array([[_FRONT, -_WALL, _CEILING], [_FRONT, _WALL, _CEILING], [_FRONT, -_WALL, _FLOOR]]),
+    ),
+    (
+        lambda rng: _plaster(rng, (150, 158, 150), 5),
+        np.array([[_BACK, -_WALL, _CEILING], [_FRONT, -_WALL, _CEILING], [_BACK, -_WALL, _FLOOR]]),
+    ),
+    (
+        lambda rng: _plaster(rng, (160, 152, 138), 6),
+        np.array([[_FRONT, _WALL, _CEILING], [_BACK, _WALL, _CEILING], [_FRONT, _WALL, _FLOOR]]),
+    ),
+    (
+        lambda rng: _plaster(rng, (150, 150, 160), 4),
+        np.array([[_BACK, _WALL, _CEILING], [_BACK, -_WALL, _CEILING], [_BACK, _WALL, _FLOOR]]),
+    ),
+    (
+        lambda rng: _planks(rng, (120, 105, 92), 16),
+        np.array([[_FRONT, -_WALL, _FLOOR], [_FRONT, _WALL, _FLOOR], [_BACK, -_WALL, _FLOOR]]),
+    ),
+    (
+        lambda rng: _plaster(rng, (185, 185, 178), 0),
+        np.array([[_BACK, -_WALL, _CEILING], [_BACK, _WALL, _CEILING], [_FRONT, -_WALL, _CEILING]]),
+    ),
+    (
+        _tabletop,
+        np.array([[-1.15, -0.75, _TABLE], [-1.15, 0.75, _TABLE], [-0.12, -0.75, _TABLE]]),
+    ),
+)
+
+
+def room_mesh() -> Any:
+    """The whole room as one pyrender mesh under one texture: one thing to draw."""
+    rng = np.random.default_rng(2013)  # the room is always the same
+    rows = -(-len(_SURFACES) // _PER_ROW)
+    atlas = np.zeros((rows * _TILE, _PER_ROW * _TILE, 3), np.uint8)
+    positions, normals, uv = [], [], []
+    for i, (paint, (top_left, top_right, bottom_left)) in enumerate(_SURFACES):
+        row, column = divmod(i, _PER_ROW)
+        atlas[row * _TILE : (row + 1) * _TILE, column * _TILE : (column + 1) * _TILE] = np.clip(paint(rng), 0, 255)
+        right, down = top_right - top_left, bottom_left - top_left
+        corners = np.array([[0, 0], [0, 1], [1, 1], [0, 0], [1, 1], [1, 0]])  # along (right, down)
+        positions.append(top_left + corners @ np.stack([right, down]))
+        facing = np.cross(down, right)
+        normals.append(np.tile(facing / np.linalg.norm(facing), (6, 1)))
+        inset = 4 / _TILE  # keeps coarser texture levels from mixing in the neighbouring picture
+        u = (column + inset + corners[:, 0] * (1 - 2 * inset)) / _PER_ROW
+        v = (row + inset + corners[:, 1] * (1 - 2 * inset)) / rows
+        uv.append(np.column_stack([u, 1 - v]))
+    texture = pyrender.Texture(source=atlas, source_channels="RGB")
+    material = pyrender.MetallicRoughnessMaterial(baseColorTexture=texture, doubleSided=True)
+    return pyrender.Mesh(
+        [
+            pyrender.Primitive(
+                positions=np.vstack(positions), normals=np.vstack(normals), texcoord_0=np.vstack(uv), material=material
+            )
+        ]
+    )

@@ -1,0 +1,74 @@
+"""Coloured solids to draw, and the few ways to make them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike
+
+from pps_vision.robot.model import Body
+from pps_vision.types import Array
+
+Color = tuple[float, float, float]  # RGB, 0–1, proportional to light
+
+
+@dataclass(frozen=True)
+class Part:
+    """A triangle mesh (m, in the frame of the whole) of one colour."""
+
+    mesh: Any
+    color: Color
+
+
+def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fineness: int = 3) -> Part:
+    """A ball of 20·4^`fineness` triangles."""
+    mesh = trimesh.creation.icosphere(fineness, radius)
+    return Part(mesh.apply_translation(center), color)
+
+
+def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 14) -> Part:
+    """A bent, tapering tube with round ends: centres (n, 3) and radii (n,), or one radius."""
+    p = np.asarray(path, dtype=float)
+    r = np.broadcast_to(np.asarray(radii, dtype=float), len(p))
+    ahead = np.gradient(p, axis=0)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    cap = np.deg2rad([80, 55, 30])  # rings of the round ends, from the pole
+    front = [(p[0] - r[0] * np.cos(a) * ahead[0], r[0] * np.sin(a), ahead[0]) for a in cap[::-1]]
+    back = [(p[-1] + r[-1] * np.cos(a) * ahead[-1], r[-1] * np.sin(a), ahead[-1]) for a in cap]
+    rings = [*front, *zip(p, r, ahead, strict=True), *back]
+
+    angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    side = np.cross(ahead[0], np.eye(3)[np.argmin(np.abs(ahead[0]))])
+    vertices = []
+    for center, radius, axis in rings:
+        side = side - (side @ axis) * axis  # carried along the path without twisting
+        side /= np.linalg.norm(side)
+        vertices.append(
+            center + radius * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles), np.cross(axis, side)))
+        )
+    poles = [p[0] - r[0] * ahead[0], p[-1] + r[-1] * ahead[-1]]
+    return Part(trimesh.Trimesh(np.vstack([*vertices, *poles]), _tube_faces(len(rings), sides), process=False), color)
+
+
+def _tube_faces(rings: int, sides: int) -> Array:
+    """Triangles between neighbouring rings, and from the end rings to the two poles."""
+    i = np.arange(sides)
+    j = (i + 1) % sides
+    low = sides * np.arange(rings - 1)[:, None]
+    wall = np.stack([low + i, low + j, low + sides + j, low + i, low + sides + j, low + sides + i], axis=-1)
+    last, pole = sides * (rings - 1), sides * rings
+    first_cap = np.stack([np.full(sides, pole), j, i], axis=-1)
+    last_cap = np.stack([np.full(sides, pole + 1), last + i, last + j], axis=-1)
+    return np.vstack([wall.reshape(-1, 3), first_cap, last_cap])
+
+
+def body_part(body: Body) -> Part:
+    """A robot's body in the frame it belongs to."""
+    if body.shape == "sphere":
+        mesh = trimesh.creation.icosphere(2, body.size_m[0])
+    elif body.shape == "cylinder":
+        mesh = trimesh.creation.cylinder(body.size_m[0], body.size_m[1], sections=32)
+    else:
+        mesh = trimesh.creation.box(body.size_m)
+    return Part(mesh.apply_transform(body.T_frame_body), body.color)

@@ -1,0 +1,55 @@
+"""Motion blur: which instants an exposure is made of."""
+
+import numpy as np
+
+from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array
+from rendering.scene import SceneState
+
+_STEP_PX = 1.5  # a blurred image is the mean of sharp ones at most this far apart
+_LEAST, _MOST = 4, 24  # four are needed to smooth the edges, which each alone leaves jagged
+_STILL_PX = 0.05
+
+
+def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> list[SceneState]:
+    """The states whose mean image is the exposure: evenly spread over `blur_s`, centred on `state`,
+    as many as the fastest motion in view asks for."""
+    drift_px = _drift_px(robot, rig, state, blur_s) if blur_s > 0 else 0.0
+    if drift_px < _STILL_PX:
+        return [state]
+    n = int(np.clip(np.ceil(drift_px / _STEP_PX), _LEAST, _MOST))
+    return [state.moved(((k + 0.5) / n - 0.5) * blur_s) for k in range(n)]
+
+
+def sample_offsets_px(n: int) -> Array:
+    """(n, 2) where in the pixel each of n images is sampled: spread evenly over it, zero in the mean."""
+    spread = np.outer(np.arange(n), (0.7548776662466927, 0.5698402909980532)) % 1.0  # the R2 sequence
+    return spread - spread.mean(axis=0)
+
+
+def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> float:
+    """How far anything in view moves in an image while the shutter is open, px."""
+    before, after = state.moved(-blur_s / 2), state.moved(blur_s / 2)
+    start, stop = rig.view(before.q_rad), rig.view(after.q_rad)
+    drift = 0.0
+    for eye, eye_then in ((start.left, stop.left), (start.right, stop.right)):
+        room = _points_of_room(eye)
+        px = eye.project(np.vstack([room, _movers(robot, before)]))
+        px_then = eye_then.project(np.vstack([room, _movers(robot, after)]))
+        seen = [eye.camera.contains(p) and eye.camera.contains(p_then) for p, p_then in zip(px, px_then, strict=True)]
+        drift = max(drift, np.linalg.norm((px_then - px)[seen], axis=1).max(initial=0.0))
+    return drift
+
+
+def _points_of_room(eye: View) -> Array:
+    """(25, 3) still points at arm's length, all over the image."""
+    u, v = np.meshgrid(np.linspace(0, eye.camera.width - 1, 5), np.linspace(0, eye.camera.height - 1, 5))
+    return eye.center + 0.5 * eye.rays(np.column_stack([u.ravel(), v.ravel()]))
+
+
+def _movers(robot: Robot, state: SceneState) -> Array:
+    """(n, 3) the robot's bodies and the stimulus, root frame."""
+    posture = robot.at(state.q_rad)
+    bodies = [posture.point(b.frame, b.T_frame_body[:3, 3]) for b in robot.bodies]
+    return np.array(bodies if state.position is None else [*bodies, state.position])

@@ -1,0 +1,81 @@
+"""The things that are shown to the robot."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import trimesh
+
+from pps_vision.geometry.se3 import transform
+from rendering.shapes import Color, Part, sphere, tube
+
+StimulusName = Literal["marker", "ball", "cube", "octopus"]
+
+GREEN: Color = (0.05, 0.95, 0.15)
+RED: Color = (0.95, 0.06, 0.08)
+BLUE: Color = (0.06, 0.20, 0.95)
+YELLOW: Color = (1.00, 0.85, 0.05)
+VIOLET: Color = (0.55, 0.08, 0.90)
+ORANGE: Color = (1.00, 0.45, 0.04)
+WHITE: Color = (1.00, 1.00, 1.00)
+BLACK: Color = (0.02, 0.02, 0.02)
+
+_RADIUS_M = {"marker": 0.010, "ball": 0.035, "cube": 0.030, "octopus": 0.040}
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """`parts` in the object's frame, whose origin is its centre; `radius_m` is the radius of the
+    sphere that stands for it: the one whose silhouette is, over all directions, as large."""
+
+    name: StimulusName
+    radius_m: float
+    parts: tuple[Part, ...]
+
+
+def make_stimulus(name: StimulusName, radius_m: float | None = None) -> Stimulus:
+    """A marker, ball, cube or octopus of its usual size or of `radius_m`."""
+    if name not in get_args(StimulusName):
+        raise ValueError(f"stimulus {name!r}; expected one of {', '.join(get_args(StimulusName))}")
+    radius = _RADIUS_M[name] if radius_m is None else radius_m
+    if not (np.isfinite(radius) and radius > 0):
+        raise ValueError(f"stimulus radius {radius} m; expected a positive number")
+    if name == "marker":
+        parts: tuple[Part, ...] = (sphere(radius, GREEN),)
+    elif name == "ball":
+        parts = (sphere(radius, RED),)
+    elif name == "cube":
+        parts = _cube(radius)
+    else:
+        parts = tuple(Part(p.mesh.apply_scale(radius * _OCTOPUS_SCALE), p.color) for p in _octopus())
+    return Stimulus(name, radius, parts)
+
+
+def _cube(radius: float) -> tuple[Part, ...]:
+    """Blue, with a yellow lid and base.  A convex body's mean silhouette is a quarter of its surface:
+    six faces of side s make 1.5 s² = π·radius²."""
+    mesh = trimesh.creation.box([radius * np.sqrt(np.pi / 1.5)] * 3)
+    is_lid = np.abs(mesh.face_normals[:, 2]) > 0.5
+    blue, yellow = mesh.submesh([np.flatnonzero(~is_lid), np.flatnonzero(is_lid)], repair=False)
+    return Part(blue, BLUE), Part(yellow, YELLOW)
+
+
+# Makes the octopus's mean silhouette as large as a unit sphere's (a test measures it).
+_OCTOPUS_SCALE = 1.155
+
+
+def _octopus() -> list[Part]:
+    """A toy with a violet head that looks along x and eight orange arms that curl below it."""
+    head = sphere(1.0, VIOLET).mesh.apply_transform(transform(np.diag([0.56, 0.56, 0.64]), (0, 0, 0.36)))
+    parts = [Part(head, VIOLET)]
+    for side in (-1, 1):
+        parts.append(sphere(0.15, WHITE, (0.46, 0.22 * side, 0.52), fineness=1))
+        parts.append(sphere(0.085, BLACK, (0.56, 0.245 * side, 0.54), fineness=1))
+    t = np.linspace(0, 1, 12)
+    for k in range(8):
+        azimuth = np.deg2rad(45 * k + 22.5) + 0.45 * np.sin(np.pi * t * 1.4)
+        reach = 0.22 + 0.95 * t
+        height = -0.04 - 0.42 * np.sin(0.8 * np.pi * t) + 0.25 * t**3
+        path = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), height])
+        parts.append(tube(path, 0.17 - 0.11 * t, ORANGE, sides=8))
+    return parts
