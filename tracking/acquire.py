@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Image, Mask
+from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
 from tracking.outline import Box, Optics, Outline, cover, outline
 from tracking.trigger import Region2D
@@ -79,7 +80,7 @@ def _grow(params: AcquireParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[M
         model = _model(bins, mask)
         if model.similarity(model.background) > params.max_likeness:
             return None, None
-        grown = _connected(cv2.GaussianBlur(model.table()[bins], (3, 3), 0) > 0.5, seed)
+        grown = _connected(np.asarray(cv2.GaussianBlur(model.table()[bins], (3, 3), 0)) > 0.5, seed)
         if grown is None:
             return None, None
         if np.count_nonzero(grown != mask) < 0.02 * np.count_nonzero(grown):
@@ -93,19 +94,10 @@ _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10
 
 
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
-    around = cv2.dilate(mask.view(np.uint8), np.ones((5, 5), np.uint8)) == 0
-    return ColorModel(histogram(bins[mask], _VIVIDNESS[bins[mask]]), histogram(bins[around]))
+    return ColorModel(histogram(bins[mask], _VIVIDNESS[bins[mask]]), histogram(bins[~masks.dilated(mask, 2)]))
 
 
 def _connected(hard: Mask, seed: Mask) -> Mask | None:
-    """The closed component that holds most of the seed, holes filled."""
-    closed = cv2.morphologyEx(hard.view(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    count, labels = cv2.connectedComponents(closed, connectivity=4)
-    votes = np.bincount(labels[seed], minlength=count)
-    votes[0] = 0
-    if not votes.any():
-        return None
-    one = (labels == int(votes.argmax())).astype(np.uint8)
-    contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(one, contours, -1, 1, cv2.FILLED)
-    return one.view(bool)
+    """The component that holds most of the seed, gaps and holes filled."""
+    one = masks.component(masks.closed(hard, masks.square(1)), seed)
+    return None if one is None else masks.filled(one)

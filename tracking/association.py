@@ -63,10 +63,9 @@ class Association:
         if max(ratio, 1 / ratio) > p.max_ratio:
             return None
         extra = self.error_px**2 * np.eye(2)
-        centers = [left.center_px, right.center_px]
-        if shift_px is not None:
-            centers = [c + s for c, s in zip(centers, shift_px, strict=True)]
-        found = triangulate(view, *centers, left.cov_px + extra, right.cov_px + extra)
+        shift_left, shift_right = shift_px or (np.zeros(2), np.zeros(2))
+        left_px, right_px = left.center_px + shift_left, right.center_px + shift_right
+        found = triangulate(view, left_px, right_px, left.cov_px + extra, right.cov_px + extra)
         if found is None or 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
         distance = float(np.linalg.norm(found.p_root - view.left.center))

@@ -39,15 +39,13 @@ class EgoMotion:
         shift = float(np.linalg.norm(now.center - then.center))
         return self.camera.focal_px * shift * max(1 / self.near_m - 1 / self.scene_depth_m, 1 / self.scene_depth_m)
 
-    def warp(self, image: NDArray[np.uint8], then: View, now: View, outside: int = 0) -> NDArray[np.uint8]:
-        """`image` (H, W) or (H, W, 3), taken from `then`, as it would look from `now`; `outside` where it does not reach."""
+    def warp(self, image: NDArray[np.uint8], then: View, now: View) -> NDArray[np.uint8]:
+        """`image` (H, W) or (H, W, 3), taken from `then`, as it would look from `now`; 0 where it does not reach."""
         T_then_now = then.T_camera_root @ now.T_root_camera
         points = self._nodes @ T_then_now[:3, :3].T * self.scene_depth_m + T_then_now[:3, 3]
         nodes = np.nan_to_num(self.camera.project(points), nan=-1e4).astype(np.float32)
         rows, columns = nodes.shape[:2]
         whole = cv2.resize(nodes, (columns * _STEP, rows * _STEP), interpolation=cv2.INTER_LINEAR)
         maps = whole[_STEP : _STEP + self.camera.height, _STEP : _STEP + self.camera.width]
-        warped = cv2.remap(
-            image, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(outside,) * 3
-        )
-        return np.asarray(warped, dtype=np.uint8)
+        map_x, map_y = cv2.split(maps)
+        return np.asarray(cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Array, Image, Mask
+from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
 from tracking.outline import Box, Optics, Outline, cover, outline
 from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
@@ -68,7 +69,7 @@ class EyeTracker:
         center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
         roi = self._region(center, 1.2 * w + 4, 1.2 * h + 4)
         bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
-        inside, around = _ellipse(roi, center, 0.9 * w, 0.9 * h), _ellipse(roi, center, 1.2 * w, 1.2 * h)
+        inside, around = masks.ellipse(roi, center, 0.9 * w, 0.9 * h), masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
         model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
         size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
@@ -98,7 +99,7 @@ class EyeTracker:
         crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
         bins = color_bins(image[crop])
         likelihood = s.model.table()[bins] if evidence is None else evidence[crop]
-        weights = weigh(p, cloud, cv2.integral(2 * likelihood - 1, sdepth=cv2.CV_64F), roi[:2], s.shape)
+        weights = weigh(p, cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
         center = weights @ cloud.now[:, :2]
         self._state = s = replace(s, cloud=resample(cloud, weights, self.rng))
         mask = self._mask(likelihood, roi, center, s.size, s.shape)
@@ -123,7 +124,7 @@ class EyeTracker:
         now = s.cloud.now.copy()
         now[:, :2] += shape.center_px - now[:, :2].mean(axis=0)
         now[:, 2] *= size / now[:, 2].mean()
-        newest = ColorModel(histogram(bins[mask]), histogram(bins[~_dilated(mask, 2)]))
+        newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
         model = s.model.blend(newest, self.params.learn_rate, self.params.ring_rate)
         sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
         self._state = _State(model, Cloud(now, s.cloud.before), size, sides, s.fill)
@@ -144,48 +145,33 @@ class EyeTracker:
         What reaches past the expected outline is cut off there, and what is much thinner than the
         object (a limb of the same colour) is opened away.
         """
-        hard = (cv2.GaussianBlur(likelihood, (3, 3), 0) > 0.5).astype(np.uint8)
-        gap = int(size / 12)
-        if gap:
-            hard = cv2.morphologyEx(hard, cv2.MORPH_CLOSE, _disc(gap))
+        hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
+        if size >= 12:
+            hard = masks.closed(hard, masks.square(int(size / 12)))
         w, h = size * shape[0], size * shape[1]
+        one = hard
         for _ in range(2):
-            one = _component(hard, _ellipse(roi, center, 0.6 * w, 0.6 * h))
-            if one is None:
+            found = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
+            if found is None:
                 return None
-            allowed = _ellipse(roi, center, self.params.reach * w, self.params.reach * h)
-            leaks = np.count_nonzero(one) > np.count_nonzero(one[allowed])
-            if not leaks:
+            one = found
+            allowed = masks.ellipse(roi, center, self.params.reach * w, self.params.reach * h)
+            if not (one & ~allowed).any():
                 break
-            one = one * allowed
-            opened = cv2.morphologyEx(one, cv2.MORPH_OPEN, _disc(int(0.22 * size))) if size > 12 else one
-            one = opened if np.count_nonzero(opened) > 0.3 * np.count_nonzero(one) else one
+            one = _without_limbs(one & allowed, size)
             ys, xs = np.nonzero(one)
             center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
-        contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(one, contours, -1, 1, cv2.FILLED)
-        return one.view(bool) if cv2.countNonZero(one) >= self.params.min_area_px else None
+        whole = masks.filled(one)
+        return whole if np.count_nonzero(whole) >= self.params.min_area_px else None
 
 
-def _component(hard: NDArray[np.uint8], near: Mask) -> NDArray[np.uint8] | None:
-    """The connected component with most pixels in `near`."""
-    count, labels = cv2.connectedComponents(hard, connectivity=4)
-    votes = np.bincount(labels[near], minlength=count)
-    votes[0] = 0
-    return (labels == int(votes.argmax())).astype(np.uint8) if votes.any() else None
+def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    return np.asarray(cv2.integral(values, sdepth=cv2.CV_64F), dtype=np.float64)
 
 
-def _disc(radius: int) -> NDArray[np.uint8]:
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.uint8)
-
-
-def _dilated(mask: Mask, px: int) -> Mask:
-    return cv2.dilate(mask.view(np.uint8), np.ones((2 * px + 1, 2 * px + 1), np.uint8)).view(bool)
-
-
-def _ellipse(roi: Box, center: Array, width: float, height: float) -> Mask:
-    """Pixels of the region inside the ellipse inscribed in a box."""
-    x = (np.arange(roi[0], roi[2]) - center[0]) / (0.5 * width)
-    y = (np.arange(roi[1], roi[3]) - center[1]) / (0.5 * height)
-    inside: Mask = (x * x)[None, :] + (y * y)[:, None] <= 1.0
-    return inside
+def _without_limbs(mask: Mask, size: float) -> Mask:
+    """Without what is less than half as wide as the object; the mask itself where that leaves little."""
+    if size <= 12:
+        return mask
+    core = masks.opened(mask, masks.disc(int(0.22 * size)))
+    return core if np.count_nonzero(core) > 0.3 * np.count_nonzero(mask) else mask

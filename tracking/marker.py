@@ -4,22 +4,27 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from pps_vision.types import Image
-from tracking.outline import Optics, Outline, cover, outline
+from pps_vision.types import Image, Mask
+from tracking.outline import Box, Optics, Outline, cover, outline
+
+_PAD = 8  # px
 
 
 @dataclass(frozen=True)
 class MarkerParams:
     """`hue_deg` of the marker and how far it may be off; the least saturation and value (0–1) at
-    which a hue counts; the smallest blob; `reach` of a tracked marker's size that is searched."""
+    which a hue counts; `reach` of a tracked marker's size that is searched around it; the smallest
+    blob, and how many of them are looked at."""
 
     hue_deg: float = 120.0
     hue_tolerance_deg: float = 35.0
-    min_saturation: float = 0.35
+    min_saturation: float = 0.5
     min_value: float = 0.12
     min_area_px: int = 8
     reach: float = 1.0
+    max_blobs: int = 4
 
     def __post_init__(self) -> None:
         if not (0 <= self.hue_deg < 360 and 0 < self.hue_tolerance_deg <= 90 and self.min_area_px >= 1):
@@ -29,10 +34,10 @@ class MarkerParams:
             )
 
 
-def find_marker(
+def find_markers(
     params: MarkerParams, image: Image, optics: Optics, near: tuple[float, float, float] | None = None
-) -> Outline | None:
-    """The largest blob of the marker's hue in an RGB image, or None.
+) -> list[Outline]:
+    """The blobs of the marker's hue in an RGB image, the largest and roundest first.
 
     `near` (x, y, half side px) is where to look instead of everywhere.
     """
@@ -43,28 +48,37 @@ def find_marker(
         x0, y0 = max(int(x - half), 0), max(int(y - half), 0)
         x1, y1 = min(int(x + half) + 2, width), min(int(y + half) + 2, height)
         if x1 - x0 < 3 or y1 - y0 < 3:
-            return None
+            return []
     hard = _threshold(params, np.ascontiguousarray(image[y0:y1, x0:x1]))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(hard, connectivity=4)
-    if count < 2:
-        return None
-    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    bx, by, bw, bh, area = (int(value) for value in stats[largest])
-    if area < params.min_area_px:
-        return None
-    pad = 8  # room around the blob for the outline's idea of the background
-    cx0, cy0, cx1, cy1 = max(bx - pad, 0), max(by - pad, 0), min(bx + bw + pad, x1 - x0), min(by + bh + pad, y1 - y0)
-    mask = labels[cy0:cy1, cx0:cx1] == largest
-    return outline(cover(image, mask, (x0 + cx0, y0 + cy0, x0 + cx1, y0 + cy1)), optics)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(hard, connectivity=4)
+    side = np.maximum(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
+    area = stats[1:, cv2.CC_STAT_AREA]
+    roundness = area / np.maximum(0.785 * side * side, 1)  # of its surrounding circle
+    worth = np.where(area >= params.min_area_px, area * np.minimum(roundness, 1) ** 2, 0)
+    found = []
+    for k in np.argsort(-worth)[: params.max_blobs]:
+        if worth[k] > 0:
+            box, mask = _cut_out(np.asarray(labels), int(k) + 1, stats[k + 1])
+            shape = outline(cover(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3])), optics)
+            found += [shape] if shape else []
+    return found
 
 
-def _threshold(params: MarkerParams, image: Image) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+def _cut_out(labels: NDArray[np.integer], label: int, stats: NDArray[np.integer]) -> tuple[Box, Mask]:
+    """One blob's mask, with room around for the outline's idea of the background."""
+    x, y, w, h = (int(value) for value in stats[:4])
+    box = max(x - _PAD, 0), max(y - _PAD, 0), min(x + w + _PAD, labels.shape[1]), min(y + h + _PAD, labels.shape[0])
+    return box, np.asarray(labels[box[1] : box[3], box[0] : box[2]] == label)
+
+
+def _threshold(params: MarkerParams, image: Image) -> NDArray[np.uint8]:
+    """255 where the hue is the marker's; a range of hues that crosses 0° is taken in two parts."""
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
     low, high = (params.hue_deg - params.hue_tolerance_deg) / 2, (params.hue_deg + params.hue_tolerance_deg) / 2
     floor = (255 * params.min_saturation, 255 * params.min_value)
-    hard = cv2.inRange(hsv, np.array([max(low, 0), *floor]), np.array([min(high, 180), 255, 255]))
-    if low < 0:
-        hard |= cv2.inRange(hsv, np.array([180 + low, *floor]), np.array([180, 255, 255]))
-    if high > 180:
-        hard |= cv2.inRange(hsv, np.array([0, *floor]), np.array([high - 180, 255, 255]))
-    return np.asarray(hard, dtype=np.uint8)
+    hard = np.zeros(image.shape[:2], np.uint8)
+    for shift in (-180.0, 0.0, 180.0):
+        if low + shift <= 180 and high + shift >= 0:
+            part = cv2.inRange(hsv, np.array([low + shift, *floor]), np.array([high + shift, 255, 255]))
+            hard |= np.asarray(part, dtype=np.uint8)
+    return hard

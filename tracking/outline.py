@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Array, Image, Mask
+from tracking import masks
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
 _MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
@@ -70,15 +71,13 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     """
     x0, y0, x1, y1 = box
     roi = image[y0:y1, x0:x1].astype(np.float32)
-    hard = mask.view(np.uint8)
-    band = 2 if np.count_nonzero(hard) > 60 else 1
-    kernel = np.ones((3, 3), np.uint8)
-    inner = cv2.erode(hard, kernel, iterations=band, borderType=cv2.BORDER_REPLICATE)
+    band = 2 if np.count_nonzero(mask) > 60 else 1
+    inner = masks.eroded(mask, band)
     if not inner.any():
-        inner = hard
-    outer = 1 - cv2.dilate(hard, kernel, iterations=band)
+        inner = mask
+    outer = ~masks.dilated(mask, band)
+    edge = ~(inner | outer)
     window = (4 * band + 5, 4 * band + 5)
-    edge = (inner == 0) & (outer == 0)
     F, B = _local_mean(roi, inner, window, edge), _local_mean(roi, outer, window, edge)
     alpha = inner.astype(np.float32)
     variance = np.zeros_like(alpha)
@@ -88,30 +87,28 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
 
 
 def _unmix(
-    I: NDArray[np.float32], F: NDArray[np.float32], B: NDArray[np.float32]
+    pixels: NDArray[np.float32], F: NDArray[np.float32], B: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Share of F (n,) in pixels I (n, 3) that mix F and B, and its variance."""
+    """Share of F (n,) in `pixels` (n, 3) that mix F and B, and its variance."""
     line = F - B
     contrast = np.maximum(np.einsum("ij,ij->i", line, line), 1.0)
-    plain = np.clip(np.einsum("ij,ij->i", I - B, line) / contrast, 0.0, 1.0)
-    rest = I - B - plain[:, None] * line
+    plain = np.clip(np.einsum("ij,ij->i", pixels - B, line) / contrast, 0.0, 1.0)
+    rest = pixels - B - plain[:, None] * line
     bound = (float(np.mean(rest * rest)) + 1.0) / _SHADE_STD**2
     ff, bb = np.einsum("ij,ij->i", F, F) + bound, np.einsum("ij,ij->i", B, B) + bound
     fb = np.einsum("ij,ij->i", F, B) + bound
-    fi, bi = np.einsum("ij,ij->i", F, I) + bound, np.einsum("ij,ij->i", B, I) + bound
+    fi, bi = np.einsum("ij,ij->i", F, pixels) + bound, np.einsum("ij,ij->i", B, pixels) + bound
     det = np.maximum(ff * bb - fb * fb, 1e-3)
     a = np.maximum((bb * fi - fb * bi) / det, 0.0)
     b = np.maximum((ff * bi - fb * fi) / det, 0.0)
     alpha = a / np.maximum(a + b, 1e-6)
-    rest = I - a[:, None] * F - b[:, None] * B
+    rest = pixels - a[:, None] * F - b[:, None] * B
     noise = float(np.mean(rest * rest)) + 1.0
     variance = np.minimum(noise / contrast, 0.25)
     return alpha.astype(np.float32), variance.astype(np.float32)
 
 
-def _local_mean(
-    roi: NDArray[np.float32], where: NDArray[np.uint8], window: tuple[int, int], at: Mask
-) -> NDArray[np.float32]:
+def _local_mean(roi: NDArray[np.float32], where: Mask, window: tuple[int, int], at: Mask) -> NDArray[np.float32]:
     """(n, 3) mean colour of the marked pixels around each pixel of `at`; of all marked ones where
     none is near."""
     weight = where.astype(np.float32)

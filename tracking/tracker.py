@@ -16,7 +16,7 @@ from tracking.association import Association, AssociationParams
 from tracking.background import Background
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
-from tracking.marker import MarkerParams, find_marker
+from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
 from tracking.trigger import Region2D, Trigger, TriggerParams
@@ -96,14 +96,20 @@ class _Eye:
         found = (acquire(self.params.acquire, look.image, r, self.optics, evidence) for r in strongest)
         return [candidate for candidate in found if candidate is not None]
 
-    def find_marker(self, look: _Look, prior: Prior | None) -> Sighting | None:
-        """The marker, near where it should be if that is known."""
-        near = None
-        if prior is not None:
-            half = 0.5 * self.size_px * (1 + self.params.marker.reach) + 4 * prior.std_px + 3
-            near = (float(prior.center_px[0]), float(prior.center_px[1]), half)
-        shape = find_marker(self.params.marker, look.image, self.optics, near)
-        return None if shape is None else Sighting(shape, shape.box_px, 1.0)
+    def markers(self, look: _Look) -> list[Sighting]:
+        """What may be the marker, anywhere in the image."""
+        found = find_markers(self.params.marker, look.image, self.optics)
+        return [Sighting(shape, shape.box_px, 1.0) for shape in found]
+
+    def marker(self, look: _Look, prior: Prior) -> Sighting | None:
+        """The marker where it should be: the nearest blob in reach."""
+        x, y = prior.center_px
+        half = 0.5 * self.size_px * (1 + self.params.marker.reach) + 4 * prior.std_px + 3
+        found = find_markers(self.params.marker, look.image, self.optics, (float(x), float(y), half))
+        if not found:
+            return None
+        shape = min(found, key=lambda one: float(np.linalg.norm(one.center_px - prior.center_px)))
+        return Sighting(shape, shape.box_px, 1.0)
 
 
 class Tracker:
@@ -168,8 +174,11 @@ class Tracker:
         """Look for an object anywhere in both images."""
         if self.params.mode == "marker":
             with self.stages("image"):
-                left, right = (eye.find_marker(look, None) for eye, look in zip(self._eyes, looks, strict=True))
-            return (left, right), ([], [])
+                lefts, rights = (eye.markers(look) for eye, look in zip(self._eyes, looks, strict=True))
+                for a, b in itertools.product(lefts, rights):
+                    if self._association.observe(view, a.outline, b.outline, stamp_s):
+                        return (a, b), ([], [])
+            return (None, None), ([], [])
         with self.stages("trigger"):
             left_regions, right_regions = (
                 eye.trigger.step(look.image, look.view, look.stamp_s, self._own(look))
@@ -220,7 +229,7 @@ class Tracker:
             if prior is None:
                 found.append(None)
             elif self.params.mode == "marker":
-                found.append(eye.find_marker(look, prior))
+                found.append(eye.marker(look, prior))
             else:
                 evidence = eye.background.evidence(look.image, look.view) if grey else None
                 found.append(eye.object.step(look.image, prior, evidence))

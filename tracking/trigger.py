@@ -72,7 +72,7 @@ class Trigger:
     def step(self, image: Image, view: View, stamp_s: float, own: Mask | None = None) -> list[Region2D]:
         """Moving regions, strongest first; `own` (H, W) marks the robot's own body, which is no stimulus."""
         grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3))
-        present = _Past(image, np.asarray(grey, dtype=np.uint8), view, stamp_s, own)
+        present = _Past(image.copy(), np.asarray(grey, dtype=np.uint8), view, stamp_s, own)
         interval_s = self.params.interval_s
         while self._past and stamp_s - self._past[0].stamp_s > 3 * interval_s:
             self._past.popleft()  # from before something was tracked
@@ -89,22 +89,21 @@ class Trigger:
             return []
         tolerance_px = p.tolerance_px + parallax
         surprise = self._surprise(then.grey, now.grey, then, now, tolerance_px)
-        on = cv2.compare(surprise, 0, cv2.CMP_GT)
-        if cv2.countNonZero(on) < p.min_area_px:
+        if np.count_nonzero(surprise) < p.min_area_px:
             return []
         colors = [np.asarray(cv2.blur(one.image, (3, 3)), dtype=np.uint8) for one in (then, now)]
         surprise = self._surprise(colors[0], colors[1], then, now, tolerance_px)  # with all its colours
-        on = cv2.compare(surprise, 0, cv2.CMP_GT)
+        on = (surprise > 0).view(np.uint8)
         side = 2 * p.join_px + 1
         joined = cv2.morphologyEx(on, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
         count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
-        regions = [self._region(k, stats[k], labels, surprise) for k in range(1, count)]
+        regions = [self._region(k, stats[k], np.asarray(labels), surprise) for k in range(1, count)]
         regions = [r for r in regions if np.count_nonzero(r.mask) >= p.min_area_px]
         return sorted(regions, key=lambda r: -r.evidence)
 
     @staticmethod
     def _region(
-        label: int, stats: NDArray[np.int32], labels: NDArray[np.int32], surprise: NDArray[np.uint8]
+        label: int, stats: NDArray[np.integer], labels: NDArray[np.integer], surprise: NDArray[np.uint8]
     ) -> Region2D:
         x, y, w, h = (int(side) for side in stats[:4])
         crop = np.s_[y : y + h, x : x + w]
@@ -127,9 +126,9 @@ class Trigger:
         high, low = cv2.dilate(old, kernel), cv2.erode(old, kernel)
         if not still:  # what the older image did not see explains everything
             low[old == 0], high[old == 0] = 0, 255
-        brighter = cv2.subtract(new, cv2.add(high, (threshold + exposure,) * 3))
-        darker = cv2.subtract(cv2.add(low, (exposure - threshold,) * 3), new)
-        surprise = cv2.max(brighter, darker)
+        brighter = cv2.subtract(new, cv2.add(high, np.full(4, threshold + exposure)))
+        darker = cv2.subtract(cv2.add(low, np.full(4, exposure - threshold)), new)
+        surprise = np.asarray(cv2.max(brighter, darker), dtype=np.uint8)
         if surprise.ndim == 3:
             surprise = surprise.max(axis=2)
         height, width = surprise.shape
@@ -137,7 +136,7 @@ class Trigger:
         surprise[:my], surprise[height - my :] = 0, 0
         surprise[:, :mx], surprise[:, width - mx :] = 0, 0
         self._ignore_own(surprise, then, now, still)
-        return np.asarray(surprise, dtype=np.uint8)
+        return surprise
 
     def _ignore_own(self, surprise: NDArray[np.uint8], then: _Past, now: _Past, still: bool) -> None:
         """Clear what is, or was, the robot's own body."""

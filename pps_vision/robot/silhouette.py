@@ -1,0 +1,62 @@
+"""Where the robot sees itself: its own bodies as masks in its own images."""
+
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from pps_vision.geometry.camera import View
+from pps_vision.robot.model import Body, Posture, Robot
+from pps_vision.types import Array, Mask
+
+_ROUND = 12  # points around a circle; its polygon is widened to enclose it
+
+
+class Silhouette:
+    """Projects the convex hull of each of a robot's bodies; `margin_px` allows for calibration errors."""
+
+    def __init__(self, robot: Robot, margin_px: int = 4) -> None:
+        if margin_px < 0:
+            raise ValueError(f"silhouette margin {margin_px} px; expected 0 or more")
+        self.robot, self.margin_px = robot, margin_px
+
+    @cached_property
+    def _bodies(self) -> list[tuple[str, Array]]:
+        """(frame, points (n, 3) in that frame) of every body."""
+        return [
+            (b.frame, _hull_points(b) @ b.T_frame_body[:3, :3].T + b.T_frame_body[:3, 3]) for b in self.robot.bodies
+        ]
+
+    def __call__(self, joints_rad: Array, view: View) -> Mask:
+        """(H, W) pixels where the robot at `joints_rad` is, or nearly is, in `view`."""
+        return self.of(self.robot.at(joints_rad), view)
+
+    def of(self, posture: Posture, view: View) -> Mask:
+        """The same for a posture at hand."""
+        mask = np.zeros((view.camera.height, view.camera.width), np.uint8)
+        points = np.concatenate([posture.point(frame, shape) for frame, shape in self._bodies])
+        pixels = view.project(points)
+        ends = np.cumsum([len(shape) for _, shape in self._bodies])
+        for outline in np.split(pixels, ends[:-1]):
+            seen = outline[np.isfinite(outline).all(axis=1)]
+            if len(seen) and np.all(seen.max(axis=0) >= 0) and np.all(seen.min(axis=0) < mask.shape[::-1]):
+                cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(seen).astype(np.int32)), (1,))
+        if self.margin_px and mask.any():
+            mask = np.asarray(cv2.dilate(mask, np.ones((2 * self.margin_px + 1,) * 2, np.uint8)), dtype=np.uint8)
+        return mask.view(bool)
+
+
+def _hull_points(body: Body) -> Array:
+    """(n, 3) points whose convex hull encloses the body, or nearly, in the body's own frame."""
+    angle = np.arange(_ROUND) * 2 * np.pi / _ROUND
+    circle = np.column_stack([np.cos(angle), np.sin(angle)]) / np.cos(np.pi / _ROUND)
+    if body.shape == "box":
+        corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T
+        return corners * np.array(body.size_m)
+    if body.shape == "cylinder":
+        radius, length = body.size_m
+        ends = [np.column_stack([radius * circle, np.full(_ROUND, z)]) for z in (-length / 2, length / 2)]
+        return np.vstack(ends)
+    latitudes = np.deg2rad([-60.0, -20.0, 20.0, 60.0])
+    rings = [np.column_stack([np.cos(a) * circle, np.full(_ROUND, np.sin(a))]) for a in latitudes]
+    return body.size_m[0] * 1.04 * np.vstack([*rings, [[0, 0, 1], [0, 0, -1]]])

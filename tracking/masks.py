@@ -1,0 +1,61 @@
+"""The few operations on pixel masks that the trackers share; masks are boolean (h, w)."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.types import Array, Mask
+
+
+def square(radius: int) -> NDArray[np.uint8]:
+    """A structuring element of side 2·radius + 1."""
+    return np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+
+
+def disc(radius: int) -> NDArray[np.uint8]:
+    """A round structuring element."""
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), dtype=np.uint8)
+
+
+def dilated(mask: Mask, radius: int) -> Mask:
+    """Grown by `radius` px to all sides."""
+    return np.asarray(cv2.dilate(mask.view(np.uint8), square(radius)), dtype=np.uint8).view(bool)
+
+
+def eroded(mask: Mask, radius: int) -> Mask:
+    """Shrunk by `radius` px from all sides but the image's border."""
+    shrunk = cv2.erode(mask.view(np.uint8), square(radius), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(shrunk, dtype=np.uint8).view(bool)
+
+
+def closed(mask: Mask, element: NDArray[np.uint8]) -> Mask:
+    """With gaps narrower than the element filled."""
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, element), dtype=np.uint8).view(bool)
+
+
+def opened(mask: Mask, element: NDArray[np.uint8]) -> Mask:
+    """Without parts narrower than the element."""
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, element), dtype=np.uint8).view(bool)
+
+
+def component(mask: Mask, where: Mask) -> Mask | None:
+    """The connected component with most pixels in `where`; None where none has any."""
+    count, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
+    votes = np.bincount(np.asarray(labels)[where], minlength=count)
+    votes[0] = 0
+    return np.asarray(labels == int(votes.argmax())) if votes.any() else None
+
+
+def filled(mask: Mask) -> Mask:
+    """With its holes filled."""
+    whole = mask.view(np.uint8).copy()
+    contours, _ = cv2.findContours(whole, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(whole, contours, -1, (1,), cv2.FILLED)
+    return whole.view(bool)
+
+
+def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height: float) -> Mask:
+    """Pixels of the region `box` (x0, y0, x1, y1) inside the ellipse of a width and height around `center`."""
+    x = (np.arange(box[0], box[2]) - center[0]) / (0.5 * width)
+    y = (np.arange(box[1], box[3]) - center[1]) / (0.5 * height)
+    return np.asarray((x * x)[None, :] + (y * y)[:, None] <= 1.0)
