@@ -20,7 +20,7 @@ class ArmParams:
 
     max_rate_rad_s: float = 60 * _DEG
     approach_per_s: float = 5.0
-    damping_m: float = 0.01
+    damping_m: float = 0.003
     posture_per_s: float = 1.0
 
 

@@ -1,0 +1,101 @@
+"""Cartesian velocities of points of the arm, checked on the integrated motion."""
+
+import numpy as np
+import pytest
+
+from control.arm import ArmParams, KeepIn, arm_velocity
+from pps_vision.robot.icub import HOME_ARM_DEG, home
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array
+
+DEG = np.pi / 180
+DT = 0.05
+PARAMS = ArmParams()
+REST = np.deg2rad(HOME_ARM_DEG)
+
+
+def posture_inside(robot: Robot, rng: np.random.Generator) -> Array:
+    """A posture whose arm joints are in the middle 60 % of their ranges."""
+    middle, half = 0.5 * (robot.upper_rad + robot.lower_rad), 0.5 * (robot.upper_rad - robot.lower_rad)
+    return middle + half * rng.uniform(-0.6, 0.6, robot.n_joints)
+
+
+@pytest.mark.parametrize(("side", "frame"), [("left", "left_forearm"), ("right", "right_palm")])
+def test_a_point_moves_as_asked_and_only_its_arm_with_it(
+    robot: Robot, rng: np.random.Generator, side: str, frame: str
+) -> None:
+    point, h, deviations = np.array([-0.02, -0.03, 0.01]), 1e-5, []
+    arm = robot.indices(robot.names.arm(side))
+    for _ in range(40):
+        q, direction = posture_inside(robot, rng), rng.normal(size=3)
+        velocity = 0.02 * direction / np.linalg.norm(direction)
+        dq = arm_velocity(PARAMS, robot.at(q), side, frame, point, velocity, REST)
+        assert np.abs(dq).max() <= 60 * DEG + 1e-6
+        assert not np.any(np.delete(dq, arm))
+        moved = (robot.at(q + h * dq).point(frame, point) - robot.at(q).point(frame, point)) / h
+        deviations.append(np.linalg.norm(moved - velocity) / 0.02)
+    # the few that deviate are near a singular posture or at the 60°/s limit
+    assert np.median(deviations) < 0.02
+    assert np.quantile(deviations, 0.9) < 0.10
+
+
+def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot: Robot) -> None:
+    """The elbow's velocity leaves the wrist free."""
+    q = home(robot)
+    wrist = robot.indices(("left_wrist_pitch", "left_wrist_yaw"))
+    q[wrist] = (-30 * DEG, 15 * DEG)
+    for _ in range(100):
+        q = q + DT * arm_velocity(PARAMS, robot.at(q), "left", "left_lower_arm", (0, 0, 0), np.zeros(3), REST)
+    np.testing.assert_allclose(q[wrist], 0.0, atol=1 * DEG)
+
+
+def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot: Robot, rng: np.random.Generator) -> None:
+    """Straight arm, then ten seconds of pushing on in each of six directions."""
+    for direction in np.vstack([np.eye(3), -np.eye(3)]):
+        q = home(robot)
+        arm = robot.indices(robot.names.arm("left"))
+        q[arm] = np.deg2rad([-30, 20, 0, 5.5, 0, 0, 0])  # elbow at its end: the arm is stretched
+        for _ in range(200):
+            dq = arm_velocity(PARAMS, robot.at(q), "left", "left_palm", (0, 0, 0), 0.1 * direction, REST)
+            assert np.all(np.isfinite(dq))
+            q = q + DT * dq
+            assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))
+
+
+def test_joints_slow_down_before_their_limits(robot: Robot) -> None:
+    q = home(robot)
+    elbow = robot.indices(("left_elbow",))
+    q[elbow] = robot.upper_rad[elbow] - 0.02
+    forearm = robot.at(q).jacobian("left_palm")[:3, elbow[0]]
+    dq = arm_velocity(PARAMS, robot.at(q), "left", "left_palm", (0, 0, 0), 0.5 * forearm, REST)
+    assert 0 < dq[elbow[0]] <= PARAMS.approach_per_s * 0.02 + 1e-6
+
+
+def test_the_palm_slides_along_its_sphere(robot: Robot) -> None:
+    """Pushed askew against the sphere it goes on sideways, and stays inside."""
+    q = home(robot)
+    center = robot.at(q).point("left_palm")
+    keep_in = KeepIn("left_palm", center, 0.05)
+    out, side = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    for _ in range(60):
+        velocity = 0.1 * (out + 0.5 * side)
+        q = q + DT * arm_velocity(PARAMS, robot.at(q), "left", "left_palm", (0, 0, 0), velocity, REST, keep_in)
+        assert np.linalg.norm(robot.at(q).point("left_palm") - center) < 0.051
+    offset = robot.at(q).point("left_palm") - center
+    assert np.linalg.norm(offset) > 0.048
+    assert offset @ side > 0.015
+
+
+def test_a_palm_outside_its_sphere_is_brought_back(robot: Robot) -> None:
+    q = home(robot)
+    center = robot.at(q).point("left_palm") + np.array([0.0, 0.0, 0.08])
+    for _ in range(40):
+        keep_in = KeepIn("left_palm", center, 0.05)
+        q = q + DT * arm_velocity(PARAMS, robot.at(q), "left", "left_forearm", (0, 0, 0), np.zeros(3), REST, keep_in)
+    assert np.linalg.norm(robot.at(q).point("left_palm") - center) < 0.0505
+
+
+@pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])
+def test_a_velocity_that_is_none_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="expected three finite numbers"):
+        arm_velocity(PARAMS, robot.at(home(robot)), "left", "left_palm", (0, 0, 0), velocity, REST)

@@ -1,0 +1,207 @@
+"""R eq. 6 by hand, and a ball that never touches the arm (pure kinematics, 20 Hz)."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from control.avoidance import AvoidanceParams, AvoidanceState, Response, control_point, step
+from pps_vision.robot.icub import HOME_ARM_DEG, home
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
+from pps_vision.types import Array
+
+DEG = np.pi / 180
+DT = 0.05
+BALL_M = 0.035
+PARAMS = AvoidanceParams(tuple(np.deg2rad(HOME_ARM_DEG)))
+FOREARM = icub_skin(("left_forearm",))
+
+
+def felt(skin: Skin, **activations: float) -> Array:
+    a = np.zeros(len(skin.taxel_ids))
+    for name, value in activations.items():
+        part, _, taxel = name.rpartition("_")
+        a[skin.index(f"{part}:{taxel}")] = value
+    return a
+
+
+def live(
+    robot: Robot, activations: list[Array], params: AvoidanceParams = PARAMS
+) -> Iterator[tuple[Array, Array, Response]]:
+    """Runs the arm through a list of activations; yields (q before, command, response)."""
+    q, state = home(robot), AvoidanceState()
+    for k, a in enumerate(activations):
+        state, command, response = step(params, state, robot.at(q), FOREARM, a, k * DT)
+        yield q, command.dq_rad_s, response
+        q = q + DT * command.dq_rad_s
+        assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))
+
+
+def test_p_and_n_are_activation_weighted_means_over_what_exceeds_the_threshold(robot: Robot) -> None:
+    posture = robot.at(home(robot))
+    positions, normals = FOREARM.at(posture)
+    a = felt(FOREARM, left_forearm_27=0.5, left_forearm_135=1.0, left_forearm_15=0.4)  # 0.4 does not exceed 0.4
+    found = control_point(0.4, posture, FOREARM, a)
+    assert found is not None
+    frame, p, n = found
+    i, j = FOREARM.index("left_forearm:27"), FOREARM.index("left_forearm:135")
+    assert frame == "left_forearm"
+    np.testing.assert_allclose(p, (positions[i] + 2 * positions[j]) / 3)
+    mean = (normals[i] + 2 * normals[j]) / 3
+    np.testing.assert_allclose(n, mean / np.linalg.norm(mean))
+
+
+def test_the_most_excited_body_part_answers(robot: Robot) -> None:
+    skin = icub_skin(("left_forearm", "left_palm"))
+    a = felt(skin, left_forearm_27=0.9, left_palm_101=0.6, left_palm_99=0.6)
+    found = control_point(0.4, robot.at(home(robot)), skin, a)
+    assert found is not None
+    assert found[0] == "left_palm"
+
+
+@pytest.mark.parametrize(("behaviour", "sign"), [("avoid", -1), ("reach", 1)])
+def test_the_control_point_moves_10_cm_per_second_along_the_normal(robot: Robot, behaviour: str, sign: int) -> None:
+    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour)  # type: ignore[arg-type]
+    i = FOREARM.index("left_forearm:27")
+    ((q, dq, response),) = live(robot, [felt(FOREARM, left_forearm_27=0.8)], params)
+    (p, n), p_next = (array[i] for array in FOREARM.at(robot.at(q))), FOREARM.at(robot.at(q + 1e-4 * dq))[0][i]
+    assert response.mode == behaviour
+    np.testing.assert_allclose(response.velocity_root, sign * 0.1 * n)
+    np.testing.assert_allclose(response.point_root, p)
+    np.testing.assert_allclose((p_next - p) / 1e-4, sign * 0.1 * n, atol=0.005)
+
+
+def test_nothing_felt_nothing_done(robot: Robot) -> None:
+    for _, dq, response in live(robot, [felt(FOREARM, left_forearm_27=0.4)] * 20):
+        assert response.mode == "idle"
+        assert not np.any(dq)
+        assert not np.any(response.velocity_root)
+
+
+def test_an_arm_that_someone_else_moves_is_left_alone(robot: Robot) -> None:
+    """Idle away from home: only an answer of its own ends in a return."""
+    q = home(robot)
+    q[robot.indices(("left_elbow",))] += 20 * DEG
+    _, command, response = step(PARAMS, AvoidanceState(), robot.at(q), FOREARM, np.zeros(12), 0.0)
+    assert response.mode == "idle"
+    assert not np.any(command.dq_rad_s)
+
+
+def test_the_answer_persists_then_the_arm_goes_home_smoothly_and_rests(robot: Robot) -> None:
+    on = felt(FOREARM, left_forearm_27=1.0)
+    run = list(live(robot, [on] * 12 + [0 * on] * 120))
+    modes = [response.mode for _, _, response in run]
+    assert modes[:12] == ["avoid"] * 12
+    n_persist = modes[12:].index("return")
+    assert n_persist * DT == pytest.approx(0.3, abs=DT)
+    assert modes[-1] == "idle"
+    assert modes == sorted(modes, key=["avoid", "return", "idle"].index)  # each once, in this order
+    palm = np.array([robot.at(q).point("left_palm") for q, _, _ in run])
+    homeward = palm[12 + n_persist :]
+    assert np.linalg.norm(np.diff(homeward, axis=0), axis=1).max() < 0.1 * DT * 1.05
+    assert np.linalg.norm(np.diff(homeward, 2, axis=0), axis=1).max() < 0.1 * DT / 3  # no jump of speed
+    assert np.linalg.norm(palm[-1] - palm[0]) < 0.003
+
+
+def test_a_new_threat_on_the_way_home_is_answered(robot: Robot) -> None:
+    on = felt(FOREARM, left_forearm_27=1.0)
+    modes = [response.mode for _, _, response in live(robot, [on] * 10 + [0 * on] * 12 + [on])]
+    assert modes[-2:] == ["return", "avoid"]
+
+
+@pytest.mark.parametrize("taxel", FOREARM.parts[0].ids)
+@pytest.mark.parametrize("behaviour", ["avoid", "reach"])
+def test_a_lasting_threat_drives_the_palm_no_further_than_its_sphere(robot: Robot, taxel: int, behaviour: str) -> None:
+    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour)  # type: ignore[arg-type]
+    on = felt(FOREARM, **{f"left_forearm_{taxel}": 1.0})
+    palm = [robot.at(q).point("left_palm") for q, _, _ in live(robot, [on] * 80, params)]
+    away = np.linalg.norm(np.array(palm) - palm[0], axis=1)
+    assert 0.05 < away.max() < 0.202
+
+
+@pytest.mark.parametrize(
+    "activations", [np.full(12, np.nan), np.r_[np.zeros(11), np.nan], np.zeros(11), np.zeros((12, 1))]
+)
+def test_activations_that_are_not_one_number_a_taxel_are_refused(robot: Robot, activations: Array) -> None:
+    with pytest.raises(ValueError, match="expected 12 numbers, one a taxel, none NaN"):
+        step(PARAMS, AvoidanceState(), robot.at(home(robot)), FOREARM, activations, 0.0)
+
+
+class Encounter:
+    """A ball flies at a taxel's home position, ends at the first would-be contact and goes back.
+
+    A taxel is excited when the ball in its cone is nearer than `lead_s` to contact; with
+    `relative` the arm's own motion counts for that time, as on skin that moves.
+    """
+
+    def __init__(self, robot: Robot, skin: Skin, taxel: int, rng: np.random.Generator, speed_m_s: float) -> None:
+        self.robot, self.skin, self.speed = robot, skin, speed_m_s
+        positions, normals = skin.at(robot.at(home(robot)))
+        self.aim, self.taxel = positions[taxel], taxel
+        aside = np.cross(normals[taxel], rng.normal(size=3))
+        cosine = rng.uniform(np.cos(45 * DEG), 1)
+        self.way = cosine * normals[taxel] + np.sqrt(1 - cosine**2) * aside / np.linalg.norm(aside)
+        far = np.linspace(0.3, 0.03, 3000)
+        touching = [touched_taxels(positions, self.aim + s * self.way, BALL_M).any() for s in far]
+        self.nearest = far[np.argmax(touching)] - 5e-4
+
+    def ball(self, t: float) -> tuple[Array, Array]:
+        """Center (3,) and velocity (3,)."""
+        t_turn = (0.3 - self.nearest) / self.speed
+        return (
+            self.aim + (self.nearest + self.speed * abs(t - t_turn)) * self.way,
+            (self.speed if t > t_turn else -self.speed) * self.way,
+        )
+
+    def activations(self, positions: Array, normals: Array, v_skin: Array, t: float, lead_s: float) -> Array:
+        center, velocity = self.ball(t)
+        d = center - positions
+        distance = np.linalg.norm(d, axis=1)
+        closing = np.maximum(-np.einsum("ni,ni->n", d, velocity - v_skin) / distance, 1e-9)
+        near = (distance - BALL_M - TOUCH_RADIUS_M) / closing < lead_s
+        in_cone = np.einsum("ni,ni->n", d, normals) / distance > np.cos(45 * DEG)
+        in_cone[self.taxel] = True
+        return np.where(near & in_cone, 1.0, 0.0)
+
+    def touches(self, params: AvoidanceParams, lead_s: float, relative: bool = False) -> bool:
+        q, state, v_skin = home(self.robot), AvoidanceState(), np.zeros((len(self.skin.taxel_ids), 3))
+        for k in range(int(2 * (0.3 - self.nearest) / self.speed / DT)):
+            posture = self.robot.at(q)
+            positions, normals = self.skin.at(posture)
+            a = self.activations(positions, normals, v_skin, k * DT, lead_s)
+            state, command, _ = step(params, state, posture, self.skin, a, k * DT)
+            for part in (0.25, 0.5, 0.75, 1.0):
+                moved = self.skin.at(self.robot.at(q + part * DT * command.dq_rad_s))[0]
+                if touched_taxels(moved, self.ball((k + part) * DT)[0], BALL_M).any():
+                    return True
+            v_skin = (moved - positions) / DT if relative else v_skin
+            q = q + DT * command.dq_rad_s
+        return False
+
+
+@pytest.mark.parametrize("relative", [False, True], ids=["ball's speed", "relative speed"])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_no_ball_ever_touches_an_arm_that_is_warned(
+    robot: Robot, rng: np.random.Generator, side: str, relative: bool
+) -> None:
+    skin = icub_skin((f"{side}_forearm",))  # type: ignore[arg-type]
+    params = AvoidanceParams(PARAMS.home_arm_rad, side=side)  # type: ignore[arg-type]
+    for taxel in list(range(12)) * 2:
+        encounter = Encounter(robot, skin, taxel, rng, rng.uniform(0.05, 0.15))
+        assert not encounter.touches(params, lead_s=1.2, relative=relative)
+
+
+def test_the_same_ball_touches_an_arm_that_is_not_warned(robot: Robot, rng: np.random.Generator) -> None:
+    for taxel in range(12):
+        assert Encounter(robot, FOREARM, taxel, rng, 0.1).touches(PARAMS, lead_s=-1.0)
+
+
+def test_two_control_periods_of_warning_are_enough(robot: Robot, rng: np.random.Generator) -> None:
+    """The smallest time to contact that still saves the arm, printed."""
+    saved = {}
+    for lead_s in (0.05, 0.1, 0.2, 0.4):
+        encounters = [Encounter(robot, FOREARM, taxel, rng, rng.uniform(0.05, 0.15)) for taxel in range(12)]
+        saved[lead_s] = sum(not encounter.touches(PARAMS, lead_s) for encounter in encounters)
+    print(f"\navoided of 12 by warning time: {saved}")
+    assert saved[0.2] == saved[0.4] == 12

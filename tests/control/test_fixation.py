@@ -1,0 +1,195 @@
+"""Fixation in the kinematic loop: the true point is projected, the joints are integrated (20 Hz)."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from control.fixation import FixationParams, features, fixation_error, gaze_at, point_of_pixels, step
+from control.head import gaze_columns, gaze_of
+from pps_vision.robot.gaze import fixation_point
+from pps_vision.robot.icub import home, icub_rig, set_gaze
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array
+
+DEG = np.pi / 180
+DT = 0.05
+PARAMS = FixationParams()
+NECK = ("neck_yaw", "neck_pitch")
+EYES = ("eyes_tilt", "left_eye_pan", "right_eye_pan")
+
+
+def random_gaze(robot: Robot, rng: np.random.Generator) -> Array:
+    """Anywhere in the gaze range, the tilt carrying on where the neck's pitch ends."""
+    yaw, up, vergence = rng.uniform([-55, -75, 5], [55, 30, 90]) * DEG
+    pitch = max(up, -40 * DEG)
+    return set_gaze(robot, home(robot), yaw, pitch, up - pitch, 0.0, vergence)
+
+
+def move(robot: Robot, q: Array, dq: Array) -> Array:
+    """One control period; checks what the head promises."""
+    neck, eyes = robot.indices(NECK), robot.indices(EYES)
+    assert np.abs(dq[neck]).max() <= 60 * DEG + 1e-6
+    assert np.abs(dq[eyes]).max() <= 180 * DEG + 1e-6
+    others = np.setdiff1d(np.arange(robot.n_joints), neck + eyes)
+    assert not np.any(dq[others])
+    q = q + DT * dq
+    assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))
+    return q
+
+
+def test_slopes_of_the_features_are_finite_differences(robot: Robot, rng: np.random.Generator) -> None:
+    h = 1e-6
+    for _ in range(10):
+        q, p = random_gaze(robot, rng), np.array([-0.35, 0.0, 0.2]) + rng.uniform(-0.15, 0.15, 3)
+        _, dx_dq, dx_dp = features(robot.at(q), p)
+        by_q = [features(robot.at(q + h * e), p)[0] - features(robot.at(q - h * e), p)[0] for e in np.eye(len(q))]
+        by_p = [features(robot.at(q), p + h * e)[0] - features(robot.at(q), p - h * e)[0] for e in np.eye(3)]
+        np.testing.assert_allclose(dx_dq, np.column_stack(by_q) / (2 * h), atol=1e-6)
+        np.testing.assert_allclose(dx_dp, np.column_stack(by_p) / (2 * h), atol=1e-6)
+
+
+def test_features_are_js_pixels_near_the_axis(robot: Robot, rng: np.random.Generator) -> None:
+    """[u_L − u_R, mean u, mean v], undistorted, from the principal point, in focal lengths."""
+    q = set_gaze(robot, home(robot), vergence=10 * DEG)
+    view = icub_rig(robot).view(q)
+    meeting = fixation_point(robot.at(q))
+    assert meeting is not None
+    for _ in range(20):
+        p = meeting + rng.uniform(-0.02, 0.02, 3)
+        left, right = (
+            cv2.undistortPoints(v.project(p).reshape(1, 1, 2), v.camera.K, np.array(v.camera.distortion))[0, 0]
+            for v in (view.left, view.right)
+        )
+        x = features(robot.at(q), p)[0]
+        np.testing.assert_allclose(x, [left[0] - right[0], *(0.5 * (left + right))], atol=1e-4)
+
+
+def test_the_interaction_matrix_is_the_published_one(robot: Robot) -> None:
+    """At 0.4 m and f = 220: −220 (disparity by vergence), +248 (u by yaw), +249 (v by pitch) px/rad (FACTS §5)."""
+    q = set_gaze(robot, np.zeros(robot.n_joints), vergence=2 * np.arctan(0.034 / 0.4))
+    p = fixation_point(robot.at(q))
+    assert p is not None
+    slopes = 220 * features(robot.at(q), p)[1] @ gaze_columns(robot)
+    yaw, pitch, _, vergence = slopes.T
+    np.testing.assert_allclose([vergence[0], yaw[1], pitch[2]], [-220, 248, 249], rtol=0.02)
+    # all else is zero by symmetry, but for pitch, which changes the distance and so the disparity
+    np.testing.assert_allclose([yaw[0], yaw[2], pitch[1], vergence[1], vergence[2]], 0.0, atol=1e-9)
+
+
+def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot: Robot, rng: np.random.Generator) -> None:
+    rig, settled = icub_rig(robot), []
+    while len(settled) < 60:
+        p, q = fixation_point(robot.at(random_gaze(robot, rng))), random_gaze(robot, rng)
+        assert p is not None
+        view = rig.view(q)
+        if not (view.left.sees(p) and view.right.sees(p)):
+            continue
+        errors = []
+        for _ in range(40):
+            errors.append(fixation_error(robot.at(q), p))
+            q = move(robot, q, step(PARAMS, robot.at(q), p, dt_s=DT).dq_rad_s)
+        within = np.array(errors) < 0.5 * DEG
+        assert np.all(within[30:]), "not within 0.5° from 1.5 s on"
+        settled.append(DT * (len(errors) - np.argmin(within[::-1])) if not within.all() else 0.0)
+    print(f"\nfixation: within 0.5° after {np.median(settled):.2f} s in the median, {max(settled):.2f} s at most")
+
+
+def paths(rng: np.random.Generator) -> list[Callable[[float], Array]]:
+    """A straight line and a circle of 10 cm, both at 15 cm/s about 0.4 m from the eyes."""
+    eyes = np.array([-0.07, 0.0, 0.34])
+    center = eyes + 0.4 * np.array([-1, rng.uniform(-0.6, 0.6), rng.uniform(-1.2, 0.2)]) / 1.3
+    heading, other = np.linalg.qr(rng.normal(size=(3, 2)))[0].T
+    turn = 0.15 / 0.1
+    return [
+        lambda t: center + 0.15 * (t - 1) * heading,
+        lambda t: center + 0.1 * (heading * np.cos(turn * t) + other * np.sin(turn * t)),
+    ]
+
+
+def test_a_moving_point_is_held_although_it_is_seen_one_frame_late(robot: Robot, rng: np.random.Generator) -> None:
+    worst = 0.0
+    for path in [path for _ in range(6) for path in paths(rng)]:
+        q = gaze_at(robot, home(robot), path(0.0))
+        for k in range(40):
+            t = k * DT
+            seen = path(t - DT)
+            v = (path(t - DT + 1e-4) - path(t - DT - 1e-4)) / 2e-4
+            dq = step(PARAMS, robot.at(q), seen + DT * v, v, dt_s=DT).dq_rad_s
+            q_next = move(robot, q, dq)
+            for part in (0.5, 1.0):
+                worst = max(worst, fixation_error(robot.at(q + part * (q_next - q)), path(t + part * DT)))
+            q = q_next
+    print(f"\n15 cm/s at 0.4 m: held within {worst / DEG:.2f}°")
+    assert worst < 2 * DEG
+
+
+def test_the_image_alone_will_do(robot: Robot) -> None:
+    """Two raw, distorted pixel centres a frame, as a blob finder gives them."""
+    rig, p, q = icub_rig(robot), np.array([-0.35, -0.12, 0.2]), gaze_at(robot, home(robot), (-0.4, 0.0, 0.25))
+    for _ in range(30):
+        view = rig.view(q)
+        seen = point_of_pixels(view, view.left.project(p), view.right.project(p))
+        assert seen is not None
+        q = move(robot, q, step(PARAMS, robot.at(q), seen, dt_s=DT).dq_rad_s)
+    assert fixation_error(robot.at(q), p) < 0.5 * DEG
+
+
+def test_pixels_whose_rays_diverge_show_no_point(robot: Robot) -> None:
+    view = icub_rig(robot).view(home(robot))
+    assert point_of_pixels(view, (40.0, 110.0), (280.0, 110.0)) is None
+
+
+@pytest.mark.parametrize("frame", ["left_palm", "left_forearm"])
+def test_the_arm_at_home_is_fixated_with_the_eyes_tilt(robot: Robot, frame: str) -> None:
+    """Beyond the neck's −40° (FACTS §5: −51° for the hand, further for the forearm)."""
+    p = robot.at(home(robot)).point(frame)
+    q = gaze_at(robot, home(robot), p)
+    _, pitch, tilt, _ = gaze_of(robot.at(q))
+    assert fixation_error(robot.at(q), p) < 0.1 * DEG
+    assert pitch == pytest.approx(-40 * DEG, abs=0.1 * DEG)
+    assert tilt < -5 * DEG
+
+
+def test_the_tilt_goes_back_as_the_neck_takes_over(robot: Robot) -> None:
+    low, high = robot.at(home(robot)).point("left_forearm"), np.array([-0.4, 0.0, 0.3])
+    q = gaze_at(robot, home(robot), low)
+    for _ in range(60):
+        q = move(robot, q, step(PARAMS, robot.at(q), high, dt_s=DT).dq_rad_s)
+    assert fixation_error(robot.at(q), high) < 0.2 * DEG
+    assert abs(gaze_of(robot.at(q))[2]) < 0.5 * DEG
+
+
+@pytest.mark.parametrize("p", [(0.5, 0.3, 0.3), (-0.1, 0.0, -0.6), (-0.075, 0.0, 0.34), (-3.0, 0.0, 0.3)])
+def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot: Robot, p: tuple[float, ...]) -> None:
+    """Behind the head, straight below, between the eyes, far away."""
+    q = home(robot)
+    for _ in range(60):
+        q = move(robot, q, step(PARAMS, robot.at(q), p, dt_s=DT).dq_rad_s)
+    assert gaze_of(robot.at(q))[3] >= 5 * DEG - 1e-6
+
+
+def test_a_gaze_outside_its_range_is_led_back(robot: Robot) -> None:
+    q = set_gaze(robot, home(robot), vergence=0.0)
+    for _ in range(10):
+        q = move(robot, q, step(PARAMS, robot.at(q), (-0.4, 0.0, 0.3), dt_s=DT).dq_rad_s)
+    assert gaze_of(robot.at(q))[3] > 5 * DEG
+
+
+def test_fixation_error_is_the_worse_eyes_angle(robot: Robot) -> None:
+    q = set_gaze(robot, np.zeros(robot.n_joints), vergence=20 * DEG)
+    p = fixation_point(robot.at(q))
+    assert p is not None
+    assert fixation_error(robot.at(q), p) == pytest.approx(0.0, abs=1e-7)
+    turned = set_gaze(robot, q, version=3 * DEG)
+    assert fixation_error(robot.at(turned), p) == pytest.approx(3 * DEG)
+    assert fixation_error(robot.at(set_gaze(robot, q, vergence=30 * DEG)), p) == pytest.approx(5 * DEG)
+
+
+@pytest.mark.parametrize(
+    ("p", "v"), [((np.nan, 0, 0), (0, 0, 0)), ((-0.3, 0, 0), (0, np.inf, 0)), ((-0.3, 0), (0, 0, 0))]
+)
+def test_an_unknown_target_is_refused(robot: Robot, p: tuple[float, ...], v: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="expected a known point and velocity"):
+        step(PARAMS, robot.at(home(robot)), p, v)
