@@ -62,15 +62,16 @@ def gaze_for_points(robot: Robot, points_root: ArrayLike, limits: GazeLimits | N
     model = _FixationModel(robot)
 
     def forward(gaze: Array) -> tuple[Array, Array]:
-        h = 1e-5
-        shifted = np.concatenate([gaze + s * h * e for e in np.eye(3) for s in (1, -1)])
-        plus_minus = model(shifted).reshape(3, 2, len(gaze), 3)
-        return model(gaze), np.moveaxis(plus_minus[:, 0] - plus_minus[:, 1], 0, 2) / (2 * h)
+        h = 1e-7
+        here, *there = model(np.concatenate([gaze, *(gaze + h * axis for axis in np.eye(3))])).reshape(4, -1, 3)
+        return here, (np.stack(there, axis=2) - here[:, :, None]) / h
 
     known = np.all(np.isfinite(points), axis=1)
     middle = np.clip([0.0, 0.0, 20 * _DEG], limits.lower, limits.upper)
     starts = np.tile(middle, (1, int(known.sum()), 1))
-    solution = solve_ik(forward, points[known], starts, limits.lower, limits.upper, IKParams(tolerance=1e-8))
+    solution = solve_ik(
+        forward, points[known], starts, limits.lower, limits.upper, IKParams(tolerance=1e-8, max_steps=30)
+    )
     gaze = np.full((len(points), 3), np.nan)
     gaze[known] = np.where(solution.converged[:, None], solution.q_rad, np.nan)
     return gaze

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from pps_vision.types import Array, Mask
 
+_LEAST_DAMPING = 1e-10  # keeps JJᵀ invertible when joints at their limits are left out
+
 ForwardModel = Callable[[Array], tuple[Array, Array]]  # q (N, k) -> x (N, m), ∂x/∂q (N, m, k)
 
 
@@ -87,7 +89,7 @@ def _descend(
         good = error_new < error
         q, residual, J = np.where(good[:, None], q_new, q), residual.copy(), J.copy()
         residual[good], J[good] = residual_new[good], J_new[good]
-        damping = np.where(good, damping * 0.1, damping * 10)
+        damping = np.where(good, np.maximum(damping * 0.1, _LEAST_DAMPING), damping * 10)
         error = np.where(good, error_new, error)
         out_q[left], out_error[left] = q, error
         more = (error > params.tolerance) & (moved > params.min_step_rad)

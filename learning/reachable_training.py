@@ -1,0 +1,206 @@
+"""Learning the reachable-space map from inverse kinematics (J, "Training the maps").
+
+Each label is one inverse-kinematics problem: can the hand get to this fixation point?  A failed one
+tells more than no: the nearest point the hand does reach lies on the border of the reachable
+region.  Labels are asked for where the border is, as far from earlier ones as there is room.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
+
+from learning.reachable import GazeInterpolator, ReachableMap, isotropic
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
+from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array, Mask
+
+_DEG = np.pi / 180
+_FAR_VERGENCE_RAD = 1 * _DEG  # border points may lie beyond the gaze limits, but must be finite
+_MARGIN_RAD = 0.5
+
+
+@dataclass(frozen=True)
+class ArmLimits:
+    """J's limits of the first four arm joints in the order of the chain (shoulder rows 3–5, elbow)."""
+
+    lower_rad: tuple[float, ...] = (-95 * _DEG, 0.0, -20 * _DEG, 15 * _DEG)
+    upper_rad: tuple[float, ...] = (10 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG)
+
+
+@dataclass(frozen=True)
+class MapParams:
+    """How much is asked of inverse kinematics: `n_labels` in `n_rounds`, the first spread over all gaze
+    postures; `n_babble` random arm postures supply the starts, `n_starts` a problem."""
+
+    gaze_limits: GazeLimits = field(default_factory=GazeLimits)
+    arm_limits: ArmLimits = field(default_factory=ArmLimits)
+    n_labels: int = 6000
+    n_rounds: int = 4
+    n_babble: int = 100_000
+    n_starts: int = 3
+    n_effort_starts: int = 6
+    effort_stride: int = 7  # neighbours of a point at this rank apart reach it in different ways
+    effort_steps: int = 25
+    ik: IKParams = field(default_factory=lambda: IKParams(tolerance=1e-4, max_steps=100))
+    # in the map's isotropic coordinates:
+    border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
+    node_spacing: float = 0.0026  # border points nearer to one another than this say the same
+    border_clearance: float = 0.017  # labels nearer to the border than this leave its place to border points
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Answers for `gaze_rad` (n, 3): within reach, the error in m, 1 − M of the best posture (NaN where out
+    of reach), and the gaze posture (n, 3) of the border point found (NaN where there is none)."""
+
+    gaze_rad: Array
+    reachable: Mask
+    error_m: Array
+    optimality: Array
+    border_rad: Array
+
+    def joined(self, more: "Labels") -> "Labels":
+        """These and more."""
+        names = ("gaze_rad", "reachable", "error_m", "optimality", "border_rad")
+        return Labels(*(np.concatenate([getattr(self, name), getattr(more, name)]) for name in names))
+
+
+class ReachOracle:
+    """Answers by inverse kinematics with the given forward model, by default the robot's own."""
+
+    def __init__(
+        self, robot: Robot, side: str, params: MapParams, rng: np.random.Generator, forward: ForwardModel | None = None
+    ) -> None:
+        """ValueError for a side other than left or right."""
+        if side not in ("left", "right"):
+            raise ValueError(f"side {side!r}: expected left or right")
+        self.robot, self.params = robot, params
+        palm = robot.names.palms[("left", "right").index(side)]
+        self.lower, self.upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
+        self.forward = forward or Chain.of(robot, robot.names.arm(side)[: len(self.lower)], palm).positions
+        self.babbled = rng.uniform(self.lower, self.upper, (params.n_babble, len(self.lower)))
+        self._tree = cKDTree(self.forward(self.babbled)[0])
+
+    def label(self, gaze: Array) -> Labels:
+        """Answers for gaze postures (n, 3)."""
+        p = self.params
+        points = fixation_points(self.robot, gaze)
+        nearest = self._tree.query(points, k=np.arange(1, p.n_starts + 1))[1]
+        starts = np.swapaxes(self.babbled[nearest], 0, 1)
+        solution = solve_ik(self.forward, points, starts, self.lower, self.upper, p.ik)
+        reachable, failed = solution.converged, ~solution.converged
+        border = np.full(gaze.shape, np.nan)
+        border[failed] = gaze_for_points(self.robot, self.forward(solution.q_rad[failed])[0], self._beyond())
+        optimality = np.full(len(gaze), np.nan)
+        optimality[reachable] = 1 - self._least_effort(points[reachable], solution.q_rad[reachable])
+        return Labels(gaze, reachable, solution.error, optimality, border)
+
+    def _beyond(self) -> GazeLimits:
+        g = self.params.gaze_limits
+        yaw, pitch, vergence = (
+            (low - _MARGIN_RAD, high + _MARGIN_RAD) for low, high in zip(g.lower, g.upper, strict=True)
+        )
+        return GazeLimits(yaw, pitch, (_FAR_VERGENCE_RAD, vergence[1]))
+
+    def _least_effort(self, points: Array, q: Array) -> Array:
+        """(n,) the least M (J IV.5, mean squared joint angle relative to the middle of its range) among
+        postures that reach the points: that of postures `q` which do, or one found from others near."""
+        middle, half = (self.upper + self.lower) / 2, (self.upper - self.lower) / 2
+        ranks = 1 + self.params.effort_stride * np.arange(self.params.n_effort_starts)
+        nearest = self._tree.query(points, k=ranks)[1]
+        least = np.mean(((q - middle) / half) ** 2, axis=1)
+        for start in np.swapaxes(self.babbled[nearest], 0, 1):
+            z = (start - middle) / half
+            for _ in range(self.params.effort_steps):
+                x, J = self.forward(middle + half * z)
+                residual = points - x
+                effort = np.where(
+                    np.linalg.norm(residual, axis=1) <= self.params.ik.tolerance, np.mean(z**2, axis=1), 1
+                )
+                least = np.minimum(least, effort)
+                z = np.clip(z + 0.5 * _toward_middle(z, residual, J * half), -1, 1)
+        return least
+
+
+def _toward_middle(z: Array, residual: Array, J: Array) -> Array:
+    """Newton's step to the z of least norm among those that cancel the linearised residual; a joint
+    that it pushes beyond its limit (|z| = 1) is left out."""
+    stuck = np.zeros(z.shape, dtype=bool)
+    for _ in range(2):
+        J_free, z_free = np.where(stuck[:, None], 0.0, J), np.where(stuck, 0.0, z)
+        A = J_free @ np.swapaxes(J_free, 1, 2) + 1e-9 * np.eye(J.shape[1])
+        target = residual[..., None] + J_free @ z_free[..., None]
+        step: Array = (np.swapaxes(J_free, 1, 2) @ np.linalg.solve(A, target))[..., 0] - z_free
+        stuck = np.abs(z + step) > 1
+    return step
+
+
+def train_reachable_map(
+    robot: Robot,
+    side: str,
+    rng: np.random.Generator,
+    params: MapParams | None = None,
+    forward: ForwardModel | None = None,
+) -> ReachableMap:
+    """Learn the map of one arm ("left" or "right"); `forward` arm joints → palm in the root frame."""
+    params = params or MapParams()
+    oracle = ReachOracle(robot, side, params, rng, forward)
+    limits = params.gaze_limits
+    n = params.n_labels // params.n_rounds
+    labels = oracle.label(rng.uniform(limits.lower, limits.upper, (n, 3)))
+    softness = np.nan
+    for _ in range(params.n_rounds - 1):
+        border = GazeInterpolator(*_nodes(labels, params))
+        asked = _near_border(border, labels, n, params, rng)
+        more = oracle.label(asked)
+        softness = _softness(border(asked), more.reachable)
+        labels = labels.joined(more)
+    nodes, signed = _nodes(labels, params)
+    inside, outside = labels.reachable, ~labels.reachable
+    return ReachableMap(
+        side, limits, nodes, signed, labels.gaze_rad[inside], labels.optimality[inside],
+        labels.gaze_rad[outside], labels.error_m[outside], softness,
+    )  # fmt: skip
+
+
+def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
+    """Gaze postures and their signed distance to the border: 0 at border points, elsewhere the
+    distance to the nearest of them."""
+    border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
+    if len(border) == 0:
+        raise ValueError(
+            f"all {len(labels.gaze_rad)} labels are within reach: expected some beyond the border to learn"
+        )
+    close = cKDTree(isotropic(border)).query_pairs(params.node_spacing, output_type="ndarray")
+    border = np.delete(border, np.unique(close[:, 1]), axis=0)
+    distance, _ = cKDTree(isotropic(border)).query(isotropic(labels.gaze_rad))
+    clear = distance > params.border_clearance
+    signed = np.where(labels.reachable, distance, -distance)[clear]
+    return np.concatenate([border, labels.gaze_rad[clear]]), np.concatenate([np.zeros(len(border)), signed])
+
+
+def _near_border(
+    border: GazeInterpolator, labels: Labels, n: int, params: MapParams, rng: np.random.Generator
+) -> Array:
+    """(n, 3) gaze postures in the band about the border, those farthest from what is labelled already."""
+    limits = params.gaze_limits
+    candidates = rng.uniform(limits.lower, limits.upper, (8 * n, 3))
+    signed = border(candidates)
+    low, high = params.border_band
+    near = candidates[(signed > low) & (signed < high)][: 2 * n]
+    alone, _ = cKDTree(isotropic(labels.gaze_rad)).query(isotropic(near))
+    return near[np.argsort(-alone)[:n]]
+
+
+def _softness(predicted: Array, reachable: Mask) -> float:
+    """The scale τ for which P = 1/(1 + e^(−s/τ)) best explains answers that were predicted as s."""
+    sign = np.where(reachable, -1.0, 1.0)
+
+    def surprise(log_tau: float) -> float:
+        return float(np.logaddexp(0, sign * predicted / np.exp(log_tau)).sum())
+
+    return float(np.exp(minimize_scalar(surprise, bounds=(np.log(1e-4), np.log(0.5)), method="bounded").x))

@@ -1,0 +1,242 @@
+"""The reachable-space map against fresh inverse kinematics, forward kinematics and plain geometry."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from learning.reachable import load_map, save_map
+from learning.reachable_training import ArmLimits, MapParams, ReachOracle, train_reachable_map
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
+from pps_vision.robot.icub import load_icub
+
+ROBOT = load_icub()
+LIMITS = GazeLimits()
+LOWER, UPPER = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
+ARM = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm")
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return train_reachable_map(ROBOT, "right", np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def fresh():
+    """Answers to questions the map never asked, with twice the starts."""
+    rng = np.random.default_rng(99)
+    oracle = ReachOracle(ROBOT, "right", MapParams(n_starts=6), rng)
+    return oracle.label(rng.uniform(LIMITS.lower, LIMITS.upper, (4000, 3)))
+
+
+@pytest.fixture(scope="module")
+def babbled():
+    """Arm postures whose palm can be fixated, and the gaze postures that do it."""
+    q = np.random.default_rng(5).uniform(LOWER, UPPER, (12_000, 4))
+    gaze = gaze_for_points(ROBOT, ARM.positions(q)[0])
+    seen = np.isfinite(gaze[:, 0])
+    assert seen.mean() == pytest.approx(0.28, abs=0.02)  # FACTS §6
+    return q[seen], gaze[seen]
+
+
+def rates(judged, truth):
+    """Judgement errors of all, false negatives of the reachable, false positives of the others."""
+    return (judged != truth).mean(), (~judged & truth).sum() / truth.sum(), (judged & ~truth).sum() / (~truth).sum()
+
+
+def test_judges_random_gaze_postures(learned, fresh):
+    je, fn, fp = rates(learned.query(fresh.gaze_rad).reachable, fresh.reachable)
+    print(f"gaze space: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
+    assert fresh.reachable.mean() == pytest.approx(0.19, abs=0.02)  # FACTS §6
+    assert je <= 0.006
+    assert fn <= 0.02
+    assert fp <= 0.006
+
+
+def test_judges_the_box_of_locations_that_j_tested(learned):
+    sim = np.random.default_rng(7).uniform([-0.10, 0.75, 0.20], [0.10, 0.95, 0.35], (4000, 3))
+    points = np.stack([-sim[:, 2] - 0.026, -sim[:, 0], sim[:, 1] - 0.5976], axis=1)
+    gaze = gaze_for_points(ROBOT, points)
+    gaze = gaze[np.isfinite(gaze[:, 0])]
+    truth = ReachOracle(ROBOT, "right", MapParams(n_starts=6), np.random.default_rng(8)).label(gaze).reachable
+    je, fn, fp = rates(learned.query(gaze).reachable, truth)
+    print(f"{len(gaze)} of 4000 locations fixated: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
+    assert je <= 0.013  # J's Basic map
+
+
+def test_what_the_arm_was_seen_to_reach_is_reachable(learned, babbled):
+    share = learned.query(babbled[1]).reachable.mean()
+    print(f"babbled postures judged reachable: {100 * share:.2f} %")
+    assert share >= 0.985
+
+
+def test_nothing_beyond_arms_length_is_reachable(learned, fresh):
+    """The elbow stays bent by 15°, so no palm is farther from the shoulder than at that bend."""
+    first_axis = ARM.screws[0]
+    shoulder = np.cross(first_axis[3:], first_axis[:3])  # a point on it
+    q = np.random.default_rng(9).uniform(LOWER, UPPER, (50_000, 4))
+    longest = np.linalg.norm(ARM.positions(q)[0] - shoulder, axis=1).max()
+    far = np.linalg.norm(fixation_points(ROBOT, fresh.gaze_rad) - shoulder, axis=1) > longest + 0.02
+    assert far.sum() > 100
+    assert not learned.query(fresh.gaze_rad[far]).reachable.any()
+
+
+def test_the_farthest_reachable_point(babbled):
+    """J Fig 3 with the values of our tables (FACTS §6): least vergence with the arm outstretched."""
+    q, gaze = babbled
+    far = gaze[:, 2].argmin()
+    assert np.rad2deg(gaze[far, 2]) == pytest.approx(10.4, abs=0.5)
+    assert np.rad2deg(q[far, 3]) == pytest.approx(15, abs=5)
+
+
+def test_the_closest_reachable_point():
+    """J Fig 3: vergence 89.15° with the arm fully bent."""
+    q = np.random.default_rng(6).uniform(LOWER, UPPER, (60_000, 4))
+    q[:, 3] = np.deg2rad(105)
+    palms = ARM.positions(q)[0]
+    left, right = ROBOT.eye_poses(np.zeros(ROBOT.n_joints))
+    near = np.argsort(np.linalg.norm(palms - (left + right)[:3, 3] / 2, axis=1))[:10_000]
+    assert np.rad2deg(np.nanmax(gaze_for_points(ROBOT, palms[near])[:, 2])) == pytest.approx(89.15, abs=1)
+
+
+def test_probability_means_what_it_says(learned, fresh):
+    p = learned.query(fresh.gaze_rad).probability
+    assert np.mean((p - fresh.reachable) ** 2) < 0.006
+    assert fresh.reachable[p < 0.1].mean() < 0.01
+    assert fresh.reachable[p > 0.9].mean() > 0.98
+
+
+def test_degree(learned, fresh):
+    """R of J IV.6 (as FACTS §6 corrects it) and IV.7 from the fresh answers."""
+    expected = np.where(
+        fresh.reachable, (1 + fresh.optimality) / 2, (1 - fresh.error_m / learned.error_m.max()) / 2
+    )  # fmt: skip
+    degree = learned.query(fresh.gaze_rad).degree
+    rmse = np.sqrt(np.mean((degree - expected) ** 2))
+    print(f"degree of reachability: RMSE {rmse:.4f}")
+    assert rmse <= 0.022  # J's Enhanced map
+    assert degree.min() >= 0
+    assert degree.max() <= 1
+
+
+def test_the_optimality_is_what_a_general_optimiser_finds(fresh):
+    chosen = np.flatnonzero(fresh.reachable)[:12]
+    middle, half = (UPPER + LOWER) / 2, (UPPER - LOWER) / 2
+    q = np.random.default_rng(3).uniform(LOWER, UPPER, (50_000, 4))
+    palms = ARM.positions(q)[0]
+    excess = []
+    for point, found in zip(fixation_points(ROBOT, fresh.gaze_rad[chosen]), fresh.optimality[chosen], strict=True):
+        best = np.inf
+        for start in q[np.argsort(np.linalg.norm(palms - point, axis=1))[:24:3]]:
+            result = minimize(
+                lambda q: np.mean(((q - middle) / half) ** 2), start, method="SLSQP",
+                bounds=list(zip(LOWER, UPPER, strict=True)), options={"maxiter": 200, "ftol": 1e-10},
+                constraints={"type": "eq", "fun": lambda q, p=point: ARM.positions(q[None])[0][0] - p},
+            )  # fmt: skip
+            if np.linalg.norm(ARM.positions(result.x[None])[0][0] - point) < 1e-4:
+                best = min(best, result.fun)
+        excess.append(1 - found - best)
+    assert min(excess) > -0.001  # nothing can be better than the optimum
+    assert np.mean(excess) < 0.005
+
+
+def test_a_query_takes_less_than_two_milliseconds(learned, fresh):
+    learned.query(fresh.gaze_rad[:50])
+    times = []
+    for gaze in fresh.gaze_rad[:100]:
+        begun = time.perf_counter()
+        learned.query(gaze[None])
+        times.append(time.perf_counter() - begun)
+    print(f"query: median {1000 * np.median(times):.2f} ms")
+    assert np.median(times) < 2e-3
+
+
+def test_outside_the_limits_is_said_so(learned):
+    gaze = np.deg2rad([[0, -20, 20], [60, 0, 20], [0, -41, 20], [0, 0, 4], [np.nan, 0, 20]])
+    verdict = learned.query(gaze)
+    assert verdict.within_limits.tolist() == [True, False, False, False, False]
+    assert not verdict.reachable[1:].any()
+    assert np.isnan(verdict.probability[1:]).all()
+    assert np.isnan(verdict.degree[1:]).all()
+    assert np.isfinite([verdict.probability[0], verdict.degree[0]]).all()
+    with pytest.raises(ValueError, match=r"expected \(N, 3\)"):
+        learned.query([0, 0, 0.3])
+
+
+def test_a_wider_gaze_and_fewer_labels():
+    """With the eyes' tilt the gaze goes down to −80°, where the home hand is (FACTS §5)."""
+    wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
+    params = MapParams(gaze_limits=wide, n_labels=2000)
+    learned = train_reachable_map(ROBOT, "left", np.random.default_rng(1), params)
+    hand = gaze_for_points(ROBOT, [[-0.30, -0.20, 0.05]], wide)
+    assert learned.query(hand).reachable[0]
+    rng = np.random.default_rng(2)
+    gaze = rng.uniform(wide.lower, wide.upper, (2000, 3))
+    truth = ReachOracle(ROBOT, "left", params, rng).label(gaze).reachable
+    assert rates(learned.query(gaze).reachable, truth)[0] <= 0.02
+
+
+def cube(center, half_side):
+    """A hand that three joints move within a cube; the fourth does nothing."""
+    scale = 2 * half_side / (UPPER - LOWER)[:3]
+
+    def forward(q):
+        J = np.zeros((len(q), 3, 4))
+        J[:, range(3), range(3)] = scale
+        return center + (q - (LOWER + UPPER) / 2)[:, :3] * scale, J
+
+    return forward
+
+
+def test_the_forward_model_may_be_another():
+    """Told that the hand moves in a cube before the face, the map says so."""
+    center = fixation_points(ROBOT, np.deg2rad([[10, -10, 30]]))[0]
+    params = MapParams(n_labels=800, n_babble=5000)
+    learned = train_reachable_map(ROBOT, "right", np.random.default_rng(4), params, cube(center, 0.04))
+    points = center + np.array([[0, 0, 0], [0.03, 0.03, 0.03], [0.06, 0, 0], [0, 0, -0.06]])
+    assert learned.query(gaze_for_points(ROBOT, points)).reachable.tolist() == [True, True, False, False]
+
+
+def test_an_arm_that_reaches_everything_has_no_border():
+    with pytest.raises(ValueError, match="all 25 labels are within reach"):
+        train_reachable_map(
+            ROBOT, "right", np.random.default_rng(4), MapParams(n_labels=100, n_babble=5000), cube(np.zeros(3), 2.0)
+        )
+
+
+def test_saved_and_loaded_judges_the_same(learned, fresh, tmp_path):
+    save_map(tmp_path / "map.npz", learned)
+    again = load_map(tmp_path / "map.npz")
+    before, after = learned.query(fresh.gaze_rad[:50]), again.query(fresh.gaze_rad[:50])
+    np.testing.assert_array_equal(after.probability, before.probability)
+    np.testing.assert_array_equal(after.degree, before.degree)
+    assert (again.side, again.limits) == ("right", LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"version": 7}, "version 7; expected version 1"),
+        ({"nodes": None}, "without nodes"),
+        ({"nodes": np.zeros((40, 2))}, r"border: \(40, 2\) postures"),
+        ({"inside": np.zeros((5, 3)), "optimality": np.zeros(5)}, r"inside: \(5, 3\) postures"),
+        ({"softness": 0.0}, "softness 0.0"),
+        ({"limits_rad": np.zeros((3, 2))}, "lower below upper"),
+    ],
+)
+def test_a_bad_file_is_refused_by_name(learned, tmp_path, changes, message):
+    path = tmp_path / "map.npz"
+    save_map(path, learned)
+    with np.load(path) as file:
+        data = {**file, **changes}
+    np.savez(path, **{k: v for k, v in data.items() if v is not None})
+    with pytest.raises(ValueError, match=rf"map\.npz: .*{message}"):
+        load_map(path)
+
+
+def test_there_is_a_left_and_a_right_arm():
+    with pytest.raises(ValueError, match="side 'third': expected left or right"):
+        ReachOracle(ROBOT, "third", replace(MapParams(), n_babble=10), np.random.default_rng(0))
