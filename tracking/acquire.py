@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
-from tracking.outline import Box, Optics, Outline, cover, outline
+from tracking.outline import Box, Optics, Outline
+from tracking.rim import see
 from tracking.trigger import Region2D
 
 
@@ -66,7 +67,7 @@ def acquire(
 
 def _object_outline(params: AcquireParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
     """The mask's outline, unless it is too large or too ragged for an object."""
-    shape = outline(cover(image, mask, box), optics)
+    shape = see(image, mask, box, optics)
     if shape is None or shape.area_px > params.max_share * image.shape[0] * image.shape[1]:
         return None
     return shape if shape.area_px >= params.min_fill * shape.box_px[2] * shape.box_px[3] else None

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
-from tracking.outline import Box, Optics, Outline, cover, outline
+from tracking.outline import Box, Optics, Outline
 from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
+from tracking.rim import see
 
 
 @dataclass(frozen=True)
@@ -103,13 +104,12 @@ class EyeTracker:
         center = weights @ cloud.now[:, :2]
         self._state = s = replace(s, cloud=resample(cloud, weights, self.rng))
         mask = self._mask(likelihood, roi, center, s.size, s.shape)
-        shape = None if mask is None else outline(cover(image, mask, roi), self.optics)
+        shape = None if mask is None else see(image, mask, roi, self.optics, s.fill * s.size**2)
         if mask is None or shape is None:
             return None
-        expected = s.fill * s.size**2
-        ratio = shape.area_px / expected
+        ratio = shape.area_px / (s.fill * s.size**2)
         score = s.model.similarity(histogram(bins[mask])) if evidence is None else float(likelihood[mask].mean())
-        score *= min(ratio, 1 / ratio, 1.0)
+        score *= min(ratio, 1 / ratio)
         if score < self.params.min_score:
             return None
         return self._learn(s, bins, mask, shape, score, ratio)
@@ -120,7 +120,8 @@ class EyeTracker:
         """Let cloud, size and colours follow what was seen."""
         k = self.params.size_rate
         size = s.size * ratio ** (0.5 * k)
-        aspect = (s.shape[0] ** 2) ** (1 - k) * (shape.box_px[2] / shape.box_px[3]) ** k
+        seen_aspect = s.shape[0] ** 2 if shape.at_border else shape.box_px[2] / shape.box_px[3]
+        aspect = (s.shape[0] ** 2) ** (1 - k) * seen_aspect**k
         now = s.cloud.now.copy()
         now[:, :2] += shape.center_px - now[:, :2].mean(axis=0)
         now[:, 2] *= size / now[:, 2].mean()

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Image, Mask
-from tracking.outline import Box, Optics, Outline, cover, outline
+from tracking.outline import Box, Optics, Outline
+from tracking.rim import see
 
 _PAD = 8  # px
 
@@ -59,7 +60,7 @@ def find_markers(
     for k in np.argsort(-worth)[: params.max_blobs]:
         if worth[k] > 0:
             box, mask = _cut_out(np.asarray(labels), int(k) + 1, stats[k + 1])
-            shape = outline(cover(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3])), optics)
+            shape = see(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3]), optics)
             found += [shape] if shape else []
     return found
 

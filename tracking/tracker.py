@@ -329,7 +329,7 @@ def _prior(eye: _Eye, look: _Look, last: Belief, now: Belief) -> Prior | None:
     if len(now.mean) > 1:
         p = p + now.mean[1] * (look.stamp_s - now.stamp_s)
     center = look.view.project(p) + eye.offset_px
-    if not eye.optics.camera.contains(center):
+    if not eye.optics.camera.contains(center, margin_px=-0.5 * eye.size_px):
         return None
     J = look.view.project_jacobian(p)
     std = float(np.sqrt(np.linalg.eigvalsh(J @ now.cov[:3, :3] @ J.T)[-1]))
