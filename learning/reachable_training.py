@@ -51,6 +51,13 @@ class MapParams:
     node_spacing: float = 0.0026  # border points nearer to one another than this say the same
     border_clearance: float = 0.017  # labels nearer to the border than this leave its place to border points
 
+    def __post_init__(self) -> None:
+        if self.n_rounds < 2 or self.n_labels < self.n_rounds:
+            raise ValueError(
+                f"{self.n_labels} labels in {self.n_rounds} rounds: expected at least two rounds, "
+                "of which the later ones test what the earlier ones learned"
+            )
+
 
 @dataclass(frozen=True)
 class Labels:
@@ -100,11 +107,8 @@ class ReachOracle:
         return Labels(gaze, reachable, solution.error, optimality, border)
 
     def _beyond(self) -> GazeLimits:
-        g = self.params.gaze_limits
-        yaw, pitch, vergence = (
-            (low - _MARGIN_RAD, high + _MARGIN_RAD) for low, high in zip(g.lower, g.upper, strict=True)
-        )
-        return GazeLimits(yaw, pitch, (_FAR_VERGENCE_RAD, vergence[1]))
+        low, high = self.params.gaze_limits.lower - _MARGIN_RAD, self.params.gaze_limits.upper + _MARGIN_RAD
+        return GazeLimits((low[0], high[0]), (low[1], high[1]), (_FAR_VERGENCE_RAD, high[2]))
 
     def _least_effort(self, points: Array, q: Array) -> Array:
         """(n,) the least M (J IV.5, mean squared joint angle relative to the middle of its range) among

@@ -240,3 +240,9 @@ def test_a_bad_file_is_refused_by_name(learned, tmp_path, changes, message):
 def test_there_is_a_left_and_a_right_arm():
     with pytest.raises(ValueError, match="side 'third': expected left or right"):
         ReachOracle(ROBOT, "third", replace(MapParams(), n_babble=10), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("n_labels", "n_rounds"), [(100, 1), (3, 4)])
+def test_one_round_cannot_say_how_sure_it_is(n_labels, n_rounds):
+    with pytest.raises(ValueError, match="expected at least two rounds"):
+        MapParams(n_labels=n_labels, n_rounds=n_rounds)
