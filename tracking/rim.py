@@ -47,17 +47,17 @@ def complete(shape: Outline, coverage: Coverage, optics: Optics, min_share: floa
     rays = rim_rays(coverage, optics)
     if len(rays) < _MIN_POINTS:
         return None
-    axis = shape_axis = rays.mean(axis=0)
-    weights = np.ones(len(rays))
+    axis = _consensus(rays, optics)
     for _ in range(_ROUNDS):
+        residual_px = _residual_px(rays, axis, optics)
+        weights = 1 / np.maximum(np.abs(residual_px) / _FAIR_PX, 1) ** 2
         normal = (rays * weights[:, None]).T @ rays
         if np.linalg.cond(normal) > 1e10:
             return None
         axis = np.linalg.solve(normal, (rays * weights[:, None]).sum(axis=0))
-        residual_px = _residual_px(rays, axis, optics)
-        weights = 1 / np.maximum(np.abs(residual_px) / _FAIR_PX, 1) ** 2
+    residual_px = _residual_px(rays, axis, optics)
     inlier = np.abs(residual_px) < _INLIER_PX
-    if np.count_nonzero(inlier) < max(min_share * len(rays), _MIN_POINTS) or axis @ shape_axis <= 0:
+    if np.count_nonzero(inlier) < max(min_share * len(rays), _MIN_POINTS) or axis @ rays[0] <= 0:
         return None
     return _outline(shape, axis, rays[inlier], residual_px[inlier], optics)
 
@@ -79,6 +79,24 @@ def rim_rays(coverage: Coverage, optics: Optics) -> Array:
     rays = np.concatenate(found)
     unit: Array = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     return unit
+
+
+def _consensus(rays: Array, optics: Optics) -> Array:
+    """The cone through three rim points, an arc apart, that most other rim points agree with."""
+    middle = rays.mean(axis=0)
+    across = np.linalg.svd(rays - middle, full_matrices=False)[2][:2]
+    around = rays[np.argsort(np.arctan2(*((rays - middle) @ across.T).T))]
+    n = len(around)
+    start = np.repeat(np.arange(0, n, max(n // 24, 1)), 2)
+    arc = np.where(np.arange(len(start)) % 2, n // 8, n // 5)
+    triples = around[(start[:, None] + arc[:, None] * np.arange(3)) % n]
+    proper = np.abs(np.linalg.det(triples)) > 1e-12
+    if not proper.any():
+        return middle
+    cones = np.linalg.solve(triples[proper], np.ones((int(proper.sum()), 3, 1)))[..., 0]
+    agreeing = [np.count_nonzero(np.abs(_residual_px(rays, cone, optics)) < _INLIER_PX) for cone in cones]
+    best: Array = cones[int(np.argmax(agreeing))]
+    return best
 
 
 def _residual_px(rays: Array, axis: Array, optics: Optics) -> Array:

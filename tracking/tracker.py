@@ -14,6 +14,7 @@ from pps_vision.types import Array, CameraName, Detection2D, Image, Mask, Observ
 from tracking.acquire import AcquireParams, Candidate, acquire
 from tracking.association import Association, AssociationParams
 from tracking.background import Background
+from tracking.disparity import DisparityParams, refine_distance
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.marker import MarkerParams, find_markers
@@ -27,12 +28,14 @@ Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], Abst
 
 @dataclass(frozen=True)
 class TrackerParams:
-    """`mode`: any moving object, or a marker of known hue.  An object is tracked once seen in both
+    """`mode`: any moving object, or a marker of known hue.  `depth`: from the two outlines' centres,
+    or (where that works) from the disparity inside the outline.  An object is tracked once seen in both
     eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`.  Of the
     `max_candidates` most conspicuous things that move, the two eyes' are one when their colours are
     `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than `max_ratio`."""
 
     mode: Literal["generic", "marker"] = "generic"
+    depth: Literal["centroid", "disparity"] = "centroid"
     confirm_frames: int = 3
     lost_after_s: float = 0.5
     max_candidates: int = 4
@@ -44,12 +47,16 @@ class TrackerParams:
     acquire: AcquireParams = field(default_factory=AcquireParams)
     eye: EyeParams = field(default_factory=EyeParams)
     marker: MarkerParams = field(default_factory=MarkerParams)
+    disparity: DisparityParams = field(default_factory=DisparityParams)
     association: AssociationParams = field(default_factory=AssociationParams)
     kalman: KalmanParams = field(default_factory=KalmanParams)
 
     def __post_init__(self) -> None:
-        if self.mode not in ("generic", "marker"):
-            raise ValueError(f"tracker mode {self.mode!r}; expected 'generic' or 'marker'")
+        if self.mode not in ("generic", "marker") or self.depth not in ("centroid", "disparity"):
+            raise ValueError(
+                f"tracker mode {self.mode!r}, depth from {self.depth!r}; "
+                "expected 'generic' or 'marker', 'centroid' or 'disparity'"
+            )
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
             raise ValueError(
                 f"confirm after {self.confirm_frames} frames, lost after {self.lost_after_s} s; expected more than 0"
@@ -252,6 +259,10 @@ class Tracker:
         observation = self._association.observe(view, left.outline, right.outline, stamp_s, shift)
         if observation is not None and self._hits > 0:  # the first outline, grown from motion, is rough
             self._association.learn(observation, left.outline, right.outline)
+        if observation is not None and self.params.depth == "disparity":
+            images = looks[0].image, looks[1].image
+            refined = refine_distance(self.params.disparity, view, *images, left.outline, observation)
+            observation = refined or observation
         return observation
 
     def _filter(self, observation: Observation3D | None, stamp_s: float) -> Track3D:

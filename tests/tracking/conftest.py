@@ -1,0 +1,28 @@
+"""The robot's eyes, and one seeded generator a test."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.model import Robot
+
+sys.path.insert(0, str(Path(__file__).parent))  # `from raycast import …`: the folder's name is the package's
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return load_icub()
+
+
+@pytest.fixture(scope="session")
+def rig(robot: Robot) -> StereoRig:
+    return icub_rig(robot)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(5)

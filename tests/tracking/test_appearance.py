@@ -1,0 +1,102 @@
+"""Colour bins, particles, masks and the marker, each against something simpler."""
+
+import colorsys
+
+import cv2
+import numpy as np
+import pytest
+from raycast import Sphere, look
+from scipy import ndimage
+
+from pps_vision.geometry.camera import View
+from pps_vision.robot.icub import LEFT_EYE
+from tracking import masks
+from tracking.color import N_BINS, ColorModel, color_bins, histogram
+from tracking.marker import MarkerParams, find_markers
+from tracking.outline import Optics
+from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
+
+
+def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
+    image = rng.integers(0, 256, (40, 40, 3), dtype=np.uint8)
+    bins = color_bins(image)
+    agree = 0
+    for rgb, got in zip(image.reshape(-1, 3), bins.ravel(), strict=True):
+        h, s, v = colorsys.rgb_to_hsv(*((rgb // 4 * 4 + 2) / 255))
+        grey = s < 40 / 255 or v < 25 / 255
+        agree += got == (100 + min(int(v * 10), 9) if grey else 10 * int(h * 10) + min(int(s * 10), 9))
+    assert agree > 0.96 * bins.size  # the rest lies on the edges, where 8-bit hues round
+
+
+def test_a_color_only_the_object_has_is_the_object() -> None:
+    red, blue = np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8, 3), np.uint8)
+    red[..., 0], blue[..., 2] = 200, 200
+    model = ColorModel(histogram(color_bins(red)), histogram(color_bins(blue)))
+    table = model.table()
+    assert table[color_bins(red)[0, 0]] > 0.9
+    assert table[color_bins(blue)[0, 0]] == 0
+    assert model.similarity(model.object) == pytest.approx(1)
+    assert model.similarity(model.background) == 0
+    half = model.blend(ColorModel(model.background, model.background), 0.5, 0.0)
+    assert half.similarity(model.object) == pytest.approx(np.sqrt(0.5))
+    assert histogram(np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)).sum() == pytest.approx(1)
+    assert len(table) == N_BINS
+
+
+def test_resampling_keeps_each_particle_as_often_as_it_weighs(rng: np.random.Generator) -> None:
+    weights = rng.dirichlet(np.ones(50))
+    cloud = Cloud(np.column_stack([np.arange(50.0), np.zeros(50), np.ones(50)]), np.zeros((50, 3)))
+    counts = np.bincount(resample(cloud, weights, rng).now[:, 0].astype(int), minlength=50)
+    assert np.all(np.abs(counts - 50 * weights) < 1)
+
+
+def test_the_cloud_finds_a_bright_box_and_follows_a_prior(rng: np.random.Generator) -> None:
+    likelihood = np.zeros((120, 160))
+    likelihood[50:70, 80:100] = 1.0
+    integral = cv2.integral(2 * likelihood - 1)
+    params = ParticleParams(count=400)
+    cloud = propagate(params, spawn(params, np.array([84.0, 55.0]), 20.0, 6.0, rng), None, rng)
+    weights = weigh(params, cloud, integral, (0, 0), (1.0, 1.0))
+    assert np.linalg.norm(weights @ cloud.now[:, :2] - [89.5, 59.5]) < 1.5
+    moved = propagate(params, cloud, Prior(np.array([30.0, 40.0]), 1.0, 1.1), rng)
+    assert np.linalg.norm(moved.now[:, :2].mean(axis=0) - [30, 40]) < 0.5
+    assert moved.now[:, 2].mean() == pytest.approx(1.1 * cloud.now[:, 2].mean(), rel=0.02)
+
+
+def test_mask_operations_are_those_of_mathematical_morphology(rng: np.random.Generator) -> None:
+    mask = ndimage.gaussian_filter(rng.standard_normal((60, 70)), 3) > 0.02
+    box = np.ones((5, 5))
+    np.testing.assert_array_equal(masks.dilated(mask, 2), ndimage.binary_dilation(mask, box))
+    np.testing.assert_array_equal(masks.eroded(mask, 2)[2:-2, 2:-2], ndimage.binary_erosion(mask, box)[2:-2, 2:-2])
+    labels, _ = ndimage.label(mask)
+    where = np.zeros_like(mask)
+    where[20:40, 20:50] = True
+    best = np.bincount(labels[where & mask]).argmax()
+    one = masks.component(mask, where)
+    assert one is not None
+    np.testing.assert_array_equal(one, labels == best)
+    np.testing.assert_array_equal(masks.filled(one), ndimage.binary_fill_holes(one, np.ones((3, 3))))
+    assert masks.component(np.zeros_like(mask), where) is None
+
+
+@pytest.mark.parametrize(("hue_deg", "color"), [(120.0, (30.0, 200.0, 40.0)), (0.0, (200.0, 30.0, 40.0))])
+def test_a_marker_is_found_by_its_hue(
+    rng: np.random.Generator, hue_deg: float, color: tuple[float, float, float]
+) -> None:
+    optics = Optics(LEFT_EYE)
+    center = np.array([0.03, -0.02, 0.4])
+    image = look(View(LEFT_EYE, np.eye(4)), [Sphere(center, 0.01, color)], rng)
+    true = LEFT_EYE.project(center)
+    found = find_markers(MarkerParams(hue_deg=hue_deg), image, optics)
+    assert np.linalg.norm(found[0].center_px - true) < 0.2
+    near = find_markers(MarkerParams(hue_deg=hue_deg), image, optics, (float(true[0]) + 3, float(true[1]) - 3, 15.0))
+    assert np.linalg.norm(near[0].center_px - true) < 0.2
+    assert find_markers(MarkerParams(hue_deg=240.0), image, optics) == []
+    assert find_markers(MarkerParams(hue_deg=hue_deg), image, optics, (-50.0, -50.0, 10.0)) == []
+
+
+def test_bad_parameters_are_named() -> None:
+    with pytest.raises(ValueError, match="hue 400"):
+        MarkerParams(hue_deg=400.0)
+    with pytest.raises(ValueError, match="count=1"):
+        ParticleParams(count=1)

@@ -1,0 +1,143 @@
+"""The filter against matrix exponentials, least squares and its own promised statistics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad_vec
+from scipy.linalg import expm
+from scipy.stats import chi2
+
+from tracking.kalman import KalmanParams, predict, process_noise, scaled, start, transition, update
+
+SHIFT = np.diag(np.ones(3), 1)  # d/dt of (position, velocity, acceleration, jerk)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_transition_is_the_exponential_of_the_derivative(order: int) -> None:
+    np.testing.assert_allclose(transition(order, 0.37), expm(0.37 * SHIFT[:order, :order]), atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_process_noise_is_the_integral_of_what_white_noise_leaves(order: int) -> None:
+    last = np.eye(order)[:, -1:]
+
+    def rate(t: float) -> np.ndarray:
+        through = expm(t * SHIFT[:order, :order]) @ last
+        return 2.5 * through @ through.T
+
+    np.testing.assert_allclose(process_noise(order, 0.8, 2.5), quad_vec(rate, 0, 0.8)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_without_process_noise_it_is_weighted_least_squares(order: int, rng: np.random.Generator) -> None:
+    params = KalmanParams(order=order, noise_density=1e-14, gate_chi2=1e9)
+    stamps = np.cumsum(rng.uniform(0.02, 0.1, 25))
+    cov = np.diag([1e-5, 4e-6, 9e-6])
+    measured = rng.normal(0, 0.003, (25, 3)) + np.outer(stamps, [0.1, -0.05, 0.02])
+    belief = start(params, stamps[0], measured[0], cov)
+    for t, p in zip(stamps[1:], measured[1:], strict=True):
+        belief = update(params, predict(params, belief, t), p, cov)
+    for axis in range(3):  # unknowns: the derivatives at the first stamp; the prior is a row for each
+        rows = np.array([transition(order, t - stamps[0])[0] for t in stamps]) / np.sqrt(cov[axis, axis])
+        prior = np.diag([0.0, *(1 / s for s in params.prior_std[: order - 1])])
+        design = np.vstack([rows, prior])
+        target = np.concatenate([measured[:, axis] / np.sqrt(cov[axis, axis]), np.zeros(order)])
+        fitted = np.linalg.lstsq(design, target)[0]
+        at_end = transition(order, stamps[-1] - stamps[0]) @ fitted
+        np.testing.assert_allclose(belief.mean[:, axis], at_end, rtol=1e-5, atol=1e-7)
+
+
+def test_errors_have_the_covariance_it_claims(rng: np.random.Generator) -> None:
+    params = KalmanParams(order=3, noise_density=2.0, prior_std=(0.3, 0.5, 2.0), gate_chi2=1e9)
+    R = np.diag([4e-6, 1e-6, 9e-6])
+    A, Q = transition(3, 0.05), process_noise(3, 0.05, 2.0)
+    root = np.linalg.cholesky(Q + 1e-18 * np.eye(3))
+    nees, nis = [], []
+    for _ in range(60):
+        true = np.vstack([np.zeros(3), 0.3 * rng.standard_normal(3), 0.5 * rng.standard_normal(3)])
+        belief = start(params, 0.0, true[0] + np.sqrt(np.diag(R)) * rng.standard_normal(3), R)
+        for k in range(1, 21):
+            true = A @ true + root @ rng.standard_normal((3, 3))
+            z = true[0] + np.sqrt(np.diag(R)) * rng.standard_normal(3)
+            belief = update(params, predict(params, belief, 0.05 * k), z, R)
+            nis.append(belief.nis)
+        error = (belief.mean - true).ravel()
+        nees.append(error @ np.linalg.solve(belief.cov, error))
+    low, high = chi2.ppf([0.001, 0.999], 9 * len(nees)) / len(nees)
+    assert low < np.mean(nees) < high
+    low, high = chi2.ppf([0.001, 0.999], 3 * len(nis)) / len(nis)
+    assert low < np.mean(nis) < high
+
+
+def test_coasting_lets_the_covariance_grow_and_stay_positive() -> None:
+    params = KalmanParams()
+    belief = start(params, 0.0, np.zeros(3), 1e-6 * np.eye(3))
+    for k in range(1, 10):
+        belief = update(params, predict(params, belief, 0.05 * k), np.array([0.005 * k, 0, 0]), 1e-6 * np.eye(3))
+    spread = []
+    for k in range(1, 40):
+        ahead = predict(params, belief, 0.45 + 0.05 * k)
+        spread.append(np.trace(ahead.cov[:3, :3]))
+        assert np.linalg.eigvalsh(ahead.cov).min() > -1e-12 * np.linalg.eigvalsh(ahead.cov).max()
+    assert np.all(np.diff(spread) > 0)
+
+
+def test_one_wild_measurement_is_ignored_and_many_are_believed() -> None:
+    params = KalmanParams(max_rejections=3)
+    R = 1e-6 * np.eye(3)
+    belief = start(params, 0.0, np.zeros(3), R)
+    for k in range(1, 20):
+        belief = update(params, predict(params, belief, 0.05 * k), np.zeros(3), R)
+    away = np.array([0.5, 0, 0])
+    belief = update(params, predict(params, belief, 1.0), away, R)
+    assert belief.rejections == 1
+    assert np.linalg.norm(belief.mean[0]) < 1e-3
+    for k in (1, 2):
+        belief = update(params, predict(params, belief, 1.0 + 0.05 * k), away, R)
+    np.testing.assert_allclose(belief.mean[0], away)
+
+
+def test_a_reversal_is_followed_at_once() -> None:
+    params = KalmanParams()
+    R = 1e-7 * np.eye(3)
+    belief = start(params, 0.0, np.zeros(3), R)
+    for k in range(1, 80):
+        x = 0.15 * 0.05 * (k if k <= 40 else 80 - k)
+        belief = update(params, predict(params, belief, 0.05 * k), np.array([x, 0, 0]), R)
+        assert abs(belief.mean[0, 0] - x) < 2e-3
+    assert belief.mean[1, 0] == pytest.approx(-0.15, abs=0.01)
+
+
+def test_a_static_thing_near_by_does_not_seem_to_move(rng: np.random.Generator) -> None:
+    params = KalmanParams()
+    std = np.array([1e-4, 1e-4, 3e-4])  # 0.1 px at 0.2 m
+    belief = start(params, 0.0, np.zeros(3), np.diag(std**2))
+    speed = []
+    for k in range(1, 200):
+        z = std * rng.standard_normal(3)
+        belief = update(params, predict(params, belief, 0.05 * k), z, np.diag(std**2))
+        speed.append(np.linalg.norm(belief.mean[1]))
+    assert np.percentile(speed[20:], 95) < 0.02
+
+
+def test_lengths_in_another_unit_give_the_same_track(rng: np.random.Generator) -> None:
+    inch = 1 / 0.0254
+    metres, inches = scaled(KalmanParams(), 0.5), scaled(KalmanParams(), 0.5 * inch)
+    R = 1e-6 * np.eye(3)
+    a, b = start(metres, 0.0, np.zeros(3), R), start(inches, 0.0, np.zeros(3), R * inch**2)
+    for k in range(1, 30):
+        z = np.array([0.01 * k, 0.02 * np.sin(k / 4), 0.0]) + 1e-3 * rng.standard_normal(3)
+        a = update(metres, predict(metres, a, 0.05 * k), z, R)
+        b = update(inches, predict(inches, b, 0.05 * k), z * inch, R * inch**2)
+    np.testing.assert_allclose(b.mean, a.mean * inch, rtol=1e-6)
+
+
+def test_bad_input_is_named() -> None:
+    with pytest.raises(ValueError, match="order 5"):
+        KalmanParams(order=5)
+    with pytest.raises(ValueError, match="gate -1"):
+        replace(KalmanParams(), gate_chi2=-1.0)
+    belief = start(KalmanParams(), 1.0, np.zeros(3), np.eye(3))
+    with pytest.raises(ValueError, match=r"0\.5.*before 1\.0"):
+        predict(KalmanParams(), belief, 0.5)

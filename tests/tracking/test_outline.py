@@ -1,0 +1,96 @@
+"""Where a sphere's centre is, from its image: against the projection of the true centre."""
+
+import numpy as np
+import pytest
+from raycast import Sphere, look
+
+from pps_vision.geometry.camera import Camera, View
+from pps_vision.robot.icub import LEFT_EYE
+from tracking.outline import Optics, cover, outline
+from tracking.rim import see
+
+RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
+FULL = (0, 0, LEFT_EYE.width, LEFT_EYE.height)
+
+
+@pytest.fixture(scope="module")
+def optics() -> Optics:
+    return Optics(LEFT_EYE)
+
+
+def _hard(camera: Camera, sphere: Sphere) -> np.ndarray:
+    """Pixels whose own ray hits the sphere."""
+    ray = sphere.center / np.linalg.norm(sphere.center)
+    return camera.bearing_map @ ray > np.sqrt(1 - (sphere.radius_m / np.linalg.norm(sphere.center)) ** 2)
+
+
+@pytest.mark.parametrize(("radius", "color", "rms_px"), [(0.035, RED, 0.08), (0.010, GREEN, 0.1)])
+def test_center_and_size_are_sub_pixel_and_covered(
+    optics: Optics, rng: np.random.Generator, radius: float, color: tuple[float, float, float], rms_px: float
+) -> None:
+    errors, sizes = [], []
+    for _ in range(8):
+        center = np.array([rng.uniform(-0.12, 0.1), rng.uniform(-0.05, 0.09), rng.uniform(0.28, 0.6)])
+        sphere = Sphere(center, radius, color)
+        shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere), FULL), optics)
+        assert shape is not None
+        error = shape.center_px - LEFT_EYE.project(center)
+        errors.append(error)
+        sizes.append(shape.angular_radius_rad / np.arcsin(radius / np.linalg.norm(center)))
+        assert np.all(np.abs(error) < 6 * np.sqrt(np.diag(shape.cov_px)) + 0.05)
+        assert np.linalg.eigvalsh(shape.cov_px).min() > 0
+    assert np.sqrt(np.mean(np.square(errors))) < rms_px
+    assert np.mean(sizes) == pytest.approx(1, abs=0.03)
+
+
+def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
+    """Wide aside and near, the plain centroid of a sphere's image is off by over half a pixel."""
+    sphere = Sphere(np.array([-0.12, 0.06, 0.2]), 0.035, RED)
+    hard = _hard(LEFT_EYE, sphere)
+    true = LEFT_EYE.project(sphere.center)
+    rows, columns = np.nonzero(hard)
+    assert np.linalg.norm([columns.mean() - true[0], rows.mean() - true[1]]) > 0.5
+    shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere]), hard, FULL), optics)
+    assert shape is not None
+    assert np.linalg.norm(shape.center_px - true) < 0.12
+
+
+def test_nothing_covered_is_none(optics: Optics) -> None:
+    image = np.full((240, 320, 3), 90, np.uint8)
+    assert outline(cover(image, np.zeros((240, 320), bool), FULL), optics) is None
+
+
+def test_a_ball_cut_by_the_border_is_completed(optics: Optics, rng: np.random.Generator) -> None:
+    center = np.array([-0.335, 0.02, 0.35])
+    sphere = Sphere(center, 0.035, RED)
+    true = LEFT_EYE.project(center)
+    assert 0 < true[0] < 15
+    shape = see(look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere), FULL, optics)
+    assert shape is not None
+    assert shape.at_border
+    assert np.linalg.norm(shape.center_px - true) < 0.7
+    assert shape.angular_radius_rad == pytest.approx(np.arcsin(0.035 / np.linalg.norm(center)), rel=0.03)
+
+
+def test_a_ball_half_hidden_is_completed(optics: Optics, rng: np.random.Generator) -> None:
+    sphere = Sphere(np.array([0.0, 0.02, 0.35]), 0.035, RED)
+    true = LEFT_EYE.project(sphere.center)
+    image = look(View(LEFT_EYE, np.eye(4)), [sphere], rng)
+    hard = _hard(LEFT_EYE, sphere)
+    whole = float(hard.sum())
+    u = int(true[0]) + 4
+    image[:, u:], hard[:, u:] = (60, 90, 140), False
+    shape = see(image, hard, FULL, optics, whole)
+    assert shape is not None
+    assert np.linalg.norm(shape.center_px - true) < 0.7
+
+
+def test_a_square_cut_by_the_border_is_not_taken_for_a_ball(optics: Optics) -> None:
+    image = np.full((240, 320, 3), (90, 80, 70), np.uint8)
+    hard = np.zeros((240, 320), bool)
+    hard[100:140, 0:25] = True
+    image[hard] = (30, 60, 220)
+    shape = see(image, hard, FULL, optics)
+    assert shape is not None
+    assert shape.center_px[0] < 15
+    assert np.sqrt(shape.cov_px[0, 0]) > 2
