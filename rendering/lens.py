@@ -9,7 +9,7 @@ import numpy as np
 from pps_vision.geometry.camera import Camera
 
 _MARGIN_PX = 2  # the interpolation's reach
-_WIDEST = 3  # times the image: a lens that asks for more cannot be undone over its image
+_INVERTED_PX = 0.1  # how well distorting must undo undistorting
 
 
 @dataclass(frozen=True)
@@ -30,20 +30,21 @@ def make_lens(camera: Camera) -> Lens:
     """The lens of a camera; ValueError where its distortion cannot be undone over the image."""
     if not any(camera.distortion):
         return Lens(camera, None)
+    recorded = np.moveaxis(np.mgrid[: camera.height, : camera.width][::-1], 0, -1)
+    error_px = np.abs(camera.project(camera.bearing_map) - recorded).max()
+    if not error_px < _INVERTED_PX:  # NaN where the model folds back
+        raise ValueError(
+            f"distortion {camera.distortion} leaves parts of {camera.width}×{camera.height} px undefined; "
+            "expected a lens that can be undone over the whole image"
+        )
     x, y = np.moveaxis(camera.bearing_map[..., :2] / camera.bearing_map[..., 2:], -1, 0)
     u, v = camera.fx * x + camera.cx, camera.fy * y + camera.cy
     left, top = np.floor([u.min(), v.min()]) - _MARGIN_PX
     right, bottom = np.ceil([u.max(), v.max()]) + _MARGIN_PX
-    width, height = right - left + 1, bottom - top + 1
-    if not (width < _WIDEST * camera.width and height < _WIDEST * camera.height):
-        raise ValueError(
-            f"distortion {camera.distortion} asks for {width:.0f}×{height:.0f} px to fill "
-            f"{camera.width}×{camera.height}; expected a lens that can be undone over the whole image"
-        )
     pinhole = replace(
         camera,
-        width=int(width),
-        height=int(height),
+        width=int(right - left) + 1,
+        height=int(bottom - top) + 1,
         cx=camera.cx - left,
         cy=camera.cy - top,
         distortion=(0.0, 0.0, 0.0, 0.0, 0.0),

@@ -52,7 +52,8 @@ def _bricks(rng: np.random.Generator, color: tuple[int, int, int], mortar: tuple
 
 def _planks(rng: np.random.Generator, color: tuple[int, int, int], columns: int) -> Array:
     """Boards with a grain along them, each of its own shade, cut at its own places."""
-    picture = _painted(rng, color, _noise(rng, 32, 256, stretch=(8, 1)), 0.45)
+    grain = 0.7 * _noise(rng, 32, 256, stretch=(8, 1)) + 0.5 * _noise(rng, 32, 256)
+    picture = _painted(rng, color, grain, 0.45)
     width = _TILE // columns
     for column in range(columns):
         stripe = picture[:, column * width : (column + 1) * width]
@@ -71,7 +72,7 @@ def _plaster(rng: np.random.Generator, color: tuple[int, int, int], pictures: in
         height, width = rng.integers(50, 130, 2)
         top, left = rng.integers(20, _TILE - 150, 2)
         wall[top - 5 : top + height + 5, left - 5 : left + width + 5] = (70, 60, 55)
-        motif = tuple(int(c) for c in rng.integers(90, 190, 3))
+        motif = tuple(int(c) for c in rng.integers(105, 150, 3))
         detail = _painted(rng, (motif[0], motif[1], motif[2]), _noise(rng, 8, 128), 0.7)
         wall[top : top + height, left : left + width] = detail[top : top + height, left : left + width]
     return wall
@@ -80,7 +81,7 @@ def _plaster(rng: np.random.Generator, color: tuple[int, int, int], pictures: in
 def _tabletop(rng: np.random.Generator) -> Array:
     """Boards under a checked cloth, with stains and specks."""
     table = _planks(rng, (150, 125, 100), 8)
-    cloth = _painted(rng, (140, 140, 125), _noise(rng, 32, 256), 0.25)
+    cloth = _painted(rng, (140, 140, 125), _noise(rng, 32, 256), 0.40)
     checks = (np.indices((_TILE, _TILE)) // 24).sum(axis=0) % 2
     cloth *= np.where(checks, 1.0, 0.72)[..., None]
     table[70:440, 90:420] = cloth[70:440, 90:420]

@@ -114,10 +114,10 @@ def _reaches_into(view: View, corners_root: Array) -> bool:
 
 
 def mesh_of(parts: Iterable[Part]) -> Any:
-    """All parts as one pyrender mesh, drawn in one go; edges sharper than 20° stay sharp."""
+    """All parts as one pyrender mesh, drawn in one go; edges sharper than 50° stay sharp."""
     vertices, normals, colors, faces, count = [], [], [], [], 0
     for part in parts:
-        shaded = trimesh.graph.smooth_shade(part.mesh)
+        shaded = trimesh.graph.smooth_shade(part.mesh, angle=np.deg2rad(50))
         vertices.append(shaded.vertices)
         normals.append(shaded.vertex_normals)
         colors.append(np.tile([*part.color, 1.0], (len(shaded.vertices), 1)))

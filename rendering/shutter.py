@@ -23,9 +23,13 @@ def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> 
 
 
 def sample_offsets_px(n: int) -> Array:
-    """(n, 2) where in the pixel each of n images is sampled: spread evenly over it, zero in the mean."""
+    """(n, 2) where in the pixel each of n successive images is sampled: spread evenly over it.
+
+    Zero in the mean and uncorrelated with time, so that a blur keeps its centre and its length.
+    """
     spread = np.outer(np.arange(n), (0.7548776662466927, 0.5698402909980532)) % 1.0  # the R2 sequence
-    return spread - spread.mean(axis=0)
+    trend = np.column_stack([np.ones(n), np.arange(n)])
+    return spread - trend @ np.linalg.lstsq(trend, spread, rcond=None)[0]
 
 
 def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> float:

@@ -1,0 +1,92 @@
+"""Motion blur against the exact displacement, and what a stereo pair costs."""
+
+import time
+
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array, Image
+from rendering.eyes import Eyes
+from rendering.scene import SceneState
+from rendering.sensor import Sensor
+from rendering.stimuli import make_stimulus
+
+PLACE = np.array([-0.36, -0.06, 0.12])
+
+
+def spread(image: Image, empty: Image) -> tuple[Array, Array]:
+    """Centre (2,) and covariance (2, 2) of the green that was added to an empty scene, px."""
+    greenness = [i[..., 1] - i[..., ::2].mean(axis=2) for i in (image.astype(float), empty.astype(float))]
+    weight = greenness[0] - greenness[1]
+    weight[weight < 8] = 0  # out of some 200
+    px = np.argwhere(weight > 0)[:, ::-1]
+    w = weight[weight > 0]
+    center = w @ px / w.sum()
+    return center, np.cov(px.T, aweights=w, ddof=0)
+
+
+@pytest.mark.parametrize("length_px", [6.0, 20.0])
+def test_blur_is_as_long_as_the_motion_and_centred_on_the_stamp(
+    robot: Robot, rig: StereoRig, q: Array, length_px: float
+) -> None:
+    eye = rig.view(q).left
+    sideways = eye.T_root_camera[:3, 0]
+    blur_s = 0.04
+    speed = length_px / np.linalg.norm(eye.project_jacobian(PLACE) @ sideways) / blur_s
+    state = SceneState(q, PLACE, velocity=speed * sideways)
+    images = {}
+    for name, sensor in (("sharp", Sensor()), ("blurred", Sensor(blur_s=blur_s))):
+        with Eyes(robot, rig, make_stimulus("marker"), sensor=sensor) as eyes:
+            images[name] = spread(eyes.render(state, 0.0).left, eyes.render(SceneState(q), 0.0).left)
+    path = eye.project(PLACE + np.outer(np.linspace(-0.5, 0.5, 101), speed * blur_s * sideways))
+    along = (path[-1] - path[0]) / np.linalg.norm(path[-1] - path[0])
+    gained = images["blurred"][1] - images["sharp"][1]
+    # a uniform smear of length L adds L²/12 to the variance along it and nothing across
+    assert np.sqrt(12 * along @ gained @ along) == pytest.approx(length_px, rel=0.06, abs=0.2)
+    across = np.array([-along[1], along[0]])
+    assert abs(across @ gained @ across) < 0.3
+    shift = images["blurred"][0] - images["sharp"][0] - (path.mean(axis=0) - path[50])
+    assert np.linalg.norm(shift) < 0.12
+
+
+def test_turning_the_head_blurs_the_room(robot: Robot, rig: StereoRig, q: Array) -> None:
+    turning = np.zeros(robot.n_joints)
+    turning[robot.indices(("neck_yaw",))] = 0.5
+    with Eyes(robot, rig, make_stimulus("ball"), sensor=Sensor(blur_s=0.05)) as eyes:
+        still = eyes.render(SceneState(q), 0.0).left.astype(float)
+        moving = eyes.render(SceneState(q, dq_rad_s=turning), 0.0).left.astype(float)
+    loss = [np.abs(np.diff(moving, axis=a)).mean() / np.abs(np.diff(still, axis=a)).mean() for a in (0, 1)]
+    assert loss[1] < 0.7  # along the motion, 5 px of it
+    assert loss[0] > loss[1] + 0.1
+
+
+def test_without_motion_an_open_shutter_changes_nothing(robot: Robot, rig: StereoRig, q: Array) -> None:
+    state = SceneState(q, PLACE)
+    with Eyes(robot, rig, make_stimulus("cube")) as one:
+        sharp = one.render(state, 0.0)
+    with Eyes(robot, rig, make_stimulus("cube"), sensor=Sensor(blur_s=0.1)) as other:
+        assert np.array_equal(sharp.left, other.render(state, 0.0).left)
+
+
+def test_everything_on_stays_within_its_time(robot: Robot, rig: StereoRig, q: Array) -> None:
+    """40 ms on two quiet cores; here in proportion to a plain pair on the same, maybe busy, machine."""
+    turning = np.zeros(robot.n_joints)
+    turning[robot.indices(("neck_yaw", "neck_pitch"))] = np.deg2rad([10.0, 5.0])
+    state = SceneState(q, PLACE, velocity=np.array([0.0, 0.15, 0.0]), dq_rad_s=turning)
+    everything = Sensor(noise_sigma=2, shot=0.1, exposure=1.2, blur_s=0.02)
+    rng = np.random.default_rng(0)
+    plain = Eyes(robot, rig, make_stimulus("ball"), "hand")
+    full = Eyes(robot, rig, make_stimulus("ball"), "hand", everything)
+    times: dict[Eyes, list[float]] = {plain: [], full: []}
+    for _ in range(3):
+        for eyes, taken in times.items():
+            eyes.render(state, 0.0, rng)  # takes the graphics memory over from the other
+            for _ in range(5):
+                start = time.perf_counter()
+                eyes.render(state, 0.0, rng)
+                taken.append(time.perf_counter() - start)
+    cheap, dear = (np.median(taken) for taken in times.values())
+    assert dear < 4 * cheap
+    assert min(times[full]) < 0.080

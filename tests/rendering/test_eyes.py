@@ -1,0 +1,167 @@
+"""What the rendered eyes show, against projective geometry and OpenCV."""
+
+import itertools
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.se3 import move_points, rotation_to
+from pps_vision.robot.icub import home, set_gaze
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array, Image
+from rendering.eyes import Eyes
+from rendering.scene import SceneState
+from rendering.sensor import Sensor
+from rendering.stimuli import make_stimulus
+
+BALL_M = 0.035
+PLACES = [(-0.32, -0.08, 0.12), (-0.40, 0.02, 0.16), (-0.36, -0.15, 0.02), (-0.45, -0.20, 0.12), (-0.30, 0.00, 0.10)]
+
+
+def silhouette_center(camera: Camera, center_camera: Array, radius: float) -> Array:
+    """Centre of the image of a sphere: its cone of tangents, sampled, projected by OpenCV."""
+    distance = float(np.linalg.norm(center_camera))
+    angle = np.arcsin(radius / distance)
+    turn = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    rim = np.column_stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.full(2000, np.cos(angle))])
+    rays = rim @ rotation_to(center_camera).T
+    px = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))[0]
+    moments = cv2.moments(px.astype(np.float32))
+    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+
+
+def difference(a: Image, b: Image) -> Array:
+    return np.abs(a.astype(float) - b.astype(float)).max(axis=2)
+
+
+def measured_center(with_ball: Image, without: Image) -> Array:
+    v, u = np.nonzero(difference(with_ball, without) > 40)
+    return np.array([u.mean(), v.mean()])
+
+
+@pytest.mark.parametrize("lens", ["straight", "distorting"])
+def test_a_sphere_appears_where_its_cone_of_tangents_projects(
+    robot: Robot, rig: StereoRig, straight_rig: StereoRig, q: Array, lens: str
+) -> None:
+    used = rig if lens == "distorting" else straight_rig
+    errors = []
+    with Eyes(robot, used, make_stimulus("ball", BALL_M)) as eyes:
+        empty = eyes.render(SceneState(q), 0.0)
+        for place in PLACES:
+            frame = eyes.render(SceneState(q, np.array(place)), 0.0)
+            for side in ("left", "right"):
+                view: View = getattr(used.view(q), side)
+                expected = silhouette_center(view.camera, move_points(view.T_camera_root, place), BALL_M)
+                errors.append(measured_center(getattr(frame, side), getattr(empty, side)) - expected)
+    # a shift by half a pixel, the mistake to be made here, would be ten times this
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.05
+    assert np.abs(errors).max() < 0.12
+
+
+def test_undistorting_with_opencv_gives_the_pinhole_picture(
+    robot: Robot, rig: StereoRig, straight_rig: StereoRig, q: Array
+) -> None:
+    bent = Eyes(robot, rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
+    straight = Eyes(robot, straight_rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
+    undone = cv2.undistort(bent, rig.left.K, np.array(rig.left.distortion))
+    error = np.median(difference(undone, straight))
+    assert error < 0.15 * np.median(difference(bent, straight))
+    assert error < 4
+
+
+def test_the_same_state_and_seed_give_the_same_bits(robot: Robot, rig: StereoRig, q: Array) -> None:
+    sensor = Sensor(noise_sigma=2, shot=0.1, exposure=1.1, blur_s=0.02)
+    state = SceneState(q, np.array(PLACES[0]), velocity=np.array([0.1, 0.0, 0.0]))
+    with Eyes(robot, rig, make_stimulus("octopus"), "hand", sensor) as eyes:
+        first = eyes.render(state, 0.0, np.random.default_rng(7))
+        eyes.set_stimulus(make_stimulus("cube"))
+        other = eyes.render(state, 0.0, np.random.default_rng(7))
+        eyes.set_stimulus(make_stimulus("octopus"))
+        again = eyes.render(state, 0.0, np.random.default_rng(7))
+        unlike = eyes.render(state, 0.0, np.random.default_rng(8))
+    with Eyes(robot, rig, make_stimulus("octopus"), "hand", sensor) as eyes:
+        anew = eyes.render(state, 0.0, np.random.default_rng(7))
+    for side in ("left", "right"):
+        assert np.array_equal(getattr(first, side), getattr(again, side))
+        assert np.array_equal(getattr(first, side), getattr(anew, side))
+        assert not np.array_equal(getattr(first, side), getattr(other, side))
+        assert not np.array_equal(getattr(first, side), getattr(unlike, side))
+
+
+def test_two_eyes_share_the_process_without_disturbing_each_other(
+    robot: Robot, rig: StereoRig, straight_rig: StereoRig, q: Array
+) -> None:
+    state = SceneState(q, np.array(PLACES[0]))
+    with Eyes(robot, rig, make_stimulus("ball")) as one, Eyes(robot, straight_rig, make_stimulus("cube")) as two:
+        before = one.render(state, 0.0).left
+        two.render(state, 0.0)
+        assert np.array_equal(before, one.render(state, 0.0).left)
+
+
+def test_the_frame_carries_the_stamp_the_size_and_the_joints(robot: Robot, rig: StereoRig, q: Array) -> None:
+    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
+        frame = eyes.render(SceneState(q), 1.25)
+    assert frame.left.shape == frame.right.shape == (240, 320, 3)
+    assert frame.left.dtype == np.uint8
+    assert frame.stamp_left_s == frame.stamp_right_s == 1.25
+    assert frame.joints_left_rad is not None
+    assert frame.joints_right_rad is not None
+    assert np.array_equal(frame.joints_left_rad, q)
+    assert np.array_equal(frame.joints_right_rad, q)
+
+
+def test_the_left_forearm_is_in_view_from_home(robot: Robot, rig: StereoRig) -> None:
+    q = set_gaze(robot, home(robot), yaw=np.deg2rad(15), pitch=np.deg2rad(-40), tilt=np.deg2rad(-30))
+    gone = q.copy()
+    gone[robot.indices(("left_shoulder_pitch",))] = 0.0  # the arm hangs down
+    forearm = robot.at(q).point("left_forearm", [(0.0, -0.05, 0.012), (0.0, -0.07, 0.012), (0.0, -0.09, 0.012)])
+    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
+        frame, without = eyes.render(SceneState(q), 0.0), eyes.render(SceneState(gone), 0.0)
+    for side in ("left", "right"):
+        image, bare, view = getattr(frame, side), getattr(without, side), getattr(rig.view(q), side)
+        for u, v in np.rint(view.project(forearm)).astype(int):
+            assert image[v, u].max() < 60  # the cover is nearly black
+            assert bare[v, u].max() > 70  # and nothing behind it is
+        assert np.mean(difference(image, bare) > 30) > 0.05
+
+
+def test_another_stimulus_shows_its_own_colours(robot: Robot, rig: StereoRig, q: Array) -> None:
+    state = SceneState(q, np.array(PLACES[0]))
+    u, v = np.rint(rig.view(q).left.project(PLACES[0])).astype(int)
+    hues = {}
+    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
+        for name in ("marker", "ball", "cube", "octopus"):
+            eyes.set_stimulus(make_stimulus(name))
+            hsv = cv2.cvtColor(eyes.render(state, 0.0).left, cv2.COLOR_RGB2HSV)
+            hues[name] = int(hsv[v, u, 0])
+            assert hsv[v, u, 1] > 200
+    assert len(set(hues.values())) == 4
+
+
+def test_optical_flow_finds_hold_all_over_a_muted_room(robot: Robot, rig: StereoRig) -> None:
+    noise = np.random.default_rng(0).normal(128, 2, (240, 320)).astype(np.uint8)
+    at_noise = cv2.cornerMinEigenVal(noise, 15).mean()
+    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
+        for yaw, pitch in itertools.product(np.deg2rad([-50.0, 0.0, 50.0]), np.deg2rad([-40.0, 0.0, 20.0])):
+            gaze = set_gaze(robot, np.zeros(robot.n_joints), yaw=yaw, pitch=pitch)
+            image = eyes.render(SceneState(gaze), 0.0).left
+            strength = cv2.cornerMinEigenVal(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), 15)
+            assert np.mean(strength[20:-20:24, 20:-20:24] > 2 * at_noise) > 0.8
+            assert 10 < cv2.cvtColor(image, cv2.COLOR_RGB2HSV)[..., 1].mean() < 110
+
+
+def test_noise_without_a_generator_is_refused(robot: Robot, rig: StereoRig, q: Array) -> None:
+    with (
+        Eyes(robot, rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=1)) as eyes,
+        pytest.raises(ValueError, match="random generator, got None"),
+    ):
+        eyes.render(SceneState(q), 0.0)
+
+
+def test_a_lens_that_cannot_be_undone_is_refused(robot: Robot, rig: StereoRig) -> None:
+    folding = replace(rig.left, distortion=(-1.5, 0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="can be undone over the whole image"):
+        Eyes(robot, replace(rig, left=folding), make_stimulus("ball"))

@@ -1,0 +1,112 @@
+"""Stimuli, carriers and the solids they are made of."""
+
+from typing import get_args
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pps_vision.types import Array
+from rendering.carriers import carrier_parts, carrier_pose
+from rendering.shapes import tube
+from rendering.stimuli import Stimulus, StimulusName, make_stimulus
+
+
+def silhouettes(stimulus: Stimulus, n: int = 60) -> tuple[float, Array]:
+    """Mean area (m²) and centre (3,) of the shadows that parallel light throws, from all around."""
+    scale, areas, centers = 150 / (2 * stimulus.radius_m), [], []
+    for R in Rotation.random(n, rng=np.random.default_rng(0)).as_matrix():
+        shadow = np.zeros((301, 301), np.uint8)
+        for part in stimulus.parts:
+            xy = (part.mesh.vertices @ R)[:, :2] * scale + 150
+            for triangle in np.rint(xy[part.mesh.faces] * 16).astype(np.int32):
+                cv2.fillConvexPoly(shadow, triangle, 1, shift=4)
+        v, u = np.nonzero(shadow)
+        areas.append(len(u) / scale**2)
+        centers.append(R[:, :2] @ (np.array([u.mean(), v.mean()]) - 150) / scale)
+    return float(np.mean(areas)), 1.5 * np.mean(centers, axis=0)  # two of three axes are seen each time
+
+
+@pytest.mark.parametrize("name", get_args(StimulusName))
+def test_the_silhouette_is_that_of_the_sphere_that_stands_for_it(name: StimulusName) -> None:
+    stimulus = make_stimulus(name)
+    area, center = silhouettes(stimulus)
+    assert np.sqrt(area / np.pi) == pytest.approx(stimulus.radius_m, rel=0.03)
+    assert np.linalg.norm(center) < 0.05 * stimulus.radius_m
+
+
+@pytest.mark.parametrize("name", get_args(StimulusName))
+def test_another_radius_scales_the_whole(name: StimulusName) -> None:
+    usual, double = make_stimulus(name), make_stimulus(name, 2 * make_stimulus(name).radius_m)
+    for small, large in zip(usual.parts, double.parts, strict=True):
+        assert np.allclose(large.mesh.vertices, 2 * small.mesh.vertices, atol=1e-12)
+
+
+def test_usual_sizes() -> None:
+    assert [make_stimulus(n).radius_m for n in ("marker", "ball", "cube", "octopus")] == [0.010, 0.035, 0.030, 0.040]
+
+
+@pytest.mark.parametrize("name", get_args(StimulusName))
+def test_colours_are_saturated(name: StimulusName) -> None:
+    area = {}
+    for part in make_stimulus(name).parts:
+        rgb = np.float32([[part.color]])
+        is_vivid = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)[0, 0, 1] > 0.85 and max(part.color) > 0.8
+        area[is_vivid] = area.get(is_vivid, 0.0) + part.mesh.area
+    assert area[True] > 0.9 * sum(area.values())  # the octopus's eyes are not
+
+
+@pytest.mark.parametrize("name", get_args(StimulusName))
+def test_every_surface_faces_outward(name: StimulusName) -> None:
+    stimulus = make_stimulus(name)
+    parts = [*stimulus.parts, *carrier_parts("hand", stimulus.radius_m), *carrier_parts("stick", stimulus.radius_m)]
+    for part in parts:
+        if len(part.mesh.faces) > 10:  # the cube's two colours are open sheets
+            assert part.mesh.is_watertight
+            assert part.mesh.volume > 0
+        normals = part.mesh.face_normals
+        assert np.einsum("ij,ij->", normals, part.mesh.triangles_center - part.mesh.centroid) > 0
+
+
+def test_a_straight_tube_has_the_volume_of_a_capsule() -> None:
+    part = tube([[0, 0, 0], [0, 0, 0.05], [0, 0, 0.1]], 0.01, (1, 1, 1), sides=64)
+    assert part.mesh.volume == pytest.approx(np.pi * 1e-4 * 0.1 + 4 / 3 * np.pi * 1e-6, rel=0.01)
+    assert part.mesh.extents == pytest.approx([0.02, 0.02, 0.12], rel=0.01)
+
+
+def test_a_bent_tube_follows_its_path() -> None:
+    turn = np.linspace(0, np.pi / 2, 30)
+    part = tube(0.1 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]), 0.01, (1, 1, 1), sides=32)
+    # Pappus: cross section times the way of its centre, and the two half balls
+    assert part.mesh.volume == pytest.approx(np.pi * 1e-4 * 0.1 * np.pi / 2 + 4 / 3 * np.pi * 1e-6, rel=0.02)
+
+
+@pytest.mark.parametrize("radius", [0.010, 0.035])
+@pytest.mark.parametrize("name", ["stick", "hand"])
+def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name: str, radius: float) -> None:
+    vertices = np.vstack([part.mesh.vertices for part in carrier_parts(name, radius)])  # type: ignore[arg-type]
+    assert vertices[:, 2].max() > 0.5
+    assert vertices[:, 2].min() >= 0
+    gap = np.linalg.norm(vertices, axis=1).min() - radius
+    assert gap < 0.002  # it holds the object
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.0, 0.0, -2.0), (-0.75, 0.25, 0.61), (1.0, 0.0, 0.0)])
+def test_a_carrier_stands_where_it_is_told(direction: tuple[float, float, float]) -> None:
+    T = carrier_pose((0.1, 0.2, 0.3), direction)
+    assert T[:3, 2] == pytest.approx(np.array(direction) / np.linalg.norm(direction))
+    assert T[:3, 3] == pytest.approx([0.1, 0.2, 0.3])
+    assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
+    assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
+    assert T[2, 1] >= 0  # the back of the hand is up
+
+
+def test_senseless_things_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"stimulus 'whale'.*marker"):
+        make_stimulus("whale")  # type: ignore[arg-type]
+    for radius in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="radius"):
+            make_stimulus("ball", radius)
+    with pytest.raises(ValueError, match=r"carrier 'drone'.*none, stick, hand"):
+        carrier_parts("drone", 0.03)  # type: ignore[arg-type]
