@@ -15,8 +15,8 @@ class AssociationParams:
     """`unknown_error` is what the calibration may be off before anything is known of it, as a share
     of the image's width; the gate opens to `gate_sigma` of that, narrowing over `gate_memory` pairs
     to the residual measured; `memory` pairs tell the error that widens the covariance, never less
-    than `min_error_px`; `max_ratio` between the two eyes' apparent radii; depths outside
-    `depth_range_m` are no object; `radius_error` is how far (relative) an outline may be from a
+    than `min_error_px`; `max_ratio` between the two eyes' apparent radii; distances
+    outside `distance_range`, in baselines (whatever the unit), are no object; `radius_error` is how far (relative) an outline may be from a
     sphere's."""
 
     unknown_error: float = 0.008
@@ -25,7 +25,7 @@ class AssociationParams:
     gate_memory: float = 15.0
     memory: float = 20.0
     max_ratio: float = 1.7
-    depth_range_m: tuple[float, float] = (0.05, 60.0)
+    distance_range: tuple[float, float] = (0.7, 300.0)
     radius_error: float = 0.05
 
 
@@ -68,8 +68,9 @@ class Association:
         found = triangulate(view, left_px, right_px, left.cov_px + extra, right.cov_px + extra)
         if found is None or 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
-        distance = float(np.linalg.norm(found.p_root - view.left.center))
-        if not p.depth_range_m[0] <= distance <= p.depth_range_m[1]:
+        baseline = np.linalg.norm(view.right.center - view.left.center)
+        distance = np.linalg.norm(found.p_root - view.left.center)
+        if not p.distance_range[0] * baseline <= distance <= p.distance_range[1] * baseline:
             return None
         radius, radius_var = self._radius(view, left, right, found.p_root, found.cov_root)
         return Observation3D(stamp_s, found.p_root, found.cov_root, radius, radius_var, found.residual_px)

@@ -28,6 +28,13 @@ class EyeParams:
     min_area_px: float = 10.0
     reach: float = 1.25
 
+    def __post_init__(self) -> None:
+        if not (0 < self.min_score < 1 and self.reach > 1 and 0 <= self.size_rate <= 1):
+            raise ValueError(
+                f"least score {self.min_score}, reach {self.reach}, size rate {self.size_rate}: "
+                "expected a score in (0, 1), a reach above 1 and a rate in [0, 1]"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class Sighting:

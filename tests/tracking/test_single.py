@@ -17,7 +17,9 @@ def _draw(scene: Image, center: tuple[float, float], radius: float, rng: np.rand
     image = scene.copy()
     at = (round(16 * center[0]), round(16 * center[1]))
     cv2.circle(image, at, round(16 * radius), (240, 120, 20), cv2.FILLED, cv2.LINE_AA, 4)
-    cv2.circle(image, (at[0] + round(5 * radius), at[1]), round(4 * radius), (235, 230, 220), cv2.FILLED, cv2.LINE_AA, 4)
+    cv2.circle(
+        image, (at[0] + round(5 * radius), at[1]), round(4 * radius), (235, 230, 220), cv2.FILLED, cv2.LINE_AA, 4
+    )
     image = cv2.GaussianBlur(image, (0, 0), 1.0).astype(float)
     return np.clip(image + 3 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
 
@@ -55,5 +57,5 @@ def test_bad_use_is_named(rng: np.random.Generator) -> None:
     image = np.zeros((48, 64, 3), np.uint8)
     with pytest.raises(ValueError, match="before start"):
         tracker.step(image)
-    with pytest.raises(ValueError, match="60 5 10 10.*64×48"):
+    with pytest.raises(ValueError, match=r"60 5 10 10.*64×48"):
         tracker.start(image, (60, 5, 10, 10))

@@ -65,7 +65,9 @@ def test_ones_own_body_and_exposure_are_no_stimulus(robot: Robot, rig: StereoRig
         sphere = Sphere((ahead @ np.array([-0.05 + 0.01 * k, 0.0, 0.5, 1.0]))[:3], 0.03, RED)
         image = np.clip(look(view, [sphere], rng) * (1 + 0.02 * k), 0, 255).astype(np.uint8)
         ray = sphere.center - view.center
-        arm = view.rays(np.stack(np.meshgrid(np.arange(320), np.arange(240)), axis=-1)) @ ray > 0.99 * np.linalg.norm(ray)
+        arm = view.rays(np.stack(np.meshgrid(np.arange(320), np.arange(240)), axis=-1)) @ ray > 0.99 * np.linalg.norm(
+            ray
+        )
         assert own.step(image, view, DT * k, arm) == []
         saw += len(open_eyes.step(image, view, DT * k))
     assert saw > 0

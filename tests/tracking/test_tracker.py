@@ -1,0 +1,198 @@
+"""The whole tracker on ray-cast scenes, whose truth is where the spheres were put."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from raycast import Sphere, frame
+
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.icub import home, set_gaze
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array, Status, StereoFrame
+from tracking.disparity import DisparityParams
+from tracking.eye import EyeParams
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
+
+RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
+DT = 0.05
+
+
+@dataclass(frozen=True)
+class World:
+    """A ball on a slow arc before a head that moves."""
+
+    robot: Robot
+    rig: StereoRig
+    radius_m: float = 0.035
+    color: tuple[float, float, float] = RED
+    stripes: int = 0
+
+    def q(self, t: float) -> Array:
+        return set_gaze(
+            self.robot,
+            home(self.robot),
+            yaw=0.06 * np.sin(1.5 * t),
+            pitch=-0.2 + 0.04 * np.sin(1.1 * t),
+            vergence=0.16,
+        )
+
+    def position(self, t: float) -> Array:
+        ahead = self.rig.view(self.q(0.0)).left.T_root_camera
+        at = [0.04 + 0.06 * np.sin(1.6 * t), 0.05 * np.cos(1.6 * t), 0.42 - 0.03 * t, 1.0]
+        return (ahead @ np.array(at))[:3]
+
+    def frame(self, k: int, rng: np.random.Generator, visible: bool = True) -> StereoFrame:
+        ball = Sphere(self.position(DT * k), self.radius_m, self.color, self.stripes)
+        return frame(self.rig, self.q(DT * k), [ball] if visible else [], DT * k, rng)
+
+
+@pytest.fixture
+def world(robot: Robot, rig: StereoRig) -> World:
+    return World(robot, rig)
+
+
+def _run(world: World, tracker: Tracker, n: int, rng: np.random.Generator) -> tuple[list[TrackerStep], Array]:
+    steps = [tracker.step(world.frame(k, rng)) for k in range(n)]
+    errors = [s.track.position - world.position(s.track.stamp_s) for s in steps if s.track.is_known]
+    return steps, np.array(errors)
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt((errors**2).sum(axis=1).mean()))
+
+
+def test_a_ball_is_tracked_to_two_millimetres_while_the_head_moves(world: World, rng: np.random.Generator) -> None:
+    names: list[str] = []
+
+    @contextmanager
+    def stage(name: str):
+        names.append(name)
+        yield
+
+    tracker = Tracker(TrackerParams(), world.rig, rng, stages=stage)
+    steps, errors = _run(world, tracker, 40, rng)
+    assert steps[0].track.status is Status.SEARCHING
+    assert np.isnan(steps[0].track.mean).all()
+    assert all(s.track.status is Status.TRACKING for s in steps[10:])
+    assert _rms(errors) < 0.0025
+    last = steps[-1].track
+    assert last.radius_m == pytest.approx(0.035, rel=0.03)
+    assert np.linalg.eigvalsh(last.cov).min() > -1e-12
+    velocity = (world.position(39 * DT + 0.01) - world.position(39 * DT - 0.01)) / 0.02
+    assert np.linalg.norm(last.velocity - velocity) < 0.03
+    assert {d.camera for d in steps[-1].detections} == {"left", "right"}
+    assert set(names) == {"trigger", "image", "triangulation", "filter"}
+
+
+def test_a_marker_is_tracked_to_two_millimetres(world: World, rng: np.random.Generator) -> None:
+    small = replace(world, radius_m=0.010, color=GREEN)
+    steps, errors = _run(small, Tracker(TrackerParams(mode="marker"), world.rig, rng), 25, rng)
+    assert all(s.track.status is Status.TRACKING for s in steps[4:])
+    assert _rms(errors) < 0.002
+
+
+def test_disparity_inside_the_region_gives_the_distance_too(world: World, rng: np.random.Generator) -> None:
+    striped = replace(world, stripes=9, color=(200.0, 170.0, 30.0))
+    by_centers, by_disparity = (
+        _run(
+            striped,
+            Tracker(TrackerParams(depth=depth), world.rig, np.random.default_rng(1)),
+            20,
+            np.random.default_rng(2),
+        )
+        for depth in ("centroid", "disparity")
+    )
+    assert _rms(by_disparity[1]) < 0.015
+    pairs = [(a.observation, b.observation) for a, b in zip(by_centers[0], by_disparity[0], strict=True)]
+    moved = [np.linalg.norm(a.p_root - b.p_root) for a, b in pairs if a and b]
+    assert max(moved) > 1e-4  # it did not just repeat the centres
+
+
+def test_hidden_it_coasts_is_lost_and_comes_back(world: World, rng: np.random.Generator) -> None:
+    tracker = Tracker(TrackerParams(lost_after_s=0.5), world.rig, rng)
+    _run(world, tracker, 15, rng)
+    hidden = [tracker.step(world.frame(k, rng, visible=False)).track for k in range(15, 32)]
+    coasting = [t for t in hidden if t.status is Status.COASTING]
+    assert hidden[0].status is Status.COASTING
+    assert np.all(np.diff([np.trace(t.cov[:3, :3]) for t in coasting]) > 0)
+    assert all(np.all(np.isfinite(t.mean)) and np.linalg.eigvalsh(t.cov[:3, :3]).min() > 0 for t in coasting)
+    lost = [t for t in hidden if t.status is Status.LOST]
+    assert len(lost) == 1
+    assert lost[0].stamp_s - 14 * DT == pytest.approx(0.5, abs=1.5 * DT)
+    assert np.isnan(lost[0].mean).all()
+    assert hidden[-1].status is Status.SEARCHING
+    back = [tracker.step(world.frame(k, rng)).track for k in range(32, 40)]
+    assert back[-1].status is Status.TRACKING
+    assert np.linalg.norm(back[-1].position - world.position(39 * DT)) < 0.003
+
+
+def test_a_short_gap_does_not_lose_it(world: World, rng: np.random.Generator) -> None:
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    _run(world, tracker, 15, rng)
+    for k in range(15, 19):
+        assert tracker.step(world.frame(k, rng, visible=False)).track.status is Status.COASTING
+    again = [tracker.step(world.frame(k, rng)).track.status for k in range(19, 23)]
+    assert again[-1] is Status.TRACKING
+
+
+def _black(f: StereoFrame, _: StereoFrame) -> StereoFrame:
+    return replace(f, right=np.zeros_like(f.right))
+
+
+def _frozen(f: StereoFrame, before: StereoFrame) -> StereoFrame:
+    return replace(f, right=before.right)
+
+
+@pytest.mark.parametrize("spoil", [_black, _frozen])
+def test_a_failed_eye_loses_the_track_and_invents_none(
+    world: World, rng: np.random.Generator, spoil: Callable[[StereoFrame, StereoFrame], StereoFrame]
+) -> None:
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    _run(world, tracker, 12, rng)
+    before = world.frame(11, rng)
+    tracks = [tracker.step(spoil(world.frame(k, rng), before)).track for k in range(12, 30)]
+    for t in tracks:
+        assert t.status is not Status.TRACKING or np.linalg.norm(t.position - world.position(t.stamp_s)) < 0.1
+        assert not t.is_known or np.all(np.isfinite(t.cov))
+
+
+def test_nothing_moves_nothing_is_tracked(world: World, rng: np.random.Generator) -> None:
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    for k in range(25):
+        step = tracker.step(world.frame(k, rng, visible=False))
+        assert step.track.status is Status.SEARCHING
+        assert step.observation is None
+
+
+def test_eyes_that_look_one_after_the_other(world: World, rng: np.random.Generator) -> None:
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    errors = []
+    for k in range(25):
+        early, late = world.frame(k, rng), world.frame(k, rng)
+        t = DT * k + 0.02
+        ball = Sphere(world.position(t), world.radius_m, world.color)
+        late = frame(world.rig, world.q(t), [ball], t, rng)
+        pair = StereoFrame(early.left, late.right, DT * k, t, early.joints_left_rad, late.joints_right_rad)
+        track = tracker.step(pair).track
+        if track.is_known:
+            errors.append(track.position - world.position(track.stamp_s))
+    assert len(errors) > 15
+    assert _rms(np.array(errors)) < 0.004
+
+
+def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    tracker.step(world.frame(3, rng, visible=False))
+    with pytest.raises(ValueError, match=r"left stamp 0\.100000 s after 0\.150000 s"):
+        tracker.step(world.frame(2, rng, visible=False))
+    with pytest.raises(ValueError, match="'magic'"):
+        TrackerParams(mode="magic")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="lost after 0"):
+        TrackerParams(lost_after_s=0.0)
+    with pytest.raises(ValueError, match="reach 12"):
+        DisparityParams(reach_px=12)
+    with pytest.raises(ValueError, match="reach"):
+        EyeParams(reach=0.5)
