@@ -1,6 +1,6 @@
 """Get out of the way of what the skin feels coming, or reach for it (R eq. 6), and come home."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -19,8 +19,9 @@ Mode = Literal["idle", "avoid", "reach", "return"]
 class AvoidanceParams:
     """One arm's answer to its skin.
 
-    The point P moves at `speed_m_s` while some taxel's activation exceeds `threshold` and for
-    `persist_s` after; the palm stays within `radius_m` of where `home_arm_rad` (the arm's
+    The point P moves at `speed_m_s` once some taxel's activation has exceeded `threshold` for
+    `confirm_s` (the velocity of what stops dead swings back for a frame, and that is no
+    approach), and until `persist_s` after; the palm stays within `radius_m` of where `home_arm_rad` (the arm's
     joints at home) puts it (R, "Avoidance and reaching"; FACTS §3).
     """
 
@@ -30,6 +31,7 @@ class AvoidanceParams:
     threshold: float = 0.4
     speed_m_s: float = 0.10
     radius_m: float = 0.20
+    confirm_s: float = 0.1
     persist_s: float = 0.3
     return_per_s: float = 3.0
     ease_in_s: float = 0.3
@@ -40,10 +42,12 @@ class AvoidanceParams:
 @dataclass(frozen=True, slots=True)
 class AvoidanceState:
     """What the arm does: nothing, answer what it felt last at `since_s` by moving `point` (3,) of
-    `frame` at `velocity_root` (3,), or return home since then."""
+    `frame` at `velocity_root` (3,), or return home since then.  `felt_since_s`: since when it feels
+    something without a break, inf if it does not."""
 
     mode: Mode = "idle"
     since_s: float = 0.0
+    felt_since_s: float = np.inf
     frame: str = ""
     point: Array = field(default_factory=lambda: np.zeros(3))
     velocity_root: Array = field(default_factory=lambda: np.zeros(3))
@@ -110,16 +114,18 @@ def _next(
     felt: tuple[str, Array, Array] | None,
     stamp_s: float,
 ) -> AvoidanceState:
-    """Answer what is felt, keep answering a while after, then return, then rest."""
-    if felt is not None:
+    """Answer what is felt for sure, keep answering a while after, then return, then rest."""
+    state = replace(state, felt_since_s=np.inf if felt is None else min(state.felt_since_s, stamp_s))
+    answering = state.mode in ("avoid", "reach")
+    if felt is not None and (answering or stamp_s - state.felt_since_s > params.confirm_s - 1e-6):
         frame, p_root, normal = felt
         velocity = normal * (params.speed_m_s if params.behaviour == "reach" else -params.speed_m_s)
         point = move_points(inverse(posture.T_root(frame)), p_root)
-        return AvoidanceState(params.behaviour, stamp_s, frame, point, velocity)
-    if state.mode in ("avoid", "reach") and stamp_s - state.since_s > params.persist_s:
-        return AvoidanceState("return", stamp_s)
+        return AvoidanceState(params.behaviour, stamp_s, state.felt_since_s, frame, point, velocity)
+    if answering and stamp_s - state.since_s > params.persist_s:
+        return AvoidanceState("return", stamp_s, state.felt_since_s)
     if state.mode == "return" and np.abs(_away(params, posture)).max() < params.at_home_rad:
-        return AvoidanceState("idle", stamp_s)
+        return AvoidanceState("idle", stamp_s, state.felt_since_s)
     return state
 
 

@@ -13,7 +13,7 @@ from pps_vision.types import Mask, TaxelEvents
 class LearnerParams:
     """How long after the first touch further taxels may join the same contact."""
 
-    contact_s: float = 0.25
+    contact_s: float = 0.6
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,25 @@ class Detection2D:
 
 
 @dataclass(frozen=True, slots=True)
+class Truth:
+    """Where a rendered object really is at one stamp: the answer estimates are measured against.
+
+    `position` m, `velocity` m/s (3,) in the root frame; `left_px`, `right_px` (2,) where its centre
+    projects, lens distortion included, NaN where it cannot; visible means that the centre lies
+    in the image and nothing stands before it but the object itself.
+    """
+
+    stamp_s: float
+    position: Array
+    velocity: Array
+    radius_m: float
+    left_px: Array
+    right_px: Array
+    visible_left: bool
+    visible_right: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Observation3D:
     """A triangulated position in the root frame: `p_root` (3,), `cov_root` (3, 3), m and m²."""
 

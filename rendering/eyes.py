@@ -9,7 +9,7 @@ import numpy as np
 
 from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, StereoFrame
+from pps_vision.types import Array, StereoFrame, Truth
 from rendering.carriers import CarrierName
 from rendering.lens import make_lens
 from rendering.offscreen import offscreen, pyrender
@@ -17,7 +17,6 @@ from rendering.scene import SceneState, Stage
 from rendering.sensor import Sensor, expose
 from rendering.shutter import instants, sample_offsets_px
 from rendering.stimuli import Stimulus
-from rendering.truth import Truth
 
 _NEAR_M, _FAR_M = 0.02, 8.0
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera looks along −z, y up

@@ -10,7 +10,7 @@ import trimesh
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 from rendering.carriers import CarrierName, carrier_parts, carrier_pose
 from rendering.offscreen import pyrender
 from rendering.room import room_mesh
@@ -53,7 +53,8 @@ class Stage:
         self.scene = pyrender.Scene(ambient_light=np.ones(3), bg_color=np.zeros(4))
         self._robot, self._carrier_name = robot, carrier
         self.room = self.scene.add(room_mesh())
-        self._corners: dict[Any, Array] = {}  # (8, 3) of the box around each movable node
+        self._corners: dict[Any, Array] = {}  # (8, 3) of the box around each movable node, in its frame
+        self._boxes_root = np.zeros((0, 8, 3))  # the same where they are now, in the same order
         frames = dict.fromkeys(body.frame for body in robot.bodies)
         self._bodies = {frame: self._add(body_part(b) for b in robot.bodies if b.frame == frame) for frame in frames}
         self.object: Any = None
@@ -84,12 +85,13 @@ class Stage:
             self.scene.set_pose(self.object, transform(state.rotation, state.position))
             if self._carrier is not None:
                 self.scene.set_pose(self._carrier, carrier_pose(state.position, state.carrier_direction))
+        self._boxes_root = np.array([move_points(node.matrix, box) for node, box in self._corners.items()])
 
     def show(self, state: SceneState, view: View) -> None:
         """Show all that reaches into a pinhole view, and no more: a node drawn costs 0.3 ms."""
-        for node, corners in self._corners.items():
+        for node, is_in_view in zip(self._corners, _reach_into(view, self._boxes_root), strict=True):
             is_there = state.position is not None or node not in (self.object, self._carrier)
-            node.mesh.is_visible = is_there and _reaches_into(view, move_points(node.matrix, corners))
+            node.mesh.is_visible = is_there and bool(is_in_view)
         self.room.mesh.is_visible = True
 
     def show_only_object(self) -> None:
@@ -103,14 +105,14 @@ def _corners(bounds: Array) -> Array:
     return np.array([[x, y, z] for x in bounds[:, 0] for y in bounds[:, 1] for z in bounds[:, 2]])
 
 
-def _reaches_into(view: View, corners_root: Array) -> bool:
-    """Whether a box (8, 3), which may be larger than what is in it, reaches into a pinhole's field of view."""
+def _reach_into(view: View, boxes_root: Array) -> Mask:
+    """(n,) which boxes (n, 8, 3) reach into a pinhole's field of view; it may err towards yes."""
     camera = view.camera
-    x, y, z = move_points(view.T_camera_root, corners_root).T
+    x, y, z = np.moveaxis(move_points(view.T_camera_root, boxes_root), -1, 0)
     left, top = (-0.5 - camera.cx) / camera.fx, (-0.5 - camera.cy) / camera.fy
     right, bottom = left + camera.width / camera.fx, top + camera.height / camera.fy
-    beside = (x < left * z, x > right * z, y < top * z, y > bottom * z, z < 0)
-    return not any(np.all(side) for side in beside)
+    beside = np.array([x < left * z, x > right * z, y < top * z, y > bottom * z, z < 0])
+    return ~beside.all(axis=-1).any(axis=0)
 
 
 def mesh_of(parts: Iterable[Part]) -> Any:

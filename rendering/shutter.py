@@ -41,7 +41,8 @@ def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) ->
         room = _points_of_room(eye)
         px = eye.project(np.vstack([room, _movers(robot, before)]))
         px_then = eye_then.project(np.vstack([room, _movers(robot, after)]))
-        seen = [eye.camera.contains(p) and eye.camera.contains(p_then) for p, p_then in zip(px, px_then, strict=True)]
+        inside = [(p >= 0) & (p < (eye.camera.width, eye.camera.height)) for p in (px, px_then)]
+        seen = np.all(inside, axis=(0, 2))
         drift = max(drift, np.linalg.norm((px_then - px)[seen], axis=1).max(initial=0.0))
     return drift
 
@@ -55,5 +56,6 @@ def _points_of_room(eye: View) -> Array:
 def _movers(robot: Robot, state: SceneState) -> Array:
     """(n, 3) the robot's bodies and the stimulus, root frame."""
     posture = robot.at(state.q_rad)
-    bodies = [posture.point(b.frame, b.T_frame_body[:3, 3]) for b in robot.bodies]
+    places = {body.frame: body.T_frame_body[:3, 3] for body in robot.bodies}  # one of each rigid frame will do
+    bodies = [posture.point(frame, place) for frame, place in places.items()]
     return np.array(bodies if state.position is None else [*bodies, state.position])

@@ -37,7 +37,9 @@ def forbidden(file: Path) -> set[str]:
     if rest[0] in ("app", "experiments"):
         return set()
     if rest[0] == "types":
-        return ours | {m for m in imported_modules(file) if not is_within(m, ("dataclasses", "enum", "typing", "numpy"))}
+        return ours | {
+            m for m in imported_modules(file) if not is_within(m, ("dataclasses", "enum", "typing", "numpy"))
+        }
     if rest[0] == "__main__":
         return {m for m in ours if not is_within(m, ("pps_vision.app.cli",))}
     return {m for m in ours if not is_within(m, (*FOR_LEAVES, f"pps_vision.{rest[0]}"))}
@@ -52,7 +54,9 @@ def test_imports_keep_to_the_house(file: Path) -> None:
 
 
 def test_the_core_imports_neither_app_nor_experiments() -> None:
-    code = "import sys, pps_vision; print([m for m in sys.modules if m.startswith(('pps_vision.app', 'pps_vision.exp'))])"
+    code = (
+        "import sys, pps_vision; print([m for m in sys.modules if m.startswith(('pps_vision.app', 'pps_vision.exp'))])"
+    )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd="/").stdout
     assert out.strip() == "[]"
 

@@ -1,7 +1,7 @@
 """Image sequences without a log: stereo by file-name patterns, or one folder of frames."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from glob import glob
 from itertools import pairwise
@@ -17,7 +17,7 @@ from pps_vision.types import Image
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 
 
-def open_stereo_images(left_glob: str, right_glob: str, fps: float) -> Recording:
+def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fps: float) -> Recording:
     """Two sequences of one stereo camera, paired by the last number in each file's name.
 
     The number counts frames, so a missing one leaves a gap in the stamps.  Unpaired images are
@@ -26,7 +26,7 @@ def open_stereo_images(left_glob: str, right_glob: str, fps: float) -> Recording
     if not 0 < fps < float("inf"):
         raise ValueError(f"fps {fps}: expected a positive number of frames a second")
     problems: list[Problem] = []
-    left, right = (_by_number(pattern, problems) for pattern in (left_glob, right_glob))
+    left, right = (_by_number(patterns, problems) for patterns in (left_globs, right_globs))
     numbers = sorted(left | right)
     step = median_low([b - a for a, b in pairwise(numbers)] or [1])
 
@@ -39,14 +39,16 @@ def open_stereo_images(left_glob: str, right_glob: str, fps: float) -> Recording
     common = left.keys() & right.keys()
     both = [files({n: paths[n] for n in common}) for paths in (left, right)]
     pairs = tuple(zip(*both, strict=True))
-    return Recording(left_glob, pairs, size_of_first(left_glob, pairs, problems), problems)
+    name = " ".join(left_globs)
+    return Recording(name, pairs, size_of_first(name, pairs, problems), problems)
 
 
-def _by_number(pattern: str, problems: list[Problem]) -> dict[int, Path]:
-    """The files a pattern matches by their number; one without a number is noted."""
-    paths = [path for path in map(Path, glob(pattern, recursive=True)) if path.is_file()]
+def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Path]:
+    """The files that patterns (or names, where the shell expanded them) match, by their number;
+    one without a number is noted."""
+    paths = [path for pattern in patterns for path in map(Path, glob(pattern, recursive=True)) if path.is_file()]
     if not paths:
-        raise BadInput(pattern, "matches no file; expected a pattern of image files, such as 'left/*.png'")
+        raise BadInput(" ".join(patterns), "matches no file; expected a pattern of image files, such as 'left/*.png'")
     numbered: dict[int, Path] = {}
     for path in sorted(paths, key=natural_order):
         number = number_in(path)

@@ -10,29 +10,37 @@ from pps_vision.recordings.problems import BadInput, first_line
 
 
 @contextmanager
-def whole_folder(folder: Path, replaceable: Collection[str] = ()) -> Iterator[Path]:
-    """A temporary folder that becomes `folder` when the block ends, and vanishes if it fails.
+def whole_folder(folder: Path, results: Collection[str] = ()) -> Iterator[Path]:
+    """A temporary folder whose files become those of `folder` when the block ends; it vanishes if it fails.
 
-    Entering is the check: BadInput if the place cannot be written, or if `folder` already holds
-    anything but the names in `replaceable`, which are replaced together.
+    `results` names the files a run may write: where `folder` exists, an earlier run's are replaced
+    or removed and everything else in it stays.  Without names it must be new or empty.
+    Entering is the check: BadInput if the place cannot be written.
     """
     final = folder.resolve()
     if final.exists() and not final.is_dir():
         raise BadInput(folder, "is a file; expected a folder to write to")
-    foreign = sorted(set(os.listdir(final)) - set(replaceable)) if final.exists() else []
-    if foreign:
-        raise BadInput(folder, f"already holds {foreign[0]}; expected a new or empty folder to write to")
-    partial, previous = _beside(final, "partial"), _beside(final, "previous")
+    present = sorted(os.listdir(final)) if final.exists() else []
+    if present and not results:
+        raise BadInput(folder, f"already holds {present[0]}; expected a new or empty folder to write to")
+    partial = _beside(final, "partial")
     try:
         partial.mkdir(parents=True)
+        if final.exists() and not os.access(final, os.W_OK | os.X_OK):
+            raise PermissionError("Permission denied")
     except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
         raise BadInput(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
     try:
         yield partial
-        if final.exists():
-            final.rename(previous)
-        partial.rename(final)
-        shutil.rmtree(previous, ignore_errors=True)
+        if not present:
+            partial.replace(final)
+            return
+        for name in results:
+            if (partial / name).exists():
+                (partial / name).replace(final / name)
+            else:
+                (final / name).unlink(missing_ok=True)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from pps_vision.recordings.image_file import ImageFile, check_size, decode
 from pps_vision.recordings.problems import BadInput, Problem
-from pps_vision.recordings.truth import TruthRow
-from pps_vision.types import Image, StereoFrame
+from pps_vision.types import Image, StereoFrame, Truth
 
 Pair = tuple[ImageFile, ImageFile]
 
@@ -34,7 +33,7 @@ class Recording:
     problems: list[Problem]
     calibration: Path | None = None
     touches: tuple[Touch, ...] = ()
-    truth: tuple[TruthRow, ...] = ()
+    truth: tuple[Truth, ...] = ()
 
     def __len__(self) -> int:
         return len(self.pairs)

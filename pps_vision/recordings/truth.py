@@ -4,14 +4,13 @@ An empty field is a number that does not exist, such as the pixel of an object b
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pps_vision.recordings.problems import BadInput, Problem, ProblemKind, first_line
 from pps_vision.recordings.tables import write_table
-from pps_vision.types import Array
+from pps_vision.types import Truth
 
 COLUMNS = (
     *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "radius_m"),
@@ -19,32 +18,17 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TruthRow:
-    """Where the object truly was: root frame `position` m and `velocity` m/s (3,), the pixels (2,)
-    its centre projects to (NaN where it cannot), and whether each eye sees any of it."""
-
-    stamp_s: float
-    position: Array
-    velocity: Array
-    radius_m: float
-    left_px: Array
-    right_px: Array
-    visible_left: bool
-    visible_right: bool
-
-
-def write_truth(file: Path, rows: Iterable[TruthRow]) -> None:
+def write_truth(file: Path, rows: Iterable[Truth]) -> None:
     """Write truth.csv."""
     write_table(file, COLUMNS, (_cells(row) for row in rows))
 
 
-def _cells(row: TruthRow) -> tuple[object, ...]:
+def _cells(row: Truth) -> tuple[object, ...]:
     vectors = (*row.position, *row.velocity, row.radius_m, *row.left_px, *row.right_px)
     return (row.stamp_s, *vectors, row.visible_left, row.visible_right)
 
 
-def read_truth(file: Path, problems: list[Problem]) -> tuple[TruthRow, ...]:
+def read_truth(file: Path, problems: list[Problem]) -> tuple[Truth, ...]:
     """The rows of truth.csv; a bad row is noted in `problems` and skipped, another header is BadInput."""
     try:
         lines = file.read_text(errors="replace").splitlines()
@@ -61,7 +45,7 @@ def read_truth(file: Path, problems: list[Problem]) -> tuple[TruthRow, ...]:
     return tuple(rows)
 
 
-def _parse(cells: list[str]) -> TruthRow:
+def _parse(cells: list[str]) -> Truth:
     if len(cells) != len(COLUMNS):
         raise ValueError(f"{len(cells)} fields; expected {len(COLUMNS)}")
     values = np.array([float(cell) if cell else np.nan for cell in cells])
@@ -70,7 +54,7 @@ def _parse(cells: list[str]) -> TruthRow:
     if not set(cells[12:]) <= {"0", "1"}:
         raise ValueError(f"visible {','.join(cells[12:])}; expected 0 or 1")
     visible = [cell == "1" for cell in cells[12:]]
-    return TruthRow(
+    return Truth(
         float(values[0]),
         values[1:4],
         values[4:7],

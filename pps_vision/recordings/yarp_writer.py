@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from pps_vision.geometry.camera import Camera
 from pps_vision.recordings.calibration import write_icub_eyes
 from pps_vision.recordings.outputs import whole_folder
-from pps_vision.recordings.truth import TruthRow, write_truth
+from pps_vision.recordings.truth import write_truth
 from pps_vision.robot.icub import encoders_from_q
 from pps_vision.robot.model import Robot
-from pps_vision.types import StereoFrame
+from pps_vision.types import StereoFrame, Truth
 
 _PORTS = {
     "cam/left": "Image:ppm",
@@ -40,7 +40,7 @@ class YarpWriter:
         self._stack = ExitStack()
         self._logs: dict[str, TextIO] = {}
         self._rows = dict.fromkeys(_PORTS, 0)
-        self._truth: list[TruthRow] = []
+        self._truth: list[Truth] = []
 
     def __enter__(self) -> "YarpWriter":
         with ExitStack() as stack:  # undoes what was begun if beginning fails
@@ -78,7 +78,7 @@ class YarpWriter:
         """The touched virtual taxels "part:id" at a stamp; none is a row without a payload."""
         self._write_row("skin", stamp_s, list(taxel_ids))
 
-    def write_truth(self, row: TruthRow) -> None:
+    def write_truth(self, row: Truth) -> None:
         """The object's true state at a stamp."""
         self._truth.append(row)
 

@@ -20,6 +20,7 @@ ARM_PORT_JOINTS = 16  # the first seven are the chain, the rest fingers
 
 # Left arm at home (rows 3–9): the palm is at (−.30, −.20, .05) m and the inner forearm in view.
 HOME_ARM_DEG = (-30.3, 22.9, -8.5, 50.7, -45.9, 0.0, 0.0)
+HOME_ARM_RAD = tuple(float(a) for a in np.deg2rad(HOME_ARM_DEG))
 
 
 def load_icub() -> Robot:
@@ -37,7 +38,7 @@ def home(robot: Robot) -> Array:
     """Both arms at home, eyes ahead and slightly converged, rad."""
     q = np.zeros(robot.n_joints)
     for side in ("left", "right"):
-        q[robot.indices(robot.names.arm(side))] = np.deg2rad(HOME_ARM_DEG)
+        q[robot.indices(robot.names.arm(side))] = HOME_ARM_RAD
     return set_gaze(robot, q, vergence=np.deg2rad(10.0))
 
 

@@ -15,6 +15,7 @@ DEG = np.pi / 180
 DT = 0.05
 BALL_M = 0.035
 PARAMS = AvoidanceParams(tuple(np.deg2rad(HOME_ARM_DEG)))
+AT_ONCE = AvoidanceParams(PARAMS.home_arm_rad, confirm_s=0.0)
 FOREARM = icub_skin(("left_forearm",))
 
 
@@ -62,7 +63,7 @@ def test_the_most_excited_body_part_answers(robot: Robot) -> None:
 
 @pytest.mark.parametrize(("behaviour", "sign"), [("avoid", -1), ("reach", 1)])
 def test_the_control_point_moves_10_cm_per_second_along_the_normal(robot: Robot, behaviour: str, sign: int) -> None:
-    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour)  # type: ignore[arg-type]
+    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour, confirm_s=0.0)  # type: ignore[arg-type]
     i = FOREARM.index("left_forearm:27")
     ((q, dq, response),) = live(robot, [felt(FOREARM, left_forearm_27=0.8)], params)
     (p, n), p_next = (array[i] for array in FOREARM.at(robot.at(q))), FOREARM.at(robot.at(q + 1e-4 * dq))[0][i]
@@ -90,7 +91,7 @@ def test_an_arm_that_someone_else_moves_is_left_alone(robot: Robot) -> None:
 
 def test_the_answer_persists_then_the_arm_goes_home_smoothly_and_rests(robot: Robot) -> None:
     on = felt(FOREARM, left_forearm_27=1.0)
-    run = list(live(robot, [on] * 12 + [0 * on] * 120))
+    run = list(live(robot, [on] * 12 + [0 * on] * 120, AT_ONCE))
     modes = [response.mode for _, _, response in run]
     assert modes[:12] == ["avoid"] * 12
     n_persist = modes[12:].index("return")
@@ -104,9 +105,17 @@ def test_the_answer_persists_then_the_arm_goes_home_smoothly_and_rests(robot: Ro
     assert np.linalg.norm(palm[-1] - palm[0]) < 0.003
 
 
+def test_what_is_felt_for_less_than_a_tenth_of_a_second_is_not_answered(robot: Robot) -> None:
+    on = felt(FOREARM, left_forearm_27=1.0)
+    flicker = [on, on, 0 * on] * 5
+    assert {response.mode for _, _, response in live(robot, flicker)} == {"idle"}
+    modes = [response.mode for _, _, response in live(robot, [on] * 4)]
+    assert modes == ["idle", "idle", "avoid", "avoid"]
+
+
 def test_a_new_threat_on_the_way_home_is_answered(robot: Robot) -> None:
     on = felt(FOREARM, left_forearm_27=1.0)
-    modes = [response.mode for _, _, response in live(robot, [on] * 10 + [0 * on] * 12 + [on])]
+    modes = [response.mode for _, _, response in live(robot, [on] * 10 + [0 * on] * 12 + [on], AT_ONCE)]
     assert modes[-2:] == ["return", "avoid"]
 
 

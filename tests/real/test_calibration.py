@@ -56,7 +56,7 @@ def test_baseballs_rectification_gives_the_same_baseline() -> None:
 
 def test_baseball_images_pair_by_number() -> None:
     folder = shared_data("baseball")
-    recording = open_stereo_images(str(folder / "1L*.jpg"), str(folder / "1R*.jpg"), fps=30)
+    recording = open_stereo_images([str(folder / "1L*.jpg")], [str(folder / "1R*.jpg")], fps=30)
     frames = list(recording.numbered())
     assert ([number for number, _ in frames], recording.problems) == (list(range(5, 41)), [])
     for _, frame in frames:  # grey, replicated
@@ -68,7 +68,7 @@ def test_a_calibration_made_here_from_chessboards_is_read(tmp_path) -> None:
     folder = shared_data("chessboards")
     board = np.zeros((54, 3), np.float32)
     board[:, :2] = np.mgrid[:9, :6].T.reshape(-1, 2)
-    recording = open_stereo_images(str(folder / "left*.jpg"), str(folder / "right*.jpg"), fps=1)
+    recording = open_stereo_images([str(folder / "left*.jpg")], [str(folder / "right*.jpg")], fps=1)
     corners = [
         [
             cv2.findChessboardCorners(np.ascontiguousarray(image[..., 0]), (9, 6))[1]

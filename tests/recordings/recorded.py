@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.truth import TruthRow
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, load_icub, set_gaze
-from pps_vision.types import Array, StereoFrame
+from pps_vision.types import Array, StereoFrame, Truth
 
 START_S = 1512784563.547172
 ROBOT = load_icub()
@@ -21,7 +20,7 @@ class Written:
     folder: Path
     frames: list[StereoFrame]
     touches: list[tuple[float, tuple[str, ...]]]
-    truth: list[TruthRow]
+    truth: list[Truth]
 
 
 def random_joints(rng: np.random.Generator) -> Array:
@@ -38,7 +37,7 @@ def write_recording(folder: Path, n: int = 4, seed: int = 0) -> Written:
             images = rng.integers(0, 256, (2, 6, 8, 3), dtype=np.uint8)
             frame = StereoFrame(*images, stamp, stamp + 0.005, random_joints(rng), random_joints(rng))
             touched = ("left_forearm:27", "left_forearm:15")[: i % 3]
-            truth = TruthRow(stamp, *rng.normal(size=(2, 3)), 0.03, *rng.normal(size=(2, 2)), True, bool(i % 2))
+            truth = Truth(stamp, *rng.normal(size=(2, 3)), 0.03, *rng.normal(size=(2, 2)), True, bool(i % 2))
             writer.write_frame(frame)
             writer.write_joints(frame.stamp_left_s, frame.joints_left_rad)
             writer.write_joints(frame.stamp_right_s, frame.joints_right_rad)

@@ -15,11 +15,11 @@ def write(file: Path, value: int, size: tuple[int, int] = (8, 6)) -> None:
     assert cv2.imwrite(str(file), np.full((size[1], size[0], 3), value, np.uint8))
 
 
-def stereo(folder: Path, left: list[int], right: list[int]) -> tuple[str, str]:
+def stereo(folder: Path, left: list[int], right: list[int]) -> tuple[list[str], list[str]]:
     for side, numbers in (("L", left), ("R", right)):
         for number in numbers:
             write(folder / f"1{side}{number}.png", number + (100 if side == "R" else 0))
-    return str(folder / "1L*.png"), str(folder / "1R*.png")
+    return [str(folder / "1L*.png")], [str(folder / "1R*.png")]
 
 
 def test_pairs_go_by_number_in_natural_order(tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_a_bad_image_is_named_once_and_its_pair_skipped(tmp_path: Path) -> None:
 def test_a_name_without_a_number_is_named(tmp_path: Path) -> None:
     patterns = stereo(tmp_path, [1], [1])
     write(tmp_path / "L.png", 0)
-    recording = open_stereo_images(str(tmp_path / "*L*.png"), patterns[1], fps=10)
+    recording = open_stereo_images([str(tmp_path / "*L*.png")], patterns[1], fps=10)
     assert [(p.kind, p.file.name) for p in recording.problems] == [(ProblemKind.UNPAIRED, "L.png")]
     assert len(recording) == 1
 
@@ -75,14 +75,14 @@ def test_no_usable_pair_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="no usable frame"):
         open_stereo_images(*stereo(tmp_path, [1, 2], [3, 4]), fps=10)
     with pytest.raises(BadInput, match=r"x\*\.png: matches no file"):
-        open_stereo_images(str(tmp_path / "x*.png"), str(tmp_path / "1R*.png"), fps=10)
+        open_stereo_images([str(tmp_path / "x*.png")], [str(tmp_path / "1R*.png")], fps=10)
 
 
 def test_a_number_that_comes_twice_is_refused(tmp_path: Path) -> None:
     _, right = stereo(tmp_path, [1], [1])
     write(tmp_path / "2L1.png", 0)
     with pytest.raises(BadInput, match=r"2L1\.png: number 1 again"):
-        open_stereo_images(str(tmp_path / "*L1.png"), right, fps=10)
+        open_stereo_images([str(tmp_path / "*L1.png")], right, fps=10)
 
 
 @pytest.mark.parametrize("fps", [0, -1, float("nan"), float("inf")])

@@ -38,15 +38,18 @@ def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path: Path) -> None
     assert (target / "mine").read_text() == "1"
 
 
-def test_a_previous_run_is_replaced_but_nothing_foreign_is(tmp_path: Path) -> None:
+def test_a_previous_run_is_replaced_and_everything_else_stays(tmp_path: Path) -> None:
     target = tmp_path / "out"
-    for text in ("old", "new"):
-        with whole_folder(target, replaceable=("report.html",)) as folder:
-            (folder / "report.html").write_text(text)
-    assert (target / "report.html").read_text() == "new"
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    names = ("report.html", "overlay.webm")
+    with whole_folder(target, names) as folder:
+        (folder / "report.html").write_text("old")
+        (folder / "overlay.webm").write_text("of the old run")
     (target / "thesis.txt").write_text("mine")
-    with pytest.raises(BadInput, match=r"already holds thesis\.txt"), whole_folder(target, ("report.html",)):
+    with whole_folder(target, names) as folder:
+        (folder / "report.html").write_text("new")
+    assert {p.name: p.read_text() for p in target.iterdir()} == {"report.html": "new", "thesis.txt": "mine"}
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    with pytest.raises(BadInput, match=r"already holds report\.html"), whole_folder(target):
         pass
 
 
@@ -54,7 +57,7 @@ def test_a_failed_second_run_keeps_the_first(tmp_path: Path) -> None:
     target = tmp_path / "out"
     with whole_folder(target) as folder:
         (folder / "a").write_text("old")
-    with pytest.raises(RuntimeError), whole_folder(target, replaceable=("a",)):
+    with pytest.raises(RuntimeError), whole_folder(target, results=("a",)):
         raise RuntimeError
     assert (target / "a").read_text() == "old"
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pps_vision.recordings.problems import BadInput, ProblemKind
-from pps_vision.recordings.truth import TruthRow, read_truth, write_truth
+from pps_vision.recordings.truth import read_truth, write_truth
+from pps_vision.types import Truth
 
 HEADER = (
     "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,radius_m,"
@@ -17,7 +18,7 @@ GOOD = "0.1,1,2,3,4,5,6,0.03,10,11,12,13,1,0"
 
 def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
-    row = TruthRow(
+    row = Truth(
         *(1512784563.547172, rng.normal(size=3), rng.normal(size=3), np.float64(0.03)),
         *(np.array([np.nan, np.nan]), rng.normal(size=2), False, np.True_),
     )

@@ -38,7 +38,7 @@ def difference(a: Image, b: Image) -> Array:
 
 
 def measured_center(with_ball: Image, without: Image) -> Array:
-    v, u = np.nonzero(difference(with_ball, without) > 40)
+    v, u = np.nonzero(difference(with_ball, without) > 25)
     return np.array([u.mean(), v.mean()])
 
 

@@ -1,0 +1,63 @@
+"""`pps-vision bench`: the experiments, each measured afresh on the seed that is asked for."""
+
+import json
+import platform
+import subprocess
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Protocol
+
+from tyro.conf import subcommand
+
+from pps_vision.experiments.fixation import Fixation
+from pps_vision.experiments.loop import Loop
+from pps_vision.experiments.real import Real
+from pps_vision.experiments.tracking import Tracking
+from pps_vision.recordings.outputs import whole_file
+from pps_vision.recordings.results import write_summary
+
+
+class Experiment(Protocol):
+    """A frozen dataclass of parameters with a `run` that returns numbers."""
+
+    def run(self) -> dict[str, object]:
+        """Measure."""
+        ...
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Run an experiment, print its numbers, and write them with machine, versions, seed and commit."""
+
+    experiment: (
+        Annotated[Loop, subcommand("loop")]
+        | Annotated[Tracking, subcommand("tracking")]
+        | Annotated[Fixation, subcommand("fixation")]
+        | Annotated[Real, subcommand("real")]
+    )
+    out: Path | None = None
+    """Where to write the JSON; default: docs/results/NAME.json under the present folder."""
+
+    def run(self) -> None:
+        """Measure and write."""
+        name = type(self.experiment).__name__.lower()
+        out = self.out or Path("docs") / "results" / f"{name}.json"
+        with whole_file(out) as partial:
+            numbers = self.experiment.run()
+            write_summary(
+                partial, {"experiment": name, "parameters": asdict(self.experiment), "machine": _machine(), **numbers}
+            )
+        print(json.dumps(numbers, indent=2, default=float))
+        print(f"→ {out}")
+
+
+def _machine() -> dict[str, str]:
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
+    packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "python": platform.python_version(),
+        **{package: version(package) for package in packages},
+        "commit": commit.stdout.strip() or "unknown",
+    }

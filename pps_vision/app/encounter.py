@@ -1,0 +1,235 @@
+"""Encounters: a robot, one stimulus and the pipeline, closed in a loop without a robot.
+
+An approach is aimed at a taxel's home position, ends there at the first would-be contact and
+withdraws along its path, whatever the arm does.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from control.fixation import gaze_at
+from pps_vision.app.pipeline import Pipeline, PipelineStep
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.icub import home
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, touched_taxels
+from pps_vision.types import Array, Mask, Status, StereoFrame
+from rendering.eyes import Eyes
+from rendering.motions import Approach, Motion, Recede, make_motion
+from rendering.scene import SceneState
+from rendering.stimuli import StimulusName, make_stimulus
+
+Kind = Literal["approach", "recede", "static", "own_arm"]
+STEP_S = 0.05
+_DEEPER_M = 0.003  # an approach goes this much further than the edge of a touch, so that it surely is one
+_CLEAR_M = 0.013  # what recedes starts this far from where an approach would end: not touching
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """What is shown: a stimulus on a path (None: nothing but the robot's own arm, which then moves)."""
+
+    title: str
+    stimulus: StimulusName
+    motion: Motion | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class EncounterLog:
+    """What happened, per frame: (T,), (T, 3) root frame, or (T, n) for the skin's n taxels."""
+
+    title: str
+    taxel_ids: tuple[str, ...]
+    stamps_s: Array
+    status: tuple[Status, ...]
+    truth_m: Array
+    track_m: Array  # NaN while unknown
+    track_std_m: Array
+    surface_gap_m: Array  # from the object's surface to each taxel's centre, true
+    activations: Array
+    speed_m_s: Array  # of the control point, commanded and obeyed
+    arm_commanded: Mask  # the way home after an answer included
+    touched: Mask
+    q_rad: Array
+
+    @property
+    def was_touched(self) -> bool:
+        """Whether the skin was touched at all."""
+        return bool(self.touched.any())
+
+    @property
+    def was_commanded(self) -> bool:
+        """Whether the arm was told to move by what it saw."""
+        return bool(self.arm_commanded.any())
+
+
+class World:
+    """The robot at its posture among what it sees; the only one who knows the truth."""
+
+    def __init__(self, robot: Robot, rig: StereoRig, skin: Skin, eyes: Eyes, rng: np.random.Generator) -> None:
+        self.robot, self.rig, self.skin, self.eyes, self.rng = robot, rig, skin, eyes, rng
+        self.home = watching(robot, skin, home(robot))
+
+    def meet(self, encounter: Encounter, pipeline: Pipeline, avoid: bool, start_s: float = 0.0) -> "Meeting":
+        """Begin an encounter with the robot at home."""
+        stimulus = make_stimulus(encounter.stimulus)
+        self.eyes.set_stimulus(stimulus)
+        return Meeting(self, encounter, pipeline, avoid, stimulus.radius_m, start_s)
+
+
+class Meeting:
+    """One encounter under way: iterate over its frames, then ask for the log."""
+
+    def __init__(
+        self, world: World, encounter: Encounter, pipeline: Pipeline, avoid: bool, radius_m: float, start_s: float
+    ) -> None:
+        self.world, self.encounter, self.pipeline, self.avoid = world, encounter, pipeline, avoid
+        self.radius_m, self.start_s = radius_m, start_s
+        q = world.home
+        if encounter.motion is not None:
+            q = gaze_at(world.robot, q, encounter.motion(0.0)[0])
+        self.q = q
+        self._rows: list[tuple[StereoFrame, PipelineStep, Array, Array, Mask]] = []
+
+    def __iter__(self) -> "Meeting":
+        return self
+
+    def __next__(self) -> tuple[StereoFrame, PipelineStep]:
+        """Render, let the pipeline act, and move the robot as it says."""
+        k = len(self._rows)
+        t = k * STEP_S
+        if t >= self.encounter.seconds:
+            raise StopIteration
+        world, moving = self.world, self.encounter.motion
+        taxels, _ = world.skin.at(world.robot.at(self.q))
+        p, v = moving(t) if moving is not None else (np.full(3, np.nan), np.zeros(3))
+        touched = touched_taxels(taxels, p, self.radius_m)
+        state = SceneState(self.q, None if moving is None else p, v)
+        frame = world.eyes.render(state, self.start_s + t, world.rng)
+        step = self.pipeline.step(frame, touched)
+        self._rows.append((frame, step, p, taxels, touched))
+        self.q = world.robot.clamp(self.q + STEP_S * self._dq(step, t))
+        return frame, step
+
+    def _dq(self, step: PipelineStep, t: float) -> Array:
+        dq = step.command.dq_rad_s.copy()
+        arm = self.world.robot.indices(self.world.robot.names.arm("left"))
+        if not self.avoid:
+            dq[arm] = 0.0
+        if self.encounter.motion is None:
+            dq[arm] = _swing_rate(t)
+        return dq
+
+    def log(self) -> EncounterLog:
+        """All that happened so far."""
+        frames, steps, truth, taxels, touched = zip(*self._rows, strict=True)
+        track = [s.tracking.track for s in steps]
+        arm = self.world.robot.indices(self.world.robot.names.arm("left"))
+        p = np.array(truth)
+        return EncounterLog(
+            title=self.encounter.title,
+            taxel_ids=self.world.skin.taxel_ids,
+            stamps_s=np.array([f.stamp_s for f in frames]),
+            status=tuple(t.status for t in track),
+            truth_m=p,
+            track_m=np.array([t.position for t in track]),
+            track_std_m=np.array([np.sqrt(np.diag(t.cov)[:3]) for t in track]),
+            surface_gap_m=np.linalg.norm(p[:, None] - np.array(taxels), axis=2) - self.radius_m,
+            activations=np.array([s.activations for s in steps]),
+            speed_m_s=np.array([self.avoid * float(np.linalg.norm(s.response.velocity_root)) for s in steps]),
+            arm_commanded=np.array([self.avoid and bool(np.any(s.command.dq_rad_s[arm])) for s in steps]),
+            touched=np.array(touched),
+            q_rad=np.array([f.joints_left_rad for f in frames]),
+        )
+
+
+def watching(robot: Robot, skin: Skin, q: Array) -> Array:
+    """The configuration `q` with the eyes on the space before the skin."""
+    positions, normals = skin.at(robot.at(q))
+    return gaze_at(robot, q, (positions + 0.12 * normals).mean(axis=0))
+
+
+def make_encounter(
+    kind: Kind,
+    world: World,
+    taxel: str,
+    stimulus: StimulusName,
+    rng: np.random.Generator,
+    speed_m_s: float,
+    reach_m: float = TOUCH_RADIUS_M - _DEEPER_M,
+) -> Encounter:
+    """A random encounter of a kind about a taxel's home position, in view of both eyes from its start.
+
+    approach: until the surface is within `reach_m` of a taxel's home position, and back; recede:
+    from just out of touch away; static: 5 cm away from the skin, then still 12–15 cm before it;
+    own_arm: nothing is there.
+    """
+    if kind == "own_arm":
+        return Encounter("own arm moving", stimulus, None, 4.0)
+    posture = world.robot.at(world.home)
+    positions, normals = world.skin.at(posture)
+    index = world.skin.index(taxel)
+    radius = make_stimulus(stimulus).radius_m
+    for _ in range(200):
+        if kind == "static":
+            motion: Motion = _arrive(rng, positions[index], normals[index], speed_m_s)
+            seconds, title = 5.0, "standing still"
+        else:
+            path = make_motion("approach", rng, positions[index], speed_m_s, (positions[index], normals[index]))
+            if not isinstance(path, Approach):
+                raise ValueError(f"motion {path}: expected an approach")
+            end = first_contact(path.start, positions[index], positions, radius + reach_m)
+            if kind == "approach":
+                motion = Approach(path.start, end, speed_m_s)
+                seconds, title = 2 * motion.contact_s + motion.dwell_s + 0.5, "approaching"
+            else:
+                motion = Recede(end + _CLEAR_M * _unit(path.start - end), path.start, speed_m_s)
+                seconds, title = float(np.linalg.norm(path.start - end)) / speed_m_s + 0.5, "receding"
+        if _in_view(world, motion, seconds):
+            return Encounter(f"{stimulus} {title}", stimulus, motion, seconds)
+    raise ValueError(f"no {kind} about {taxel} stays in view of both eyes; expected a taxel the home posture shows")
+
+
+def _arrive(rng: np.random.Generator, point: Array, normal: Array, speed_m_s: float) -> Motion:
+    """Out from near the skin over 5 cm, so that the eyes have it, to a place where it stays."""
+    end = point + rng.uniform(0.12, 0.15) * normal
+    return Recede(end - 0.05 * normal, end, speed_m_s)
+
+
+def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) -> Array:
+    """Where a centre that moves straight from `start` to `target` first comes within `reach_m` of a taxel."""
+    way = target - start
+    length = float(np.linalg.norm(way))
+    u = way / length
+    along = (taxels - start) @ u
+    aside2 = np.sum((taxels - start) ** 2, axis=1) - along**2
+    hit = aside2 < reach_m**2
+    travelled = along[hit] - np.sqrt(reach_m**2 - aside2[hit])
+    return start + max(float(travelled.min()), 0.0) * u
+
+
+def _unit(vector: ArrayLike) -> Array:
+    v = np.asarray(vector, dtype=float)
+    return v / np.linalg.norm(v)
+
+
+def _in_view(world: World, motion: Motion, seconds: float) -> bool:
+    """Whether both eyes, fixating the path's start, see the start, and then all of it by following."""
+    for t in np.linspace(0, seconds, 8):
+        p, _ = motion(float(t))
+        view = world.rig.view(gaze_at(world.robot, world.home, p))
+        if not (view.left.sees(p, 25) and view.right.sees(p, 25)):
+            return False
+    return True
+
+
+def _swing_rate(t: float) -> Array:
+    """The left arm's own movement, rad/s: elbow, shoulder and wrist swing a few degrees about home."""
+    amplitude = np.deg2rad([6.0, 5.0, 6.0, 10.0, 12.0, 0.0, 0.0])
+    frequency = 2 * np.pi * np.array([0.35, 0.3, 0.4, 0.45, 0.5, 0.5, 0.5])
+    rate: Array = amplitude * frequency * np.cos(frequency * t)
+    return rate

@@ -1,0 +1,117 @@
+"""What the tracker believes, drawn over what the eyes see, and the video of it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pps_vision.geometry.camera import Camera, StereoView, View
+from pps_vision.types import Array, Detection2D, Image, Status, StereoFrame, Track3D
+
+_STATUS_RGB = {
+    Status.SEARCHING: (200, 200, 200),
+    Status.TRACKING: (60, 230, 90),
+    Status.COASTING: (250, 190, 40),
+    Status.LOST: (250, 70, 60),
+}
+_SHIFT = 4  # cv2 draws at 1/16 px
+
+
+class VideoFile:
+    """A VP8 .webm, which browsers play and OpenCV's wheels can write; appears whole or not at all."""
+
+    def __init__(self, path: Path, fps: float) -> None:
+        self._path, self._fps = path, fps
+        self._partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+        self._writer: cv2.VideoWriter | None = None
+
+    def __enter__(self) -> "VideoFile":
+        return self
+
+    def add(self, image: Image) -> None:
+        """Append an RGB image; all have the first one's size."""
+        if self._writer is None:
+            size = (image.shape[1], image.shape[0])
+            self._writer = cv2.VideoWriter(str(self._partial), cv2.VideoWriter.fourcc(*"VP80"), self._fps, size)
+            if not self._writer.isOpened():
+                raise ValueError(f"{self._path}: cannot be written as video")
+        self._writer.write(np.ascontiguousarray(image[..., ::-1]))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is not None:
+            self._writer.release()
+            if kind is None:
+                self._partial.replace(self._path)
+            else:
+                self._partial.unlink(missing_ok=True)
+
+
+def draw_pair(
+    frame: StereoFrame,
+    view: StereoView,
+    track: Track3D,
+    detections: Sequence[Detection2D] = (),
+    taxels_root: Array | None = None,
+    activations: Array | None = None,
+    captions: Sequence[str] = (),
+    scale: int = 2,
+) -> Image:
+    """Both eyes side by side, enlarged: the detection (ring), the track (cross), taxels by activation."""
+    sides: list[Image] = []
+    for name, image, eye in (("left", frame.left, view.left), ("right", frame.right, view.right)):
+        size = (image.shape[1] * scale, image.shape[0] * scale)
+        canvas: Image = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC).astype(np.uint8, copy=False)
+        if taxels_root is not None and activations is not None:
+            _draw_taxels(canvas, eye, taxels_root, activations, scale)
+        for detection in detections:
+            if detection.camera == name:
+                _draw_detection(canvas, eye.camera, detection, _STATUS_RGB[track.status], scale)
+        if track.is_known:
+            _cross(canvas, eye.project(track.position), _STATUS_RGB[track.status], scale)
+        sides.append(canvas)
+    pair = np.concatenate(sides, axis=1)
+    _write(pair, f"{track.status.value}   {frame.stamp_s:7.2f} s", 0, _STATUS_RGB[track.status])
+    for line, caption in enumerate(captions, start=1):
+        _write(pair, caption, line, (255, 255, 255))
+    return pair
+
+
+def _at(pixel: ArrayLike, scale: int) -> tuple[int, int]:
+    """Sub-pixel canvas coordinates of an image pixel, for cv2's shifted drawing."""
+    u, v = (np.asarray(pixel, dtype=float) + 0.5) * scale - 0.5
+    return round(u * 2**_SHIFT), round(v * 2**_SHIFT)
+
+
+def _cross(canvas: Image, pixel: Array, color: tuple[int, int, int], scale: int) -> None:
+    if np.all(np.isfinite(pixel)):
+        u, v = (round(c * scale) for c in pixel)
+        cv2.drawMarker(canvas, (u, v), color, cv2.MARKER_CROSS, 7 * scale, 1, cv2.LINE_AA)
+
+
+def _draw_detection(
+    canvas: Image, camera: Camera, detection: Detection2D, color: tuple[int, int, int], scale: int
+) -> None:
+    radius = round(camera.focal_px * np.tan(detection.angular_radius_rad) * scale * 2**_SHIFT)
+    if np.all(np.isfinite(detection.center_px)) and 0 < radius < 2**20:
+        cv2.circle(canvas, _at(detection.center_px, scale), radius, color, 2, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_taxels(canvas: Image, eye: View, taxels_root: Array, activations: Array, scale: int) -> None:
+    """A dot per taxel: grey at rest, through yellow to red as it expects a touch."""
+    for pixel, a in zip(eye.project(taxels_root), activations, strict=True):
+        if eye.camera.contains(pixel):
+            hot = float(np.clip(a, 0, 1))
+            color = (255, int(255 * (1 - hot)), 0) if hot > 0.02 else (150, 150, 170)
+            radius = round(scale * (1.2 + 3 * hot) * 2**_SHIFT)
+            cv2.circle(canvas, _at(pixel, scale), radius, color, -1, cv2.LINE_AA, _SHIFT)
+
+
+def _write(canvas: Image, text: str, line: int, color: tuple[int, int, int]) -> None:
+    where = (8, 20 + 18 * line)
+    cv2.putText(canvas, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(canvas, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)

@@ -1,0 +1,151 @@
+"""One frame through the whole robot: eyes → track → skin → arm and gaze.  Read this first.
+
+The same steps run on rendered and on recorded frames; a recording just does not obey the commands.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from control import avoidance, fixation, search
+from control.avoidance import AvoidanceParams
+from control.fixation import FixationParams
+from control.head import gaze_of
+from control.search import SearchParams
+from learning import learner
+from learning.buffer import EventBuffer
+from learning.learner import LearnerParams
+from learning.memory import PPSMemory, activation
+from learning.receptive_field import ReceptiveField, perceive
+from pps_vision.robot.icub import HOME_ARM_RAD
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.skin import Skin
+from pps_vision.types import Array, JointVelocity, Mask, StereoFrame, TaxelEvents, Track3D
+from tracking.tracker import Tracker, TrackerStep
+
+
+@dataclass(frozen=True)
+class PipelineParams:
+    """The parameters of everything after the tracker, and the period of the loop."""
+
+    period_s: float = 0.05
+    search_for_s: float = 2.0  # how long the eyes look around for a lost object
+    receptive_field: ReceptiveField = ReceptiveField()
+    learning: LearnerParams = LearnerParams()
+    fixation: FixationParams = FixationParams()
+    search: SearchParams = SearchParams()
+    avoidance: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineStep:
+    """All that one frame led to; `activations` (n,) one a taxel."""
+
+    posture: Posture
+    tracking: TrackerStep
+    events: TaxelEvents
+    activations: Array
+    response: avoidance.Response
+    command: JointVelocity
+
+
+class Pipeline:
+    """Holds the robot's parameters and state; `step` takes a frame to the joint velocities it asks for.
+
+    It learns from every touch it is told of, so its `memory` grows as it runs.
+    """
+
+    def __init__(
+        self,
+        params: PipelineParams,
+        robot: Robot,
+        skin: Skin,
+        tracker: Tracker,
+        memory: PPSMemory,
+        rng: np.random.Generator,
+    ) -> None:
+        self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
+        self._learner = learner.LearnerState(memory, EventBuffer())
+        self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(params.avoidance.side)))
+        self._of_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
+        self._arm = avoidance.AvoidanceState()
+        self._search: search.SearchState | None = None
+        self._lost_s = -np.inf
+        self._last: tuple[float, Array] | None = None  # stamp, taxel positions
+
+    @property
+    def memory(self) -> PPSMemory:
+        """What has been learned so far."""
+        return self._learner.memory
+
+    def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
+        """One frame, and the taxels (n,) the skin reports touched with it."""
+        posture = self.robot.at(0.5 * (_joints(frame.joints_left_rad) + _joints(frame.joints_right_rad)))
+        tracking = self.tracker.step(frame)
+        events = self._perceive(posture, tracking.track, touched)
+        self._learner = learner.step(self.params.learning, self._learner, events)
+        activations = activation(self.memory, events.distance_m, events.ttc_s)
+        self._arm, arm, response = avoidance.step(
+            self.params.avoidance, self._arm, posture, self._arm_skin, activations[self._of_arm], frame.stamp_s
+        )
+        gaze = self._gaze(posture, tracking.track)
+        command = JointVelocity(frame.stamp_s, arm.dq_rad_s + gaze.dq_rad_s)
+        return PipelineStep(posture, tracking, events, activations, response, command)
+
+    def finish(self) -> PPSMemory:
+        """Learn a contact that still goes on, and return the memory."""
+        self._learner = learner.finish(self._learner)
+        return self.memory
+
+    def _perceive(self, posture: Posture, track: Track3D, touched: Mask | None) -> TaxelEvents:
+        """D and TTC of the track for every taxel; the sooner of what the object does to a taxel at
+        rest and to the taxel as it moves, so that an arm in flight does not forget what it flees."""
+        positions, normals = self.skin.at(posture)
+        n = len(positions)
+        moving = np.zeros_like(positions)
+        if self._last is not None and track.stamp_s > self._last[0]:
+            moving = (positions - self._last[1]) / (track.stamp_s - self._last[0])
+        self._last = track.stamp_s, positions
+        D, ttc = np.full(n, np.nan), np.full(n, np.nan)
+        if track.is_known:
+            what = (
+                self.params.receptive_field,
+                positions,
+                normals,
+                track.position,
+                track.velocity,
+                track.radius_m,
+                track.cov[3:6, 3:6],
+            )
+            D, at_rest = perceive(*what)
+            ttc = _sooner(at_rest, perceive(*what, moving)[1])
+        return TaxelEvents(
+            track.stamp_s, self.skin.taxel_ids, D, ttc, np.zeros(n, bool) if touched is None else touched
+        )
+
+    def _gaze(self, posture: Posture, track: Track3D) -> JointVelocity:
+        """Fixate what is tracked, look around for what was just lost, else keep still."""
+        if track.is_known:
+            self._search, self._lost_s = None, track.stamp_s
+            ahead = track.position + track.velocity * self.params.period_s
+            return fixation.step(
+                self.params.fixation, posture, ahead, track.velocity, self.params.period_s, track.stamp_s
+            )
+        if track.stamp_s - self._lost_s < self.params.search_for_s:
+            state = self._search or search.SearchState(gaze_of(posture))
+            self._search, command = search.step(
+                self.params.search, state, posture, self.params.period_s, self._rng, track.stamp_s
+            )
+            return command
+        return JointVelocity(track.stamp_s, np.zeros(self.robot.n_joints))
+
+
+def _joints(joints_rad: Array | None) -> Array:
+    if joints_rad is None:
+        raise ValueError("a frame without joints: the skin's place is unknown; expected a robot's recording")
+    return joints_rad
+
+
+def _sooner(a: Array, b: Array) -> Array:
+    """The smaller of two times to contact where both are to come, else the one that is; NaN stays."""
+    return np.where(a >= 0, np.where(b >= 0, np.minimum(a, b), a), b)

@@ -1,0 +1,138 @@
+"""`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from control import fixation
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.yarp_writer import YarpWriter
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin, touched_taxels
+from pps_vision.types import Array
+from rendering.carriers import CarrierName
+from rendering.eyes import Eyes
+from rendering.motions import Motion, MotionName, make_motion
+from rendering.scene import SceneState
+from rendering.sensor import Sensor
+from rendering.stimuli import StimulusName, make_stimulus
+
+_SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own motion
+_SWAY_HZ = np.array([0.31, 0.23])
+
+
+@dataclass(frozen=True)
+class Render:
+    """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
+
+    stimulus: StimulusName
+    """What is shown."""
+    motion: MotionName
+    """How it moves; approach and recede are about --target, the others about --center."""
+    out: Path
+    """Recording folder to write; must be new or empty."""
+    target: str = "left_forearm:27"
+    """Taxel that an approach is aimed at."""
+    center: tuple[float, float, float] | None = None
+    """Where the other motions happen, root frame, m; default: random, 0.3 to 0.5 m before the eyes."""
+    seconds: float = 5.0
+    """Length of the recording."""
+    fps: float = 20.0
+    """Stereo pairs a second."""
+    speed: float | None = None
+    """Speed of the object, m/s; default: random, 0.05 to 0.15."""
+    radius: float | None = None
+    """Radius of the object, m; default: its usual one."""
+    noise: float = 0.0
+    """Standard deviation of the pixel noise, grey levels of 255."""
+    shot: float = 0.0
+    """Variance of the shot noise per grey level."""
+    exposure: float = 1.0
+    """Gain; 2 is overexposed, 0.5 underexposed."""
+    blur_s: float = 0.0
+    """How long the shutter is open, s: motion blur."""
+    carrier: CarrierName = "none"
+    """Who holds the object."""
+    head: Literal["follow", "sway", "still"] = "follow"
+    """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
+    seed: int = 0
+    """Seed of the motion and the noise."""
+
+    def run(self) -> None:
+        """Render, and report what was written."""
+        pairs, touches = self.record()
+        print(f"{pairs} pairs, skin touched in {touches} → {self.out}")
+
+    def record(self) -> tuple[int, int]:
+        """Render; returns how many pairs there are, and in how many the skin is touched."""
+        if not (self.seconds > 0 and self.fps > 0):
+            raise ValueError(f"render: --seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
+        rng = np.random.default_rng(self.seed)
+        robot, skin = load_icub(), icub_skin()
+        rig = icub_rig(robot)
+        stimulus = make_stimulus(self.stimulus, self.radius)
+        sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
+        q, motion = self._begin(robot, rig, rng, stimulus.radius_m)
+        dt, count, touches = 1 / self.fps, max(1, round(self.seconds * self.fps)), 0
+        with (
+            YarpWriter(self.out, robot, rig.left, rig.right) as writer,
+            Eyes(robot, rig, stimulus, self.carrier, sensor) as eyes,
+        ):
+            for k in tqdm(range(count), desc="render", unit="pair", disable=None):
+                t = k * dt
+                p, v = motion(t)
+                dq = self._head_rate(robot, q, p, v, t, dt)
+                state = SceneState(q, p, v, dq)
+                touched = touched_taxels(skin.at(robot.at(q))[0], p, stimulus.radius_m)
+                touches += bool(touched.any())
+                writer.write_frame(eyes.render(state, t, rng))
+                writer.write_joints(t, q)
+                writer.write_touches(t, np.array(skin.taxel_ids)[touched])
+                writer.write_truth(eyes.truth(state, t))
+                q = robot.clamp(q + dt * dq)
+        return count, touches
+
+    def _begin(self, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float) -> tuple[Array, Motion]:
+        """The robot at home fixating the start of a random motion that both eyes can follow."""
+        q_home, skin = home(robot), icub_skin()
+        positions, normals = skin.at(robot.at(q_home))
+        taxel = skin.index(self.target)
+        for _ in range(500):
+            speed = rng.uniform(0.05, 0.15) if self.speed is None else self.speed
+            center = _before_the_eyes(rng) if self.center is None else np.array(self.center)
+            motion = make_motion(
+                self.motion, rng, center, speed, (positions[taxel], normals[taxel]), radius_m + TOUCH_RADIUS_M - 0.003
+            )
+            starts = [fixation.gaze_at(robot, q_home, motion(t)[0]) for t in np.linspace(0, self.seconds, 9)]
+            views = [rig.view(q) for q in starts]
+            points = [motion(t)[0] for t in np.linspace(0, self.seconds, 9)]
+            if all(v.left.sees(p, 25) and v.right.sees(p, 25) for v, p in zip(views, points, strict=True)):
+                return starts[0], motion
+        raise ValueError(
+            f"render: no {self.motion} about {self.target if self.center is None else self.center} stays in view of "
+            "both eyes; expected a target or center that the home posture shows"
+        )
+
+    def _head_rate(self, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
+        """Joint rates until the next frame: fixation of where the object will be, and the sway."""
+        dq: Array = np.zeros(robot.n_joints)
+        if self.head == "still":
+            return dq
+        if self.head == "follow":
+            dq = fixation.step(fixation.FixationParams(gain_per_s=min(12.0, 0.6 / dt)), robot.at(q), p, v, dt).dq_rad_s
+        phase = 2 * np.pi * _SWAY_HZ
+        yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
+        dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)
+        return dq
+
+
+def _before_the_eyes(rng: np.random.Generator) -> Array:
+    """A point 0.3–0.5 m before the eyes of the robot at home, within 15° of straight ahead and somewhat below."""
+    azimuth, elevation = np.deg2rad([rng.uniform(-15, 15), rng.uniform(-25, 5)])
+    distance = rng.uniform(0.30, 0.50)
+    ahead = np.array([-np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    return np.array([-0.063, 0.0, 0.341]) + distance * ahead

@@ -1,0 +1,34 @@
+"""How long each stage takes; the only place, with the demo's progress, where a clock is read."""
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+
+class Stopwatch:
+    """Collects milliseconds by stage: `with stopwatch("trigger"): …`."""
+
+    def __init__(self) -> None:
+        self.ms: dict[str, list[float]] = defaultdict(list)
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time the enclosed block as one run of `stage`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.ms[stage].append(1000 * (time.perf_counter() - start))
+
+    def summary(self) -> dict[str, dict[str, float]]:
+        """Median and quartiles of ms, and the number of runs, of every stage."""
+        return {
+            stage: dict(
+                zip(("q25_ms", "median_ms", "q75_ms"), map(float, np.percentile(ms, (25, 50, 75))), strict=True),
+                runs=len(ms),
+            )
+            for stage, ms in self.ms.items()
+        }

@@ -1,0 +1,171 @@
+"""`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from pps_vision.app.overlay import VideoFile, draw_pair
+from pps_vision.app.stopwatch import Stopwatch
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.calibration import read_icub_eyes
+from pps_vision.recordings.images import open_stereo_images
+from pps_vision.recordings.opencv_calibration import read_stereo_calibration
+from pps_vision.recordings.outputs import whole_folder
+from pps_vision.recordings.problems import BadInput, count_by_kind
+from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.results import write_detections, write_summary, write_trajectory
+from pps_vision.recordings.yarp import open_yarp
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.silhouette import Silhouette
+from pps_vision.types import Array, Detection2D, Status, Track3D, Truth
+from tracking.tracker import Tracker, TrackerParams
+
+Mode = Literal["generic", "marker"]
+_FILES = ("detections.csv", "trajectory.csv", "summary.json", "overlay.webm")
+_WARM_UP = 10  # frames a tracker is given before its errors count
+
+
+@dataclass(frozen=True)
+class Track:
+    """Follow a moving object (or a green marker) in both eyes and write its 3D path.
+
+    Either a recording folder REC of an iCub (yarpdatadumper layout, as `render` writes it), or
+    --left, --right, --calib and --fps for any stereo images; the root frame is then the left camera.
+    """
+
+    rec: tyro.conf.Positional[Path | None] = None
+    """Recording folder."""
+    out: Path = tyro.MISSING
+    """Folder for detections.csv, trajectory.csv, summary.json (and overlay.webm)."""
+    left: tuple[str, ...] = ()
+    """Left images: a pattern in quotes such as 'seq/left*.png', or the files themselves."""
+    right: tuple[str, ...] = ()
+    """Right images, paired with the left ones by the last number in their names."""
+    calib: tuple[Path, ...] = ()
+    """Calibration: OpenCV files (one for all, or left, right and stereo), or icubEyes.ini for a REC without its own."""
+    fps: float = 30.0
+    """Frames per second of --left/--right."""
+    unit_m: float = 1.0
+    """Metres per length unit of the OpenCV calibration (0.01 if its board was measured in cm)."""
+    mode: Mode = "generic"
+    """generic: whatever moves; marker: a green marker, the cheaper road."""
+    max_skew_s: float = 0.02
+    """Left and right images further apart in time are no pair."""
+    video: bool = False
+    """Also write overlay.webm."""
+    seed: int = 0
+    """Seed of the particles."""
+
+    def run(self) -> None:
+        """Read, track, and write everything at once; what had to be skipped is reported."""
+        stopwatch = Stopwatch()
+        recording, tracker = self._open(stopwatch)
+        detections: list[tuple[int, Detection2D, Status]] = []
+        tracks: list[Track3D] = []
+        with whole_folder(self.out, _FILES) as folder:
+            fps = self.fps if self.rec is None else _rate(recording)
+            with VideoFile(folder / "overlay.webm", fps) as film:
+                frames = tqdm(recording.numbered(), total=len(recording), desc="track", unit="pair", disable=None)
+                for number, frame in frames:
+                    with stopwatch("total"):
+                        step = tracker.step(frame)
+                    tracks.append(step.track)
+                    detections += [(number, seen, step.track.status) for seen in step.detections]
+                    if self.video:
+                        film.add(draw_pair(frame, tracker.rig.view_of(frame), step.track, step.detections))
+            if not tracks:
+                raise BadInput(recording.name, "no usable frame; expected at least one readable stereo pair")
+            write_detections(folder / "detections.csv", detections)
+            write_trajectory(folder / "trajectory.csv", tracks)
+            write_summary(folder / "summary.json", self._summary(recording, tracks, stopwatch))
+        for problem in recording.problems:
+            print(f"skipped: {problem}", file=sys.stderr)
+        print(_headline(tracks, recording, stopwatch), f"→ {self.out}")
+
+    def _open(self, stopwatch: Stopwatch) -> tuple[Recording, Tracker]:
+        if (self.rec is None) == (not self.left and not self.right):
+            raise ValueError("track: expected either a recording folder REC, or --left and --right with --calib")
+        if self.rec is not None:
+            recording = open_yarp(self.rec, self.max_skew_s)
+            return recording, tracker_for(
+                recording, self.mode, self.seed, stopwatch, self.calib[0] if self.calib else None
+            )
+        if not (self.left and self.right and self.calib):
+            raise ValueError("track: --left, --right and --calib go together; one is missing")
+        recording = open_stereo_images(self.left, self.right, self.fps)
+        left, right, T_left_right = read_stereo_calibration(self.calib, recording.image_size, self.unit_m)
+        rig = StereoRig.fixed(left, right, T_left_right)
+        return recording, Tracker(
+            TrackerParams(mode=self.mode), rig, np.random.default_rng(self.seed), stages=stopwatch
+        )
+
+    def _summary(self, recording: Recording, tracks: list[Track3D], stopwatch: Stopwatch) -> dict[str, object]:
+        summary: dict[str, object] = {
+            "source": recording.name,
+            "mode": self.mode,
+            "seed": self.seed,
+            "pairs": len(recording),
+            "frames": len(tracks),
+            "status": {status.value: sum(track.status == status for track in tracks) for status in Status},
+            "ms_per_pair": stopwatch.summary(),
+            "skipped": count_by_kind(recording.problems),
+        }
+        if recording.truth:
+            summary["errors"] = errors_against(recording.truth, tracks)
+        return summary
+
+
+def tracker_for(
+    recording: Recording, mode: Mode, seed: int, stopwatch: Stopwatch, calibration: Path | None = None
+) -> Tracker:
+    """A tracker for an iCub's recording, with its own calibration unless another is given."""
+    eyes = calibration or recording.calibration
+    if eyes is None:
+        raise BadInput(recording.name, "holds no icubEyes.ini; expected a calibration there or by --calib")
+    robot = load_icub()
+    rig = icub_rig(robot, *read_icub_eyes(eyes, recording.image_size))
+    params = TrackerParams(mode=mode)
+    return Tracker(params, rig, np.random.default_rng(seed), own_body=Silhouette(robot), stages=stopwatch)
+
+
+def errors_against(truth: tuple[Truth, ...], tracks: list[Track3D]) -> dict[str, float]:
+    """How far the path is from the truth, after the first ten frames: share tracked, 3D RMS, median, velocity RMS."""
+    stamps = np.array([row.stamp_s for row in truth])
+    position, velocity = [], []
+    later = tracks[_WARM_UP:]
+    for track in later:
+        row = truth[int(np.argmin(np.abs(stamps - track.stamp_s)))]
+        if track.status == Status.TRACKING and abs(row.stamp_s - track.stamp_s) < 0.02:
+            at = row.position + row.velocity * (track.stamp_s - row.stamp_s)
+            position.append(np.linalg.norm(track.position - at))
+            velocity.append(np.linalg.norm(track.velocity - row.velocity))
+    error, slip = np.array(position), np.array(velocity)
+    return {
+        "tracked_share": len(error) / len(later) if later else np.nan,
+        "position_rms_mm": 1000 * _rms(error),
+        "position_median_mm": 1000 * float(np.median(error)) if len(error) else np.nan,
+        "velocity_rms_m_s": _rms(slip),
+    }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
+
+
+def _rate(recording: Recording) -> float:
+    stamps = [left.stamp_s for left, _ in recording.pairs]
+    return float(1 / np.median(np.diff(stamps))) if len(stamps) > 1 else 20.0
+
+
+def _headline(tracks: list[Track3D], recording: Recording, stopwatch: Stopwatch) -> str:
+    tracked = sum(track.status == Status.TRACKING for track in tracks)
+    line = f"{tracked} of {len(tracks)} pairs tracked, median {np.median(stopwatch.ms['total']):.1f} ms a pair"
+    if recording.truth:
+        errors = errors_against(recording.truth, tracks)
+        line += f", 3D RMS {errors['position_rms_mm']:.2f} mm"
+    return line + (f", {len(recording.problems)} problems skipped" if recording.problems else "")

@@ -1,0 +1,70 @@
+"""The closed loop, many times: who is touched, and who moves without cause."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from learning.memory import PPSMemory
+from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
+from pps_vision.app.school import SPEED_M_S, SchoolParams, fresh_pipeline, open_world, teach
+from pps_vision.robot.skin import INNER_FOREARM
+
+Case = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
+CASES: dict[Case, tuple[Kind, bool]] = {
+    "avoidance on": ("approach", True),
+    "avoidance off": ("approach", False),
+    "receding": ("recede", True),
+    "static": ("static", True),
+    "own arm": ("own_arm", True),
+}
+
+
+@dataclass(frozen=True)
+class Loop:
+    """`n` encounters of every case with an octopus at random speeds (5–15 cm/s), after learning
+    from ball and cube."""
+
+    n: int = 20
+    seed: int = 0
+    school: SchoolParams = SchoolParams()
+
+    def run(self) -> dict[str, object]:
+        """Counts by case, with what the tracker was worth meanwhile."""
+        with open_world(self.school.noise_sigma, self.seed) as world:
+            memory = teach(world, self.school)
+            logs = {case: [self.encounter(world, memory, case, k) for k in self._numbers(case)] for case in CASES}
+        return {"seed": self.seed, "n": self.n, **{case: _counts(of_case) for case, of_case in logs.items()}}
+
+    def _numbers(self, case: Case) -> Iterable[int]:
+        numbers: Iterable[int] = tqdm(range(self.n), desc=case, unit="encounter", disable=None)
+        return numbers
+
+    def encounter(self, world: World, memory: PPSMemory, case: Case, number: int) -> EncounterLog:
+        """One encounter; approaches of the same number are the same with avoidance on and off."""
+        kind, avoid = CASES[case]
+        rng = np.random.default_rng((self.seed, number, sorted({k for k, _ in CASES.values()}).index(kind)))
+        taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
+        encounter = make_encounter(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
+        meeting = world.meet(encounter, fresh_pipeline(world, memory), avoid)
+        for _ in meeting:
+            pass
+        return meeting.log()
+
+
+def _counts(logs: list[EncounterLog]) -> dict[str, object]:
+    errors = np.concatenate([np.linalg.norm(log.track_m - log.truth_m, axis=1) for log in logs])
+    known = np.isfinite(errors)
+    return {
+        "encounters": len(logs),
+        "touched": sum(log.was_touched for log in logs),
+        "commanded": sum(log.was_commanded for log in logs),
+        "smallest_gap_mm": [
+            round(1000 * float(np.nanmin(log.surface_gap_m)), 1) if np.isfinite(log.surface_gap_m).any() else None
+            for log in logs
+        ],
+        "highest_activation": [round(float(log.activations.max()), 3) for log in logs],
+        "track_rms_mm": 1000 * float(np.sqrt(np.mean(errors[known] ** 2))) if known.any() else None,
+    }

@@ -1,0 +1,76 @@
+"""The same code on real data nobody here made: two trackers, a robot's recording, a robot's skin."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from learning.scores import auroc, brier
+from learning.trials import PredictionParams, leave_one_out, load_trials
+from pps_vision.app.track2d import follow
+from pps_vision.recordings.images import open_frames
+from pps_vision.recordings.yarp import open_yarp
+from pps_vision.types import Array
+
+
+@dataclass(frozen=True)
+class Real:
+    """Reads `vot_ball1`, `pps_real_robot` and `yarp_dump` from a folder laid out like the shared data;
+    what is absent is skipped, saying so."""
+
+    data: Path = Path("../shared/data")
+    seed: int = 0
+
+    def run(self) -> dict[str, object]:
+        """Numbers by data set."""
+        parts: dict[str, tuple[Path, Callable[[Path], Mapping[str, float]]]] = {
+            "vot_ball1": (self.data / "vot_ball1", partial(ball_iou, seed=self.seed)),
+            "pps_real_robot": (self.data / "pps_real_robot" / "trials_forearm_internal.npz", contact_prediction),
+            "yarp_dump": (self.data / "yarp_dump", pairing),
+        }
+        return {name: run(place) if place.exists() else f"skipped: no {place}" for name, (place, run) in parts.items()}
+
+
+def ball_iou(folder: Path, seed: int) -> dict[str, float]:
+    """Mean overlap and share of frames within 20 px of the true centre, first box given."""
+    polygons = np.loadtxt(folder / "groundtruth.txt", delimiter=",").reshape(-1, 4, 2)
+    low, high = polygons.min(axis=1), polygons.max(axis=1)
+    truth = np.concatenate([low, high - low], axis=1)
+    x, y, w, h = truth[0]
+    rows = follow(open_frames(folder / "frames"), (x, y, w, h), seed)
+    boxes = np.array([box for _, box, _ in rows])
+    distance = np.linalg.norm(boxes[:, :2] + boxes[:, 2:] / 2 - truth[:, :2] - truth[:, 2:] / 2, axis=1)
+    overlap = intersection_over_union(boxes, truth)
+    return {
+        "mean_iou": float(overlap.mean()),
+        "precision_20px": float(np.mean(distance <= 20)),
+        "center_px": float(distance.mean()),
+    }
+
+
+def intersection_over_union(a: Array, b: Array) -> Array:
+    """(n,) of boxes x, y, w, h (n, 4)."""
+    size = np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
+    shared = np.prod(np.maximum(size, 0), axis=1)
+    overlap: Array = shared / (np.prod(a[:, 2:], axis=1) + np.prod(b[:, 2:], axis=1) - shared)
+    return overlap
+
+
+def contact_prediction(file: Path) -> dict[str, float]:
+    """Leave-one-out prediction of touch 0.15 s ahead, beside each taxel's base rate."""
+    result = leave_one_out(PredictionParams(), load_trials(file))
+    outcome = result.touched.ravel()
+    return {
+        "auroc": auroc(outcome, result.probability.ravel()),
+        "brier": brier(outcome, result.probability.ravel()),
+        "base_rate_auroc": auroc(outcome, result.base_rate.ravel()),
+        "base_rate_brier": brier(outcome, result.base_rate.ravel()),
+    }
+
+
+def pairing(folder: Path) -> dict[str, int]:
+    """Pairs found at three tolerances, and what is reported as unpaired at the default one."""
+    pairs = {f"pairs_within_{round(1000 * skew)}_ms": len(open_yarp(folder, skew)) for skew in (0.010, 0.020, 0.033)}
+    return {**pairs, "reported_unpaired_at_20_ms": len(open_yarp(folder).problems)}
