@@ -112,7 +112,7 @@ def _reach_into(view: View, boxes_root: Array) -> Mask:
     left, top = (-0.5 - camera.cx) / camera.fx, (-0.5 - camera.cy) / camera.fy
     right, bottom = left + camera.width / camera.fx, top + camera.height / camera.fy
     beside = np.array([x < left * z, x > right * z, y < top * z, y > bottom * z, z < 0])
-    return ~beside.all(axis=-1).any(axis=0)
+    return np.asarray(~beside.all(axis=-1).any(axis=0))
 
 
 def mesh_of(parts: Iterable[Part]) -> Any:
