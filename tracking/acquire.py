@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
-from tracking.outline import Box, Optics, Outline
+from tracking.ego_motion import Box
+from tracking.outline import Optics, Outline
 from tracking.rim import see
 from tracking.trigger import Region2D
 

@@ -15,9 +15,9 @@ class AssociationParams:
     """`unknown_error` is what the calibration may be off before anything is known of it, as a share
     of the image's width; the gate opens to `gate_sigma` of that, narrowing over `gate_memory` pairs
     to the residual measured; `memory` pairs tell the error that widens the covariance, never less
-    than `min_error_px`; `max_ratio` between the two eyes' apparent radii; distances
-    outside `distance_range`, in baselines (whatever the unit), are no object; `radius_error` is how far (relative) an outline may be from a
-    sphere's."""
+    than `min_error_px`; `max_ratio` between the two eyes' apparent radii; distances outside
+    `distance_range`, in baselines (whatever the unit), are no object; `radius_error` is how far
+    (relative) an outline may be from a sphere's."""
 
     unknown_error: float = 0.008
     min_error_px: float = 0.02

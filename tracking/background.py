@@ -9,6 +9,7 @@ from pps_vision.types import Image
 from tracking.ego_motion import EgoMotion
 
 _RISE_LEVELS = 1.5  # grey levels from 'certainly background' to even odds, and again to certain
+_ROOM = 1.0  # 1/m, about the inverse distance of a room's walls
 
 
 class Background:
@@ -25,7 +26,7 @@ class Background:
         if self._scene is None or self._view is None:
             return np.zeros(image.shape[:2], np.float32)
         if not self.ego.is_still(self._view, view):
-            self._scene = self.ego.warp(self._scene.astype(np.uint8), self._view, view).astype(np.float32)
+            self._scene = self.ego.warp(self._scene.astype(np.uint8), self._view, view, _ROOM).astype(np.float32)
             self._view = view
         grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3)).astype(np.float32)
         kernel = np.ones((3, 3), np.uint8)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
-from tracking.outline import Box, Optics, Outline
+from tracking.ego_motion import Box
+from tracking.outline import Optics, Outline
 from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
 from tracking.rim import see
 

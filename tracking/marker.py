@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Image, Mask
-from tracking.outline import Box, Optics, Outline
+from tracking.ego_motion import Box
+from tracking.outline import Optics, Outline
 from tracking.rim import see
 
 _PAD = 8  # px

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
+from tracking.ego_motion import Box
 
-Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
 _MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 _CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Array, Image, Mask
-from tracking.outline import Box, Coverage, Optics, Outline, cover, outline
+from tracking.ego_motion import Box
+from tracking.outline import Coverage, Optics, Outline, cover, outline
 
 _ROUNDS = 6
 _FAIR_PX = 0.3  # residuals beyond this count less

@@ -25,21 +25,23 @@ Command = (
 )
 
 
+_WHAT = "Stereo vision for robots that feel what is about to touch them."
+
+
 def main(args: list[str] | None = None) -> None:
     """Run one command; exit code 2 and one line on the error stream for bad input."""
     try:
         _refuse_python_control()
-        command = tyro.cli(Command, config=(OmitSubcommandPrefixes,), prog="pps-vision", description=__doc_for_users__, args=args)
+        command = tyro.cli(
+            Command, config=(OmitSubcommandPrefixes,), prog="pps-vision", description=__doc_for_users__, args=args
+        )
         command.run()
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ImportError) as error:
         first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         print(f"pps-vision: {first_line}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
-
-
-__doc_for_users__ = "Stereo vision for robots that feel what is about to touch them."
 
 
 def _refuse_python_control() -> None:

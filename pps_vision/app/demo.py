@@ -21,7 +21,7 @@ from pps_vision.robot.gaze import GazeLimits, fixation_point, gaze_for_points
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.types import Status
 
-_FILES = ("report.html", "demo.webm", "memory.npz", "summary.json")
+_FILES = ("report.html", "demo.mp4", "memory.npz", "summary.json")
 _TAXEL = "left_forearm:3"
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 # On the robot the eyes' tilt carries the gaze beyond the neck's pitch; the map is asked there too.
@@ -36,7 +36,7 @@ class Demo:
     """
 
     out: Path = Path("demo")
-    """Folder for report.html, demo.webm, memory.npz and summary.json."""
+    """Folder for report.html, demo.mp4, memory.npz and summary.json."""
     trials: int = 24
     """Approaches of ball and cube to learn from."""
     noise: float = 2.0
@@ -50,7 +50,7 @@ class Demo:
             memory = teach(world, SchoolParams(self.trials, self.noise))
             save_memory(folder / "memory.npz", memory)
             stopwatch = Stopwatch()
-            with VideoFile(folder / "demo.webm", fps=20) as film:
+            with VideoFile(folder / "demo.mp4", fps=20) as film:
                 logs = list(_meet_all(world, memory, film, stopwatch, self.seed))
             reach = _reachability(world, logs, self.seed)
             numbers = [_numbers(log) for log in logs]
@@ -213,6 +213,6 @@ def _page(
         "Eyes see, skin predicts, the arm gets out of the way",
         f"A simulated iCub, eyes rendered at 320×240 with pixel noise σ = {demo.noise:g}/255, seed {demo.seed}. It has "
         "been touched by a ball and a cube; it has never seen the octopus.",
-        report.video(folder / "demo.webm"),
+        report.video(folder / "demo.mp4"),
         sections,
     )

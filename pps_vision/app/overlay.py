@@ -1,9 +1,11 @@
 """What the tracker believes, drawn over what the eyes see, and the video of it."""
 
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,34 +23,33 @@ _SHIFT = 4  # cv2 draws at 1/16 px
 
 
 class VideoFile:
-    """A VP8 .webm, which browsers play and OpenCV's wheels can write; appears whole or not at all."""
+    """An .mp4 (H.264, which every browser plays), written as images come; no image, no file."""
 
     def __init__(self, path: Path, fps: float) -> None:
-        self._path, self._fps = path, fps
-        self._partial = path.with_name(f".{path.stem}.partial{path.suffix}")
-        self._writer: cv2.VideoWriter | None = None
+        self._path, self._rate = path, Fraction(fps).limit_denominator(1000)
+        self._file: av.container.OutputContainer | None = None
+        self._stream: av.VideoStream | None = None
 
     def __enter__(self) -> "VideoFile":
         return self
 
     def add(self, image: Image) -> None:
-        """Append an RGB image; all have the first one's size."""
-        if self._writer is None:
-            size = (image.shape[1], image.shape[0])
-            self._writer = cv2.VideoWriter(str(self._partial), cv2.VideoWriter.fourcc(*"VP80"), self._fps, size)
-            if not self._writer.isOpened():
-                raise ValueError(f"{self._path}: cannot be written as video")
-        self._writer.write(np.ascontiguousarray(image[..., ::-1]))
+        """Append an RGB image; all have the first one's size, cut to even numbers."""
+        image = image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2]
+        if self._file is None or self._stream is None:
+            self._file = av.open(str(self._path), "w")
+            self._stream = self._file.add_stream("libx264", self._rate, options={"crf": "22", "preset": "veryfast"})
+            self._stream.height, self._stream.width = image.shape[:2]
+            self._stream.pix_fmt = "yuv420p"
+        self._file.mux(self._stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._writer is not None:
-            self._writer.release()
+        if self._file is not None and self._stream is not None:
             if kind is None:
-                self._partial.replace(self._path)
-            else:
-                self._partial.unlink(missing_ok=True)
+                self._file.mux(self._stream.encode())
+            self._file.close()
 
 
 def draw_pair(

@@ -38,9 +38,9 @@ def image(figure: Figure) -> str:
 
 
 def video(path: Path) -> str:
-    """A .webm file as an HTML fragment."""
+    """An .mp4 file as an HTML fragment."""
     data = base64.b64encode(path.read_bytes()).decode()
-    return f'<video controls autoplay muted loop src="data:video/webm;base64,{data}"></video>'
+    return f'<video controls autoplay muted loop src="data:video/mp4;base64,{data}"></video>'
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -26,7 +26,7 @@ from pps_vision.types import Array, Detection2D, Status, Track3D, Truth
 from tracking.tracker import Tracker, TrackerParams
 
 Mode = Literal["generic", "marker"]
-_FILES = ("detections.csv", "trajectory.csv", "summary.json", "overlay.webm")
+_FILES = ("detections.csv", "trajectory.csv", "summary.json", "overlay.mp4")
 _WARM_UP = 10  # frames a tracker is given before its errors count
 
 
@@ -41,7 +41,7 @@ class Track:
     rec: tyro.conf.Positional[Path | None] = None
     """Recording folder."""
     out: Path = tyro.MISSING
-    """Folder for detections.csv, trajectory.csv, summary.json (and overlay.webm)."""
+    """Folder for detections.csv, trajectory.csv, summary.json (and overlay.mp4)."""
     left: tuple[str, ...] = ()
     """Left images: a pattern in quotes such as 'seq/left*.png', or the files themselves."""
     right: tuple[str, ...] = ()
@@ -57,7 +57,7 @@ class Track:
     max_skew_s: float = 0.02
     """Left and right images further apart in time are no pair."""
     video: bool = False
-    """Also write overlay.webm."""
+    """Also write overlay.mp4."""
     seed: int = 0
     """Seed of the particles."""
 
@@ -69,7 +69,7 @@ class Track:
         tracks: list[Track3D] = []
         with whole_folder(self.out, _FILES) as folder:
             fps = self.fps if self.rec is None else _rate(recording)
-            with VideoFile(folder / "overlay.webm", fps) as film:
+            with VideoFile(folder / "overlay.mp4", fps) as film:
                 frames = tqdm(recording.numbered(), total=len(recording), desc="track", unit="pair", disable=None)
                 for number, frame in frames:
                     with stopwatch("total"):

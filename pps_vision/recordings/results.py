@@ -52,7 +52,7 @@ def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:
 
 
 def write_summary(file: Path, summary: Mapping[str, object]) -> None:
-    """summary.json: NumPy numbers and arrays as plain ones, NaN and infinity as null."""
+    """summary.json: NumPy numbers, arrays and paths as plain ones, NaN and infinity as null."""
     file.write_text(json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
@@ -63,6 +63,8 @@ def _plain(value: object) -> object:
         return [_plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
         return _plain(value.tolist())
+    if isinstance(value, Path):
+        return str(value)
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

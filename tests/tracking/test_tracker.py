@@ -68,7 +68,7 @@ def test_a_ball_is_tracked_to_two_millimetres_while_the_head_moves(world: World,
     names: list[str] = []
 
     @contextmanager
-    def stage(name: str):
+    def stage(name: str) -> Iterator[None]:
         names.append(name)
         yield
 
