@@ -32,9 +32,7 @@ def main(args: list[str] | None = None) -> None:
     """Run one command; exit code 2 and one line on the error stream for bad input."""
     try:
         _refuse_python_control()
-        command = tyro.cli(
-            Command, config=(OmitSubcommandPrefixes,), prog="pps-vision", description=__doc_for_users__, args=args
-        )
+        command = tyro.cli(Command, config=(OmitSubcommandPrefixes,), prog="pps-vision", description=_WHAT, args=args)
         command.run()
     except (ValueError, OSError, ImportError) as error:
         first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
