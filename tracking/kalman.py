@@ -1,6 +1,7 @@
 """A Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter")."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from math import factorial
 
 import numpy as np
@@ -59,25 +60,30 @@ class Belief:
     nis: float = float("nan")
 
 
+@cache
+def _powers(order: int) -> tuple[Array, Array, Array, Array]:
+    """Exponents of dt and denominators of the transition, then of the process noise."""
+    i, j = np.mgrid[:order, :order]
+    n = order - 1
+    fact = np.array([factorial(k) for k in range(order)], dtype=float)
+    ahead = np.maximum(j - i, 0)
+    scale = np.where(j >= i, 1 / fact[ahead], 0.0)
+    power = 2 * n + 1 - i - j
+    return ahead.astype(float), scale, power.astype(float), 1 / (power * fact[n - i] * fact[n - j])
+
+
 def transition(order: int, dt_s: float) -> Array:
     """(order, order) A_ij = dt^(j−i)/(j−i)! (FACTS §4)."""
-    return np.array(
-        [[dt_s ** (j - i) / factorial(j - i) if j >= i else 0.0 for j in range(order)] for i in range(order)]
-    )
+    exponent, scale, _, _ = _powers(order)
+    A: Array = scale * dt_s**exponent
+    return A
 
 
 def process_noise(order: int, dt_s: float, density: float) -> Array:
     """(order, order) covariance that white noise of the next derivative leaves after `dt_s`."""
-    n = order - 1
-    return np.array(
-        [
-            [
-                density * dt_s ** (2 * n + 1 - i - j) / ((2 * n + 1 - i - j) * factorial(n - i) * factorial(n - j))
-                for j in range(order)
-            ]
-            for i in range(order)
-        ]
-    )
+    _, _, exponent, scale = _powers(order)
+    Q: Array = density * scale * dt_s**exponent
+    return Q
 
 
 def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> Belief:
@@ -97,11 +103,14 @@ def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
     if dt == 0:
         return belief
-    A = transition(params.order, dt)
-    A_all = np.kron(A, np.eye(3))
-    Q = np.kron(process_noise(params.order, dt, params.noise_density), np.eye(3))
-    P = _symmetric(A_all @ belief.cov @ A_all.T + Q)
-    return replace(belief, stamp_s=stamp_s, mean=A @ belief.mean, cov=P)
+    n = params.order
+    A = transition(n, dt)
+    half = (A @ belief.cov.reshape(n, -1)).reshape(3 * n, 3 * n)  # A ⊗ I from the left …
+    P = (A @ half.T.reshape(n, -1)).reshape(3 * n, 3 * n)  # … and from the right
+    per_axis = P.reshape(n, 3, n, 3)
+    for axis in range(3):
+        per_axis[:, axis, :, axis] += process_noise(n, dt, params.noise_density)
+    return replace(belief, stamp_s=stamp_s, mean=A @ belief.mean, cov=_symmetric(P))
 
 
 def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Belief:

@@ -159,7 +159,9 @@ class Tracker:
             sightings, regions = self._search(looks, view, frame.stamp_s, grey)
         else:
             with self.stages("image"):
-                sightings = self._follow(self._belief, looks, frame.stamp_s, grey)
+                last = self._belief
+                self._belief = predict(self._kalman, last, frame.stamp_s)
+                sightings = self._follow(last, self._belief, looks, grey)
         self._head = 0.5 * (view.left.center + view.right.center)
         with self.stages("triangulation"):
             observation = self._observe(view, looks, sightings, frame.stamp_s)
@@ -226,10 +228,9 @@ class Tracker:
         return best
 
     def _follow(
-        self, last: Belief, looks: tuple[_Look, _Look], stamp_s: float, grey: bool
+        self, last: Belief, now: Belief, looks: tuple[_Look, _Look], grey: bool
     ) -> tuple[Sighting | None, Sighting | None]:
         """Find the object again, near where the track says it is now."""
-        now = predict(self._kalman, last, stamp_s)
         found: list[Sighting | None] = []
         for eye, look in zip(self._eyes, looks, strict=True):
             prior = _prior(eye, look, last, now)
@@ -266,11 +267,9 @@ class Tracker:
         return observation
 
     def _filter(self, observation: Observation3D | None, stamp_s: float) -> Track3D:
-        """Bring the belief to this stamp and decide what is known."""
+        """Take the observation into the belief and decide what is known."""
         params = self._kalman
         seen = observation is not None
-        if self._belief is not None:
-            self._belief = predict(params, self._belief, stamp_s)
         if observation is not None:
             if self._belief is None:
                 self._kalman = params = scaled(
@@ -343,7 +342,7 @@ def _prior(eye: _Eye, look: _Look, last: Belief, now: Belief) -> Prior | None:
     if not eye.optics.camera.contains(center, margin_px=-0.5 * eye.size_px):
         return None
     J = look.view.project_jacobian(p)
-    std = float(np.sqrt(np.linalg.eigvalsh(J @ now.cov[:3, :3] @ J.T)[-1]))
+    std = float(np.sqrt(np.trace(J @ now.cov[:3, :3] @ J.T)))
     growth = float(np.linalg.norm(last.mean[0] - look.view.center) / np.linalg.norm(p - look.view.center))
     return Prior(center, float(np.clip(std, 0.7, 40.0)), float(np.clip(growth, 0.8, 1.25)))
 

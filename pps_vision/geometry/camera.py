@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -50,13 +51,23 @@ class Camera:
         """Pixels (…, 2) of points (…, 3) in camera coordinates; NaN where they cannot be seen
         (behind the camera, or so far aside that the distortion model folds back)."""
         p = np.asarray(points, dtype=float)
+        if p.ndim == 1:
+            return self._project_one(*p.tolist())
         z = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
         x, y = p[..., 0] / z, p[..., 1] / z
         r2 = x * x + y * y
         xd, yd = self._distort(x, y, np.where(r2 < self._r2_max, r2, np.nan))
         return np.stack([self.fx * xd + self.cx, self.fy * yd + self.cy], axis=-1)
 
-    def _distort(self, x: Array, y: Array, r2: Array) -> tuple[Array, Array]:
+    def _project_one(self, X: float, Y: float, Z: float) -> Array:
+        """The same for a single point: plain floats are much faster than arrays of one."""
+        r2 = (X * X + Y * Y) / (Z * Z) if Z > 1e-9 else np.inf
+        if r2 < self._r2_max:
+            xd, yd = self._distort(X / Z, Y / Z, r2)
+            return np.array([self.fx * xd + self.cx, self.fy * yd + self.cy])
+        return np.array([np.nan, np.nan])
+
+    def _distort(self, x: Any, y: Any, r2: Any) -> tuple[Any, Any]:
         k1, k2, p1, p2, k3 = self.distortion
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         return (
@@ -66,22 +77,17 @@ class Camera:
 
     def project_jacobian(self, point: ArrayLike) -> Array:
         """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates."""
-        X, Y, Z = np.asarray(point, dtype=float)
+        X, Y, Z = np.asarray(point, dtype=float).tolist()  # plain floats, as in _project_one
         x, y = X / Z, Y / Z
         k1, k2, p1, p2, k3 = self.distortion
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # ∂radial/∂x = slope·x
-        cross = slope * x * y + 2 * p1 * x + 2 * p2 * y
-        d_distorted = np.array(
-            [
-                [radial + slope * x * x + 2 * p1 * y + 6 * p2 * x, cross],
-                [cross, radial + slope * y * y + 6 * p1 * y + 2 * p2 * x],
-            ]
-        )
-        d_normalised = np.array([[1 / Z, 0, -x / Z], [0, 1 / Z, -y / Z]])
-        jacobian: Array = np.array([[self.fx], [self.fy]]) * (d_distorted @ d_normalised)
-        return jacobian
+        xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x  # ∂(distorted)/∂(normalised)
+        xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
+        yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+        u, v = self.fx / Z, self.fy / Z
+        return np.array([[u * xx, u * xy, -u * (xx * x + xy * y)], [v * xy, v * yy, -v * (xy * x + yy * y)]])
 
     def bearings(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in camera coordinates of pixels (…, 2)."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from raycast import Sphere, look
+from raycast import ROOM_M, Sphere, look
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
@@ -20,12 +20,14 @@ def _gaze(robot: Robot, t: float, speed_rad_s: float) -> np.ndarray:
 
 def test_an_older_image_looks_as_the_eye_would_see_it_now(robot: Robot, rig: StereoRig) -> None:
     then, now = (rig.view(_gaze(robot, t, 0.3)).left for t in (0.0, 0.3))
-    ego = EgoMotion(LEFT_EYE, scene_depth_m=1.5, near_m=0.5)
+    ego = EgoMotion(LEFT_EYE)
     old, new = (look(view, []).mean(axis=2).astype(np.uint8) for view in (then, now))
-    warped = ego.warp(old, then, now)
+    warped = ego.warp(old, then, now, 1 / ROOM_M)
     inside = np.s_[30:210, 40:280]
     assert np.abs(old[inside].astype(float) - new[inside]).mean() > 5
     assert np.abs(warped[inside].astype(float) - new[inside]).mean() < 2
+    part = ego.warp(old, then, now, 1 / ROOM_M, (43, 31, 150, 98))
+    np.testing.assert_array_equal(part, warped[31:98, 43:150])
 
 
 def test_no_false_alarm_while_the_head_turns(robot: Robot, rig: StereoRig, rng: np.random.Generator) -> None:
