@@ -19,6 +19,7 @@ from tracking.ego_motion import Box
 
 _MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
+_PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 _CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
 
 
@@ -90,11 +91,7 @@ def _unmix(
     pixels: NDArray[np.float32], F: NDArray[np.float32], B: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Share of F (n,) in `pixels` (n, 3) that mix F and B, and its variance."""
-    line = F - B
-    contrast = np.maximum(np.einsum("ij,ij->i", line, line), 1.0)
-    plain = np.clip(np.einsum("ij,ij->i", pixels - B, line) / contrast, 0.0, 1.0)
-    rest = pixels - B - plain[:, None] * line
-    bound = (float(np.mean(rest * rest)) + 1.0) / _SHADE_STD**2
+    bound = _PIXEL_VAR / _SHADE_STD**2
     ff, bb = np.einsum("ij,ij->i", F, F) + bound, np.einsum("ij,ij->i", B, B) + bound
     fb = np.einsum("ij,ij->i", F, B) + bound
     fi, bi = np.einsum("ij,ij->i", F, pixels) + bound, np.einsum("ij,ij->i", B, pixels) + bound
@@ -104,6 +101,8 @@ def _unmix(
     alpha = a / np.maximum(a + b, 1e-6)
     rest = pixels - a[:, None] * F - b[:, None] * B
     noise = float(np.mean(rest * rest)) + 1.0
+    line = F - B
+    contrast = np.maximum(np.einsum("ij,ij->i", line, line), 1.0)
     variance = np.minimum(noise / contrast, 0.25)
     return alpha.astype(np.float32), variance.astype(np.float32)
 
@@ -112,11 +111,13 @@ def _local_mean(roi: NDArray[np.float32], where: Mask, window: tuple[int, int], 
     """(n, 3) mean colour of the marked pixels around each pixel of `at`; of all marked ones where
     none is near."""
     weight = where.astype(np.float32)
-    total = cv2.boxFilter(roi * weight[..., None], -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    marked = roi * weight[..., None]
+    total = cv2.boxFilter(marked, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)[at]
     count = cv2.boxFilter(weight, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)[at, None]
-    marked = max(float(weight.sum()), 1.0)
-    overall = np.einsum("ijk,ij->k", roi, weight) / marked
-    mean: NDArray[np.float32] = np.where(count > 0.5, total[at] / np.maximum(count, 1.0), overall)
+    mean = np.asarray(total / np.maximum(count, 1.0), dtype=np.float32)
+    alone = count[:, 0] < 0.5
+    if alone.any():
+        mean[alone] = marked.sum(axis=(0, 1)) / max(float(weight.sum()), 1.0)
     return mean
 
 

@@ -56,7 +56,7 @@ def triangulate(
         if step is None:
             return None
         p = p + step
-        if step @ step < 1e-18 * (p @ p):
+        if step @ step < 1e-14 * (p @ p):  # converges quadratically: the next step would be nothing
             break
     errors = [px - v.project(p) for v, px in measured]
     if not np.all(np.isfinite(errors)):

@@ -32,7 +32,7 @@ def test_an_older_image_looks_as_the_eye_would_see_it_now(robot: Robot, rig: Ste
 
 def test_no_false_alarm_while_the_head_turns(robot: Robot, rig: StereoRig, rng: np.random.Generator) -> None:
     trigger = Trigger(TriggerParams(), LEFT_EYE)
-    for k in range(60):
+    for k in range(45):
         view = rig.view(_gaze(robot, DT * k, np.deg2rad(10))).left
         assert trigger.step(look(view, [], rng), view, DT * k) == []
 
