@@ -109,7 +109,7 @@ class EyeTracker:
         bins = color_bins(image[crop])
         likelihood = s.model.table()[bins] if evidence is None else evidence[crop]
         weights = weigh(p, cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
-        center = weights @ cloud.now[:, :2]
+        center = _mode(cloud, weights, s.size)
         self._state = s = replace(s, cloud=resample(cloud, weights, self.rng))
         mask = self._mask(likelihood, roi, center, s.size, s.shape)
         shape = None if mask is None else see(image, mask, roi, self.optics, s.fill * s.size**2)
@@ -172,6 +172,13 @@ class EyeTracker:
             center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
         whole = masks.filled(one)
         return whole if np.count_nonzero(whole) >= self.params.min_area_px else None
+
+
+def _mode(cloud: Cloud, weights: Array, size: float) -> Array:
+    """The weighted mean of the particles around the best one: between two candidates lies neither."""
+    near = np.linalg.norm(cloud.now[:, :2] - cloud.now[np.argmax(weights), :2], axis=1) < 0.5 * size
+    mean: Array = weights[near] @ cloud.now[near, :2] / weights[near].sum()
+    return mean
 
 
 def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from tracking.ego_motion import Box
 
 _MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
+_SHAPE_BIAS = 0.04  # of its size: how far the middle of an image that is no disc is from the object's centre
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 _CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
 
@@ -134,7 +135,6 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     center = optics.camera.project(direction / max(float(np.linalg.norm(direction)), 1e-30))
     if not np.all(np.isfinite(center)):
         return None
-    cov = _center_cov(coverage, center, area)
     radius = float(np.arccos(1 - min(omega / (2 * np.pi), 1.0)))
     omega_var = _CORRELATION * float((coverage.variance * solid * solid).sum())
     radius_var = omega_var / (2 * np.pi * np.sin(radius)) ** 2
@@ -144,6 +144,10 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     left, top = x0 + columns[0], y0 + rows[0]
     right, bottom = x0 + columns[-1] + 1, y0 + rows[-1] + 1
     width, height = optics.camera.width, optics.camera.height
+    odd_px = (
+        _SHAPE_BIAS * radius * optics.camera.focal_px * abs(1 - area / (np.pi / 4 * (right - left) * (bottom - top)))
+    )
+    cov = _center_cov(coverage, center, area) + odd_px**2 * np.eye(2)
     at_border = bool(left <= 0 or top <= 0 or right >= width or bottom >= height)
     box_px = (float(left), float(top), float(right - left), float(bottom - top))
     return Outline(center, cov, radius, radius_var, box_px, area, at_border)

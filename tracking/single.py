@@ -8,6 +8,7 @@ from pps_vision.geometry.camera import Camera
 from pps_vision.types import Image
 from tracking.eye import EyeParams, EyeTracker
 from tracking.outline import Optics
+from tracking.particles import Prior
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 
@@ -35,6 +36,7 @@ class ColorTracker:
         self.params, self.rng = params, rng
         self._eye: EyeTracker | None = None
         self._last = BoxDetection((0.0, 0.0, 0.0, 0.0), 0.0)
+        self._misses = 0
 
     def start(self, image: Image, box_px: BoxPx) -> BoxDetection:
         """Learn the object in `box_px` of the first RGB image; ValueError where the box is no part of it."""
@@ -51,10 +53,17 @@ class ColorTracker:
         """The object in the next image."""
         if self._eye is None:
             raise ValueError("step before start; the tracker needs a first image and box")
-        seen = self._eye.step(image)
+        seen = self._eye.step(image) or self._eye.step(image, self._wider())
+        self._misses = 0 if seen else self._misses + 1
         box = seen.box_px if seen else self._last.box_px
         self._last = BoxDetection(box, seen.score if seen else 0.0)
         return self._last
+
+    def _wider(self) -> Prior:
+        """Anywhere around the last box, the farther the longer it has not been seen."""
+        x, y, w, h = self._last.box_px
+        side = float(np.sqrt(w * h))
+        return Prior(np.array([x + (w - 1) / 2, y + (h - 1) / 2]), side * min(1.0 + 0.3 * self._misses, 4.0), 1.0)
 
 
 def _flat_optics(width: int, height: int) -> Optics:

@@ -52,6 +52,15 @@ def test_an_object_that_vanishes_scores_nothing_and_is_found_again(rng: np.rando
     assert tracker.step(_draw(scene, (206, 200), 20, rng)).score > 0.8
 
 
+def test_an_object_that_jumps_is_caught_again(rng: np.random.Generator) -> None:
+    scene = _scene(rng)
+    tracker = ColorTracker(ColorTrackerParams(), rng)
+    tracker.start(_draw(scene, (200, 200), 20, rng), (180, 180, 40, 40))
+    found = [tracker.step(_draw(scene, (270, 245), 20, rng)) for _ in range(3)][-1]
+    assert found.score > 0.8
+    assert np.linalg.norm([found.box_px[0] + 20 - 270, found.box_px[1] + 20 - 245]) < 4
+
+
 def test_bad_use_is_named(rng: np.random.Generator) -> None:
     tracker = ColorTracker(ColorTrackerParams(), rng)
     image = np.zeros((48, 64, 3), np.uint8)
