@@ -254,7 +254,7 @@ class Tracker:
         if left is None or right is None:
             return None
         shift = None
-        if self._belief is not None and self.params.kalman.order > 1:
+        if self._belief is not None and self.params.kalman.order > 1 and looks[0].stamp_s != looks[1].stamp_s:
             p, v = self._belief.mean[0], self._belief.mean[1]
             shift = tuple(look.view.project_jacobian(p) @ v * (stamp_s - look.stamp_s) for look in looks)
         observation = self._association.observe(view, left.outline, right.outline, stamp_s, shift)
