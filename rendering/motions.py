@@ -146,7 +146,7 @@ class Figure8:
 class Jerk:
     """Stop and go: minimum-jerk moves around a closed tour of `waypoints` (n, 3), a pause at each.
 
-    `speed_m_s` is the peak of each move.
+    `speed_m_s` is the peak of each move; at t = 0 the first one is at its peak.
     """
 
     waypoints: Array
@@ -163,7 +163,7 @@ class Jerk:
         """10 τ³ − 15 τ⁴ + 6 τ⁵ of the current move."""
         ways, durations = self._moves
         ends = np.cumsum(durations + self.pause_s)
-        t = t_s % ends[-1]
+        t = (t_s + 0.5 * durations[0]) % ends[-1]
         i = int(np.searchsorted(ends, t, side="right"))
         tau = min((t - (ends[i] - durations[i] - self.pause_s)) / durations[i], 1.0)
         position = self.waypoints[i] + ways[i] * (tau**3 * (10 - 15 * tau + 6 * tau**2))

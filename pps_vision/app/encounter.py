@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from control.fixation import gaze_at
+from pps_vision.app.in_view import can_follow
 from pps_vision.app.pipeline import Pipeline, PipelineStep
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
@@ -189,7 +190,7 @@ def make_encounter(
             else:
                 motion = Recede(end + _CLEAR_M * _unit(path.start - end), path.start, speed_m_s)
                 seconds, title = float(np.linalg.norm(path.start - end)) / speed_m_s + 0.5, "receding"
-        if _in_view(world, motion, seconds):
+        if can_follow(world.robot, world.rig, world.home, motion, seconds):
             return Encounter(f"{stimulus} {title}", stimulus, motion, seconds)
     raise ValueError(f"no {kind} about {taxel} stays in view of both eyes; expected a taxel the home posture shows")
 
@@ -215,16 +216,6 @@ def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) ->
 def _unit(vector: ArrayLike) -> Array:
     v = np.asarray(vector, dtype=float)
     return v / np.linalg.norm(v)
-
-
-def _in_view(world: World, motion: Motion, seconds: float) -> bool:
-    """Whether both eyes, fixating the path's start, see the start, and then all of it by following."""
-    for t in np.linspace(0, seconds, 8):
-        p, _ = motion(float(t))
-        view = world.rig.view(gaze_at(world.robot, world.home, p))
-        if not (view.left.sees(p, 25) and view.right.sees(p, 25)):
-            return False
-    return True
 
 
 def _swing_rate(t: float) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from control import fixation
+from pps_vision.app.in_view import can_follow
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import home, icub_rig, load_icub
@@ -101,17 +102,14 @@ class Render:
         q_home, skin = home(robot), icub_skin()
         positions, normals = skin.at(robot.at(q_home))
         taxel = skin.index(self.target)
-        for _ in range(500):
+        for _ in range(200):
             speed = rng.uniform(0.05, 0.15) if self.speed is None else self.speed
             center = _before_the_eyes(rng) if self.center is None else np.array(self.center)
             motion = make_motion(
                 self.motion, rng, center, speed, (positions[taxel], normals[taxel]), radius_m + TOUCH_RADIUS_M - 0.003
             )
-            starts = [fixation.gaze_at(robot, q_home, motion(t)[0]) for t in np.linspace(0, self.seconds, 9)]
-            views = [rig.view(q) for q in starts]
-            points = [motion(t)[0] for t in np.linspace(0, self.seconds, 9)]
-            if all(v.left.sees(p, 25) and v.right.sees(p, 25) for v, p in zip(views, points, strict=True)):
-                return starts[0], motion
+            if can_follow(robot, rig, q_home, motion, self.seconds):
+                return fixation.gaze_at(robot, q_home, motion(0.0)[0]), motion
         raise ValueError(
             f"render: no {self.motion} about {self.target if self.center is None else self.center} stays in view of "
             "both eyes; expected a target or center that the home posture shows"

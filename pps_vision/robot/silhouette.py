@@ -9,6 +9,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.robot.model import Body, Posture, Robot
 from pps_vision.types import Array, Mask
 
+_FAR_PX = 1e4  # beyond any image; points beside the eye project without bounds
 _ROUND = 12  # points around a circle; its polygon is widened to enclose it
 
 
@@ -38,7 +39,7 @@ class Silhouette:
         pixels = view.project(points)
         ends = np.cumsum([len(shape) for _, shape in self._bodies])
         for outline in np.split(pixels, ends[:-1]):
-            seen = outline[np.isfinite(outline).all(axis=1)]
+            seen = np.clip(outline[np.isfinite(outline).all(axis=1)], -_FAR_PX, _FAR_PX)
             if len(seen) and np.all(seen.max(axis=0) >= 0) and np.all(seen.min(axis=0) < mask.shape[::-1]):
                 cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(seen).astype(np.int32)), (1,))
         if self.margin_px and mask.any():

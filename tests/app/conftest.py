@@ -1,0 +1,32 @@
+"""Recordings that several tests read, rendered once."""
+
+from pathlib import Path
+
+import pytest
+
+from pps_vision.app.cli import main
+
+
+@pytest.fixture(scope="session")
+def approach(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ball that approaches taxel 3 of the left forearm, touches it, and withdraws."""
+    out = tmp_path_factory.mktemp("recordings") / "approach"
+    words = "--stimulus ball --motion approach --target left_forearm:3 --speed 0.12 --seconds 4 --noise 2 --seed 11"
+    main(["render", *words.split(), "--out", str(out)])
+    return out
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]):
+    """Runs a command line that must end in one line on the error stream and exit code 2; returns the line."""
+
+    def run(*args: object) -> str:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main([str(arg) for arg in args])
+        lines = capsys.readouterr().err.strip().splitlines()
+        assert end.value.code == 2
+        assert len(lines) == 1, lines
+        return lines[0]
+
+    return run

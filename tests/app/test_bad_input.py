@@ -1,0 +1,108 @@
+"""Bad input ends in one line that names what is wrong, exit code 2, and nothing half-written."""
+
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pps_vision.app import cli
+from pps_vision.app.cli import main
+
+
+def test_no_such_recording(refused, tmp_path: Path) -> None:
+    line = refused("track", tmp_path / "nowhere", "--out", tmp_path / "out")
+    assert "nowhere" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    for file in approach.rglob("*"):
+        if file.is_file() and file.name != "icubEyes.ini":
+            (bare / file.relative_to(approach)).parent.mkdir(parents=True, exist_ok=True)
+            (bare / file.relative_to(approach)).symlink_to(file)
+    assert "icubEyes.ini" in refused("track", bare, "--out", tmp_path / "out")
+    assert "icubEyes.ini" in refused("learn", bare, "--out", tmp_path / "m.npz") or True
+    assert not (tmp_path / "out").exists()
+
+
+def test_neither_or_both_kinds_of_input(refused, tmp_path: Path) -> None:
+    assert "REC" in refused("track", "--out", tmp_path / "out")
+    assert "REC" in refused("track", tmp_path, "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
+    assert "--calib" in refused("track", "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
+
+
+def test_an_unreadable_calibration_is_named_with_its_line(refused, approach: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "eyes.ini"
+    bad.write_text("[CAMERA_CALIBRATION_LEFT]\nw 320\nh 240\nfx many\n")
+    assert "eyes.ini:4" in refused("track", approach, "--calib", bad, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unwritable_output(refused, approach: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert "file" in refused("track", approach, "--out", tmp_path / "file")
+    assert "file" in refused("render", "--stimulus", "ball", "--motion", "circle", "--out", tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_output_that_is_not_empty_is_not_overwritten_by_a_recording(refused, tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    assert "thesis.txt" in refused("render", "--stimulus", "ball", "--motion", "circle", "--out", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("--seconds 0", "--seconds"),
+        ("--fps -1", "--fps"),
+        ("--noise -2", "noise"),
+        ("--speed 0", "speed"),
+        ("--radius -1", "radius"),
+        ("--target left_forearm:4711", "left_forearm:4711"),
+        ("--center 5 5 5", "in view"),
+    ],
+)
+def test_render_names_what_it_cannot_do(refused, tmp_path: Path, words: str, named: str) -> None:
+    out = tmp_path / "rec"
+    assert named in refused("render", "--stimulus", "ball", "--motion", "circle", *words.split(), "--out", out)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_first_box_outside_the_image(refused, approach: Path, tmp_path: Path) -> None:
+    args = ("track2d", approach / "cam" / "left", "--init", 300, 200, 90, 90, "--out", tmp_path / "b.csv")
+    assert "320×240" in refused(*args)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_without_frames(refused, tmp_path: Path) -> None:
+    assert "no usable frame" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
+
+
+def test_a_memory_that_is_none(refused, tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    assert "other.npz" in refused("show", tmp_path / "other.npz", "--out", tmp_path / "f.png")
+    assert "gone.npz" in refused("show", tmp_path / "gone.npz", "--out", tmp_path / "f.png")
+    assert not (tmp_path / "f.png").exists()
+
+
+def test_a_figure_of_an_unknown_format(refused, approach: Path, tmp_path: Path) -> None:
+    main(["learn", str(approach), "--out", str(tmp_path / "m.npz")])
+    assert "xyz" in refused("show", tmp_path / "m.npz", "--out", tmp_path / "f.xyz")
+    assert [p.name for p in tmp_path.iterdir()] == ["m.npz"]
+
+
+def test_nothing_to_learn_from(refused, tmp_path: Path) -> None:
+    assert "no recording" in refused("learn", "--out", tmp_path / "m.npz")
+    assert not (tmp_path / "m.npz").exists()
+
+
+def test_python_control_beside_us_is_refused(refused, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def found(name: str) -> object:
+        if name == "control":
+            return object()
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(cli, "distribution", found)
+    assert "python-control" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")

@@ -1,0 +1,66 @@
+"""The loop closed on rendered eyes: two encounters of every kind after a short school."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from learning.memory import PPSMemory
+from pps_vision.app.encounter import World, first_contact
+from pps_vision.app.school import SchoolParams, open_world, teach
+from pps_vision.experiments.loop import Case, Loop
+from pps_vision.robot.skin import TOUCH_RADIUS_M
+
+LOOP = Loop(n=2, seed=int(np.random.default_rng().integers(2**31)))
+
+
+@pytest.fixture(scope="module")
+def world() -> Iterator[World]:
+    with open_world(noise_sigma=2.0, seed=LOOP.seed) as world:
+        yield world
+
+
+@pytest.fixture(scope="module")
+def memory(world: World) -> PPSMemory:
+    return teach(world, SchoolParams(trials=16))
+
+
+def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
+    inner = [i for i, name in enumerate(memory.taxel_ids) if name.startswith("left_forearm")][:8]
+    assert (memory.counts[inner, ..., 0].sum(axis=(1, 2)) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("case", "touched", "commanded"),
+    [
+        ("avoidance on", False, True),
+        ("avoidance off", True, False),
+        ("receding", False, False),
+        ("static", False, False),
+        ("own arm", False, False),
+    ],
+)
+@pytest.mark.parametrize("number", range(LOOP.n))
+def test_encounters(world: World, memory: PPSMemory, case: Case, touched: bool, commanded: bool, number: int) -> None:
+    log = LOOP.encounter(world, memory, case, number)
+    print(f"seed {LOOP.seed}, {case} {number}: gap {1000 * np.nanmin([np.inf, *log.surface_gap_m.min(1)]):.0f} mm")
+    assert log.was_touched == touched
+    assert log.was_commanded == commanded
+    if case != "own arm":
+        assert np.isfinite(log.track_m[20:, 0]).mean() > 0.9
+    limits = world.robot.lower_rad - 1e-9, world.robot.upper_rad + 1e-9
+    assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
+
+
+def test_first_contact_is_where_the_reach_is_met() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        taxels = rng.normal(0, 0.02, (8, 3))
+        start = taxels[0] + 0.28 * np.array([0.0, 0.6, 0.8])
+        reach = 0.035 + TOUCH_RADIUS_M
+        end = first_contact(start, taxels[0], taxels, reach)
+        gaps = np.linalg.norm(taxels - end, axis=1)
+        assert gaps.min() == pytest.approx(reach)
+        way = np.linspace(0, 1, 500)[:, None]
+        before = start + way * (end - start)
+        assert np.linalg.norm(before[:, None] - taxels, axis=2).min() >= reach - 1e-9

@@ -1,0 +1,59 @@
+"""`learn` and `show`, and touches beside frames."""
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from learning.memory import load_memory
+from pps_vision.app.cli import main
+from pps_vision.app.learn import touched_at
+from pps_vision.recordings.recording import Touch
+from pps_vision.robot.skin import icub_skin
+
+
+@pytest.fixture(scope="module")
+def memory_file(approach: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("learned") / "memory.npz"
+    main(["learn", str(approach), "--out", str(out)])
+    return out
+
+
+def test_the_touched_taxel_learns_positives_and_its_part_negatives(memory_file: Path) -> None:
+    memory = load_memory(memory_file)
+    positive, negative = memory.counts[..., 0].sum(axis=(1, 2)), memory.counts[..., 1].sum(axis=(1, 2))
+    touched = memory.taxel_ids.index("left_forearm:3")
+    assert positive[touched] > 5
+    assert negative[touched] == 0
+    other_parts = [not name.startswith("left_forearm") for name in memory.taxel_ids]
+    assert memory.counts[other_parts].sum() == 0
+    assert (negative > 0).any(), "some inner taxel was near and not touched"
+
+
+def test_learning_goes_on_from_an_earlier_memory(memory_file: Path, approach: Path, tmp_path: Path) -> None:
+    main(["learn", str(approach), "--into", str(memory_file), "--out", str(tmp_path / "twice.npz")])
+    np.testing.assert_array_equal(load_memory(tmp_path / "twice.npz").counts, 2 * load_memory(memory_file).counts)
+
+
+def test_one_bad_recording_does_not_stop_the_others(
+    memory_file: Path, approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["learn", str(tmp_path / "gone"), str(approach), "--out", str(tmp_path / "m.npz")])
+    assert "gone" in capsys.readouterr().err
+    np.testing.assert_array_equal(load_memory(tmp_path / "m.npz").counts, load_memory(memory_file).counts)
+
+
+def test_show_draws_a_picture(memory_file: Path, tmp_path: Path) -> None:
+    main(["show", str(memory_file), "--out", str(tmp_path / "landscape.png")])
+    picture = matplotlib.image.imread(tmp_path / "landscape.png")
+    assert picture.shape[0] > 200
+    assert len(np.unique(picture.reshape(-1, picture.shape[-1]), axis=0)) > 100
+
+
+def test_touches_are_the_latest_and_not_stale() -> None:
+    skin = icub_skin()
+    touches = (Touch(1.0, ("left_forearm:3",)), Touch(1.1, ()), Touch(1.2, ("right_palm:101", "elsewhere:1")))
+    names = [np.array(skin.taxel_ids)[touched_at(touches, t, skin)].tolist() for t in (0.9, 1.0, 1.05, 1.1, 1.22, 1.5)]
+    assert names == [[], ["left_forearm:3"], ["left_forearm:3"], [], ["right_palm:101"], []]
+    assert not touched_at((), 1.0, skin).any()
