@@ -26,6 +26,7 @@ from rendering.stimuli import StimulusName, make_stimulus
 Kind = Literal["approach", "recede", "static", "own_arm"]
 STEP_S = 0.05
 _DEEPER_M = 0.003  # an approach goes this much further than the edge of a touch, so that it surely is one
+_STANDS_M = (0.12, 0.15)  # how far from the taxel what stands still does
 _CLEAR_M = 0.013  # what recedes starts this far from where an approach would end: not touching
 
 
@@ -166,7 +167,7 @@ def make_encounter(
     """A random encounter of a kind about a taxel's home position, in view of both eyes from its start.
 
     approach: until the surface is within `reach_m` of a taxel's home position, and back; recede:
-    from just out of touch away; static: 5 cm away from the skin, then still 12–15 cm before it;
+    from just out of touch away; static: 5 cm away from the skin, then still, 12–15 cm from the taxel;
     own_arm: nothing is there.
     """
     if kind == "own_arm":
@@ -176,29 +177,25 @@ def make_encounter(
     index = world.skin.index(taxel)
     radius = make_stimulus(stimulus).radius_m
     for _ in range(200):
-        if kind == "static":
-            motion: Motion = _arrive(rng, positions[index], normals[index], speed_m_s)
-            seconds, title = 5.0, "standing still"
+        path = make_motion("approach", rng, positions[index], speed_m_s, (positions[index], normals[index]))
+        if not isinstance(path, Approach):
+            raise ValueError(f"motion {path}: expected an approach")
+        away = _unit(path.start - positions[index])
+        contact = first_contact(path.start, positions[index], positions, radius + reach_m)
+        if kind == "approach":
+            visit = Approach(path.start, contact, speed_m_s)
+            motion: Motion = visit
+            seconds, title = 2 * visit.contact_s + visit.dwell_s + 0.5, "approaching"
+        elif kind == "recede":
+            motion = Recede(contact + _CLEAR_M * away, path.start, speed_m_s)
+            seconds, title = float(np.linalg.norm(path.start - contact)) / speed_m_s + 0.5, "receding"
         else:
-            path = make_motion("approach", rng, positions[index], speed_m_s, (positions[index], normals[index]))
-            if not isinstance(path, Approach):
-                raise ValueError(f"motion {path}: expected an approach")
-            end = first_contact(path.start, positions[index], positions, radius + reach_m)
-            if kind == "approach":
-                motion = Approach(path.start, end, speed_m_s)
-                seconds, title = 2 * motion.contact_s + motion.dwell_s + 0.5, "approaching"
-            else:
-                motion = Recede(end + _CLEAR_M * _unit(path.start - end), path.start, speed_m_s)
-                seconds, title = float(np.linalg.norm(path.start - end)) / speed_m_s + 0.5, "receding"
+            stop = positions[index] + rng.uniform(*_STANDS_M) * away
+            motion = Recede(stop - 0.05 * away, stop, speed_m_s)
+            seconds, title = 5.0, "standing still"
         if can_follow(world.robot, world.rig, world.home, motion, seconds):
             return Encounter(f"{stimulus} {title}", stimulus, motion, seconds)
     raise ValueError(f"no {kind} about {taxel} stays in view of both eyes; expected a taxel the home posture shows")
-
-
-def _arrive(rng: np.random.Generator, point: Array, normal: Array, speed_m_s: float) -> Motion:
-    """Out from near the skin over 5 cm, so that the eyes have it, to a place where it stays."""
-    end = point + rng.uniform(0.12, 0.15) * normal
-    return Recede(end - 0.05 * normal, end, speed_m_s)
 
 
 def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) -> Array:

@@ -17,15 +17,25 @@ def approach(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def refused(capsys: pytest.CaptureFixture[str]):
-    """Runs a command line that must end in one line on the error stream and exit code 2; returns the line."""
+def refused_with(capsys: pytest.CaptureFixture[str]):
+    """Runs a command line that must end with exit code 2; returns what it wrote to the error stream."""
 
-    def run(*args: object) -> str:
+    def run(*args: object) -> list[str]:
         capsys.readouterr()
         with pytest.raises(SystemExit) as end:
             main([str(arg) for arg in args])
-        lines = capsys.readouterr().err.strip().splitlines()
         assert end.value.code == 2
+        return capsys.readouterr().err.strip().splitlines()
+
+    return run
+
+
+@pytest.fixture
+def refused(refused_with):
+    """The same for what must be refused in one line; returns the line."""
+
+    def run(*args: object) -> str:
+        lines = refused_with(*args)
         assert len(lines) == 1, lines
         return lines[0]
 

@@ -23,8 +23,14 @@ def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Pa
             (bare / file.relative_to(approach)).parent.mkdir(parents=True, exist_ok=True)
             (bare / file.relative_to(approach)).symlink_to(file)
     assert "icubEyes.ini" in refused("track", bare, "--out", tmp_path / "out")
-    assert "icubEyes.ini" in refused("learn", bare, "--out", tmp_path / "m.npz") or True
     assert not (tmp_path / "out").exists()
+
+
+def test_nothing_is_learned_from_unreadable_recordings(refused_with, tmp_path: Path) -> None:
+    lines = refused_with("learn", tmp_path / "gone", "--out", tmp_path / "m.npz")
+    assert "gone" in lines[0]
+    assert "none of the 1 recordings" in lines[-1]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_neither_or_both_kinds_of_input(refused, tmp_path: Path) -> None:
