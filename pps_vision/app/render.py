@@ -1,5 +1,6 @@
 """`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -8,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from control import fixation
+from pps_vision.app.finger import RightFinger
 from pps_vision.app.in_view import can_follow
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.yarp_writer import YarpWriter
@@ -56,8 +58,8 @@ class Render:
     """Gain; 2 is overexposed, 0.5 underexposed."""
     blur_s: float = 0.0
     """How long the shutter is open, s: motion blur."""
-    carrier: CarrierName = "none"
-    """Who holds the object."""
+    carrier: CarrierName | Literal["finger"] = "none"
+    """Who holds the object; finger: the robot itself, on the tip of its right index finger."""
     head: Literal["follow", "sway", "still"] = "follow"
     """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
     seed: int = 0
@@ -77,16 +79,20 @@ class Render:
         rig = icub_rig(robot)
         stimulus = make_stimulus(self.stimulus, self.radius)
         sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
-        q, motion = self._begin(robot, rig, rng, stimulus.radius_m)
+        finger = RightFinger(robot) if self.carrier == "finger" else None
+        carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
+        q, motion = self._begin(robot, rig, rng, stimulus.radius_m, finger)
         dt, count, touches = 1 / self.fps, max(1, round(self.seconds * self.fps)), 0
         with (
             YarpWriter(self.out, robot, rig.left, rig.right) as writer,
-            Eyes(robot, rig, stimulus, self.carrier, sensor) as eyes,
+            Eyes(robot, rig, stimulus, carrier, sensor) as eyes,
         ):
             for k in tqdm(range(count), desc="render", unit="pair", disable=None):
                 t = k * dt
                 p, v = motion(t)
                 dq = self._head_rate(robot, q, p, v, t, dt)
+                if finger is not None and (q_next := finger.at(q, motion(t + dt)[0])) is not None:
+                    dq += (q_next - q) / dt
                 state = SceneState(q, p, v, dq)
                 touched = touched_taxels(skin.at(robot.at(q))[0], p, stimulus.radius_m)
                 touches += bool(touched.any())
@@ -97,7 +103,9 @@ class Render:
                 q = robot.clamp(q + dt * dq)
         return count, touches
 
-    def _begin(self, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float) -> tuple[Array, Motion]:
+    def _begin(
+        self, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float, finger: RightFinger | None
+    ) -> tuple[Array, Motion]:
         """The robot at home fixating the start of a random motion that both eyes can follow."""
         q_home, skin = home(robot), icub_skin()
         positions, normals = skin.at(robot.at(q_home))
@@ -108,11 +116,13 @@ class Render:
             motion = make_motion(
                 self.motion, rng, center, speed, (positions[taxel], normals[taxel]), radius_m + TOUCH_RADIUS_M - 0.003
             )
-            if can_follow(robot, rig, q_home, motion, self.seconds):
-                return fixation.gaze_at(robot, q_home, motion(0.0)[0]), motion
+            path = [motion(t)[0] for t in np.linspace(0, self.seconds, 4 * math.ceil(self.seconds) + 1)]
+            q = q_home if finger is None else finger.follow(q_home, path)
+            if q is not None and can_follow(robot, rig, q, motion, self.seconds):
+                return fixation.gaze_at(robot, q, path[0]), motion
         raise ValueError(
             f"render: no {self.motion} about {self.target if self.center is None else self.center} stays in view of "
-            "both eyes; expected a target or center that the home posture shows"
+            f"both eyes{'' if finger is None else ' and in reach of the finger'}; expected another target or center"
         )
 
     def _head_rate(self, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
