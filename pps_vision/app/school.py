@@ -25,11 +25,14 @@ _CONTACT_FRAMES = 14  # by then the object lies on the skin; its withdrawal teac
 
 @dataclass(frozen=True)
 class SchoolParams:
-    """How many approaches are shown, by which objects, and the noise of the eyes (grey levels of 255)."""
+    """What the skin is taught with, and how noisy the eyes are."""
 
     trials: int = 24
+    """Approaches that end in a touch."""
     noise_sigma: float = 2.0
+    """Pixel noise, grey levels of 255."""
     objects: tuple[StimulusName, ...] = ("ball", "cube")
+    """What touches, in turn."""
 
 
 @contextmanager

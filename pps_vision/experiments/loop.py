@@ -24,11 +24,16 @@ CASES: dict[Case, tuple[Kind, bool]] = {
 
 @dataclass(frozen=True)
 class Loop:
-    """`n` encounters of every case with an octopus at random speeds (5–15 cm/s), after learning
-    from ball and cube."""
+    """Encounters with an octopus at 5–15 cm/s after learning from ball and cube: who is touched, who moves
+    without cause.
+
+    Cases: approach with avoidance on and off, receding, standing still, own arm moving with nothing near.
+    """
 
     n: int = 20
+    """Encounters of every case."""
     seed: int = 0
+    """Seed of the school and the encounters."""
     school: SchoolParams = SchoolParams()
 
     def run(self) -> dict[str, object]:

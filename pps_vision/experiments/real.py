@@ -1,4 +1,4 @@
-"""The same code on real data nobody here made: two trackers, a robot's recording, a robot's skin."""
+"""The same code on real data nobody here made."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,23 +10,31 @@ import numpy as np
 from learning.scores import auroc, brier
 from learning.trials import PredictionParams, leave_one_out, load_trials
 from pps_vision.app.track2d import follow
-from pps_vision.recordings.images import open_frames
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.images import open_frames, open_stereo_images
+from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.types import Array
+from tracking.tracker import Tracker, TrackerParams
 
 
 @dataclass(frozen=True)
 class Real:
-    """Reads `vot_ball1`, `pps_real_robot` and `yarp_dump` from a folder laid out like the shared data;
-    what is absent is skipped, saying so."""
+    """Real data: a ball in one view, a thrown ball in stereo, a robot's touches, a robot's recording.
+
+    What is absent is skipped, saying so.
+    """
 
     data: Path = Path("../shared/data")
+    """Folder that holds vot_ball1, baseball, pps_real_robot and yarp_dump."""
     seed: int = 0
+    """Seed of the particles."""
 
     def run(self) -> dict[str, object]:
         """Numbers by data set."""
         parts: dict[str, tuple[Path, Callable[[Path], Mapping[str, float]]]] = {
             "vot_ball1": (self.data / "vot_ball1", partial(ball_iou, seed=self.seed)),
+            "baseball": (self.data / "baseball", partial(thrown_ball, seed=self.seed)),
             "pps_real_robot": (self.data / "pps_real_robot" / "trials_forearm_internal.npz", contact_prediction),
             "yarp_dump": (self.data / "yarp_dump", pairing),
         }
@@ -56,6 +64,23 @@ def intersection_over_union(a: Array, b: Array) -> Array:
     shared = np.prod(np.maximum(size, 0), axis=1)
     overlap: Array = shared / (np.prod(a[:, 2:], axis=1) + np.prod(b[:, 2:], axis=1) - shared)
     return overlap
+
+
+def thrown_ball(folder: Path, seed: int) -> dict[str, float]:
+    """In how many frames the motion trigger and what follows it have the ball, and how smooth its path is."""
+    recording = open_stereo_images([str(folder / "1L*.jpg")], [str(folder / "1R*.jpg")], fps=30.0)
+    calibration = tuple(sorted(folder.glob("calibration_*.xml")))
+    left, right, T_left_right = read_stereo_calibration(calibration, recording.image_size, unit_m=0.01)
+    tracker = Tracker(TrackerParams(), StereoRig.fixed(left, right, T_left_right), np.random.default_rng(seed))
+    steps = [(number, tracker.step(frame)) for number, frame in recording.numbered()]
+    both = [number for number, step in steps if len(step.detections) == 2 and 8 <= number <= 39]
+    path = np.array([step.track.position for _, step in steps if step.track.is_known])
+    turns = np.linalg.norm(np.diff(path, n=2, axis=0), axis=1)
+    steps_m = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    return {
+        "frames_8_to_39_in_both_views": len(both),
+        "median_turn_per_step": float(np.median(turns) / np.median(steps_m)),
+    }
 
 
 def contact_prediction(file: Path) -> dict[str, float]:

@@ -19,13 +19,16 @@ MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk", "appro
 
 @dataclass(frozen=True)
 class Tracking:
-    """`n` recordings of a ball (generic tracker) and of a marker (marker tracker): 0.25–0.6 m,
-    5–15 cm/s, 20 fps, pixel noise 2/255, head following and swaying."""
+    """Rendered balls (generic tracker) and markers (marker tracker) at 5–15 cm/s while the head moves."""
 
     n: int = 10
+    """Recordings of each, their motions in turn."""
     seconds: float = 5.0
+    """Length of each."""
     noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
     seed: int = 0
+    """Seed of the first; the others count up."""
 
     def run(self) -> dict[str, object]:
         """Medians and worst over the recordings, by object."""
