@@ -1,10 +1,11 @@
-"""The real data nobody here made: found beside the project, or where PPS_VISION_DATA points."""
+"""What tests are given from outside: real data nobody here made, and the seed of what is measured."""
 
 import os
 from pathlib import Path
 
 import pytest
 
+SEED = int(os.environ.get("PPS_VISION_SEED", "2016"))  # of the tests that measure: any other must do as well
 DATA = Path(os.environ.get("PPS_VISION_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from data import SEED
 
 from learning.memory import PPSMemory
 from pps_vision.app.encounter import World, first_contact
@@ -11,7 +12,7 @@ from pps_vision.app.school import SchoolParams, open_world, teach
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
-LOOP = Loop(n=2, seed=int(np.random.default_rng().integers(2**31)))
+LOOP = Loop(n=2, seed=SEED)
 
 
 @pytest.fixture(scope="module")
