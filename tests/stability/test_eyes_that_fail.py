@@ -1,0 +1,107 @@
+"""What must hold in the closed loop when an eye fails in the middle of an approach."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from data import SEED
+
+from learning.memory import PPSMemory
+from pps_vision.app.encounter import EncounterLog, World, make_encounter
+from pps_vision.app.school import fresh_pipeline, open_world
+from pps_vision.types import Image, Status, StereoFrame
+
+FAILS_S, LOST_WITHIN_S = 1.5, 0.6
+Fault = Callable[[StereoFrame, StereoFrame], StereoFrame]  # present frame, last good frame → what is seen
+
+
+class FaultyEyes:
+    """Eyes that work until `FAILS_S`."""
+
+    def __init__(self, eyes, fault: Fault, recovers_s: float = np.inf) -> None:
+        self.eyes, self.fault, self.recovers_s = eyes, fault, recovers_s
+        self.good: StereoFrame | None = None
+
+    def set_stimulus(self, stimulus) -> None:
+        self.eyes.set_stimulus(stimulus)
+
+    def render(self, state, stamp_s: float, rng) -> StereoFrame:
+        frame = self.eyes.render(state, stamp_s, rng)
+        if stamp_s < FAILS_S or stamp_s >= self.recovers_s:
+            self.good = frame
+            return frame
+        return self.fault(frame, self.good)
+
+
+def black(image: Image) -> Image:
+    return np.zeros_like(image)
+
+
+FAULTS: dict[str, Fault] = {
+    "one eye black": lambda now, good: replace(now, left=black(now.left)),
+    "both eyes black": lambda now, good: replace(now, left=black(now.left), right=black(now.right)),
+    "both eyes white": lambda now, good: replace(now, left=~black(now.left), right=~black(now.right)),
+    "one eye sees noise": lambda now, good: replace(
+        now, right=np.random.default_rng(int(1000 * now.stamp_s)).integers(0, 256, now.right.shape, dtype=np.uint8)
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def world() -> Iterator[World]:
+    with open_world(noise_sigma=2.0, seed=SEED) as world:
+        yield world
+
+
+def anxious(world: World) -> PPSMemory:
+    """A skin that has been touched by everything that came near."""
+    memory = PPSMemory.empty(world.skin)
+    counts = memory.counts.copy()
+    counts[..., 0] = 1
+    return replace(memory, counts=counts)
+
+
+def meet(world: World, fault: Fault, recovers_s: float = np.inf) -> EncounterLog:
+    faulty = World(world.robot, world.rig, world.skin, FaultyEyes(world.eyes, fault, recovers_s), world.rng)
+    rng = np.random.default_rng(SEED)
+    encounter = make_encounter("approach", faulty, "left_forearm:3", "ball", rng, speed_m_s=0.05)
+    meeting = faulty.meet(replace(encounter, seconds=3.5), fresh_pipeline(faulty, anxious(faulty)), avoid=True)
+    for _, step in meeting:
+        assert np.all(np.isfinite(step.command.dq_rad_s))
+        assert np.all(np.isfinite(step.activations))
+        if step.tracking.track.is_known:
+            assert np.linalg.eigvalsh(step.tracking.track.cov[:3, :3]).min() > 0
+        else:
+            assert step.activations.max() == 0, "nothing is expected of an object that is not known"
+    return meeting.log()
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=str)
+def test_the_object_is_given_up_and_nothing_is_commanded_on_a_lost_track(world: World, fault: str) -> None:
+    log = meet(world, FAULTS[fault])
+    before = log.stamps_s < FAILS_S
+    assert Status.TRACKING in np.array(log.status)[before]
+    late = log.stamps_s > FAILS_S + LOST_WITHIN_S
+    assert not np.isin(np.array(log.status)[late], ["tracking", "coasting"]).any()
+    assert log.speed_m_s[log.stamps_s > FAILS_S + LOST_WITHIN_S + 0.35].max() == 0
+    limits = world.robot.lower_rad - 1e-9, world.robot.upper_rad + 1e-9
+    assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
+
+
+def test_uncertainty_grows_while_nothing_is_seen(world: World) -> None:
+    log = meet(world, FAULTS["both eyes black"])
+    coasting = np.array([status == Status.COASTING for status in log.status])
+    std = log.track_std_m[coasting].max(axis=1)
+    assert len(std) >= 5
+    assert (np.diff(std) > 0).all()
+    assert std[-1] > 2 * log.track_std_m[np.flatnonzero(coasting)[0] - 1].max()
+
+
+def test_it_finds_the_object_again(world: World) -> None:
+    log = meet(world, FAULTS["both eyes black"], recovers_s=FAILS_S + 0.8)
+    again = [
+        s for s, status in zip(log.stamps_s, log.status, strict=True) if status == Status.TRACKING and s > FAILS_S + 0.8
+    ]
+    assert again, "never tracked again"
+    assert again[0] - (FAILS_S + 0.8) <= 0.6
