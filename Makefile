@@ -5,8 +5,8 @@ BIN := .venv/bin
 export PYOPENGL_PLATFORM := egl
 export PYGLET_HEADLESS := true
 
-.PHONY: setup egl test demo clean
-setup: egl .venv/.installed
+.PHONY: setup libraries test demo clean
+setup: libraries .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pps_vision needs Python 3.11 or newer; $(PYTHON) is older (set PYTHON=...)" >&2; exit 1; }
@@ -15,14 +15,16 @@ setup: egl .venv/.installed
 	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[test]'
 	@touch $@
 
-# Rendering without a display needs Debian's EGL; everything else comes as wheels.
-egl:
-	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libEGL.so.1"); ctypes.CDLL("libGL.so.1")' 2>/dev/null || { \
+# What no wheel brings: rendering without a display (EGL), and the OpenMP run time that pinocchio links to.
+LIBRARIES := libegl1 libgl1 libgomp1
+WHAT_TO_INSTALL := system libraries are missing: install Debian's packages $(LIBRARIES), then run make again
+libraries:
+	@$(PYTHON) -c 'import ctypes; [ctypes.CDLL(f"lib{n}.so.1") for n in ("EGL", "GL", "gomp")]' 2>/dev/null || { \
 	  if [ "$$(id -u)" = 0 ]; then SUDO=; elif command -v sudo >/dev/null; then SUDO=sudo; \
-	  else echo "libEGL is missing: install Debian's packages libegl1 and libgl1, then run make again" >&2; exit 1; fi; \
-	  echo "installing libegl1 libgl1"; \
-	  { $$SUDO apt-get update -q && $$SUDO env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends libegl1 libgl1; } >/dev/null \
-	  || { echo "libEGL is missing: install Debian's packages libegl1 and libgl1, then run make again" >&2; exit 1; }; }
+	  else echo "$(WHAT_TO_INSTALL)" >&2; exit 1; fi; \
+	  echo "installing $(LIBRARIES)"; \
+	  { $$SUDO apt-get update -q && $$SUDO env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $(LIBRARIES); } >/dev/null 2>&1 \
+	  || { echo "$(WHAT_TO_INSTALL)" >&2; exit 1; }; }
 
 test: setup
 	$(BIN)/ruff check .

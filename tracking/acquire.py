@@ -36,6 +36,7 @@ class Candidate:
     outline: Outline
     model: ColorModel
     evidence: float
+    spread: float  # of its mask; see `masks.spread`
 
 
 def acquire(
@@ -63,7 +64,7 @@ def acquire(
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None
     shape = _object_outline(params, image, mask, box, optics)
-    return None if shape is None else Candidate(shape, model, region.evidence * distinctness)
+    return None if shape is None else Candidate(shape, model, region.evidence * distinctness, masks.spread(mask))
 
 
 def _object_outline(params: AcquireParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:

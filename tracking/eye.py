@@ -54,6 +54,7 @@ class _State:
     size: float  # √(width·height) of the box, px
     shape: tuple[float, float]  # box sides at unit size
     fill: float  # share of the box that the object covers
+    spread: float  # how far it extends, relative to the ellipse of its area and the box's proportions
 
 
 class EyeTracker:
@@ -72,8 +73,15 @@ class EyeTracker:
         """Track nothing any more."""
         self._state = None
 
-    def start(self, image: Image, box: tuple[float, float, float, float], model: ColorModel | None = None) -> None:
-        """Learn the object that fills `box` (x, y, w, h px), or take its colours from another `model`."""
+    def start(
+        self,
+        image: Image,
+        box: tuple[float, float, float, float],
+        model: ColorModel | None = None,
+        spread: float = 1.0,
+    ) -> None:
+        """Learn the object that fills `box` (x, y, w, h px), or take its colours from another `model`;
+        `spread` is 1 for an ellipse, and more for what has corners or limbs."""
         x, y, w, h = box
         center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
         roi = self._region(center, 1.2 * w + 4, 1.2 * h + 4)
@@ -82,10 +90,10 @@ class EyeTracker:
         model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
         size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
-        mask = self._mask(model.table()[bins], roi, center, size, shape)
+        mask = self._mask(model.table()[bins], roi, center, size, shape, spread)
         fill = np.pi / 4 if mask is None else min(float(np.count_nonzero(mask)) / (w * h), 1.0)
         cloud = spawn(self.params.particles, center, size, 0.5, self.rng)
-        self._state = _State(model, cloud, size, shape, fill)
+        self._state = _State(model, cloud, size, shape, fill, spread)
 
     def step(
         self, image: Image, prior: Prior | None = None, evidence: NDArray[np.float32] | None = None
@@ -101,7 +109,7 @@ class EyeTracker:
             s = replace(s, size=s.size * prior.growth)
         cloud = propagate(p, s.cloud, prior, self.rng)
         middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
-        half = self.params.reach * s.size * np.array(s.shape) / 2 + reach + 4
+        half = self.params.reach * max(s.spread, 1.0) * s.size * np.array(s.shape) / 2 + reach + 4
         roi = self._region(middle, *half)
         if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
             return None
@@ -111,7 +119,7 @@ class EyeTracker:
         weights = weigh(p, cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
         center = _mode(cloud, weights, s.size)
         self._state = s = replace(s, cloud=resample(cloud, weights, self.rng))
-        mask = self._mask(likelihood, roi, center, s.size, s.shape)
+        mask = self._mask(likelihood, roi, center, s.size, s.shape, s.spread)
         shape = None if mask is None else see(image, mask, roi, self.optics, s.fill * s.size**2)
         if mask is None or shape is None:
             return None
@@ -136,7 +144,7 @@ class EyeTracker:
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
         model = s.model.blend(newest, self.params.learn_rate, self.params.ring_rate)
         sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
-        self._state = _State(model, Cloud(now, s.cloud.before), size, sides, s.fill)
+        self._state = _State(model, Cloud(now, s.cloud.before), size, sides, s.fill, s.spread)
         w, h = size * sides[0], size * sides[1]
         box = (float(shape.center_px[0] - (w - 1) / 2), float(shape.center_px[1] - (h - 1) / 2), w, h)
         return Sighting(shape, box, score)
@@ -147,7 +155,13 @@ class EyeTracker:
         return x0, y0, min(int(center[0] + half_w) + 2, camera.width), min(int(center[1] + half_h) + 2, camera.height)
 
     def _mask(
-        self, likelihood: NDArray[np.float32], roi: Box, center: Array, size: float, shape: tuple[float, float]
+        self,
+        likelihood: NDArray[np.float32],
+        roi: Box,
+        center: Array,
+        size: float,
+        shape: tuple[float, float],
+        spread: float,
     ) -> Mask | None:
         """The object's pixels near `center`, holes filled; None where there are too few.
 
@@ -156,7 +170,7 @@ class EyeTracker:
         """
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
         if size >= 12:
-            hard = masks.closed(hard, masks.square(int(size / 12)))
+            hard = masks.closed(hard, masks.square(1))
         w, h = size * shape[0], size * shape[1]
         one = hard
         for _ in range(2):
@@ -164,7 +178,8 @@ class EyeTracker:
             if found is None:
                 return None
             one = found
-            allowed = masks.ellipse(roi, center, self.params.reach * w, self.params.reach * h)
+            reach = self.params.reach * spread
+            allowed = masks.ellipse(roi, center, reach * w, reach * h)
             if not (one & ~allowed).any():
                 break
             one = _without_limbs(one & allowed, size)

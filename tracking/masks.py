@@ -59,3 +59,13 @@ def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height:
     x = (np.arange(box[0], box[2]) - center[0]) / (0.5 * width)
     y = (np.arange(box[1], box[3]) - center[1]) / (0.5 * height)
     return np.asarray((x * x)[None, :] + (y * y)[:, None] <= 1.0)
+
+
+def spread(mask: Mask) -> float:
+    """How far the farthest pixels are from the middle, relative to the ellipse of the mask's area and
+    its box's proportions: 1 for an ellipse, 1.25 for a rectangle.  Limbs and handles do not count."""
+    trunk = opened(mask, disc(int(0.12 * np.sqrt(np.count_nonzero(mask)))))
+    ys, xs = np.nonzero(trunk if trunk.any() else mask)
+    w, h = np.ptp(xs) + 1.0, np.ptp(ys) + 1.0
+    farthest = np.quantile(np.hypot((xs - xs.mean()) / w, (ys - ys.mean()) / h), 0.99)
+    return max(float(farthest) / float(np.sqrt(len(xs) / (np.pi * w * h))), 1.0)

@@ -19,6 +19,8 @@ from tracking.ego_motion import Box
 
 _MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
+_ROUND = 0.015  # departure from a disc up to which nothing is but a disc
+_LIMBS_FROM, _LIMBS_TO = 0.08, 0.2  # share of limbs between which they come to count less than the trunk
 _SHAPE_BIAS = 0.04  # of its size: how far the middle of an image that is no disc is from the object's centre
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 _CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
@@ -36,7 +38,8 @@ class Coverage:
 @dataclass(frozen=True)
 class Outline:
     """The object's centre (2,) px with covariance (2, 2), angular radius and its variance, the box
-    (x, y, width, height) around it, its area in px, and whether it meets the image's border."""
+    (x, y, width, height) around it, its area in px, whether it meets the image's border, and what share
+    of it lies beyond the disc (a sphere's cone) of the same size."""
 
     center_px: Array
     cov_px: Array
@@ -45,6 +48,7 @@ class Outline:
     box_px: tuple[float, float, float, float]
     area_px: float
     at_border: bool
+    departure: float
 
 
 class Optics:
@@ -130,12 +134,19 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     if area < 1.0:
         return None
     solid = optics.solid_angle[y0:y1, x0:x1]
-    direction = np.einsum("ij,ijk->k", alpha, optics.moments[y0:y1, x0:x1]).astype(float)
+    moments = optics.moments[y0:y1, x0:x1]
+    direction = _mean_direction(alpha, moments)
     omega = float((alpha * solid).sum())
-    center = optics.camera.project(direction / max(float(np.linalg.norm(direction)), 1e-30))
+    radius = float(np.arccos(1 - min(omega / (2 * np.pi), 1.0)))
+    departure = _departure(alpha * solid, moments / solid[..., None], direction, radius)
+    limbs = 0.0
+    if departure > _ROUND:
+        limbs = min(max((_limb_share(alpha > 0.5) - _LIMBS_FROM) / (_LIMBS_TO - _LIMBS_FROM), 0.0), 1.0)
+    if limbs > 0:
+        direction = _mean_direction(alpha * ((1 - limbs) + limbs * _thickness(alpha)), moments)
+    center = optics.camera.project(direction)
     if not np.all(np.isfinite(center)):
         return None
-    radius = float(np.arccos(1 - min(omega / (2 * np.pi), 1.0)))
     omega_var = _CORRELATION * float((coverage.variance * solid * solid).sum())
     radius_var = omega_var / (2 * np.pi * np.sin(radius)) ** 2
     columns, rows = np.flatnonzero((alpha > 0.5).any(axis=0)), np.flatnonzero((alpha > 0.5).any(axis=1))
@@ -150,7 +161,37 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     cov = _center_cov(coverage, center, area) + odd_px**2 * np.eye(2)
     at_border = bool(left <= 0 or top <= 0 or right >= width or bottom >= height)
     box_px = (float(left), float(top), float(right - left), float(bottom - top))
-    return Outline(center, cov, radius, radius_var, box_px, area, at_border)
+    return Outline(center, cov, radius, radius_var, box_px, area, at_border, departure)
+
+
+def _mean_direction(weight: NDArray[np.float32], moments: NDArray[np.float32]) -> Array:
+    """(3,) mean of the viewing directions, weighted per pixel."""
+    direction = np.einsum("ij,ijk->k", weight, moments).astype(float)
+    unit: Array = direction / max(float(np.linalg.norm(direction)), 1e-30)
+    return unit
+
+
+def _departure(covered: NDArray[np.float32], bearings: NDArray[np.float32], axis: Array, radius: float) -> float:
+    """Share of the covered solid angle outside the cone around `axis` of as much solid angle; pixels on
+    the cone's edge are not counted, for what they are is uncertain."""
+    edge = float(np.sqrt(covered.max()))  # a pixel's side as an angle
+    outside = bearings @ axis.astype(np.float32) < np.cos(radius + edge)
+    return float(covered[outside].sum() / covered.sum())
+
+
+def _limb_share(inside: Mask) -> float:
+    """Share of the pixels in parts thinner than 0.4 of the disc of the mask's area."""
+    area = np.count_nonzero(inside)
+    trunk = masks.opened(inside, masks.disc(int(0.4 * np.sqrt(area / np.pi))))
+    return 1 - np.count_nonzero(trunk) / area
+
+
+def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(h, w) about how deep the body may be at every pixel, relative to its mean: what is far from the
+    outline is thick, as in a round body of that outline."""
+    inside = cv2.copyMakeBorder((alpha > 0.5).view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    depth = np.sqrt(np.asarray(cv2.distanceTransform(inside, cv2.DIST_L2, 5), dtype=np.float32)[1:-1, 1:-1])
+    return depth / max(float(depth[depth > 0].mean()), 1e-6) if depth.any() else np.ones_like(depth)
 
 
 def _center_cov(coverage: Coverage, center: Array, area: float) -> Array:

@@ -134,4 +134,5 @@ def _outline(shape: Outline, axis: Array, rays: Array, residual_px: Array, optic
         angular_radius_rad=theta,
         angular_radius_var=float(d_theta @ cov_axis @ d_theta),
         area_px=area,
+        departure=0.0,
     )

@@ -205,7 +205,7 @@ class Tracker:
             if pair is None:
                 return (None, None), regions
             for eye, look, candidate in zip(self._eyes, looks, pair, strict=True):
-                eye.object.start(look.image, candidate.outline.box_px, candidate.model)
+                eye.object.start(look.image, candidate.outline.box_px, candidate.model, candidate.spread)
             left, right = (Sighting(c.outline, c.outline.box_px, 1.0) for c in pair)
         return (left, right), regions
 
