@@ -83,7 +83,8 @@ def _grow(params: AcquireParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[M
         model = _model(bins, mask)
         if model.similarity(model.background) > params.max_likeness:
             return None, None
-        grown = _connected(np.asarray(cv2.GaussianBlur(model.table()[bins], (3, 3), 0)) > 0.5, seed)
+        hard: Mask = np.asarray(cv2.GaussianBlur(model.table()[bins], (3, 3), 0)) > 0.5
+        grown = _connected(hard, seed, model.backdrop()[bins])
         if grown is None:
             return None, None
         if np.count_nonzero(grown != mask) < 0.02 * np.count_nonzero(grown):
@@ -96,11 +97,16 @@ def _grow(params: AcquireParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[M
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
 
 
+_DULL = 0.4  # of the object's mean vividness, below which a colour is its carrier's
+
+
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
-    return ColorModel(histogram(bins[mask], _VIVIDNESS[bins[mask]]), histogram(bins[~masks.dilated(mask, 2)]))
+    thing = histogram(bins[mask], _VIVIDNESS[bins[mask]])
+    thing[_DULL * (thing @ _VIVIDNESS) > _VIVIDNESS] = 0.0
+    return ColorModel(thing / thing.sum(), histogram(bins[~masks.dilated(mask, 2)]))
 
 
-def _connected(hard: Mask, seed: Mask) -> Mask | None:
+def _connected(hard: Mask, seed: Mask, backdrop: Mask | None = None) -> Mask | None:
     """The component that holds most of the seed, gaps and holes filled."""
     one = masks.component(masks.closed(hard, masks.square(1)), seed)
-    return None if one is None else masks.filled(one)
+    return None if one is None else masks.filled(one, backdrop)

@@ -7,10 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.types import Array, Image
+from pps_vision.types import Array, Image, Mask
 
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (FACTS §4)
 _GREY_SATURATION, _DARK_VALUE = 40, 25  # below either the hue is noise (of 255)
+_NEVER_SEEN = 4e-3  # share of a histogram that a colour must have to count as seen
 _LEVELS = 64  # of each of R, G, B in the look-up table: 2 bits dropped, about the pixel noise
 
 
@@ -42,8 +43,12 @@ class ColorModel:
     def table(self) -> NDArray[np.float32]:
         """(N_BINS,) probability that a pixel of each bin belongs to the object, prior ½; a colour seen
         in neither is rather something new in the background than in the object."""
-        floor = 4e-3
-        return (self.object / (self.object + self.background + floor)).astype(np.float32)
+        return (self.object / (self.object + self.background + _NEVER_SEEN)).astype(np.float32)
+
+    def backdrop(self) -> Mask:
+        """(N_BINS,) whether a colour is rather the surroundings' than the object's or one never seen."""
+        likely: Mask = self.background > self.object + _NEVER_SEEN
+        return likely
 
     def similarity(self, histogram: Array) -> float:
         """Bhattacharyya coefficient of the object and another histogram, 0–1."""

@@ -54,7 +54,7 @@ class _State:
     size: float  # √(width·height) of the box, px
     shape: tuple[float, float]  # box sides at unit size
     fill: float  # share of the box that the object covers
-    spread: float  # how far it extends, relative to the ellipse of its area and the box's proportions
+    spread: float  # how far it extends relative to an ellipse of its area
 
 
 class EyeTracker:
@@ -90,7 +90,7 @@ class EyeTracker:
         model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
         size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
-        mask = self._mask(model.table()[bins], roi, center, size, shape, spread)
+        mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape, spread)
         fill = np.pi / 4 if mask is None else min(float(np.count_nonzero(mask)) / (w * h), 1.0)
         cloud = spawn(self.params.particles, center, size, 0.5, self.rng)
         self._state = _State(model, cloud, size, shape, fill, spread)
@@ -119,7 +119,8 @@ class EyeTracker:
         weights = weigh(p, cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
         center = _mode(cloud, weights, s.size)
         self._state = s = replace(s, cloud=resample(cloud, weights, self.rng))
-        mask = self._mask(likelihood, roi, center, s.size, s.shape, s.spread)
+        backdrop = None if evidence is not None else s.model.backdrop()[bins]
+        mask = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.spread)
         shape = None if mask is None else see(image, mask, roi, self.optics, s.fill * s.size**2)
         if mask is None or shape is None:
             return None
@@ -157,6 +158,7 @@ class EyeTracker:
     def _mask(
         self,
         likelihood: NDArray[np.float32],
+        backdrop: Mask | None,
         roi: Box,
         center: Array,
         size: float,
@@ -185,7 +187,7 @@ class EyeTracker:
             one = _without_limbs(one & allowed, size)
             ys, xs = np.nonzero(one)
             center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
-        whole = masks.filled(one)
+        whole = masks.filled(one, backdrop)
         return whole if np.count_nonzero(whole) >= self.params.min_area_px else None
 
 

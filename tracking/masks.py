@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Array, Mask
 
+_SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
+
 
 def square(radius: int) -> NDArray[np.uint8]:
     """A structuring element of side 2·radius + 1."""
@@ -46,11 +48,19 @@ def component(mask: Mask, where: Mask) -> Mask | None:
     return np.asarray(labels == int(votes.argmax())) if votes.any() else None
 
 
-def filled(mask: Mask) -> Mask:
-    """With its holes filled."""
+def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
+    """With its holes filled, but for the larger ones that are mostly `backdrop`."""
     whole = mask.view(np.uint8).copy()
     contours, _ = cv2.findContours(whole, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(whole, contours, -1, (1,), cv2.FILLED)
+    holes = (whole > mask.view(np.uint8)).view(np.uint8)
+    least = _SMALL_HOLE * np.count_nonzero(mask)
+    if backdrop is not None and np.count_nonzero(holes) > least:
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(holes, connectivity=4)
+        behind = np.bincount(np.asarray(labels)[backdrop], minlength=count)
+        for k in range(1, count):
+            if stats[k, cv2.CC_STAT_AREA] > least and 2 * behind[k] > stats[k, cv2.CC_STAT_AREA]:
+                whole[np.asarray(labels) == k] = 0
     return whole.view(bool)
 
 
@@ -63,9 +73,9 @@ def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height:
 
 def spread(mask: Mask) -> float:
     """How far the farthest pixels are from the middle, relative to the ellipse of the mask's area and
-    its box's proportions: 1 for an ellipse, 1.25 for a rectangle.  Limbs and handles do not count."""
-    trunk = opened(mask, disc(int(0.12 * np.sqrt(np.count_nonzero(mask)))))
-    ys, xs = np.nonzero(trunk if trunk.any() else mask)
+    its box's proportions: 1 for an ellipse, nearly 1.25 for a rectangle; the farthest
+    hundredth does not count."""
+    ys, xs = np.nonzero(mask)
     w, h = np.ptp(xs) + 1.0, np.ptp(ys) + 1.0
     farthest = np.quantile(np.hypot((xs - xs.mean()) / w, (ys - ys.mean()) / h), 0.99)
     return max(float(farthest) / float(np.sqrt(len(xs) / (np.pi * w * h))), 1.0)

@@ -19,8 +19,8 @@ from tracking.ego_motion import Box
 
 _MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
-_ROUND = 0.015  # departure from a disc up to which nothing is but a disc
-_LIMBS_FROM, _LIMBS_TO = 0.08, 0.2  # share of limbs between which they come to count less than the trunk
+ROUND = 0.015  # departure from a disc up to which nothing is but a disc
+_LIMBS_FROM, _LIMBS_TO = 0.08, 0.16  # share of limbs between which they come to count less than the trunk
 _SHAPE_BIAS = 0.04  # of its size: how far the middle of an image that is no disc is from the object's centre
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 _CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
@@ -138,12 +138,9 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     direction = _mean_direction(alpha, moments)
     omega = float((alpha * solid).sum())
     radius = float(np.arccos(1 - min(omega / (2 * np.pi), 1.0)))
-    departure = _departure(alpha * solid, moments / solid[..., None], direction, radius)
-    limbs = 0.0
-    if departure > _ROUND:
-        limbs = min(max((_limb_share(alpha > 0.5) - _LIMBS_FROM) / (_LIMBS_TO - _LIMBS_FROM), 0.0), 1.0)
-    if limbs > 0:
-        direction = _mean_direction(alpha * ((1 - limbs) + limbs * _thickness(alpha)), moments)
+    departure = _departure(alpha, solid, moments, direction, radius)
+    if departure > ROUND:
+        direction = _mean_direction(alpha * _thickness(alpha), moments)
     center = optics.camera.project(direction)
     if not np.all(np.isfinite(center)):
         return None
@@ -171,27 +168,32 @@ def _mean_direction(weight: NDArray[np.float32], moments: NDArray[np.float32]) -
     return unit
 
 
-def _departure(covered: NDArray[np.float32], bearings: NDArray[np.float32], axis: Array, radius: float) -> float:
+def _departure(
+    alpha: NDArray[np.float32], solid: NDArray[np.float32], moments: NDArray[np.float32], axis: Array, radius: float
+) -> float:
     """Share of the covered solid angle outside the cone around `axis` of as much solid angle; pixels on
     the cone's edge are not counted, for what they are is uncertain."""
-    edge = float(np.sqrt(covered.max()))  # a pixel's side as an angle
-    outside = bearings @ axis.astype(np.float32) < np.cos(radius + edge)
+    covered = alpha * solid
+    edge = float(np.sqrt(solid.max()))  # a pixel's side as an angle
+    outside = moments @ axis.astype(np.float32) < np.float32(np.cos(radius + edge)) * solid
     return float(covered[outside].sum() / covered.sum())
 
 
-def _limb_share(inside: Mask) -> float:
-    """Share of the pixels in parts thinner than 0.4 of the disc of the mask's area."""
-    area = np.count_nonzero(inside)
-    trunk = masks.opened(inside, masks.disc(int(0.4 * np.sqrt(area / np.pi))))
-    return 1 - np.count_nonzero(trunk) / area
-
-
 def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w) about how deep the body may be at every pixel, relative to its mean: what is far from the
-    outline is thick, as in a round body of that outline."""
+    """(h, w) about how deep the body is at every pixel, relative to its mean: as in a round body of that
+    outline, what is far from the outline is thick.  1 everywhere where there are no limbs, parts
+    thinner than 0.4 of the disc of the same area."""
     inside = cv2.copyMakeBorder((alpha > 0.5).view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
-    depth = np.sqrt(np.asarray(cv2.distanceTransform(inside, cv2.DIST_L2, 5), dtype=np.float32)[1:-1, 1:-1])
-    return depth / max(float(depth[depth > 0].mean()), 1e-6) if depth.any() else np.ones_like(depth)
+    area = max(int(np.count_nonzero(inside)), 1)
+    to_edge = np.asarray(cv2.distanceTransform(inside, cv2.DIST_L2, 5), dtype=np.float32)
+    thin = 0.4 * np.sqrt(area / np.pi)
+    to_core = np.asarray(cv2.distanceTransform((to_edge <= thin).view(np.uint8), cv2.DIST_L2, 5))
+    limb_share = 1 - int(np.count_nonzero(to_core < thin)) / area
+    limbs = min(max((limb_share - _LIMBS_FROM) / (_LIMBS_TO - _LIMBS_FROM), 0.0), 1.0)
+    depth = np.sqrt(to_edge[1:-1, 1:-1])
+    mean = float(depth.sum()) / area
+    thickness: NDArray[np.float32] = ((1 - limbs) + limbs * depth / max(mean, 1e-6)).astype(np.float32)
+    return thickness
 
 
 def _center_cov(coverage: Coverage, center: Array, area: float) -> Array:

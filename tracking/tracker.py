@@ -18,7 +18,7 @@ from tracking.disparity import DisparityParams, refine_distance
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.marker import MarkerParams, find_markers
-from tracking.outline import Optics, Outline
+from tracking.outline import ROUND, Optics, Outline
 from tracking.particles import Prior
 from tracking.trigger import Region2D, Trigger, TriggerParams
 
@@ -32,7 +32,8 @@ class TrackerParams:
     or (where that works) from the disparity inside the outline.  An object is tracked once seen in both
     eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`.  Of the
     `max_candidates` most conspicuous things that move, the two eyes' are one when their colours are
-    `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than `max_ratio`."""
+    `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than `max_ratio`.  The centre
+    of what is no ball may be `shape_error` of its radius off, frame after frame the same."""
 
     mode: Literal["generic", "marker"] = "generic"
     depth: Literal["centroid", "disparity"] = "centroid"
@@ -43,6 +44,7 @@ class TrackerParams:
     max_ratio: float = 1.4
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
+    shape_error: float = 0.13
     trigger: TriggerParams = field(default_factory=TriggerParams)
     acquire: AcquireParams = field(default_factory=AcquireParams)
     eye: EyeParams = field(default_factory=EyeParams)
@@ -141,6 +143,7 @@ class Tracker:
         self._belief: Belief | None = None
         self._head: Array = np.zeros(3)
         self._radius = (np.nan, np.nan)  # m, m²
+        self._oddness = 0.0  # 0 a ball … 1 surely none
         self._hits = 0
         self._seen_s = -np.inf
         self._stamps = (-np.inf, -np.inf)
@@ -299,6 +302,8 @@ class Tracker:
         order = self.params.kalman.order
         mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
         mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
+        # An outline's centre is not the body's; the filter cannot average out what hardly changes.
+        cov[:3, :3] += (self.params.shape_error * self._oddness * self._radius[0]) ** 2 * np.eye(3)
         return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1], status)
 
     def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
@@ -312,7 +317,7 @@ class Tracker:
         self._radius = value + gain * (observation.radius_m - value), (1 - gain) * var
 
     def _forget(self) -> None:
-        self._belief, self._hits = None, 0
+        self._belief, self._hits, self._oddness = None, 0, 0.0
         self._association.forget()
         for eye in self._eyes:
             eye.object.forget()
@@ -328,9 +333,16 @@ class Tracker:
         for eye, look, seen in zip(self._eyes, looks, sightings, strict=True):
             if seen is not None and observation is not None and self._belief is not None:
                 eye.offset_px = seen.outline.center_px - look.view.project(self._belief.mean[0])
+                rate = 0.5 / min(self._hits, 10)  # two eyes a frame
+                self._oddness += rate * (_oddness(seen.outline) - self._oddness)
                 eye.size_px = 2 * seen.outline.angular_radius_rad * eye.optics.camera.focal_px
             if grey:
                 eye.background.learn(look.image, look.view, look.stamp_s, [seen.box_px] if seen else [])
+
+
+def _oddness(shape: Outline) -> float:
+    """0 for the image of a ball, 1 for what is clearly something else (a cube, a toy with limbs)."""
+    return float(np.clip((shape.departure - ROUND) / ROUND, 0.0, 1.0))
 
 
 def _prior(eye: _Eye, look: _Look, last: Belief, now: Belief) -> Prior | None:

@@ -79,6 +79,25 @@ def test_mask_operations_are_those_of_mathematical_morphology(rng: np.random.Gen
     assert masks.component(np.zeros_like(mask), where) is None
 
 
+def test_large_gaps_that_show_the_backdrop_stay_open() -> None:
+    ring = np.zeros((40, 40), bool)
+    ring[5:35, 5:35] = True
+    ring[10:20, 10:20] = ring[25:30, 25:30] = ring[7, 7] = False
+    backdrop = np.zeros((40, 40), bool)
+    backdrop[:22] = True
+    whole = masks.filled(ring, backdrop)
+    assert not whole[10:20, 10:20].any()
+    assert whole[25:30, 25:30].all()
+    assert whole[7, 7]
+    assert np.count_nonzero(whole) == 30 * 30 - 100
+
+
+def test_spread_is_one_for_ellipses_and_more_with_corners() -> None:
+    y, x = np.mgrid[:90, :120]
+    assert masks.spread(np.hypot((x - 60) / 50, (y - 45) / 30) < 1) == pytest.approx(1, abs=0.02)
+    assert 1.1 < masks.spread((abs(x - 60) < 50) & (abs(y - 45) < 30)) < np.sqrt(np.pi / 2)
+
+
 @pytest.mark.parametrize(("hue_deg", "color"), [(120.0, (30.0, 200.0, 40.0)), (0.0, (200.0, 30.0, 40.0))])
 def test_a_marker_is_found_by_its_hue(
     rng: np.random.Generator, hue_deg: float, color: tuple[float, float, float]

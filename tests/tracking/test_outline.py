@@ -94,3 +94,41 @@ def test_a_square_cut_by_the_border_is_not_taken_for_a_ball(optics: Optics) -> N
     assert shape is not None
     assert shape.center_px[0] < 15
     assert np.sqrt(shape.cov_px[0, 0]) > 2
+
+
+@pytest.mark.parametrize("center", [(0.0, 0.02, 0.35), (-0.12, 0.06, 0.2), (0.1, -0.03, 0.6)])
+def test_a_ball_anywhere_departs_from_no_disc(
+    optics: Optics, rng: np.random.Generator, center: tuple[float, float, float]
+) -> None:
+    sphere = Sphere(np.array(center), 0.035, RED)
+    shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere), FULL), optics)
+    assert shape is not None
+    assert shape.departure < 0.006
+
+
+def test_a_square_departs_from_the_disc_of_its_area(optics: Optics) -> None:
+    """By four corners; of them the outermost pixel's width, where coverage is uncertain, does not count."""
+    side = 41
+    image = np.full((240, 320, 3), (90, 80, 70), np.uint8)
+    hard = np.zeros((240, 320), bool)
+    hard[90 : 90 + side, 150 : 150 + side] = True
+    image[hard] = (30, 60, 220)
+    shape = outline(cover(image, hard, FULL), optics)
+    assert shape is not None
+    v, u = (np.mgrid[:4100, :4100] + 0.5) / 100 - side / 2
+    distance = np.hypot(u, v)
+    low, high = (np.mean(distance > side / np.sqrt(np.pi) + edge) for edge in (1.5, 0.5))
+    assert low < shape.departure < high
+
+
+def test_a_thin_limb_hardly_pulls_the_center(optics: Optics) -> None:
+    image = np.full((240, 320, 3), (90, 80, 70), np.uint8)
+    v, u = np.mgrid[:240, :320]
+    hard = np.hypot(u - 150, v - 110) < 20.2
+    hard[107:114, 150:230] = True
+    image[hard] = (30, 60, 220)
+    shape = outline(cover(image, hard, FULL), optics)
+    assert shape is not None
+    assert np.nonzero(hard)[1].mean() - 150 > 10
+    assert abs(shape.center_px[0] - 150) < 8
+    assert abs(shape.center_px[1] - 110) < 0.5

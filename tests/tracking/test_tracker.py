@@ -159,6 +159,26 @@ def test_a_failed_eye_loses_the_track_and_invents_none(
         assert not t.is_known or np.all(np.isfinite(t.cov))
 
 
+def test_a_body_of_two_colors_is_one_thing_and_less_certain_than_a_ball(world: World, rng: np.random.Generator) -> None:
+    """Two touching balls of different colours; their middle lies between them."""
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    half = np.array([0.0, 0.0, 0.022])
+    squared, stds = [], []
+    for k in range(30):
+        p = world.position(DT * k)
+        balls = [Sphere(p + half, 0.025, (120.0, 30.0, 190.0)), Sphere(p - half, 0.025, (220.0, 110.0, 20.0))]
+        track = tracker.step(frame(world.rig, world.q(DT * k), balls, DT * k, rng)).track
+        if k >= 10:
+            assert track.status is Status.TRACKING
+            off = track.position - p
+            squared.append(float(off @ np.linalg.solve(track.cov[:3, :3], off)) / 3)
+            stds.append(float(np.sqrt(np.trace(track.cov[:3, :3]) / 3)))
+            assert np.linalg.norm(off) < 0.008
+    assert min(stds) > 0.001
+    assert max(stds) < 0.012
+    assert np.mean(squared) < 3
+
+
 def test_nothing_moves_nothing_is_tracked(world: World, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     for k in range(25):
