@@ -1,6 +1,19 @@
-"""`python -m pps_vision`: the command line."""
+"""`python -m pps_vision`, and the command `pps-vision`."""
 
-from pps_vision.app.cli import main
+import sys
+
+
+def main() -> None:
+    """Run the command line; what is missing to even start (a system library) is said in one line."""
+    try:
+        from pps_vision.app.cli import main as run  # here, so that an interrupt or a missing library is caught
+
+        run()
+    except ImportError as error:
+        sys.exit(f"pps-vision: {error}")
+    except KeyboardInterrupt:
+        sys.exit(130)
+
 
 if __name__ == "__main__":
     main()

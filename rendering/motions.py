@@ -1,5 +1,6 @@
 """How a stimulus moves: functions of time that give position and velocity together."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, Protocol, get_args
@@ -15,6 +16,16 @@ MotionName = Literal["approach", "recede", "static", "circle", "figure8", "linea
 START_M = (0.25, 0.30)  # how far from the taxel an approach starts (FACTS §3)
 START_ANGLE = np.deg2rad(45.0)  # and how far from its normal
 EXTENT_M = (0.05, 0.08)  # how far from its centre a motion in the air gets
+
+
+@dataclass(frozen=True)
+class Target:
+    """A point of the skin (3,), its outward normal (3,), and where on its way from a start to the point
+    an approach ends."""
+
+    point: Array
+    normal: Array
+    end_from: Callable[[Array], Array]
 
 
 class Motion(Protocol):
@@ -175,14 +186,13 @@ def make_motion(
     rng: np.random.Generator,
     center: ArrayLike,
     speed_m_s: float,
-    target: tuple[ArrayLike, ArrayLike] | None = None,
-    stop_at_m: float = 0.0,
+    target: Target | None = None,
 ) -> Motion:
     """A random motion of a kind.
 
-    An approach is aimed at `target` = (point, outward normal) and ends `stop_at_m` before the
-    point; a recede is its reverse.  The other kinds stay within 8 cm of `center`, where `static`
-    stays.  Whether the path is in view is for the caller to see, and to draw again.
+    An approach is aimed at `target`; a recede is its reverse.  The other kinds stay within 8 cm of
+    `center`, where `static` stays.  Whether the path is in view is for the caller to see, and to
+    draw again.
     """
     if kind not in get_args(MotionName):
         raise ValueError(f"motion {kind!r}; expected one of {', '.join(get_args(MotionName))}")
@@ -192,10 +202,8 @@ def make_motion(
     if kind in ("approach", "recede"):
         if target is None:
             raise ValueError(f"motion {kind!r} needs a target: a point of the skin and its normal")
-        if not 0 <= stop_at_m < START_M[0]:
-            raise ValueError(f"an approach that stops {stop_at_m} m before its target; expected 0 to {START_M[0]}")
-        far, near = _path_to(rng, np.asarray(target[0], dtype=float), np.asarray(target[1], dtype=float), stop_at_m)
-        return Approach(far, near, speed_m_s) if kind == "approach" else Recede(near, far, speed_m_s)
+        approach = make_approach(rng, target, speed_m_s)
+        return approach if kind == "approach" else Recede(approach.end, approach.start, speed_m_s)
     if kind == "static":
         return Static(middle)
     if kind == "jerk":
@@ -207,13 +215,14 @@ def make_motion(
     return (Circle if kind == "circle" else Figure8)(middle, plane[:, :2].T, extent, speed_m_s)
 
 
-def _path_to(rng: np.random.Generator, point: Array, normal: Array, stop_at_m: float) -> tuple[Array, Array]:
-    """Where an approach starts and where it ends: uniform in distance and over the cap around the normal."""
+def make_approach(rng: np.random.Generator, target: Target, speed_m_s: float) -> Approach:
+    """From a start that is uniform in distance and over the cap around the normal, straight to the target."""
     cosine = rng.uniform(np.cos(START_ANGLE), 1.0)
     azimuth = rng.uniform(0, 2 * np.pi)
     sine = np.sqrt(1 - cosine**2)
-    away = rotation_to(normal) @ np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
-    return point + rng.uniform(*START_M) * away, point + stop_at_m * away
+    away = rotation_to(target.normal) @ np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
+    start = target.point + rng.uniform(*START_M) * away
+    return Approach(start, target.end_from(start), speed_m_s)
 
 
 def _in_ball(rng: np.random.Generator) -> Array:

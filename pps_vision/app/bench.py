@@ -1,12 +1,11 @@
 """`pps-vision bench`: the experiments, each measured afresh on the seed that is asked for."""
 
-import json
 import platform
 import subprocess
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from tyro.conf import subcommand
 
@@ -16,14 +15,6 @@ from pps_vision.experiments.real import Real
 from pps_vision.experiments.tracking import Tracking
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.results import write_summary
-
-
-class Experiment(Protocol):
-    """A frozen dataclass of parameters with a `run` that returns numbers."""
-
-    def run(self) -> dict[str, object]:
-        """Measure."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -43,21 +34,26 @@ class Bench:
         """Measure and write."""
         name = type(self.experiment).__name__.lower()
         out = self.out or Path("docs") / "results" / f"{name}.json"
+        setting = {"experiment": name, "parameters": asdict(self.experiment), "machine": _machine()}
         with whole_file(out) as partial:
             numbers = self.experiment.run()
-            write_summary(
-                partial, {"experiment": name, "parameters": asdict(self.experiment), "machine": _machine(), **numbers}
-            )
-        print(json.dumps(numbers, indent=2, default=float))
+            write_summary(partial, {**setting, **numbers})
+            print(partial.read_text(), end="")
         print(f"→ {out}")
 
 
 def _machine() -> dict[str, str]:
-    commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
+    """What the numbers were measured with and on; the commit is unknown where this is no checkout."""
     packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
+    try:
+        describe = ["git", "describe", "--always", "--dirty"]
+        here = Path(__file__).parent
+        commit = subprocess.run(describe, cwd=here, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        commit = "unknown"
     return {
         "processor": platform.processor() or platform.machine(),
         "python": platform.python_version(),
         **{package: version(package) for package in packages},
-        "commit": commit.stdout.strip() or "unknown",
+        "commit": commit,
     }

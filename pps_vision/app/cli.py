@@ -34,12 +34,10 @@ def main(args: list[str] | None = None) -> None:
         _refuse_python_control()
         command = tyro.cli(Command, config=(OmitSubcommandPrefixes,), prog="pps-vision", description=_WHAT, args=args)
         command.run()
-    except (ValueError, OSError, ImportError) as error:
+    except (ValueError, OSError) as error:
         first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         print(f"pps-vision: {first_line}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
 
 
 def _refuse_python_control() -> None:

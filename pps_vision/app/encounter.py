@@ -15,19 +15,19 @@ from pps_vision.app.in_view import can_follow
 from pps_vision.app.pipeline import Pipeline, PipelineStep
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
-from pps_vision.robot.model import Robot
+from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, touched_taxels
 from pps_vision.types import Array, Mask, Status, StereoFrame
 from rendering.eyes import Eyes
-from rendering.motions import Approach, Motion, Recede, make_motion
+from rendering.motions import Motion, Recede, Target, make_approach
 from rendering.scene import SceneState
 from rendering.stimuli import StimulusName, make_stimulus
 
 Kind = Literal["approach", "recede", "static", "own_arm"]
 STEP_S = 0.05
-_DEEPER_M = 0.003  # an approach goes this much further than the edge of a touch, so that it surely is one
+# How near the nearest taxel's centre the surface comes: an approach surely touches, what recedes never did.
+REACH_M = {"approach": TOUCH_RADIUS_M - 0.003, "recede": TOUCH_RADIUS_M + 0.010}
 _STANDS_M = (0.12, 0.15)  # how far from the taxel what stands still does
-_CLEAR_M = 0.013  # what recedes starts this far from where an approach would end: not touching
 
 
 @dataclass(frozen=True)
@@ -162,40 +162,44 @@ def make_encounter(
     stimulus: StimulusName,
     rng: np.random.Generator,
     speed_m_s: float,
-    reach_m: float = TOUCH_RADIUS_M - _DEEPER_M,
+    reach_m: float | None = None,
 ) -> Encounter:
     """A random encounter of a kind about a taxel's home position, in view of both eyes from its start.
 
-    approach: until the surface is within `reach_m` of a taxel's home position, and back; recede:
-    from just out of touch away; static: 5 cm away from the skin, then still, 12–15 cm from the taxel;
+    approach: until the surface is within `reach_m` (default: a touch) of a taxel's home position, and
+    back; recede: from just out of touch away; static: 5 cm away from the skin, then still, 12–15 cm from the taxel;
     own_arm: nothing is there.
     """
     if kind == "own_arm":
         return Encounter("own arm moving", stimulus, None, 4.0)
     posture = world.robot.at(world.home)
-    positions, normals = world.skin.at(posture)
     index = world.skin.index(taxel)
+    point = world.skin.at(posture)[0][index]
     radius = make_stimulus(stimulus).radius_m
+    aim = at_taxel(world.skin, posture, index, radius + (REACH_M.get(kind, 0.0) if reach_m is None else reach_m))
     for _ in range(200):
-        path = make_motion("approach", rng, positions[index], speed_m_s, (positions[index], normals[index]))
-        if not isinstance(path, Approach):
-            raise ValueError(f"motion {path}: expected an approach")
-        away = _unit(path.start - positions[index])
-        contact = first_contact(path.start, positions[index], positions, radius + reach_m)
+        visit = make_approach(rng, aim, speed_m_s)
         if kind == "approach":
-            visit = Approach(path.start, contact, speed_m_s)
             motion: Motion = visit
             seconds, title = 2 * visit.contact_s + visit.dwell_s + 0.5, "approaching"
         elif kind == "recede":
-            motion = Recede(contact + _CLEAR_M * away, path.start, speed_m_s)
-            seconds, title = float(np.linalg.norm(path.start - contact)) / speed_m_s + 0.5, "receding"
+            motion = Recede(visit.end, visit.start, speed_m_s)
+            seconds, title = visit.contact_s + 0.5, "receding"
         else:
-            stop = positions[index] + rng.uniform(*_STANDS_M) * away
+            away = _unit(visit.start - point)
+            stop = point + rng.uniform(*_STANDS_M) * away
             motion = Recede(stop - 0.05 * away, stop, speed_m_s)
             seconds, title = 5.0, "standing still"
         if can_follow(world.robot, world.rig, world.home, motion, seconds):
             return Encounter(f"{stimulus} {title}", stimulus, motion, seconds)
     raise ValueError(f"no {kind} about {taxel} stays in view of both eyes; expected a taxel the home posture shows")
+
+
+def at_taxel(skin: Skin, posture: Posture, index: int, reach_m: float) -> Target:
+    """An aim at a taxel as it is now; a centre that moves to it ends where `reach_m` of any taxel is met."""
+    positions, normals = skin.at(posture)
+    point = positions[index]
+    return Target(point, normals[index], lambda start: first_contact(start, point, positions, reach_m))
 
 
 def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) -> Array:

@@ -9,13 +9,14 @@ import numpy as np
 from tqdm import tqdm
 
 from control import fixation
+from pps_vision.app.encounter import REACH_M, at_taxel
 from pps_vision.app.finger import RightFinger
 from pps_vision.app.in_view import can_follow
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin, touched_taxels
+from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
 from rendering.carriers import CarrierName
 from rendering.eyes import Eyes
@@ -72,8 +73,10 @@ class Render:
 
     def record(self) -> tuple[int, int]:
         """Render; returns how many pairs there are, and in how many the skin is touched."""
-        if not (self.seconds > 0 and self.fps > 0):
+        if not (0 < self.seconds < math.inf and 0 < self.fps < math.inf):
             raise ValueError(f"render: --seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
+        if self.center is not None and not np.all(np.isfinite(self.center)):
+            raise ValueError(f"render: --center {self.center}; expected three numbers in metres")
         rng = np.random.default_rng(self.seed)
         robot, skin = load_icub(), icub_skin()
         rig = icub_rig(robot)
@@ -108,14 +111,11 @@ class Render:
     ) -> tuple[Array, Motion]:
         """The robot at home fixating the start of a random motion that both eyes can follow."""
         q_home, skin = home(robot), icub_skin()
-        positions, normals = skin.at(robot.at(q_home))
-        taxel = skin.index(self.target)
+        aim = at_taxel(skin, robot.at(q_home), skin.index(self.target), radius_m + REACH_M.get(self.motion, 0.0))
         for _ in range(200):
             speed = rng.uniform(0.05, 0.15) if self.speed is None else self.speed
             center = _before_the_eyes(rng) if self.center is None else np.array(self.center)
-            motion = make_motion(
-                self.motion, rng, center, speed, (positions[taxel], normals[taxel]), radius_m + TOUCH_RADIUS_M - 0.003
-            )
+            motion = make_motion(self.motion, rng, center, speed, aim)
             path = [motion(t)[0] for t in np.linspace(0, self.seconds, 4 * math.ceil(self.seconds) + 1)]
             q = q_home if finger is None else finger.follow(q_home, path)
             if q is not None and can_follow(robot, rig, q, motion, self.seconds):

@@ -16,7 +16,7 @@ h1{font-size:1.7rem;margin-bottom:.2rem} h2{font-size:1.2rem;margin-top:2.2rem}
 video,img{max-width:100%;height:auto} video{width:100%;background:#111;border-radius:6px}
 table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
 th,td{padding:.3rem .8rem;border-bottom:1px solid #ddd;text-align:right} th:first-child,td:first-child{text-align:left}
-p.lead{color:#555;margin-top:0} .bad{color:#b00020;font-weight:600} .good{color:#1b6e2c;font-weight:600}
+p.lead{color:#555;margin-top:0}
 """
 
 

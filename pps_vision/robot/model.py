@@ -12,13 +12,18 @@ from numpy.typing import ArrayLike
 from pps_vision.geometry.se3 import move_points
 from pps_vision.types import Array
 
+_ARM = (
+    *("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"),
+    *("wrist_prosupination", "wrist_pitch", "wrist_yaw"),
+)
+
 
 @dataclass(frozen=True)
 class FrameNames:
     """The URDF links that play each part; another robot is used by naming its own.
 
     `gaze_joints` are neck yaw, neck pitch, eyes tilt, left eye pan, right eye pan; pans grow in
-    the same sense, and vergence is left minus right.  `arm_joints` run from shoulder to wrist.
+    the same sense, and vergence is left minus right.  Arms run from shoulder to wrist.
     """
 
     left_eye: str = "left_eye"
@@ -32,19 +37,12 @@ class FrameNames:
         "left_eye_pan",
         "right_eye_pan",
     )
-    arm_joints: tuple[str, ...] = (
-        "shoulder_pitch",
-        "shoulder_roll",
-        "shoulder_yaw",
-        "elbow",
-        "wrist_prosupination",
-        "wrist_pitch",
-        "wrist_yaw",
-    )
+    left_arm: tuple[str, ...] = tuple(f"left_{joint}" for joint in _ARM)
+    right_arm: tuple[str, ...] = tuple(f"right_{joint}" for joint in _ARM)
 
     def arm(self, side: str) -> tuple[str, ...]:
-        """The joint names of one arm, shoulder first."""
-        return tuple(f"{side}_{name}" for name in self.arm_joints)
+        """The joint names of the "left" or "right" arm, shoulder first."""
+        return self.left_arm if side == "left" else self.right_arm
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from pps_vision.robot.model import Posture
 from pps_vision.types import Array, Mask
 
 TOUCH_RADIUS_M = 0.020  # a touch this near a virtual taxel's centre is a touch of it
-TAXEL_RADIUS_M = 0.00235
 
 # id: position in mm | unit normal, in the left forearm frame (the right one mirrors y and z)
 _FOREARM = {
@@ -79,10 +78,6 @@ class Skin:
             raise ValueError(f"no taxel {taxel_id!r}; this skin has {', '.join(self.taxel_ids)}")
         return self.taxel_ids.index(taxel_id)
 
-    def frame_of(self, index: int) -> str:
-        """The robot frame a taxel is fixed to."""
-        return self.parts[self.part_index[index]].frame
-
     def at(self, posture: Posture) -> tuple[Array, Array]:
         """Positions (n, 3) m and unit normals (n, 3) of all taxels in the root frame.
 
@@ -139,6 +134,6 @@ def taxel_frame(position: ArrayLike, normal: ArrayLike) -> Array:
 
 def touched_taxels(positions_root: Array, center_root: ArrayLike, radius_m: float) -> Mask:
     """(n,) which taxels a ball of `radius_m` about `center_root` touches: its surface comes
-    within 20 mm of the taxel's centre (DESIGN, demo)."""
+    within 20 mm of the taxel's centre (FACTS §2)."""
     gap = np.linalg.norm(positions_root - np.asarray(center_root, dtype=float), axis=1) - radius_m
     return np.asarray(gap <= TOUCH_RADIUS_M)

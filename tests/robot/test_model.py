@@ -15,7 +15,8 @@ PLANAR_NAMES = FrameNames(
     palms=("hand", "hand"),
     index_tips=("hand", "hand"),
     gaze_joints=("pan", "nod", "look", "pan_l", "pan_r"),
-    arm_joints=("upper", "lower"),
+    left_arm=("arm_1", "arm_2"),
+    right_arm=(),
 )
 
 
@@ -32,8 +33,8 @@ def planar_urdf(folder: Path, extra: str = "", first_joint: str = "revolute") ->
     urdf = folder / "planar.urdf"
     urdf.write_text(
         '<?xml version="1.0"?><robot name="planar"><link name="base"/>'
-        + revolute("left_upper", "base", "upper", "0 0 0", "0 0 1", first_joint)
-        + revolute("left_lower", "upper", "lower", "0.3 0 0", "0 0 1")
+        + revolute("arm_1", "base", "upper", "0 0 0", "0 0 1", first_joint)
+        + revolute("arm_2", "upper", "lower", "0.3 0 0", "0 0 1")
         + '<joint name="grip" type="fixed"><parent link="lower"/><child link="hand"/>'
         '<origin xyz="0.2 0 0" rpy="0 0 0"/></joint>'
         '<link name="hand"><visual><origin xyz="0.01 0 0" rpy="0 0 0"/><geometry>'
