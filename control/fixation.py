@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike
 
 from control.head import TILT, HeadLimits, gaze_columns, gaze_of, gaze_range
 from control.rates import rate_bounds, solve_rates
-from pps_vision.geometry.camera import StereoView
-from pps_vision.geometry.triangulation import midpoint
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity
 
@@ -75,13 +73,6 @@ def _direction(posture: Posture, eye: str, p_root: Array) -> tuple[Array, Array,
     # what turns the eye carries a point fixed to it; the target moves the other way in its sight
     d_dq = -d_dp @ posture.jacobian(eye, at)[:3]
     return np.array([np.arctan2(X, Z), np.arctan2(Y, rho)]), d_dq, d_dp
-
-
-def point_of_pixels(view: StereoView, left_px: ArrayLike, right_px: ArrayLike) -> Array | None:
-    """The root point (3,) that two image points (2,) (as recorded, lens distortion included) show,
-    for `step`; None where their rays do not meet in front of the eyes."""
-    rays = view.left.rays(left_px), view.right.rays(right_px)
-    return midpoint(view.left.center, rays[0], view.right.center, rays[1])
 
 
 def fixation_error(posture: Posture, p_root: ArrayLike) -> float:

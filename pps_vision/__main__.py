@@ -10,7 +10,8 @@ def main() -> None:
 
         run()
     except ImportError as error:
-        sys.exit(f"pps-vision: {error}")
+        print(f"pps-vision: {error}", file=sys.stderr)
+        sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
 

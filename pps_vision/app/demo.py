@@ -3,12 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from tqdm import tqdm
 
 from control.avoidance import AvoidanceParams
 from learning.memory import PPSMemory, save_memory
+from learning.reachable import ReachableMap, save_map
 from learning.reachable_training import MapParams, train_reachable_map
 from pps_vision.app import figures, report
 from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
@@ -21,7 +23,7 @@ from pps_vision.robot.gaze import GazeLimits, fixation_point, gaze_for_points
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.types import Status
 
-_FILES = ("report.html", "demo.mp4", "memory.npz", "summary.json")
+_FILES = ("report.html", "demo.mp4", "memory.npz", "reach.npz", "summary.json")
 _TAXEL = "left_forearm:3"
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 # On the robot the eyes' tilt carries the gaze beyond the neck's pitch; the map is asked there too.
@@ -36,7 +38,7 @@ class Demo:
     """
 
     out: Path = Path("demo")
-    """Folder for report.html, demo.mp4, memory.npz and summary.json."""
+    """Folder for report.html, demo.mp4, memory.npz, reach.npz and summary.json."""
     trials: int = 24
     """Approaches of ball and cube to learn from."""
     noise: float = 2.0
@@ -46,14 +48,16 @@ class Demo:
 
     def run(self) -> None:
         """Learn, meet, and write the report."""
+        school = SchoolParams(self.trials, self.noise)
         with whole_folder(self.out, _FILES) as folder, open_world(self.noise, self.seed) as world:
-            memory = teach(world, SchoolParams(self.trials, self.noise))
+            memory = teach(world, school)
             save_memory(folder / "memory.npz", memory)
             stopwatch = Stopwatch()
             with VideoFile(folder / "demo.mp4", fps=20) as film:
                 logs = list(_meet_all(world, memory, film, stopwatch, self.seed))
-            reach = _reachability(world, logs, self.seed)
-            numbers = [_numbers(log) for log in logs]
+            reachable_map = _train_map(world, self.seed)
+            save_map(folder / "reach.npz", reachable_map)
+            numbers = [_numbers(log) | _reach(world, reachable_map, log) for log in logs]
             write_summary(
                 folder / "summary.json",
                 {
@@ -64,7 +68,7 @@ class Demo:
                     "encounters": {log.title: n for log, n in zip(logs, numbers, strict=True)},
                 },
             )
-            (folder / "report.html").write_text(_page(self, folder, memory, logs, reach, stopwatch))
+            (folder / "report.html").write_text(_page(self, folder, memory, logs, numbers, stopwatch))
         for log in logs:
             print(
                 f"{log.title:42s} {'touched' if log.was_touched else 'not touched':12s} "
@@ -86,7 +90,7 @@ def _meet_all(
     start_s = 0.0
     for kind, avoid, title in tqdm(scenes, desc="meeting", unit="encounter", disable=None):
         # the same seed for both approaches: the same path with and without avoidance
-        rng = np.random.default_rng((seed, len(kind)))
+        rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
         encounter = replace(make_encounter(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
         meeting = world.meet(encounter, fresh_pipeline(world, memory, stopwatch), avoid, start_s)
         for frame, step in meeting:
@@ -104,39 +108,66 @@ def _meet_all(
         yield log
 
 
-def _reachability(world: World, logs: list[EncounterLog], seed: int) -> list[tuple[float, float]]:
-    """For each encounter: share of tracked frames whose fixation the left hand could reach, and the mean degree."""
+def _train_map(world: World, seed: int) -> ReachableMap:
+    """What the left hand can reach, by gaze posture."""
     params = MapParams(gaze_limits=_GAZE, n_labels=3000)
-    reachable_map = train_reachable_map(world.robot, "left", np.random.default_rng(seed), params)
-    answers = []
-    for log in logs:
-        tracked = np.isfinite(log.track_m[:, 0])
-        points = [fixation_point(world.robot.at(q)) for q in log.q_rad[tracked]]
-        gaze = gaze_for_points(world.robot, np.array([p for p in points if p is not None]).reshape(-1, 3), _GAZE)
-        verdict = reachable_map.query(gaze[np.isfinite(gaze[:, 0])])
-        known = verdict.within_limits
-        share, degree = (
-            (np.mean(verdict.reachable[known]), np.mean(verdict.degree[known])) if known.any() else (np.nan, np.nan)
-        )
-        answers.append((float(share), float(degree)))
-    return answers
+    with tqdm(total=1, desc="reachable space", unit="map", disable=None) as bar:
+        learned = train_reachable_map(world.robot, "left", np.random.default_rng(seed), params)
+        bar.update()
+    return learned
+
+
+def _reach(world: World, reachable_map: ReachableMap, log: EncounterLog) -> dict[str, object]:
+    """Share of tracked frames whose fixation posture the map calls reachable, and the mean degree."""
+    points = [fixation_point(world.robot.at(q)) for q in log.q_rad[np.isfinite(log.track_m[:, 0])]]
+    gaze = gaze_for_points(world.robot, np.array([p for p in points if p is not None]).reshape(-1, 3), _GAZE)
+    verdict = reachable_map.query(gaze[np.isfinite(gaze[:, 0])])
+    known = verdict.within_limits
+    if not known.any():
+        return {"reachable_share": None, "degree_of_reach": None}
+    return {
+        "reachable_share": float(verdict.reachable[known].mean()),
+        "degree_of_reach": float(verdict.degree[known].mean()),
+    }
 
 
 def _numbers(log: EncounterLog) -> dict[str, object]:
-    """What the report's table says of an encounter."""
+    """What the report's table says of an encounter; the warning is how long before the nearest point
+    (or the first touch) an activation passed the threshold for good."""
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     known = np.isfinite(error)
     past = np.flatnonzero(log.activations.max(axis=1) > THRESHOLD)
     nearest = int(np.argmin(log.surface_gap_m.min(axis=1)))
+    warned = len(past) and past[0] < nearest
     return {
         "touched": log.was_touched,
-        "arm_commanded": log.was_commanded,
+        "arm_moved": log.was_commanded,
         "smallest_gap_mm": 1000 * float(log.surface_gap_m.min()),
         "highest_activation": float(log.activations.max()),
-        "warning_s": float(log.stamps_s[nearest] - log.stamps_s[past[0]]) if len(past) else None,
+        "warning_s": float(log.stamps_s[nearest] - log.stamps_s[past[0]]) if warned else None,
         "tracked_share": sum(status == Status.TRACKING for status in log.status) / len(log.status),
         "track_rms_mm": 1000 * float(np.sqrt(np.mean(error[known] ** 2))) if known.any() else None,
     }
+
+
+_COLUMNS = {
+    "touched": "touched",
+    "smallest_gap_mm": "smallest gap (mm)",
+    "highest_activation": "highest activation",
+    "warning_s": "past 0.4 before nearest (s)",
+    "arm_moved": "arm moved",
+    "track_rms_mm": "3D RMS (mm)",
+    "reachable_share": "within reach (share)",
+    "degree_of_reach": "degree of reach",
+}
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.0f}" if isinstance(value, float) and value >= 20 else f"{value:.2f}"
 
 
 def _page(
@@ -144,69 +175,41 @@ def _page(
     folder: Path,
     memory: PPSMemory,
     logs: list[EncounterLog],
-    reach: list[tuple[float, float]],
+    numbers: list[dict[str, object]],
     watch: Stopwatch,
 ) -> str:
     """The report."""
-    rows = []
-    for log, (share, degree) in zip(logs, reach, strict=True):
-        n = _numbers(log)
-        rows.append(
-            [
-                log.title,
-                "yes" if n["touched"] else "no",
-                f"{n['smallest_gap_mm']:.0f}",
-                f"{n['highest_activation']:.2f}",
-                "–" if n["warning_s"] is None else f"{n['warning_s']:.2f}",
-                "yes" if n["arm_commanded"] else "no",
-                "–" if n["track_rms_mm"] is None else f"{n['track_rms_mm']:.1f}",
-                "–" if np.isnan(share) else f"{100 * share:.0f}",
-                "–" if np.isnan(degree) else f"{degree:.2f}",
-            ]
-        )
-    header = (
-        "encounter",
-        "touched",
-        "smallest gap (mm)",
-        "highest activation",
-        "past 0.4 before nearest (s)",
-        "arm moved",
-        "3D RMS (mm)",
-        "within reach (% of frames)",
-        "degree of reach",
-    )
-    ms = watch.summary()
-    timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in ms.items())
-    inner = [i for i, name in enumerate(memory.taxel_ids) if memory.counts[i].any()]
+    rows = [[log.title, *(_cell(n[key]) for key in _COLUMNS)] for log, n in zip(logs, numbers, strict=True)]
+    timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in watch.summary().items())
+    stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
     sections = (
         report.Section(
             "What happened",
             "A touch is the object's surface within 20 mm of a taxel's centre. The gap is the truth's, from the "
-            "surface to the nearest taxel's centre. Reach is what the learned map says of the eyes' fixation "
-            "posture for the left hand.",
-            report.table(header, rows),
+            "surface to the nearest taxel's centre. What stands still first moves 5 cm away from the skin, so that the "
+            "eyes have it. Reach is what the learned map says of the eyes' fixation posture for the left hand.",
+            report.table(["encounter", *_COLUMNS.values()], rows),
         ),
         report.Section(
             "Distance, expectation, answer",
-            "Each thin line is one taxel (left forearm and palm). Where an activation passes 0.4 the arm moves away at "
-            "10 cm/s; red shading is touch.",
+            f"Each thin line is one taxel (left forearm and palm). Where an activation stays past {THRESHOLD:g} for "
+            "0.1 s the arm moves away at 10 cm/s; a single frame, as when something stops dead, does not count. Red "
+            "shading is touch.",
             report.image(figures.encounters(logs, THRESHOLD)),
         ),
         report.Section(
             "What the skin learned",
             f"After {demo.trials} rendered approaches of a ball and a cube: how likely a stimulus at this distance and "
             "time to contact is to touch the taxel.",
-            report.image(figures.landscapes(memory, inner)),
+            report.image(figures.landscapes(memory, stimulated)),
         ),
         report.Section(
             "The path in space",
-            "What the eyes made of the octopus, with their own uncertainty, against where it really was.",
+            "What the eyes made of the octopus, with their own uncertainty, against where its centre really was.",
             report.image(figures.path(logs[1])),
         ),
         report.Section(
-            "How long it took",
-            f"Median milliseconds a stereo pair and stage, everything on this machine: {timing}.",
-            "",
+            "How long it took", f"Median milliseconds a stereo pair and stage on this machine: {timing}.", ""
         ),
     )
     return report.page(

@@ -3,7 +3,6 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import tyro
@@ -12,17 +11,16 @@ from tqdm import tqdm
 from learning.memory import PPSMemory, load_memory, save_memory
 from pps_vision.app import figures
 from pps_vision.app.pipeline import Pipeline, PipelineParams
-from pps_vision.recordings.calibration import read_icub_eyes
+from pps_vision.app.stopwatch import Stopwatch
+from pps_vision.app.track import Mode, tracker_for
 from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.problems import BadInput
-from pps_vision.recordings.recording import Recording, Touch
+from pps_vision.recordings.recording import Touch
 from pps_vision.recordings.yarp import open_yarp
-from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Mask
-from tracking.tracker import Tracker, TrackerParams
+from tracking.tracker import TrackerParams
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,12 @@ class Learn:
     """Where to write the memory (.npz)."""
     into: Path | None = None
     """An earlier memory to go on from; default: an empty one."""
-    mode: Literal["generic", "marker"] = "generic"
+    calib: Path | None = None
+    """icubEyes.ini for recordings without their own."""
+    mode: Mode = "generic"
     """How the object is tracked."""
+    max_skew_s: float = 0.02
+    """Left and right images further apart in time are no pair."""
     seed: int = 0
     """Seed of the particles."""
 
@@ -50,40 +52,37 @@ class Learn:
             raise ValueError(
                 f"{self.into}: knows {len(memory.taxel_ids)} other taxels; expected this robot's {len(skin.taxel_ids)}"
             )
-        failed = 0
+        failed = []
         with whole_file(self.out) as partial:
             for folder in tqdm(self.recordings, desc="learn", unit="recording", disable=None):
                 try:
-                    memory, contacts = learn_recording(open_yarp(folder), robot, skin, memory, self.mode, self.seed)
-                except BadInput as error:
-                    failed += 1
-                    print(f"skipped: {error}", file=sys.stderr)
-                else:
-                    print(f"{folder}: {contacts} contacts, {int(memory.counts.sum())} samples so far")
-            if failed == len(self.recordings):
-                raise ValueError(f"learn: none of the {failed} recordings could be read")
+                    memory = self._learn_from(folder, robot, skin, memory)
+                except ValueError as error:
+                    failed.append(error)
+                    if len(self.recordings) > 1:
+                        print(f"skipped: {error}", file=sys.stderr)
+            if len(failed) == len(self.recordings):
+                raise (
+                    failed[-1] if len(failed) == 1 else ValueError(f"learn: none of {len(failed)} recordings is usable")
+                )
             save_memory(partial, memory)
-        print(f"→ {self.out}")
+        print(f"{len(self.recordings) - len(failed)} of {len(self.recordings)} recordings learned → {self.out}")
 
-
-def learn_recording(
-    recording: Recording, robot: Robot, skin: Skin, memory: PPSMemory, mode: Literal["generic", "marker"], seed: int
-) -> tuple[PPSMemory, int]:
-    """The memory after a recording, and how many contacts it held; problems are printed."""
-    if recording.calibration is None:
-        raise BadInput(recording.name, "holds no icubEyes.ini; expected the calibration of its eyes")
-    rig = icub_rig(robot, *read_icub_eyes(recording.calibration, recording.image_size))
-    tracker = Tracker(TrackerParams(mode=mode), rig, np.random.default_rng(seed), own_body=Silhouette(robot))
-    pipeline = Pipeline(PipelineParams(), robot, skin, tracker, memory, np.random.default_rng(seed))
-    contacts, touching = 0, False
-    for frame in recording:
-        touched = touched_at(recording.touches, frame.stamp_s, skin)
-        contacts += bool(touched.any()) and not touching
-        touching = bool(touched.any())
-        pipeline.step(frame, touched)
-    for problem in recording.problems:
-        print(f"skipped: {problem}", file=sys.stderr)
-    return pipeline.finish(), contacts
+    def _learn_from(self, folder: Path, robot: Robot, skin: Skin, memory: PPSMemory) -> PPSMemory:
+        """The memory after a recording; what was skipped in it is printed, whatever happens."""
+        recording = open_yarp(folder, self.max_skew_s)
+        tracker = tracker_for(recording, TrackerParams(mode=self.mode), self.seed, Stopwatch(), self.calib)
+        pipeline = Pipeline(PipelineParams(), robot, skin, tracker, memory, np.random.default_rng(self.seed))
+        try:
+            for frame in recording:
+                pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
+        finally:
+            for problem in recording.problems:
+                print(f"skipped: {problem}", file=sys.stderr)
+        learned = pipeline.finish()
+        gained = int(learned.counts.sum() - memory.counts.sum())
+        print(f"{folder}: {gained} samples learned, {len(recording.problems)} problems skipped")
+        return learned
 
 
 def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin, max_age_s: float = 0.06) -> Mask:

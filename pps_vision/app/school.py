@@ -54,6 +54,8 @@ def fresh_pipeline(world: World, memory: PPSMemory, stopwatch: Stopwatch | None 
 
 def teach(world: World, params: SchoolParams) -> PPSMemory:
     """What the skin remembers in the end; the inner taxels are aimed at in turn, objects alternate."""
+    if params.trials < 1 or not params.objects:
+        raise ValueError(f"{params.trials} trials with {len(params.objects)} objects; expected at least one of each")
     memory = PPSMemory.empty(world.skin)
     for trial in tqdm(range(params.trials), desc="learning", unit="approach", disable=None):
         taxel = f"left_forearm:{INNER_FOREARM[trial % len(INNER_FOREARM)]}"

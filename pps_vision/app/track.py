@@ -26,6 +26,7 @@ from pps_vision.types import Array, Detection2D, Status, Track3D, Truth
 from tracking.tracker import Tracker, TrackerParams
 
 Mode = Literal["generic", "marker"]
+Depth = Literal["centroid", "disparity"]
 _FILES = ("detections.csv", "trajectory.csv", "summary.json", "overlay.mp4")
 _WARM_UP = 10  # frames a tracker is given before its errors count
 
@@ -54,6 +55,8 @@ class Track:
     """Metres per length unit of the OpenCV calibration (0.01 if its board was measured in cm)."""
     mode: Mode = "generic"
     """generic: whatever moves; marker: a green marker, the cheaper road."""
+    depth: Depth = "centroid"
+    """centroid: where both eyes see the centre; disparity: matching inside the region, for textured objects."""
     max_skew_s: float = 0.02
     """Left and right images further apart in time are no pair."""
     video: bool = False
@@ -68,8 +71,7 @@ class Track:
         detections: list[tuple[int, Detection2D, Status]] = []
         tracks: list[Track3D] = []
         with whole_folder(self.out, _FILES) as folder:
-            fps = self.fps if self.rec is None else _rate(recording)
-            with VideoFile(folder / "overlay.mp4", fps) as film:
+            with VideoFile(folder / "overlay.mp4", _rate(recording)) as film:
                 frames = tqdm(recording.numbered(), total=len(recording), desc="track", unit="pair", disable=None)
                 for number, frame in frames:
                     with stopwatch("total"):
@@ -91,23 +93,25 @@ class Track:
         if (self.rec is None) == (not self.left and not self.right):
             raise ValueError("track: expected either a recording folder REC, or --left and --right with --calib")
         if self.rec is not None:
+            if len(self.calib) > 1:
+                raise ValueError(f"track: {len(self.calib)} files after --calib; expected one icubEyes.ini with REC")
             recording = open_yarp(self.rec, self.max_skew_s)
-            return recording, tracker_for(
-                recording, self.mode, self.seed, stopwatch, self.calib[0] if self.calib else None
-            )
+            return recording, tracker_for(recording, self._params(), self.seed, stopwatch, *self.calib)
         if not (self.left and self.right and self.calib):
             raise ValueError("track: --left, --right and --calib go together; one is missing")
         recording = open_stereo_images(self.left, self.right, self.fps)
         left, right, T_left_right = read_stereo_calibration(self.calib, recording.image_size, self.unit_m)
         rig = StereoRig.fixed(left, right, T_left_right)
-        return recording, Tracker(
-            TrackerParams(mode=self.mode), rig, np.random.default_rng(self.seed), stages=stopwatch
-        )
+        return recording, Tracker(self._params(), rig, np.random.default_rng(self.seed), stages=stopwatch)
+
+    def _params(self) -> TrackerParams:
+        return TrackerParams(mode=self.mode, depth=self.depth)
 
     def _summary(self, recording: Recording, tracks: list[Track3D], stopwatch: Stopwatch) -> dict[str, object]:
         summary: dict[str, object] = {
             "source": recording.name,
             "mode": self.mode,
+            "depth": self.depth,
             "seed": self.seed,
             "pairs": len(recording),
             "frames": len(tracks),
@@ -121,7 +125,7 @@ class Track:
 
 
 def tracker_for(
-    recording: Recording, mode: Mode, seed: int, stopwatch: Stopwatch, calibration: Path | None = None
+    recording: Recording, params: TrackerParams, seed: int, stopwatch: Stopwatch, calibration: Path | None = None
 ) -> Tracker:
     """A tracker for an iCub's recording, with its own calibration unless another is given."""
     eyes = calibration or recording.calibration
@@ -129,7 +133,6 @@ def tracker_for(
         raise BadInput(recording.name, "holds no icubEyes.ini; expected a calibration there or by --calib")
     robot = load_icub()
     rig = icub_rig(robot, *read_icub_eyes(eyes, recording.image_size))
-    params = TrackerParams(mode=mode)
     return Tracker(params, rig, np.random.default_rng(seed), own_body=Silhouette(robot), stages=stopwatch)
 
 
@@ -158,8 +161,10 @@ def _rms(values: Array) -> float:
 
 
 def _rate(recording: Recording) -> float:
-    stamps = [left.stamp_s for left, _ in recording.pairs]
-    return float(1 / np.median(np.diff(stamps))) if len(stamps) > 1 else 20.0
+    """Frames a second, for the video."""
+    steps = np.diff([left.stamp_s for left, _ in recording.pairs])
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return 1 / usual if usual > 0 else 20.0
 
 
 def _headline(tracks: list[Track3D], recording: Recording, stopwatch: Stopwatch) -> str:
@@ -167,5 +172,6 @@ def _headline(tracks: list[Track3D], recording: Recording, stopwatch: Stopwatch)
     line = f"{tracked} of {len(tracks)} pairs tracked, median {np.median(stopwatch.ms['total']):.1f} ms a pair"
     if recording.truth:
         errors = errors_against(recording.truth, tracks)
-        line += f", 3D RMS {errors['position_rms_mm']:.2f} mm"
+        if np.isfinite(errors["position_rms_mm"]):
+            line += f", 3D RMS {errors['position_rms_mm']:.2f} mm"
     return line + (f", {len(recording.problems)} problems skipped" if recording.problems else "")

@@ -38,6 +38,8 @@ class Loop:
 
     def run(self) -> dict[str, object]:
         """Counts by case, with what the tracker was worth meanwhile."""
+        if self.n < 1:
+            raise ValueError(f"bench loop: --n {self.n}; expected at least 1")
         with open_world(self.school.noise_sigma, self.seed) as world:
             memory = teach(world, self.school)
             logs = {case: [self.encounter(world, memory, case, k) for k in self._numbers(case)] for case in CASES}

@@ -1,5 +1,6 @@
 """The same code on real data nobody here made."""
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -25,8 +26,8 @@ class Real:
     What is absent is skipped, saying so.
     """
 
-    data: Path = Path("../shared/data")
-    """Folder that holds vot_ball1, baseball, pps_real_robot and yarp_dump."""
+    data: Path = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
+    """Folder that holds vot_ball1, baseball, pps_real_robot and yarp_dump (default: what PPS_VISION_DATA names)."""
     seed: int = 0
     """Seed of the particles."""
 

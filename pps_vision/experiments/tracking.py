@@ -13,6 +13,7 @@ from pps_vision.app.track import Mode, errors_against, tracker_for
 from pps_vision.recordings.yarp import open_yarp
 from rendering.motions import MotionName
 from rendering.stimuli import StimulusName
+from tracking.tracker import TrackerParams
 
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk", "approach")
 
@@ -32,6 +33,8 @@ class Tracking:
 
     def run(self) -> dict[str, object]:
         """Medians and worst over the recordings, by object."""
+        if self.n < 1 or self.seconds < 1:
+            raise ValueError(f"bench tracking: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
         return {"ball": self._measure("ball", "generic"), "marker": self._measure("marker", "marker")}
 
     def _measure(self, stimulus: StimulusName, mode: Mode) -> dict[str, object]:
@@ -48,7 +51,7 @@ class Tracking:
                     seed=self.seed + k,
                 ).record()
                 recording = open_yarp(folder)
-                tracker = tracker_for(recording, mode, self.seed + k, stopwatch)
+                tracker = tracker_for(recording, TrackerParams(mode=mode), self.seed + k, stopwatch)
                 tracks = []
                 for frame in recording:
                     with stopwatch("total"):

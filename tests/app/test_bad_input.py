@@ -26,10 +26,12 @@ def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Pa
     assert not (tmp_path / "out").exists()
 
 
-def test_nothing_is_learned_from_unreadable_recordings(refused_with, tmp_path: Path) -> None:
-    lines = refused_with("learn", tmp_path / "gone", "--out", tmp_path / "m.npz")
+def test_nothing_is_learned_from_unreadable_recordings(refused, refused_with, tmp_path: Path) -> None:
+    assert "gone" in refused("learn", tmp_path / "gone", "--out", tmp_path / "m.npz")
+    lines = refused_with("learn", tmp_path / "gone", tmp_path / "lost", "--out", tmp_path / "m.npz")
     assert "gone" in lines[0]
-    assert "none of the 1 recordings" in lines[-1]
+    assert "lost" in lines[1]
+    assert "none of 2 recordings" in lines[2]
     assert list(tmp_path.iterdir()) == []
 
 
@@ -87,6 +89,27 @@ def test_a_first_box_outside_the_image(refused, approach: Path, tmp_path: Path) 
 
 def test_a_folder_without_frames(refused, tmp_path: Path) -> None:
     assert "no usable frame" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "bench tracking --n 0",
+        "bench fixation --n 0",
+        "bench loop --n 0",
+        "demo --trials 0",
+        "bench loop --school.trials 0",
+    ],
+)
+def test_experiments_on_nothing(refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "expected at least" in refused(*words.split())
+    assert [file for file in tmp_path.rglob("*") if file.is_file()] == []
+
+
+def test_two_calibrations_for_one_recording(refused, approach: Path, tmp_path: Path) -> None:
+    eyes = approach / "icubEyes.ini"
+    assert "expected one" in refused("track", approach, "--calib", eyes, eyes, "--out", tmp_path / "out")
 
 
 def test_a_memory_that_is_none(refused, tmp_path: Path) -> None:

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from control.fixation import FixationParams, features, fixation_error, gaze_at, point_of_pixels, step
+from control.fixation import FixationParams, features, fixation_error, gaze_at, step
 from control.head import gaze_columns, gaze_of
+from pps_vision.geometry.triangulation import triangulate
 from pps_vision.robot.gaze import fixation_point
 from pps_vision.robot.icub import home, icub_rig, set_gaze
 from pps_vision.robot.model import Robot
@@ -130,15 +131,10 @@ def test_the_image_alone_will_do(robot: Robot) -> None:
     rig, p, q = icub_rig(robot), np.array([-0.35, -0.12, 0.2]), gaze_at(robot, home(robot), (-0.4, 0.0, 0.25))
     for _ in range(30):
         view = rig.view(q)
-        seen = point_of_pixels(view, view.left.project(p), view.right.project(p))
+        seen = triangulate(view, view.left.project(p), view.right.project(p), np.eye(2), np.eye(2))
         assert seen is not None
-        q = move(robot, q, step(PARAMS, robot.at(q), seen, dt_s=DT).dq_rad_s)
+        q = move(robot, q, step(PARAMS, robot.at(q), seen.p_root, dt_s=DT).dq_rad_s)
     assert fixation_error(robot.at(q), p) < 0.5 * DEG
-
-
-def test_pixels_whose_rays_diverge_show_no_point(robot: Robot) -> None:
-    view = icub_rig(robot).view(home(robot))
-    assert point_of_pixels(view, (40.0, 110.0), (280.0, 110.0)) is None
 
 
 @pytest.mark.parametrize("frame", ["left_palm", "left_forearm"])
