@@ -174,7 +174,8 @@ def make_encounter(
         return Encounter("own arm moving", stimulus, None, 4.0)
     posture = world.robot.at(world.home)
     index = world.skin.index(taxel)
-    point = world.skin.at(posture)[0][index]
+    taxels, _ = world.skin.at(posture)
+    point = taxels[index]
     radius = make_stimulus(stimulus).radius_m
     aim = at_taxel(world.skin, posture, index, radius + (REACH_M.get(kind, 0.0) if reach_m is None else reach_m))
     for _ in range(200):
@@ -190,7 +191,8 @@ def make_encounter(
             stop = point + rng.uniform(*_STANDS_M) * away
             motion = Recede(stop - 0.05 * away, stop, speed_m_s)
             seconds, title = 5.0, "standing still"
-        if can_follow(world.robot, world.rig, world.home, motion, seconds):
+        begins_touching = touched_taxels(taxels, motion(0.0)[0], radius).any()
+        if not begins_touching and can_follow(world.robot, world.rig, world.home, motion, seconds):
             return Encounter(f"{stimulus} {title}", stimulus, motion, seconds)
     raise ValueError(f"no {kind} about {taxel} stays in view of both eyes; expected a taxel the home posture shows")
 
@@ -203,7 +205,8 @@ def at_taxel(skin: Skin, posture: Posture, index: int, reach_m: float) -> Target
 
 
 def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) -> Array:
-    """Where a centre that moves straight from `start` to `target` first comes within `reach_m` of a taxel."""
+    """Where a centre that moves straight from `start` to a `target` taxel first comes within `reach_m` of one
+    (those it starts beside are passed)."""
     way = target - start
     length = float(np.linalg.norm(way))
     u = way / length
@@ -211,7 +214,7 @@ def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) ->
     aside2 = np.sum((taxels - start) ** 2, axis=1) - along**2
     hit = aside2 < reach_m**2
     travelled = along[hit] - np.sqrt(reach_m**2 - aside2[hit])
-    return start + max(float(travelled.min()), 0.0) * u
+    return start + float(travelled[travelled > 0].min()) * u
 
 
 def _unit(vector: ArrayLike) -> Array:

@@ -111,6 +111,7 @@ class Render:
     ) -> tuple[Array, Motion]:
         """The robot at home fixating the start of a random motion that both eyes can follow."""
         q_home, skin = home(robot), icub_skin()
+        taxels, _ = skin.at(robot.at(q_home))
         aim = at_taxel(skin, robot.at(q_home), skin.index(self.target), radius_m + REACH_M.get(self.motion, 0.0))
         for _ in range(200):
             speed = rng.uniform(0.05, 0.15) if self.speed is None else self.speed
@@ -118,7 +119,8 @@ class Render:
             motion = make_motion(self.motion, rng, center, speed, aim)
             path = [motion(t)[0] for t in np.linspace(0, self.seconds, 4 * math.ceil(self.seconds) + 1)]
             q = q_home if finger is None else finger.follow(q_home, path)
-            if q is not None and can_follow(robot, rig, q, motion, self.seconds):
+            begins_touching = touched_taxels(taxels, path[0], radius_m).any()
+            if q is not None and not begins_touching and can_follow(robot, rig, q, motion, self.seconds):
                 return fixation.gaze_at(robot, q, path[0]), motion
         raise ValueError(
             f"render: no {self.motion} about {self.target if self.center is None else self.center} stays in view of "
@@ -131,7 +133,7 @@ class Render:
         if self.head == "still":
             return dq
         if self.head == "follow":
-            dq = fixation.step(fixation.FixationParams(gain_per_s=min(12.0, 0.6 / dt)), robot.at(q), p, v, dt).dq_rad_s
+            dq = fixation.step(fixation.FixationParams(gain_per_s=min(8.0, 0.6 / dt)), robot.at(q), p, v, dt).dq_rad_s
         phase = 2 * np.pi * _SWAY_HZ
         yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
         dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)

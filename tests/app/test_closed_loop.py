@@ -53,6 +53,12 @@ def test_encounters(world: World, memory: PPSMemory, case: Case, touched: bool, 
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
 
 
+def test_what_it_starts_beside_is_passed() -> None:
+    target, beside = np.zeros(3), np.array([0.0, 0.03, 0.25])
+    start = np.array([0.0, 0.0, 0.26])
+    assert first_contact(start, target, np.stack([target, beside]), 0.05) == pytest.approx([0, 0, 0.05])
+
+
 def test_first_contact_is_where_the_reach_is_met() -> None:
     rng = np.random.default_rng(5)
     for _ in range(50):
