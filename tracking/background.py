@@ -9,11 +9,14 @@ from pps_vision.types import Image
 from tracking.ego_motion import EgoMotion
 
 _RISE_LEVELS = 1.5  # grey levels from 'certainly background' to even odds, and again to certain
-_ROOM = 1.0  # 1/m, about the inverse distance of a room's walls
 
 
 class Background:
-    """A running average of one eye's grey images, carried along with the eye and held where the object is."""
+    """A running average of one eye's grey images, held where the object is.
+
+    It begins anew when the eye moves: warped to another pose, every edge at an unknown distance
+    would pass for an object, and a confident wrong track is worse than none.
+    """
 
     def __init__(self, ego: EgoMotion, memory_s: float) -> None:
         self.ego, self.memory_s = ego, memory_s
@@ -23,11 +26,8 @@ class Background:
 
     def evidence(self, image: Image, view: View) -> NDArray[np.float32]:
         """(H, W) probability that each pixel is not the background: ½ at the noise's edge."""
-        if self._scene is None or self._view is None:
+        if self._scene is None or self._view is None or not self.ego.is_still(self._view, view):
             return np.zeros(image.shape[:2], np.float32)
-        if not self.ego.is_still(self._view, view):
-            self._scene = self.ego.warp(self._scene.astype(np.uint8), self._view, view, _ROOM).astype(np.float32)
-            self._view = view
         grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3)).astype(np.float32)
         kernel = np.ones((3, 3), np.uint8)
         over = cv2.max(grey - cv2.dilate(self._scene, kernel), cv2.erode(self._scene, kernel) - grey)
@@ -38,8 +38,8 @@ class Background:
     def learn(self, image: Image, view: View, stamp_s: float, boxes: list[tuple[float, float, float, float]]) -> None:
         """Take an image in, except around the `boxes` (x, y, width, height px) of what moves."""
         grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3)).astype(np.float32)
-        if self._scene is None:
-            self._scene, self._view = grey, view
+        if self._scene is None or self._view is None or not self.ego.is_still(self._view, view):
+            self._scene, self._view, self._stamp_s = grey, view, stamp_s
         rate = 1 - float(np.exp(-max(stamp_s - self._stamp_s, 0.0) / self.memory_s))
         newer = self._scene + rate * (grey - self._scene)
         for x, y, w, h in boxes:
