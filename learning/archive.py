@@ -2,11 +2,18 @@
 
 import os
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+# What NumPy and the zip reader under it raise for a file that is damaged or no .npz at all.
+UNREADABLE = (
+    *(OSError, ValueError, EOFError, AttributeError, TypeError, KeyError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error),
+)
 
 
 def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
@@ -28,11 +35,11 @@ def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) ->
             present = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file; expected a {kind} (.npz)") from None
-    except (OSError, ValueError, EOFError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise ValueError(f"{path}: is not a readable .npz file; expected a {kind}") from error
     if "kind" not in present or str(present["kind"]) != kind:
         raise ValueError(f"{path}: is not a {kind}")
-    if "version" not in present or int(present["version"]) != version:
+    if "version" not in present or str(present["version"]) != str(version):
         raise ValueError(f"{path}: {kind} of version {present.get('version', 'unknown')}; expected version {version}")
     missing = [name for name in names if name not in present]
     if missing:

@@ -147,10 +147,10 @@ def load_memory(path: Path) -> PPSMemory:
     names = ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins")
     data = read_archive(path, _KIND, _VERSION, names)
     try:
-        counts = np.asarray(data["counts"], dtype=np.int64)
+        counts = data["counts"].astype(np.int64, casting="same_kind")
         (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float)
         params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), float(data["sigma_bins"]))
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
-        return PPSMemory(taxel_ids, np.asarray(data["part_index"], dtype=np.intp), counts, params)
+        return PPSMemory(taxel_ids, data["part_index"].astype(np.intp, casting="same_kind"), counts, params)
     except (ValueError, TypeError, IndexError) as error:
         raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error

@@ -3,12 +3,12 @@
 Trials are those of the authors' released data: an object approaches four taxels of a real robot.
 """
 
-import zipfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from learning.archive import UNREADABLE
 from learning.buffer import BufferParams, EventBuffer, resample
 from learning.memory import MemoryParams, PPSMemory, activation, learn
 from learning.receptive_field import ReceptiveField, distance_and_ttc
@@ -55,7 +55,7 @@ def load_trials(path: Path) -> tuple[Trial, ...]:
     try:
         with np.load(path) as file:
             data = {name: file[name] for name in _ARRAYS}
-    except (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise ValueError(f"{path}: expected an .npz file with {', '.join(_ARRAYS)}") from error
     n_trials, n_taxels = data["outcome"].shape
     starts = data["offsets"]

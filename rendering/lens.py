@@ -9,7 +9,6 @@ import numpy as np
 from pps_vision.geometry.camera import Camera
 
 _MARGIN_PX = 2  # the interpolation's reach
-_INVERTED_PX = 0.1  # how well distorting must undo undistorting
 
 
 @dataclass(frozen=True)
@@ -30,9 +29,7 @@ def make_lens(camera: Camera) -> Lens:
     """The lens of a camera; ValueError where its distortion cannot be undone over the image."""
     if not any(camera.distortion):
         return Lens(camera, None)
-    recorded = np.moveaxis(np.mgrid[: camera.height, : camera.width][::-1], 0, -1)
-    error_px = np.abs(camera.project(camera.bearing_map) - recorded).max()
-    if not error_px < _INVERTED_PX:  # NaN where the model folds back
+    if not camera.is_usable():
         raise ValueError(
             f"distortion {camera.distortion} leaves parts of {camera.width}×{camera.height} px undefined; "
             "expected a lens that can be undone over the whole image"

@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.types import Array, StereoFrame
 
+_GRID = 17  # pixels a side at which a lens is tried
+_INVERTED_PX = 1.0  # how well distorting must undo undistorting
+_NARROWEST_RAD = 0.01  # no camera sees less of the world than half a degree
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
@@ -109,6 +112,20 @@ class Camera:
         """(height, width) solid angle (sr) that each pixel covers."""
         du, dv = np.gradient(self.bearing_map, axis=1), np.gradient(self.bearing_map, axis=0)
         return np.linalg.norm(np.cross(du, dv), axis=-1)
+
+    def is_usable(self) -> bool:
+        """Whether, all over the image, a pixel's bearing projects back to it (within 1 px) and bearings
+        differ from each other, as they cannot with absurd intrinsics or a distortion that folds back."""
+        grid = np.meshgrid(np.linspace(0, self.width - 1, _GRID), np.linspace(0, self.height - 1, _GRID))
+        pixels = np.stack(grid, axis=-1)
+        try:
+            with np.errstate(all="ignore"):  # absurd numbers overflow
+                rays = self.bearings(pixels)
+                error_px = np.abs(self.project(rays) - pixels).max()
+                across_rad, down_rad = np.linalg.norm([rays[0, -1] - rays[0, 0], rays[-1, 0] - rays[0, 0]], axis=1)
+        except np.linalg.LinAlgError:  # coefficients beyond any number
+            return False
+        return bool(error_px < _INVERTED_PX and min(across_rad, down_rad) > _NARROWEST_RAD)  # False for NaN
 
     @property
     def focal_px(self) -> float:

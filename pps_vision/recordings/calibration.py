@@ -51,10 +51,12 @@ def _icub_camera(file: Path, section: str, sections: Mapping[str, tuple[int, dic
             raise BadInput(file, f"{key} {text}; expected a number", line) from error
         if not abs(values[key]) < float("inf"):
             raise BadInput(file, f"{key} {text}; expected a finite number", line)
-        if key in ("w", "h", "fx", "fy") and not values[key] > 0:
+        if key in ("fx", "fy") and not values[key] > 0:
             raise BadInput(file, f"{key} {text}; expected a positive number", line)
+        if key in ("w", "h") and not (values[key] >= 1 and values[key].is_integer()):
+            raise BadInput(file, f"{key} {text}; expected a whole number of pixels", line)
     w, h, fx, fy, cx, cy, k1, k2, p1, p2 = (values[key] for key in _KEYS)
-    return Camera(round(w), round(h), fx, fy, cx, cy, (k1, k2, p1, p2, 0.0))
+    return Camera(int(w), int(h), fx, fy, cx, cy, (k1, k2, p1, p2, 0.0))
 
 
 def write_icub_eyes(file: Path, left: Camera, right: Camera) -> None:
@@ -71,7 +73,14 @@ def write_icub_eyes(file: Path, left: Camera, right: Camera) -> None:
 
 
 def fit_to_images(camera: Camera, image_size: tuple[int, int] | None, file: Path) -> Camera:
-    """The camera for images of another resolution (width, height); BadInput if their proportions differ."""
+    """The camera for images of another resolution (width, height).
+
+    BadInput if their proportions differ, or the camera has no bearing for every pixel.
+    """
+    if not camera.is_usable():
+        numbers = f"fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}"
+        found = f"{camera.width}×{camera.height} pixels, {numbers}, distortion {camera.distortion}"
+        raise BadInput(file, f"{found}; expected a camera whose pixels can be traced back to distinct directions")
     if image_size is None or image_size == (camera.width, camera.height):
         return camera
     width, height = image_size

@@ -39,16 +39,17 @@ def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fp
     common = left.keys() & right.keys()
     both = [files({n: paths[n] for n in common}) for paths in (left, right)]
     pairs = tuple(zip(*both, strict=True))
-    name = " ".join(left_globs)
+    name = _briefly(left_globs)
     return Recording(name, pairs, size_of_first(name, pairs, problems), problems)
 
 
 def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Path]:
     """The files that patterns (or names, where the shell expanded them) match, by their number;
     one without a number is noted."""
-    paths = [path for pattern in patterns for path in map(Path, glob(pattern, recursive=True)) if path.is_file()]
+    matched = {Path(name).absolute(): Path(name) for pattern in patterns for name in glob(pattern, recursive=True)}
+    paths = [path for path in matched.values() if path.is_file()]
     if not paths:
-        raise BadInput(" ".join(patterns), "matches no file; expected a pattern of image files, such as 'left/*.png'")
+        raise BadInput(_briefly(patterns), "matches no file; expected a pattern of image files, such as 'left/*.png'")
     numbered: dict[int, Path] = {}
     for path in sorted(paths, key=natural_order):
         number = number_in(path)
@@ -60,6 +61,11 @@ def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Pa
         else:
             numbered[number] = path
     return numbered
+
+
+def _briefly(patterns: Sequence[str]) -> str:
+    """The first of what may be hundreds of names, where a shell expanded the pattern."""
+    return patterns[0] + (f" (and {len(patterns) - 1} more)" if len(patterns) > 1 else "")
 
 
 @dataclass(frozen=True)

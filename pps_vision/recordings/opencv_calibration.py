@@ -105,8 +105,8 @@ def _calibrated_size(entries: Sequence[Entry], file: Path) -> tuple[int, int] | 
         width, height = _find(group, Kind.WIDTH, None, (1,)), _find(group, Kind.HEIGHT, None, (1,))
         numbers = size.numbers if size else np.concatenate([e.numbers for e in (width, height) if e] or [np.zeros(0)])
         if len(numbers) == 2:
-            if not np.all(numbers >= 1):
-                raise BadInput(file, f"image size {numbers.tolist()}; expected a width and a height in pixels")
+            if not np.all((numbers >= 1) & (numbers == np.floor(numbers))):
+                raise BadInput(file, f"image size {numbers.tolist()}; expected a width and a height in whole pixels")
             return int(numbers[0]), int(numbers[1])
     return None
 

@@ -15,32 +15,34 @@ def whole_folder(folder: Path, results: Collection[str] = ()) -> Iterator[Path]:
 
     `results` names the files a run may write: where `folder` exists, an earlier run's are replaced
     or removed and everything else in it stays.  Without names it must be new or empty.
+    An existing folder is never replaced: a shell may stand in it, or a disk be mounted there.
     Entering is the check: BadInput if the place cannot be written.
     """
     final = folder.resolve()
     if final.exists() and not final.is_dir():
         raise BadInput(folder, "is a file; expected a folder to write to")
-    present = sorted(os.listdir(final)) if final.exists() else []
-    if present and not results:
-        raise BadInput(folder, f"already holds {present[0]}; expected a new or empty folder to write to")
-    partial = _beside(final, "partial")
+    exists = final.exists()
+    partial = _beside(final / "out" if exists else final, "partial")
     try:
+        present = sorted(os.listdir(final)) if exists else []
         partial.mkdir(parents=True)
-        if final.exists() and not os.access(final, os.W_OK | os.X_OK):
-            raise PermissionError("Permission denied")
     except OSError as error:
-        shutil.rmtree(partial, ignore_errors=True)
         raise BadInput(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
     try:
+        if present and not results:
+            raise BadInput(folder, f"already holds {present[0]}; expected a new or empty folder to write to")
+        for name in results:
+            if (final / name).is_dir():
+                raise BadInput(final / name, "is a folder; expected none where a file is to be written")
         yield partial
-        if not present:
+        if not exists:
             partial.replace(final)
             return
-        for name in results:
-            if (partial / name).exists():
-                (partial / name).replace(final / name)
-            else:
-                (final / name).unlink(missing_ok=True)
+        written = [file.name for file in partial.iterdir()]
+        for name in written:
+            (partial / name).replace(final / name)
+        for name in set(results).difference(written):
+            (final / name).unlink(missing_ok=True)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

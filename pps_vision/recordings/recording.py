@@ -24,7 +24,8 @@ class Recording:
     """Stereo pairs in order of time; iterating decodes them one at a time.
 
     `len` counts the pairs, those included whose image turns out to be unreadable: they are
-    skipped and added to `problems`, which holds all that was skipped so far.
+    skipped and added to `problems`, which holds all that was skipped so far.  `name` is the
+    source as it was given.
     """
 
     name: str

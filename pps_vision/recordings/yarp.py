@@ -21,7 +21,8 @@ JOINT_PORTS = {
     "left_arm": ARM_PORT_JOINTS,
     "right_arm": ARM_PORT_JOINTS,
 }
-MAX_JOINT_GAP_S = 0.1  # an image this far outside a joint log takes its nearest sample
+MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
+_STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts seconds since 1970
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
 
@@ -47,7 +48,7 @@ def open_yarp(folder: Path, max_skew_s: float = 0.02) -> Recording:
     posed = _with_joints(pairs, joints, problems)
     calibration, truth = folder / "icubEyes.ini", folder / "truth.csv"
     return Recording(
-        name=folder.resolve().name,
+        name=str(folder),
         pairs=posed,
         image_size=size_of_first(folder, posed, problems),
         problems=problems,
@@ -58,9 +59,9 @@ def open_yarp(folder: Path, max_skew_s: float = 0.02) -> Recording:
 
 
 def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
-    """The images a log names; BadInput for one that is not within the log's folder."""
+    """The images a log names; BadInput if it names none, or one that is not within its folder."""
     files = []
-    for row in read_log(log, None, problems):
+    for row in read_log(log, None, problems, distinct_stamps=True):
         if not row.words or len(row.words) > 2:  # the second is the pixel code, "[rgb]"
             found = f"{len(row.words)} words; expected index, stamp and the name of an image"
             problems.append(Problem(ProblemKind.ROW, log, row.line, found))
@@ -69,6 +70,9 @@ def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
         if name.is_absolute() or ".." in name.parts:
             raise BadInput(log, f"file name '{name}' points outside; expected a file beside the log", row.line)
         files.append(ImageFile(log.parent / name, row.stamp_s, log=log, line=row.line))
+    if not files:
+        why = f"; {problems[-1]}" if problems and problems[-1].file == log else ""
+        raise BadInput(log, f"names no image; expected rows of index, stamp and the name of an image{why}")
     return files
 
 
@@ -120,7 +124,7 @@ def _with_joints(
         problems += [
             Problem(
                 *(ProblemKind.JOINTS, file.cited, file.line),
-                f"{file.path.name} has no {port} joints; expected samples within {MAX_JOINT_GAP_S} s of its stamp",
+                f"{file.path.name} has no {port} joints; expected samples within {MAX_JOINT_GAP_S} s around its stamp",
             )
             for file, port in missing
         ]
@@ -135,7 +139,12 @@ def _with_joints(
 
 
 def _covers(stamps: Array, stamp_s: float) -> bool:
-    return bool(stamps[0] - MAX_JOINT_GAP_S <= stamp_s <= stamps[-1] + MAX_JOINT_GAP_S)
+    """Whether a sample is near, and those on both sides are close enough together to go between them."""
+    before = stamps[max(int(np.searchsorted(stamps, stamp_s, "right")) - 1, 0)]
+    after = stamps[min(int(np.searchsorted(stamps, stamp_s, "left")), len(stamps) - 1)]  # itself if a sample is there
+    nearest_s = min(abs(stamp_s - before), abs(after - stamp_s)) - _STAMP_RESOLUTION_S
+    between_s = after - before - _STAMP_RESOLUTION_S
+    return bool(nearest_s <= MAX_JOINT_GAP_S and between_s <= 2 * MAX_JOINT_GAP_S)
 
 
 def _at(stamps: Array, samples: Array, stamp_s: float) -> Array:

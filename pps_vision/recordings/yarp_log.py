@@ -3,7 +3,7 @@
 A dumper told to write both times puts the sender's stamp before the receiver's; the sender's counts.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,12 +21,12 @@ class LogRow:
     words: tuple[str, ...]
 
 
-def read_log(log: Path, n_numbers: int | None, problems: list[Problem]) -> list[LogRow]:
+def read_log(log: Path, n_numbers: int | None, problems: list[Problem], distinct_stamps: bool = False) -> list[LogRow]:
     """The readable rows of a log in the order of their stamps.
 
     `n_numbers` is the count of numbers a payload has; None where it begins with a word.  A row
-    that cannot be read or whose stamp goes backwards is noted and skipped.  BadInput if the log
-    cannot be opened, or holds rows but no readable one.
+    that cannot be read or whose stamp goes backwards (or, with `distinct_stamps`, comes again) is
+    noted and skipped.  BadInput if the log cannot be opened, or holds rows but no readable one.
     """
     expected = "index, stamp and " + ("words" if n_numbers is None else f"{n_numbers} numbers")
     try:
@@ -44,7 +44,7 @@ def read_log(log: Path, n_numbers: int | None, problems: list[Problem]) -> list[
     if bad and not rows:
         raise BadInput(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
     problems += bad
-    return _in_order(log, rows, problems)
+    return _in_order(log, rows, problems, distinct_stamps)
 
 
 def _parse(line: int, words: list[str], n_numbers: int | None) -> LogRow | None:
@@ -67,18 +67,19 @@ def _number(word: str) -> float | None:
         return None
 
 
-def _in_order(log: Path, rows: list[LogRow], problems: list[Problem]) -> list[LogRow]:
-    """The most rows whose stamps do not decrease, the others noted.
+def _in_order(log: Path, rows: list[LogRow], problems: list[Problem], distinct_stamps: bool) -> list[LogRow]:
+    """The most rows whose stamps do not decrease (or do increase), the others noted.
 
     The longest such subsequence, not a running maximum: one stamp that jumps ahead must not
     discard all the rows behind it.  Found from the end, so that of two rows which contradict
     each other the earlier is kept.
     """
+    bisect, rule = (bisect_left, "increase") if distinct_stamps else (bisect_right, "never go backwards")
     best_ends: list[float] = []  # −stamp at the end of the best run of every length
     at: list[int] = []  # the row that is there
     before = [-1] * len(rows)
     for i in range(len(rows) - 1, -1, -1):
-        length = bisect_right(best_ends, -rows[i].stamp_s)
+        length = bisect(best_ends, -rows[i].stamp_s)
         before[i] = at[length - 1] if length else -1
         best_ends[length : length + 1] = [-rows[i].stamp_s]
         at[length : length + 1] = [i]
@@ -88,7 +89,7 @@ def _in_order(log: Path, rows: list[LogRow], problems: list[Problem]) -> list[Lo
         i = before[i]
     lines = {row.line for row in kept}
     problems += [
-        Problem(ProblemKind.STAMP, log, row.line, f"stamp {row.stamp_s} s; expected stamps that never go backwards")
+        Problem(ProblemKind.STAMP, log, row.line, f"stamp {row.stamp_s} s; expected stamps that {rule}")
         for row in rows
         if row.line not in lines
     ]

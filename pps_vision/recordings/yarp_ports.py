@@ -21,12 +21,16 @@ def find_ports(folder: Path) -> dict[str, Path]:
     whose name holds left or right.  BadInput if two logs claim one port.
     """
     ports: dict[str, Path] = {}
-    for log in sorted(folder.rglob("data.log")):
+    logs = sorted(folder.rglob("data.log"))
+    for log in logs:
         port = _port(log.parent.relative_to(folder), log)
         if port in ports:
             raise BadInput(log, f"a second log for {port}; expected one, and {ports[port]} is there")
         if port is not None:
             ports[port] = log
+    for log in logs:
+        if log.parent.name in ("left", "right") and not _first_line(log).strip():
+            ports.setdefault(log.parent.name, log)  # it names no image, which its reader reports
     return ports
 
 

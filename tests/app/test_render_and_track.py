@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -134,3 +135,16 @@ def test_what_is_bad_in_one_frame_does_not_stop_the_others(
     assert summary["frames"] == len(open_yarp(approach)) - 1
     assert summary["skipped"]["bad_image"] == 1
     assert summary["skipped"]["bad_joints"] + summary["skipped"]["bad_row"] == 2
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_recording_with_a_stamp_that_comes_again_is_tracked(approach: Path, tmp_path: Path, side: str) -> None:
+    shutil.copytree(approach, tmp_path / "rec")
+    log = tmp_path / "rec" / "cam" / side / "data.log"
+    rows = log.read_text().splitlines()[:20]
+    rows[6] = " ".join([rows[6].split()[0], rows[5].split()[1], rows[6].split()[2]])
+    log.write_text("\n".join(rows))
+    main(["track", str(tmp_path / "rec"), "--out", str(tmp_path / "out")])
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["frames"], summary["skipped"]["backwards_stamp"]) == (19, 1)
+    assert summary["source"] == str(tmp_path / "rec")

@@ -1,5 +1,7 @@
 """Cameras against OpenCV's own projection, finite differences and round trips."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -129,3 +131,23 @@ def test_each_eye_is_placed_by_the_joints_of_its_own_stamp() -> None:
     np.testing.assert_array_equal(view.left.center, [1.0, 0.0, 0.0])
     np.testing.assert_array_equal(view.right.center, [2.0, 1.0, 0.0])
     np.testing.assert_array_equal(rig.view(np.array([3.0])).right.center, [3.0, 1.0, 0.0])
+
+
+@CAMERAS
+def test_a_real_camera_is_usable(camera: Camera) -> None:
+    assert camera.is_usable()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fx": 1e308},
+        {"fy": 1e-300},
+        {"cx": 1e9},
+        {"distortion": (1e9, 0.0, 0.0, 0.0, 0.0)},
+        {"distortion": (0.0, 0.0, 0.0, 0.0, 1e308)},
+        {"distortion": (-1.0, 0.0, 0.0, 0.0, 0.0)},  # folds back at tan² = 1/3; the corner is at tan² = 0.82
+    ],
+)
+def test_a_camera_that_cannot_be_is_not(change: dict) -> None:
+    assert not replace(PINHOLE, **change).is_usable()

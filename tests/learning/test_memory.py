@@ -1,6 +1,8 @@
 """The PPS memory: counting, interpolation, and a shower of objects whose contact probability is known."""
 
 import time
+import zipfile
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -179,11 +181,15 @@ def rewrite(path, **changes):
     [
         ({"version": 99}, "version 99; expected version 1"),
         ({"version": None}, "version unknown"),
+        ({"version": np.array([1, 2])}, "version .1 2.; expected version 1"),
+        ({"version": "one"}, "version one; expected version 1"),
         ({"kind": "something else"}, "is not a PPS memory"),
         ({"kind": None}, "is not a PPS memory"),
         ({"counts": None}, "without counts"),
         ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
+        ({"counts": np.full((N, 8, 4, 2), np.nan)}, "does not fit together"),
+        ({"part_index": np.full(N, np.nan)}, "does not fit together"),
         ({"ranges": np.zeros(3)}, "does not fit together"),
     ],
 )
@@ -201,6 +207,22 @@ def test_a_file_of_another_kind_is_refused(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"memory\.npz: is not a readable"):
         load_memory(path)
+
+
+def test_a_damaged_file_is_refused_by_name(tmp_path):
+    path, rng, refused = tmp_path / "memory.npz", np.random.default_rng(9), set()
+    save_memory(path, random_memory())
+    sound = path.read_bytes()
+    for _ in range(300):
+        damaged = bytearray(sound)
+        damaged[rng.integers(len(sound))] ^= rng.integers(1, 256)
+        path.write_bytes(damaged)
+        try:
+            load_memory(path)
+        except ValueError as error:
+            refused.add((str(error).startswith(f"{path}: "), type(error.__cause__)))
+    assert {named for named, _ in refused} == {True}
+    assert {zlib.error, zipfile.BadZipFile} <= {cause for _, cause in refused}
 
 
 def test_a_single_array_and_a_missing_file_are_refused(tmp_path):

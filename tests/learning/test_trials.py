@@ -75,3 +75,17 @@ def test_a_bad_trials_file_is_refused(tmp_path, changes, message):
     write(tmp_path / "trials.npz", [made_up(rng, i % 2) for i in range(3)], **changes)
     with pytest.raises(ValueError, match=rf"trials\.npz.*{message}"):
         load_trials(tmp_path / "trials.npz")
+
+
+def test_a_damaged_trials_file_is_refused(tmp_path):
+    rng, path = np.random.default_rng(5), tmp_path / "trials.npz"
+    write(path, [made_up(rng, i % 2) for i in range(3)])
+    sound = path.read_bytes()
+    # the first member's compression method, at bytes 8–9 of the file and 10–11 of its directory entry
+    entry = sound.index(b"PK\x01\x02")
+    for at, content in ((8, b"\x08\x00"), (8, b"\x63\x00")):
+        damaged = bytearray(sound)
+        damaged[at : at + 2] = damaged[entry + 10 : entry + 12] = content
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"trials\.npz: expected an \.npz file with"):
+            load_trials(path)

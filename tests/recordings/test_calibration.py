@@ -35,11 +35,21 @@ def test_tabs_comments_and_foreign_keys_are_taken(ini: Path) -> None:
         ("fx 219.057", "fx abc", r"icubEyes\.ini:5: fx abc; expected a number"),
         ("fx 219.057", "fx nan", r"icubEyes\.ini:5: fx nan; expected a finite"),
         ("fx 219.057", "fx 0", r"icubEyes\.ini:5: fx 0; expected a positive"),
+        ("w 320", "w 0.3", r"icubEyes\.ini:3: w 0\.3; expected a whole number"),
+        ("h 240", "h 0", r"icubEyes\.ini:4: h 0; expected a whole number"),
+        ("h 240", "h 240.5", r"icubEyes\.ini:4: h 240\.5; expected a whole number"),
+        ("fx 219.057", "fx 1e308", r"icubEyes\.ini: .*fx 1e\+308.*; expected a camera whose"),
+        ("fx 219.057", "fx 1e-300", r"icubEyes\.ini: .*fx 1e-300.*; expected a camera whose"),
+        ("k1 -0.374173", "k1 1e9", r"icubEyes\.ini: .*1000000000\.0.*; expected a camera whose"),
+        ("k1 -0.374173", "k1 -3", r"icubEyes\.ini: .*-3\.0.*; expected a camera whose"),
+        ("k2 0.205428", "k2 1e308", r"icubEyes\.ini: .*1e\+308.*; expected a camera whose"),
+        (f"cx {LEFT_EYE.cx!r}", "cx 1e9", r"icubEyes\.ini: .*cx 1e\+09.*; expected a camera whose"),
         ("fx 219.057", "", r"icubEyes\.ini:1: \[CAMERA_CALIBRATION_LEFT\] has no fx"),
         ("[CAMERA_CALIBRATION_RIGHT]", "[OTHER]", r"icubEyes\.ini: no section \[CAMERA_CALIBRATION_RIGHT\]"),
     ],
 )
 def test_what_is_missing_is_named(ini: Path, old: str, new: str, message: str) -> None:
+    assert old in ini.read_text()
     ini.write_text(ini.read_text().replace(old, new))
     with pytest.raises(BadInput, match=message):
         read_icub_eyes(ini)

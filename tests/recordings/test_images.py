@@ -76,6 +76,17 @@ def test_no_usable_pair_is_refused(tmp_path: Path) -> None:
         open_stereo_images(*stereo(tmp_path, [1, 2], [3, 4]), fps=10)
     with pytest.raises(BadInput, match=r"x\*\.png: matches no file"):
         open_stereo_images([str(tmp_path / "x*.png")], [str(tmp_path / "1R*.png")], fps=10)
+    gone = [str(tmp_path / f"gone{i}.png") for i in range(40)]
+    with pytest.raises(BadInput, match=r"gone0\.png \(and 39 more\): matches no file"):
+        open_stereo_images(gone, [str(tmp_path / "1R*.png")], fps=10)
+
+
+def test_files_that_are_given_twice_count_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    left, right = stereo(tmp_path, [1, 2], [1, 2])
+    monkeypatch.chdir(tmp_path)
+    recording = open_stereo_images([*left, "1L1.png", *left], right * 2, fps=10)
+    assert ([number for number, _ in recording.numbered()], recording.problems) == ([1, 2], [])
+    assert recording.name == f"{left[0]} (and 2 more)"
 
 
 def test_a_number_that_comes_twice_is_refused(tmp_path: Path) -> None:

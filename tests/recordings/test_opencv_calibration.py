@@ -153,6 +153,10 @@ def test_trailing_zero_coefficients_are_none(tmp_path: Path) -> None:
         ({"D1": FISHY}, "D1 has 8 coefficients; expected none but k1, k2, p1, p2, k3"),
         ({"M1": K2}, "M1 is not K1 of .*; expected the left camera matrix once"),
         ({"image_size": np.array([0, 480])}, r"image size \[0\.0, 480\.0\]; expected"),
+        ({"image_size": np.array([640.5, 480])}, r"image size \[640\.5, 480\.0\]; expected"),
+        ({"K1": np.diag([1e300, 1e300, 1])}, r".*fx 1e\+300.*; expected a camera whose pixels"),
+        ({"K2": K2 + np.array([[0, 0, 1e9], [0, 0, 0], [0, 0, 0]])}, r".*cx 1e\+09.*; expected a camera whose"),
+        ({"D1": np.array([[-5.0, 0, 0, 0]])}, r".*\(-5\.0.*; expected a camera whose pixels"),
         ({"P2": np.zeros((3, 4)), "T": None}, "no baseline"),
     ],
 )

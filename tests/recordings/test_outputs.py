@@ -1,5 +1,6 @@
 """Outputs appear whole or not at all."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,35 @@ def test_a_previous_run_is_replaced_and_everything_else_stays(tmp_path: Path) ->
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
     with pytest.raises(BadInput, match=r"already holds report\.html"), whole_folder(target):
         pass
+
+
+def test_an_existing_folder_stays_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "out"
+    target.mkdir()
+    monkeypatch.chdir(target)  # as a shell would
+    before = target.stat().st_ino
+    for results in ((), ("a",)):
+        with whole_folder(Path(), results) as folder:
+            (folder / "a").write_text("1")
+            assert [p.name for p in tmp_path.iterdir()] == ["out"]
+        assert os.listdir() == ["a"]
+    with pytest.raises(ZeroDivisionError), whole_folder(target, ("a",)) as folder:
+        (folder / "a").write_text(f"broken {1 / 0}")
+    assert (os.listdir(), Path("a").read_text(), target.stat().st_ino) == (["a"], "1", before)
+
+
+def test_folders_are_moved_into_an_empty_one(tmp_path: Path) -> None:
+    with whole_folder(tmp_path) as folder:
+        (folder / "cam").mkdir()
+        (folder / "cam" / "a").write_text("1")
+    assert [p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*")] == ["cam", "cam/a"]
+
+
+def test_a_folder_in_the_place_of_a_result_is_refused_on_entering(tmp_path: Path) -> None:
+    (tmp_path / "b.csv" / "mine").mkdir(parents=True)
+    with pytest.raises(BadInput, match=r"b\.csv: is a folder"), whole_folder(tmp_path, ("a.csv", "b.csv")):
+        pytest.fail("entered")
+    assert [p.name for p in tmp_path.rglob("*")] == ["b.csv", "mine"]
 
 
 def test_a_failed_second_run_keeps_the_first(tmp_path: Path) -> None:

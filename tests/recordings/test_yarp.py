@@ -60,6 +60,25 @@ def test_a_backwards_stamp_is_skipped(rec: Written) -> None:
     assert numbers == [0, 1, 3]
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_an_image_stamp_that_comes_again_is_skipped(rec: Written, side: str) -> None:
+    log = rec.folder / f"cam/{side}/data.log"
+    stamp = log.read_text().splitlines()[1].split()[1]
+    change(log, 3, f"2 {stamp} 00000002.ppm")
+    problems, numbers = problems_of(rec.folder)
+    assert problems[0] == (ProblemKind.STAMP, f"cam/{side}/data.log", 3)
+    assert numbers == [0, 1, 3]
+
+
+def test_one_frame_remains_of_stamps_that_are_all_equal(rec: Written) -> None:
+    for side in ("left", "right"):
+        for i in range(4):
+            change(rec.folder / f"cam/{side}/data.log", i + 1, f"{i} {START_S} {i:08d}.ppm")
+    problems, numbers = problems_of(rec.folder)
+    assert problems == [(ProblemKind.STAMP, f"cam/{side}/data.log", i) for side in ("left", "right") for i in (2, 3, 4)]
+    assert numbers == [0]
+
+
 @pytest.mark.parametrize("value", ["nan", "inf", "1e30"])
 def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, value: str) -> None:
     change(rec.folder / "torso/data.log", 3, f"2 {START_S + 0.05} 0 {value} 0")
@@ -87,6 +106,27 @@ def test_frames_that_the_joints_do_not_span(rec: Written) -> None:
     frames = dict(open_yarp(rec.folder).numbered())
     neck = ROBOT.indices(("neck_yaw",))[0]
     assert frames[2].joints_left_rad[neck] == pytest.approx(rec.frames[0].joints_right_rad[neck], abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("without", "numbers"),
+    [
+        (range(12, 15), list(range(0, 40))),  # three samples of 20 Hz: 0.2 s between the others
+        (range(12, 16), [*range(0, 12), *range(16, 40)]),  # 0.25 s, too much to go between
+        (range(12, 32), [*range(0, 12), *range(32, 40)]),
+    ],
+)
+def test_a_hole_in_a_joint_log_is_bridged_only_if_short(tmp_path: Path, without: range, numbers: list[int]) -> None:
+    folder = write_recording(tmp_path / "rec", n=40).folder
+    rows = [f"{i} {START_S + 0.05 * i} 0 0 0 0 0 0" for i in range(41) if i not in without]  # to 45 ms past the end
+    (folder / "head/data.log").write_text("\n".join(rows))
+    problems, seen = problems_of(folder)
+    # right images come 5 ms after the samples: the last one before the hole has no joints on its far side
+    expected = [i for i in numbers if i != without[0] - 1 or len(without) == 3]
+    assert seen == expected
+    assert {(kind, line) for kind, _, line in problems} == {
+        (ProblemKind.JOINTS, i + 1) for i in range(40) if i not in expected
+    }
 
 
 def test_an_unpaired_frame_is_named(rec: Written) -> None:
@@ -157,9 +197,10 @@ def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> 
         ("head", "", r"head/data\.log: no readable sample"),
         ("skin", "0 1.0 (1 2 (3))\n", r"skin/data\.log:1: '\(1'; expected touched taxels"),
         ("cam/left", "\x00\x01\x02\n", r"cam/left/data\.log:1: "),
-        ("cam/left", "", "no usable frame"),
+        ("cam/left", "", r"cam/left/data\.log: names no image"),
+        ("cam/right", "\n", r"cam/right/data\.log: names no image"),
         ("cam/left", f"0 {START_S - 60} 00000000.ppm\n", r"no usable frame.*cam/left/data\.log:1"),
-        ("cam/left", f"0 {START_S}\n", r"no usable frame.*cam/left/data\.log:1: 0 words"),
+        ("cam/left", f"0 {START_S}\n", r"cam/left/data\.log: names no image.*cam/left/data\.log:1: 0 words"),
         ("cam/left", f"0 {START_S} none.ppm\n", "no usable frame"),
     ],
 )
@@ -167,6 +208,18 @@ def test_what_cannot_be_read_at_all_is_refused(rec: Written, log: str, text: str
     (rec.folder / log / "data.log").write_text(text)
     with pytest.raises(BadInput, match=message):
         open_yarp(rec.folder)
+
+
+def test_an_empty_log_is_named_even_if_nothing_says_what_it_holds(rec: Written) -> None:
+    (rec.folder / "cam/left/info.log").unlink()
+    (rec.folder / "cam/left/data.log").write_text("")
+    with pytest.raises(BadInput, match=r"cam/left/data\.log: names no image"):
+        open_yarp(rec.folder)
+
+
+def test_a_recording_is_called_as_it_was_given(rec: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(rec.folder)
+    assert (open_yarp(Path("../rec")).name, open_yarp(rec.folder).name) == ("../rec", str(rec.folder))
 
 
 @pytest.mark.parametrize(("port", "message"), [("cam/left", "no left images"), ("head", "no head joints")])

@@ -10,11 +10,13 @@ from pps_vision.recordings.problems import BadInput, Problem, ProblemKind
 from pps_vision.recordings.yarp_log import read_log
 
 
-def read(log: Path, text: str, n_numbers: int | None) -> tuple[list[tuple[int, float]], list[tuple[ProblemKind, int]]]:
+def read(
+    log: Path, text: str, n_numbers: int | None, **kwargs: bool
+) -> tuple[list[tuple[int, float]], list[tuple[ProblemKind, int]]]:
     """(line, stamp) of what is read and (kind, line) of what is not."""
     log.write_text(text)
     problems: list[Problem] = []
-    rows = read_log(log, n_numbers, problems)
+    rows = read_log(log, n_numbers, problems, **kwargs)
     return [(row.line, row.stamp_s) for row in rows], [(problem.kind, problem.line) for problem in problems]
 
 
@@ -54,6 +56,21 @@ def test_a_row_of_another_form_is_skipped(log: Path, row: str) -> None:
 )
 def test_stamps_that_go_backwards_are_skipped(log: Path, stamps: tuple[float, ...], skipped: list[int]) -> None:
     rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None)
+    assert problems == [(ProblemKind.STAMP, line) for line in skipped]
+    assert [line for line, _ in rows] == [line for line in range(1, len(stamps) + 1) if line not in skipped]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "skipped"),
+    [
+        ((1, 2, 2, 3), [3]),  # the first of two that are equal stays
+        ((1, 1, 1), [2, 3]),
+        ((1, 2, 900, 3, 3, 4), [3, 5]),
+        ((1, 2, 3, 2, 4), [4]),
+    ],
+)
+def test_stamps_that_must_differ(log: Path, stamps: tuple[float, ...], skipped: list[int]) -> None:
+    rows, problems = read(log, "".join(f"0 {stamp} a.ppm\n" for stamp in stamps), None, distinct_stamps=True)
     assert problems == [(ProblemKind.STAMP, line) for line in skipped]
     assert [line for line, _ in rows] == [line for line in range(1, len(stamps) + 1) if line not in skipped]
 

@@ -16,7 +16,7 @@ from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     written = write_recording(tmp_path / "rec")
     recording = open_yarp(tmp_path / "rec")
-    assert (recording.name, recording.image_size, recording.problems) == ("rec", (8, 6), [])
+    assert (recording.name, recording.image_size, recording.problems) == (str(tmp_path / "rec"), (8, 6), [])
     frames = list(recording)
     assert len(recording) == len(frames) == len(written.frames)
     for back, frame in zip(frames, written.frames, strict=True):
