@@ -132,19 +132,16 @@ def _reach(world: World, reachable_map: ReachableMap, log: EncounterLog) -> dict
 
 
 def _numbers(log: EncounterLog) -> dict[str, object]:
-    """What the report's table says of an encounter; the warning is how long before the nearest point
-    (or the first touch) an activation passed the threshold for good."""
+    """What the report's table says of an encounter."""
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     known = np.isfinite(error)
     past = np.flatnonzero(log.activations.max(axis=1) > THRESHOLD)
-    nearest = int(np.argmin(log.surface_gap_m.min(axis=1)))
-    warned = len(past) and past[0] < nearest
     return {
         "touched": log.was_touched,
         "arm_moved": log.was_commanded,
         "smallest_gap_mm": 1000 * float(log.surface_gap_m.min()),
         "highest_activation": float(log.activations.max()),
-        "warning_s": float(log.stamps_s[nearest] - log.stamps_s[past[0]]) if warned else None,
+        "expected_after_s": float(log.stamps_s[past[0]] - log.stamps_s[0]) if len(past) else None,
         "tracked_share": sum(status == Status.TRACKING for status in log.status) / len(log.status),
         "track_rms_mm": 1000 * float(np.sqrt(np.mean(error[known] ** 2))) if known.any() else None,
     }
@@ -154,7 +151,7 @@ _COLUMNS = {
     "touched": "touched",
     "smallest_gap_mm": "smallest gap (mm)",
     "highest_activation": "highest activation",
-    "warning_s": "past 0.4 before nearest (s)",
+    "expected_after_s": "first past 0.4 after (s)",
     "arm_moved": "arm moved",
     "track_rms_mm": "3D RMS (mm)",
     "reachable_share": "within reach (share)",
