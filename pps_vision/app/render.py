@@ -42,7 +42,7 @@ class Render:
     target: str = "left_forearm:27"
     """Taxel that an approach is aimed at."""
     center: tuple[float, float, float] | None = None
-    """Where the other motions happen, root frame, m; default: random, 0.3 to 0.5 m before the eyes."""
+    """Where the other motions happen, root frame, m; default: random, 0.33 to 0.52 m before the eyes."""
     seconds: float = 5.0
     """Length of the recording."""
     fps: float = 20.0
@@ -141,8 +141,8 @@ class Render:
 
 
 def _before_the_eyes(rng: np.random.Generator) -> Array:
-    """A point 0.3–0.5 m before the eyes of the robot at home, within 15° of straight ahead and somewhat below."""
+    """A point 0.33–0.52 m before the eyes of the robot at home, so that a motion about it keeps to 0.25–0.6 m."""
     azimuth, elevation = np.deg2rad([rng.uniform(-15, 15), rng.uniform(-25, 5)])
-    distance = rng.uniform(0.30, 0.50)
+    distance = rng.uniform(0.33, 0.52)
     ahead = np.array([-np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     return np.array([-0.063, 0.0, 0.341]) + distance * ahead
