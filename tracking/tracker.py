@@ -41,7 +41,7 @@ class TrackerParams:
     lost_after_s: float = 0.5
     max_candidates: int = 4
     min_likeness: float = 0.7
-    max_ratio: float = 1.4
+    max_ratio: float = 1.2
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
     shape_error: float = 0.13
