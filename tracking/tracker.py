@@ -42,6 +42,7 @@ class TrackerParams:
     max_candidates: int = 4
     min_likeness: float = 0.7
     max_ratio: float = 1.2
+    max_ratio_grey: float = 1.8  # without colour an outline is rougher
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
     shape_error: float = 0.13
@@ -220,11 +221,12 @@ class Tracker:
     ) -> tuple[Candidate, Candidate] | None:
         """The two candidates that are one object, with most evidence; colours must agree too."""
         best, most = None, 0.0
+        most_ratio = self.params.max_ratio_grey if grey else self.params.max_ratio
         for a, b in itertools.product(left, right):
             likeness = 1.0 if grey else a.model.similarity(b.model.object)  # eyes differ in exposure
             ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
             evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
-            if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > self.params.max_ratio:
+            if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > most_ratio:
                 continue
             if self._association.observe(view, a.outline, b.outline, stamp_s):
                 best, most = (a, b), evidence
