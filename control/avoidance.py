@@ -20,7 +20,7 @@ class AvoidanceParams:
     """One arm's answer to its skin.
 
     The point P moves at `speed_m_s` once some taxel's activation has exceeded `threshold` for
-    `confirm_s` (the velocity of what stops dead swings back for a frame, and that is no
+    `confirm_s` (the velocity of what stops dead swings back for a frame or two, and that is no
     approach), and until `persist_s` after; the palm stays within `radius_m` of where `home_arm_rad` (the arm's
     joints at home) puts it (R, "Avoidance and reaching"; FACTS §3).
     """
@@ -31,7 +31,7 @@ class AvoidanceParams:
     threshold: float = 0.4
     speed_m_s: float = 0.10
     radius_m: float = 0.20
-    confirm_s: float = 0.1
+    confirm_s: float = 0.15
     persist_s: float = 0.3
     return_per_s: float = 3.0
     ease_in_s: float = 0.3

@@ -190,7 +190,7 @@ def _page(
         report.Section(
             "Distance, expectation, answer",
             f"Each thin line is one taxel (left forearm and palm). Where an activation stays past {THRESHOLD:g} for "
-            "0.1 s the arm moves away at 10 cm/s; a single frame, as when something stops dead, does not count. Red "
+            "0.15 s the arm moves away at 10 cm/s; a frame or two, as when something stops dead, do not count. Red "
             "shading is touch.",
             report.image(figures.encounters(logs, THRESHOLD)),
         ),
