@@ -5,16 +5,27 @@ import subprocess
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Protocol, runtime_checkable
 
+from matplotlib.figure import Figure
 from tyro.conf import subcommand
 
+from pps_vision.app.figures import save
 from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.real import Real
 from pps_vision.experiments.tracking import Tracking
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.results import write_summary
+
+
+@runtime_checkable
+class Charted(Protocol):
+    """An experiment that draws the numbers it measured."""
+
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """The chart of what `run` returned."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -29,6 +40,8 @@ class Bench:
     )
     out: Path | None = None
     """Where to write the JSON; default: docs/results/NAME.json under the present folder."""
+    figure: Path | None = None
+    """Where to write the chart, if the experiment has one; default: docs/figures/NAME.png."""
 
     def run(self) -> None:
         """Measure and write."""
@@ -40,6 +53,11 @@ class Bench:
             write_summary(partial, {**setting, **numbers})
             print(partial.read_text(), end="")
         print(f"→ {out}")
+        if isinstance(self.experiment, Charted):
+            png = self.figure or Path("docs") / "figures" / f"{name}.png"
+            with whole_file(png) as partial:
+                save(self.experiment.chart(numbers), partial)
+            print(f"→ {png}")
 
 
 def _machine() -> dict[str, str]:

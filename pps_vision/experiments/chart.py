@@ -1,0 +1,95 @@
+"""Speed against accuracy: the chart every stage gets (DESIGN, "Speed against accuracy")."""
+
+import matplotlib
+
+matplotlib.use("Agg")  # draws to files only; no display is needed
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TypeVar
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pps_vision.types import Array
+
+T = TypeVar("T")
+_INK, _OURS, _THEIRS = "0.25", "tab:blue", "tab:orange"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to do a stage, measured: milliseconds a run and the error of each run (any unit, one for all)."""
+
+    name: str
+    ms: Array
+    error: float
+    ours: bool = True
+    default: bool = False
+
+    def summary(self) -> dict[str, object]:
+        """Median and quartiles of ms, and the error, for JSON."""
+        q25, median, q75 = (round(float(value), 5) for value in np.percentile(self.ms, (25, 50, 75)))
+        return {"q25_ms": q25, "median_ms": median, "q75_ms": q75, "runs": len(self.ms), "error": self.error}
+
+
+def timed(run: Callable[[], T]) -> tuple[T, float]:
+    """The result of a run and its milliseconds."""
+    start = perf_counter()
+    result = run()
+    return result, 1000 * (perf_counter() - start)
+
+
+def pareto_front(ms: Sequence[float], error: Sequence[float]) -> list[int]:
+    """Indices of the variants no other beats in both, fastest first."""
+    front: list[int] = []
+    for k in np.lexsort((error, ms)):
+        if np.isfinite(error[k]) and (not front or error[k] < error[front[-1]]):
+            front.append(int(k))
+    return front
+
+
+def speed_against_error(
+    axis: Axes, variants: Sequence[Variant], what: str, error: str, bound: tuple[str, float] | None = None
+) -> None:
+    """Time on a log axis with its quartiles, error on the other, the Pareto front, the default ringed, a
+    `bound` (its name, its value) dashed; a variant whose error is not finite stands at the top, as lost."""
+    finite = [v.error for v in variants if np.isfinite(v.error)]
+    top = 1.15 * max(finite, default=1.0)
+    ms = [float(np.median(v.ms)) for v in variants]
+    shown = [v.error if np.isfinite(v.error) else top for v in variants]
+    front = pareto_front(ms, [v.error for v in variants])
+    axis.plot([ms[k] for k in front], [shown[k] for k in front], color=_INK, lw=1, ls=":", zorder=1)
+    for v, x, y in zip(variants, ms, shown, strict=True):
+        color = _OURS if v.ours else _THEIRS
+        axis.plot(np.percentile(v.ms, (25, 75)), [y, y], color=color, lw=1.2, alpha=0.6)
+        axis.plot(x, y, "o" if np.isfinite(v.error) else "x", color=color, ms=5)
+        if v.default:
+            axis.plot(x, y, "o", mfc="none", mec=_INK, ms=12, mew=1.4)
+        label = v.name if np.isfinite(v.error) else f"{v.name} (fails)"
+        axis.annotate(label, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=7, color=_INK)
+    if bound is not None:
+        axis.axhline(bound[1], color=_INK, lw=1, ls="--")
+        axis.annotate(bound[0], (1, bound[1]), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7)
+    axis.set_xscale("log")
+    axis.set_xlabel(f"time (ms per {what})")
+    axis.set_ylabel(error)
+    axis.grid(alpha=0.25, which="both")
+
+
+def legend(axis: Axes) -> None:
+    """What the colours and the ring mean."""
+    axis.plot([], [], "o", color=_OURS, label="ours")
+    axis.plot([], [], "o", color=_THEIRS, label="peers")
+    axis.plot([], [], "o", mfc="none", mec=_INK, ms=10, label="our default")
+    axis.plot([], [], color=_INK, ls=":", label="Pareto front")
+    axis.legend(fontsize=7)
+
+
+def panels(n: int, width: float = 5.2, height: float = 4.2) -> tuple[Figure, list[Axes]]:
+    """A figure with `n` panels side by side."""
+    figure, axes = plt.subplots(1, n, figsize=(width * n, height), squeeze=False, layout="constrained")
+    return figure, list(axes[0])
