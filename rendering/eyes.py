@@ -15,6 +15,7 @@ from rendering.lens import make_lens
 from rendering.offscreen import offscreen, pyrender
 from rendering.scene import SceneState, Stage
 from rendering.sensor import Sensor, expose
+from rendering.shapes import Part
 from rendering.shutter import instants, sample_offsets_px
 from rendering.stimuli import Stimulus
 
@@ -25,6 +26,7 @@ _GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera looks along −
 class Eyes:
     """Renders what both eyes of a robot see; holds a scene, of which only the poses change.
 
+    `props` are further things, which a `SceneState` places: a distractor, a board in the way.
     Use as a context manager, so that the graphics memory is given back.
     """
 
@@ -35,6 +37,7 @@ class Eyes:
         stimulus: Stimulus,
         carrier: CarrierName = "none",
         sensor: Sensor | None = None,
+        props: tuple[tuple[Part, ...], ...] = (),
     ) -> None:
         self._robot, self._rig, self._stimulus = robot, rig, stimulus
         self._sensor = sensor or Sensor()
@@ -43,7 +46,7 @@ class Eyes:
         self._width = max(lens.pinhole.width for lens in self._lenses)
         self._height = max(lens.pinhole.height for lens in self._lenses)
         self._drawn = [replace(lens.pinhole, width=self._width, height=self._height) for lens in self._lenses]
-        self._stage = Stage(robot, stimulus, carrier)
+        self._stage = Stage(robot, stimulus, carrier, props)
         self._cameras = [
             self._stage.scene.add(pyrender.IntrinsicsCamera(c.fx, c.fy, c.cx, c.cy, znear=_NEAR_M, zfar=_FAR_M))
             for c in self._drawn

@@ -47,6 +47,12 @@ class Static:
         return self.position, np.zeros(3)
 
 
+def _along(start: Array, end: Array, distance_m: float, speed_m_s: float) -> tuple[Array, Array]:
+    """Position and velocity `distance_m` from `start` on the straight way to `end`."""
+    ahead = (end - start) / np.linalg.norm(end - start)
+    return start + distance_m * ahead, speed_m_s * ahead
+
+
 @dataclass(frozen=True)
 class Approach:
     """Straight from `start` to `end` at constant speed, a dwell there, and back along the same path."""
@@ -63,15 +69,12 @@ class Approach:
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
         """On the way there, at the end, on the way back, or at the start again."""
-        velocity = (self.end - self.start) / self.contact_s
         since_withdrawal = t_s - self.contact_s - self.dwell_s
         if t_s < self.contact_s:
-            return self.start + t_s * velocity, velocity
+            return _along(self.start, self.end, t_s * self.speed_m_s, self.speed_m_s)
         if since_withdrawal < 0:
             return self.end, np.zeros(3)
-        if since_withdrawal < self.contact_s:
-            return self.end - since_withdrawal * velocity, -velocity
-        return self.start, np.zeros(3)
+        return Recede(self.end, self.start, self.speed_m_s)(since_withdrawal)
 
 
 @dataclass(frozen=True)
@@ -84,12 +87,9 @@ class Recede:
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
         """On the way, or at the end."""
-        way = self.end - self.start
-        length = float(np.linalg.norm(way))
-        if t_s * self.speed_m_s >= length:
+        if t_s * self.speed_m_s >= np.linalg.norm(self.end - self.start):
             return self.end, np.zeros(3)
-        velocity = way * (self.speed_m_s / length)
-        return self.start + t_s * velocity, velocity
+        return _along(self.start, self.end, t_s * self.speed_m_s, self.speed_m_s)
 
 
 @dataclass(frozen=True)
@@ -102,13 +102,10 @@ class Linear:
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
         """A triangle wave along the segment."""
-        way = self.end - self.start
-        length = float(np.linalg.norm(way))
-        along = (t_s * self.speed_m_s) % (2 * length)
-        velocity = way * (self.speed_m_s / length)
-        if along < length:
-            return self.start + way * (along / length), velocity
-        return self.end - way * (along / length - 1), -velocity
+        length = float(np.linalg.norm(self.end - self.start))
+        there, since_start = divmod(t_s * self.speed_m_s, length)
+        start, end = (self.start, self.end) if there % 2 == 0 else (self.end, self.start)
+        return _along(start, end, since_start, self.speed_m_s)
 
 
 @dataclass(frozen=True)

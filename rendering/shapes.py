@@ -51,6 +51,11 @@ def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 14) -> Pa
     return Part(trimesh.Trimesh(np.vstack([*vertices, *poles]), _tube_faces(len(rings), sides), process=False), color)
 
 
+def board(width: float, height: float, color: Color = (0.55, 0.42, 0.28)) -> Part:
+    """A sheet of cardboard, 3 mm thick: `width` along x, `height` along y, z its normal."""
+    return Part(trimesh.creation.box((width, height, 0.003)), color)
+
+
 def _tube_faces(rings: int, sides: int) -> Array:
     """Triangles between neighbouring rings, and from the end rings to the two poles."""
     i = np.arange(sides)

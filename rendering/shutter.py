@@ -54,8 +54,9 @@ def _points_of_room(eye: View) -> Array:
 
 
 def _movers(robot: Robot, state: SceneState) -> Array:
-    """(n, 3) the robot's bodies and the stimulus, root frame."""
+    """(n, 3) the robot's bodies, the props and the stimulus, root frame."""
     posture = robot.at(state.q_rad)
     places = {body.frame: body.T_frame_body[:3, 3] for body in robot.bodies}  # one of each rigid frame will do
     bodies = [posture.point(frame, place) for frame, place in places.items()]
-    return np.array(bodies if state.position is None else [*bodies, state.position])
+    props = [np.full(3, np.nan) if prop is None else prop.position for prop in state.props]
+    return np.array([*bodies, *props, *([] if state.position is None else [state.position])])
