@@ -1,53 +1,41 @@
 """From stereo frames to one tracked object: trigger → image → triangulation → filter (R Fig 13)."""
 
-import itertools
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import StereoRig, StereoView, View
-from pps_vision.types import Array, CameraName, Detection2D, Image, Mask, Observation3D, Status, StereoFrame, Track3D
-from tracking.acquire import AcquireParams, Candidate, acquire
+from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking.association import Association, AssociationParams
-from tracking.background import Background
 from tracking.disparity import DisparityParams, refine_distance
-from tracking.eye import EyeParams, EyeTracker, Sighting
+from tracking.eye import EyeParams, Sighting
+from tracking.follow import Follower
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
-from tracking.marker import MarkerParams, find_markers
+from tracking.look import Looks, is_grey, looks_of
+from tracking.marker import MarkerParams
 from tracking.outline import ROUND, Optics, Outline
-from tracking.particles import Prior
-from tracking.trigger import Region2D, Trigger, TriggerParams
+from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker
 
-OwnBody = Callable[[Array, View], Mask]  # joints (rad), an eye's view → where the robot sees itself
-Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
+Sightings = tuple[Sighting | None, Sighting | None]
 
 
 @dataclass(frozen=True)
 class TrackerParams:
     """`mode`: any moving object, or a marker of known hue.  `depth`: from the two outlines' centres,
     or (where that works) from the disparity inside the outline.  An object is tracked once seen in both
-    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`.  Of the
-    `max_candidates` most conspicuous things that move, the two eyes' are one when their colours are
-    `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than `max_ratio`.  The centre
-    of what is no ball may be `shape_error` of its radius off, frame after frame the same."""
+    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`.  The centre of what
+    is no ball may be `shape_error` of its radius off, frame after frame the same."""
 
     mode: Literal["generic", "marker"] = "generic"
     depth: Literal["centroid", "disparity"] = "centroid"
     confirm_frames: int = 3
     lost_after_s: float = 0.5
-    max_candidates: int = 4
-    min_likeness: float = 0.7
-    max_ratio: float = 1.2
-    max_ratio_grey: float = 1.8  # without colour an outline is rougher
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
     shape_error: float = 0.13
-    trigger: TriggerParams = field(default_factory=TriggerParams)
-    acquire: AcquireParams = field(default_factory=AcquireParams)
+    search: SearchParams = field(default_factory=SearchParams)
     eye: EyeParams = field(default_factory=EyeParams)
     marker: MarkerParams = field(default_factory=MarkerParams)
     disparity: DisparityParams = field(default_factory=DisparityParams)
@@ -74,52 +62,7 @@ class TrackerStep:
     track: Track3D
     detections: tuple[Detection2D, ...]
     observation: Observation3D | None
-    regions: tuple[list[Region2D], list[Region2D]]
-
-
-@dataclass(frozen=True, slots=True)
-class _Look:
-    """One eye's share of a frame."""
-
-    image: Image
-    view: View
-    stamp_s: float
-    joints: Array | None
-
-
-class _Eye:
-    """What is kept for one eye between frames."""
-
-    def __init__(self, name: CameraName, params: TrackerParams, rig: StereoRig, rng: np.random.Generator) -> None:
-        self.name = name
-        self.params = params
-        self.optics = Optics(rig.left if name == "left" else rig.right)
-        self.trigger = Trigger(params.trigger, self.optics.camera)
-        self.object = EyeTracker(params.eye, self.optics, rng)
-        self.background = Background(self.trigger.ego, params.background_memory_s)
-        self.offset_px: Array = np.zeros(2)  # of the outline from the track's projection: calibration error
-        self.size_px = 0.0
-
-    def candidates(self, look: _Look, regions: list[Region2D], evidence: NDArray[np.float32] | None) -> list[Candidate]:
-        """Objects behind the strongest moving regions."""
-        strongest = regions[: self.params.max_candidates]
-        found = (acquire(self.params.acquire, look.image, r, self.optics, evidence) for r in strongest)
-        return [candidate for candidate in found if candidate is not None]
-
-    def markers(self, look: _Look) -> list[Sighting]:
-        """What may be the marker, anywhere in the image."""
-        found = find_markers(self.params.marker, look.image, self.optics)
-        return [Sighting(shape, shape.box_px, 1.0) for shape in found]
-
-    def marker(self, look: _Look, prior: Prior) -> Sighting | None:
-        """The marker where it should be: the nearest blob in reach."""
-        x, y = prior.center_px
-        half = 0.5 * self.size_px * (1 + self.params.marker.reach) + 4 * prior.std_px + 3
-        found = find_markers(self.params.marker, look.image, self.optics, (float(x), float(y), half))
-        if not found:
-            return None
-        shape = min(found, key=lambda one: float(np.linalg.norm(one.center_px - prior.center_px)))
-        return Sighting(shape, shape.box_px, 1.0)
+    regions: Regions
 
 
 class Tracker:
@@ -137,9 +80,15 @@ class Tracker:
         own_body: OwnBody | None = None,
         stages: Stages = lambda _: nullcontext(),
     ) -> None:
-        self.params, self.rig, self.own_body, self.stages = params, rig, own_body, stages
-        self._eyes = (_Eye("left", params, rig, rng), _Eye("right", params, rig, rng))
+        self.params, self.rig, self.stages = params, rig, stages
+        self._optics = Optics(rig.left), Optics(rig.right)
+        marker = params.marker if params.mode == "marker" else None
+        self._eyes = (
+            Follower("left", self._optics[0], params.eye, marker, params.background_memory_s, rng),
+            Follower("right", self._optics[1], params.eye, marker, params.background_memory_s, rng),
+        )
         self._association = Association(params.association, rig.left.width)
+        self._search = Search(params.search, self._optics, self._association, own_body, stages)
         self._kalman = params.kalman
         self._belief: Belief | None = None
         self._head: Array = np.zeros(3)
@@ -153,26 +102,26 @@ class Tracker:
         """The track after this frame; ValueError for a stamp that does not lie after the last one."""
         self._check_stamps(frame)
         view = self.rig.view_of(frame)
-        looks = (
-            _Look(frame.left, view.left, frame.stamp_left_s, frame.joints_left_rad),
-            _Look(frame.right, view.right, frame.stamp_right_s, frame.joints_right_rad),
-        )
-        regions: tuple[list[Region2D], list[Region2D]] = ([], [])
-        grey = self.params.mode == "generic" and _is_grey(frame.left)
+        looks = looks_of(frame, view)
+        regions: Regions = ([], [])
+        grey = self.params.mode == "generic" and is_grey(frame.left)
         if self._belief is None:
-            sightings, regions = self._search(looks, view, frame.stamp_s, grey)
+            sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
         else:
             with self.stages("image"):
                 last = self._belief
-                self._belief = predict(self._kalman, last, frame.stamp_s)
-                sightings = self._follow(last, self._belief, looks, grey)
+                now = self._belief = predict(self._kalman, last, frame.stamp_s)
+                left, right = (e.find(look, last, now, grey) for e, look in zip(self._eyes, looks, strict=True))
+                sightings = left, right
         self._head = 0.5 * (view.left.center + view.right.center)
         with self.stages("triangulation"):
             observation = self._observe(view, looks, sightings, frame.stamp_s)
         with self.stages("filter"):
             track = self._filter(observation, frame.stamp_s)
             self._after(looks, sightings, observation, grey)
-        return TrackerStep(track, _detections(self._eyes, looks, sightings), observation, regions)
+        seen = zip(self._eyes, looks, sightings, strict=True)
+        detections = tuple(eye.detection(look, one) for eye, look, one in seen if one is not None)
+        return TrackerStep(track, detections, observation, regions)
 
     def _check_stamps(self, frame: StereoFrame) -> None:
         stamps = (frame.stamp_left_s, frame.stamp_right_s)
@@ -181,80 +130,22 @@ class Tracker:
                 raise ValueError(f"{name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
         self._stamps = stamps
 
-    def _search(
-        self, looks: tuple[_Look, _Look], view: StereoView, stamp_s: float, grey: bool
-    ) -> tuple[tuple[Sighting | None, Sighting | None], tuple[list[Region2D], list[Region2D]]]:
+    def _begin(self, looks: Looks, view: StereoView, stamp_s: float, grey: bool) -> tuple[Sightings, Regions]:
         """Look for an object anywhere in both images."""
         if self.params.mode == "marker":
             with self.stages("image"):
-                lefts, rights = (eye.markers(look) for eye, look in zip(self._eyes, looks, strict=True))
-                for a, b in itertools.product(lefts, rights):
-                    if self._association.observe(view, a.outline, b.outline, stamp_s):
-                        return (a, b), ([], [])
-            return (None, None), ([], [])
-        with self.stages("trigger"):
-            left_regions, right_regions = (
-                eye.trigger.step(look.image, look.view, look.stamp_s, self._own(look))
-                for eye, look in zip(self._eyes, looks, strict=True)
-            )
-        regions = left_regions, right_regions
-        if not (left_regions and right_regions):
+                marker = search_marker(self.params.marker, looks, view, stamp_s, self._optics, self._association)
+            return _sightings(marker), ([], [])
+        scenes = (self._eyes[0].background, self._eyes[1].background) if grey else None
+        pair, regions = self._search.step(looks, view, stamp_s, scenes)
+        if pair is None:
             return (None, None), regions
         with self.stages("image"):
-            found = [
-                eye.candidates(look, r, eye.background.evidence(look.image, look.view) if grey else None)
-                for eye, look, r in zip(self._eyes, looks, regions, strict=True)
-            ]
-            pair = self._best_pair(view, found[0], found[1], stamp_s, grey)
-            if pair is None:
-                return (None, None), regions
-            for eye, look, candidate in zip(self._eyes, looks, pair, strict=True):
-                eye.object.start(look.image, candidate.outline.box_px, candidate.model, candidate.spread)
-            left, right = (Sighting(c.outline, c.outline.box_px, 1.0) for c in pair)
-        return (left, right), regions
+            for eye, look, found in zip(self._eyes, looks, pair, strict=True):
+                eye.object.start(look.image, found.outline.box_px, found.model, found.spread)
+        return _sightings((pair[0].outline, pair[1].outline)), regions
 
-    def _own(self, look: _Look) -> Mask | None:
-        return self.own_body(look.joints, look.view) if self.own_body and look.joints is not None else None
-
-    def _best_pair(
-        self, view: StereoView, left: list[Candidate], right: list[Candidate], stamp_s: float, grey: bool
-    ) -> tuple[Candidate, Candidate] | None:
-        """The two candidates that are one object, with most evidence; colours must agree too."""
-        best, most = None, 0.0
-        most_ratio = self.params.max_ratio_grey if grey else self.params.max_ratio
-        for a, b in itertools.product(left, right):
-            likeness = 1.0 if grey else a.model.similarity(b.model.object)  # eyes differ in exposure
-            ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
-            evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
-            if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > most_ratio:
-                continue
-            if self._association.observe(view, a.outline, b.outline, stamp_s):
-                best, most = (a, b), evidence
-        return best
-
-    def _follow(
-        self, last: Belief, now: Belief, looks: tuple[_Look, _Look], grey: bool
-    ) -> tuple[Sighting | None, Sighting | None]:
-        """Find the object again, near where the track says it is now."""
-        found: list[Sighting | None] = []
-        for eye, look in zip(self._eyes, looks, strict=True):
-            prior = _prior(eye, look, last, now)
-            if prior is None:
-                found.append(None)
-            elif self.params.mode == "marker":
-                found.append(eye.marker(look, prior))
-            else:
-                evidence = eye.background.evidence(look.image, look.view) if grey else None
-                found.append(eye.object.step(look.image, prior, evidence))
-        return found[0], found[1]
-
-    def _observe(
-        self,
-        view: StereoView,
-        looks: tuple[_Look, _Look],
-        sightings: tuple[Sighting | None, Sighting | None],
-        stamp_s: float,
-    ) -> Observation3D | None:
+    def _observe(self, view: StereoView, looks: Looks, sightings: Sightings, stamp_s: float) -> Observation3D | None:
         left, right = sightings
         if left is None or right is None:
             return None
@@ -324,60 +215,25 @@ class Tracker:
         for eye in self._eyes:
             eye.object.forget()
 
-    def _after(
-        self,
-        looks: tuple[_Look, _Look],
-        sightings: tuple[Sighting | None, Sighting | None],
-        observation: Observation3D | None,
-        grey: bool,
-    ) -> None:
+    def _after(self, looks: Looks, sightings: Sightings, observation: Observation3D | None, grey: bool) -> None:
         """Remember, for each eye, where the object is relative to the track, and the scene without it."""
         for eye, look, seen in zip(self._eyes, looks, sightings, strict=True):
             if seen is not None and observation is not None and self._belief is not None:
-                eye.offset_px = seen.outline.center_px - look.view.project(self._belief.mean[0])
+                eye.remember(look, seen.outline, self._belief)
                 rate = 0.5 / min(self._hits, 10)  # two eyes a frame
                 self._oddness += rate * (_oddness(seen.outline) - self._oddness)
-                eye.size_px = 2 * seen.outline.angular_radius_rad * eye.optics.camera.focal_px
             if grey:
                 eye.background.learn(look.image, look.view, look.stamp_s, [seen.box_px] if seen else [])
+
+
+def _sightings(shapes: tuple[Outline, Outline] | None) -> Sightings:
+    """Outlines found without a tracker, as sightings."""
+    if shapes is None:
+        return None, None
+    left, right = (Sighting(shape, shape.box_px, 1.0) for shape in shapes)
+    return left, right
 
 
 def _oddness(shape: Outline) -> float:
     """0 for the image of a ball, 1 for what is clearly something else (a cube, a toy with limbs)."""
     return float(np.clip((shape.departure - ROUND) / ROUND, 0.0, 1.0))
-
-
-def _prior(eye: _Eye, look: _Look, last: Belief, now: Belief) -> Prior | None:
-    """Where the track says this eye sees the object; None where it cannot."""
-    p = now.mean[0]
-    if len(now.mean) > 1:
-        p = p + now.mean[1] * (look.stamp_s - now.stamp_s)
-    center = look.view.project(p) + eye.offset_px
-    if not eye.optics.camera.contains(center, margin_px=-0.5 * eye.size_px):
-        return None
-    J = look.view.project_jacobian(p)
-    std = float(np.sqrt(np.trace(J @ now.cov[:3, :3] @ J.T)))
-    growth = float(np.linalg.norm(last.mean[0] - look.view.center) / np.linalg.norm(p - look.view.center))
-    return Prior(center, float(np.clip(std, 0.7, 40.0)), float(np.clip(growth, 0.8, 1.25)))
-
-
-def _detections(
-    eyes: tuple[_Eye, _Eye], looks: tuple[_Look, _Look], sightings: tuple[Sighting | None, Sighting | None]
-) -> tuple[Detection2D, ...]:
-    return tuple(
-        _detection(eye.name, look.stamp_s, seen.outline, seen.box_px, seen.score)
-        for eye, look, seen in zip(eyes, looks, sightings, strict=True)
-        if seen is not None
-    )
-
-
-def _detection(
-    name: CameraName, stamp_s: float, shape: Outline, box: tuple[float, float, float, float], score: float
-) -> Detection2D:
-    return Detection2D(stamp_s, name, shape.center_px, shape.cov_px, score, shape.angular_radius_rad, box)
-
-
-def _is_grey(image: Image) -> bool:
-    """Whether an RGB image carries no colour at all."""
-    few = image[::16, ::16]
-    return bool((few[..., 0] == few[..., 1]).all() and (few[..., 1] == few[..., 2]).all())

@@ -1,0 +1,78 @@
+"""While something is tracked: where one eye should see it now, and where it does."""
+
+import numpy as np
+
+from pps_vision.types import Array, CameraName, Detection2D
+from tracking.background import Background
+from tracking.ego_motion import EgoMotion
+from tracking.eye import EyeParams, EyeTracker, Sighting
+from tracking.kalman import Belief
+from tracking.look import Look
+from tracking.marker import MarkerParams, find_markers
+from tracking.outline import Optics, Outline
+from tracking.particles import Prior
+
+
+class Follower:
+    """One eye's memory of the object: its image tracker, its size, and how far the calibration puts the
+    track from it; for grey images the scene without it."""
+
+    def __init__(
+        self,
+        name: CameraName,
+        optics: Optics,
+        params: EyeParams,
+        marker: MarkerParams | None,
+        background_memory_s: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.name, self.optics, self.marker = name, optics, marker
+        self.object = EyeTracker(params, optics, rng)
+        self.background = Background(EgoMotion(optics.camera), background_memory_s)
+        self._offset_px: Array = np.zeros(2)  # of the outline from the track's projection: calibration error
+        self._size_px = 0.0
+
+    def find(self, look: Look, last: Belief, now: Belief, grey: bool) -> Sighting | None:
+        """The object near where the track, whose belief was `last` and is `now`, puts it."""
+        prior = self._prior(look, last, now)
+        if prior is None:
+            return None
+        if self.marker is not None:
+            return self._nearest_marker(self.marker, look, prior)
+        evidence = self.background.evidence(look.image, look.view) if grey else None
+        return self.object.step(look.image, prior, evidence)
+
+    def remember(self, look: Look, shape: Outline, belief: Belief) -> None:
+        """Where the object is relative to the track, and how large."""
+        self._offset_px = shape.center_px - look.view.project(belief.mean[0])
+        self._size_px = 2 * shape.angular_radius_rad * self.optics.camera.focal_px
+
+    def detection(self, look: Look, seen: Sighting) -> Detection2D:
+        """What was seen, with eye and stamp."""
+        shape = seen.outline
+        return Detection2D(
+            look.stamp_s, self.name, shape.center_px, shape.cov_px, seen.score, shape.angular_radius_rad, seen.box_px
+        )
+
+    def _prior(self, look: Look, last: Belief, now: Belief) -> Prior | None:
+        """Where the track says this eye sees the object; None where it cannot."""
+        p = now.mean[0]
+        if len(now.mean) > 1:
+            p = p + now.mean[1] * (look.stamp_s - now.stamp_s)
+        center = look.view.project(p) + self._offset_px
+        if not self.optics.camera.contains(center, margin_px=-0.5 * self._size_px):
+            return None
+        J = look.view.project_jacobian(p)
+        std = float(np.sqrt(np.trace(J @ now.cov[:3, :3] @ J.T)))
+        growth = float(np.linalg.norm(last.mean[0] - look.view.center) / np.linalg.norm(p - look.view.center))
+        return Prior(center, float(np.clip(std, 0.7, 40.0)), float(np.clip(growth, 0.8, 1.25)))
+
+    def _nearest_marker(self, params: MarkerParams, look: Look, prior: Prior) -> Sighting | None:
+        """The nearest blob in reach of where the marker should be."""
+        x, y = prior.center_px
+        half = 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
+        found = find_markers(params, look.image, self.optics, (float(x), float(y), half))
+        if not found:
+            return None
+        shape = min(found, key=lambda one: float(np.linalg.norm(one.center_px - prior.center_px)))
+        return Sighting(shape, shape.box_px, 1.0)

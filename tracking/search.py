@@ -1,0 +1,119 @@
+"""While nothing is tracked: what moves in both eyes and looks the same is an object (R Fig 13, left half)."""
+
+import itertools
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from pps_vision.geometry.camera import StereoView, View
+from pps_vision.types import Array, Mask
+from tracking.acquire import AcquireParams, Candidate, acquire
+from tracking.association import Association
+from tracking.background import Background
+from tracking.look import Look, Looks
+from tracking.marker import MarkerParams, find_markers
+from tracking.outline import Optics, Outline
+from tracking.trigger import Region2D, Trigger, TriggerParams
+
+OwnBody = Callable[[Array, View], Mask]  # joints (rad), an eye's view → where the robot sees itself
+Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
+Regions = tuple[list[Region2D], list[Region2D]]
+
+
+@dataclass(frozen=True)
+class SearchParams:
+    """Of the `max_candidates` most conspicuous things that move in each eye, two are one object when
+    their colours are `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than
+    `max_ratio`, or `max_ratio_grey`: without colour an outline is rougher."""
+
+    max_candidates: int = 4
+    min_likeness: float = 0.7
+    max_ratio: float = 1.2
+    max_ratio_grey: float = 1.8
+    trigger: TriggerParams = field(default_factory=TriggerParams)
+    acquire: AcquireParams = field(default_factory=AcquireParams)
+
+
+class Search:
+    """Finds a moving object anywhere in both images; `step` takes frames in the order of their stamps."""
+
+    def __init__(
+        self,
+        params: SearchParams,
+        optics: tuple[Optics, Optics],
+        association: Association,
+        own_body: OwnBody | None,
+        stages: Stages,
+    ) -> None:
+        self.params, self.own_body, self.stages = params, own_body, stages
+        self._optics, self._association = optics, association
+        self._triggers = Trigger(params.trigger, optics[0].camera), Trigger(params.trigger, optics[1].camera)
+
+    def step(
+        self, looks: Looks, view: StereoView, stamp_s: float, scenes: tuple[Background, Background] | None
+    ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
+        """The object in both eyes, if there is one, and what moves in each; `scenes` tell object from
+        background where there is no colour."""
+        with self.stages("trigger"):
+            left, right = (
+                trigger.step(look.image, look.view, look.stamp_s, self._own(look))
+                for trigger, look in zip(self._triggers, looks, strict=True)
+            )
+        if not (left and right):
+            return None, (left, right)
+        with self.stages("image"):
+            pair = self._best_pair(
+                view,
+                self._candidates(0, looks[0], left, scenes),
+                self._candidates(1, looks[1], right, scenes),
+                stamp_s,
+                scenes is not None,
+            )
+        return pair, (left, right)
+
+    def _own(self, look: Look) -> Mask | None:
+        return self.own_body(look.joints_rad, look.view) if self.own_body and look.joints_rad is not None else None
+
+    def _candidates(
+        self, eye: int, look: Look, regions: list[Region2D], scenes: tuple[Background, Background] | None
+    ) -> list[Candidate]:
+        """Objects behind the strongest moving regions."""
+        evidence = scenes[eye].evidence(look.image, look.view) if scenes else None
+        strongest = regions[: self.params.max_candidates]
+        found = (acquire(self.params.acquire, look.image, r, self._optics[eye], evidence) for r in strongest)
+        return [candidate for candidate in found if candidate is not None]
+
+    def _best_pair(
+        self, view: StereoView, left: list[Candidate], right: list[Candidate], stamp_s: float, grey: bool
+    ) -> tuple[Candidate, Candidate] | None:
+        """The two candidates that are one object, with most evidence; colours must agree too."""
+        best, most = None, 0.0
+        most_ratio = self.params.max_ratio_grey if grey else self.params.max_ratio
+        for a, b in itertools.product(left, right):
+            likeness = 1.0 if grey else a.model.similarity(b.model.object)  # eyes differ in exposure
+            ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
+            evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
+            if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > most_ratio:
+                continue
+            if self._association.observe(view, a.outline, b.outline, stamp_s):
+                best, most = (a, b), evidence
+        return best
+
+
+def search_marker(
+    params: MarkerParams,
+    looks: Looks,
+    view: StereoView,
+    stamp_s: float,
+    optics: tuple[Optics, Optics],
+    association: Association,
+) -> tuple[Outline, Outline] | None:
+    """The marker anywhere in both images; None where no two blobs are one thing."""
+    lefts, rights = (find_markers(params, look.image, one) for look, one in zip(looks, optics, strict=True))
+    for a, b in itertools.product(lefts, rights):
+        if association.observe(view, a, b, stamp_s):
+            return a, b
+    return None
