@@ -1,0 +1,138 @@
+"""What people would pick instead of our image tracker: OpenCV's.
+
+Images are RGB; what wants BGR or grey gets it converted, which is part of its time.  All are told the
+true box in the first frame, which ours has to find by itself.
+"""
+
+from typing import Literal, Protocol, get_args
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.geometry.camera import View
+from pps_vision.geometry.se3 import rotation_to
+from pps_vision.types import Array, Image
+
+BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
+ImagePeerName = Literal["CamShift", "MOSSE", "KCF", "CSRT"]
+
+
+class ImagePeer(Protocol):
+    """Follows one object in one camera's images."""
+
+    def start(self, image: Image, box: BoxPx) -> None:
+        """Learn what is in the box."""
+
+    def step(self, image: Image) -> BoxPx | None:
+        """Its box in the next image; None where the tracker says that it has lost it."""
+        ...
+
+
+class OpenCVTracker:
+    """MOSSE, KCF or CSRT with its default parameters."""
+
+    def __init__(self, name: Literal["MOSSE", "KCF", "CSRT"]) -> None:
+        self._name = name
+        self._code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
+        self._tracker: cv2.Tracker | cv2.legacy.Tracker | None = None
+
+    def start(self, image: Image, box: BoxPx) -> None:
+        """The box is rounded to whole pixels, which is all that KCF and CSRT take."""
+        x0, y0 = round(box[0]), round(box[1])
+        whole = (x0, y0, round(box[0] + box[2]) - x0, round(box[1] + box[3]) - y0)
+        self._tracker = _opencv(self._name)
+        self._tracker.init(cv2.cvtColor(image, self._code), whole)
+
+    def step(self, image: Image) -> BoxPx | None:
+        """ValueError before `start`."""
+        if self._tracker is None:
+            raise ValueError("step before start; the tracker needs a first image and box")
+        found, (x, y, w, h) = self._tracker.update(cv2.cvtColor(image, self._code))
+        return (float(x), float(y), float(w), float(h)) if found else None
+
+
+def _opencv(name: Literal["MOSSE", "KCF", "CSRT"]) -> cv2.Tracker | cv2.legacy.Tracker:
+    if name == "MOSSE":
+        return cv2.legacy.TrackerMOSSE.create()
+    return cv2.TrackerKCF.create() if name == "KCF" else cv2.TrackerCSRT.create()
+
+
+class HueModel:
+    """The hues of an object as OpenCV's CamShift example has them: 16 bins, dull and dark pixels left out."""
+
+    def __init__(self, image: Image, box: BoxPx) -> None:
+        x, y, w, h = (round(value) for value in box)
+        hsv, vivid = _vivid(image)
+        crop = np.s_[max(y, 0) : y + h, max(x, 0) : x + w]
+        hues = cv2.calcHist([np.ascontiguousarray(hsv[crop])], [0], np.ascontiguousarray(vivid[crop]), [16], [0, 180])
+        self._hues = cv2.normalize(hues, hues, 0, 255, cv2.NORM_MINMAX)
+
+    def likelihood(self, image: Image) -> NDArray[np.uint8]:
+        """(H, W) 0–255."""
+        hsv, vivid = _vivid(image)
+        back = np.asarray(cv2.calcBackProject([hsv], [0], self._hues, [0, 180], 1), dtype=np.uint8)
+        return back & vivid
+
+
+def _vivid(image: Image) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """HSV (H, W, 3), and 255 where saturation and value are high enough for a hue."""
+    hsv = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), dtype=np.uint8)
+    vivid = cv2.inRange(hsv, np.array([0.0, 60.0, 32.0]), np.array([180.0, 255.0, 255.0]))
+    return hsv, np.asarray(vivid, dtype=np.uint8)
+
+
+class CamShift:
+    """Bradski's, as in OpenCV's example: hue back-projection of the whole image, then the window's climb."""
+
+    def __init__(self) -> None:
+        self._model: HueModel | None = None
+        self._window = (0, 0, 0, 0)
+
+    def start(self, image: Image, box: BoxPx) -> None:
+        """Learn the hues in the box."""
+        self._model = HueModel(image, box)
+        self._window = (round(box[0]), round(box[1]), round(box[2]), round(box[3]))
+
+    def step(self, image: Image) -> BoxPx | None:
+        """The blob's centre, with the sides of its ellipse turned upright; None where the window holds nothing."""
+        if self._model is None:
+            raise ValueError("step before start; the tracker needs a first image and box")
+        enough = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 1.0)
+        blob, window = cv2.CamShift(self._model.likelihood(image), self._window, enough)
+        if min(window[2:]) <= 0 or min(blob[1]) <= 0:
+            return None
+        self._window = (window[0], window[1], window[2], window[3])
+        (x, y), (a, b), angle = blob
+        c, s = abs(np.cos(np.deg2rad(angle))), abs(np.sin(np.deg2rad(angle)))
+        w, h = float(np.hypot(a * c, b * s)), float(np.hypot(a * s, b * c))
+        return x - (w - 1) / 2, y - (h - 1) / 2, w, h
+
+
+def image_peer(name: ImagePeerName) -> ImagePeer:
+    """A fresh tracker; ValueError for another name."""
+    if name == "CamShift":
+        return CamShift()
+    if name not in get_args(ImagePeerName):
+        raise ValueError(f"peer {name!r}; expected one of {', '.join(get_args(ImagePeerName))}")
+    return OpenCVTracker(name)
+
+
+def sphere_box(view: View, center: Array, radius_m: float) -> BoxPx | None:
+    """The box around the image of a sphere at `center` (3,), root frame, as far as it lies in the image;
+    None where the eye does not see the whole of it in front."""
+    away = center - view.center
+    sine = radius_m / float(np.linalg.norm(away))
+    if sine >= 1:
+        return None
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    cosine = float(np.sqrt(1 - sine**2))
+    cone = np.stack([sine * np.cos(angle), sine * np.sin(angle), np.full(len(angle), cosine)], axis=1)
+    rim = view.project(view.center + cone @ rotation_to(away).T)  # a sphere's rim is a cone of directions
+    if not np.all(np.isfinite(rim)):
+        return None
+    low = np.maximum(rim.min(axis=0), -0.5)
+    high = np.minimum(rim.max(axis=0), np.array([view.camera.width, view.camera.height]) - 0.5)
+    if np.any(high - low < 2):
+        return None
+    return (float(low[0] + 0.5), float(low[1] + 0.5), float(high[0] - low[0]), float(high[1] - low[1]))

@@ -1,0 +1,184 @@
+"""What people would pick instead of our pipeline: two of OpenCV's trackers, or a whole disparity map.
+
+All are told the true boxes in the first frame, which ours has to find by itself.
+"""
+
+from typing import Literal, Protocol, get_args
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.experiments.peers import BoxPx, HueModel, ImagePeerName, image_peer
+from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.geometry.triangulation import midpoint
+from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
+from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
+
+StereoPeerName = Literal["two CamShift", "two KCF", "two CSRT", "SGBM + blob"]
+_POINT_STD_PX = 1.0  # what the filter is told of the peers' centres: their boxes are whole pixels
+
+
+class StereoPeer(Protocol):
+    """Follows one object in both eyes."""
+
+    def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> None:
+        """Learn what is in the boxes, left and right."""
+
+    def step(self, frame: StereoFrame) -> Array | None:
+        """Its centre (3,) m in the root frame; None where it is lost."""
+        ...
+
+
+class TwoTrackers:
+    """One image tracker an eye; the rays through the middles of their boxes meet at their midpoint."""
+
+    def __init__(self, rig: StereoRig, name: ImagePeerName) -> None:
+        self._rig, self._eyes = rig, (image_peer(name), image_peer(name))
+
+    def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> None:
+        """Learn what is in the boxes, left and right."""
+        for eye, image, box in zip(self._eyes, (frame.left, frame.right), boxes, strict=True):
+            eye.start(image, box)
+
+    def step(self, frame: StereoFrame) -> Array | None:
+        """None where an eye has lost it, or the rays do not meet before the eyes."""
+        left, right = (eye.step(image) for eye, image in zip(self._eyes, (frame.left, frame.right), strict=True))
+        return None if left is None or right is None else meet(self._rig.view_of(frame), left, right)
+
+
+def meet(view: StereoView, left: BoxPx, right: BoxPx) -> Array | None:
+    """(3,) where the rays through the middles of two boxes meet; None where they do not."""
+    rays = [eye.rays(middle(box)) for eye, box in ((view.left, left), (view.right, right))]
+    return midpoint(view.left.center, rays[0], view.right.center, rays[1])
+
+
+def middle(box: BoxPx) -> Array:
+    """(2,) px, pixel centres being whole numbers."""
+    return np.array([box[0] + (box[2] - 1) / 2, box[1] + (box[3] - 1) / 2])
+
+
+class BlobInDisparity:
+    """The textbook: rectify, SGBM over the whole image, the blob of the object's hues, its median disparity."""
+
+    def __init__(self, rig: StereoRig, n_disparities: int = 112, block_px: int = 5) -> None:
+        self._rig = rig
+        price = 3 * block_px**2
+        self._matcher = cv2.StereoSGBM.create(
+            0, n_disparities, block_px, 8 * price, 32 * price, uniquenessRatio=5, mode=cv2.StereoSGBM_MODE_SGBM_3WAY
+        )
+        self._model: HueModel | None = None
+
+    def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> None:
+        """Learn the hues in the left box."""
+        self._model = HueModel(frame.left, boxes[0])
+
+    def step(self, frame: StereoFrame) -> Array | None:
+        """None where the blob, or its disparity, is missing."""
+        if self._model is None:
+            raise ValueError("step before start; the pipeline needs a first frame and boxes")
+        view = self._rig.view_of(frame)
+        left, right, R_root_rect, Q = _rectified(view, frame)
+        blob = _largest(self._model.likelihood(left))
+        if blob is None:
+            return None
+        grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
+        disparity = np.asarray(self._matcher.compute(grey[0], grey[1]), dtype=float) / 16
+        known = disparity[blob & (disparity > 0)]
+        if not len(known):
+            return None
+        v, u = (float(index.mean()) for index in np.nonzero(blob))
+        x, y, z, w = Q @ np.array([u, v, float(np.median(known)), 1.0])
+        surface = np.array([x, y, z]) / w
+        sine = float(np.sqrt(np.count_nonzero(blob) / np.pi)) / Q[2, 3]  # of the blob's angular radius, about
+        center: Array = view.left.center + R_root_rect @ surface / (1 - 0.92 * sine)  # its surface is nearer
+        return center
+
+
+def _rectified(view: StereoView, frame: StereoFrame) -> tuple[Image, Image, Array, Array]:
+    """Both images with rows that match, the rectified left eye's axes in the root frame, and OpenCV's Q (4, 4)."""
+    T_right_left = view.right.T_camera_root @ view.left.T_root_camera
+    cameras = view.left.camera, view.right.camera
+    size = cameras[0].width, cameras[0].height
+    lens = [(camera.K, np.array(camera.distortion)) for camera in cameras]
+    R1, R2, P1, P2, Q, _, _ = cv2.stereoRectify(*lens[0], *lens[1], size, T_right_left[:3, :3], T_right_left[:3, 3])
+    images = []
+    for image, (K, distortion), R, P in zip((frame.left, frame.right), lens, (R1, R2), (P1, P2), strict=True):
+        u, v = cv2.initUndistortRectifyMap(K, distortion, R, P, size, cv2.CV_16SC2)
+        images.append(np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR), dtype=np.uint8))
+    return images[0], images[1], view.left.T_root_camera[:3, :3] @ np.asarray(R1).T, np.asarray(Q)
+
+
+def _largest(likelihood: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+    """The largest connected region (H, W) that is more likely than not."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((likelihood > 127).view(np.uint8))
+    return None if count < 2 else np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
+
+
+def stereo_peer(name: StereoPeerName, rig: StereoRig) -> StereoPeer:
+    """A fresh pipeline; ValueError for another name."""
+    if name not in get_args(StereoPeerName):
+        raise ValueError(f"peer {name!r}; expected one of {', '.join(get_args(StereoPeerName))}")
+    if name == "SGBM + blob":
+        return BlobInDisparity(rig)
+    kind: dict[str, ImagePeerName] = {"two CamShift": "CamShift", "two KCF": "KCF", "two CSRT": "CSRT"}
+    return TwoTrackers(rig, kind[name])
+
+
+class FilteredPeer:
+    """A peer's points through our own filter, so that a chart compares what comes before it.
+
+    `start` with the first frame and the true boxes, then `step`; the track is lost after
+    `lost_after_s` without a point, and known again with the next one.
+    """
+
+    def __init__(
+        self, peer: StereoPeer, rig: StereoRig, params: KalmanParams | None = None, lost_after_s: float = 0.5
+    ) -> None:
+        self._peer, self._rig, self._lost_after_s = peer, rig, lost_after_s
+        self._default = self._params = params or KalmanParams()
+        self._belief: Belief | None = None
+        self._seen_s = -np.inf
+
+    def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> Track3D:
+        """The track after the first frame."""
+        self._peer.start(frame, boxes)
+        self._belief = None
+        view = self._rig.view_of(frame)
+        return self._filter(view, meet(view, *boxes), frame.stamp_s)
+
+    def step(self, frame: StereoFrame) -> Track3D:
+        """The track after the next frame."""
+        return self._filter(self._rig.view_of(frame), self._peer.step(frame), frame.stamp_s)
+
+    def _filter(self, view: StereoView, point: Array | None, stamp_s: float) -> Track3D:
+        if point is not None and (cov := _cov(view, point)) is not None:
+            self._seen_s = stamp_s
+            if self._belief is None:
+                self._params = scaled(self._default, float(np.linalg.norm(point - view.left.center)))
+                self._belief = start(self._params, stamp_s, point, cov)
+            else:
+                self._belief = update(self._params, predict(self._params, self._belief, stamp_s), point, cov)
+            return self._track(self._belief, Status.TRACKING)
+        if self._belief is None:
+            return Track3D.unknown(stamp_s)
+        if stamp_s - self._seen_s > self._lost_after_s:
+            self._belief = None
+            return Track3D.unknown(stamp_s, Status.LOST)
+        self._belief = predict(self._params, self._belief, stamp_s)
+        return self._track(self._belief, Status.COASTING)
+
+    def _track(self, belief: Belief, status: Status) -> Track3D:
+        order = self._params.order
+        mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
+        mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
+        return Track3D(belief.stamp_s, mean, cov, np.nan, np.nan, status)
+
+
+def _cov(view: StereoView, point: Array) -> Array | None:
+    """(3, 3) m² that pixel noise makes of a point; None where an eye cannot see it."""
+    if not all(np.all(np.isfinite(eye.project(point))) for eye in (view.left, view.right)):
+        return None
+    J = np.concatenate([eye.project_jacobian(point) for eye in (view.left, view.right)])
+    cov: Array = np.linalg.inv(J.T @ J) * _POINT_STD_PX**2
+    return cov
