@@ -78,10 +78,9 @@ class Camera:
             y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
         )
 
-    def project_jacobian(self, point: ArrayLike) -> Array:
-        """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates."""
-        X, Y, Z = np.asarray(point, dtype=float).tolist()  # plain floats, as in _project_one
-        x, y = X / Z, Y / Z
+    def linearised(self, x: float, y: float) -> tuple[float, float, float, float, float, float]:
+        """Pixel (u, v) of a normalised point (X/Z, Y/Z), and ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y there, px; as
+        plain floats, and without a look at where the distortion folds back."""
         k1, k2, p1, p2, k3 = self.distortion
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -89,8 +88,15 @@ class Camera:
         xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x  # ∂(distorted)/∂(normalised)
         xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
         yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
-        u, v = self.fx / Z, self.fy / Z
-        return np.array([[u * xx, u * xy, -u * (xx * x + xy * y)], [v * xy, v * yy, -v * (xy * x + yy * y)]])
+        xd, yd = self._distort(x, y, r2)
+        return self.fx * xd + self.cx, self.fy * yd + self.cy, self.fx * xx, self.fx * xy, self.fy * xy, self.fy * yy
+
+    def project_jacobian(self, point: ArrayLike) -> Array:
+        """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates."""
+        X, Y, Z = np.asarray(point, dtype=float).tolist()  # plain floats, as in _project_one
+        x, y = X / Z, Y / Z
+        ux, uy, vx, vy = (slope / Z for slope in self.linearised(x, y)[2:])
+        return np.array([[ux, uy, -ux * x - uy * y], [vx, vy, -vx * x - vy * y]])
 
     def bearings(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in camera coordinates of pixels (…, 2)."""

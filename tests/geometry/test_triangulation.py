@@ -3,11 +3,12 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import midpoint, triangulate
-from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.types import Array
 
 ONE_PX = np.eye(2)
@@ -75,6 +76,40 @@ def test_covariance_and_residual_are_what_monte_carlo_finds(view: StereoView, rn
     whitened = np.linalg.inv(np.linalg.cholesky(exact.cov_root))
     np.testing.assert_allclose(whitened @ np.cov(errors.T) @ whitened.T, np.eye(3), atol=0.15)
     assert chi2.mean() == pytest.approx(1.0, abs=0.15)  # four numbers measured, three estimated
+
+
+def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Generator) -> None:
+    """SciPy's optimiser, started at the truth, finds no better point: any vergence, lens and unequal noise."""
+    robot = load_icub()
+    for _ in range(25):
+        view = icub_rig(robot).view(set_gaze(robot, home(robot), vergence=rng.uniform(0.0, 0.8)))
+        p, std = point_ahead(view, rng), 10 ** rng.uniform(-2, 0)
+        px, covs, whiten = [], [], []
+        for eye in (view.left, view.right):
+            root = std * (rng.normal(size=(2, 2)) + np.eye(2))
+            px.append(eye.project(p) + root @ rng.normal(size=2))
+            covs.append(root @ root.T)
+            whiten.append(np.linalg.inv(root))
+
+        def error(q: Array, view: StereoView = view, px: list[Array] = px, whiten: list[Array] = whiten) -> Array:
+            off = [w @ (m - eye.project(q)) for w, m, eye in zip(whiten, px, (view.left, view.right), strict=True)]
+            return np.concatenate(off)
+
+        found = triangulate(view, *px, *covs)
+        best = least_squares(error, p, jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        assert found is not None
+        np.testing.assert_allclose(found.p_root, best.x, atol=1e-7 * np.sqrt(np.trace(found.cov_root)) + 1e-9)
+        assert found.mahalanobis == pytest.approx(2 * best.cost, rel=1e-6, abs=1e-9)
+        off_px = [eye.project(found.p_root) - m for eye, m in zip((view.left, view.right), px, strict=True)]
+        assert found.residual_px == pytest.approx(np.sqrt(np.mean(np.square(off_px))), rel=1e-6, abs=1e-9)
+
+
+def test_a_pixel_that_no_ray_reaches_gives_none() -> None:
+    """A barrel lens that folds back 133 px from its middle."""
+    folds = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (-0.4, 0.0, 0.0, 0.0, 0.0))
+    view = StereoRig.fixed(folds, folds, transform(translation=(0.068, 0, 0))).view()
+    assert triangulate(view, (279.5, 119.5), (259.5, 119.5), ONE_PX, ONE_PX) is not None
+    assert triangulate(view, (319.0, 119.5), (259.5, 119.5), ONE_PX, ONE_PX) is None
 
 
 def test_depth_noise_of_parallel_eyes_is_the_textbooks() -> None:
