@@ -99,17 +99,28 @@ class Robot:
 
     def at(self, q_rad: ArrayLike) -> "Posture":
         """The robot at configuration `q_rad` (n_joints,)."""
-        q = np.array(q_rad, dtype=float)
-        if q.shape != (self.n_joints,) or not np.all(np.isfinite(q)):
-            raise ValueError(f"joints {np.array2string(q, precision=3)}: expected {self.n_joints} finite angles")
-        return Posture(self, q)
+        return Posture(self, self._checked(q_rad))
 
     def eye_poses(self, q_rad: ArrayLike | None) -> tuple[Array, Array]:
         """(T_root_left, T_root_right), the form `StereoRig` asks for."""
         if q_rad is None:
             raise ValueError("the frame carries no joints, but this robot's eyes move with them")
-        posture = self.at(q_rad)
-        return posture.T_root(self.names.left_eye), posture.T_root(self.names.right_eye)
+        pin.framesForwardKinematics(self.model, self._scratch, self._checked(q_rad))
+        frames = self._scratch.oMf
+        left, right = self.frame_ids[self.names.left_eye], self.frame_ids[self.names.right_eye]
+        return frames[left].homogeneous, frames[right].homogeneous
+
+    def _checked(self, q_rad: ArrayLike) -> Array:
+        """A copy of a configuration; ValueError where it is none."""
+        q: Array = np.array(q_rad, dtype=float)
+        if q.shape != (self.n_joints,) or not np.isfinite(q).all():
+            raise ValueError(f"joints {np.array2string(q, precision=3)}: expected {self.n_joints} finite angles")
+        return q
+
+    @cached_property
+    def _scratch(self) -> Any:
+        """Room for an evaluation of which only copies are kept; to make it costs fifty evaluations."""
+        return self.model.createData()
 
     def clamp(self, q_rad: Array) -> Array:
         """The nearest configuration within the joint limits."""

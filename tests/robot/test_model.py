@@ -72,6 +72,8 @@ def test_another_robot_is_used_by_naming_its_frames(tmp_path: Path) -> None:
     left, right = robot.eye_poses(q)
     np.testing.assert_allclose(left[:3, 3], [0, 0.05, 1])
     np.testing.assert_allclose(right[:3, 3], [0, -0.05, 1])
+    robot.eye_poses(q + 0.3)
+    np.testing.assert_array_equal(left, robot.at(q).T_root("eye_l"))  # the later evaluation left it alone
 
 
 def test_bodies_are_the_urdfs_visuals_in_their_own_links(tmp_path: Path) -> None:
