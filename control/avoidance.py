@@ -20,7 +20,7 @@ class AvoidanceParams:
     """One arm's answer to its skin.
 
     The point P moves at `speed_m_s` once some taxel's activation has exceeded `threshold` for
-    `confirm_s` (the velocity of what stops dead swings back for a frame or two, and that is no
+    `confirm_s` (the velocity of what stops dead swings back for one to three frames, and that is no
     approach), and until `persist_s` after; the palm stays within `radius_m` of where `home_arm_rad` (the arm's
     joints at home) puts it (R, "Avoidance and reaching"; FACTS §3).
     """

@@ -15,14 +15,15 @@ class ReceptiveField:
 
     With `subtract_radius` D and TTC are those of the stimulus's surface, not of its centre (R
     takes the centre).  A stimulus counts as approaching only when its closing speed exceeds
-    `min_closing_sigmas` standard deviations of the velocity estimate.
+    `min_closing_sigmas` standard deviations of the velocity estimate (2 would miss what comes slowly;
+    what does not approach is told apart by the time an activation lasts, see `control/avoidance.py`).
     """
 
     half_angle_rad: float = float(np.arccos(0.75))
     base_radius_m: float = 0.07
     length_m: float = 0.20
     subtract_radius: bool = False
-    min_closing_sigmas: float = 2.0
+    min_closing_sigmas: float = 1.0
 
     def __post_init__(self) -> None:
         if not (0 < self.half_angle_rad < np.pi / 2 and self.base_radius_m >= 0 and self.length_m > 0):

@@ -63,11 +63,11 @@ def test_surface_instead_of_centre():
 
 def test_a_closing_speed_within_its_noise_is_no_approach():
     cov = np.diag([1.0, 1.0, 0.02**2])  # only the noise along the line of sight matters
-    assert one((0, 0, 0.1), (0, 0, -0.05), cov_v=cov)[1] == pytest.approx(2.0)
-    assert one((0, 0, 0.1), (0, 0, -0.039), cov_v=cov)[1] == np.inf
-    assert one((0, 0, 0.1), (0, 0, 0.039), cov_v=cov)[1] == np.inf
-    lax = ReceptiveField(min_closing_sigmas=1.0)
-    assert one((0, 0, 0.1), (0, 0, -0.039), lax, cov_v=cov)[1] == pytest.approx(0.1 / 0.039)
+    assert one((0, 0, 0.1), (0, 0, -0.021), cov_v=cov)[1] == pytest.approx(0.1 / 0.021)
+    assert one((0, 0, 0.1), (0, 0, -0.019), cov_v=cov)[1] == np.inf
+    assert one((0, 0, 0.1), (0, 0, 0.019), cov_v=cov)[1] == np.inf
+    strict = ReceptiveField(min_closing_sigmas=2.0)
+    assert one((0, 0, 0.1), (0, 0, -0.039), strict, cov_v=cov)[1] == np.inf
 
 
 def test_what_counts_is_the_velocity_relative_to_the_taxel():
