@@ -16,6 +16,7 @@ from pps_vision.types import Array, Image
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 ImagePeerName = Literal["CamShift", "MOSSE", "KCF", "CSRT"]
+_RANGES = (0.0, 180.0, 0.0, 256.0)  # of hue and saturation
 
 
 class ImagePeer(Protocol):
@@ -30,26 +31,37 @@ class ImagePeer(Protocol):
 
 
 class OpenCVTracker:
-    """MOSSE, KCF or CSRT with its default parameters."""
+    """MOSSE, KCF or CSRT with its default parameters.
+
+    MOSSE is given twice the box, for it has no margin of its own and a plain object alone leaves it
+    nothing to correlate with; the middle of what it finds is the object.
+    """
 
     def __init__(self, name: Literal["MOSSE", "KCF", "CSRT"]) -> None:
         self._name = name
+        self._share = 2.0 if name == "MOSSE" else 1.0
         self._code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
         self._tracker: cv2.Tracker | cv2.legacy.Tracker | None = None
 
     def start(self, image: Image, box: BoxPx) -> None:
         """The box is rounded to whole pixels, which is all that KCF and CSRT take."""
-        x0, y0 = round(box[0]), round(box[1])
-        whole = (x0, y0, round(box[0] + box[2]) - x0, round(box[1] + box[3]) - y0)
+        x, y, w, h = _grown(box, self._share)
+        x0, y0 = round(x), round(y)
         self._tracker = _opencv(self._name)
-        self._tracker.init(cv2.cvtColor(image, self._code), whole)
+        self._tracker.init(cv2.cvtColor(image, self._code), (x0, y0, round(x + w) - x0, round(y + h) - y0))
 
     def step(self, image: Image) -> BoxPx | None:
         """ValueError before `start`."""
         if self._tracker is None:
             raise ValueError("step before start; the tracker needs a first image and box")
         found, (x, y, w, h) = self._tracker.update(cv2.cvtColor(image, self._code))
-        return (float(x), float(y), float(w), float(h)) if found else None
+        return _grown((x, y, w, h), 1 / self._share) if found else None
+
+
+def _grown(box: BoxPx, share: float) -> BoxPx:
+    """A box with the same middle and its sides times `share`."""
+    x, y, w, h = box
+    return x - (share - 1) * w / 2, y - (share - 1) * h / 2, share * w, share * h
 
 
 def _opencv(name: Literal["MOSSE", "KCF", "CSRT"]) -> cv2.Tracker | cv2.legacy.Tracker:
@@ -59,27 +71,19 @@ def _opencv(name: Literal["MOSSE", "KCF", "CSRT"]) -> cv2.Tracker | cv2.legacy.T
 
 
 class HueModel:
-    """The hues of an object as OpenCV's CamShift example has them: 16 bins, dull and dark pixels left out."""
+    """Hue and saturation in a box's ellipse, 30×32 bins, as in OpenCV's back-projection example."""
 
     def __init__(self, image: Image, box: BoxPx) -> None:
         x, y, w, h = (round(value) for value in box)
-        hsv, vivid = _vivid(image)
-        crop = np.s_[max(y, 0) : y + h, max(x, 0) : x + w]
-        hues = cv2.calcHist([np.ascontiguousarray(hsv[crop])], [0], np.ascontiguousarray(vivid[crop]), [16], [0, 180])
-        self._hues = cv2.normalize(hues, hues, 0, 255, cv2.NORM_MINMAX)
+        crop = np.ascontiguousarray(image[max(y, 0) : y + h, max(x, 0) : x + w])
+        inside = cv2.resize(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (64, 64)), crop.shape[1::-1])
+        counts = cv2.calcHist([cv2.cvtColor(crop, cv2.COLOR_RGB2HSV)], [0, 1], inside, [30, 32], _RANGES)
+        self._hues = cv2.normalize(counts, counts, 0, 255, cv2.NORM_MINMAX)
 
     def likelihood(self, image: Image) -> NDArray[np.uint8]:
         """(H, W) 0–255."""
-        hsv, vivid = _vivid(image)
-        back = np.asarray(cv2.calcBackProject([hsv], [0], self._hues, [0, 180], 1), dtype=np.uint8)
-        return back & vivid
-
-
-def _vivid(image: Image) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """HSV (H, W, 3), and 255 where saturation and value are high enough for a hue."""
-    hsv = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), dtype=np.uint8)
-    vivid = cv2.inRange(hsv, np.array([0.0, 60.0, 32.0]), np.array([180.0, 255.0, 255.0]))
-    return hsv, np.asarray(vivid, dtype=np.uint8)
+        hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
+        return np.asarray(cv2.calcBackProject([hsv], [0, 1], self._hues, _RANGES, 1), dtype=np.uint8)
 
 
 class CamShift:

@@ -59,11 +59,14 @@ def middle(box: BoxPx) -> Array:
 
 
 class BlobInDisparity:
-    """The textbook: rectify, SGBM over the whole image, the blob of the object's hues, its median disparity."""
+    """The textbook: rectify, SGBM over the whole image, the blob of the object's hues, its median disparity.
+
+    That is taken for the centre's: a smooth ball has disparity at its rim only, which is as far as its centre.
+    """
 
     def __init__(self, rig: StereoRig, n_disparities: int = 112, block_px: int = 5) -> None:
         self._rig = rig
-        price = 3 * block_px**2
+        price = 3 * block_px**2  # of three channels: in grey, small objects drown in the background's disparity
         self._matcher = cv2.StereoSGBM.create(
             0, n_disparities, block_px, 8 * price, 32 * price, uniquenessRatio=5, mode=cv2.StereoSGBM_MODE_SGBM_3WAY
         )
@@ -82,16 +85,13 @@ class BlobInDisparity:
         blob = _largest(self._model.likelihood(left))
         if blob is None:
             return None
-        grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
-        disparity = np.asarray(self._matcher.compute(grey[0], grey[1]), dtype=float) / 16
+        disparity = np.asarray(self._matcher.compute(left, right), dtype=float) / 16
         known = disparity[blob & (disparity > 0)]
         if not len(known):
             return None
         v, u = (float(index.mean()) for index in np.nonzero(blob))
         x, y, z, w = Q @ np.array([u, v, float(np.median(known)), 1.0])
-        surface = np.array([x, y, z]) / w
-        sine = float(np.sqrt(np.count_nonzero(blob) / np.pi)) / Q[2, 3]  # of the blob's angular radius, about
-        center: Array = view.left.center + R_root_rect @ surface / (1 - 0.92 * sine)  # its surface is nearer
+        center: Array = view.left.center + R_root_rect @ np.array([x, y, z]) / w
         return center
 
 
@@ -111,7 +111,7 @@ def _rectified(view: StereoView, frame: StereoFrame) -> tuple[Image, Image, Arra
 
 def _largest(likelihood: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
     """The largest connected region (H, W) that is more likely than not."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((likelihood > 127).view(np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((likelihood > 50).view(np.uint8))
     return None if count < 2 else np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
 
 
