@@ -91,7 +91,8 @@ class EyeTracker:
         size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
         mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape, spread)
-        fill = np.pi / 4 if mask is None else min(float(np.count_nonzero(mask)) / (w * h), 1.0)
+        whole = None if mask is None else see(image, mask, roi, self.optics)
+        fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
         cloud = spawn(self.params.particles, center, size, 0.5, self.rng)
         self._state = _State(model, cloud, size, shape, fill, spread)
 
