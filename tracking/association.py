@@ -20,7 +20,7 @@ class AssociationParams:
     (relative) an outline may be from a sphere's."""
 
     unknown_error: float = 0.008
-    min_error_px: float = 0.02
+    min_error_px: float = 0.015
     gate_sigma: float = 3.5
     gate_memory: float = 15.0
     memory: float = 20.0

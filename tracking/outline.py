@@ -17,7 +17,7 @@ from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box
 
-_MIN_STD_PX = 0.03  # sampling and shading leave this much however sharp the edge is (FACTS §7)
+_MIN_STD_PX = 0.02  # sampling and shading leave this much however sharp the edge is (FACTS §7)
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 ROUND = 0.015  # departure from a disc up to which nothing is but a disc
 _LIMBS_FROM, _LIMBS_TO = 0.08, 0.16  # share of limbs between which they come to count less than the trunk

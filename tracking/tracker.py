@@ -196,7 +196,8 @@ class Tracker:
         mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
         mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
         # An outline's centre is not the body's; the filter cannot average out what hardly changes.
-        cov[:3, :3] += (self.params.shape_error * self._oddness * self._radius[0]) ** 2 * np.eye(3)
+        shape = (self.params.shape_error * self._oddness * self._radius[0]) ** 2
+        cov[:3, :3] += belief.lasting + shape * np.eye(3)
         return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1], status)
 
     def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:

@@ -31,8 +31,8 @@ def test_process_noise_is_the_integral_of_what_white_noise_leaves(order: int) ->
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_without_process_noise_it_is_weighted_least_squares(order: int, rng: np.random.Generator) -> None:
-    params = KalmanParams(order=order, noise_density=1e-14, gate_chi2=1e9)
-    stamps = np.cumsum(rng.uniform(0.02, 0.1, 25))
+    params = KalmanParams(order=order, noise_density=1e-14, gate_chi2=1e9, white_share=1.0)
+    stamps = np.cumsum(rng.uniform(0.02, 0.1, 25)).round(6)  # in whole steps of the clock
     cov = np.diag([1e-5, 4e-6, 9e-6])
     measured = rng.normal(0, 0.003, (25, 3)) + np.outer(stamps, [0.1, -0.05, 0.02])
     belief = start(params, stamps[0], measured[0], cov)
@@ -49,7 +49,7 @@ def test_without_process_noise_it_is_weighted_least_squares(order: int, rng: np.
 
 
 def test_errors_have_the_covariance_it_claims(rng: np.random.Generator) -> None:
-    params = KalmanParams(order=3, noise_density=2.0, prior_std=(0.3, 0.5, 2.0), gate_chi2=1e9)
+    params = KalmanParams(order=3, noise_density=2.0, prior_std=(0.3, 0.5, 2.0), gate_chi2=1e9, white_share=1.0)
     R = np.diag([4e-6, 1e-6, 9e-6])
     A, Q = transition(3, 0.05), process_noise(3, 0.05, 2.0)
     root = np.linalg.cholesky(Q + 1e-18 * np.eye(3))
