@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from tyro.conf import subcommand
 
 from pps_vision.app.figures import save
+from pps_vision.experiments.budget import Budget
+from pps_vision.experiments.failures import Failures
 from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.real import Real
@@ -23,8 +25,8 @@ from pps_vision.recordings.results import write_summary
 class Charted(Protocol):
     """An experiment that draws the numbers it measured."""
 
-    def chart(self, numbers: dict[str, Any]) -> Figure:
-        """The chart of what `run` returned."""
+    def chart(self, numbers: dict[str, Any]) -> Figure | dict[str, Figure]:
+        """The chart of what `run` returned, or several by their names."""
         ...
 
 
@@ -37,11 +39,14 @@ class Bench:
         | Annotated[Tracking, subcommand("tracking")]
         | Annotated[Fixation, subcommand("fixation")]
         | Annotated[Real, subcommand("real")]
+        | Annotated[Failures, subcommand("failures")]
+        | Annotated[Budget, subcommand("budget")]
     )
     out: Path | None = None
     """Where to write the JSON; default: docs/results/NAME.json under the present folder."""
     figure: Path | None = None
-    """Where to write the chart, if the experiment has one; default: docs/figures/NAME.png."""
+    """Where to write the chart, if the experiment has one; default: docs/figures/NAME.png; of several charts
+    each has its own name appended."""
 
     def run(self) -> None:
         """Measure and write."""
@@ -55,9 +60,12 @@ class Bench:
         print(f"→ {out}")
         if isinstance(self.experiment, Charted):
             png = self.figure or Path("docs") / "figures" / f"{name}.png"
-            with whole_file(png) as partial:
-                save(self.experiment.chart(numbers), partial)
-            print(f"→ {png}")
+            chart = self.experiment.chart(numbers)
+            charts = {f"{png.stem}_{part}": figure for part, figure in chart.items()} if isinstance(chart, dict) else {}
+            for stem, figure in (charts or {png.stem: chart}).items():
+                with whole_file(png.with_stem(stem)) as partial:
+                    save(figure, partial)
+                print(f"→ {png.with_stem(stem)}")
 
 
 def _machine() -> dict[str, str]:

@@ -1,6 +1,7 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -9,6 +10,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from pps_vision.app.budget import Choice, cheapest
 from pps_vision.app.overlay import VideoFile, draw_pair
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.geometry.camera import StereoRig
@@ -57,6 +59,9 @@ class Track:
     """generic: whatever moves; marker: a green marker, the cheaper road."""
     depth: Depth = "centroid"
     """centroid: where both eyes see the centre; disparity: matching inside the region, for textured objects."""
+    max_error_mm: float | None = None
+    """Instead of --mode and --depth: the cheapest way whose 3D RMS error is within this; summary.json says which and
+    why."""
     max_skew_s: float = 0.02
     """Left and right images further apart in time are no pair."""
     video: bool = False
@@ -67,7 +72,11 @@ class Track:
     def run(self) -> None:
         """Read, track, and write everything at once; what had to be skipped is reported."""
         stopwatch = Stopwatch()
-        recording, tracker = self._open(stopwatch)
+        recording, make_tracker = self._open(stopwatch)
+        choice = None if self.max_error_mm is None else cheapest(recording, self.max_error_mm, make_tracker)
+        params = choice.configuration.params if choice else TrackerParams(mode=self.mode, depth=self.depth)
+        stopwatch.ms.clear()
+        tracker = make_tracker(params)
         detections: list[tuple[int, Detection2D, Status]] = []
         tracks: list[Track3D] = []
         with whole_folder(self.out, _FILES) as folder:
@@ -84,34 +93,40 @@ class Track:
                 raise BadInput(recording.name, "no usable frame; expected at least one readable stereo pair")
             write_detections(folder / "detections.csv", detections)
             write_trajectory(folder / "trajectory.csv", tracks)
-            write_summary(folder / "summary.json", self._summary(recording, tracks, stopwatch))
+            write_summary(folder / "summary.json", self._summary(recording, params, choice, tracks, stopwatch))
         for problem in recording.problems:
             print(f"skipped: {problem}", file=sys.stderr)
         print(_headline(tracks, recording, stopwatch), f"→ {self.out}")
 
-    def _open(self, stopwatch: Stopwatch) -> tuple[Recording, Tracker]:
+    def _open(self, stopwatch: Stopwatch) -> tuple[Recording, Callable[[TrackerParams], Tracker]]:
+        if self.max_error_mm is not None and (self.mode, self.depth) != ("generic", "centroid"):
+            raise ValueError("track: --max-error-mm chooses the mode and the depth itself; expected no --mode, --depth")
         if (self.rec is None) == (not self.left and not self.right):
             raise ValueError("track: expected either a recording folder REC, or --left and --right with --calib")
         if self.rec is not None:
             if len(self.calib) > 1:
                 raise ValueError(f"track: {len(self.calib)} files after --calib; expected one icubEyes.ini with REC")
             recording = open_yarp(self.rec, self.max_skew_s)
-            return recording, tracker_for(recording, self._params(), self.seed, stopwatch, *self.calib)
+            return recording, lambda params: tracker_for(recording, params, self.seed, stopwatch, *self.calib)
         if not (self.left and self.right and self.calib):
             raise ValueError("track: --left, --right and --calib go together; one is missing")
         recording = open_stereo_images(self.left, self.right, self.fps)
         left, right, T_left_right = read_stereo_calibration(self.calib, recording.image_size, self.unit_m)
         rig = StereoRig.fixed(left, right, T_left_right)
-        return recording, Tracker(self._params(), rig, np.random.default_rng(self.seed), stages=stopwatch)
+        return recording, lambda params: Tracker(params, rig, np.random.default_rng(self.seed), stages=stopwatch)
 
-    def _params(self) -> TrackerParams:
-        return TrackerParams(mode=self.mode, depth=self.depth)
-
-    def _summary(self, recording: Recording, tracks: list[Track3D], stopwatch: Stopwatch) -> dict[str, object]:
+    def _summary(
+        self,
+        recording: Recording,
+        params: TrackerParams,
+        choice: Choice | None,
+        tracks: list[Track3D],
+        stopwatch: Stopwatch,
+    ) -> dict[str, object]:
         summary: dict[str, object] = {
             "source": recording.name,
-            "mode": self.mode,
-            "depth": self.depth,
+            "mode": params.mode,
+            "depth": params.depth,
             "seed": self.seed,
             "pairs": len(recording),
             "frames": len(tracks),
@@ -119,6 +134,8 @@ class Track:
             "ms_per_pair": stopwatch.summary(),
             "skipped": count_by_kind(recording.problems),
         }
+        if choice:
+            summary["max_error"] = {"asked_mm": self.max_error_mm, **choice.summary()}
         if recording.truth:
             summary["errors"] = errors_against(recording.truth, tracks)
         return summary
