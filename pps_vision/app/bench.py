@@ -61,11 +61,12 @@ class Bench:
         if isinstance(self.experiment, Charted):
             png = self.figure or Path("docs") / "figures" / f"{name}.png"
             chart = self.experiment.chart(numbers)
-            charts = {f"{png.stem}_{part}": figure for part, figure in chart.items()} if isinstance(chart, dict) else {}
-            for stem, figure in (charts or {png.stem: chart}).items():
-                with whole_file(png.with_stem(stem)) as partial:
+            charts = {"": chart} if isinstance(chart, Figure) else {f"_{part}": one for part, one in chart.items()}
+            for part, figure in charts.items():
+                file = png.with_stem(png.stem + part)
+                with whole_file(file) as partial:
                     save(figure, partial)
-                print(f"→ {png.with_stem(stem)}")
+                print(f"→ {file}")
 
 
 def _machine() -> dict[str, str]:
