@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array
-from rendering.shapes import Color, Part, sphere, tube
+from rendering.shapes import Color, Part, sides_of, sphere, tube
 
 CarrierName = Literal["none", "stick", "hand"]
 
@@ -16,32 +16,34 @@ SKIN: Color = (0.86, 0.64, 0.52)
 CLOTH: Color = (0.30, 0.34, 0.42)
 
 
-def carrier_parts(name: CarrierName, radius_m: float) -> tuple[Part, ...]:
+def carrier_parts(name: CarrierName, radius_m: float, fineness: int = 3) -> tuple[Part, ...]:
     """The carrier of an object of `radius_m` at the origin; it reaches along z, y points up."""
+    sides = sides_of(fineness)
     if name not in get_args(CarrierName):
         raise ValueError(f"carrier {name!r}; expected one of {', '.join(get_args(CarrierName))}")
     if name == "none":
         return ()
     if name == "stick":
-        return (tube([[0, 0, 0.5 * radius_m], [0, 0, 0.35], [0, 0, 0.7]], 0.005, WOOD),)
-    return _hand(radius_m)
+        return (tube([[0, 0, 0.5 * radius_m], [0, 0, 0.35], [0, 0, 0.7]], 0.005, WOOD, sides),)
+    return _hand(radius_m, fineness)
 
 
-def _hand(radius: float) -> tuple[Part, ...]:
+def _hand(radius: float, fineness: int) -> tuple[Part, ...]:
     """Four fingers from above and a thumb from below around the far half of a sphere."""
     wrist = radius + 0.115
     flat_ball = transform(np.diag([0.042, 0.021, 0.050]), (0, 0, radius + 0.07))
+    sides = sides_of(fineness)
     fingers = ((40, 54), (72, 62), (104, 62), (136, 56))  # azimuth and bend, degrees
     return (
-        Part(sphere(1.0, SKIN, fineness=2).mesh.apply_transform(flat_ball), SKIN),
-        *(_finger(radius, np.deg2rad(azimuth), bend_deg) for azimuth, bend_deg in fingers),
-        _finger(radius, np.deg2rad(-100), 56, thickness=0.0095),
-        tube([[0, 0, wrist - 0.02], [0, 0, wrist], [0, 0, wrist + 0.09]], [0.025, 0.023, 0.026], SKIN),
-        tube([[0, 0, wrist + 0.03], [0, 0, wrist + 0.3], [0, 0, wrist + 0.7]], [0.036, 0.044, 0.050], CLOTH),
+        Part(sphere(1.0, SKIN, fineness=max(fineness - 1, 0)).mesh.apply_transform(flat_ball), SKIN),
+        *(_finger(radius, np.deg2rad(azimuth), bend_deg, sides) for azimuth, bend_deg in fingers),
+        _finger(radius, np.deg2rad(-100), 56, sides, thickness=0.0095),
+        tube([[0, 0, wrist - 0.02], [0, 0, wrist], [0, 0, wrist + 0.09]], [0.025, 0.023, 0.026], SKIN, sides),
+        tube([[0, 0, wrist + 0.03], [0, 0, wrist + 0.3], [0, 0, wrist + 0.7]], [0.036, 0.044, 0.050], CLOTH, sides),
     )
 
 
-def _finger(radius: float, azimuth: float, bend_deg: float, thickness: float = 0.008) -> Part:
+def _finger(radius: float, azimuth: float, bend_deg: float, sides: int, thickness: float = 0.008) -> Part:
     """From the knuckle around the sphere to `bend_deg` from the carrier's axis."""
     out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     axis = np.array([0.0, 0.0, 1.0])
@@ -50,7 +52,7 @@ def _finger(radius: float, azimuth: float, bend_deg: float, thickness: float = 0
     bow = radius + thickness + np.array([0.010, 0.011, 0.010, 0.007, 0.003, 0.0])[:, None]
     joints = bow * (np.sin(around) * out + np.cos(around) * axis)
     knuckle = np.array([0.032, 0.016, 0.0]) * out + axis * (radius + 0.055)
-    return tube(np.vstack([knuckle, joints]), np.linspace(1.12, 0.82, 7) * thickness, SKIN, sides=10)
+    return tube(np.vstack([knuckle, joints]), np.linspace(1.12, 0.82, 7) * thickness, SKIN, sides)
 
 
 def carrier_pose(position: ArrayLike, direction: ArrayLike) -> Array:

@@ -1,50 +1,52 @@
-"""From the pinhole image that OpenGL draws to the image behind the eye's distorting lens."""
+"""What the graphics side is told of an eye's lens: vertices are drawn where the lens bends them to."""
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera
-
-_MARGIN_PX = 2  # the interpolation's reach
+from pps_vision.types import Array
 
 
 @dataclass(frozen=True)
 class Lens:
-    """`pinhole` is the wider, undistorted camera to draw with; `warp` bends its image."""
+    """A camera whose distortion can be undone all over its image; ValueError for another."""
 
-    pinhole: Camera
-    _maps: tuple[Any, Any] | None
+    camera: Camera
 
-    def warp(self, image: Any) -> Any:
-        """What the camera records (within 1/32 px) of a drawn image, which may be larger than `pinhole`'s."""
-        if self._maps is None:
-            return image[: self.pinhole.height, : self.pinhole.width]
-        return cv2.remap(image, *self._maps, cv2.INTER_LINEAR)
+    def __post_init__(self) -> None:
+        if any(self.camera.distortion) and not self.camera.is_usable():
+            raise ValueError(
+                f"distortion {self.camera.distortion} leaves parts of {self.camera.width}×{self.camera.height} px "
+                "undefined; expected a lens that can be undone over the whole image"
+            )
 
+    @cached_property
+    def _slopes_of_pixels(self) -> Array:
+        """(h, w, 2) x/z and y/z of every pixel's ray."""
+        rays = self.camera.bearing_map
+        return rays[..., :2] / rays[..., 2:]
 
-def make_lens(camera: Camera) -> Lens:
-    """The lens of a camera; ValueError where its distortion cannot be undone over the image."""
-    if not any(camera.distortion):
-        return Lens(camera, None)
-    if not camera.is_usable():
-        raise ValueError(
-            f"distortion {camera.distortion} leaves parts of {camera.width}×{camera.height} px undefined; "
-            "expected a lens that can be undone over the whole image"
-        )
-    x, y = np.moveaxis(camera.bearing_map[..., :2] / camera.bearing_map[..., 2:], -1, 0)
-    u, v = camera.fx * x + camera.cx, camera.fy * y + camera.cy
-    left, top = np.floor([u.min(), v.min()]) - _MARGIN_PX
-    right, bottom = np.ceil([u.max(), v.max()]) + _MARGIN_PX
-    pinhole = replace(
-        camera,
-        width=int(right - left) + 1,
-        height=int(bottom - top) + 1,
-        cx=camera.cx - left,
-        cy=camera.cy - top,
-        distortion=(0.0, 0.0, 0.0, 0.0, 0.0),
-    )
-    maps = cv2.convertMaps((u - left).astype(np.float32), (v - top).astype(np.float32), cv2.CV_16SC2)
-    return Lens(pinhole, (maps[0], maps[1]))
+    @cached_property
+    def slopes(self) -> tuple[float, float, float, float]:
+        """Least x/z and y/z, greatest x/z and y/z of anything in the image, a pixel's margin included."""
+        c, xy = self.camera, self._slopes_of_pixels.reshape(-1, 2)
+        (left, top), (right, bottom) = xy.min(axis=0), xy.max(axis=0)
+        return left - 1 / c.fx, top - 1 / c.fy, right + 1 / c.fx, bottom + 1 / c.fy
+
+    @cached_property
+    def _r2_max(self) -> float:
+        """Largest x² + y² of any pixel's ray at z = 1."""
+        return float((self._slopes_of_pixels**2).sum(axis=-1).max())
+
+    def uniform(self, offset_px: Array) -> NDArray[np.float32]:
+        """(10,) what the vertex shader calls `lens`; pixels are sampled `offset_px` from their centres."""
+        c = self.camera
+        k1, k2, p1, p2, k3 = c.distortion
+        size = np.array([c.width, c.height])
+        f = 2 * np.array([c.fx, c.fy]) / size
+        # OpenGL counts from the image's corner, we from the first pixel's centre: half a pixel between
+        center = 2 * (np.array([c.cx, c.cy]) + 0.5 - offset_px) / size - 1
+        return np.array([*f, *center, k1, k2, p1, p2, k3, self._r2_max], np.float32)

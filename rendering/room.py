@@ -4,15 +4,17 @@ Muted colours, so that a stimulus stands out, but none of them grey; detail from
 down to single pixels, so that optical flow finds hold wherever the eyes look.
 """
 
+import math
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
 
-from pps_vision.types import Array
-from rendering.offscreen import pyrender
+from pps_vision.types import Array, Image
+from rendering.meshes import Mesh
+from rendering.offscreen import offscreen
 
 _TILE = 512  # texels along each side of a surface's picture
 _PER_ROW = 4
@@ -121,30 +123,40 @@ _SURFACES: tuple[tuple[Painter, Array], ...] = (
 )
 
 
-def room_mesh() -> Any:
-    """The whole room as one pyrender mesh under one texture: one thing to draw."""
-    rng = np.random.default_rng(2013)  # the room is always the same
+@cache
+def _atlas() -> Image:
+    """All surfaces' pictures side by side; the room is always the same."""
+    rng = np.random.default_rng(2013)
     rows = -(-len(_SURFACES) // _PER_ROW)
     atlas = np.zeros((rows * _TILE, _PER_ROW * _TILE, 3), np.uint8)
-    positions, normals, uv = [], [], []
-    for i, (paint, (top_left, top_right, bottom_left)) in enumerate(_SURFACES):
+    for i, (paint, _) in enumerate(_SURFACES):
         row, column = divmod(i, _PER_ROW)
         atlas[row * _TILE : (row + 1) * _TILE, column * _TILE : (column + 1) * _TILE] = np.clip(paint(rng), 0, 255)
-        right, down = top_right - top_left, bottom_left - top_left
-        corners = np.array([[0, 0], [0, 1], [1, 1], [0, 0], [1, 1], [1, 0]])  # along (right, down)
-        positions.append(top_left + corners @ np.stack([right, down]))
-        facing = np.cross(down, right)
-        normals.append(np.tile(facing / np.linalg.norm(facing), (6, 1)))
-        inset = 4 / _TILE  # keeps coarser texture levels from mixing in the neighbouring picture
-        u = (column + inset + corners[:, 0] * (1 - 2 * inset)) / _PER_ROW
-        v = (row + inset + corners[:, 1] * (1 - 2 * inset)) / rows
-        uv.append(np.column_stack([u, 1 - v]))
-    texture = pyrender.Texture(source=atlas, source_channels="RGB")
-    material = pyrender.MetallicRoughnessMaterial(baseColorTexture=texture, doubleSided=True)
-    return pyrender.Mesh(
-        [
-            pyrender.Primitive(
-                positions=np.vstack(positions), normals=np.vstack(normals), texcoord_0=np.vstack(uv), material=material
-            )
-        ]
-    )
+    return atlas
+
+
+@cache
+def room_meshes(edge_m: float) -> tuple[Mesh, ...]:
+    """The room's surfaces, cut into pieces of at most `edge_m`, once for the process."""
+    offscreen().set_atlas(_atlas())
+    return tuple(_surface(i, corners, edge_m) for i, (_, corners) in enumerate(_SURFACES))
+
+
+def _surface(i: int, corners: Array, edge_m: float) -> Mesh:
+    """A grid of triangles under the atlas's picture `i`, facing inward."""
+    top_left, top_right, bottom_left = corners
+    sides = np.stack([top_right - top_left, bottom_left - top_left])
+    across, down = (math.ceil(length / edge_m) for length in np.linalg.norm(sides, axis=1))
+    y, x = np.mgrid[: down + 1, : across + 1]
+    along = np.column_stack([x.ravel() / across, y.ravel() / down])
+    k = (y[:-1, :-1] * (across + 1) + x[:-1, :-1]).ravel()
+    faces = np.column_stack([k, k + 1, k + across + 2, k, k + across + 2, k + across + 1]).reshape(-1, 3)
+    inward = np.cross(sides[1], sides[0])
+    row, column = divmod(i, _PER_ROW)
+    inset = 4 / _TILE  # keeps coarser texture levels from mixing in the neighbouring picture
+    u, v = (np.array([column, row]) + inset + along * (1 - 2 * inset)).T / [
+        [_PER_ROW],
+        [-(-len(_SURFACES) // _PER_ROW)],
+    ]
+    normals = np.tile(inward / np.linalg.norm(inward), (len(along), 1))
+    return Mesh(top_left + along @ sides, normals, np.column_stack([u, v, 0 * u]), faces, textured=True)

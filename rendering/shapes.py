@@ -22,12 +22,17 @@ class Part:
 
 
 def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fineness: int = 3) -> Part:
-    """A ball of 20·4^`fineness` triangles."""
-    mesh = trimesh.creation.icosphere(fineness, radius)
+    """A ball of 20·4^`fineness` triangles.
+
+    Its surface is the sphere's, so that its silhouette is too, in the mean: a quarter of it, as of any
+    convex body.
+    """
+    mesh = trimesh.creation.icosphere(fineness)
+    mesh.apply_scale(radius * np.sqrt(4 * np.pi / mesh.area))
     return Part(mesh.apply_translation(center), color)
 
 
-def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 14) -> Part:
+def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 12) -> Part:
     """A bent, tapering tube with round ends: centres (n, 3) and radii (n,), or one radius."""
     p = np.asarray(path, dtype=float)
     r = np.broadcast_to(np.asarray(radii, dtype=float), len(p))
@@ -51,6 +56,11 @@ def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 14) -> Pa
     return Part(trimesh.Trimesh(np.vstack([*vertices, *poles]), _tube_faces(len(rings), sides), process=False), color)
 
 
+def sides_of(fineness: int) -> int:
+    """Of something round: 4·`fineness`, three at least."""
+    return max(4 * fineness, 3)
+
+
 def board(width: float, height: float, color: Color = (0.55, 0.42, 0.28)) -> Part:
     """A sheet of cardboard, 3 mm thick: `width` along x, `height` along y, z its normal."""
     return Part(trimesh.creation.box((width, height, 0.003)), color)
@@ -68,12 +78,13 @@ def _tube_faces(rings: int, sides: int) -> Array:
     return np.vstack([wall.reshape(-1, 3), first_cap, last_cap])
 
 
-def body_part(body: Body) -> Part:
-    """A robot's body in the frame it belongs to."""
+def body_part(body: Body, fineness: int) -> Part:
+    """A robot's body in the frame it belongs to; the sides of a round one are 8·`fineness`, its balls coarser
+    than the ball that is watched."""
     if body.shape == "sphere":
-        mesh = trimesh.creation.icosphere(2, body.size_m[0])
+        mesh = sphere(body.size_m[0], body.color, fineness=max(fineness - 1, 0)).mesh
     elif body.shape == "cylinder":
-        mesh = trimesh.creation.cylinder(body.size_m[0], body.size_m[1], sections=32)
+        mesh = trimesh.creation.cylinder(body.size_m[0], body.size_m[1], sections=sides_of(2 * fineness))
     else:
         mesh = trimesh.creation.box(body.size_m)
     return Part(mesh.apply_transform(body.T_frame_body), body.color)

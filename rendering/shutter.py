@@ -5,20 +5,20 @@ import numpy as np
 from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
+from rendering.fidelity import Fidelity
 from rendering.scene import SceneState
 
-_STEP_PX = 1.5  # a blurred image is the mean of sharp ones at most this far apart
-_LEAST, _MOST = 4, 24  # four are needed to smooth the edges, which each alone leaves jagged
+_MOST = 24
 _STILL_PX = 0.05
 
 
-def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> list[SceneState]:
+def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float, fidelity: Fidelity) -> list[SceneState]:
     """The states whose mean image is the exposure: evenly spread over `blur_s`, centred on `state`,
     as many as the fastest motion in view asks for."""
     drift_px = _drift_px(robot, rig, state, blur_s) if blur_s > 0 else 0.0
     if drift_px < _STILL_PX:
         return [state]
-    n = int(np.clip(np.ceil(drift_px / _STEP_PX), _LEAST, _MOST))
+    n = int(np.clip(np.ceil(drift_px / fidelity.blur_step_px), 1, _MOST))
     return [state.moved(((k + 0.5) / n - 0.5) * blur_s) for k in range(n)]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 
 from pps_vision.geometry.se3 import transform
-from rendering.shapes import Color, Part, sphere, tube
+from rendering.shapes import Color, Part, sides_of, sphere, tube
 
 StimulusName = Literal["marker", "ball", "cube", "octopus"]
 
@@ -33,21 +33,22 @@ class Stimulus:
     parts: tuple[Part, ...]
 
 
-def make_stimulus(name: StimulusName, radius_m: float | None = None) -> Stimulus:
-    """A marker, ball, cube or octopus of its usual size or of `radius_m`."""
+def make_stimulus(name: StimulusName, radius_m: float | None = None, fineness: int = 3) -> Stimulus:
+    """A marker, ball, cube or octopus of its usual size or of `radius_m`, as fine as a `Fidelity` of that
+    `fineness` draws it."""
     if name not in get_args(StimulusName):
         raise ValueError(f"stimulus {name!r}; expected one of {', '.join(get_args(StimulusName))}")
     radius = _RADIUS_M[name] if radius_m is None else radius_m
     if not (np.isfinite(radius) and radius > 0):
         raise ValueError(f"stimulus radius {radius} m; expected a positive number")
     if name == "marker":
-        parts: tuple[Part, ...] = (sphere(radius, GREEN),)
+        parts: tuple[Part, ...] = (sphere(radius, GREEN, fineness=fineness),)
     elif name == "ball":
-        parts = (sphere(radius, RED),)
+        parts = (sphere(radius, RED, fineness=fineness),)
     elif name == "cube":
         parts = _cube(radius)
     else:
-        parts = tuple(Part(p.mesh.apply_scale(radius * _OCTOPUS_SCALE), p.color) for p in _octopus())
+        parts = tuple(Part(p.mesh.apply_scale(radius * _OCTOPUS_SCALE), p.color) for p in _octopus(fineness))
     return Stimulus(name, radius, parts)
 
 
@@ -64,18 +65,20 @@ def _cube(radius: float) -> tuple[Part, ...]:
 _OCTOPUS_SCALE = 1.155
 
 
-def _octopus() -> list[Part]:
+def _octopus(fineness: int) -> list[Part]:
     """A toy with a violet head that looks along x and eight orange arms that curl below it."""
-    head = sphere(1.0, VIOLET).mesh.apply_transform(transform(np.diag([0.56, 0.56, 0.64]), (0, 0, 0.36)))
+    head = sphere(1.0, VIOLET, fineness=fineness).mesh.apply_transform(
+        transform(np.diag([0.56, 0.56, 0.64]), (0, 0, 0.36))
+    )
     parts = [Part(head, VIOLET)]
     for side in (-1, 1):
-        parts.append(sphere(0.15, WHITE, (0.46, 0.22 * side, 0.52), fineness=1))
-        parts.append(sphere(0.085, BLACK, (0.56, 0.245 * side, 0.54), fineness=1))
+        parts.append(sphere(0.15, WHITE, (0.46, 0.22 * side, 0.52), fineness=max(fineness - 2, 0)))
+        parts.append(sphere(0.085, BLACK, (0.56, 0.245 * side, 0.54), fineness=max(fineness - 2, 0)))
     t = np.linspace(0, 1, 12)
     for k in range(8):
         azimuth = np.deg2rad(45 * k + 22.5) + 0.45 * np.sin(np.pi * t * 1.4)
         reach = 0.22 + 0.95 * t
         height = -0.04 - 0.42 * np.sin(0.8 * np.pi * t) + 0.25 * t**3
         path = np.column_stack([reach * np.cos(azimuth), reach * np.sin(azimuth), height])
-        parts.append(tube(path, 0.17 - 0.11 * t, ORANGE, sides=8))
+        parts.append(tube(path, 0.17 - 0.11 * t, ORANGE, sides_of(fineness)))
     return parts

@@ -6,25 +6,25 @@ import sys
 import numpy as np
 import pytest
 
-from rendering.offscreen import offscreen, pyrender
-from rendering.scene import mesh_of
+from pps_vision.geometry.camera import Camera, View
+from rendering.lens import Lens
+from rendering.meshes import mesh_of
+from rendering.offscreen import Node, offscreen
 from rendering.shapes import sphere
 
 
 def test_depth_is_the_distance_along_the_axis() -> None:
-    scene = pyrender.Scene()
-    scene.add(mesh_of([sphere(0.1, (1, 0, 0), fineness=5)]))
-    pose = np.eye(4)
-    pose[2, 3] = 0.5  # OpenGL looks along −z
-    camera = pyrender.IntrinsicsCamera(100, 100, 50.5, 40.5, znear=0.02, zfar=8)
-    scene.add(camera, pose=pose)
-    assert offscreen().depth_at(scene, 101, 81, 50, 40) == pytest.approx(0.4, abs=5e-4)
-    assert offscreen().depth_at(scene, 101, 81, 0, 0) == pytest.approx(8.0, rel=1e-3)
+    camera = Camera(101, 81, 100, 100, 50, 40)
+    lens, view = Lens(camera), View(camera, np.eye(4))
+    node = Node(mesh_of([sphere(0.1, (1, 0, 0), fineness=5)], edge_m=0.1))
+    node.T_root_mesh[2, 3] = 0.5
+    assert offscreen().depth_at([node], lens, view, 50, 40) == pytest.approx(0.4, abs=5e-4)
+    assert offscreen().depth_at([node], lens, view, 0, 0) == pytest.approx(8.0, rel=1e-3)
     # off the axis: the first root of |t·ray − center| = r, times the ray's z
     ray = np.array([10 / 100, 5 / 100, 1.0])
     b, c = ray @ [0, 0, 0.5], 0.25 - 0.01
     t = (b - np.sqrt(b * b - ray @ ray * c)) / (ray @ ray)
-    assert offscreen().depth_at(scene, 101, 81, 60, 45) == pytest.approx(t, abs=1e-3)
+    assert offscreen().depth_at([node], lens, view, 60, 45) == pytest.approx(t, abs=1e-3)
 
 
 def test_one_renderer_a_process() -> None:
