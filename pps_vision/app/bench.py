@@ -17,6 +17,7 @@ from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.real import Real
 from pps_vision.experiments.tracking import Tracking
+from pps_vision.experiments.triangulation import Triangulation
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.results import write_summary
 
@@ -41,6 +42,7 @@ class Bench:
         | Annotated[Real, subcommand("real")]
         | Annotated[Failures, subcommand("failures")]
         | Annotated[Budget, subcommand("budget")]
+        | Annotated[Triangulation, subcommand("triangulation")]
     )
     out: Path | None = None
     """Where to write the JSON; default: docs/results/NAME.json under the present folder."""

@@ -4,10 +4,10 @@ import matplotlib
 
 matplotlib.use("Agg")  # draws to files only; no display is needed
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -34,6 +34,12 @@ class Variant:
         """Median and quartiles of ms, and the error, for JSON."""
         q25, median, q75 = (round(float(value), 5) for value in np.percentile(self.ms, (25, 50, 75)))
         return {"q25_ms": q25, "median_ms": median, "q75_ms": q75, "runs": len(self.ms), "error": self.error}
+
+    @classmethod
+    def of(cls, name: str, summary: Mapping[str, Any], ours: bool = True, default: bool = False) -> "Variant":
+        """What `summary` wrote, with runs that have its median and quartiles."""
+        low, middle, high = (float(summary[key]) for key in ("q25_ms", "median_ms", "q75_ms"))
+        return cls(name, np.array([low, low, middle, high, high]), float(summary["error"]), ours, default)
 
 
 def timed(run: Callable[[], T]) -> tuple[T, float]:
@@ -63,14 +69,14 @@ def speed_against_error(
     shown = [v.error if np.isfinite(v.error) else top for v in variants]
     front = pareto_front(ms, [v.error for v in variants])
     axis.plot([ms[k] for k in front], [shown[k] for k in front], color=_INK, lw=1, ls=":", zorder=1)
-    for v, x, y in zip(variants, ms, shown, strict=True):
+    for v, x, y, offset in zip(variants, ms, shown, _label_offsets(ms, shown), strict=True):
         color = _OURS if v.ours else _THEIRS
         axis.plot(np.percentile(v.ms, (25, 75)), [y, y], color=color, lw=1.2, alpha=0.6)
         axis.plot(x, y, "o" if np.isfinite(v.error) else "x", color=color, ms=5)
         if v.default:
             axis.plot(x, y, "o", mfc="none", mec=_INK, ms=12, mew=1.4)
         label = v.name if np.isfinite(v.error) else f"{v.name} (fails)"
-        axis.annotate(label, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=7, color=_INK)
+        axis.annotate(label, (x, y), xytext=(5, offset), textcoords="offset points", fontsize=7, color=_INK)
     if bound is not None:
         axis.axhline(bound[1], color=_INK, lw=1, ls="--")
         axis.annotate(bound[0], (1, bound[1]), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7)
@@ -78,6 +84,17 @@ def speed_against_error(
     axis.set_xlabel(f"time (ms per {what})")
     axis.set_ylabel(error)
     axis.grid(alpha=0.25, which="both")
+
+
+def _label_offsets(ms: Sequence[float], error: Sequence[float]) -> list[int]:
+    """How far above each point (in printer's points) its label stands, so that neighbours' do not overlap."""
+    x, y = np.log10(ms), np.array(error) / max(*error, 1e-9)
+    wide = 0.3 * max(float(np.ptp(x)), 0.5)
+    offsets: list[int] = []
+    for k in range(len(x)):
+        taken = {offsets[j] for j in range(k) if abs(x[j] - x[k]) < wide and abs(y[j] - y[k]) < 0.06}
+        offsets.append(next((offset for offset in (5, -12, 14, -21, 23) if offset not in taken), 5))
+    return offsets
 
 
 def legend(axis: Axes) -> None:
