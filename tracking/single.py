@@ -44,7 +44,7 @@ class ColorTracker:
         x, y, w, h = box_px
         if not (w >= 2 and h >= 2 and x >= 0 and y >= 0 and x + w <= width and y + h <= height):
             raise ValueError(f"first box {x:g} {y:g} {w:g} {h:g}: expected a box inside the {width}×{height} image")
-        self._eye = EyeTracker(self.params.eye, _flat_optics(width, height), self.rng)
+        self._eye = EyeTracker(self.params.eye, flat_optics(width, height), self.rng)
         self._eye.start(image, box_px)
         self._last = BoxDetection(box_px, 1.0)
         return self._last
@@ -66,7 +66,7 @@ class ColorTracker:
         return Prior(np.array([x + (w - 1) / 2, y + (h - 1) / 2]), side * min(1.0 + 0.3 * self._misses, 4.0), 1.0)
 
 
-def _flat_optics(width: int, height: int) -> Optics:
+def flat_optics(width: int, height: int) -> Optics:
     """An unknown camera: every pixel counts the same, as through a very long lens."""
     focal = 1e3 * max(width, height)
     return Optics(Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2))

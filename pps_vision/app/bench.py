@@ -13,7 +13,9 @@ from tyro.conf import subcommand
 from pps_vision.app.figures import save
 from pps_vision.experiments.budget import Budget
 from pps_vision.experiments.failures import Failures
+from pps_vision.experiments.fidelity import Fidelity
 from pps_vision.experiments.fixation import Fixation
+from pps_vision.experiments.image_tracker import ImageTracker
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.real import Real
 from pps_vision.experiments.tracking import Tracking
@@ -40,6 +42,8 @@ class Bench:
         | Annotated[Tracking, subcommand("tracking")]
         | Annotated[Fixation, subcommand("fixation")]
         | Annotated[Real, subcommand("real")]
+        | Annotated[Fidelity, subcommand("fidelity")]
+        | Annotated[ImageTracker, subcommand("imagetracker")]
         | Annotated[Failures, subcommand("failures")]
         | Annotated[Budget, subcommand("budget")]
         | Annotated[Triangulation, subcommand("triangulation")]

@@ -122,6 +122,11 @@ def image_peer(name: ImagePeerName) -> ImagePeer:
     return OpenCVTracker(name)
 
 
+def middle(box: BoxPx) -> Array:
+    """(2,) px, pixel centres being whole numbers."""
+    return np.array([box[0] + (box[2] - 1) / 2, box[1] + (box[3] - 1) / 2])
+
+
 def sphere_box(view: View, center: Array, radius_m: float) -> BoxPx | None:
     """The box around the image of a sphere at `center` (3,), root frame, as far as it lies in the image;
     None where the eye does not see the whole of it in front."""

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.experiments.peers import BoxPx, HueModel, ImagePeerName, image_peer
+from pps_vision.experiments.peers import BoxPx, HueModel, ImagePeerName, image_peer, middle
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.geometry.triangulation import midpoint
 from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
@@ -51,11 +51,6 @@ def meet(view: StereoView, left: BoxPx, right: BoxPx) -> Array | None:
     """(3,) where the rays through the middles of two boxes meet; None where they do not."""
     rays = [eye.rays(middle(box)) for eye, box in ((view.left, left), (view.right, right))]
     return midpoint(view.left.center, rays[0], view.right.center, rays[1])
-
-
-def middle(box: BoxPx) -> Array:
-    """(2,) px, pixel centres being whole numbers."""
-    return np.array([box[0] + (box[2] - 1) / 2, box[1] + (box[3] - 1) / 2])
 
 
 class BlobInDisparity:

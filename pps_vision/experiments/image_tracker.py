@@ -1,0 +1,231 @@
+"""Following an object in one eye: our blob and particles, and OpenCV's trackers, on the same frames."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from pps_vision.app.render import Render
+from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
+from pps_vision.experiments.peers import BoxPx, ImagePeer, ImagePeerName, image_peer, middle
+from pps_vision.experiments.real import intersection_over_union
+from pps_vision.experiments.rendered import rendered
+from pps_vision.recordings.images import open_frames
+from pps_vision.types import Image
+from rendering.motions import MotionName
+from rendering.stimuli import StimulusName
+from tracking.eye import EyeParams
+from tracking.marker import MarkerParams, find_markers
+from tracking.outline import Optics
+from tracking.particles import ParticleParams
+from tracking.single import ColorTracker, ColorTrackerParams, flat_optics
+
+COUNTS = (50, 100, 200, 500, 1000, 2000)
+MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
+_HUES_DEG = {"ball": 0.0, "marker": 120.0}
+_FAST_M_S = 0.6
+_DEFAULT = f"{ParticleParams().count} particles"
+
+
+@dataclass(frozen=True)
+class ImageTracker:
+    """Blob, particles and OpenCV's trackers in one eye, the first box given: time, overlap and centre error.
+
+    Rendered balls and markers, slow and watched (5–15 cm/s, eyes that follow while the head sways) and fast
+    (60 cm/s, eyes that do not follow: up to twice the object's size a frame); and the real ball vot_ball1.
+    """
+
+    n: int = 6
+    """Rendered recordings, slow and fast each; balls and markers in turn."""
+    seconds: float = 3.0
+    """Length of each."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    data: Path = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
+    """Folder that holds vot_ball1 (default: what PPS_VISION_DATA names)."""
+    seed: int = 0
+    """Seed of the motions, the noise and the particles."""
+
+    def run(self) -> dict[str, object]:
+        """By set of frames and by variant: ms a frame, mean IoU, centre error, share of frames with the object."""
+        if self.n < 1:
+            raise ValueError(f"bench imagetracker: --n {self.n}; expected at least 1")
+        place = self.data / "vot_ball1"
+        real: dict[str, object] | str = f"skipped: no {place}"
+        if place.exists():
+            real = compare([real_ball(place)], self.seed)
+        return {
+            "slow": compare(self._sequences(fast=False), self.seed),
+            "fast": compare(self._sequences(fast=True), self.seed),
+            "vot_ball1": real,
+        }
+
+    def _sequences(self, fast: bool) -> Iterator["Sequence"]:
+        for k in tqdm(range(self.n), desc="fast" if fast else "slow", unit="recording", disable=None):
+            stimulus: StimulusName = "marker" if k % 2 else "ball"
+            motion = MOTIONS[k // 2 % len(MOTIONS)]
+            slow = Render(stimulus, motion, Path(), seconds=self.seconds, noise=self.noise, seed=self.seed + k)
+            film = rendered(replace(slow, speed=_FAST_M_S, head="sway") if fast else slow)
+            yield Sequence(
+                tuple(frame.left for frame in film.frames), tuple(left for left, _ in film.boxes), _HUES_DEG[stimulus]
+            )
+
+    def chart(self, numbers: Mapping[str, Any]) -> dict[str, Figure]:
+        """Overlap lost against time, slow, fast and real: beside the peers, and for numbers of particles."""
+        peers = set(get_args(ImagePeerName))
+        return {
+            "": _chart(numbers, lambda name: name in peers or name in ("blob of known hue", _DEFAULT)),
+            "_particles": _chart(numbers, lambda name: name not in peers and name != "blob of known hue"),
+        }
+
+
+def _chart(numbers: Mapping[str, Any], wanted: Callable[[str], bool]) -> Figure:
+    titles = {
+        "slow": "rendered, eyes follow",
+        "fast": "rendered, 0.6 m/s, eyes do not follow",
+        "vot_ball1": "vot_ball1",
+    }
+    shown = [name for name in titles if isinstance(numbers[name], dict)]
+    figure, axes = panels(len(shown))
+    for axis, name in zip(axes, shown, strict=True):
+        variants = [
+            Variant.of(variant, one, variant not in get_args(ImagePeerName), variant == _DEFAULT)
+            for variant, one in numbers[name].items()
+            if wanted(variant)
+        ]
+        speed_against_error(axis, variants, "frame", "1 − mean IoU")
+        axis.set_title(titles[name], fontsize=9)
+    legend(axes[0])
+    return figure
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """`images` (n) of one eye, the true `boxes` (n), None where the object is not in view, and its hue."""
+
+    images: tuple[Image, ...]
+    boxes: tuple[BoxPx | None, ...]
+    hue_deg: float
+
+
+def real_ball(folder: Path) -> Sequence:
+    """VOT's ball1, boxes upright around the annotated polygons; the ball is red."""
+    polygons = np.loadtxt(folder / "groundtruth.txt", delimiter=",").reshape(-1, 4, 2)
+    low, high = polygons.min(axis=1), polygons.max(axis=1)
+    boxes = [(float(x), float(y), float(w), float(h)) for x, y, w, h in np.hstack([low, high - low])]
+    return Sequence(tuple(image for _, image in open_frames(folder / "frames")), tuple(boxes), 0.0)
+
+
+class Particles:
+    """Our particle filter as a peer of the others."""
+
+    def __init__(self, params: ParticleParams, seed: int) -> None:
+        self._tracker = ColorTracker(ColorTrackerParams(EyeParams(particles=params)), np.random.default_rng(seed))
+
+    def start(self, image: Image, box: BoxPx) -> None:
+        """Learn what is in the box."""
+        self._tracker.start(image, box)
+
+    def step(self, image: Image) -> BoxPx | None:
+        """None where it was not seen."""
+        seen = self._tracker.step(image)
+        return seen.box_px if seen.score > 0 else None
+
+
+class HueBlob:
+    """Our marker's blob: the hue told, the nearest blob around the last place, anywhere when there is none."""
+
+    def __init__(self, hue_deg: float) -> None:
+        self._params = MarkerParams(hue_deg=hue_deg)
+        self._optics: Optics | None = None
+        self._last: BoxPx | None = None
+
+    def start(self, image: Image, box: BoxPx) -> None:
+        """Learn the place."""
+        self._optics = flat_optics(image.shape[1], image.shape[0])
+        self._last = box
+
+    def step(self, image: Image) -> BoxPx | None:
+        """The box of the disc that has the blob's area."""
+        if self._optics is None:
+            raise ValueError("step before start; the tracker needs a first image and box")
+        near = None
+        if self._last is not None:
+            x, y = middle(self._last)
+            near = float(x), float(y), self._params.reach * max(self._last[2:]) + 3
+        found = find_markers(self._params, image, self._optics, near)
+        self._last = None
+        if found:
+            shape = found[0]
+            side = 2 * float(np.sqrt(shape.area_px / np.pi))
+            x, y = shape.center_px - (side - 1) / 2
+            self._last = float(x), float(y), side, side
+        return self._last
+
+
+def variants(hue_deg: float, seed: int) -> dict[str, Callable[[], ImagePeer]]:
+    """Everything that is compared, by name."""
+
+    def particles(params: ParticleParams) -> Callable[[], ImagePeer]:
+        return lambda: Particles(params, seed)
+
+    def peer(name: ImagePeerName) -> Callable[[], ImagePeer]:
+        return lambda: image_peer(name)
+
+    return {
+        "blob of known hue": lambda: HueBlob(hue_deg),
+        _DEFAULT: particles(ParticleParams()),
+        **{str(n): particles(ParticleParams(count=n)) for n in COUNTS},
+        "adaptive": particles(ParticleParams(count=500, kld_error=0.25)),
+        **{name: peer(name) for name in get_args(ImagePeerName)},
+    }
+
+
+@dataclass
+class _Log:
+    """What one variant did: ms, IoU (0 where lost) and centre error (NaN where lost) of every frame."""
+
+    ms: list[float] = field(default_factory=list)
+    iou: list[float] = field(default_factory=list)
+    center_px: list[float] = field(default_factory=list)
+
+    def add(self, ms: float, found: BoxPx | None, true: BoxPx | None) -> None:
+        self.ms.append(ms)
+        if true is None:
+            return
+        overlap = 0.0 if found is None else intersection_over_union(np.array([found]), np.array([true]))[0]
+        self.iou.append(float(overlap))
+        off = np.nan if found is None else float(np.linalg.norm(middle(found) - middle(true)))
+        self.center_px.append(off if overlap > 0 else np.nan)
+
+    def summary(self, name: str) -> dict[str, object]:
+        """The error is what of the overlap is missing."""
+        held = np.isfinite(self.center_px)
+        return {
+            **Variant(name, np.array(self.ms), 1 - float(np.mean(self.iou))).summary(),
+            "mean_iou": float(np.mean(self.iou)),
+            "held_share": float(np.mean(held)),
+            "center_px_median_where_held": float(np.median(np.array(self.center_px)[held])) if held.any() else None,
+        }
+
+
+def compare(sequences: Iterator[Sequence] | list[Sequence], seed: int) -> dict[str, object]:
+    """All variants on every frame in turn."""
+    logs: dict[str, _Log] = {}
+    for sequence in sequences:
+        first = sequence.boxes[0]
+        if first is None:
+            raise ValueError("the object is not in view of the first frame; expected a box to start with")
+        trackers = {name: make() for name, make in variants(sequence.hue_deg, seed).items()}
+        for tracker in trackers.values():
+            tracker.start(sequence.images[0], first)
+        for image, true in zip(sequence.images[1:], sequence.boxes[1:], strict=True):
+            for name, tracker in trackers.items():
+                found, ms = timed(lambda t=tracker, i=image: t.step(i))  # type: ignore[misc]
+                logs.setdefault(name, _Log()).add(ms, found, true)
+    return {name: log.summary(name) for name, log in logs.items()}

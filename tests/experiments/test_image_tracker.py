@@ -1,0 +1,53 @@
+"""True boxes against what is drawn, and the comparison against a square that jumps where it is told to."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pps_vision.app.render import Render
+from pps_vision.experiments.image_tracker import HueBlob, ImageTracker, Sequence, compare
+from pps_vision.experiments.peers import image_peer
+from pps_vision.experiments.rendered import rendered
+
+
+def test_the_true_box_is_the_drawn_ball_s() -> None:
+    film = rendered(Render("ball", "circle", Path(), seconds=0.1, seed=3))
+    for frame, boxes in zip(film.frames, film.boxes, strict=True):
+        for image, box in zip((frame.left, frame.right), boxes, strict=True):
+            assert box is not None
+            red = (image[..., 0] > 90) & (image[..., 1] < 0.35 * image[..., 0])  # brighter than half its edge
+            columns, rows = np.flatnonzero(red.any(axis=0)), np.flatnonzero(red.any(axis=1))
+            drawn = (columns[0], rows[0], columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1)
+            assert np.allclose(box, drawn, atol=1.2)
+
+
+def test_a_square_that_jumps_is_held_by_who_looks_everywhere() -> None:
+    """Centres and overlaps are those of the squares that were drawn."""
+    rng = np.random.default_rng(0)
+    images, boxes = [], []
+    for k in range(12):
+        image = rng.integers(100, 140, (120, 160, 3), dtype=np.uint8)
+        x, y = (20 + 2 * k, 30) if k < 6 else (110, 70 - 2 * k)
+        image[y : y + 20, x : x + 20] = (230, 20, 20)
+        images.append(image)
+        boxes.append((float(x), float(y), 20.0, 20.0))
+    found = compare([Sequence(tuple(images), tuple(boxes), hue_deg=0.0)], seed=0)
+    blob, kcf = found["blob of known hue"], found["KCF"]
+    assert isinstance(blob, dict)
+    assert isinstance(kcf, dict)
+    assert blob["held_share"] == pytest.approx(10 / 11)  # it looks around the last place first
+    assert blob["center_px_median_where_held"] < 0.3
+    assert blob["mean_iou"] == pytest.approx(10 / 11 * np.pi / 4, abs=0.03)  # the box of the disc as large
+    assert kcf["held_share"] < 0.7
+
+
+def test_use_before_the_first_box_is_named() -> None:
+    image = np.zeros((48, 64, 3), np.uint8)
+    for tracker in (image_peer("CSRT"), image_peer("CamShift"), HueBlob(0.0)):
+        with pytest.raises(ValueError, match="before start"):
+            tracker.step(image)
+    with pytest.raises(ValueError, match=r"Boosting.*CSRT"):
+        image_peer("Boosting")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="--n 0"):
+        ImageTracker(n=0).run()
