@@ -17,24 +17,26 @@ from tracking.outline import Outline
 _NEARER = 0.92  # of its radius: how much nearer than its centre the middle of a ball's surface is on the mean…
 _NEARER_STD = 0.04  # …and by how much that depends on where in the middle the texture happens to be
 _COMMON_PX = 0.1  # error that all pixels of a match share
+_CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
+_FINE_PX = 2.0  # detail is what is smaller than this
 
 
 @dataclass(frozen=True)
 class DisparityParams:
-    """Semi-global matching (FACTS §4) over ± `reach_px` (a multiple of 8), with blocks of
-    `block_px`; only where the blocks' mean detail is `min_detail` grey levels, for a smooth surface
-    has no disparity of its own; that must be `min_share` of the object's middle."""
+    """The middle half of the object is correlated over ± `reach_px` of its row.  No answer where that
+    half's radius is below `min_radius_px` or its detail below `min_detail` grey levels (standard deviation;
+    a smooth surface has no disparity of its own), nor for a correlation below `min_score`."""
 
     reach_px: int = 8
-    block_px: int = 7
-    min_detail: float = 4.0
-    min_share: float = 0.3
+    min_radius_px: float = 4.0
+    min_detail: float = 2.4
+    min_score: float = 0.7
 
     def __post_init__(self) -> None:
-        if self.reach_px < 8 or self.reach_px % 8 or self.block_px < 3 or self.block_px % 2 == 0:
+        if self.reach_px < 2 or self.min_radius_px < 2 or not 0 < self.min_score < 1:
             raise ValueError(
-                f"disparity reach {self.reach_px} px, block {self.block_px} px: "
-                "expected a multiple of 8 from 8 on, and an odd number from 3 on"
+                f"disparity reach {self.reach_px} px, least radius {self.min_radius_px} px, least score "
+                f"{self.min_score}: expected at least 2 px of both, and a score in (0, 1)"
             )
 
 
@@ -58,38 +60,43 @@ def refine_distance(
     ray = seen.p_root - view.left.center
     surface = view.left.center + ray * (1 - _NEARER * np.sin(shape.angular_radius_rad))
     radius_px = 0.5 * shape.angular_radius_rad * view.left.camera.focal_px
-    half = int(np.ceil(radius_px)) + params.block_px
-    patches = parallel_patches(view, left, right, surface, (half + 2 * params.reach_px, half))
-    disparity = match(params, patches.left, patches.right)
-    v, u = np.mgrid[-half : half + 1, -half - 2 * params.reach_px : half + 2 * params.reach_px + 1]
-    middle = u * u + v * v <= radius_px**2
-    good = disparity[middle & np.isfinite(disparity)]
-    if len(good) < max(params.min_share * np.count_nonzero(middle), 5):
+    half = int(radius_px + 2 * _FINE_PX)
+    patches = parallel_patches(view, left, right, surface, (half + params.reach_px, half))
+    found = match(params, patches.left, patches.right, radius_px)
+    if found is None:
         return None
+    disparity, error_px = found
     per_px = patches.depth_m / (patches.focal_px * patches.baseline_m)  # how much nearer a pixel of disparity is
-    spread_px = max(1.4826 * float(np.median(np.abs(good - np.median(good)))), 0.2)
+    if not per_px * disparity > -0.5:
+        return None
     guess = float(np.linalg.norm(ray))
-    distance = guess / (1 + per_px * float(np.median(good)))
-    error_px = float(np.hypot(spread_px / np.sqrt(len(good) / params.block_px**2 + 1), _COMMON_PX))
+    distance = guess / (1 + per_px * disparity)
     std = distance * float(np.hypot(per_px * error_px, _NEARER_STD * np.sin(shape.angular_radius_rad)))
     p = view.left.center + ray * (distance / guess)
     return replace(seen, p_root=p, cov_root=_cov(ray / guess, std, seen.cov_root))
 
 
-def match(params: DisparityParams, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Array:
-    """(h, w) disparity in px of two grey images (h, w) whose rows match; NaN where there is none, or
-    too little detail to trust one."""
-    matcher = cv2.StereoSGBM.create(
-        minDisparity=-params.reach_px,
-        numDisparities=2 * params.reach_px,
-        blockSize=params.block_px,
-        P1=8 * params.block_px**2,
-        P2=32 * params.block_px**2,
-        uniquenessRatio=5,
-    )
-    disparity = np.asarray(matcher.compute(left, right), dtype=float) / 16
-    good = (disparity >= -params.reach_px) & (_detail(left, params.block_px) > params.min_detail)
-    return np.where(good, disparity, np.nan)
+def match(
+    params: DisparityParams, left: NDArray[np.uint8], right: NDArray[np.uint8], radius_px: float
+) -> tuple[float, float] | None:
+    """Disparity (px) of what is within `radius_px` of the middle of two grey images (h, w) whose rows match,
+    and its standard deviation; None where nothing there tells it."""
+    r, (cy, cx) = int(radius_px), (np.array(left.shape) - 1) // 2
+    reach = params.reach_px
+    middle = np.s_[cy - r : cy + r + 1, cx - r : cx + r + 1]
+    patch = left[middle]
+    if radius_px < params.min_radius_px or float(_detail(left)[middle].std()) < params.min_detail:
+        return None
+    strip = right[cy - r : cy + r + 1, cx - r - reach : cx + r + reach + 1]
+    score = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)[0]
+    k = int(np.argmax(score))
+    if not (0 < k < len(score) - 1 and score[k] > params.min_score):
+        return None
+    a, b, c = (float(value) for value in score[k - 1 : k + 2])
+    curvature = max(2 * b - a - c, 1e-6)  # of the parabola through the best three: what texture there is…
+    noise = max(1 - b, 0.0)  # …and what it does not explain
+    std = np.hypot(np.sqrt(2 * _CORRELATION * noise / (patch.size * curvature)), _COMMON_PX)
+    return reach - k - 0.5 * (c - a) / curvature, float(std)
 
 
 def parallel_patches(view: StereoView, left: Image, right: Image, p_root: Array, half_size: tuple[int, int]) -> Patches:
@@ -125,10 +132,10 @@ def _patch(
     return np.asarray(cv2.remap(grey, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
 
-def _detail(patch: NDArray[np.uint8], block_px: int) -> Array:
-    """(h, w) mean size of what is finer than a block, grey levels."""
-    fine = cv2.absdiff(patch, cv2.GaussianBlur(patch, (0, 0), block_px / 3)).astype(np.float32)
-    return np.asarray(cv2.blur(fine, (block_px, block_px)), dtype=float)
+def _detail(patch: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(h, w) what is fine, grey levels."""
+    grey = patch.astype(np.float32)
+    return np.asarray(grey - cv2.GaussianBlur(grey, (0, 0), _FINE_PX), np.float32)
 
 
 def _cov(ray: Array, std_m: float, cov: Array) -> Array:

@@ -212,7 +212,7 @@ def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
         TrackerParams(mode="magic")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="lost after 0"):
         TrackerParams(lost_after_s=0.0)
-    with pytest.raises(ValueError, match="reach 12"):
-        DisparityParams(reach_px=12)
+    with pytest.raises(ValueError, match="reach 1 px"):
+        DisparityParams(reach_px=1)
     with pytest.raises(ValueError, match="reach"):
         EyeParams(reach=0.5)
