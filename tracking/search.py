@@ -58,10 +58,8 @@ class Search:
         """The object in both eyes, if there is one, and what moves in each; `scenes` tell object from
         background where there is no colour."""
         with self.stages("trigger"):
-            left, right = (
-                trigger.step(look.image, look.view, look.stamp_s, self._own(look))
-                for trigger, look in zip(self._triggers, looks, strict=True)
-            )
+            left = self._moving(0, looks[0], True)
+            right = self._moving(1, looks[1], bool(left))  # what one eye does not see move is nothing to look for
         if not (left and right):
             return None, (left, right)
         with self.stages("image"):
@@ -74,8 +72,11 @@ class Search:
             )
         return pair, (left, right)
 
-    def _own(self, look: Look) -> Mask | None:
-        return self.own_body(look.joints_rad, look.view) if self.own_body and look.joints_rad is not None else None
+    def _moving(self, eye: int, look: Look, ask: bool) -> list[Region2D]:
+        """What moves in one eye; where nobody asks, its image is only remembered."""
+        joints, own_body = look.joints_rad, self.own_body
+        own = None if own_body is None or joints is None else lambda: own_body(joints, look.view)
+        return self._triggers[eye].step(look.image, look.view, look.stamp_s, own, ask)
 
     def _candidates(
         self, eye: int, look: Look, regions: list[Region2D], scenes: tuple[Background, Background] | None

@@ -3,11 +3,15 @@
 R uses the residual of pyramidal Lucas–Kanade flow on a grid (FACTS §4).  Here the eye's motion is
 known from the joints, so an older image is warped to the present pose, and a pixel is on where it is
 brighter or darker than anything the older image had within the tolerated pose error, at whatever
-distance things may be: several times cheaper than the grid, and it sees objects of 4 px.
+distance things may be.  A coarse grey look comes first, for it mostly says that nothing moves; only where
+it does not, and it is not the robot itself, all pixels and colours are compared.
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +19,10 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Image, Mask
+from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
+
+Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
 
 
 @dataclass(frozen=True)
@@ -26,7 +33,7 @@ class TriggerParams:
     `tolerance_px` of pose error; `noise_factor` times the image noise, or at least `min_contrast` grey
     levels, switch a pixel on; `min_area_px` of them make a region; parts of one object may be
     `join_px` apart, and colour is looked at `color_margin_px` around them; `central` is the share of
-    the image's sides looked at."""
+    the image's sides looked at, at first in pixels `coarse` times as large, where `coarse_contrast` will do."""
 
     interval_s: float = 0.2
     slow_interval_s: float = 0.6
@@ -40,16 +47,20 @@ class TriggerParams:
     join_px: int = 4
     color_margin_px: int = 24
     central: float = 0.92
+    coarse: int = 2
+    coarse_contrast: float = 6.0
 
     def __post_init__(self) -> None:
         if not (
             0 < self.interval_s <= self.slow_interval_s
-            and self.tolerance_px >= 0
+            and self.tolerance_px > 0
             and self.min_area_px >= 1
+            and self.coarse >= 1
             and 0 < self.central <= 1
         ):
             raise ValueError(
-                f"{self}: expected rising positive intervals, a positive area, and a central share in (0, 1]"
+                f"{self}: expected rising positive intervals, a positive tolerance, area and coarseness, "
+                "and a central share in (0, 1]"
             )
 
 
@@ -63,13 +74,34 @@ class Region2D:
     evidence: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Past:
+    """An image and whence it was taken; what is worth keeping of it is computed when it is asked for."""
+
     image: Image
-    grey: NDArray[np.uint8]
     view: View
     stamp_s: float
-    own: Mask | None
+    own: Callable[[], Mask] | None
+    coarse: int
+
+    @cached_property
+    def overview(self) -> Pixels:
+        """Grey and `coarse` times smaller, smoothed."""
+        height, width = (side // self.coarse for side in self.image.shape[:2])
+        small = self.image[: height * self.coarse, : width * self.coarse]
+        if self.coarse > 1:
+            small = np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        return np.asarray(cv2.blur(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), (3, 3)), dtype=np.uint8)
+
+    @cached_property
+    def smooth(self) -> Pixels:
+        """In colour, noise smoothed; before a warp, lest what the warp cannot see be smeared in."""
+        return np.asarray(cv2.blur(self.image, (3, 3)), dtype=np.uint8)
+
+    @cached_property
+    def body(self) -> Mask | None:
+        """Where the robot is in the image."""
+        return self.own() if self.own else None
 
 
 class Trigger:
@@ -77,57 +109,58 @@ class Trigger:
 
     def __init__(self, params: TriggerParams, camera: Camera) -> None:
         self.params = params
-        self.ego = EgoMotion(camera)
+        self._ego, self._coarse_ego = EgoMotion(camera), EgoMotion(camera.reduced(params.coarse))
         self._past: deque[_Past] = deque()
         self._slow_turn = False
 
-    def step(self, image: Image, view: View, stamp_s: float, own: Mask | None = None) -> list[Region2D]:
-        """Moving regions, strongest first; `own` (H, W) marks the robot's own body, which is no stimulus."""
-        grey = np.asarray(cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3)), dtype=np.uint8)
-        present = _Past(image.copy(), grey, view, stamp_s, own)
+    def step(
+        self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None, look: bool = True
+    ) -> list[Region2D]:
+        """Moving regions, strongest first; `own` tells where (H, W) the robot's own body is, which is no
+        stimulus.  With `look` off the image is only remembered."""
+        present = _Past(image.copy(), view, stamp_s, own, self.params.coarse)
         while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:
             self._past.popleft()  # from before something was tracked
-        then = self._reference(present)
-        regions = self._regions(then, present) if then else []
+        self._slow_turn = not self._slow_turn
+        then = self._reference(present) if look else None
         self._past.append(present)
-        return regions
+        return self._regions(then, present) if then else []
 
     def _reference(self, now: _Past) -> _Past | None:
         """The image to compare with: as old as this turn wants and the head's motion allows."""
         p = self.params
-        self._slow_turn = not self._slow_turn
         age_s = p.slow_interval_s if self._slow_turn else p.interval_s
         for past in self._past:  # oldest first
-            if now.stamp_s - past.stamp_s <= age_s + 1e-6 and self._spread_px(past, now) <= p.max_parallax_px:
+            if now.stamp_s - past.stamp_s > age_s + 1e-6:
+                continue
+            if self._ego.parallax_px_m(past.view, now.view) / p.near_m <= p.max_parallax_px:
                 return past
         return None
 
-    def _spread_px(self, then: _Past, now: _Past) -> float:
-        """How far apart the nearest and the farthest static things are after a warp."""
-        return self.ego.parallax_px_m(then.view, now.view) / self.params.near_m
-
     def _regions(self, then: _Past, now: _Past) -> list[Region2D]:
-        """What moved: first in grey, which mostly says that nothing did; what is left with its colours."""
+        """What moved: first at a coarse grey look; where that leaves something, with all pixels and colours."""
         p = self.params
-        height, width = now.grey.shape
+        height, width = now.overview.shape
         mx, my = round((1 - p.central) / 2 * width), round((1 - p.central) / 2 * height)
-        central = (mx, my, width - mx, height - my)
-        compare = _Comparison(p, self.ego, then, now)
-        found = compare.unexplained(central, color=False)
+        compare = _Comparison(p, self._coarse_ego, then, now, p.coarse, p.coarse_contrast)
+        found = compare.unexplained(then.overview, now.overview, (mx, my, width - mx, height - my))
         if found is None:
             return []
-        x0, y0, x1, y1 = found[0]
-        m = p.color_margin_px
-        found = compare.unexplained(
-            (max(x0 - m, mx), max(y0 - m, my), min(x1 + m, width - mx), min(y1 + m, height - my))
+        (x0, y0, x1, y1), m, k = found[0], p.color_margin_px, p.coarse
+        box = (
+            max(k * x0 - m, k * mx),
+            max(k * y0 - m, k * my),
+            min(k * x1 + m, k * (width - mx)),
+            min(k * y1 + m, k * (height - my)),
         )
+        compare = _Comparison(p, self._ego, then, now, 1, p.min_contrast)
+        found = compare.unexplained(then.smooth, now.smooth, box)
         return self._split(*found) if found else []
 
-    def _split(self, box: Box, surprise: NDArray[np.uint8]) -> list[Region2D]:
+    def _split(self, box: Box, surprise: Pixels) -> list[Region2D]:
         """The connected regions of a surprise map of the pixels in `box`."""
-        side = 2 * self.params.join_px + 1
-        joined = cv2.morphologyEx((surprise > 0).view(np.uint8), cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
+        closed = cv2.morphologyEx((surprise > 0).view(np.uint8), cv2.MORPH_CLOSE, masks.square(self.params.join_px))
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(closed)
         regions = []
         for k in range(1, count):
             x, y, w, h = (int(value) for value in stats[k, :4])
@@ -139,30 +172,30 @@ class Trigger:
 
 
 class _Comparison:
-    """An older and the present image of one eye, seen from the present pose."""
+    """An older and the present image of one eye, seen from the present pose, in pixels `scale` times as large."""
 
-    def __init__(self, params: TriggerParams, ego: EgoMotion, then: _Past, now: _Past) -> None:
+    def __init__(
+        self, params: TriggerParams, ego: EgoMotion, then: _Past, now: _Past, scale: int, min_contrast: float
+    ) -> None:
         self.params, self.ego, self.then, self.now = params, ego, then, now
+        self.scale, self.min_contrast = scale, min_contrast
+        self.min_area = -(-params.min_area_px // scale**2)
+        self.reach = params.tolerance_px / scale
         self.still = ego.is_still(then.view, now.view)
-        self.blind = self._own_bodies()
         self._levels: tuple[float, float] | None = None
 
-    def unexplained(self, box: Box, color: bool = True) -> tuple[Box, NDArray[np.uint8]] | None:
+    def unexplained(self, old: Pixels, new: Pixels, box: Box) -> tuple[Box, Pixels] | None:
         """The part of `box` where no distance explains the present pixels, and by how many levels each
         exceeds what they could be; None as soon as (nearly) everything is explained."""
-        least: NDArray[np.uint8] | None = None
+        least: Pixels | None = None
         for inverse_distance in self._inverse_distances():
-            if color:
-                old = cv2.blur(self._seen(self.then.image, inverse_distance, box), (3, 3))
-                new = cv2.blur(self.now.image[_crop(box)], (3, 3))
-            else:
-                old, new = self._seen(self.then.grey, inverse_distance, box), self.now.grey[_crop(box)]
-            surprise = self._surprise(np.asarray(old, dtype=np.uint8), np.asarray(new, dtype=np.uint8), box)
+            surprise = self._surprise(old, new, inverse_distance, box)
+            if least is None and np.count_nonzero(surprise) >= self.min_area:
+                self._ignore_own_body(surprise, box)
             least = surprise if least is None else np.minimum(least, surprise)
-            if np.count_nonzero(least) < self.params.min_area_px:
+            if np.count_nonzero(least) < self.min_area:
                 return None
-            if not color:
-                box, least = _shrunk(box, least)
+            box, least = _shrunk(box, least)
         return None if least is None else (box, least)
 
     def _inverse_distances(self) -> list[float]:
@@ -170,55 +203,69 @@ class _Comparison:
         tolerance covers."""
         p = self.params
         spread_px = 0.0 if self.still else self.ego.parallax_px_m(self.then.view, self.now.view) / p.near_m
-        steps = int(np.ceil(spread_px / (2 * p.tolerance_px)))
+        steps = int(np.ceil(spread_px / (2 * self.reach)))
         return [1 / p.room_m, *(np.linspace(0, 1 / p.near_m, steps + 1) if steps else [])]
 
-    def _seen(self, image: NDArray[np.uint8], inverse_distance: float, box: Box) -> NDArray[np.uint8]:
-        if self.still:
-            return image[_crop(box)]
-        return self.ego.warp(image, self.then.view, self.now.view, inverse_distance, box)
+    def _surprise(self, old: Pixels, new: Pixels, inverse_distance: float, box: Box) -> Pixels:
+        """(h, w) by how many levels each pixel of the box is brighter or darker than the older image explains,
+        0 where that may be noise; of colour images (H, W, 3) the most of the three channels."""
+        now = _cut(new, box)
+        then, low, high = self._range(old, inverse_distance, box)
+        exposure, threshold = self._levels = self._levels or self._measure_levels(then, now)
+        if exposure:
+            now = np.clip(now - np.float32(exposure), 0, 255).astype(np.uint8)
+        beyond = cv2.max(cv2.subtract(now, high), cv2.subtract(low, now))
+        surprise = np.asarray(cv2.threshold(beyond, threshold, 0, cv2.THRESH_TOZERO)[1], dtype=np.uint8)
+        return surprise if surprise.ndim == 2 else surprise.max(axis=2)
 
-    def _own_bodies(self) -> Mask | None:
-        """Where the robot itself is, or was."""
-        then, now = self.then.own, self.now.own
-        if then is None or now is None or not then.any():
-            return now
-        if self.still:
-            return then | now
-        was = self.ego.warp(then.view(np.uint8), self.then.view, self.now.view, 1 / self.params.room_m)
-        return now | was.view(bool)
-
-    def _surprise(self, old: NDArray[np.uint8], new: NDArray[np.uint8], box: Box) -> NDArray[np.uint8]:
-        """(h, w) by how many levels each pixel exceeds what the older image explains, noise included;
-        of colour images (h, w, 3) the most of the three channels."""
-        exposure, threshold = self._levels = self._levels or self._measure_levels(old, new)
-        kernel = np.ones((2 * round(self.params.tolerance_px) + 1,) * 2, np.uint8)
-        high, low = cv2.dilate(old, kernel), cv2.erode(old, kernel)
-        if not self.still:  # what the older image did not see explains everything
-            unseen = low == 0
+    def _range(self, old: Pixels, inverse_distance: float, box: Box) -> tuple[Pixels, Pixels, Pixels]:
+        """What the older image has at each pixel of the box, and the darkest and the brightest within the tolerance;
+        every level, where it does not reach."""
+        m = int(np.ceil(self.reach))
+        x0, y0, x1, y1 = box
+        left, top = min(m, x0), min(m, y0)
+        wide = x0 - left, y0 - top, min(x1 + m, old.shape[1]), min(y1 + m, old.shape[0])
+        seen = self._then_seen(old, inverse_distance, wide)
+        kernel = masks.square(m)
+        low, high = (np.asarray(one, np.uint8) for one in (cv2.erode(seen, kernel), cv2.dilate(seen, kernel)))
+        unseen = None if self.still else low == 0
+        if self.reach < m:  # a fraction of the way to the darkest or brightest neighbour
+            share = self.reach / m
+            low, high = (np.asarray(cv2.addWeighted(seen, 1 - share, one, share, 0), np.uint8) for one in (low, high))
+        if unseen is not None:
             low[unseen], high[unseen] = 0, 255
-        brighter = cv2.subtract(new, cv2.add(high, np.full(4, threshold + exposure)))
-        darker = cv2.subtract(cv2.add(low, np.full(4, exposure - threshold)), new)
-        surprise = np.asarray(cv2.max(brighter, darker), dtype=np.uint8)
-        if surprise.ndim == 3:
-            surprise = surprise.max(axis=2)
-        if self.blind is not None:
-            surprise[self.blind[_crop(box)]] = 0
-        return surprise
+        inside = np.s_[top : top + y1 - y0, left : left + x1 - x0]
+        return seen[inside], low[inside], high[inside]
 
-    def _measure_levels(self, old: NDArray[np.uint8], new: NDArray[np.uint8]) -> tuple[float, float]:
+    def _then_seen(self, old: Pixels, inverse_distance: float, box: Box) -> Pixels:
+        """What the older image has in the box as it would be seen now; 0 where it does not reach."""
+        return (
+            _cut(old, box) if self.still else self.ego.warp(old, self.then.view, self.now.view, inverse_distance, box)
+        )
+
+    def _measure_levels(self, then: Pixels, now: Pixels) -> tuple[float, float]:
         """How much brighter the image has become as a whole, and the change that is no noise."""
-        difference = new[::6, ::6].astype(np.int16) - old[::6, ::6]
+        difference = now[::6, ::6].astype(np.int16) - then[::6, ::6]
         exposure = float(np.median(difference))
         noise = 1.4826 * float(np.median(np.abs(difference - exposure)))
-        return exposure, max(self.params.noise_factor * noise, self.params.min_contrast)
+        return exposure, max(self.params.noise_factor * noise, self.min_contrast)
+
+    def _ignore_own_body(self, surprise: Pixels, box: Box) -> None:
+        """Nothing is surprising where the robot itself is, or was."""
+        then, now = self.then.body, self.now.body
+        every = np.s_[:: self.scale, :: self.scale]
+        if now is not None:
+            surprise[_cut(now[every], box)] = 0
+        if then is not None and then.any():
+            was = then[every].view(np.uint8)
+            surprise[self._then_seen(was, 1 / self.params.room_m, box).view(bool)] = 0
 
 
-def _crop(box: Box) -> tuple[slice, slice]:
-    return np.s_[box[1] : box[3], box[0] : box[2]]
+def _cut(image: NDArray[Any], box: Box) -> NDArray[Any]:
+    return image[box[1] : box[3], box[0] : box[2]]
 
 
-def _shrunk(box: Box, surprise: NDArray[np.uint8]) -> tuple[Box, NDArray[np.uint8]]:
+def _shrunk(box: Box, surprise: Pixels) -> tuple[Box, Pixels]:
     """Only the rectangle in which anything is on."""
     x, y, w, h = cv2.boundingRect(surprise)
     return (box[0] + x, box[1] + y, box[0] + x + w, box[1] + y + h), surprise[y : y + h, x : x + w]

@@ -133,6 +133,11 @@ class Camera:
             return False
         return bool(error_px < _INVERTED_PX and min(across_rad, down_rad) > _NARROWEST_RAD)  # False for NaN
 
+    def reduced(self, k: int) -> "Camera":
+        """The same camera with pixels `k` times as large: where the first `k` ended, the first one ends."""
+        cx, cy = (self.cx + 0.5) / k - 0.5, (self.cy + 0.5) / k - 0.5
+        return Camera(self.width // k, self.height // k, self.fx / k, self.fy / k, cx, cy, self.distortion)
+
     @property
     def focal_px(self) -> float:
         """Geometric mean focal length: pixels per radian at the image centre."""
@@ -209,7 +214,7 @@ class StereoRig:
     def view(self, joints_left: Array | None = None, joints_right: Array | None = None) -> StereoView:
         """Both eyes, each at its own joints (`joints_right` defaults to `joints_left`)."""
         T_root_left, T_root_right = self.eye_poses(joints_left)
-        if joints_right is not None and not np.array_equal(joints_right, joints_left):
+        if joints_right is not None and (joints_left is None or not np.array_equal(joints_right, joints_left)):
             T_root_right = self.eye_poses(joints_right)[1]
         return StereoView(View(self.left, T_root_left), View(self.right, T_root_right))
 

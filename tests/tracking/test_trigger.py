@@ -30,10 +30,13 @@ def test_an_older_image_looks_as_the_eye_would_see_it_now(robot: Robot, rig: Ste
     np.testing.assert_array_equal(part, warped[31:98, 43:150])
 
 
-def test_no_false_alarm_while_the_head_turns(robot: Robot, rig: StereoRig, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("speed_deg_s", [10.0, 20.0])
+def test_no_false_alarm_while_the_head_turns(
+    robot: Robot, rig: StereoRig, rng: np.random.Generator, speed_deg_s: float
+) -> None:
     trigger = Trigger(TriggerParams(), LEFT_EYE)
-    for k in range(45):
-        view = rig.view(_gaze(robot, DT * k, np.deg2rad(10))).left
+    for k in range(40):
+        view = rig.view(_gaze(robot, DT * k, np.deg2rad(speed_deg_s))).left
         assert trigger.step(look(view, [], rng), view, DT * k) == []
 
 
@@ -70,9 +73,20 @@ def test_ones_own_body_and_exposure_are_no_stimulus(robot: Robot, rig: StereoRig
         arm = view.rays(np.stack(np.meshgrid(np.arange(320), np.arange(240)), axis=-1)) @ ray > 0.99 * np.linalg.norm(
             ray
         )
-        assert own.step(image, view, DT * k, arm) == []
+        assert own.step(image, view, DT * k, lambda arm=arm: arm) == []
         saw += len(open_eyes.step(image, view, DT * k))
     assert saw > 0
+
+
+def test_an_image_that_was_only_remembered_is_compared_with(
+    rig: StereoRig, robot: Robot, rng: np.random.Generator
+) -> None:
+    view = rig.view(home(robot)).left
+    trigger, center = Trigger(TriggerParams(), LEFT_EYE), (view.T_root_camera @ np.array([0.0, 0.0, 0.5, 1.0]))[:3]
+    empty, ball = look(view, [], rng), look(view, [Sphere(center, 0.03, RED)], rng)
+    assert trigger.step(empty, view, 0.0, look=False) == []
+    assert trigger.step(ball, view, DT, look=False) == []
+    assert len(trigger.step(ball, view, 2 * DT)) == 1
 
 
 def test_an_image_from_long_ago_is_forgotten(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
