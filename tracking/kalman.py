@@ -144,31 +144,51 @@ def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) ->
     position as uncertain as at the start); outside that too it is an outlier, which leaves the state
     as it was and counts.  The one after too many restarts the filter.
     """
+    admitted = admit(params, belief, position, cov)
+    if admitted is None:
+        if belief.rejections + 1 >= params.max_rejections:
+            return start(params, belief.stamp_s, position, cov)
+        return replace(belief, rejections=belief.rejections + 1)
+    return correct(params, admitted, cov)
+
+
+@dataclass(frozen=True, slots=True)
+class Admitted:
+    """A measurement that fits a belief: the belief it fits, squared Mahalanobis distance and difference
+    (3,) from what was expected, and the inverse (3, 3) of the difference's covariance."""
+
+    belief: Belief
+    nis: float
+    innovation: Array
+    weight: Array
+
+
+def admit(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Admitted | None:
+    """The measurement beside the belief it fits, as it is or loosened; None for an outlier."""
     white = params.white_share * cov
-    surprise = _surprise(belief, position, white)
-    if surprise[0] > params.gate_chi2:
-        loose = loosened(params, belief)
-        again = _surprise(loose, position, white)
-        if again[0] > params.gate_chi2:
-            if belief.rejections + 1 >= params.max_rejections:
-                return start(params, belief.stamp_s, position, cov)
-            return replace(belief, rejections=belief.rejections + 1, nis=surprise[0])
-        belief, surprise = loose, again
-    nis, innovation, weight = surprise
-    gain = belief.cov[:, :3] @ weight
-    mean = belief.mean + (gain @ innovation).reshape(params.order, 3)
+    admitted = _compared(belief, position, white)
+    if admitted.nis > params.gate_chi2:
+        admitted = _compared(_loosened(params, belief), position, white)
+    return admitted if admitted.nis <= params.gate_chi2 else None
+
+
+def correct(params: KalmanParams, admitted: Admitted, cov: Array) -> Belief:
+    """The belief after an admitted measurement of covariance `cov` (3, 3) m²."""
+    before, white = admitted.belief, params.white_share * cov
+    gain = before.cov[:, :3] @ admitted.weight
+    mean = before.mean + (gain @ admitted.innovation).reshape(params.order, 3)
     keep = _identity(3 * params.order).copy()
     keep[:, :3] -= gain
-    P = keep @ belief.cov @ keep.T + gain @ white @ gain.T  # Joseph form: positive whatever the rounding
-    return Belief(belief.stamp_s, mean, 0.5 * (P + P.T), (1 - params.white_share) * cov, belief.stamp_s, 0, nis)
+    P = keep @ before.cov @ keep.T + gain @ white @ gain.T  # Joseph form: positive whatever the rounding
+    return Belief(
+        before.stamp_s, mean, 0.5 * (P + P.T), (1 - params.white_share) * cov, before.stamp_s, 0, admitted.nis
+    )
 
 
-def _surprise(belief: Belief, position: Array, white: Array) -> tuple[float, Array, Array]:
-    """Squared Mahalanobis distance of a measurement from where it was expected, the innovation (3,), and the
-    inverse (3, 3) of its covariance."""
+def _compared(belief: Belief, position: Array, white: Array) -> Admitted:
     innovation = position - belief.mean[0]
     weight = _inverse(belief.cov[:3, :3] + white)
-    return float(innovation @ weight @ innovation), innovation, weight
+    return Admitted(belief, float(innovation @ weight @ innovation), innovation, weight)
 
 
 def _inverse(S: Array) -> Array:
@@ -184,7 +204,7 @@ def _identity(n: int) -> Array:
     return np.eye(n)
 
 
-def loosened(params: KalmanParams, belief: Belief) -> Belief:
+def _loosened(params: KalmanParams, belief: Belief) -> Belief:
     """As if the motion had begun anew at the last update: its prior spread added to every derivative."""
     prior = np.diag([0.0, *params.prior_std[: params.order - 1]]) ** 2
     A = transition(params.order, belief.stamp_s - belief.updated_s)

@@ -5,6 +5,7 @@ pixels, each weighted by the solid angle it covers, is exactly the direction of 
 solid angle 2π(1 − cos θ) its angular radius θ: neither perspective nor the lens biases them.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,20 +18,25 @@ from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box
 
-_MIN_STD_PX = 0.02  # sampling and shading leave this much however sharp the edge is (FACTS §7)
+_MIN_STD_PX = 0.01  # sampling leaves this much however sharp the edge is (FACTS §7)
+_SHADING_PX = 0.14  # light from above, which a small outline resolves less: up and down, over √radius
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 ROUND = 0.015  # departure from a disc up to which nothing is but a disc
 _LIMBS_FROM, _LIMBS_TO = 0.08, 0.16  # share of limbs between which they come to count less than the trunk
 _SHAPE_BIAS = 0.04  # of its size: how far the middle of an image that is no disc is from the object's centre
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
-_CORRELATION = 4.0  # neighbouring pixels err together: this many are worth one
+_CORRELATION = 2.0  # neighbouring pixels err together: this many are worth one
+
+_UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: in this unit a + b is as sure to be 1 as a pixel its level
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """`alpha` (h, w) share of each pixel that the object covers and its variance, in `box` of the image."""
+    """`alpha` (h, w) share of each pixel in `box` of the image that the object covers, and its `variance` (n,)
+    in those pixels where it is not plain: `edge` (n,) counts them row by row."""
 
     alpha: NDArray[np.float32]
+    edge: NDArray[np.intp]
     variance: NDArray[np.float32]
     box: Box
 
@@ -58,14 +64,20 @@ class Optics:
         self.camera = camera
 
     @cached_property
-    def solid_angle(self) -> NDArray[np.float32]:
-        """(h, w) sr."""
-        return self.camera.solid_angle_map.astype(np.float32)
+    def weights(self) -> NDArray[np.float32]:
+        """(h, w, 4) solid angle times viewing direction, and solid angle, sr."""
+        solid = self.camera.solid_angle_map[..., None]
+        return np.concatenate([self.camera.bearing_map * solid, solid], axis=-1).astype(np.float32)
 
-    @cached_property
+    @property
     def moments(self) -> NDArray[np.float32]:
         """(h, w, 3) viewing direction times solid angle."""
-        return (self.camera.bearing_map * self.camera.solid_angle_map[..., None]).astype(np.float32)
+        return self.weights[..., :3]
+
+    @property
+    def solid_angle(self) -> NDArray[np.float32]:
+        """(h, w) sr."""
+        return self.weights[..., 3]
 
 
 def cover(image: Image, mask: Mask, box: Box) -> Coverage:
@@ -76,107 +88,91 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     round object.  What is left over says how well that explains the pixel.
     """
     x0, y0, x1, y1 = box
-    roi = image[y0:y1, x0:x1].astype(np.float32)
     band = 2 if np.count_nonzero(mask) > 60 else 1
     inner = masks.eroded(mask, band)
     if not inner.any():
         inner = mask
     outer = ~masks.dilated(mask, band)
-    edge = ~(inner | outer)
-    window = (4 * band + 5, 4 * band + 5)
-    F, B = _local_mean(roi, inner, window, edge), _local_mean(roi, outer, window, edge)
+    edge = np.flatnonzero(inner == outer)
     alpha = inner.astype(np.float32)
-    variance = np.zeros_like(alpha)
-    if edge.any():
-        alpha[edge], variance[edge] = _unmix(roi[edge], F, B)
-    return Coverage(alpha, variance, box)
+    if not len(edge):
+        return Coverage(alpha, edge, np.zeros(0, np.float32), box)
+    # the fourth channel is 1: it counts pixels in a sum, and in a mixture it asks for a + b = 1
+    roi = np.asarray(cv2.cvtColor(image[y0:y1, x0:x1] * np.float32(1 / _UNIT), cv2.COLOR_RGB2RGBA), dtype=np.float32)
+    side = 4 * band + 5
+    F, B = _local_mean(roi, inner, side, edge), _local_mean(roi, outer, side, edge)
+    share, variance = _unmix(roi.reshape(-1, 4).take(edge, axis=0), F, B)
+    alpha.reshape(-1)[edge] = share
+    return Coverage(alpha, edge, variance, box)
 
 
 def _unmix(
     pixels: NDArray[np.float32], F: NDArray[np.float32], B: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Share of F (n,) in `pixels` (n, 3) that mix F and B, and its variance."""
-    bound = _PIXEL_VAR / _SHADE_STD**2
-    ff, bb = np.einsum("ij,ij->i", F, F) + bound, np.einsum("ij,ij->i", B, B) + bound
-    fb = np.einsum("ij,ij->i", F, B) + bound
-    fi, bi = np.einsum("ij,ij->i", F, pixels) + bound, np.einsum("ij,ij->i", B, pixels) + bound
-    det = np.maximum(ff * bb - fb * fb, 1e-3)
-    a = np.maximum((bb * fi - fb * bi) / det, 0.0)
-    b = np.maximum((ff * bi - fb * fi) / det, 0.0)
-    alpha = a / np.maximum(a + b, 1e-6)
-    rest = pixels - a[:, None] * F - b[:, None] * B
-    noise = float(np.mean(rest * rest)) + 1.0
-    line = F - B
-    contrast = np.maximum(np.einsum("ij,ij->i", line, line), 1.0)
-    variance = np.minimum(noise / contrast, 0.25)
-    return alpha.astype(np.float32), variance.astype(np.float32)
+    """Share of F (n, 4) in `pixels` (n, 4) that mix F and B, and its variance."""
+    ff, bb, fb = np.vecdot(F, F), np.vecdot(B, B), np.vecdot(F, B)
+    fi, bi = np.vecdot(F, pixels), np.vecdot(B, pixels)
+    det = np.maximum(ff * bb - fb * fb, 1e-7)
+    a, b = np.maximum((bb * fi - fb * bi) / det, 0), np.maximum((ff * bi - fb * fi) / det, 0)
+    rest = (pixels - a[:, None] * F - b[:, None] * B)[:, :3].ravel()
+    noise = float(rest @ rest) / len(rest) + 1 / _UNIT**2
+    contrast = np.maximum(ff + bb - 2 * fb, 1 / _UNIT**2)
+    share: NDArray[np.float32] = a / np.maximum(a + b, 1e-6)
+    return share, np.minimum(noise / contrast, 0.25).astype(np.float32)
 
 
-def _local_mean(roi: NDArray[np.float32], where: Mask, window: tuple[int, int], at: Mask) -> NDArray[np.float32]:
-    """(n, 3) mean colour of the marked pixels around each pixel of `at`; of all marked ones where
-    none is near."""
-    weight = where.astype(np.float32)
-    marked = roi * weight[..., None]
-    total = cv2.boxFilter(marked, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)[at]
-    count = cv2.boxFilter(weight, -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)[at, None]
-    mean = np.asarray(total / np.maximum(count, 1.0), dtype=np.float32)
-    alone = count[:, 0] < 0.5
-    if alone.any():
-        mean[alone] = marked.sum(axis=(0, 1)) / max(float(weight.sum()), 1.0)
-    return mean
+def _local_mean(roi: NDArray[np.float32], where: Mask, side: int, at: NDArray[np.intp]) -> NDArray[np.float32]:
+    """(n, 4) mean colour of the marked pixels of `roi` (h, w, 4) around each of the pixels `at`; of all marked
+    ones where none is near."""
+    marked = cv2.copyTo(roi, where.view(np.uint8))
+    total = cv2.boxFilter(marked, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    near = np.asarray(total, dtype=np.float32).reshape(-1, 4).take(at, axis=0)
+    count = near[:, 3:]
+    if count.min() < 0.5:
+        near[count[:, 0] < 0.5] = cv2.sumElems(marked)
+    return near / np.maximum(count, 1.0)
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     """The outline of a covered region; None where nothing is covered."""
     x0, y0, x1, y1 = coverage.box
     alpha = coverage.alpha
-    area = float(alpha.sum())
+    area = cv2.sumElems(alpha)[0]
     if area < 1.0:
         return None
-    solid = optics.solid_angle[y0:y1, x0:x1]
-    moments = optics.moments[y0:y1, x0:x1]
-    direction = _mean_direction(alpha, moments)
-    omega = float((alpha * solid).sum())
-    radius = float(np.arccos(1 - min(omega / (2 * np.pi), 1.0)))
-    departure = _departure(alpha, solid, moments, direction, radius)
+    weights = optics.weights[y0:y1, x0:x1].reshape(-1, 4)
+    *direction, omega = (alpha.reshape(-1) @ weights).tolist()
+    radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
+    departure = _departure(alpha, weights, direction, radius)
     if departure > ROUND:
-        direction = _mean_direction(alpha * _thickness(alpha), moments)
+        direction = ((alpha * _thickness(alpha)).reshape(-1) @ weights)[:3].tolist()
     center = optics.camera.project(direction)
-    if not np.all(np.isfinite(center)):
+    if not (math.isfinite(center[0]) and math.isfinite(center[1])):
         return None
-    omega_var = _CORRELATION * float((coverage.variance * solid * solid).sum())
-    radius_var = omega_var / (2 * np.pi * np.sin(radius)) ** 2
-    columns, rows = np.flatnonzero((alpha > 0.5).any(axis=0)), np.flatnonzero((alpha > 0.5).any(axis=1))
-    if not len(columns):
+    left, top, width, height = cv2.boundingRect((alpha > 0.5).view(np.uint8))
+    if not width:
         return None
-    left, top = x0 + columns[0], y0 + rows[0]
-    right, bottom = x0 + columns[-1] + 1, y0 + rows[-1] + 1
-    width, height = optics.camera.width, optics.camera.height
-    odd_px = (
-        _SHAPE_BIAS * radius * optics.camera.focal_px * abs(1 - area / (np.pi / 4 * (right - left) * (bottom - top)))
-    )
+    left, top = x0 + left, y0 + top
+    solid = weights[:, 3].take(coverage.edge)
+    omega_var = _CORRELATION * float(np.dot(coverage.variance * solid, solid))
+    radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2
+    odd_px = _SHAPE_BIAS * radius * optics.camera.focal_px * abs(1 - area / (math.pi / 4 * width * height))
     cov = _center_cov(coverage, center, area) + odd_px**2 * np.eye(2)
-    at_border = bool(left <= 0 or top <= 0 or right >= width or bottom >= height)
-    box_px = (float(left), float(top), float(right - left), float(bottom - top))
+    at_border = left <= 0 or top <= 0 or left + width >= optics.camera.width or top + height >= optics.camera.height
+    box_px = (float(left), float(top), float(width), float(height))
     return Outline(center, cov, radius, radius_var, box_px, area, at_border, departure)
 
 
-def _mean_direction(weight: NDArray[np.float32], moments: NDArray[np.float32]) -> Array:
-    """(3,) mean of the viewing directions, weighted per pixel."""
-    direction = np.einsum("ij,ijk->k", weight, moments).astype(float)
-    unit: Array = direction / max(float(np.linalg.norm(direction)), 1e-30)
-    return unit
-
-
 def _departure(
-    alpha: NDArray[np.float32], solid: NDArray[np.float32], moments: NDArray[np.float32], axis: Array, radius: float
+    alpha: NDArray[np.float32], weights: NDArray[np.float32], direction: list[float], radius: float
 ) -> float:
-    """Share of the covered solid angle outside the cone around `axis` of as much solid angle; pixels on
+    """Share of the covered solid angle outside the cone around `direction` of as much solid angle; pixels on
     the cone's edge are not counted, for what they are is uncertain."""
-    covered = alpha * solid
-    edge = float(np.sqrt(solid.max()))  # a pixel's side as an angle
-    outside = moments @ axis.astype(np.float32) < np.float32(np.cos(radius + edge)) * solid
-    return float(covered[outside].sum() / covered.sum())
+    solid = weights[:, 3]
+    length, edge = math.hypot(*direction), math.sqrt(solid.max())  # a pixel's side as an angle
+    inside = np.array([*direction, -length * math.cos(radius + edge)], dtype=np.float32)
+    covered = alpha.reshape(-1) * solid
+    return float(covered[weights @ inside < 0].sum() / covered.sum())
 
 
 def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -198,8 +194,15 @@ def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _center_cov(coverage: Coverage, center: Array, area: float) -> Array:
     """(2, 2) px²: every edge pixel's uncertain share pulls the centre by its lever arm."""
-    x0, y0, x1, y1 = coverage.box
-    x, y = np.arange(x0, x1) - center[0], np.arange(y0, y1) - center[1]
-    v = coverage.variance
-    xx, yy, xy = float((v @ (x * x)).sum()), float(((y * y) @ v).sum()), float(y @ v @ x)
-    return _CORRELATION * np.array([[xx, xy], [xy, yy]]) / area**2 + _MIN_STD_PX**2 * np.eye(2)
+    x0, y0, x1, _ = coverage.box
+    y, x = np.divmod(coverage.edge, x1 - x0)
+    x, y, v = x + (x0 - center[0]), y + (y0 - center[1]), coverage.variance
+    vx, vy = v * x, v * y
+    xx, yy, xy = vx @ x, vy @ y, vx @ y
+    return _CORRELATION * np.array([[xx, xy], [xy, yy]]) / area**2 + least_cov(area)
+
+
+def least_cov(area: float) -> Array:
+    """(2, 2) px² of the centre of an outline of `area` px, however sharp its edge; measured on rendered
+    balls and markers of 6 to 19 px radius (bench consistency)."""
+    return np.diag([_MIN_STD_PX**2, _MIN_STD_PX**2 + _SHADING_PX**2 / np.sqrt(area / np.pi)])

@@ -18,6 +18,7 @@ from tracking.marker import MarkerParams
 from tracking.outline import ROUND, Optics, Outline
 from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker
 
+Shapes = tuple[Outline | None, Outline | None]
 Sightings = tuple[Sighting | None, Sighting | None]
 
 
@@ -34,7 +35,7 @@ class TrackerParams:
     lost_after_s: float = 0.5
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
-    shape_error: float = 0.13
+    shape_error: float = 0.09
     search: SearchParams = field(default_factory=SearchParams)
     eye: EyeParams = field(default_factory=EyeParams)
     marker: MarkerParams = field(default_factory=MarkerParams)
@@ -56,13 +57,14 @@ class TrackerParams:
 
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
-    """What one frame gave: the track, the detections and observation behind it, and while searching
-    the moving regions of the left and the right image."""
+    """What one frame gave: the track, the detections and observation behind it, while searching the moving
+    regions of the left and the right image, and the point (3,) midway between the eyes, root frame."""
 
     track: Track3D
     detections: tuple[Detection2D, ...]
     observation: Observation3D | None
     regions: Regions
+    head: Array
 
 
 class Tracker:
@@ -98,19 +100,26 @@ class Tracker:
         self._seen_s = -np.inf
         self._stamps = (-np.inf, -np.inf)
 
-    def step(self, frame: StereoFrame) -> TrackerStep:
-        """The track after this frame; ValueError for a stamp that does not lie after the last one."""
+    def step(self, frame: StereoFrame, shapes: Shapes | None = None) -> TrackerStep:
+        """The track after this frame; ValueError for a stamp that does not lie after the last one.
+
+        `shapes` are what left and right eye see of the object, where that is known already (`batch`).
+        """
         self._check_stamps(frame)
         view = self.rig.view_of(frame)
         looks = looks_of(frame, view)
         regions: Regions = ([], [])
         grey = self.params.mode == "generic" and is_grey(frame.left)
-        if self._belief is None:
+        last = self._belief
+        if last is not None:
+            self._belief = predict(self._kalman, last, frame.stamp_s)
+        if shapes is not None:
+            sightings = _sightings(shapes)
+        elif last is None or self._belief is None:
             sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
         else:
             with self.stages("image"):
-                last = self._belief
-                now = self._belief = predict(self._kalman, last, frame.stamp_s)
+                now = self._belief
                 left, right = (e.find(look, last, now, grey) for e, look in zip(self._eyes, looks, strict=True))
                 sightings = left, right
         self._head = 0.5 * (view.left.center + view.right.center)
@@ -121,7 +130,7 @@ class Tracker:
             self._after(looks, sightings, observation, grey)
         seen = zip(self._eyes, looks, sightings, strict=True)
         detections = tuple(eye.detection(look, one) for eye, look, one in seen if one is not None)
-        return TrackerStep(track, detections, observation, regions)
+        return TrackerStep(track, detections, observation, regions, self._head)
 
     def _check_stamps(self, frame: StereoFrame) -> None:
         stamps = (frame.stamp_left_s, frame.stamp_right_s)
@@ -135,7 +144,7 @@ class Tracker:
         if self.params.mode == "marker":
             with self.stages("image"):
                 marker = search_marker(self.params.marker, looks, view, stamp_s, self._optics, self._association)
-            return _sightings(marker), ([], [])
+            return _sightings(marker or (None, None)), ([], [])
         scenes = (self._eyes[0].background, self._eyes[1].background) if grey else None
         pair, regions = self._search.step(looks, view, stamp_s, scenes)
         if pair is None:
@@ -227,11 +236,9 @@ class Tracker:
                 eye.background.learn(look.image, look.view, look.stamp_s, [seen.box_px] if seen else [])
 
 
-def _sightings(shapes: tuple[Outline, Outline] | None) -> Sightings:
+def _sightings(shapes: Shapes) -> Sightings:
     """Outlines found without a tracker, as sightings."""
-    if shapes is None:
-        return None, None
-    left, right = (Sighting(shape, shape.box_px, 1.0) for shape in shapes)
+    left, right = (None if shape is None else Sighting(shape, shape.box_px, 1.0) for shape in shapes)
     return left, right
 
 

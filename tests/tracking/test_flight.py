@@ -1,0 +1,99 @@
+"""A thrown ball's motion against a fine integration of its equations, and its bounce against energy and sampling."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tracking.flight import FlightParams, forecast, start
+from tracking.kalman import Belief, update
+
+STILL_AIR = FlightParams(drag_per_m=0.0, noise_density=1e-9, floor_m=-np.inf)
+
+
+def _belief(p: tuple[float, ...], v: tuple[float, ...], lift: tuple[float, ...], std: float = 1e-6) -> Belief:
+    return Belief(0.0, np.array([p, v, lift]), std**2 * np.eye(9), np.zeros((3, 3)), 0.0)
+
+
+def test_flight_is_the_solution_of_its_equations() -> None:
+    params = FlightParams(floor_m=-np.inf)
+    p, v, lift = (0.0, 0.0, 1.0), (3.0, -6.0, 1.5), (0.3, 0.2, -0.1)
+
+    def rate(_: float, x: np.ndarray) -> np.ndarray:
+        speed = np.linalg.norm(x[3:])
+        a = np.array([0, 0, -9.81]) - params.drag_per_m * speed * x[3:] + np.cross(lift, x[3:])
+        return np.concatenate([x[3:], a])
+
+    exact = solve_ivp(rate, (0, 0.04), [*p, *v], rtol=1e-10).y[:, -1]
+    ahead = forecast(params, _belief(p, v, lift), 0.04)[0]
+    np.testing.assert_allclose(ahead.mean[0], exact[:3], atol=2e-4)
+    np.testing.assert_allclose(ahead.mean[1], exact[3:], atol=1e-2)
+
+
+def test_a_ball_that_loses_nothing_rises_as_high_as_it_fell() -> None:
+    params = FlightParams(drag_per_m=0.0, restitution=1.0, grip=1.0, drive_m=0.0, floor_m=0.02, noise_density=1e-9)
+    belief = _belief((0, 0, 0.3), (1.0, 0.5, 0.0), (0, 0, 0), std=1e-7)
+    fall = np.sqrt(2 * 0.28 / 9.81)
+    for t in np.arange(0.03, 2 * fall, 0.03):
+        belief = forecast(params, belief, float(t))[0]
+    belief = forecast(params, belief, 2 * fall)[0]
+    np.testing.assert_allclose(belief.mean[0], [2 * fall, fall, 0.3], atol=1e-3)
+    np.testing.assert_allclose(belief.mean[1], [1.0, 0.5, 0.0], atol=1e-2)
+
+
+def test_topspin_drives_a_ball_down_and_then_on() -> None:
+    forward = _belief((0, 0, 0.05), (5.0, 0, -2.0), (0, 0.4, 0))  # spins about the axis to its left
+    none = _belief((0, 0, 0.05), (5.0, 0, -2.0), (0, 0, 0))
+    params = FlightParams(floor_m=-np.inf)
+    assert forecast(params, forward, 0.04)[0].mean[1, 2] < forecast(params, none, 0.04)[0].mean[1, 2] - 0.05
+    bounced, plain = (forecast(FlightParams(), b, 0.04)[0] for b in (forward, none))
+    assert bounced.mean[1, 0] > plain.mean[1, 0] + 0.1
+    impact = np.sqrt(2.0**2 + 2 * 9.81 * (0.05 - 0.016))
+    assert plain.mean[1, 2] == pytest.approx(
+        0.935 * impact - 9.81 * (0.04 - (impact - 2.0) / 9.81), abs=0.1
+    )  # up again
+
+
+@pytest.mark.parametrize("height", [0.5, 0.06])
+def test_the_predicted_spread_is_that_of_samples(height: float, rng: np.random.Generator) -> None:
+    """In the air and over a sure bounce."""
+    params = FlightParams(noise_density=1e-9, bounce_std=(1e-9, 1e-9, 1e-9), bounce_lift_std=1e-9)
+    mean = np.array([[0, 0, height], [1.0, -5.0, -2.5], [0.3, 0.1, 0.0]])
+    std = np.array([0.003] * 3 + [0.1] * 3 + [0.05] * 3)
+    ahead, cross = forecast(params, Belief(0.0, mean, np.diag(std**2), np.zeros((3, 3)), 0.0), 0.04)
+    states = mean.ravel() + std * rng.standard_normal((700, 9))
+    one = [
+        forecast(params, Belief(0.0, s.reshape(3, 3), 1e-16 * np.eye(9), np.zeros((3, 3)), 0.0), 0.04) for s in states
+    ]
+    then = np.array([belief.mean.ravel() for belief, _ in one])
+    np.testing.assert_allclose(ahead.mean.ravel(), then.mean(axis=0), atol=4 * np.max(then.std(axis=0)) / np.sqrt(700))
+    np.testing.assert_allclose(np.sqrt(np.diag(ahead.cov)), then.std(axis=0), rtol=0.12)
+    sampled = (states - mean.ravel()).T @ (then - then.mean(axis=0)) / 700
+    scale = np.outer(std, then.std(axis=0))
+    np.testing.assert_allclose(cross / scale, sampled / scale, atol=0.12)
+
+
+def test_a_bouncing_ball_is_followed(rng: np.random.Generator) -> None:
+    """Truth from fine steps of a model with other constants than the filter's; measured with 15 mm."""
+    cov, dt, x = np.diag([15e-3] * 3) ** 2, 1e-4, np.array([0, 1.3, 0.3, 0.2, -6.0, 0.5])
+    errors, raw, belief = [], [], None
+    for k in range(6000):
+        if k % 400 == 0:
+            z = x[:3] + 15e-3 * rng.standard_normal(3)
+            belief = (
+                start(FlightParams(), k * dt, z, cov) if belief is None else forecast(FlightParams(), belief, k * dt)[0]
+            )
+            belief = update(FlightParams().filter, belief, z, cov) if k else belief
+            errors.append(belief.mean[0] - x[:3])
+            raw.append(z - x[:3])
+        x[3:] += dt * (np.array([0, 0, -9.81]) - 0.12 * np.linalg.norm(x[3:]) * x[3:])
+        x[:3] += dt * x[3:]
+        if x[2] < 0.018 and x[5] < 0:
+            x[3:] *= (0.9, 0.9, -0.92)
+    assert np.sqrt(np.mean(np.square(errors[3:]))) < 0.75 * np.sqrt(np.mean(np.square(raw[3:])))
+
+
+def test_bad_input_is_named() -> None:
+    with pytest.raises(ValueError, match=r"restitution 1\.2"):
+        FlightParams(restitution=1.2)
+    with pytest.raises(ValueError, match=r"-0\.1.*before 0\.0"):
+        forecast(STILL_AIR, _belief((0, 0, 1), (0, 0, 0), (0, 0, 0)), -0.1)

@@ -1,0 +1,130 @@
+"""Smoothing against least squares over the whole path, and through the tracker's own steps."""
+
+import numpy as np
+import pytest
+
+from pps_vision.types import Observation3D, Status, Track3D
+from tracking.kalman import Belief, KalmanParams, predict, process_noise, scaled, start, transition, update
+from tracking.smoother import Measured, follow, smooth, smoothed_tracks
+from tracking.tracker import TrackerStep
+
+R = np.diag([1e-5, 4e-6, 9e-6])
+
+
+def _batch(params: KalmanParams, stamps: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Mean state (n, order) of one axis at every stamp by one big weighted least squares; NaN: not seen."""
+    n, order = len(stamps), params.order
+    rows, targets = [], []
+
+    def add(blocks: dict[int, np.ndarray], target: np.ndarray, cov: np.ndarray) -> None:
+        root = np.linalg.inv(np.linalg.cholesky(cov))
+        row = np.zeros((len(target), n * order))
+        for k, block in blocks.items():
+            row[:, k * order : (k + 1) * order] = block
+        rows.append(root @ row)
+        targets.append(root @ target)
+
+    add({0: np.eye(order)[1:]}, np.zeros(order - 1), np.diag(np.square(params.prior_std[: order - 1])))
+    for k in range(n):
+        if np.isfinite(z[k]):
+            add({k: np.eye(order)[:1]}, z[k : k + 1], R[:1, :1])
+        if k:
+            dt = stamps[k] - stamps[k - 1]
+            Q = process_noise(order, dt, params.noise_density)
+            add({k: np.eye(order), k - 1: -transition(order, dt)}, np.zeros(order), Q)
+    return np.linalg.lstsq(np.vstack(rows), np.concatenate(targets))[0].reshape(n, order)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Generator) -> None:
+    params = KalmanParams(order=order, noise_density=0.5, gate_chi2=1e9, white_share=1.0)
+    stamps = np.cumsum(rng.uniform(0.03, 0.08, 15)).round(6)
+    z = 0.05 * np.sin(3 * stamps)[:, None] + rng.standard_normal((15, 3)) * np.sqrt(np.diag(R))
+    z[6:9] = np.nan  # not seen for a while
+    measured = [
+        Measured(t, None, None) if np.isnan(p[0]) else Measured(t, p, R) for t, p in zip(stamps, z, strict=True)
+    ]
+    path = smooth(follow(params, start(params, stamps[0], z[0], R), measured[1:]))
+    expected = _batch(params, stamps, z[:, 0])
+    np.testing.assert_allclose([b.mean[:, 0] for b in path], expected, rtol=1e-5, atol=1e-6)
+
+
+def test_what_it_claims_is_what_it_errs(rng: np.random.Generator) -> None:
+    """Paths drawn from the model itself: the smoothed state's squared Mahalanobis distance has its mean, 6."""
+    params = KalmanParams(order=2, noise_density=0.02, gate_chi2=1e9, white_share=1.0)
+    A, root = transition(2, 0.05), np.linalg.cholesky(process_noise(2, 0.05, 0.02))
+    nees, gain = [], []
+    for _ in range(60):
+        true = [np.vstack([np.zeros(3), 0.3 * rng.standard_normal(3)])]
+        for _ in range(15):
+            true.append(A @ true[-1] + root @ rng.standard_normal((2, 3)))
+        z = [x[0] + np.sqrt(np.diag(R)) * rng.standard_normal(3) for x in true]
+        measured = [Measured(0.05 * k, p, R) for k, p in enumerate(z)]
+        passages = follow(params, start(params, 0.0, z[0], R), measured[1:])
+        path = smooth(passages)
+        error = [(b.mean - x).ravel() for b, x in zip(path, true, strict=True)]
+        nees.append([e @ np.linalg.solve(b.cov, e) for e, b in zip(error, path, strict=True)][8])
+        gain.append(np.trace(path[8].cov[:3, :3]) / np.trace(passages[8].belief.cov[:3, :3]))
+    assert 4.9 < np.mean(nees) < 7.2  # 99.9 % of means of 60 with 6 degrees of freedom
+    assert max(gain) < 0.7  # later measurements do say something
+
+
+def test_a_filter_that_began_again_is_smoothed_in_two_parts() -> None:
+    params = KalmanParams(max_rejections=2)
+    z = [np.array([0.001 * k, 0, 0]) if k < 10 else np.array([0.8 + 0.001 * k, 0, 0]) for k in range(20)]
+    small = 1e-7 * np.eye(3)
+    measured = [Measured(0.05 * k, p, small) for k, p in enumerate(z)]
+    path = smooth(follow(params, start(params, 0.0, z[0], small), measured[1:]))
+    for k in (0, 5, 9, 12, 19):
+        np.testing.assert_allclose(path[k].mean[0], z[k], atol=2e-3)
+
+
+def _steps(rng: np.random.Generator) -> tuple[list[TrackerStep], list[np.ndarray]]:
+    """As a tracker would return them: two sightings unconfirmed, a gap, lost at last; and the truth."""
+    params, cov, steps, truth = KalmanParams(), np.diag([4e-6, 4e-6, 1e-5]), [], []
+    belief = None
+    for k in range(40):
+        t, true = 0.05 * k, np.array([0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0])
+        seen = not (15 <= k < 18 or k >= 38)
+        z = true + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if seen else None
+        if belief is None:
+            params = scaled(params, float(np.linalg.norm(z)))
+        belief, track = _tracked(params, belief, t, z, cov)
+        if k < 2:
+            track = Track3D.unknown(t)
+        if k == 39:
+            track = Track3D.unknown(t, Status.LOST)
+        one = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
+        steps.append(TrackerStep(track, (), one, ([], []), np.zeros(3)))
+        truth.append(true)
+    return steps, truth
+
+
+def _tracked(
+    params: KalmanParams, belief: Belief | None, t: float, z: np.ndarray | None, cov: np.ndarray
+) -> tuple[Belief, Track3D]:
+    if belief is None:
+        belief = start(params, t, z, cov)
+    else:
+        belief = predict(params, belief, t)
+        belief = belief if z is None else update(params, belief, z, cov)
+    mean, P = np.zeros((4, 3)), np.zeros((12, 12))
+    mean[:3], P[:9, :9] = belief.mean, belief.cov
+    P[:3, :3] += belief.lasting + 1e-6 * np.eye(3)
+    return belief, Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
+
+
+def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator) -> None:
+    steps, truth = _steps(rng)
+    tracks = smoothed_tracks(KalmanParams(), steps)
+    assert [t.status for t in tracks] == [s.track.status for s in steps]
+    known = [k for k, track in enumerate(tracks) if track.is_known]
+    before = np.array([steps[k].track.position - truth[k] for k in known])
+    after = np.array([tracks[k].position - truth[k] for k in known])
+    assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(before**2))
+    for k in known:
+        assert np.trace(tracks[k].cov[:3, :3]) <= np.trace(steps[k].track.cov[:3, :3]) * (1 + 1e-9)
+        assert np.linalg.eigvalsh(tracks[k].cov[:9, :9]).min() > 0
+    last = known[-2]
+    np.testing.assert_allclose(tracks[known[-1]].mean, steps[known[-1]].track.mean, rtol=1e-9)
+    assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays

@@ -1,0 +1,142 @@
+"""Motion of a thrown ball: gravity, drag, the lift of its spin, and its bounce on a level surface.
+
+The state is position, velocity and lift L (its spin times a constant): the acceleration of spin is L × v.
+It has the shape of a Kalman filter's state of order 3, so `kalman.update` takes the measurements in; the
+prediction carries the mean and its neighbours one standard deviation away through flight and bounce
+(second-order central differences, Nørgaard, Poulsen and Ravn 2000).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pps_vision.types import Array, Mask
+from tracking import kalman
+from tracking.kalman import Belief, KalmanParams
+
+_GRAVITY = np.array([0.0, 0.0, -9.81])
+_N = 9
+
+
+@dataclass(frozen=True)
+class FlightParams:
+    """In a frame whose z points up, in metres; the defaults are a table-tennis ball's, fitted to half of the
+    recorded flights that `bench filter` reports on.
+
+    `drag_per_m` is deceleration over squared speed; `speed_std`, `lift_std` (level, upright: sidespin is rarer)
+    what may be before anything is seen, m/s and 1/s; `noise_density` of unmodelled acceleration, (m/s²)²·s.
+
+    At the bounce the ball's centre is `floor_m` high (−inf: no floor); it keeps `restitution` of its vertical
+    and `grip` of its horizontal velocity, its spin drives it on by `drive_m` (m/s per 1/s of lift), and keeps
+    `spin_kept`.  `bounce_std` (along, across, up), m/s, and `bounce_lift_std`, 1/s, say how far it departs.
+    """
+
+    drag_per_m: float = 0.14
+    speed_std: float = 8.0
+    lift_std: tuple[float, float] = (0.3, 0.1)
+    noise_density: float = 0.08
+    floor_m: float = 0.016
+    restitution: float = 0.935
+    grip: float = 0.86
+    drive_m: float = 0.65
+    spin_kept: float = 0.6
+    bounce_std: tuple[float, float, float] = (0.6, 0.06, 0.08)
+    bounce_lift_std: float = 0.12
+    gate_chi2: float = 20.0
+
+    def __post_init__(self) -> None:
+        if not (self.drag_per_m >= 0 and self.noise_density > 0 and 0 <= self.restitution <= 1):
+            raise ValueError(
+                f"drag {self.drag_per_m}, noise density {self.noise_density}, restitution {self.restitution}; "
+                "expected drag ≥ 0, a noise density > 0 and a restitution from 0 to 1"
+            )
+
+    @cached_property
+    def filter(self) -> KalmanParams:
+        """How measurements are taken in: as by a Kalman filter of order 3."""
+        std = (self.speed_std, self.lift_std[0], 1.0)
+        return KalmanParams(3, self.noise_density, std, white_share=1.0, gate_chi2=self.gate_chi2)
+
+
+def start(params: FlightParams, stamp_s: float, position: Array, cov: Array) -> Belief:
+    """The belief after the first measurement: `position` (3,) m with `cov` (3, 3) m²."""
+    belief = kalman.start(params.filter, stamp_s, position, cov)
+    belief.cov[8, 8] = params.lift_std[1] ** 2
+    return belief
+
+
+def forecast(params: FlightParams, belief: Belief, stamp_s: float) -> tuple[Belief, Array]:
+    """The belief at a later stamp, and the covariance (9, 9) of the state now with the state then;
+    ValueError for an earlier stamp."""
+    dt = stamp_s - belief.stamp_s
+    if not dt >= 0:
+        raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
+    if dt == 0:
+        return belief, belief.cov
+    spread = np.linalg.cholesky(belief.cov).T
+    around = np.concatenate([spread, -spread, np.zeros((1, _N))])
+    then, since = _fly(params, belief.mean.ravel() + around, dt)
+    neighbours = then[:-1] - then[-1]
+    mean = then[-1] + 0.5 * neighbours.sum(axis=0)
+    P = 0.5 * neighbours.T @ neighbours
+    P[:6, :6] += np.kron(kalman.process_noise(2, dt, params.noise_density), np.eye(3))
+    share = float(np.mean(since > 0))
+    if share > 0:
+        P += share * _bounce_noise(params, mean[3:5], float(since.sum()) / np.count_nonzero(since))
+    ahead = Belief(stamp_s, mean.reshape(3, 3), P, belief.lasting, belief.updated_s, belief.rejections, belief.nis)
+    return ahead, 0.5 * around[:-1].T @ neighbours
+
+
+def _fly(params: FlightParams, states: Array, dt: float) -> tuple[Array, Array]:
+    """States (m, 9) after `dt`, and how long ago each bounced (m,), 0 for those that did not."""
+    p, v, lift = states[:, :3], states[:, 3:6], states[:, 6:]
+    p_end, v_end = _arc(params, p, v, lift, dt)
+    hit = (p_end[:, 2] < params.floor_m) & (v_end[:, 2] < 0)
+    since = np.zeros(len(states))
+    if hit.any():
+        p_end[hit], v_end[hit], lift, since[hit] = _bounce(params, p, v, lift, hit, dt)
+    return np.hstack([p_end, v_end, lift]), since
+
+
+def _bounce(
+    params: FlightParams, p: Array, v: Array, lift: Array, hit: Mask, dt: float
+) -> tuple[Array, Array, Array, Array]:
+    """Position, velocity and time since the bounce of those that `hit`, and the lift of all."""
+    down = _acceleration(params, v[hit], lift[hit])[:, 2]
+    fall, drop = v[hit, 2], np.maximum(p[hit, 2] - params.floor_m, 0.0)
+    until = np.clip((-fall - np.sqrt(np.maximum(fall**2 - 2 * down * drop, 0.0))) / down, 0.0, dt)[:, None]
+    at, into = _arc(params, p[hit], v[hit], lift[hit], until)
+    spin = lift[hit]
+    out = into * (params.grip, params.grip, -params.restitution)
+    out[:, 0] += params.drive_m * spin[:, 1]
+    out[:, 1] -= params.drive_m * spin[:, 0]
+    kept = lift.copy()
+    kept[hit] *= params.spin_kept
+    p_end, v_end = _arc(params, at, out, kept[hit], dt - until)
+    return p_end, v_end, kept, dt - until[:, 0]
+
+
+def _arc(params: FlightParams, p: Array, v: Array, lift: Array, dt: float | Array) -> tuple[Array, Array]:
+    """Position and velocity (m, 3) after free flight, by the midpoint rule."""
+    a = _acceleration(params, v, lift)
+    a = _acceleration(params, v + 0.5 * dt * a, lift)
+    return p + dt * v + 0.5 * dt * dt * a, v + dt * a
+
+
+def _acceleration(params: FlightParams, v: Array, lift: Array) -> Array:
+    """(m, 3) m/s² of gravity, drag and spin."""
+    speed = np.sqrt(np.einsum("ij,ij->i", v, v))[:, None]
+    spin: Array = lift[:, (1, 2, 0)] * v[:, (2, 0, 1)] - lift[:, (2, 0, 1)] * v[:, (1, 2, 0)]  # lift × v
+    return _GRAVITY - params.drag_per_m * speed * v + spin
+
+
+def _bounce_noise(params: FlightParams, horizontal: Array, since_s: float) -> Array:
+    """(9, 9) covariance that a bounce `since_s` ago leaves, for a ball that moves on along `horizontal`."""
+    x, y = horizontal / max(float(np.linalg.norm(horizontal)), 1e-9)
+    turn = np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+    V = (turn * np.square(params.bounce_std)) @ turn.T
+    P = np.zeros((_N, _N))
+    P[:3, :3], P[:3, 3:6], P[3:6, :3], P[3:6, 3:6] = since_s**2 * V, since_s * V, since_s * V, V
+    P[6:, 6:] = params.bounce_lift_std**2 * np.eye(3)
+    return P

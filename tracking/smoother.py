@@ -1,0 +1,112 @@
+"""The whole path in the light of all that was measured: Rauch–Tung–Striebel smoothing of a filter's beliefs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pps_vision.types import Array, Status, Track3D
+from tracking import kalman
+from tracking.kalman import Belief, KalmanParams, admit, scaled, start, update
+from tracking.tracker import TrackerStep
+
+Forecast = Callable[[Belief, float], tuple[Belief, Array]]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A position (3,) m with its covariance (3, 3) m², or None where nothing was seen, at a stamp."""
+
+    stamp_s: float
+    position: Array | None
+    cov: Array | None
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A filter's belief after a stamp, what it was before its measurement (loosened, if it was), and the
+    covariance of that state with the one before it; None where the filter began (again)."""
+
+    belief: Belief
+    expected: tuple[Belief, Array] | None
+
+
+def follow(
+    params: KalmanParams, begin: Belief, measured: Sequence[Measured], forecast: Forecast | None = None
+) -> list[Passage]:
+    """The filter's way from a first belief through later measurements in the order of their stamps.
+
+    `forecast` (default: the Kalman filter's own) says how the state moves on.
+    """
+    ahead = forecast or (lambda belief, stamp_s: kalman.forecast(params, belief, stamp_s))
+    passages = [Passage(begin, None)]
+    for one in measured:
+        expected, cross = ahead(passages[-1].belief, one.stamp_s)
+        if one.position is None or one.cov is None:
+            passages.append(Passage(expected, (expected, cross)))
+            continue
+        belief = update(params, expected, one.position, one.cov)
+        admitted = admit(params, expected, one.position, one.cov)
+        begun_again = admitted is None and belief.rejections == 0
+        before = admitted.belief if admitted else expected
+        passages.append(Passage(belief, None if begun_again else (before, cross)))
+    return passages
+
+
+def smooth(passages: Sequence[Passage]) -> list[Belief]:
+    """Each belief given all measurements, later ones too."""
+    smoothed = [passages[-1].belief]
+    for here, after in zip(reversed(passages[:-1]), reversed(passages[1:]), strict=True):
+        belief = here.belief
+        if after.expected is None:  # begun again: what comes later says nothing
+            smoothed.append(belief)
+            continue
+        expected, cross = after.expected
+        gain = np.linalg.solve(expected.cov, cross.T).T
+        change = gain @ (smoothed[-1].mean - expected.mean).ravel()
+        P = belief.cov + gain @ (smoothed[-1].cov - expected.cov) @ gain.T
+        smoothed.append(replace(belief, mean=belief.mean + change.reshape(belief.mean.shape), cov=0.5 * (P + P.T)))
+    return smoothed[::-1]
+
+
+def smoothed_tracks(params: KalmanParams, steps: Sequence[TrackerStep]) -> list[Track3D]:
+    """The tracks of a tracker's steps (`params` its filter's), each known one given what was measured later too.
+
+    What the track said beyond the filter's covariance (the error of a shape) it still says.
+    """
+    tracks = [step.track for step in steps]
+    for first, end in _runs(tracks, [step.observation is not None for step in steps]):
+        seen = [step.observation for step in steps[first:end]]
+        if seen[0] is None:
+            continue
+        own = scaled(params, float(np.linalg.norm(seen[0].p_root - steps[first].head)))
+        begin = start(own, tracks[first].stamp_s, seen[0].p_root, seen[0].cov_root)
+        measured = [
+            Measured(track.stamp_s, *((None, None) if one is None else (one.p_root, one.cov_root)))
+            for track, one in zip(tracks[first + 1 : end], seen[1:], strict=True)
+        ]
+        passages = follow(own, begin, measured)
+        for k, (passage, belief) in enumerate(zip(passages, smooth(passages), strict=True), start=first):
+            if tracks[k].is_known:
+                tracks[k] = _replaced(tracks[k], passage.belief, belief)
+    return tracks
+
+
+def _runs(tracks: Sequence[Track3D], seen: Sequence[bool]) -> list[tuple[int, int]]:
+    """Where objects were followed: from the first of the unbroken sightings that led to a track to its end."""
+    known = np.array([False, *(track.is_known for track in tracks), False])
+    changes = np.flatnonzero(known[1:] != known[:-1])
+    runs = []
+    for first, end in zip(changes[::2].tolist(), changes[1::2].tolist(), strict=True):
+        while first > 0 and seen[first - 1] and tracks[first - 1].status == Status.SEARCHING:
+            first -= 1
+        runs.append((first, end))
+    return runs
+
+
+def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
+    mean, cov = track.mean.copy(), track.cov.copy()
+    n = len(smoothed.mean)
+    mean[:n] = smoothed.mean
+    cov[: 3 * n, : 3 * n] += smoothed.cov - filtered.cov
+    return replace(track, mean=mean, cov=cov)
