@@ -18,6 +18,7 @@ from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.image_tracker import ImageTracker
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.real import Real
+from pps_vision.experiments.stereo import Stereo
 from pps_vision.experiments.tracking import Tracking
 from pps_vision.experiments.triangulation import Triangulation
 from pps_vision.recordings.outputs import whole_file
@@ -47,6 +48,7 @@ class Bench:
         | Annotated[Failures, subcommand("failures")]
         | Annotated[Budget, subcommand("budget")]
         | Annotated[Triangulation, subcommand("triangulation")]
+        | Annotated[Stereo, subcommand("stereo")]
     )
     out: Path | None = None
     """Where to write the JSON; default: docs/results/NAME.json under the present folder."""
