@@ -18,6 +18,7 @@ from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.image_tracker import ImageTracker
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.real import Real
+from pps_vision.experiments.soak import Soak
 from pps_vision.experiments.stereo import Stereo
 from pps_vision.experiments.tracking import Tracking
 from pps_vision.experiments.triangulation import Triangulation
@@ -49,6 +50,7 @@ class Bench:
         | Annotated[Budget, subcommand("budget")]
         | Annotated[Triangulation, subcommand("triangulation")]
         | Annotated[Stereo, subcommand("stereo")]
+        | Annotated[Soak, subcommand("soak")]
     )
     out: Path | None = None
     """Where to write the JSON; default: docs/results/NAME.json under the present folder."""
