@@ -17,6 +17,7 @@ from pps_vision.experiments.fidelity import Fidelity
 from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.image_tracker import ImageTracker
 from pps_vision.experiments.loop import Loop
+from pps_vision.experiments.pipeline import Pipeline
 from pps_vision.experiments.real import Real
 from pps_vision.experiments.soak import Soak
 from pps_vision.experiments.stereo import Stereo
@@ -46,6 +47,7 @@ class Bench:
         | Annotated[Real, subcommand("real")]
         | Annotated[Fidelity, subcommand("fidelity")]
         | Annotated[ImageTracker, subcommand("imagetracker")]
+        | Annotated[Pipeline, subcommand("pipeline")]
         | Annotated[Failures, subcommand("failures")]
         | Annotated[Budget, subcommand("budget")]
         | Annotated[Triangulation, subcommand("triangulation")]
