@@ -1,5 +1,7 @@
 """While something is tracked: where one eye should see it now, and where it does."""
 
+import math
+
 import numpy as np
 
 from pps_vision.types import Array, CameraName, Detection2D
@@ -63,16 +65,17 @@ class Follower:
         if not self.optics.camera.contains(center, margin_px=-0.5 * self._size_px):
             return None
         J = look.view.project_jacobian(p)
-        std = float(np.sqrt(np.trace(J @ now.cov[:3, :3] @ J.T)))
-        growth = float(np.linalg.norm(last.mean[0] - look.view.center) / np.linalg.norm(p - look.view.center))
-        return Prior(center, float(np.clip(std, 0.7, 40.0)), float(np.clip(growth, 0.8, 1.25)))
+        std = math.sqrt(np.vdot(J @ now.cov[:3, :3], J))
+        eye = look.view.center.tolist()
+        growth = math.dist(last.mean[0].tolist(), eye) / math.dist(p.tolist(), eye)
+        return Prior(center, min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
 
     def _nearest_marker(self, params: MarkerParams, look: Look, prior: Prior) -> Sighting | None:
         """The nearest blob in reach of where the marker should be."""
-        x, y = prior.center_px
+        x, y = prior.center_px.tolist()
         half = 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
-        found = find_markers(params, look.image, self.optics, (float(x), float(y), half))
+        found = find_markers(params, look.image, self.optics, (x, y, half))
         if not found:
             return None
-        shape = min(found, key=lambda one: float(np.linalg.norm(one.center_px - prior.center_px)))
+        shape = min(found, key=lambda one: math.dist(one.center_px.tolist(), (x, y)))
         return Sighting(shape, shape.box_px, 1.0)

@@ -1,12 +1,15 @@
 """The cheaper road for a marker of known hue: threshold, blob, sub-pixel outline; no particles."""
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.types import Image, Mask
+from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline
 from tracking.rim import see
@@ -27,6 +30,15 @@ class MarkerParams:
     min_area_px: int = 8
     reach: float = 1.0
     max_blobs: int = 4
+
+    @cached_property
+    def ranges(self) -> list[tuple[Array, Array]]:
+        """Lowest and highest hue (0–180), saturation and value (0–255), as OpenCV counts them: one range, or two
+        where it crosses 0°."""
+        low, high = (self.hue_deg - self.hue_tolerance_deg) / 2, (self.hue_deg + self.hue_tolerance_deg) / 2
+        floor = 255 * self.min_saturation, 255 * self.min_value
+        shifts = [shift for shift in (-180.0, 0.0, 180.0) if low + shift <= 180 and high + shift >= 0]
+        return [(np.array([low + shift, *floor]), np.array([high + shift, 255.0, 255.0])) for shift in shifts]
 
     def __post_init__(self) -> None:
         if not (0 <= self.hue_deg < 360 and 0 < self.hue_tolerance_deg <= 90 and self.min_area_px >= 1):
@@ -51,36 +63,44 @@ def find_markers(
         x1, y1 = min(int(x + half) + 2, width), min(int(y + half) + 2, height)
         if x1 - x0 < 3 or y1 - y0 < 3:
             return []
-    hard = _threshold(params, np.ascontiguousarray(image[y0:y1, x0:x1]))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(hard, connectivity=4)
-    side = np.maximum(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT])
-    area = stats[1:, cv2.CC_STAT_AREA]
-    roundness = area / np.maximum(0.785 * side * side, 1)  # of its surrounding circle
-    worth = np.where(area >= params.min_area_px, area * np.minimum(roundness, 1) ** 2, 0)
+    hard = _threshold(params, image[y0:y1, x0:x1])
+    contours, _ = cv2.findContours(hard, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    blobs = sorted((_blob(contour) for contour in contours), key=lambda blob: -blob.worth)
     found = []
-    for k in np.argsort(-worth)[: params.max_blobs]:
-        if worth[k] > 0:
-            box, mask = _cut_out(np.asarray(labels), int(k) + 1, stats[k + 1])
-            shape = see(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3]), optics)
-            found += [shape] if shape else []
+    for blob in [blob for blob in blobs if blob.area_px >= params.min_area_px][: params.max_blobs]:
+        box, mask = _cut_out(blob, hard.shape)
+        shape = see(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3]), optics)
+        found += [shape] if shape else []
     return found
 
 
-def _cut_out(labels: NDArray[np.integer], label: int, stats: NDArray[np.integer]) -> tuple[Box, Mask]:
-    """One blob's mask, with room around for the outline's idea of the background."""
-    x, y, w, h = (int(value) for value in stats[:4])
-    box = max(x - _PAD, 0), max(y - _PAD, 0), min(x + w + _PAD, labels.shape[1]), min(y + h + _PAD, labels.shape[0])
-    return box, np.asarray(labels[box[1] : box[3], box[0] : box[2]] == label)
+class _Blob(NamedTuple):
+    """What a contour encloses: area px, box x, y, width, height, and how much it is worth a look."""
+
+    contour: NDArray[Any]
+    box: tuple[int, int, int, int]
+    area_px: float
+    worth: float
+
+
+def _blob(contour: NDArray[Any]) -> _Blob:
+    x, y, w, h = cv2.boundingRect(contour)
+    area = cv2.contourArea(contour) + 0.5 * len(contour) + 1  # by Pick's theorem: the contour's own pixels too
+    roundness = area / (math.pi / 4 * max(w, h) ** 2)  # of its surrounding circle
+    return _Blob(contour, (x, y, w, h), area, area * min(roundness, 1.0) ** 2)
+
+
+def _cut_out(blob: _Blob, within: tuple[int, ...]) -> tuple[Box, Mask]:
+    """The blob's mask, holes filled, with room around for the outline's idea of the background."""
+    x, y, w, h = blob.box
+    box = max(x - _PAD, 0), max(y - _PAD, 0), min(x + w + _PAD, within[1]), min(y + h + _PAD, within[0])
+    mask = np.zeros((box[3] - box[1], box[2] - box[0]), np.uint8)
+    cv2.drawContours(mask, [blob.contour], 0, (1,), cv2.FILLED, offset=(-box[0], -box[1]))
+    return box, mask.view(bool)
 
 
 def _threshold(params: MarkerParams, image: Image) -> NDArray[np.uint8]:
     """255 where the hue is the marker's; a range of hues that crosses 0° is taken in two parts."""
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
-    low, high = (params.hue_deg - params.hue_tolerance_deg) / 2, (params.hue_deg + params.hue_tolerance_deg) / 2
-    floor = (255 * params.min_saturation, 255 * params.min_value)
-    hard = np.zeros(image.shape[:2], np.uint8)
-    for shift in (-180.0, 0.0, 180.0):
-        if low + shift <= 180 and high + shift >= 0:
-            part = cv2.inRange(hsv, np.array([low + shift, *floor]), np.array([high + shift, 255, 255]))
-            hard |= np.asarray(part, dtype=np.uint8)
-    return hard
+    parts = [np.asarray(cv2.inRange(hsv, low, high), dtype=np.uint8) for low, high in params.ranges]
+    return parts[0] if len(parts) == 1 else parts[0] | parts[1]

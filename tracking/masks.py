@@ -1,5 +1,7 @@
 """The few operations on pixel masks that the trackers share; masks are boolean (h, w)."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,7 @@ from pps_vision.types import Array, Mask
 _SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
 
 
+@cache
 def square(radius: int) -> NDArray[np.uint8]:
     """A structuring element of side 2·radius + 1."""
     return np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)

@@ -117,8 +117,8 @@ def _unmix(
     rest = (pixels - a[:, None] * F - b[:, None] * B)[:, :3].ravel()
     noise = float(rest @ rest) / len(rest) + 1 / _UNIT**2
     contrast = np.maximum(ff + bb - 2 * fb, 1 / _UNIT**2)
-    share: NDArray[np.float32] = a / np.maximum(a + b, 1e-6)
-    return share, np.minimum(noise / contrast, 0.25).astype(np.float32)
+    share, variance = a / np.maximum(a + b, 1e-6), np.minimum(noise / contrast, 0.25)
+    return share.astype(np.float32), variance.astype(np.float32)
 
 
 def _local_mean(roi: NDArray[np.float32], where: Mask, side: int, at: NDArray[np.intp]) -> NDArray[np.float32]:
@@ -130,7 +130,7 @@ def _local_mean(roi: NDArray[np.float32], where: Mask, side: int, at: NDArray[np
     count = near[:, 3:]
     if count.min() < 0.5:
         near[count[:, 0] < 0.5] = cv2.sumElems(marked)
-    return near / np.maximum(count, 1.0)
+    return np.asarray(near / np.maximum(count, 1.0), dtype=np.float32)
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
@@ -143,7 +143,7 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     weights = optics.weights[y0:y1, x0:x1].reshape(-1, 4)
     *direction, omega = (alpha.reshape(-1) @ weights).tolist()
     radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
-    departure = _departure(alpha, weights, direction, radius)
+    departure = _departure(alpha, weights, direction, omega, radius)
     if departure > ROUND:
         direction = ((alpha * _thickness(alpha)).reshape(-1) @ weights)[:3].tolist()
     center = optics.camera.project(direction)
@@ -157,22 +157,22 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     omega_var = _CORRELATION * float(np.dot(coverage.variance * solid, solid))
     radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2
     odd_px = _SHAPE_BIAS * radius * optics.camera.focal_px * abs(1 - area / (math.pi / 4 * width * height))
-    cov = _center_cov(coverage, center, area) + odd_px**2 * np.eye(2)
+    cov = _center_cov(coverage, center.tolist(), area)
+    cov[[0, 1], [0, 1]] += odd_px**2
     at_border = left <= 0 or top <= 0 or left + width >= optics.camera.width or top + height >= optics.camera.height
     box_px = (float(left), float(top), float(width), float(height))
     return Outline(center, cov, radius, radius_var, box_px, area, at_border, departure)
 
 
 def _departure(
-    alpha: NDArray[np.float32], weights: NDArray[np.float32], direction: list[float], radius: float
+    alpha: NDArray[np.float32], weights: NDArray[np.float32], direction: list[float], omega: float, radius: float
 ) -> float:
-    """Share of the covered solid angle outside the cone around `direction` of as much solid angle; pixels on
+    """Share of the covered solid angle `omega` outside the cone around `direction` of as much solid angle; pixels on
     the cone's edge are not counted, for what they are is uncertain."""
     solid = weights[:, 3]
     length, edge = math.hypot(*direction), math.sqrt(solid.max())  # a pixel's side as an angle
     inside = np.array([*direction, -length * math.cos(radius + edge)], dtype=np.float32)
-    covered = alpha.reshape(-1) * solid
-    return float(covered[weights @ inside < 0].sum() / covered.sum())
+    return float((alpha.reshape(-1) * solid) @ (weights @ inside < 0)) / omega
 
 
 def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -192,14 +192,16 @@ def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
     return thickness
 
 
-def _center_cov(coverage: Coverage, center: Array, area: float) -> Array:
+def _center_cov(coverage: Coverage, center: list[float], area: float) -> Array:
     """(2, 2) px²: every edge pixel's uncertain share pulls the centre by its lever arm."""
-    x0, y0, x1, _ = coverage.box
-    y, x = np.divmod(coverage.edge, x1 - x0)
-    x, y, v = x + (x0 - center[0]), y + (y0 - center[1]), coverage.variance
-    vx, vy = v * x, v * y
-    xx, yy, xy = vx @ x, vy @ y, vx @ y
-    return _CORRELATION * np.array([[xx, xy], [xy, yy]]) / area**2 + least_cov(area)
+    variance = np.zeros_like(coverage.alpha)
+    variance.reshape(-1)[coverage.edge] = coverage.variance
+    m = cv2.moments(variance)
+    x, y = center[0] - coverage.box[0], center[1] - coverage.box[1]
+    xx = m["m20"] - x * (2 * m["m10"] - x * m["m00"])
+    yy = m["m02"] - y * (2 * m["m01"] - y * m["m00"])
+    xy = m["m11"] - x * m["m01"] - y * (m["m10"] - x * m["m00"])
+    return _CORRELATION / area**2 * np.array([[xx, xy], [xy, yy]]) + least_cov(area)
 
 
 def least_cov(area: float) -> Array:

@@ -169,12 +169,28 @@ class View:
 
     def project(self, points_root: ArrayLike) -> Array:
         """Pixels (…, 2) of root-frame points (…, 3); NaN where they cannot be seen."""
-        return self.camera.project(move_points(self.T_camera_root, points_root))
+        points = np.asarray(points_root, dtype=float)
+        if points.ndim == 1:
+            return self.camera._project_one(*self._in_camera(points))
+        return self.camera.project(move_points(self.T_camera_root, points))
 
     def project_jacobian(self, point_root: ArrayLike) -> Array:
         """∂pixel/∂p_root (2, 3), px/m."""
-        at = move_points(self.T_camera_root, point_root)
-        return self.camera.project_jacobian(at) @ self.T_camera_root[:3, :3]
+        at = self._in_camera(np.asarray(point_root, dtype=float))
+        return self.camera.project_jacobian(at) @ self.T_root_camera[:3, :3].T
+
+    def _in_camera(self, point_root: Array) -> tuple[float, float, float]:
+        """One point (3,) in camera coordinates, as plain floats."""
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = self._pose
+        u, v, w = point_root.tolist()
+        u, v, w = u - x, v - y, w - z
+        return a * u + d * v + g * w, b * u + e * v + h * w, c * u + f * v + i * w
+
+    @cached_property
+    def _pose(self) -> list[list[float]]:
+        """`T_root_camera` in plain floats."""
+        pose: list[list[float]] = self.T_root_camera.tolist()
+        return pose
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in the root frame."""
