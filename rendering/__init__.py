@@ -3,4 +3,3 @@
 import os
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-os.environ.setdefault("PYGLET_HEADLESS", "true")  # else pyrender's import asks for an X library (FACTS §7)

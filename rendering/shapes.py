@@ -32,7 +32,7 @@ def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fin
     return Part(mesh.apply_translation(center), color)
 
 
-def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 12) -> Part:
+def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 8) -> Part:
     """A bent, tapering tube with round ends: centres (n, 3) and radii (n,), or one radius."""
     p = np.asarray(path, dtype=float)
     r = np.broadcast_to(np.asarray(radii, dtype=float), len(p))
@@ -57,8 +57,8 @@ def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 12) -> Pa
 
 
 def sides_of(fineness: int) -> int:
-    """Of something round: 4·`fineness`, three at least."""
-    return max(4 * fineness, 3)
+    """Of a round thing other than a ball."""
+    return 4 * max(fineness - 1, 1)
 
 
 def board(width: float, height: float, color: Color = (0.55, 0.42, 0.28)) -> Part:
@@ -79,12 +79,11 @@ def _tube_faces(rings: int, sides: int) -> Array:
 
 
 def body_part(body: Body, fineness: int) -> Part:
-    """A robot's body in the frame it belongs to; the sides of a round one are 8·`fineness`, its balls coarser
-    than the ball that is watched."""
+    """A robot's body in the frame it belongs to; its balls are coarser than the ball that is watched."""
     if body.shape == "sphere":
         mesh = sphere(body.size_m[0], body.color, fineness=max(fineness - 1, 0)).mesh
     elif body.shape == "cylinder":
-        mesh = trimesh.creation.cylinder(body.size_m[0], body.size_m[1], sections=sides_of(2 * fineness))
+        mesh = trimesh.creation.cylinder(body.size_m[0], body.size_m[1], sections=2 * sides_of(fineness))
     else:
         mesh = trimesh.creation.box(body.size_m)
     return Part(mesh.apply_transform(body.T_frame_body), body.color)

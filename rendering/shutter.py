@@ -9,17 +9,21 @@ from rendering.fidelity import Fidelity
 from rendering.scene import SceneState
 
 _MOST = 24
-_STILL_PX = 0.05
 
 
 def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float, fidelity: Fidelity) -> list[SceneState]:
-    """The states whose mean image is the exposure: evenly spread over `blur_s`, centred on `state`,
-    as many as the fastest motion in view asks for."""
+    """The states whose mean image is the exposure: evenly spread around `state`, as many as the fastest
+    motion in view asks for.
+
+    Two or more have the exposure's variance, so that a blur is as long as it should be: n evenly spaced
+    ones that are d apart have d²·(n² − 1)/12, an open shutter blur_s²/12.
+    """
     drift_px = _drift_px(robot, rig, state, blur_s) if blur_s > 0 else 0.0
-    if drift_px < _STILL_PX:
+    if drift_px < 0.4 * fidelity.blur_step_px:
         return [state]
-    n = int(np.clip(np.ceil(drift_px / fidelity.blur_step_px), 1, _MOST))
-    return [state.moved(((k + 0.5) / n - 0.5) * blur_s) for k in range(n)]
+    n = int(np.clip(np.ceil(drift_px / fidelity.blur_step_px), 2, _MOST))
+    apart_s = blur_s / np.sqrt(n * n - 1)
+    return [state.moved((k - 0.5 * (n - 1)) * apart_s) for k in range(n)]
 
 
 def sample_offsets_px(n: int) -> Array:

@@ -1,6 +1,7 @@
 """`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -20,6 +21,7 @@ from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
 from rendering.carriers import CarrierName
 from rendering.eyes import Eyes
+from rendering.fidelity import Fidelity, cheapest
 from rendering.motions import Motion, MotionName, make_motion
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
@@ -63,11 +65,16 @@ class Render:
     """Who holds the object; finger: the robot itself, on the tip of its right index finger."""
     head: Literal["follow", "sway", "still"] = "follow"
     """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
+    max_image_error: float | None = None
+    """How far the object may be from its finest rendering, RMS grey levels of 255: the cheapest way to draw it that
+    was measured to stay within; default: what serves tracking as well as the finest."""
     seed: int = 0
     """Seed of the motion and the noise."""
 
     def run(self) -> None:
         """Render, and report what was written."""
+        if self.max_image_error is not None:
+            print(f"drawn with {cheapest(self.max_image_error)}")
         pairs, touches = self.record()
         print(f"{pairs} pairs, skin touched in {touches} → {self.out}")
 
@@ -80,31 +87,47 @@ class Render:
         rng = np.random.default_rng(self.seed)
         robot, skin = load_icub(), icub_skin()
         rig = icub_rig(robot)
-        stimulus = make_stimulus(self.stimulus, self.radius)
+        fidelity = self.fidelity()
+        stimulus = make_stimulus(self.stimulus, self.radius, fidelity.fineness)
         sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
-        finger = RightFinger(robot) if self.carrier == "finger" else None
         carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
-        q, motion = self._begin(robot, rig, rng, stimulus.radius_m, finger)
-        dt, count, touches = 1 / self.fps, max(1, round(self.seconds * self.fps)), 0
+        states = tqdm(self.scene(robot, rig, rng), total=self._count, desc="render", unit="pair", disable=None)
+        touches = 0
         with (
             YarpWriter(self.out, robot, rig.left, rig.right) as writer,
-            Eyes(robot, rig, stimulus, carrier, sensor) as eyes,
+            Eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
         ):
-            for k in tqdm(range(count), desc="render", unit="pair", disable=None):
-                t = k * dt
-                p, v = motion(t)
-                dq = self._head_rate(robot, q, p, v, t, dt)
-                if finger is not None and (q_next := finger.at(q, motion(t + dt)[0])) is not None:
-                    dq += (q_next - q) / dt
-                state = SceneState(q, p, v, dq)
-                touched = touched_taxels(skin.at(robot.at(q))[0], p, stimulus.radius_m)
+            for t, state in states:
+                truth = eyes.truth(state, t)
+                touched = touched_taxels(skin.at(robot.at(state.q_rad))[0], truth.position, stimulus.radius_m)
                 touches += bool(touched.any())
                 writer.write_frame(eyes.render(state, t, rng))
-                writer.write_joints(t, q)
+                writer.write_joints(t, state.q_rad)
                 writer.write_touches(t, np.array(skin.taxel_ids)[touched])
-                writer.write_truth(eyes.truth(state, t))
-                q = robot.clamp(q + dt * dq)
-        return count, touches
+                writer.write_truth(truth)
+        return self._count, touches
+
+    def fidelity(self) -> Fidelity:
+        """How the scene is drawn."""
+        return Fidelity() if self.max_image_error is None else cheapest(self.max_image_error).fidelity
+
+    @property
+    def _count(self) -> int:
+        return max(1, round(self.seconds * self.fps))
+
+    def scene(self, robot: Robot, rig: StereoRig, rng: np.random.Generator) -> Iterator[tuple[float, SceneState]]:
+        """Stamp and state of each frame."""
+        finger = RightFinger(robot) if self.carrier == "finger" else None
+        q, motion = self._begin(robot, rig, rng, make_stimulus(self.stimulus, self.radius, 0).radius_m, finger)
+        dt = 1 / self.fps
+        for k in range(self._count):
+            t = k * dt
+            p, v = motion(t)
+            dq = self._head_rate(robot, q, p, v, t, dt)
+            if finger is not None and (q_next := finger.at(q, motion(t + dt)[0])) is not None:
+                dq += (q_next - q) / dt
+            yield t, SceneState(q, p, v, dq)
+            q = robot.clamp(q + dt * dq)
 
     def _begin(
         self, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float, finger: RightFinger | None

@@ -68,9 +68,10 @@ def test_undistorting_with_opencv_gives_the_pinhole_picture(
     bent = Eyes(robot, rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
     straight = Eyes(robot, straight_rig, make_stimulus("ball")).render(SceneState(q), 0.0).left
     undone = cv2.undistort(bent, rig.left.K, np.array(rig.left.distortion))
+    undone, straight, bent = (cv2.GaussianBlur(image, (5, 5), 0) for image in (undone, straight, bent))
     error = np.median(difference(undone, straight))
     assert error < 0.15 * np.median(difference(bent, straight))
-    assert error < 4
+    assert error < 3
 
 
 def test_the_same_state_and_seed_give_the_same_bits(robot: Robot, rig: StereoRig, q: Array) -> None:
