@@ -13,7 +13,7 @@ from rendering.fidelity import Fidelity as Drawn
 from rendering.sensor import Sensor
 
 QUICK = {str(k): MEASURED[k].fidelity for k in (0, 1, 2)}
-FINE = Drawn(supersample=4, fineness=4)  # nearly the reference, and much cheaper
+FINE = Drawn(supersample=4)  # nearly the reference, and much cheaper
 
 
 def test_the_table_says_what_is_measured() -> None:
@@ -48,6 +48,6 @@ def test_render_draws_as_finely_as_it_is_asked_to(tmp_path: Path, capsys: pytest
     assert np.array_equal(one.truth[0].position, other.truth[0].position)
     error = np.sqrt(np.mean((next(iter(one)).left.astype(float) - next(iter(other)).left) ** 2))
     assert 1 < error < 2 * MEASURED[0].error_levels
-    with pytest.raises(ValueError, match="image error 0.1 grey levels; expected"):
+    with pytest.raises(ValueError, match=r"image error 0\.1 grey levels; expected"):
         Render("ball", "circle", tmp_path / "none", max_image_error=0.1).run()
     assert not (tmp_path / "none").exists()
