@@ -60,7 +60,7 @@ class Soak:
     """Seed of the noise and the particles."""
 
     def run(self) -> dict[str, object]:
-        """By case: memory's slope, what the tracker holds, medians of processor time, standard deviations and errors."""
+        """By case: memory's slope, what the tracker holds, medians of processor time, deviations and errors."""
         if self.frames < 5 * _LAP:
             raise ValueError(f"bench soak: --frames {self.frames}; expected at least {5 * _LAP}")
         cases: tuple[Case, ...] = get_args(Case)
@@ -73,9 +73,9 @@ class Soak:
             for axis, what in zip(axes, ("ms", "rss_mb", "position_std_mm"), strict=True):
                 if what in of["over_time"]:
                     axis.plot(np.array(of["over_time"]["frame"]) / 1000, of["over_time"][what], label=case)
-        _label(axes[0], "processor time (ms per pair, median of each lap)", "No slower")
+        _label(axes[0], "processor time (ms per pair)", "No slower")
         _label(axes[1], "memory (MB resident)", "No larger")
-        _label(axes[2], "position's standard deviation (mm)", "No drift of the covariance")
+        _label(axes[2], "standard deviation of position (mm)", "No drift of the covariance")
         return figure
 
     def _soak(self, case: Case) -> dict[str, Any]:
@@ -122,8 +122,9 @@ def _summary(
     ms: Array, std: Array, error: Array, rss: Array, held: tuple[tuple[int, int], tuple[int, int]]
 ) -> dict[str, Any]:
     """First and last tenth; what is started up in the first laps is not counted."""
-    tenth, laps = max(len(ms) // 10, _LAP), len(rss)
-    first, last = slice(_LAP, _LAP + tenth), slice(-tenth, None)
+    laps = len(rss)
+    tenth = _LAP * max(laps // 10, 1)  # whole laps, which are alike
+    first, last = slice(_LAP, _LAP + tenth), slice(_LAP * laps - tenth, _LAP * laps)
     half = np.arange(laps // 4, laps)
     over_time: dict[str, Any] = {
         "frame": (_LAP * np.arange(1, laps + 1)).tolist(),
@@ -177,6 +178,6 @@ def _held(root: object) -> tuple[int, int]:
 
 def _label(axis: Axes, what: str, title: str) -> None:
     axis.set(xlabel="stereo pairs (thousands)", ylabel=what, title=title)
-    axis.set_ylim(bottom=0)
+    axis.set_ylim(0, 1.3 * axis.get_ylim()[1])
     axis.grid(alpha=0.25)
     axis.legend(fontsize=7)

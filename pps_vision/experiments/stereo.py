@@ -21,6 +21,7 @@ from tracking.tracker import Tracker, TrackerParams
 
 VERGENCE_DEPTH_M = 0.3
 _MARKER_REACH_M = 0.8  # how far away a marker is tracked
+_ASKED_MM = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 _SETTLED = 5  # frames a tracker is given before its observations count
 _LEAST_SHARE = 0.5  # of answers, below which a method counts as failing
 
@@ -56,7 +57,7 @@ class Stereo:
         near = [d for d in self.depths_m if d <= _MARKER_REACH_M]
         with open_theatre(self.noise) as theatre:
             textured, plain = patched_ball(rng), make_stimulus("ball")
-            numbers: dict[str, object] = {
+            numbers: dict[str, Any] = {
                 "depth_textured": {str(d): self._compare(theatre, textured, d, None, rng) for d in self.depths_m},
                 "depth_plain": {str(d): self._compare(theatre, plain, d, None, rng) for d in self.depths_m},
                 "vergence_textured": {
@@ -70,6 +71,10 @@ class Stereo:
                     head: self._track(theatre, "generic", 0.3, head == "moving", rng) for head in ("still", "moving")
                 },
             }
+        numbers["cheapest_within_mm"] = {
+            texture: {place: _cheapest(of["methods"]) for place, of in numbers[f"depth_{texture}"].items()}
+            for texture in ("textured", "plain")
+        }
         folder = self.data / "motorcycle"
         numbers["motorcycle"] = motorcycle(folder, 10 * self.n, rng) if folder.exists() else f"skipped: no {folder}"
         return numbers
@@ -159,6 +164,16 @@ def _method_summary(error_m: Array, ms: Array) -> dict[str, Any]:
     rms = 1000 * float(np.sqrt(np.mean(error_m[found] ** 2))) if share >= _LEAST_SHARE else np.nan
     q25, median, q75 = (round(float(value), 4) for value in np.percentile(ms, (25, 50, 75)))
     return {"rms_mm": rms, "found": share, "q25_ms": q25, "median_ms": median, "q75_ms": q75}
+
+
+def _cheapest(methods: dict[str, Any]) -> dict[str, str | None]:
+    """By asked-for RMS error in mm, the fastest method that had an answer everywhere and met it."""
+    by_time = sorted(
+        (name for name, of in methods.items() if of["found"] == 1.0), key=lambda k: methods[k]["median_ms"]
+    )
+    return {
+        f"{most:g}": next((name for name in by_time if methods[name]["rms_mm"] <= most), None) for most in _ASKED_MM
+    }
 
 
 def _rms(values: Array) -> float:
