@@ -3,7 +3,6 @@
 PYTHON ?= python3
 BIN := .venv/bin
 export PYOPENGL_PLATFORM := egl
-export PYGLET_HEADLESS := true
 
 .PHONY: setup libraries test demo clean
 setup: libraries .venv/.installed

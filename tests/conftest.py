@@ -5,5 +5,4 @@ import sys
 from pathlib import Path
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-os.environ.setdefault("PYGLET_HEADLESS", "true")
 sys.path.insert(0, str(Path(__file__).parent))  # `from data import shared_data` in every mirrored folder

@@ -83,7 +83,7 @@ class Bench:
 
 def _machine() -> dict[str, str]:
     """What the numbers were measured with and on; the commit is unknown where this is no checkout."""
-    packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
+    packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "PyOpenGL")
     try:
         describe = ["git", "describe", "--always", "--dirty"]
         here = Path(__file__).parent
