@@ -15,13 +15,13 @@ class Stopwatch:
         self.ms: dict[str, list[float]] = defaultdict(list)
 
     @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Time the enclosed block as one run of `stage`."""
+    def __call__(self, stage: str, runs: int = 1) -> Iterator[None]:
+        """Time the enclosed block as one run of `stage`, or as so many equal ones."""
         start = time.perf_counter()
         try:
             yield
         finally:
-            self.ms[stage].append(1000 * (time.perf_counter() - start))
+            self.ms[stage] += [1000 * (time.perf_counter() - start) / runs] * runs
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Median and quartiles of ms, and the number of runs, of every stage."""

@@ -1,10 +1,11 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import tyro
@@ -24,8 +25,9 @@ from pps_vision.recordings.results import write_detections, write_summary, write
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array, Detection2D, Status, Track3D, Truth
-from tracking.tracker import Tracker, TrackerParams
+from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D, Truth
+from tracking.outline import Optics
+from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
 
 Mode = Literal["generic", "marker"]
 Depth = Literal["centroid", "disparity"]
@@ -62,6 +64,11 @@ class Track:
     max_error_mm: float | None = None
     """Instead of --mode and --depth: the cheapest way whose 3D RMS error is within this; summary.json says which and
     why."""
+    device: Literal["cpu", "cuda"] | None = None
+    """Look for the marker in batches of frames with torch on this device, for long recordings; default: frame by
+    frame, without torch."""
+    batch: int = 32
+    """Frames a batch of --device."""
     max_skew_s: float = 0.02
     """Left and right images further apart in time are no pair."""
     video: bool = False
@@ -82,9 +89,7 @@ class Track:
         with whole_folder(self.out, _FILES) as folder:
             with VideoFile(folder / "overlay.mp4", _rate(recording)) as film:
                 frames = tqdm(recording.numbered(), total=len(recording), desc="track", unit="pair", disable=None)
-                for number, frame in frames:
-                    with stopwatch("total"):
-                        step = tracker.step(frame)
+                for number, frame, step in self._steps(frames, tracker, stopwatch):
                     tracks.append(step.track)
                     detections += [(number, seen, step.track.status) for seen in step.detections]
                     if self.video:
@@ -101,6 +106,11 @@ class Track:
     def _open(self, stopwatch: Stopwatch) -> tuple[Recording, Callable[[TrackerParams], Tracker]]:
         if self.max_error_mm is not None and (self.mode, self.depth) != ("generic", "centroid"):
             raise ValueError("track: --max-error-mm chooses the mode and the depth itself; expected no --mode, --depth")
+        if self.device is not None and (self.mode != "marker" or self.batch < 1):
+            raise ValueError(
+                f"track: --device with --mode {self.mode}, --batch {self.batch}; expected --mode marker (what the "
+                "generic tracker looks for in a frame depends on the frame before) and a batch of at least 1"
+            )
         if (self.rec is None) == (not self.left and not self.right):
             raise ValueError("track: expected either a recording folder REC, or --left and --right with --calib")
         if self.rec is not None:
@@ -115,6 +125,23 @@ class Track:
         rig = StereoRig.fixed(left, right, T_left_right)
         return recording, lambda params: Tracker(params, rig, np.random.default_rng(self.seed), stages=stopwatch)
 
+    def _steps(
+        self, frames: Iterable[tuple[int, StereoFrame]], tracker: Tracker, stopwatch: Stopwatch
+    ) -> Iterator[tuple[int, StereoFrame, TrackerStep]]:
+        """Frame by frame, or in batches."""
+        if self.device is None:
+            for number, frame in frames:
+                with stopwatch("total"):
+                    step = tracker.step(frame)
+                yield number, frame, step
+            return
+        find = marker_batches(tracker, self.device)
+        for chunk in chunks(frames, self.batch):
+            with stopwatch("total", len(chunk)):
+                shapes = find([frame for _, frame in chunk])
+                steps = [tracker.step(frame, seen) for (_, frame), seen in zip(chunk, shapes, strict=True)]
+            yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
+
     def _summary(
         self,
         recording: Recording,
@@ -127,6 +154,7 @@ class Track:
             "source": recording.name,
             "mode": params.mode,
             "depth": params.depth,
+            "device": self.device,
             "seed": self.seed,
             "pairs": len(recording),
             "frames": len(tracks),
@@ -139,6 +167,22 @@ class Track:
         if recording.truth:
             summary["errors"] = errors_against(recording.truth, tracks)
         return summary
+
+
+def marker_batches(tracker: Tracker, device: Literal["cpu", "cuda"]) -> Callable[[list[StereoFrame]], list[Shapes]]:
+    """What finds the marker in both eyes' images of many frames at once."""
+    from tracking.batch import MarkerBatch  # torch takes seconds to load, and nothing else needs it
+
+    eyes = [
+        MarkerBatch(tracker.params.marker, Optics(camera), device) for camera in (tracker.rig.left, tracker.rig.right)
+    ]
+
+    def find(frames: list[StereoFrame]) -> list[Shapes]:
+        left = eyes[0].find(np.stack([frame.left for frame in frames]))
+        right = eyes[1].find(np.stack([frame.right for frame in frames]))
+        return list(zip(left, right, strict=True))
+
+    return find
 
 
 def tracker_for(
@@ -171,6 +215,16 @@ def errors_against(truth: tuple[Truth, ...], tracks: list[Track3D]) -> dict[str,
         "position_median_mm": 1000 * float(np.median(error)) if len(error) else np.nan,
         "velocity_rms_m_s": _rms(slip),
     }
+
+
+T = TypeVar("T")
+
+
+def chunks(items: Iterable[T], size: int) -> Iterator[list[T]]:
+    """All items in order, `size` at a time (the last may be shorter)."""
+    source = iter(items)
+    while chunk := list(islice(source, size)):
+        yield chunk
 
 
 def _rms(values: Array) -> float:
