@@ -91,13 +91,12 @@ class Render:
         stimulus = make_stimulus(self.stimulus, self.radius, fidelity.fineness)
         sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
         carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
-        states = tqdm(self.scene(robot, rig, rng), total=self._count, desc="render", unit="pair", disable=None)
-        touches = 0
+        states, touches = list(self.scene(robot, rig, rng)), 0
         with (
             YarpWriter(self.out, robot, rig.left, rig.right) as writer,
             Eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
         ):
-            for t, state in states:
+            for t, state in tqdm(states, desc="render", unit="pair", disable=None):
                 truth = eyes.truth(state, t)
                 touched = touched_taxels(skin.at(robot.at(state.q_rad))[0], truth.position, stimulus.radius_m)
                 touches += bool(touched.any())
@@ -105,22 +104,18 @@ class Render:
                 writer.write_joints(t, state.q_rad)
                 writer.write_touches(t, np.array(skin.taxel_ids)[touched])
                 writer.write_truth(truth)
-        return self._count, touches
+        return len(states), touches
 
     def fidelity(self) -> Fidelity:
         """How the scene is drawn."""
         return Fidelity() if self.max_image_error is None else cheapest(self.max_image_error).fidelity
-
-    @property
-    def _count(self) -> int:
-        return max(1, round(self.seconds * self.fps))
 
     def scene(self, robot: Robot, rig: StereoRig, rng: np.random.Generator) -> Iterator[tuple[float, SceneState]]:
         """Stamp and state of each frame."""
         finger = RightFinger(robot) if self.carrier == "finger" else None
         q, motion = self._begin(robot, rig, rng, make_stimulus(self.stimulus, self.radius, 0).radius_m, finger)
         dt = 1 / self.fps
-        for k in range(self._count):
+        for k in range(max(1, round(self.seconds * self.fps))):
             t = k * dt
             p, v = motion(t)
             dq = self._head_rate(robot, q, p, v, t, dt)
