@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from tyro.conf import subcommand
 
 from pps_vision.app.figures import save
+from pps_vision.experiments.batches import Batches
 from pps_vision.experiments.budget import Budget
 from pps_vision.experiments.failures import Failures
 from pps_vision.experiments.fidelity import Fidelity
@@ -47,6 +48,7 @@ class Bench:
         | Annotated[Real, subcommand("real")]
         | Annotated[Fidelity, subcommand("fidelity")]
         | Annotated[ImageTracker, subcommand("imagetracker")]
+        | Annotated[Batches, subcommand("batches")]
         | Annotated[Pipeline, subcommand("pipeline")]
         | Annotated[Failures, subcommand("failures")]
         | Annotated[Budget, subcommand("budget")]

@@ -1,0 +1,39 @@
+"""`track --device`: the same path as without, and what it refuses."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pps_vision.app.cli import main
+
+
+def _path(folder: Path) -> np.ndarray:
+    rows = (folder / "trajectory.csv").read_text().splitlines()[1:]
+    return np.array([[float(cell or "nan") for cell in row.split(",")[1:4]] for row in rows])
+
+
+def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
+    recording = tmp_path / "recording"
+    words = "--stimulus marker --motion circle --seconds 0.5 --noise 2 --seed 3"
+    main(["render", *words.split(), "--out", str(recording)])
+    for name, device in (("alone", []), ("batches", ["--device", "cpu", "--batch", "4"])):
+        main(["track", str(recording), "--mode", "marker", *device, "--out", str(tmp_path / name)])
+    alone, batches = _path(tmp_path / "alone"), _path(tmp_path / "batches")
+    assert np.isfinite(alone[2:]).all()
+    assert np.allclose(alone, batches, rtol=0, atol=1e-4, equal_nan=True)
+
+
+def test_what_it_cannot_do_is_refused(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
+    out = ("--out", tmp_path / "out")
+    assert "--mode marker" in refused("track", approach, "--device", "cpu", *out)
+    assert "--batch 0" in refused("track", approach, "--mode", "marker", "--device", "cpu", "--batch", 0, *out)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="a CUDA device is there")
+def test_a_missing_device_is_named(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
+    line = refused("track", approach, "--mode", "marker", "--device", "cuda", "--out", tmp_path / "out")
+    assert "cuda" in line
+    assert "expected cpu" in line
