@@ -50,6 +50,7 @@ BLURRED = {
     for step in (1.0, 1.7, 2.5, 5.0)
 }
 _BLUR_S, _BLUR_PX = 0.02, 6.0
+_TICKS_MS = (5, 10, 20, 50, 100, 200, 500)
 _MODE: dict[StimulusName, Any] = {"ball": "generic", "marker": "marker"}
 
 
@@ -125,6 +126,11 @@ class Fidelity:
             key = "\n".join(f"{k + 1}  {name}" for k, name in enumerate(names))
             axis.axis("off")
             axis.text(0, 1, f"{about}\n\n{key}", va="top", fontsize=9, linespacing=1.6)
+        for axis in axes[:, :2].ravel():
+            limits = axis.get_xlim()
+            axis.set_xticks(_TICKS_MS, [str(ms) for ms in _TICKS_MS])
+            axis.set_xticks([], minor=True)
+            axis.set_xlim(limits)
         legend(axes[0, 0])
         return figure
 
