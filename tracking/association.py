@@ -1,13 +1,16 @@
 """Which sighting in the left eye belongs to which in the right, and where the object then is."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from pps_vision.geometry.camera import StereoView, View
+from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Outline
+
+_UNIT = np.eye(2)
 
 
 @dataclass(frozen=True)
@@ -17,7 +20,7 @@ class AssociationParams:
     to the residual measured; `memory` pairs tell the error that widens the covariance, never less
     than `min_error_px`; `max_ratio` between the two eyes' apparent radii; distances outside
     `distance_range`, in baselines (whatever the unit), are no object; `radius_error` is how far
-    (relative) an outline may be from a sphere's."""
+    (relative) what is no ball may be from the sphere that its outline is taken for."""
 
     unknown_error: float = 0.008
     min_error_px: float = 0.015
@@ -44,7 +47,7 @@ class Association:
     @property
     def error_px(self) -> float:
         """Standard deviation of what the calibration adds to each image coordinate."""
-        return max(float(np.sqrt(self._error_var)), self.params.min_error_px)
+        return max(math.sqrt(self._error_var), self.params.min_error_px)
 
     def observe(
         self,
@@ -62,14 +65,15 @@ class Association:
         ratio = left.angular_radius_rad / right.angular_radius_rad
         if max(ratio, 1 / ratio) > p.max_ratio:
             return None
-        extra = self.error_px**2 * np.eye(2)
-        shift_left, shift_right = shift_px or (np.zeros(2), np.zeros(2))
-        left_px, right_px = left.center_px + shift_left, right.center_px + shift_right
+        extra = self.error_px**2 * _UNIT
+        left_px, right_px = left.center_px, right.center_px
+        if shift_px is not None:
+            left_px, right_px = left_px + shift_px[0], right_px + shift_px[1]
         found = triangulate(view, left_px, right_px, left.cov_px + extra, right.cov_px + extra)
         if found is None or 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
-        baseline = np.linalg.norm(view.right.center - view.left.center)
-        distance = np.linalg.norm(found.p_root - view.left.center)
+        baseline = math.dist(view.right.center.tolist(), view.left.center.tolist())
+        distance = math.dist(found.p_root.tolist(), view.left.center.tolist())
         if not p.distance_range[0] * baseline <= distance <= p.distance_range[1] * baseline:
             return None
         radius, radius_var = self._radius(view, left, right, found.p_root, found.cov_root)
@@ -86,25 +90,19 @@ class Association:
 
     def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
         """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""
-        values, weights = [], []
+        total, most, sum_of_weights = 0.0, 0.0, 0.0
         for one, eye in ((left, view.left), (right, view.right)):
-            distance, distance_var = _distance(eye, p, cov)
-            theta = one.angular_radius_rad
-            radius = distance * np.sin(theta)
-            var = distance**2 * np.cos(theta) ** 2 * one.angular_radius_var + np.sin(theta) ** 2 * distance_var
-            values.append(radius)
-            weights.append(1 / (var + (self.params.radius_error * radius) ** 2))
-        return float(np.average(values, weights=weights)), float(1 / max(weights))
+            line = p - eye.center
+            distance2 = float(line @ line)
+            sine = math.sin(one.angular_radius_rad)
+            radius = math.sqrt(distance2) * sine
+            var = distance2 * (1 - sine**2) * one.angular_radius_var + sine**2 * float(line @ cov @ line) / distance2
+            weight = 1 / (var + (self.params.radius_error * one.oddness * radius) ** 2)
+            total, most, sum_of_weights = total + weight * radius, max(most, weight), sum_of_weights + weight
+        return total / sum_of_weights, 1 / most
 
 
 def _own_var(left: Outline, right: Outline) -> float:
     """Mean variance of the four coordinates, px²."""
-    return 0.25 * float(np.trace(left.cov_px) + np.trace(right.cov_px))
-
-
-def _distance(eye: View, p: Array, cov: Array) -> tuple[float, float]:
-    """Distance from an eye (m) and its variance (m²)."""
-    line = p - eye.center
-    distance = float(np.linalg.norm(line))
-    line = line / distance
-    return distance, float(line @ cov @ line)
+    ((a, _), (_, b)), ((c, _), (_, d)) = left.cov_px.tolist(), right.cov_px.tolist()
+    return 0.25 * float(a + b + c + d)

@@ -174,15 +174,12 @@ def admit(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> 
 
 def correct(params: KalmanParams, admitted: Admitted, cov: Array) -> Belief:
     """The belief after an admitted measurement of covariance `cov` (3, 3) m²."""
-    before, white = admitted.belief, params.white_share * cov
+    before = admitted.belief
     gain = before.cov[:, :3] @ admitted.weight
     mean = before.mean + (gain @ admitted.innovation).reshape(params.order, 3)
-    keep = _identity(3 * params.order).copy()
-    keep[:, :3] -= gain
-    P = keep @ before.cov @ keep.T + gain @ white @ gain.T  # Joseph form: positive whatever the rounding
-    return Belief(
-        before.stamp_s, mean, 0.5 * (P + P.T), (1 - params.white_share) * cov, before.stamp_s, 0, admitted.nis
-    )
+    P = before.cov - gain @ before.cov[:3]
+    P = 0.5 * (P + P.T)  # rounding must not add up
+    return Belief(before.stamp_s, mean, P, (1 - params.white_share) * cov, before.stamp_s, 0, admitted.nis)
 
 
 def _compared(belief: Belief, position: Array, white: Array) -> Admitted:
@@ -197,11 +194,6 @@ def _inverse(S: Array) -> Array:
     A, B, C, D, E, F = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
     determinant = a * A + b * B + c * C
     return np.array(((A, B, C), (B, D, E), (C, E, F))) / determinant
-
-
-@cache
-def _identity(n: int) -> Array:
-    return np.eye(n)
 
 
 def _loosened(params: KalmanParams, belief: Belief) -> Belief:

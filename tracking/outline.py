@@ -20,6 +20,7 @@ from tracking.ego_motion import Box
 
 _MIN_STD_PX = 0.01  # sampling leaves this much however sharp the edge is (FACTS §7)
 _SHADING_PX = 0.14  # light from above, which a small outline resolves less: up and down, over √radius
+_MIN_RADIUS_PX = 0.03  # the same for its radius
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 ROUND = 0.015  # departure from a disc up to which nothing is but a disc
 _LIMBS_FROM, _LIMBS_TO = 0.08, 0.16  # share of limbs between which they come to count less than the trunk
@@ -55,6 +56,11 @@ class Outline:
     area_px: float
     at_border: bool
     departure: float
+
+    @property
+    def oddness(self) -> float:
+        """0 for the image of a ball, 1 for what is clearly something else (a cube, a toy with limbs)."""
+        return min(max((self.departure - ROUND) / ROUND, 0.0), 1.0)
 
 
 class Optics:
@@ -155,7 +161,7 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     left, top = x0 + left, y0 + top
     solid = weights[:, 3].take(coverage.edge)
     omega_var = _CORRELATION * float(np.dot(coverage.variance * solid, solid))
-    radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2
+    radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2 + (_MIN_RADIUS_PX / optics.camera.focal_px) ** 2
     odd_px = _SHAPE_BIAS * radius * optics.camera.focal_px * abs(1 - area / (math.pi / 4 * width * height))
     cov = _center_cov(coverage, center.tolist(), area)
     cov[[0, 1], [0, 1]] += odd_px**2

@@ -105,8 +105,11 @@ def _runs(tracks: Sequence[Track3D], seen: Sequence[bool]) -> list[tuple[int, in
 
 
 def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
-    mean, cov = track.mean.copy(), track.cov.copy()
-    n = len(smoothed.mean)
+    mean, cov, n = track.mean.copy(), np.zeros((12, 12)), len(smoothed.mean)
     mean[:n] = smoothed.mean
-    cov[: 3 * n, : 3 * n] += smoothed.cov - filtered.cov
+    beyond = track.cov[:3, :3] - filtered.cov[:3, :3]
+    if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had begun anew: its filter was another
+        beyond = filtered.lasting
+    cov[: 3 * n, : 3 * n] = smoothed.cov
+    cov[:3, :3] += beyond
     return replace(track, mean=mean, cov=cov)

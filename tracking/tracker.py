@@ -15,7 +15,7 @@ from tracking.follow import Follower
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.look import Looks, is_grey, looks_of
 from tracking.marker import MarkerParams
-from tracking.outline import ROUND, Optics, Outline
+from tracking.outline import Optics, Outline
 from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker
 
 Shapes = tuple[Outline | None, Outline | None]
@@ -95,6 +95,7 @@ class Tracker:
         self._belief: Belief | None = None
         self._head: Array = np.zeros(3)
         self._radius = (np.nan, np.nan)  # m, m²
+        self._radius_lasting = 0.0  # m², as Belief.lasting
         self._oddness = 0.0  # 0 a ball … 1 surely none
         self._hits = 0
         self._seen_s = -np.inf
@@ -207,16 +208,18 @@ class Tracker:
         # An outline's centre is not the body's; the filter cannot average out what hardly changes.
         shape = (self.params.shape_error * self._oddness * self._radius[0]) ** 2
         cov[:3, :3] += belief.lasting + shape * np.eye(3)
-        return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1], status)
+        return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1] + self._radius_lasting, status)
 
     def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
         """A scalar Kalman filter on a size that hardly changes."""
+        white = self.params.kalman.white_share * observation.radius_var_m2
+        self._radius_lasting = observation.radius_var_m2 - white
         if self._hits == 0:
-            self._radius = observation.radius_m, observation.radius_var_m2
+            self._radius = observation.radius_m, white
             return
         value, var = self._radius
         var += (self.params.radius_drift * value) ** 2 * (stamp_s - self._seen_s)
-        gain = var / (var + observation.radius_var_m2)
+        gain = var / (var + white)
         self._radius = value + gain * (observation.radius_m - value), (1 - gain) * var
 
     def _forget(self) -> None:
@@ -231,7 +234,7 @@ class Tracker:
             if seen is not None and observation is not None and self._belief is not None:
                 eye.remember(look, seen.outline, self._belief)
                 rate = 0.5 / min(self._hits, 10)  # two eyes a frame
-                self._oddness += rate * (_oddness(seen.outline) - self._oddness)
+                self._oddness += rate * (seen.outline.oddness - self._oddness)
             if grey:
                 eye.background.learn(look.image, look.view, look.stamp_s, [seen.box_px] if seen else [])
 
@@ -240,8 +243,3 @@ def _sightings(shapes: Shapes) -> Sightings:
     """Outlines found without a tracker, as sightings."""
     left, right = (None if shape is None else Sighting(shape, shape.box_px, 1.0) for shape in shapes)
     return left, right
-
-
-def _oddness(shape: Outline) -> float:
-    """0 for the image of a ball, 1 for what is clearly something else (a cube, a toy with limbs)."""
-    return float(np.clip((shape.departure - ROUND) / ROUND, 0.0, 1.0))

@@ -83,6 +83,24 @@ def test_coasting_lets_the_covariance_grow_and_stay_positive() -> None:
     assert np.all(np.diff(spread) > 0)
 
 
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_thousands_of_steps_leave_the_covariance_sound(order: int, rng: np.random.Generator) -> None:
+    """Nearly exact measurements and rare gaps: symmetric, positive, and settled to what it was long before."""
+    params = KalmanParams.of_order(order)
+    R = np.diag([1e-12, 1e-10, 1e-6])
+    belief, seen = start(params, 0.0, np.zeros(3), R), []
+    for k in range(1, 5001):
+        belief = predict(params, belief, 0.05 * k)
+        if k % 50:
+            belief = update(params, belief, 1e-6 * rng.standard_normal(3), R)
+        if k % 50 == 49:
+            seen.append(belief.cov)
+    assert np.array_equal(seen[-1], seen[-1].T)
+    size = np.sqrt(np.diag(seen[-1]))
+    assert np.linalg.eigvalsh(seen[-1] / np.outer(size, size)).min() > 0
+    np.testing.assert_allclose(seen[-1], seen[20], rtol=1e-3, atol=1e-3 * np.outer(size, size).min())
+
+
 def test_one_wild_measurement_is_ignored_and_many_are_believed() -> None:
     params = KalmanParams(max_rejections=3)
     R = 1e-6 * np.eye(3)
