@@ -1,5 +1,6 @@
 """From stereo frames to one tracked object: trigger → image → triangulation → filter (R Fig 13)."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Literal
@@ -8,7 +9,10 @@ import numpy as np
 
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
+from tracking.again import AgainParams, is_same
 from tracking.association import Association, AssociationParams
+from tracking.blind import Blindness
+from tracking.color import ColorModel
 from tracking.disparity import DisparityParams, refine_distance
 from tracking.eye import EyeParams, Sighting
 from tracking.follow import Follower
@@ -16,6 +20,7 @@ from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.look import Looks, is_grey, looks_of
 from tracking.marker import MarkerParams
 from tracking.outline import Optics, Outline
+from tracking.pose_error import PoseError
 from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker
 
 Shapes = tuple[Outline | None, Outline | None]
@@ -26,16 +31,19 @@ Sightings = tuple[Sighting | None, Sighting | None]
 class TrackerParams:
     """`mode`: any moving object, or a marker of known hue.  `depth`: from the two outlines' centres,
     or (where that works) from the disparity inside the outline.  An object is tracked once seen in both
-    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`.  The centre of what
+    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`; until then it is
+    looked for everywhere (`again`).  Stamps may be `stamp_error_s` off the joints', so that a turning head blurs where things are.  The centre of what
     is no ball may be `shape_error` of its radius off, frame after frame the same."""
 
     mode: Literal["generic", "marker"] = "generic"
     depth: Literal["centroid", "disparity"] = "centroid"
     confirm_frames: int = 3
     lost_after_s: float = 0.5
+    stamp_error_s: float = 0.0
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
     shape_error: float = 0.09
+    again: AgainParams = field(default_factory=AgainParams)
     search: SearchParams = field(default_factory=SearchParams)
     eye: EyeParams = field(default_factory=EyeParams)
     marker: MarkerParams = field(default_factory=MarkerParams)
@@ -91,6 +99,7 @@ class Tracker:
         )
         self._association = Association(params.association, rig.left.width)
         self._search = Search(params.search, self._optics, self._association, own_body, stages)
+        self._blindness, self._pose = Blindness(), PoseError(params.stamp_error_s)
         self._kalman = params.kalman
         self._belief: Belief | None = None
         self._head: Array = np.zeros(3)
@@ -114,7 +123,10 @@ class Tracker:
         last = self._belief
         if last is not None:
             self._belief = predict(self._kalman, last, frame.stamp_s)
-        if shapes is not None:
+        blind = self._blindness.step(frame)
+        if blind:
+            sightings: Sightings = (None, None)
+        elif shapes is not None:
             sightings = _sightings(shapes)
         elif last is None or self._belief is None:
             sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
@@ -123,12 +135,17 @@ class Tracker:
                 now = self._belief
                 left, right = (e.find(look, last, now, grey) for e, look in zip(self._eyes, looks, strict=True))
                 sightings = left, right
+            if (left is None or right is None) and self._hits >= self.params.confirm_frames and not grey:
+                sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
+                if sightings[0] is not None:
+                    self._belief = None  # it is elsewhere: what was known of its motion is void
         self._head = 0.5 * (view.left.center + view.right.center)
         with self.stages("triangulation"):
-            observation = self._observe(view, looks, sightings, frame.stamp_s)
+            observation = self._pose.widen(self._observe(view, looks, sightings, frame.stamp_s), view, frame.stamp_s)
         with self.stages("filter"):
-            track = self._filter(observation, frame.stamp_s)
-            self._after(looks, sightings, observation, grey)
+            track = self._filter(observation, frame.stamp_s, blind)
+            if not blind:
+                self._after(looks, sightings, observation, grey)
         seen = zip(self._eyes, looks, sightings, strict=True)
         detections = tuple(eye.detection(look, one) for eye, look, one in seen if one is not None)
         return TrackerStep(track, detections, observation, regions, self._head)
@@ -141,19 +158,31 @@ class Tracker:
         self._stamps = stamps
 
     def _begin(self, looks: Looks, view: StereoView, stamp_s: float, grey: bool) -> tuple[Sightings, Regions]:
-        """Look for an object anywhere in both images."""
+        """Look for an object anywhere in both images; while one is tracked, for no other."""
         if self.params.mode == "marker":
             with self.stages("image"):
                 marker = search_marker(self.params.marker, looks, view, stamp_s, self._optics, self._association)
-            return _sightings(marker or (None, None)), ([], [])
+            same = marker is not None and self._is_wanted(view, marker, stamp_s, (None, None))
+            return _sightings(marker if marker and same else (None, None)), ([], [])
         scenes = (self._eyes[0].background, self._eyes[1].background) if grey else None
         pair, regions = self._search.step(looks, view, stamp_s, scenes)
-        if pair is None:
+        if pair is None or not self._is_wanted(
+            view, (pair[0].outline, pair[1].outline), stamp_s, (pair[0].model, pair[1].model)
+        ):
             return (None, None), regions
         with self.stages("image"):
             for eye, look, found in zip(self._eyes, looks, pair, strict=True):
                 eye.object.start(look.image, found.outline.box_px, found.model, found.spread)
         return _sightings((pair[0].outline, pair[1].outline)), regions
+
+    def _is_wanted(
+        self, view: StereoView, shapes: tuple[Outline, Outline], stamp_s: float, models: Sequence[ColorModel | None]
+    ) -> bool:
+        """Whether what was found may be tracked: anything while nothing is, else only the same again."""
+        if self._belief is None:
+            return True
+        seen = self._association.observe(view, *shapes, stamp_s)
+        return is_same(self.params.again, [eye.object.model for eye in self._eyes], self._radius[0], models, seen)
 
     def _observe(self, view: StereoView, looks: Looks, sightings: Sightings, stamp_s: float) -> Observation3D | None:
         left, right = sightings
@@ -164,7 +193,7 @@ class Tracker:
             p, v = self._belief.mean[0], self._belief.mean[1]
             shift = tuple(look.view.project_jacobian(p) @ v * (stamp_s - look.stamp_s) for look in looks)
         observation = self._association.observe(view, left.outline, right.outline, stamp_s, shift)
-        if observation is not None and self._hits > 0:  # the first outline, grown from motion, is rough
+        if observation is not None and self._belief is not None:  # the first outline, grown from motion, is rough
             self._association.learn(observation, left.outline, right.outline)
         if observation is not None and self.params.depth == "disparity":
             images = looks[0].image, looks[1].image
@@ -172,8 +201,8 @@ class Tracker:
             observation = refined or observation
         return observation
 
-    def _filter(self, observation: Observation3D | None, stamp_s: float) -> Track3D:
-        """Take the observation into the belief and decide what is known."""
+    def _filter(self, observation: Observation3D | None, stamp_s: float, blind: bool) -> Track3D:
+        """Take the observation into the belief and decide what is known; blind eyes refute nothing for a while."""
         params = self._kalman
         seen = observation is not None
         if observation is not None:
@@ -191,12 +220,13 @@ class Tracker:
             self._blend_radius(observation, stamp_s)
             self._hits += 1
             self._seen_s = stamp_s
-        elif self._hits < self.params.confirm_frames:
+        elif stamp_s - self._seen_s > self.params.lost_after_s:
+            status = Status.LOST if self._hits >= self.params.confirm_frames else Status.SEARCHING
+            self._forget()
+            return Track3D.unknown(stamp_s, status)
+        elif self._hits < self.params.confirm_frames and not blind:
             self._forget()
             return Track3D.unknown(stamp_s)
-        elif stamp_s - self._seen_s > self.params.lost_after_s:
-            self._forget()
-            return Track3D.unknown(stamp_s, Status.LOST)
         if self._hits < self.params.confirm_frames:
             return Track3D.unknown(stamp_s)
         return self._track(self._belief, Status.TRACKING if seen else Status.COASTING)

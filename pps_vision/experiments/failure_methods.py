@@ -22,6 +22,7 @@ OURS: dict[str, TrackerParams] = {
 PEERS: dict[str, ImagePeerName] = {"two CSRT": "CSRT", "two KCF": "KCF", "two CamShift": "CamShift"}
 NEAR = 1 / 6  # of its distance: no more is asked than that it is still the same thing
 SETTLE_S = 0.5  # so long a tracker is given to find what has come into sight
+_REMEMBERED = 24  # image sequences
 _Boxes = list[BoxPx | None]
 
 
@@ -67,10 +68,11 @@ def track_ours(params: TrackerParams, footage: Footage, seed: int) -> list[Track
 
 
 class Peers:
-    """Two image trackers and our filter, on footage; the boxes on images that were seen before are remembered."""
+    """Two image trackers and our filter, on footage; the boxes in the last few recordings' images are remembered,
+    since many disturbances leave one eye's images, or both, as they were."""
 
     def __init__(self) -> None:
-        self._boxes: dict[tuple[str, BoxPx, tuple[int, ...]], tuple[list[Image], _Boxes]] = {}
+        self._boxes: dict[tuple[str, BoxPx, tuple[int, ...]], tuple[list[Image], _Boxes]] = {}  # newest last
 
     def track(self, name: ImagePeerName, footage: Footage) -> list[Track3D]:
         """The tracks of all frames, the true boxes given in the first."""
@@ -82,11 +84,15 @@ class Peers:
 
     def _follow(self, name: ImagePeerName, images: list[Image], box: BoxPx) -> _Boxes:
         key = name, box, tuple(id(image) for image in images)
-        if key not in self._boxes:
+        known = self._boxes.pop(key, None)
+        if known is None:
             tracker = image_peer(name)
             tracker.start(images[0], box)
-            self._boxes[key] = images, [box, *(tracker.step(image) for image in images[1:])]  # keeps the ids valid
-        return self._boxes[key][1]
+            known = images, [box, *(tracker.step(image) for image in images[1:])]  # held images keep their ids
+        self._boxes[key] = known
+        if len(self._boxes) > _REMEMBERED:
+            del self._boxes[next(iter(self._boxes))]
+        return known[1]
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ class Failures:
             for k in range(self.n):
                 scenes, peers = Scenes(studio, self.seed + k), Peers()
                 for case in tqdm(CASES, desc=f"recording {k + 1} of {self.n}", unit="disturbance", disable=None):
-                    shown = [case.show(scenes, severity) for severity in case.severities]
+                    shown = (case.show(scenes, severity) for severity in case.severities)
                     scores[case.name].append([_scores(footage, peers, self.seed + k, k == 0) for footage in shown])
         return {"criterion": CRITERION, "cases": {case.name: _summary(case, scores[case.name]) for case in CASES}}
 
