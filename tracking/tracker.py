@@ -32,8 +32,9 @@ class TrackerParams:
     """`mode`: any moving object, or a marker of known hue.  `depth`: from the two outlines' centres,
     or (where that works) from the disparity inside the outline.  An object is tracked once seen in both
     eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`; until then it is
-    looked for everywhere (`again`).  Stamps may be `stamp_error_s` off the joints', so that a turning head blurs where things are.  The centre of what
-    is no ball may be `shape_error` of its radius off, frame after frame the same."""
+    looked for everywhere (`again`).  Stamps may be `stamp_error_s` off the joints', so that a turning head
+    blurs where things are.  The centre of what is no ball may be `shape_error` of its radius off, frame
+    after frame the same."""
 
     mode: Literal["generic", "marker"] = "generic"
     depth: Literal["centroid", "disparity"] = "centroid"
