@@ -24,6 +24,7 @@ from pps_vision.experiments.soak import Soak
 from pps_vision.experiments.stereo import Stereo
 from pps_vision.experiments.tracking import Tracking
 from pps_vision.experiments.triangulation import Triangulation
+from pps_vision.experiments.trigger import Trigger
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.results import write_summary
 
@@ -46,6 +47,7 @@ class Bench:
         | Annotated[Tracking, subcommand("tracking")]
         | Annotated[Fixation, subcommand("fixation")]
         | Annotated[Real, subcommand("real")]
+        | Annotated[Trigger, subcommand("trigger")]
         | Annotated[Fidelity, subcommand("fidelity")]
         | Annotated[ImageTracker, subcommand("imagetracker")]
         | Annotated[Batches, subcommand("batches")]
