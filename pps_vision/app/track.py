@@ -27,6 +27,7 @@ from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D, Truth
 from tracking.outline import Optics
+from tracking.smoother import smoothed_tracks
 from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
 
 Mode = Literal["generic", "marker"]
@@ -69,6 +70,9 @@ class Track:
     frame, without torch."""
     batch: int = 32
     """Frames a batch of --device."""
+    smooth: bool = False
+    """Let what is seen later correct what was seen before (RTS smoothing): trajectory.csv and the errors are those of
+    the smoothed path; the video shows the path as it was known then."""
     max_skew_s: float = 0.02
     """Left and right images further apart in time are no pair."""
     video: bool = False
@@ -85,17 +89,18 @@ class Track:
         stopwatch.ms.clear()
         tracker = make_tracker(params)
         detections: list[tuple[int, Detection2D, Status]] = []
-        tracks: list[Track3D] = []
+        steps: list[TrackerStep] = []
         with whole_folder(self.out, _FILES) as folder:
             with VideoFile(folder / "overlay.mp4", _rate(recording)) as film:
                 frames = tqdm(recording.numbered(), total=len(recording), desc="track", unit="pair", disable=None)
                 for number, frame, step in self._steps(frames, tracker, stopwatch):
-                    tracks.append(step.track)
+                    steps.append(step)
                     detections += [(number, seen, step.track.status) for seen in step.detections]
                     if self.video:
                         film.add(draw_pair(frame, tracker.rig.view_of(frame), step.track, step.detections))
-            if not tracks:
+            if not steps:
                 raise BadInput(recording.name, "no usable frame; expected at least one readable stereo pair")
+            tracks = smoothed_tracks(params.kalman, steps) if self.smooth else [step.track for step in steps]
             write_detections(folder / "detections.csv", detections)
             write_trajectory(folder / "trajectory.csv", tracks)
             write_summary(folder / "summary.json", self._summary(recording, params, choice, tracks, stopwatch))
@@ -155,6 +160,7 @@ class Track:
             "mode": params.mode,
             "depth": params.depth,
             "device": self.device,
+            "smoothed": self.smooth,
             "seed": self.seed,
             "pairs": len(recording),
             "frames": len(tracks),

@@ -78,6 +78,41 @@ def test_the_path_is_the_true_one(tracked: Path, approach: Path) -> None:
     assert said == pytest.approx(1000 * again, rel=1e-6)
 
 
+def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:
+    main(
+        [
+            "render",
+            *f"--stimulus ball --motion circle --seconds 3 --noise 2 --seed {SEED}".split(),
+            "--out",
+            str(tmp_path / "rec"),
+        ]
+    )
+    said = {}
+    for name, option in (("causal", []), ("smooth", ["--smooth"])):
+        main(["track", str(tmp_path / "rec"), *option, "--out", str(tmp_path / name)])
+        said[name] = json.loads((tmp_path / name / "summary.json").read_text())
+    causal, smooth = said["causal"]["errors"], said["smooth"]["errors"]
+    print(f"velocity {causal['velocity_rms_m_s']} → {smooth['velocity_rms_m_s']} m/s")
+    assert (said["causal"]["smoothed"], said["smooth"]["smoothed"]) == (False, True)
+    assert smooth["velocity_rms_m_s"] < 0.7 * causal["velocity_rms_m_s"]
+    assert smooth["position_rms_mm"] < 1.1 * causal["position_rms_mm"]
+    assert smooth["tracked_share"] == causal["tracked_share"]
+
+
+@pytest.mark.parametrize("asked_mm", [5.0, 0.001])
+def test_the_cheapest_way_within_an_asked_for_error(approach: Path, tmp_path: Path, asked_mm: float) -> None:
+    main(["track", str(approach), "--max-error-mm", str(asked_mm), "--out", str(tmp_path / "out")])
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    choice = summary["max_error"]
+    assert choice["asked_mm"] == asked_mm
+    assert choice["meets"] == (asked_mm == 5.0)
+    assert [tried["ms_per_pair"] for tried in choice["tried"]] == sorted(t["ms_per_pair"] for t in choice["tried"])
+    assert summary["mode"] == "generic"  # a red ball is no marker
+    assert choice["tried"][0]["tracked_share"] == 0
+    if choice["meets"]:
+        assert summary["errors"]["position_rms_mm"] <= asked_mm
+
+
 def test_detections_are_where_the_centre_truly_projects(tracked: Path, approach: Path) -> None:
     seen, truth = table(tracked / "detections.csv"), table(approach / "truth.csv")
     for camera in ("left", "right"):
