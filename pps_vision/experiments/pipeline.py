@@ -77,9 +77,10 @@ class Pipeline:
             ]
             speed_against_error(axis, variants, "stereo pair", label)
             axis.set_yscale("log")
+            axis.margins(0.14)
             top = axis.secondary_xaxis("top", functions=(_reciprocal, _reciprocal))
             top.set_xlabel("stereo pairs per second")
-        legend(axes[1])
+        legend(axes[0])
         return figure
 
 
