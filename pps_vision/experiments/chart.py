@@ -90,11 +90,11 @@ def _label_offsets(ms: Sequence[float], error: Sequence[float]) -> list[int]:
     """How far above each point (in printer's points) its label stands, so that neighbours' do not overlap."""
     x, y = np.log10(ms), np.array(error) / max(*error, 1e-9)
     wide = 0.3 * max(float(np.ptp(x)), 0.5)
-    offsets: list[int] = []
-    for k in range(len(x)):
-        taken = {offsets[j] for j in range(k) if abs(x[j] - x[k]) < wide and abs(y[j] - y[k]) < 0.06}
-        offsets.append(next((offset for offset in (5, -12, 14, -21, 23) if offset not in taken), 5))
-    return offsets
+    offsets: dict[int, int] = {}
+    for k in (int(index) for index in np.argsort(-y, kind="stable")):  # the upper of two neighbours' above it
+        taken = {offset for j, offset in offsets.items() if abs(x[j] - x[k]) < wide and abs(y[j] - y[k]) < 0.08}
+        offsets[k] = next((offset for offset in (5, -12, -21, 14, 23) if offset not in taken), 5)
+    return [offsets[k] for k in range(len(x))]
 
 
 def legend(axis: Axes) -> None:

@@ -19,6 +19,7 @@ from rendering.stimuli import ORANGE, Stimulus, make_stimulus
 from tracking.ego_motion import Box
 
 BALL_M = 0.035
+_OPEN_M = np.array([[-1.8, -1.4, -0.1], [0.8, 1.4, 1.3]])  # root frame: inside the room, above the table
 _MARGIN_PX = 8  # around the object's mask: the outline wants to see some background
 
 
@@ -65,13 +66,14 @@ class Theatre:
         self._eyes.set_stimulus(stimulus)
         vergence = converging(depth_m) if vergence_rad is None else vergence_rad
         for _ in range(50 * n):
-            yaw, pitch = rng.uniform((-0.5, -0.4), (0.5, 0.1))
+            yaw, pitch = rng.uniform((-0.7, -0.3), (0.7, 0.1))
             q = set_gaze(self.robot, home(self.robot), yaw, pitch, vergence=vergence)
             view = self.rig.view(q)
             p = ahead(view, depth_m, rng.normal(0, 0.08, 3))
             distance = np.linalg.norm(p - view.left.center)
             margin_px = 1.1 * view.left.camera.focal_px * np.tan(np.arcsin(stimulus.radius_m / distance)) + 4
-            if view.left.sees(p, margin_px) and view.right.sees(p, margin_px):
+            in_the_open = np.all((_OPEN_M[0] < p) & (p < _OPEN_M[1]))
+            if in_the_open and view.left.sees(p, margin_px) and view.right.sees(p, margin_px):
                 yield shown(self._eyes.render(SceneState(q, p), 0.0, rng), view, p, stimulus.radius_m)
                 n -= 1
             if not n:
