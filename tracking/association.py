@@ -23,7 +23,7 @@ class AssociationParams:
     (relative) what is no ball may be from the sphere that its outline is taken for."""
 
     unknown_error: float = 0.008
-    min_error_px: float = 0.015
+    min_error_px: float = 0.01
     gate_sigma: float = 3.5
     gate_memory: float = 15.0
     memory: float = 20.0

@@ -18,8 +18,9 @@ from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box
 
-_MIN_STD_PX = 0.01  # sampling leaves this much however sharp the edge is (FACTS §7)
-_SHADING_PX = 0.14  # light from above, which a small outline resolves less: up and down, over √radius
+# Sampling leaves this much of an outline's centre however sharp its edge is (FACTS §7), across and up and down,
+# where light from above adds to it; times √radius (px), for the fewer the pixels, the more each errs.
+_LEAST_PX = (0.04, 0.15)
 _MIN_RADIUS_PX = 0.03  # the same for its radius
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 ROUND = 0.015  # departure from a disc up to which nothing is but a disc
@@ -213,4 +214,5 @@ def _center_cov(coverage: Coverage, center: list[float], area: float) -> Array:
 def least_cov(area: float) -> Array:
     """(2, 2) px² of the centre of an outline of `area` px, however sharp its edge; measured on rendered
     balls and markers of 6 to 19 px radius (bench consistency)."""
-    return np.diag([_MIN_STD_PX**2, _MIN_STD_PX**2 + _SHADING_PX**2 / np.sqrt(area / np.pi)])
+    across, upright = _LEAST_PX
+    return np.diag([across**2, upright**2]) / math.sqrt(area / math.pi)

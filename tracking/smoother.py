@@ -107,7 +107,7 @@ def _runs(tracks: Sequence[Track3D], seen: Sequence[bool]) -> list[tuple[int, in
 def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
     mean, cov, n = track.mean.copy(), np.zeros((12, 12)), len(smoothed.mean)
     mean[:n] = smoothed.mean
-    beyond = track.cov[:3, :3] - filtered.cov[:3, :3]
+    beyond: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
     if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had begun anew: its filter was another
         beyond = filtered.lasting
     cov[: 3 * n, : 3 * n] = smoothed.cov

@@ -13,8 +13,10 @@ from tyro.conf import subcommand
 from pps_vision.app.figures import save
 from pps_vision.experiments.batches import Batches
 from pps_vision.experiments.budget import Budget
+from pps_vision.experiments.consistency import Consistency
 from pps_vision.experiments.failures import Failures
 from pps_vision.experiments.fidelity import Fidelity
+from pps_vision.experiments.filter import Filter
 from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.image_tracker import ImageTracker
 from pps_vision.experiments.loop import Loop
@@ -57,6 +59,8 @@ class Bench:
         | Annotated[Triangulation, subcommand("triangulation")]
         | Annotated[Stereo, subcommand("stereo")]
         | Annotated[Soak, subcommand("soak")]
+        | Annotated[Filter, subcommand("filter")]
+        | Annotated[Consistency, subcommand("consistency")]
     )
     out: Path | None = None
     """Where to write the JSON; default: docs/results/NAME.json under the present folder."""

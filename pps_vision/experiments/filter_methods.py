@@ -1,0 +1,207 @@
+"""Filters side by side: ours of every order, ours that chooses its order, a constant gain, a flight model, peers."""
+
+from dataclasses import replace
+from typing import Protocol
+
+import cv2
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from pps_vision.experiments.filter_scenes import Sequence
+from pps_vision.types import Array
+from tracking import flight, kalman
+from tracking.flight import FlightParams
+from tracking.kalman import Belief, KalmanParams, process_noise, scaled, transition
+from tracking.smoother import Measured, Passage, follow, smooth
+
+State = Array  # (order, 3) position, velocity, …
+
+
+class Filter(Protocol):
+    """Made for a sequence, of which it looks at nothing but the first measurement; then a step a measurement."""
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> State:
+        """The state after the next measurement."""
+        ...
+
+
+class Ours:
+    """The default's filter at an order."""
+
+    def __init__(self, order: int, sequence: Sequence) -> None:
+        self.params = _params(sequence, order)
+        self.belief = _first(self.params, sequence)
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> State:
+        """Predict and update."""
+        ahead = kalman.predict(self.params, self.belief, stamp_s)
+        self.belief = kalman.update(self.params, ahead, position, cov)
+        return self.belief.mean
+
+
+class Flight:
+    """A thrown ball's."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        self.params = FlightParams()
+        self.belief = flight.start(self.params, sequence.stamps_s[0], sequence.positions[0], sequence.covs[0])
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> State:
+        """Predict and update."""
+        ahead = flight.forecast(self.params, self.belief, stamp_s)[0]
+        self.belief = kalman.update(self.params.filter, ahead, position, cov)
+        return self.belief.mean
+
+
+class Automatic:
+    """Filters of all orders in parallel, so quiet that each fits only where its model holds; the lowest whose
+    innovations were consistent of late speaks, order 3 if none."""
+
+    QUIET = (1e-7, 1e-3, 0.2, 30.0)  # noise densities of orders 1–4
+    MEMORY, MOST_NIS = 6.0, 4.5
+
+    def __init__(self, sequence: Sequence) -> None:
+        self.filters = [_params(sequence, order, density) for order, density in enumerate(self.QUIET, start=1)]
+        self.beliefs = [_first(one, sequence) for one in self.filters]
+        self.nis = np.full(len(self.filters), 3.0)
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> State:
+        """Predict and update all."""
+        for k, (params, belief) in enumerate(zip(self.filters, self.beliefs, strict=True)):
+            ahead = kalman.predict(params, belief, stamp_s)
+            innovation = position - ahead.mean[0]
+            S = ahead.cov[:3, :3] + params.white_share * cov
+            surprise = min(float(innovation @ np.linalg.solve(S, innovation)), 10 * self.MOST_NIS)
+            self.nis[k] += (surprise - self.nis[k]) / self.MEMORY
+            self.beliefs[k] = kalman.update(params, ahead, position, cov)
+        fits = np.flatnonzero(self.nis <= self.MOST_NIS)
+        return self.beliefs[int(fits[0]) if len(fits) else 2].mean
+
+
+class Steady:
+    """Order 3 with the gain that the Riccati equation settles at, for the first measurement's mean variance and the
+    first step: an α-β-γ filter; no covariance is carried, nothing is gated."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        params = _params(sequence)
+        n, dt = params.order, float(sequence.stamps_s[1] - sequence.stamps_s[0])
+        self.A, Q = transition(n, dt), process_noise(n, dt, params.noise_density)
+        R = params.white_share * float(np.trace(sequence.covs[0])) / 3
+        ahead = solve_discrete_are(self.A.T, np.eye(n)[:, :1], Q, np.array([[R]]))
+        self.gain = ahead[:, :1] / (ahead[0, 0] + R)
+        self.back = (ahead - self.gain @ ahead[:1]) @ self.A.T @ np.linalg.inv(ahead)  # of the smoother
+        self.mean = _first(params, sequence).mean
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> State:
+        """Predict and update; all steps are taken to be as long as the first."""
+        ahead = self.A @ self.mean
+        self.mean = ahead + self.gain * (position - ahead[0])
+        return self.mean
+
+
+class OpenCV:
+    """cv2.KalmanFilter with order 3's matrices."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        self.params = _params(sequence)
+        belief = _first(self.params, sequence)
+        self.kf = cv2.KalmanFilter(9, 3, 0, cv2.CV_64F)
+        self.kf.measurementMatrix = np.eye(3, 9)
+        self.kf.statePost, self.kf.errorCovPost = belief.mean.reshape(9, 1), belief.cov
+        self.stamp_s, self.dt_s = belief.stamp_s, np.nan
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> State:
+        """Predict and update; the matrices of the step are set when its length changes."""
+        dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
+        if abs(dt - self.dt_s) > 1e-6 or np.isnan(self.dt_s):
+            self.dt_s = dt
+            self.kf.transitionMatrix, self.kf.processNoiseCov = _matrices(self.params, dt)
+        self.kf.measurementNoiseCov = self.params.white_share * cov
+        self.kf.predict()
+        return np.asarray(self.kf.correct(position.reshape(3, 1)), dtype=float).reshape(3, 3)
+
+
+class FilterPy:
+    """filterpy's KalmanFilter with order 3's matrices; only made where filterpy is installed."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        from filterpy.kalman import KalmanFilter
+
+        self.params = _params(sequence)
+        belief = _first(self.params, sequence)
+        self.kf = KalmanFilter(dim_x=9, dim_z=3)
+        self.kf.H, self.kf.x, self.kf.P = np.eye(3, 9), belief.mean.reshape(9, 1), belief.cov.copy()
+        self.stamp_s, self.dt_s = belief.stamp_s, np.nan
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> State:
+        """Predict and update; the matrices of the step are set when its length changes."""
+        dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
+        if abs(dt - self.dt_s) > 1e-6 or np.isnan(self.dt_s):
+            self.dt_s = dt
+            self.kf.F, self.kf.Q = _matrices(self.params, dt)
+        self.kf.predict()
+        self.kf.update(position.reshape(3, 1), R=self.params.white_share * cov)
+        return np.asarray(self.kf.x, dtype=float).reshape(3, 3)
+
+
+def smoothed_ours(order: int, sequence: Sequence) -> list[State]:
+    """Our filter and the backward pass."""
+    params = _params(sequence, order)
+    return _means(follow(params, _first(params, sequence), measured(sequence)))
+
+
+def smoothed_flight(sequence: Sequence) -> list[State]:
+    """The flight model's."""
+    params = FlightParams()
+    begin = flight.start(params, sequence.stamps_s[0], sequence.positions[0], sequence.covs[0])
+    return _means(follow(params.filter, begin, measured(sequence), lambda b, t: flight.forecast(params, b, t)))
+
+
+def smoothed_steady(sequence: Sequence) -> list[State]:
+    """The constant gain's, backward with a constant gain too."""
+    steady = Steady(sequence)
+    after = [steady.mean]
+    for stamp_s, z, cov in zip(sequence.stamps_s[1:], sequence.positions[1:], sequence.covs[1:], strict=True):
+        after.append(steady.step(stamp_s, z, cov))
+    path = [after[-1]]
+    for mean in after[-2::-1]:
+        path.append(mean + steady.back @ (path[-1] - steady.A @ mean))
+    return path[::-1]
+
+
+def smoothed_filterpy(sequence: Sequence) -> list[State]:
+    """filterpy's `batch_filter` and `rts_smoother`."""
+    peer = FilterPy(sequence)
+    peer.kf.x, dts = peer.kf.x.reshape(9), np.diff(sequence.stamps_s)
+    Fs, Qs = (list(of) for of in zip(*(_matrices(peer.params, dt) for dt in dts), strict=True))
+    zs, Rs = list(sequence.positions[1:]), [peer.params.white_share * cov for cov in sequence.covs[1:]]
+    first, P = peer.kf.x.copy(), peer.kf.P.copy()
+    xs, Ps, _, _ = peer.kf.batch_filter(zs, Fs=Fs, Qs=Qs, Rs=Rs)
+    xs, Ps = np.concatenate([first[None], xs]), np.concatenate([P[None], Ps])
+    path = peer.kf.rts_smoother(xs, Ps, Fs=[*Fs, Fs[-1]], Qs=[*Qs, Qs[-1]])[0]
+    return [x.reshape(3, 3) for x in path]
+
+
+def measured(sequence: Sequence) -> list[Measured]:
+    """All measurements but the first."""
+    rows = zip(sequence.stamps_s[1:], sequence.positions[1:], sequence.covs[1:], strict=True)
+    return [Measured(float(stamp_s), position, cov) for stamp_s, position, cov in rows]
+
+
+def _params(sequence: Sequence, order: int = KalmanParams().order, density: float | None = None) -> KalmanParams:
+    params = KalmanParams.of_order(order)
+    own = replace(params, white_share=sequence.white_share, noise_density=density or params.noise_density)
+    return scaled(own, sequence.distance_m)
+
+
+def _first(params: KalmanParams, sequence: Sequence) -> Belief:
+    return kalman.start(params, float(sequence.stamps_s[0]), sequence.positions[0], sequence.covs[0])
+
+
+def _means(passages: list[Passage]) -> list[State]:
+    return [belief.mean for belief in smooth(passages)]
+
+
+def _matrices(params: KalmanParams, dt_s: float) -> tuple[Array, Array]:
+    A, Q = transition(params.order, dt_s), process_noise(params.order, dt_s, params.noise_density)
+    return np.kron(A, np.eye(3)), np.kron(Q, np.eye(3))
