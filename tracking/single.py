@@ -67,6 +67,7 @@ class ColorTracker:
 
 
 def flat_optics(width: int, height: int) -> Optics:
-    """An unknown camera: every pixel counts the same, as through a very long lens."""
-    focal = 1e3 * max(width, height)
+    """For an unknown camera: a lens of about 30°, without distortion.  (A much longer one, to which every
+    pixel counts the same, leaves angles too small for single precision.)"""
+    focal = 2.0 * max(width, height)
     return Optics(Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2))
