@@ -53,6 +53,9 @@ def speed_chart(numbers: dict[str, Any]) -> Figure:
         speed_against_error(axis, variants, "pair, outlines included", "3D RMS error (mm)", ("bound", at["bound_mm"]))
         axis.set(title=f"{'Textured' if texture == 'textured' else 'Smooth'} ball, {SPEED_DEPTH} m")
         axis.margins(x=0.25, y=0.12)
+    axes[0].set_yscale("log")
+    axes[0].yaxis.set_major_formatter("{x:g}")
+    axes[0].yaxis.set_minor_formatter("{x:g}")
     legend(axes[0])
     return figure
 
@@ -77,6 +80,7 @@ def tracked_chart(numbers: dict[str, Any]) -> Figure:
         ylabel="3D RMS error, bias included (mm)",
         title="As tracked, before the filter; noise 2/255",
     )
+    axis.yaxis.set_major_formatter("{x:g}")
     axis.grid(alpha=0.25, which="both")
     axis.legend(fontsize=7)
     return figure
