@@ -27,8 +27,7 @@ class Context:
 
     def __init__(self) -> None:
         devices, count = (EGL.EGLDeviceEXT * _MOST_DEVICES)(), EGL.EGLint()
-        if not eglQueryDevicesEXT(_MOST_DEVICES, devices, count):
-            raise OSError("EGL names no device to render with")
+        eglQueryDevicesEXT(_MOST_DEVICES, devices, count)
         reasons = []
         for device in devices[: count.value]:
             self._display = eglGetPlatformDisplayEXT(EGL_PLATFORM_DEVICE_EXT, device, None)
@@ -36,8 +35,9 @@ class Context:
                 self._context = self._begin()
                 return
             except EGL.EGLError as error:
-                reasons.append(str(error).splitlines()[0])
-        raise OSError(f"none of {count.value} EGL devices gives an OpenGL 3.3 context: {'; '.join(reasons)}")
+                reasons.append(f"EGL error {error.err}")
+        why = ", ".join(reasons) or "install a driver, Debian's libegl1 and libgl1"
+        raise OSError(f"none of {count.value} EGL devices gives an OpenGL 3.3 context: {why}")
 
     def _begin(self) -> Any:
         EGL.eglInitialize(self._display, None, None)

@@ -26,7 +26,6 @@ class Mesh:
     def __init__(self, positions: Array, normals: Array, paint: Array, faces: Array, textured: bool = False) -> None:
         self.bounds = np.array([positions.min(axis=0), positions.max(axis=0)])
         self.textured = textured
-        self.triangles = len(faces)
         self._vertices: NDArray[np.float32] = np.hstack([positions, normals, paint]).astype(np.float32)
         self._faces: NDArray[np.uint32] = np.ascontiguousarray(faces, np.uint32)
         self._array = 0

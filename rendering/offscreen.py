@@ -24,7 +24,7 @@ _LAMPS = ((0.474, 0.237, 0.848), (0.10, -0.81, 0.58), (-0.72, 0.45, 0.53))  # ro
 _STRENGTHS = (0.38, 0.16, 0.12)
 _SHADOW_MAP = 1024  # texels a side
 _SHADERS = Path(__file__).parent / "shaders"
-DEPTH_ONLY = Fidelity(multisample=False, lights=0)
+_DEPTH_ONLY = Fidelity(multisample=False, lights=0)
 
 
 @dataclass(eq=False)
@@ -110,7 +110,7 @@ class Offscreen:
         GL.glEnable(GL.GL_SCISSOR_TEST)  # nothing but that pixel is drawn
         GL.glScissor(u, v, 1, 1)
         target = self._framebuffer(lens.camera.width, lens.camera.height, 0)
-        self._draw(nodes, lens, view, DEPTH_ONLY, np.zeros(2), target)
+        self._draw(nodes, lens, view, _DEPTH_ONLY, np.zeros(2), target)
         GL.glDisable(GL.GL_SCISSOR_TEST)
         value = GL.glReadPixels(u, v, 1, 1, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT)
         return float(_NEAR_M * _FAR_M / (_FAR_M - np.ravel(value)[0] * (_FAR_M - _NEAR_M)))

@@ -1,5 +1,6 @@
 """The process's renderer: depth by geometry, and what it says where OpenGL is missing."""
 
+import os
 import subprocess
 import sys
 
@@ -49,6 +50,22 @@ import rendering.eyes
     last = run.stderr.strip().splitlines()[-1]
     assert last.startswith("ImportError: rendering needs OpenGL")
     assert "install Debian's libegl1 and libgl1" in last
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        ({"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent"}, "none of 0 EGL devices gives an OpenGL 3.3 context: install"),
+        ({"MESA_GL_VERSION_OVERRIDE": "2.1"}, "gives an OpenGL 3.3 context: EGL error"),
+    ],
+)
+def test_a_driver_that_gives_no_context_is_named_in_one_line(environment: dict[str, str], message: str) -> None:
+    code = "from rendering.offscreen import offscreen; offscreen()"
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **environment}
+    )
+    assert run.stderr.strip().splitlines()[-1].startswith("OSError: none of")
+    assert message in run.stderr
 
 
 def test_the_process_ends_quietly() -> None:
