@@ -194,8 +194,9 @@ class EyeTracker:
 
 def _mode(cloud: Cloud, weights: Array, size: float) -> Array:
     """The weighted mean of the particles around the best one: between two candidates lies neither."""
-    near = np.linalg.norm(cloud.now[:, :2] - cloud.now[np.argmax(weights), :2], axis=1) < 0.5 * size
-    mean: Array = weights[near] @ cloud.now[near, :2] / weights[near].sum()
+    away = cloud.now[:, :2] - cloud.now[np.argmax(weights), :2]
+    near = weights * (np.vecdot(away, away) < (0.5 * size) ** 2)
+    mean: Array = near @ cloud.now[:, :2] / near.sum()
     return mean
 
 

@@ -30,4 +30,4 @@ def looks_of(frame: StereoFrame, view: StereoView) -> Looks:
 def is_grey(image: Image) -> bool:
     """Whether an RGB image carries no colour at all."""
     few = image[::16, ::16]
-    return bool((few[..., 0] == few[..., 1]).all() and (few[..., 1] == few[..., 2]).all())
+    return bool((few[..., 1:] == few[..., :1]).all())

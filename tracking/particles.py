@@ -126,12 +126,11 @@ def weigh(
     area; `corner` is the integral's place in the image, `shape` the box's sides per unit scale.
     """
     h, w = integral.shape[0] - 1, integral.shape[1] - 1
-    half = 0.5 * cloud.now[:, 2:] * np.array(shape)
-    low = np.rint(cloud.now[:, :2] - half - corner + 0.5).astype(int)
-    high = np.rint(cloud.now[:, :2] + half - corner + 0.5).astype(int)
-    x0, x1 = np.clip(low[:, 0], 0, w), np.clip(high[:, 0], 0, w)
-    y0, y1 = np.clip(low[:, 1], 0, h), np.clip(high[:, 1], 0, h)
-    gain = integral[y1, x1] - integral[y0, x1] - integral[y1, x0] + integral[y0, x0]
+    half, offset = np.array(shape) / 2, 0.5 - np.array(corner)
+    box = cloud.now[:, [0, 1, 0, 1]] + cloud.now[:, 2:] * np.concatenate([-half, half]) + np.tile(offset, 2)
+    x0, y0, x1, y1 = np.minimum(np.maximum(np.rint(box), 0), (w, h, w, h)).astype(np.intp).T
+    top, bottom, sums = y0 * (w + 1), y1 * (w + 1), integral.reshape(-1)
+    gain = sums[bottom + x1] - sums[top + x1] - sums[bottom + x0] + sums[top + x0]
     area = shape[0] * shape[1] * float(np.mean(cloud.now[:, 2])) ** 2
     log = params.sharpness * gain / max(area, 1.0)
     weights: Array = np.exp(log - log.max())
