@@ -27,8 +27,13 @@ class PoseError:
 
 
 def carried(before: StereoView, now: StereoView, p_root: Array, dt_s: float) -> Array:
-    """(3,) m/s: how fast the head, from one view to the next, carries along what is fixed to its left eye
-    and now at `p_root` (3,)."""
-    was = move_points(before.left.T_root_camera, move_points(now.left.T_camera_root, p_root))
-    velocity: Array = (p_root - was) / dt_s
+    """(3,) m/s: how fast what rests in both images, and is now seen at `p_root` (3,), goes through the world as
+    the head turns and the eyes converge from one view to the next."""
+    slopes, drifts = [], []
+    for then, eye in ((before.left, now.left), (before.right, now.right)):
+        was = move_points(then.T_root_camera, move_points(eye.T_camera_root, p_root))
+        slopes.append(eye.project_jacobian(p_root))
+        drifts.append(slopes[-1] @ (p_root - was) / dt_s)
+    J, drift = np.concatenate(slopes), np.concatenate(drifts)
+    velocity: Array = np.linalg.solve(J.T @ J, J.T @ drift)
     return velocity

@@ -42,6 +42,8 @@ FAULTS: dict[str, Fault] = {
     "one eye black": lambda now, good: replace(now, left=black(now.left)),
     "both eyes black": lambda now, good: replace(now, left=black(now.left), right=black(now.right)),
     "both eyes white": lambda now, good: replace(now, left=~black(now.left), right=~black(now.right)),
+    "one eye frozen": lambda now, good: replace(now, right=good.right),
+    "both eyes frozen": lambda now, good: replace(now, left=good.left, right=good.right),
     "one eye sees noise": lambda now, good: replace(
         now, right=np.random.default_rng(int(1000 * now.stamp_s)).integers(0, 256, now.right.shape, dtype=np.uint8)
     ),
@@ -87,6 +89,16 @@ def test_the_object_is_given_up_and_nothing_is_commanded_on_a_lost_track(world: 
     assert log.speed_m_s[log.stamps_s > FAILS_S + LOST_WITHIN_S + 0.35].max() == 0
     limits = world.robot.lower_rad - 1e-9, world.robot.upper_rad + 1e-9
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
+
+
+def test_the_head_does_not_spin_after_a_frozen_image(world: World) -> None:
+    """What rests in a frozen image seems to turn with the head: whoever believes it turns on for ever."""
+    log = meet(world, FAULTS["both eyes frozen"])
+    gaze = np.rad2deg(log.q_rad[:, world.robot.indices(world.robot.names.gaze_joints)])
+    before = gaze[np.searchsorted(log.stamps_s, FAILS_S) - 1]
+    until_lost = gaze[(log.stamps_s >= FAILS_S) & (log.stamps_s <= FAILS_S + LOST_WITHIN_S)]
+    assert np.abs(until_lost - before).max() < 10
+    assert np.abs(gaze - before).max() < 60, "nor does the search go round"
 
 
 def test_uncertainty_grows_while_nothing_is_seen(world: World) -> None:

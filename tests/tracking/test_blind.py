@@ -1,0 +1,43 @@
+"""Eyes that show nothing, or nothing new."""
+
+import numpy as np
+
+from pps_vision.types import Image, StereoFrame
+from tracking.blind import Blindness
+
+
+def picture(rng: np.random.Generator, contrast: float = 40.0) -> Image:
+    return np.clip(120 + contrast * rng.standard_normal((48, 64, 3)), 0, 255).astype(np.uint8)
+
+
+def pair(left: Image, right: Image, stamp_s: float) -> StereoFrame:
+    return StereoFrame(left, right, stamp_s, stamp_s)
+
+
+def test_new_pictures_are_seen(rng: np.random.Generator) -> None:
+    blindness = Blindness()
+    assert not any(blindness.step(pair(picture(rng), picture(rng), 0.1 * k)) for k in range(5))
+
+
+def test_one_repeated_picture_of_either_eye_is_blind_and_the_next_new_one_is_not(rng: np.random.Generator) -> None:
+    for eye in (0, 1):
+        blindness, first = Blindness(), [picture(rng), picture(rng)]
+        assert not blindness.step(pair(*first, 0.0))
+        second = [picture(rng), picture(rng)]
+        second[eye] = first[eye].copy()
+        assert blindness.step(pair(*second, 0.1))
+        assert not blindness.step(pair(picture(rng), picture(rng), 0.2))
+
+
+def test_a_buffer_that_is_filled_anew_is_not_blind(rng: np.random.Generator) -> None:
+    blindness, left, right = Blindness(), picture(rng), picture(rng)
+    blindness.step(pair(left, right, 0.0))
+    left[:], right[:] = picture(rng), picture(rng)
+    assert not blindness.step(pair(left, right, 0.1))
+
+
+def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng: np.random.Generator) -> None:
+    dark = np.clip(np.rint(2.0 * rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
+    assert Blindness().step(pair(picture(rng), dark, 0.0))
+    assert Blindness().step(pair(np.full_like(dark, 255), picture(rng), 0.0))
+    assert not Blindness().step(pair(picture(rng), picture(rng, contrast=5.0), 0.0))
