@@ -37,9 +37,9 @@ class Score:
     wrong: float
 
 
-def judge(footage: Footage, tracks: list[Track3D]) -> Score:
+def judge(footage: Footage, tracks: list[Track3D], settle_s: float = SETTLE_S) -> Score:
     """The score of one run.  Of two objects the one that is followed first is the one to follow."""
-    judged = footage.judged(SETTLE_S)
+    judged = footage.judged(settle_s)
     known = np.array([track.is_known for track in tracks])
     path = np.array([track.position for track in tracks])
     truth = footage.position

@@ -28,6 +28,7 @@ _STYLES = {
     "two CamShift": ("tab:brown", ":", 1.4),
 }
 _COLUMNS = 5
+METHODS = (*OURS, *PEERS)
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Failures:
                 for case in tqdm(CASES, desc=f"recording {k + 1} of {self.n}", unit="disturbance", disable=None):
                     shown = (case.show(scenes, severity) for severity in case.severities)
                     scores[case.name].append([_scores(footage, peers, self.seed + k, k == 0) for footage in shown])
-        return {"criterion": CRITERION, "cases": {case.name: _summary(case, scores[case.name]) for case in CASES}}
+        return {"criterion": CRITERION, "cases": {case.name: summary(case, scores[case.name]) for case in CASES}}
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """One figure a group of disturbances: above success, below error."""
@@ -65,10 +66,10 @@ def _scores(footage: Footage, peers: Peers, seed: int, with_csrt: bool) -> dict[
     return {name: asdict(judge(footage, track)) for name, track in tracks.items()}
 
 
-def _summary(case: Case, recordings: list[list[dict[str, dict[str, float]]]]) -> dict[str, object]:
+def summary(case: Case, recordings: list[list[dict[str, dict[str, float]]]]) -> dict[str, Any]:
     """Means over the recordings (of the squares, for the error)."""
     methods: dict[str, object] = {}
-    for name in (*OURS, *PEERS):
+    for name in METHODS:
         with_it = [recording for recording in recordings if name in recording[0]]
         success, rms, wrong = (
             np.array([[severity[name][key] for severity in recording] for recording in with_it])
