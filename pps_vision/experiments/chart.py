@@ -61,7 +61,7 @@ def pareto_front(ms: Sequence[float], error: Sequence[float]) -> list[int]:
 def speed_against_error(
     axis: Axes, variants: Sequence[Variant], what: str, error: str, bound: tuple[str, float] | None = None
 ) -> None:
-    """Time on a log axis with its quartiles, error on the other, the Pareto front, the default ringed, a
+    """Time on a log axis with its quartiles, error on the other (from 0, or log where it spans much), the Pareto front, the default ringed, a
     `bound` (its name, its value) dashed; a variant whose error is not finite stands at the top, as lost."""
     finite = [v.error for v in variants if np.isfinite(v.error)]
     top = 1.15 * max(finite, default=1.0)
@@ -80,15 +80,26 @@ def speed_against_error(
     if bound is not None:
         axis.axhline(bound[1], color=_INK, lw=1, ls="--")
         axis.annotate(bound[0], (1, bound[1]), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7)
+    if _wide(shown):
+        axis.set_yscale("log")
+    else:
+        axis.set_ylim(0, 1.1 * max([*shown, bound[1] if bound else 0.0]))
     axis.set_xscale("log")
     axis.set_xlabel(f"time (ms per {what})")
     axis.set_ylabel(error)
     axis.grid(alpha=0.25, which="both")
 
 
+def _wide(error: Sequence[float]) -> bool:
+    """Whether errors span so much that the small ones would lie on the axis."""
+    return min(error) > 0 and max(error) > 30 * min(error)
+
+
 def _label_offsets(ms: Sequence[float], error: Sequence[float]) -> list[int]:
     """How far above each point (in printer's points) its label stands, so that neighbours' do not overlap."""
     x, y = np.log10(ms), np.array(error) / max(*error, 1e-9)
+    if _wide(error):
+        y = np.log(error) / max(float(np.ptp(np.log(error))), 1e-9)
     wide = 0.3 * max(float(np.ptp(x)), 0.5)
     offsets: dict[int, int] = {}
     for k in (int(index) for index in np.argsort(-y, kind="stable")):  # the upper of two neighbours' above it
