@@ -9,11 +9,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
-from pps_vision.types import Status, StereoFrame, Track3D
+from pps_vision.types import Observation3D, Status, StereoFrame
 from tracking.eye import EyeParams
+from tracking.kalman import KalmanParams, admit, predict, scaled, start, update
 from tracking.particles import ParticleParams
-from tracking.tracker import Tracker, TrackerParams
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 _PROBE_PAIRS = 60  # since the object was found
 _SEARCH_PAIRS = 600
@@ -45,7 +47,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Choice:
-    """The configuration to use, why, and what every one that was tried promised."""
+    """The configuration to use, its filter's order for this motion included, why, and what every one that was
+    tried promised."""
 
     configuration: Configuration
     meets: bool
@@ -63,7 +66,13 @@ class Choice:
             }
             for p in self.probes
         ]
-        return {"configuration": self.configuration.name, "meets": self.meets, "why": self.reason, "tried": tried}
+        return {
+            "configuration": self.configuration.name,
+            "filter_order": self.configuration.params.kalman.order,
+            "meets": self.meets,
+            "why": self.reason,
+            "tried": tried,
+        }
 
 
 def _particles(count: int) -> TrackerParams:
@@ -89,38 +98,72 @@ def cheapest(
     if not max_error_mm > 0:
         raise ValueError(f"--max-error-mm {max_error_mm}; expected a positive number of millimetres")
     probes: list[Probe] = []
+    ordered: list[Configuration] = []
     by_cost = sorted(configurations, key=lambda c: c.ms_per_pair)
     for configuration in by_cost:
-        probe = _probe(configuration, frames, tracker_for(configuration.params))
-        probes.append(probe)
+        steps = _follow(frames, tracker_for(configuration.params))
+        probes.append(probe := _probe(configuration, steps))
+        ordered.append(_with_order(configuration, steps))
         if probe.tracked_share >= _MIN_TRACKED and probe.expected_mm <= max_error_mm:
             reason = (
                 f"the cheapest of {len(by_cost)} that keeps the object and whose expected error, "
                 f"{probe.expected_mm:.2g} mm, is within {max_error_mm:g} mm"
             )
-            return Choice(configuration, True, reason, tuple(probes))
+            return Choice(ordered[-1], True, reason, tuple(probes))
     k = int(np.nanargmin([_regret(probe) for probe in probes]))
     reason = f"none of {len(by_cost)} is within {max_error_mm:g} mm; of those that keep the object, the most accurate"
     if not probes[k].tracked_share >= _MIN_TRACKED:
         reason = f"none of {len(by_cost)} keeps the object at first; our default"
         k = next(i for i, c in enumerate(by_cost) if c.params == TrackerParams())
-    return Choice(by_cost[k], False, reason, tuple(probes))
+    return Choice(ordered[k], False, reason, tuple(probes))
 
 
 def _regret(probe: Probe) -> float:
     return probe.expected_mm if probe.tracked_share >= _MIN_TRACKED and np.isfinite(probe.expected_mm) else 1e9
 
 
-def _probe(configuration: Configuration, frames: Iterable[StereoFrame], tracker: Tracker) -> Probe:
-    tracks: list[Track3D] = []
+def _follow(frames: Iterable[StereoFrame], tracker: Tracker) -> list[TrackerStep]:
+    """What the tracker makes of the first pairs, from the first on which it knows the object."""
+    steps: list[TrackerStep] = []
     for frame in itertools.islice(frames, _SEARCH_PAIRS):
-        track = tracker.step(frame).track
-        if tracks or track.is_known:
-            tracks.append(track)
-        if len(tracks) == _PROBE_PAIRS:
+        step = tracker.step(frame)
+        if steps or step.track.is_known:
+            steps.append(step)
+        if len(steps) == _PROBE_PAIRS:
             break
-    settled = tracks[_WARM_UP:]
+    return steps
+
+
+def _probe(configuration: Configuration, steps: Sequence[TrackerStep]) -> Probe:
+    settled = [step.track for step in steps[_WARM_UP:]]
     variances = [float(np.trace(t.cov[:3, :3])) for t in settled if t.status == Status.TRACKING]
     share = len(variances) / len(settled) if settled else 0.0
     expected = configuration.true_over_reported * 1000 * float(np.sqrt(np.mean(variances))) if variances else np.nan
     return Probe(configuration.name, configuration.ms_per_pair, share, expected)
+
+
+def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> Configuration:
+    """The same with the lowest order of filter, from 2 (the skin needs a velocity), whose innovations are no larger
+    than it expects: the mean of n squared Mahalanobis distances below the upper end of their 95 % band about 3."""
+    seen = [step.observation for step in steps if step.observation is not None]
+    default = configuration.params.kalman
+    if len(seen) <= _WARM_UP:
+        return configuration
+    distance_m = float(np.linalg.norm(seen[0].p_root - steps[0].head))
+    for order in (2, 3, 4):
+        kalman = KalmanParams.of_order(order)
+        nis = _innovations(scaled(kalman, distance_m), seen)[_WARM_UP:]
+        if np.mean(nis) <= chi2.ppf(0.975, 3 * len(nis)) / len(nis):
+            return replace(configuration, params=replace(configuration.params, kalman=kalman))
+    return replace(configuration, params=replace(configuration.params, kalman=default))
+
+
+def _innovations(params: KalmanParams, seen: Sequence[Observation3D]) -> list[float]:
+    """Squared Mahalanobis distance of every observation from where it was expected; an outlier's is its gate's."""
+    belief, nis = start(params, seen[0].stamp_s, seen[0].p_root, seen[0].cov_root), []
+    for one in seen[1:]:
+        belief = predict(params, belief, one.stamp_s)
+        admitted = admit(params, belief, one.p_root, one.cov_root)
+        nis.append(admitted.nis if admitted and admitted.belief is belief else params.gate_chi2)
+        belief = update(params, belief, one.p_root, one.cov_root)
+    return nis

@@ -61,8 +61,9 @@ def pareto_front(ms: Sequence[float], error: Sequence[float]) -> list[int]:
 def speed_against_error(
     axis: Axes, variants: Sequence[Variant], what: str, error: str, bound: tuple[str, float] | None = None
 ) -> None:
-    """Time on a log axis with its quartiles, error on the other (from 0, or log where it spans much), the Pareto front, the default ringed, a
-    `bound` (its name, its value) dashed; a variant whose error is not finite stands at the top, as lost."""
+    """Time on a log axis with its quartiles, error on the other (from 0, or log where it spans much), the
+    Pareto front, the default ringed, a `bound` (its name, its value) dashed; a variant whose error is not
+    finite stands at the top, as lost."""
     finite = [v.error for v in variants if np.isfinite(v.error)]
     top = 1.15 * max(finite, default=1.0)
     ms = [float(np.median(v.ms)) for v in variants]
