@@ -77,7 +77,7 @@ class Batches:
                 axis.plot(SIZES, median, "o-", label=f"--device {device}")
                 axis.fill_between(SIZES, low, high, alpha=0.2)
         axis.set_xscale("log", base=2)
-        axis.set_yscale("log")
+        axis.set_ylim(bottom=0)
         axis.set_xticks(SIZES, [str(size) for size in SIZES])
         axis.set_xlabel("stereo pairs a batch")
         axis.set_ylabel("stereo pairs per second")

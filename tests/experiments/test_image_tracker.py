@@ -32,7 +32,7 @@ def test_a_square_that_jumps_is_held_by_who_looks_everywhere() -> None:
         image[y : y + 20, x : x + 20] = (230, 20, 20)
         images.append(image)
         boxes.append((float(x), float(y), 20.0, 20.0))
-    found = compare([Sequence(tuple(images), tuple(boxes), hue_deg=0.0)], seed=0)
+    found = compare([Sequence(tuple(images), tuple(boxes), hue_deg=0.0)], seeds=[0])
     blob, kcf = found["blob of known hue"], found["KCF"]
     assert isinstance(blob, dict)
     assert isinstance(kcf, dict)
