@@ -21,8 +21,8 @@ _N = 9
 
 @dataclass(frozen=True)
 class FlightParams:
-    """In a frame whose z points up, in metres; the defaults are a table-tennis ball's, fitted to half of the
-    recorded flights that `bench filter` reports on.
+    """In a frame whose z points up, in metres; the defaults are a table-tennis ball's, measured on recorded
+    flights (docs/speed_accuracy.md says how well they carry over to others).
 
     `drag_per_m` is deceleration over squared speed; `speed_std`, `lift_std` (level, upright: sidespin is rarer)
     what may be before anything is seen, m/s and 1/s; `noise_density` of unmodelled acceleration, (m/s²)²·s.

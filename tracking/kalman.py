@@ -11,7 +11,7 @@ from pps_vision.types import Array
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _TICK_S = 1e-6  # steps are told apart no finer, so that regular frames share their matrices
 # By order, on rendered balls and markers at 5–15 cm/s (bench filter): innovations as large as expected.
-NOISE_DENSITY = {1: 2e-4, 2: 1.5e-3, 3: 0.15, 4: 30.0}
+NOISE_DENSITY = {1: 2e-4, 2: 1.5e-3, 3: 0.1, 4: 30.0}
 
 
 @dataclass(frozen=True)

@@ -67,10 +67,17 @@ class Filter:
         }
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Rendered motion: three errors; flights: position."""
-        figures = {"rendered": _chart(numbers["rendered"], _RENDERED_ERRORS)}
+        """Rendered motion, forward and with the way back: three errors each; flights: position."""
+        of = numbers["rendered"]
+        figures = {
+            "rendered": _chart([(of, key, label, False) for key, label in _RENDERED_ERRORS.items()]),
+            "smoothed": _chart([(of, key, f"{label}, smoothed", True) for key, label in _RENDERED_ERRORS.items()]),
+        }
         if isinstance(numbers["tt3d"], dict):
-            figures["tt3d"] = _chart(numbers["tt3d"], {"position_rms_mm": "position error (mm RMS)"})
+            label = "position error on tt3d (mm RMS)"
+            figures["tt3d"] = _chart(
+                [(numbers["tt3d"], "position_rms_mm", label + also, bool(also)) for also in ("", ", smoothed")]
+            )
         return figures
 
 
@@ -159,22 +166,26 @@ _RENDERED_ERRORS = {
 }
 
 
-def _chart(numbers: dict[str, Any], errors: dict[str, str]) -> Figure:
-    figure, axes = panels(len(errors), width=6.4, height=5.0)
-    for axis, (key, label) in zip(axes, errors.items(), strict=True):
+def _chart(plots: list[tuple[dict[str, Any], str, str, bool]]) -> Figure:
+    """A panel for each of (numbers, which error, its label, whether of the smoothed)."""
+    figure, axes = panels(len(plots), width=5.6, height=4.6)
+    for axis, (numbers, key, label, smoothed) in zip(axes, plots, strict=True):
+        errors = {name: np.nan if of[key] is None else of[key] for name, of in numbers.items()}
         variants = [
             Variant(
-                name.removeprefix("order "),
+                name.removeprefix("order ").removesuffix(", RTS"),
                 np.array([of["q25_ms"], of["q25_ms"], of["median_ms"], of["q75_ms"], of["q75_ms"]]),
-                of[key] if np.isfinite(of[key] if of[key] is not None else np.nan) else np.nan,
+                errors[name],
                 ours=name not in PEERS,
                 default=name == DEFAULT,
             )
             for name, of in numbers.items()
-            if name != "as measured"
+            if name != "as measured" and name.endswith(", RTS") == smoothed and np.isfinite(errors[name])
         ]
-        raw = numbers["as measured"][key]
-        bound = None if raw is None or not np.isfinite(raw) else ("as measured", raw)
-        speed_against_error(axis, variants, "update", label, bound)
-    legend(axes[0])
+        raw = errors["as measured"]
+        speed_against_error(axis, variants, "update", label, ("as measured", raw) if np.isfinite(raw) else None)
+        finite = [error for error in errors.values() if np.isfinite(error)]
+        axis.set_yscale("log")
+        axis.set_ylim(0.7 * min(finite), 1.5 * max(finite))  # the same for both ways
+    legend(axes[-1])
     return figure

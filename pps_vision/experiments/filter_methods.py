@@ -80,21 +80,24 @@ class Automatic:
 
 class Steady:
     """Order 3 with the gain that the Riccati equation settles at, for the first measurement's mean variance and the
-    first step: an α-β-γ filter; no covariance is carried, nothing is gated."""
+    usual step: an α-β-γ filter; no covariance is carried, nothing is gated."""
 
     def __init__(self, sequence: Sequence) -> None:
         params = _params(sequence)
-        n, dt = params.order, float(sequence.stamps_s[1] - sequence.stamps_s[0])
+        n, dt = params.order, float(np.median(np.diff(sequence.stamps_s)))
         self.A, Q = transition(n, dt), process_noise(n, dt, params.noise_density)
         R = params.white_share * float(np.trace(sequence.covs[0])) / 3
         ahead = solve_discrete_are(self.A.T, np.eye(n)[:, :1], Q, np.array([[R]]))
         self.gain = ahead[:, :1] / (ahead[0, 0] + R)
         self.back = (ahead - self.gain @ ahead[:1]) @ self.A.T @ np.linalg.inv(ahead)  # of the smoother
         self.mean = _first(params, sequence).mean
+        self.stamp_s, self.dt_s = float(sequence.stamps_s[0]), dt
 
     def step(self, stamp_s: float, position: Array, cov: Array) -> State:
-        """Predict and update; all steps are taken to be as long as the first."""
-        ahead = self.A @ self.mean
+        """Predict and update; an unusual step has its own transition but the usual gain."""
+        dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
+        usual = abs(dt - self.dt_s) < 1e-4
+        ahead = (self.A if usual else transition(len(self.A), dt)) @ self.mean
         self.mean = ahead + self.gain * (position - ahead[0])
         return self.mean
 

@@ -73,7 +73,7 @@ def test_looking_back_helps_and_order_has_its_price(rng: np.random.Generator) ->
     exact = compare([_approach(rng, noise=0.0)], *rendered_filters(), settled=10)
     assert exact["order 3"]["ttc_median_percent"] < 0.1
     figures = Filter().chart({"rendered": numbers, "tt3d": "skipped"})
-    assert len(figures["rendered"].axes) == 3
+    assert [len(figure.axes) for figure in figures.values()] == [3, 3]
 
 
 def _write_flight(folder: Path) -> np.ndarray:
