@@ -65,7 +65,7 @@ def speed_against_error(
     Pareto front, the default ringed, a `bound` (its name, its value) dashed; a variant whose error is not
     finite stands at the top, as lost."""
     finite = [v.error for v in variants if np.isfinite(v.error)]
-    top = 1.15 * max(finite, default=1.0)
+    top = (1.8 if finite and _wide(finite) else 1.15) * max(finite, default=1.0)
     ms = [float(np.median(v.ms)) for v in variants]
     shown = [v.error if np.isfinite(v.error) else top for v in variants]
     front = pareto_front(ms, [v.error for v in variants])

@@ -52,9 +52,10 @@ def speed_chart(numbers: dict[str, Any]) -> Figure:
         ]
         speed_against_error(axis, variants, "pair, outlines included", "3D RMS error (mm)", ("bound", at["bound_mm"]))
         axis.set(title=f"{'Textured' if texture == 'textured' else 'Smooth'} ball, {SPEED_DEPTH} m")
-        axis.margins(x=0.25, y=0.12)
-    axes[0].set_yscale("log")
-    axes[0].yaxis.set_major_formatter("{x:g}")
+        found = [v.error for v in variants if np.isfinite(v.error)]
+        axis.set(yscale="log", ylim=(0.6 * min(found), 2.6 * max(found)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.margins(x=0.25)
     axes[0].yaxis.set_minor_formatter("{x:g}")
     legend(axes[0])
     return figure
