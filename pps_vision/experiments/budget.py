@@ -39,7 +39,6 @@ class _Scene:
     stimulus: StimulusName
     motion: MotionName
     noise: float
-    center: tuple[float, float, float] | None = None
 
 
 SCENES = (
@@ -57,15 +56,17 @@ SCENES = (
 class Budget:
     """The cheapest configuration that meets an asked-for error: is it met, at what cost, scene by scene."""
 
+    n: int = 2
+    """Recordings of each scene for the table, and as many others for the test."""
     seconds: float = 4.0
-    """Length of each recording."""
+    """Length of each."""
     seed: int = 0
     """Seed of the recordings the table is measured on; those it is tested on are others."""
 
     def run(self) -> dict[str, object]:
         """The table, then scene by scene and error by error what was chosen, its error and its cost."""
-        if not self.seconds >= 2:
-            raise ValueError(f"bench budget: --seconds {self.seconds}; expected at least 2")
+        if not (self.seconds >= 2 and self.n >= 1):
+            raise ValueError(f"bench budget: --n {self.n}, --seconds {self.seconds}; expected at least 1 and 2 s")
         with TemporaryDirectory() as place:
             table = _table([_Footage(*r) for r in self._recordings(Path(place) / "learn", self.seed)])
             suite = [
@@ -74,22 +75,22 @@ class Budget:
         return {"seed": self.seed, "table": table, "scenes": suite}
 
     def _recordings(self, place: Path, seed: int) -> Iterator[tuple[str, Recording]]:
-        for k, scene in enumerate(tqdm(SCENES, desc=place.name, unit="scene", disable=None)):
+        for k, scene in enumerate(tqdm(SCENES * self.n, desc=place.name, unit="recording", disable=None)):
             folder = place / str(k)
             render = Render(
-                scene.stimulus, scene.motion, folder, seconds=self.seconds, noise=scene.noise, center=scene.center,
-                seed=seed + k,
-            )  # fmt: skip
+                scene.stimulus, scene.motion, folder, seconds=self.seconds, noise=scene.noise, seed=seed + k
+            )
             render.record()
             yield scene.name, open_yarp(folder)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Left: the error that came of each asked-for one; right: its cost beside the full pipeline's."""
         figure, (error, cost) = panels(2)
-        for scene in numbers["scenes"]:
-            asked = [row["asked_mm"] for row in scene["asked"]]
-            (line,) = error.plot(asked, [row["rms_mm"] for row in scene["asked"]], "o-", ms=4, label=scene["scene"])
-            cost.plot(asked, [row["cost_of_full"] for row in scene["asked"]], "o-", ms=4, color=line.get_color())
+        for k, scene in enumerate(numbers["scenes"]):
+            asked, color = [row["asked_mm"] for row in scene["asked"]], f"C{k % len(SCENES)}"
+            name = scene["scene"] if k < len(SCENES) else None
+            error.plot(asked, [row["rms_mm"] for row in scene["asked"]], "o-", ms=3, color=color, label=name)
+            cost.plot(asked, [row["cost_of_full"] for row in scene["asked"]], "o-", ms=3, color=color)
             refused = [row for row in scene["asked"] if not row["promised"]]
             error.plot(
                 [r["asked_mm"] for r in refused], [r["rms_mm"] for r in refused], "o", ms=9, mfc="none", mec="tab:red"
@@ -153,12 +154,10 @@ def _ask(name: str, recording: Recording) -> dict[str, object]:
     """What is chosen for each asked-for error, and what it then measured beside the full pipeline."""
     footage = _Footage(name, recording)
     choices = [cheapest(footage.frames, asked, footage.tracker) for asked in ASKED_MM]
-    distinct = {c.configuration.name: c.configuration.params for c in choices}
+    distinct = {c.configuration: c.configuration.params for c in choices}
     (_, full_ms), *measured = footage.each([_full(), *distinct.values()])
-    by_name = dict(zip(distinct, measured, strict=True))
-    rows = [
-        _row(footage, a, c, *by_name[c.configuration.name], full_ms) for a, c in zip(ASKED_MM, choices, strict=True)
-    ]
+    measured_as = dict(zip(distinct, measured, strict=True))
+    rows = [_row(footage, a, c, *measured_as[c.configuration], full_ms) for a, c in zip(ASKED_MM, choices, strict=True)]
     return {"scene": name, "asked": rows}
 
 
@@ -168,6 +167,7 @@ def _row(
     return {
         "asked_mm": asked_mm,
         "chosen": choice.configuration.name,
+        "filter_order": choice.configuration.params.kalman.order,
         "promised": choice.meets,
         **_accuracy(footage.recording, tracks),
         "cost_of_full": float(np.median(ms) / np.median(full_ms)),

@@ -1,0 +1,80 @@
+"""The choice of the cheapest tracker, on trackers whose errors are known beforehand."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.app.budget import Configuration, cheapest
+from pps_vision.types import Observation3D, Status, StereoFrame, Track3D
+from tracking.kalman import KalmanParams
+from tracking.tracker import TrackerParams, TrackerStep
+
+STD_M, DT_S = 0.001, 0.05
+WHITE_STD_M = STD_M * KalmanParams().white_share ** 0.5  # the rest of an error stays, and no innovation shows it
+CHEAP, DEAR = TrackerParams(confirm_frames=2), TrackerParams(confirm_frames=4)
+
+
+@dataclass
+class Scripted:
+    """A tracker that reports `std_m` and sees a point on a path with STD_M of noise; blind if it is no number."""
+
+    std_m: float
+    acceleration: float
+
+    def __post_init__(self) -> None:
+        self.k, self.rng = 0, np.random.default_rng(SEED)
+
+    def step(self, _: object) -> TrackerStep:
+        t, self.k = DT_S * self.k, self.k + 1
+        if not np.isfinite(self.std_m):
+            return TrackerStep(Track3D.unknown(t), (), None, ([], []), np.zeros(3))
+        p = np.array([0.4 + 0.5 * self.acceleration * t * t, 0.05 * t, 0.0])
+        seen = Observation3D(t, p + self.rng.normal(0, WHITE_STD_M, 3), STD_M**2 * np.eye(3), 0.03, 1e-8, 0.0)
+        mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
+        mean[0], cov[:3, :3] = p, self.std_m**2 / 3 * np.eye(3)
+        return TrackerStep(Track3D(t, mean, cov, 0.03, 1e-8, Status.TRACKING), (), seen, ([], []), np.zeros(3))
+
+
+def choose(asked_mm: float, cheap_std_m: float, dear_std_m: float, acceleration: float = 0.0):
+    configurations = (Configuration("dear", DEAR, 2.0, 1.0), Configuration("cheap", CHEAP, 1.0, 2.0))
+    frames: Iterable[StereoFrame] = [None] * 80  # type: ignore[list-item]
+    stds = {CHEAP: cheap_std_m, DEAR: dear_std_m}
+    return cheapest(frames, asked_mm, lambda p: Scripted(stds[p], acceleration), configurations)  # type: ignore[arg-type,return-value]
+
+
+@pytest.mark.parametrize(
+    ("asked_mm", "cheap_mm", "dear_mm", "name", "meets"),
+    [
+        (5.0, 2.0, 1.0, "cheap", True),  # twice as wrong as it says: 4 mm
+        (3.0, 2.0, 1.0, "dear", True),
+        (0.5, 2.0, 1.0, "dear", False),
+        (0.5, 0.4, 1.0, "cheap", False),  # 0.8 mm is nearer than 1
+        (5.0, np.nan, 1.0, "dear", True),  # the cheap one never has it
+    ],
+)
+def test_the_cheapest_that_will_do(asked_mm: float, cheap_mm: float, dear_mm: float, name: str, meets: bool) -> None:
+    choice = choose(asked_mm, cheap_mm / 1000, dear_mm / 1000)
+    assert (choice.configuration.name, choice.meets) == (name, meets)
+    assert name == "cheap" or len(choice.probes) == 2
+
+
+def test_where_nothing_is_seen_the_default_is_used_and_that_is_said() -> None:
+    default = replace(Configuration("default", TrackerParams(), 2.0, 1.0))
+    blind = cheapest([None] * 5, 1.0, lambda _: Scripted(np.nan, 0.0), (default,))  # type: ignore[list-item,arg-type,return-value]
+    assert (blind.configuration, blind.meets) == (default, False)
+    assert "keeps the object" in blind.reason
+
+
+def test_the_filter_is_of_the_lowest_order_that_the_motion_allows() -> None:
+    steady, bent = choose(5, 0.001, 0.001), choose(5, 0.001, 0.001, acceleration=3.0)
+    assert steady.configuration.params.kalman == KalmanParams.of_order(2)
+    assert bent.configuration.params.kalman.order > 2
+
+
+@pytest.mark.parametrize("asked_mm", [0.0, -1.0, np.nan])
+def test_an_error_that_cannot_be_asked_for(asked_mm: float) -> None:
+    with pytest.raises(ValueError, match=r"max-error-mm.*expected a positive number"):
+        choose(asked_mm, 0.001, 0.001)
