@@ -36,7 +36,7 @@ OURS = {
 }
 HEADS = {"still": 0.0, "moving": 20.0}  # degrees a second, at most
 BALLS = {"ball, 5 px a frame": (0.035, 5.0), "marker, 5 px a frame": (0.010, 5.0), "ball, 1 px a frame": (0.035, 1.0)}
-_CALIBRATION_S = 4.0
+_CALIBRATION_S = 3.0
 _TOO_MANY = 60.0  # frames with a false alarm per minute, above which a delay says nothing
 
 

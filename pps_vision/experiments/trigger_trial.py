@@ -55,12 +55,17 @@ def watch(watchers: Mapping[str, Watcher], scene: Scene) -> dict[str, tuple[list
 
 def best_level(name: str, calm: Scene) -> float:
     """The lowest level without a false alarm in a scene where nothing moves; the highest where there is none."""
-    for level in PEERS[name].levels:
-        look = peer(name, calm.camera, level)
-        alarms = ([box for box in look(seen) if not _is_own(box, seen.own)] for seen in calm.glimpses)
-        if not any(found for k, found in enumerate(alarms) if k >= STARTS):
-            return level
-    return PEERS[name].levels[-1]
+    levels = PEERS[name].levels
+    low, high = 0, len(levels) - 1
+    while low < high:  # the higher, the calmer
+        middle = (low + high) // 2
+        low, high = (low, middle) if _is_calm(peer(name, calm.camera, levels[middle]), calm) else (middle + 1, high)
+    return levels[low]
+
+
+def _is_calm(look: Watcher, calm: Scene) -> bool:
+    alarms = ([box for box in look(seen) if not _is_own(box, seen.own)] for seen in calm.glimpses)
+    return not any(found for k, found in enumerate(alarms) if k >= STARTS)
 
 
 def delay(boxes: list[list[BoxPx]], scene: Scene) -> float:
