@@ -26,8 +26,8 @@ class Mesh:
     def __init__(self, positions: Array, normals: Array, paint: Array, faces: Array, textured: bool = False) -> None:
         self.bounds = np.array([positions.min(axis=0), positions.max(axis=0)])
         self.textured = textured
-        self._vertices: NDArray[np.float32] = np.hstack([positions, normals, paint]).astype(np.float32)
-        self._faces: NDArray[np.uint32] = np.ascontiguousarray(faces, np.uint32)
+        self.vertices: NDArray[np.float32] = np.hstack([positions, normals, paint]).astype(np.float32)
+        self.faces: NDArray[np.uint32] = np.ascontiguousarray(faces, np.uint32)
         self._array = 0
         self._buffers: list[int] = []
 
@@ -36,14 +36,14 @@ class Mesh:
         if not self._array:
             self._upload()
         GL.glBindVertexArray(self._array)
-        GL.glDrawElements(GL.GL_TRIANGLES, self._faces.size, GL.GL_UNSIGNED_INT, None)
+        GL.glDrawElements(GL.GL_TRIANGLES, self.faces.size, GL.GL_UNSIGNED_INT, None)
 
     def _upload(self) -> None:
         self._array = GL.glGenVertexArrays(1)
         GL.glBindVertexArray(self._array)
         self._buffers = list(GL.glGenBuffers(2))
         for kind, buffer, data in zip(
-            (GL.GL_ARRAY_BUFFER, GL.GL_ELEMENT_ARRAY_BUFFER), self._buffers, (self._vertices, self._faces), strict=True
+            (GL.GL_ARRAY_BUFFER, GL.GL_ELEMENT_ARRAY_BUFFER), self._buffers, (self.vertices, self.faces), strict=True
         ):
             GL.glBindBuffer(kind, buffer)
             GL.glBufferData(kind, data.nbytes, data, GL.GL_STATIC_DRAW)

@@ -20,8 +20,8 @@ from rendering.lens import Lens
 from rendering.meshes import Mesh
 
 _NEAR_M, _FAR_M = 0.02, 8.0
-_LAMPS = ((0.474, 0.237, 0.848), (0.10, -0.81, 0.58), (-0.72, 0.45, 0.53))  # root frame, unit: key, fill, opposite
-_STRENGTHS = (0.38, 0.16, 0.12)
+LAMPS = ((0.474, 0.237, 0.848), (0.10, -0.81, 0.58), (-0.72, 0.45, 0.53))  # root frame, unit: key, fill, opposite
+STRENGTHS = (0.38, 0.16, 0.12)
 _SHADOW_MAP = 1024  # texels a side
 _SHADERS = Path(__file__).parent / "shaders"
 _DEPTH_ONLY = Fidelity(multisample=False, lights=0)
@@ -208,22 +208,25 @@ class Offscreen:
 
 def _lamp_over(nodes: Sequence[Node]) -> Array:
     """`T_lamp_root` to the unit cube that just holds the nodes, the key lamp looking along its third axis."""
-    R = rotation_to(-np.array(_LAMPS[0])).T
+    R = rotation_to(-np.array(LAMPS[0])).T
     boxes = np.concatenate([node.box_root for node in nodes]) @ R.T
     low, high = boxes.min(axis=0), boxes.max(axis=0)
     scale = 1 / (high - low)
     return transform(scale[:, None] * R, -low * scale)
 
 
+def ambient_light(lights: int) -> float:
+    """The light from everywhere beside so many lamps: the same in all, in the mean."""
+    return 0.685 if lights == 0 else 0.62 - 0.25 * sum(STRENGTHS[1:lights])
+
+
 def _switches(textured: bool, lights: int, shadows: bool) -> str:
     """What the shaders are compiled for."""
-    ambient = 0.685 if lights == 0 else 0.62 - 0.25 * sum(_STRENGTHS[1:lights])  # the same light in all, in the mean
-    lamps = ", ".join(f"vec3{lamp}" for lamp in _LAMPS[:lights])
-    strengths = ", ".join(map(str, _STRENGTHS[:lights]))
+    lamps = ", ".join(f"vec3{lamp}" for lamp in LAMPS[:lights])
+    strengths = ", ".join(map(str, STRENGTHS[:lights]))
     return (
-        f"#define N_LAMPS {lights}\n#define LAMPS {lamps}\n#define STRENGTHS {strengths}\n#define AMBIENT {ambient}\n"
-        + "#define TEXTURED\n" * textured
-        + "#define SHADOWS\n" * shadows
+        f"#define N_LAMPS {lights}\n#define LAMPS {lamps}\n#define STRENGTHS {strengths}\n"
+        f"#define AMBIENT {ambient_light(lights)}\n" + "#define TEXTURED\n" * textured + "#define SHADOWS\n" * shadows
     )
 
 

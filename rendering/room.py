@@ -124,7 +124,7 @@ _SURFACES: tuple[tuple[Painter, Array], ...] = (
 
 
 @cache
-def _atlas() -> Image:
+def atlas() -> Image:
     """All surfaces' pictures side by side; the room is always the same."""
     rng = np.random.default_rng(2013)
     rows = -(-len(_SURFACES) // _PER_ROW)
@@ -138,7 +138,7 @@ def _atlas() -> Image:
 @cache
 def room_meshes(edge_m: float) -> tuple[Mesh, ...]:
     """The room's surfaces, cut into pieces of at most `edge_m`, once for the process."""
-    offscreen().set_atlas(_atlas())
+    offscreen().set_atlas(atlas())
     return tuple(_surface(i, corners, edge_m) for i, (_, corners) in enumerate(_SURFACES))
 
 

@@ -1,29 +1,27 @@
-"""How faithfully a scene must be drawn: time against the image's error and against the tracking's."""
+"""How faithfully a scene must be drawn, and by whom: time against the image's error and against the tracking's."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.app.render import Render
-from pps_vision.experiments.chart import Variant, legend, speed_against_error, timed
-from pps_vision.geometry.camera import View
+from pps_vision.experiments.chart import Variant, legend, speed_against_error
+from pps_vision.experiments.fidelity_images import compare, draws_of, place_of
+from pps_vision.experiments.pyrender_peer import is_installed
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array, Image, StereoFrame
-from rendering.eyes import Eyes
+from pps_vision.types import Array, StereoFrame
 from rendering.fidelity import Fidelity as Drawn
 from rendering.scene import SceneState
 from rendering.sensor import Sensor, expose
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.stimuli import StimulusName
 from tracking.tracker import Tracker, TrackerParams
 
 REFERENCE = Drawn(supersample=8, fineness=5, shadows=True)
@@ -44,6 +42,7 @@ SHARP = {
     "2×2×4, fineness 4, shadows": Drawn(supersample=2, fineness=4, shadows=True),
     "4×4×4, fineness 4": Drawn(supersample=4, fineness=4),
 }
+PEERS = {f"pyrender, pinhole image ×{scale:g}": scale for scale in (1.0, 1.5, 2.0)}
 BLURRED = {
     f"{step:g} px{'' if multisample else ', 1 sample'}": Drawn(multisample=multisample, blur_step_px=step)
     for multisample in (True, False)
@@ -56,7 +55,10 @@ _MODE: dict[StimulusName, Any] = {"ball": "generic", "marker": "marker"}
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Rendered balls and markers, drawn in many ways, beside the finest: image error and tracking error."""
+    """Rendered balls and markers, drawn in many ways, beside the finest: image error and tracking error.
+
+    pyrender is skipped where it is not installed.
+    """
 
     n: int = 4
     """Scenes of each object whose images are compared."""
@@ -66,15 +68,18 @@ class Fidelity:
     """Seed of the first scene; the others count up."""
 
     def run(self) -> dict[str, object]:
-        """By object: each way's ms per pair, image error (RMS grey levels over the object and 2 px around it, over
-        1.5 px to both sides of its rim, over the whole image; structural similarity), tracking error (mm)."""
+        """By object: each way's ms per pair (clock; processors), image error (RMS grey levels over the object and 2 px
+        around it, over 1.5 px to both sides of its rim, over the whole image; structural similarity), tracking
+        error (mm)."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench fidelity: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
-        numbers: dict[str, object] = {}
+        found = is_installed()
+        numbers: dict[str, object] = {"pyrender": "compared" if found else "skipped: not installed (extra: bench)"}
+        peers = PEERS if found else {}
         for stimulus in _MODE:
             scenes = [next(self.scenes(stimulus, k, 1.0)) for k in range(self.n)]
-            images = compare(stimulus, scenes, SHARP, REFERENCE, Sensor())
-            numbers[stimulus] = {"image": images, "tracking": self._track(stimulus)}
+            images = compare(stimulus, scenes, SHARP, REFERENCE, Sensor(), peers=peers)
+            numbers[stimulus] = {"image": images, "tracking": self._track(stimulus, peers)}
         fast = [_in_flight(*scene) for scene in (next(self.scenes("ball", k, 1.0)) for k in range(self.n))]
         numbers["blur"] = compare("ball", fast, BLURRED, BLUR_REFERENCE, Sensor(blur_s=_BLUR_S), margin_px=_BLUR_PX)
         return numbers
@@ -86,23 +91,23 @@ class Fidelity:
         robot = load_icub()
         return render.scene(robot, icub_rig(robot), np.random.default_rng(seed))
 
-    def _track(self, stimulus: StimulusName) -> dict[str, dict[str, float]]:
+    def _track(self, stimulus: StimulusName, peers: Mapping[str, float]) -> dict[str, dict[str, float]]:
         """3D error of each pair's triangulation, and its mean along the line of sight (away is positive)."""
         robot = load_icub()
         rig = icub_rig(robot)
-        errors: dict[str, list[tuple[float, float]]] = {name: [] for name in SHARP}
+        errors: dict[str, list[tuple[float, float]]] = {name: [] for name in (*SHARP, *peers)}
         params, body = TrackerParams(mode=_MODE[stimulus]), Silhouette(robot)
-        trackers = {name: Tracker(params, rig, np.random.default_rng(self.seed), own_body=body) for name in SHARP}
+        trackers = {name: Tracker(params, rig, np.random.default_rng(self.seed), own_body=body) for name in errors}
         scenes = list(self.scenes(stimulus, 0, self.seconds))
         with ExitStack() as stack:
-            eyes = {name: stack.enter_context(_eyes(stimulus, drawn, Sensor())) for name, drawn in SHARP.items()}
+            draws = draws_of(stack, stimulus, SHARP, peers, Sensor())
             for k, (t, state) in enumerate(tqdm(scenes, desc=f"tracking a {stimulus}", unit="pair", disable=None)):
                 for name, tracker in trackers.items():
-                    frame = _noisy(eyes[name].render(state, t), np.random.default_rng((self.seed, k)))
+                    frame = _noisy(draws[name](state, t)[0], np.random.default_rng((self.seed, k)))
                     seen = tracker.step(frame).observation
                     if seen is not None:
-                        view, off = rig.view(state.q_rad), seen.p_root - _place(state)
-                        sight = _place(state) - 0.5 * (view.left.center + view.right.center)
+                        view, off = rig.view(state.q_rad), seen.p_root - place_of(state)
+                        sight = place_of(state) - 0.5 * (view.left.center + view.right.center)
                         errors[name].append((float(np.linalg.norm(off)), float(off @ sight / np.linalg.norm(sight))))
         return {name: _summary(np.array(rows).reshape(-1, 2), len(scenes)) for name, rows in errors.items()}
 
@@ -110,7 +115,7 @@ class Fidelity:
         """Time against the image's error, sharp and blurred, and against the tracking's; a key to the numbers."""
         figure, axes = plt.subplots(2, 3, figsize=(13, 8.5), width_ratios=(3, 3, 1.6), layout="constrained")
         sharp, blur = numbers["ball"]["image"], numbers["blur"]
-        worse = {k: max(numbers[o]["image"][k]["error"] for o in _MODE) for k in SHARP}
+        worse = {k: max(numbers[o]["image"][k]["error"] for o in _MODE) for k in sharp}
         what = "drawn pair"
         speed_against_error(axes[0, 0], _variants(sharp, worse), what, "image error, ball or marker (grey levels)")
         axes[0, 0].set_yscale("log")
@@ -122,7 +127,7 @@ class Fidelity:
         title = f"image error of a ball that moves {_BLUR_PX:g} px (grey levels)"
         speed_against_error(axes[1, 1], _variants(blur, smeared, "2.5 px"), what, title)
         usual = "sharp: 4 samples, fineness 3,\n3 lamps, no shadows unless said"
-        for axis, about, names in ((axes[0, 2], usual, SHARP), (axes[1, 2], "blurred: one image every", BLURRED)):
+        for axis, about, names in ((axes[0, 2], usual, sharp), (axes[1, 2], "blurred: one image every", BLURRED)):
             key = "\n".join(f"{k + 1}  {name}" for k, name in enumerate(names))
             axis.axis("off")
             axis.text(0, 1, f"{about}\n\n{key}", va="top", fontsize=9, linespacing=1.6)
@@ -135,84 +140,13 @@ class Fidelity:
         return figure
 
 
-def compare(
-    stimulus: StimulusName,
-    scenes: list[tuple[float, SceneState]],
-    ways: Mapping[str, Drawn],
-    reference: Drawn,
-    sensor: Sensor,
-    margin_px: float = 2.0,
-) -> dict[str, dict[str, Any]]:
-    """Every way's time and image error over the same scenes, scene by scene all ways."""
-    rig, radius_m = icub_rig(load_icub()), make_stimulus(stimulus).radius_m
-    ms: dict[str, list[float]] = {name: [] for name in ways}
-    errors: dict[str, list[dict[str, Array]]] = {name: [] for name in ways}
-    with ExitStack() as stack:
-        finest = stack.enter_context(_eyes(stimulus, reference, sensor))
-        eyes = {name: stack.enter_context(_eyes(stimulus, drawn, sensor)) for name, drawn in ways.items()}
-        for one in eyes.values():
-            one.render(scenes[0][1], 0.0)  # uploads its meshes, compiles its shaders
-        for t, state in tqdm(scenes, desc=f"drawing a {stimulus}", unit="scene", disable=None):
-            best, view = finest.render(state, t), rig.view(state.q_rad)
-            beyond = [_beyond_rim_px(eye, _place(state), radius_m) for eye in (view.left, view.right)]
-            for name, one in eyes.items():
-                for _ in range(3):
-                    frame, taken = timed(partial(one.render, state, t))
-                    ms[name].append(taken)
-                errors[name].append(_image_errors(frame.left, best.left, beyond[0], margin_px))
-                errors[name].append(_image_errors(frame.right, best.right, beyond[1], margin_px))
-    return {name: _pooled(name, ms[name], errors[name]) for name in ways}
-
-
-def _image_errors(ours: Image, theirs: Image, beyond_px: Array, margin_px: float) -> dict[str, Array]:
-    """Squares of the differences over the object, its rim and the whole image, and similarity over the object."""
-    square = (ours.astype(float) - theirs) ** 2
-    quality: Any = cv2.quality
-    similarity = quality.QualitySSIM_compute(ours, theirs)[1][..., :3].mean(axis=-1)
-    on_object = beyond_px < margin_px
-    rim, whole = square[np.abs(beyond_px) < 1.5], square.ravel()
-    return {"object": square[on_object].ravel(), "rim": rim.ravel(), "whole": whole, "ssim": similarity[on_object]}
-
-
-def _pooled(name: str, ms: list[float], errors: list[dict[str, Array]]) -> dict[str, Any]:
-    """Time and error over all scenes; `error` is that over the object."""
-    joined = {part: np.concatenate([one[part] for one in errors]) for part in errors[0]}
-    rms = {part: float(np.sqrt(joined[part].mean())) for part in ("object", "rim", "whole")}
-    return {
-        **Variant(name, np.array(ms), rms["object"]).summary(),
-        "rim_error": rms["rim"],
-        "whole_error": rms["whole"],
-        "ssim": float(joined["ssim"].mean()),
-    }
-
-
-def _eyes(stimulus: StimulusName, drawn: Drawn, sensor: Sensor) -> Eyes:
-    robot = load_icub()
-    return Eyes(robot, icub_rig(robot), make_stimulus(stimulus, fineness=drawn.fineness), sensor=sensor, fidelity=drawn)
-
-
 def _in_flight(t: float, state: SceneState) -> tuple[float, SceneState]:
     """The head still, and the object so fast that it smears over `_BLUR_PX` in the left eye."""
     robot = load_icub()
     eye = icub_rig(robot).view(state.q_rad).left
     across = eye.T_root_camera[:3, :3] @ [0.8, 0.6, 0.0]
-    px_per_m = np.linalg.norm(eye.project_jacobian(_place(state)) @ across)
+    px_per_m = np.linalg.norm(eye.project_jacobian(place_of(state)) @ across)
     return t, replace(state, velocity=across * _BLUR_PX / px_per_m / _BLUR_S, dq_rad_s=None)
-
-
-def _place(state: SceneState) -> Array:
-    if state.position is None:
-        raise ValueError("expected a scene with an object in it")
-    return state.position
-
-
-def _beyond_rim_px(view: View, p: Array, radius_m: float) -> Array:
-    """(h, w) how far each pixel is outside the image of a ball at `p`, px."""
-    away = p - view.center
-    distance = float(np.linalg.norm(away))
-    cosine = view.camera.bearing_map @ (view.T_root_camera[:3, :3].T @ (away / distance))
-    beyond: Array = (np.arccos(np.clip(cosine, -1, 1)) - np.arcsin(radius_m / distance)) * view.camera.focal_px
-    return beyond
 
 
 def _noisy(frame: StereoFrame, rng: np.random.Generator) -> StereoFrame:
@@ -240,6 +174,7 @@ def _variants(times: Mapping[str, Any], errors: Mapping[str, float], default: st
             str(k + 1),
             np.array([times[name][q] for q in ("q25_ms", "median_ms", "q75_ms")]),
             error,
+            ours=name not in PEERS,
             default=name == default,
         )
         for k, (name, error) in enumerate(errors.items())
