@@ -21,7 +21,7 @@ from tracking.ego_motion import Box
 # Sampling leaves this much of an outline's centre however sharp its edge is (FACTS §7), across and up and down,
 # where light from above adds to it; times √radius (px), for the fewer the pixels, the more each errs.
 _LEAST_PX = (0.04, 0.15)
-_MIN_RADIUS_PX = 0.035  # the same for its radius
+_MIN_RADIUS_PX = 0.045  # the same for its radius
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 ROUND = 0.015  # departure from a disc up to which nothing is but a disc
 _LIMBS_FROM, _LIMBS_TO = 0.08, 0.16  # share of limbs between which they come to count less than the trunk

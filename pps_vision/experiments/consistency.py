@@ -28,6 +28,7 @@ from tracking.smoother import follow
 SPEEDS_M_S = (0.05, 0.1, 0.2, 0.3)
 _SIGMAS = {"68": float(norm.ppf(0.84)), "95": float(norm.ppf(0.975))}
 _SPANS_S = ((0.3, 0.5), (0.2, 0.3), (0.1, 0.2), (0.02, 0.1))  # before the touch
+_ASIDE_M = np.array([0.0, 0.0, -0.15])  # of the path's middle: a point whose distance is asked for
 _WITHIN = {"68": 5.0, "95": 2.0}  # percent, the goal
 
 
@@ -111,16 +112,18 @@ def coverage(in_the_air: list[Sequence], onto_skin: list[Sequence]) -> dict[str,
     """Percent of true values inside the intervals that should hold 68 and 95 % of them."""
     z: dict[str, list[float]] = {"position": [], "velocity": [], "distance": []}
     for sequence in [*in_the_air, *onto_skin]:
+        point = sequence.path.mean(axis=0) + _ASIDE_M
         for k, step in tracking_steps(sequence):
             if not sequence.jumped[k]:
+                true = float(np.linalg.norm(sequence.path[k] - point)) - sequence.radius_m
+                contact = time_to_contact(step.track, point)
+                z["distance"].append(abs(contact.distance_m - true) / contact.distance_std_m)
                 std = np.sqrt(np.diag(step.track.cov)[:6])
                 z["position"].extend(np.abs(step.track.position - sequence.path[k]) / std[:3])
                 z["velocity"].extend(np.abs(step.track.velocity - sequence.velocity[k]) / std[3:])
     inside: dict[str, list[bool]] = {"68": [], "95": []}
     for sequence in onto_skin:
         for k, contact in _contacts(sequence):
-            true = float(np.linalg.norm(sequence.path[k] - sequence.touched)) - sequence.radius_m
-            z["distance"].append(abs(contact.distance_m - true) / contact.distance_std_m)
             for share, sigmas in _SIGMAS.items():
                 low, high = contact.ttc_interval_s(sigmas)
                 inside[share].append(low <= sequence.ttc_s[k] <= high)

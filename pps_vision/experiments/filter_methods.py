@@ -79,14 +79,14 @@ class Automatic:
 
 
 class Steady:
-    """Order 3 with the gain that the Riccati equation settles at, for the first measurement's mean variance and the
-    usual step: an α-β-γ filter; no covariance is carried, nothing is gated."""
+    """Order 3 with the gain that the Riccati equation settles at, for the sequence's usual variance and step (which
+    it alone is told beforehand): an α-β-γ filter; no covariance is carried, nothing is gated."""
 
     def __init__(self, sequence: Sequence) -> None:
         params = _params(sequence)
         n, dt = params.order, float(np.median(np.diff(sequence.stamps_s)))
         self.A, Q = transition(n, dt), process_noise(n, dt, params.noise_density)
-        R = params.white_share * float(np.trace(sequence.covs[0])) / 3
+        R = params.white_share * float(np.median(np.trace(sequence.covs, axis1=1, axis2=2))) / 3
         ahead = solve_discrete_are(self.A.T, np.eye(n)[:, :1], Q, np.array([[R]]))
         self.gain = ahead[:, :1] / (ahead[0, 0] + R)
         self.back = (ahead - self.gain @ ahead[:1]) @ self.A.T @ np.linalg.inv(ahead)  # of the smoother
