@@ -37,9 +37,11 @@ class Failures:
     hopeless.  Ours has to find the ball; the peers are given its true boxes in the first frame."""
 
     n: int = 1
-    """Recordings of every severity; CSRT, which takes more than all the rest, sees only the first."""
+    """Recordings of every severity."""
     seed: int = 0
     """Seed of the first; the others count up."""
+    csrt: bool = True
+    """Whether CSRT is put on them too, on the first recordings only: it takes more time than all the rest."""
 
     def run(self) -> dict[str, object]:
         """By disturbance, by method: success, error and wrongness at each severity, and where it breaks."""
@@ -51,7 +53,9 @@ class Failures:
                 scenes, peers = Scenes(studio, self.seed + k), Peers()
                 for case in tqdm(CASES, desc=f"recording {k + 1} of {self.n}", unit="disturbance", disable=None):
                     shown = (case.show(scenes, severity) for severity in case.severities)
-                    scores[case.name].append([_scores(footage, peers, self.seed + k, k == 0) for footage in shown])
+                    scores[case.name].append(
+                        [_scores(footage, peers, self.seed + k, self.csrt and k == 0) for footage in shown]
+                    )
         return {"criterion": CRITERION, "cases": {case.name: summary(case, scores[case.name]) for case in CASES}}
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
@@ -71,6 +75,8 @@ def summary(case: Case, recordings: list[list[dict[str, dict[str, float]]]]) -> 
     methods: dict[str, object] = {}
     for name in METHODS:
         with_it = [recording for recording in recordings if name in recording[0]]
+        if not with_it:
+            continue
         success, rms, wrong = (
             np.array([[severity[name][key] for severity in recording] for recording in with_it])
             for key in ("success", "rms_m", "wrong")
