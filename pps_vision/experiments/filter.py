@@ -162,7 +162,7 @@ def _rms(squares: list[Array]) -> float:
 _RENDERED_ERRORS = {
     "position_rms_mm": "position error (mm RMS)",
     "velocity_rms_mm_s": "velocity error (mm/s RMS)",
-    "ttc_median_percent": "time to contact, error in the last 0.5 s (median, %)",
+    "ttc_median_percent": "TTC error, last 0.5 s (median, %)",
 }
 
 
@@ -187,5 +187,6 @@ def _chart(plots: list[tuple[dict[str, Any], str, str, bool]]) -> Figure:
         finite = [error for error in errors.values() if np.isfinite(error)]
         axis.set_yscale("log")
         axis.set_ylim(0.7 * min(finite), 1.5 * max(finite))  # the same for both ways
+        axis.set_xlim(right=4 * max(float(np.median(v.ms)) for v in variants))  # room for names
     legend(axes[-1])
     return figure
