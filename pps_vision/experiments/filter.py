@@ -173,7 +173,7 @@ def _chart(plots: list[tuple[dict[str, Any], str, str, bool]]) -> Figure:
         errors = {name: np.nan if of[key] is None else of[key] for name, of in numbers.items()}
         variants = [
             Variant(
-                name.removeprefix("order ").removesuffix(", RTS"),
+                name.removeprefix("order ").removesuffix(", RTS").removesuffix(" order"),
                 np.array([of["q25_ms"], of["q25_ms"], of["median_ms"], of["q75_ms"], of["q75_ms"]]),
                 errors[name],
                 ours=name not in PEERS,
