@@ -20,7 +20,7 @@ class Mesh:
     """Triangles: positions (m), unit normals and paint (n, 3) each, faces (m, 3).
 
     Paint is a colour (RGB, 0–1), or the place (u, v, unused) in the atlas if `textured`.  Uploaded
-    when first drawn, given back by `free`.
+    when first drawn, given back by `free`.  `vertices` (n, 9): position, normal, paint of each.
     """
 
     def __init__(self, positions: Array, normals: Array, paint: Array, faces: Array, textured: bool = False) -> None:
