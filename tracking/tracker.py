@@ -14,7 +14,6 @@ from tracking.association import Association, AssociationParams
 from tracking.blind import Blindness
 from tracking.color import ColorModel
 from tracking.disparity import DisparityParams, refine_distance
-from tracking.doubt import doubted
 from tracking.eye import EyeParams, Sighting
 from tracking.follow import Follower
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
@@ -143,15 +142,13 @@ class Tracker:
                     self._belief = None  # it is elsewhere: what was known of its motion is void
         self._head = 0.5 * (view.left.center + view.right.center)
         with self.stages("triangulation"):
-            seen = self._observe(view, looks, sightings, frame.stamp_s)
-            believed = doubted(seen, self._radius[0]) if seen and self._hits >= self.params.confirm_frames else seen
-            observation = self._pose.widen(believed, view, frame.stamp_s)
+            observation = self._pose.widen(self._observe(view, looks, sightings, frame.stamp_s), view, frame.stamp_s)
         with self.stages("filter"):
             track = self._filter(observation, frame.stamp_s, blind)
             if not blind:
-                self._after(looks, sightings, observation if believed is seen else None, grey)
-        shown = zip(self._eyes, looks, sightings, strict=True)
-        detections = tuple(eye.detection(look, one) for eye, look, one in shown if one is not None)
+                self._after(looks, sightings, observation, grey)
+        seen = zip(self._eyes, looks, sightings, strict=True)
+        detections = tuple(eye.detection(look, one) for eye, look, one in seen if one is not None)
         return TrackerStep(track, detections, observation, regions, self._head)
 
     def _check_stamps(self, frame: StereoFrame) -> None:
