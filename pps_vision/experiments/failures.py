@@ -107,17 +107,17 @@ def _first(severities: tuple[float, ...], is_bad: Any) -> float | None:
 def _figure(group: Group, cases: dict[str, Any]) -> Figure:
     names = [name for name, case in cases.items() if case["group"] == group]
     blocks = -(-len(names) // _COLUMNS)
-    columns = min(_COLUMNS, len(names))
+    columns = -(-len(names) // blocks)
     figure, axes = plt.subplots(
         2 * blocks, columns, figsize=(3.1 * columns, 4.2 * blocks + 0.8), squeeze=False, layout="constrained"
     )
     for axis in axes.flat:
         axis.set_visible(False)
     for k, name in enumerate(names):
-        above, below = axes[2 * (k // _COLUMNS)][k % _COLUMNS], axes[2 * (k // _COLUMNS) + 1][k % _COLUMNS]
-        _panel(above, below, name, cases[name], k % _COLUMNS == 0)
+        above, below = axes[2 * (k // columns)][k % columns], axes[2 * (k // columns) + 1][k % columns]
+        _panel(above, below, name, cases[name], k % columns == 0)
     handles, labels = axes[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels) + 1, fontsize=9, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels) + 1, fontsize=9, frameon=False)
     figure.suptitle(f"{_TITLES[group]}: where tracking breaks (×: near the object in less than 90 % of the frames)")
     return figure
 
