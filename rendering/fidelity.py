@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class Fidelity:
     """`supersample`: the image is drawn that many times as wide and high, and averaged.  `multisample`:
     edges (only) take four samples a drawn pixel.  `fineness`: a ball has 20·4^fineness triangles, a tube
-    4·(fineness − 1) sides, and nothing an edge longer than 0.4/2^fineness m (×4 in the room): the lens's bending
+    4·(fineness − 1) sides, and nothing an edge longer than 0.2/2^fineness m (×4 on the walls): the lens's bending
     is exact at corners.  `lights`: lamps, 0–3; none: all is equally lit.  `shadows`: the first lamp casts them.
     `blur_step_px`: what moves so far while the shutter is open costs a further image to average (what moves
     less than 0.4 of it is drawn sharp).
@@ -30,8 +30,8 @@ class Fidelity:
 
     @property
     def edge_m(self) -> float:
-        """Longest edge of anything that moves; the room's are four times as long."""
-        return 0.4 / 2**self.fineness
+        """Longest edge of anything that moves and of the table; the walls' are four times as long."""
+        return 0.2 / 2**self.fineness
 
     @property
     def pixel_spread(self) -> float:

@@ -137,9 +137,13 @@ def atlas() -> Image:
 
 @cache
 def room_meshes(edge_m: float) -> tuple[Mesh, ...]:
-    """The room's surfaces, cut into pieces of at most `edge_m`, once for the process."""
+    """The room's surfaces, cut into pieces of at most `edge_m` on the table and four times that on the walls, which
+    are as much farther away; once for the process."""
     offscreen().set_atlas(atlas())
-    return tuple(_surface(i, corners, edge_m) for i, (_, corners) in enumerate(_SURFACES))
+    return tuple(
+        _surface(i, corners, edge_m if paint is _tabletop else 4 * edge_m)
+        for i, (paint, corners) in enumerate(_SURFACES)
+    )
 
 
 def _surface(i: int, corners: Array, edge_m: float) -> Mesh:

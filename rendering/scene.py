@@ -85,7 +85,7 @@ class Stage:
             for frame in frames
         }
         self._props = [self._node(parts) for parts in props]
-        self._room = [Node(mesh, casts_shadow=False) for mesh in room_meshes(4 * fidelity.edge_m)]
+        self._room = [Node(mesh, casts_shadow=False) for mesh in room_meshes(fidelity.edge_m)]
         self.set_stimulus(stimulus)
 
     def _node(self, parts: Iterable[Part]) -> Node:
