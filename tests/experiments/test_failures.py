@@ -1,8 +1,10 @@
 """The disturbances do what they say, and a run is judged by the truth."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.failure_cases import CASES
 from pps_vision.experiments.failure_methods import OURS, Peers, judge, track_ours
 from pps_vision.experiments.failure_scenes import Scenes, stage_props
+from pps_vision.experiments.failure_table import table
 from pps_vision.experiments.failures import METHODS, Failures, summary
 from pps_vision.experiments.footage import EYES_M, Footage, Studio, open_studio
 from pps_vision.types import Status, Track3D
@@ -149,3 +152,11 @@ def test_every_case_begins_mild_and_has_its_place_in_a_chart() -> None:
 def test_a_bench_of_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="--n 0; expected at least 1"):
         Failures(n=0).run()
+
+
+def test_the_failure_map_shows_the_measured_table() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    numbers = json.loads((docs / "results" / "failures.json").read_text())
+    assert table(numbers) in (docs / "failure_map.md").read_text(), (
+        "write what `python -m pps_vision.experiments.failure_table` prints into docs/failure_map.md"
+    )
