@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from pps_vision.types import Array
 
@@ -86,6 +87,9 @@ def speed_against_error(
     else:
         axis.set_ylim(0, 1.1 * max([*shown, bound[1] if bound else 0.0]))
     axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))  # a decade's own ticks may be less than one apart
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda ms, _: f"{ms:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel(f"time (ms per {what})")
     axis.set_ylabel(error)
     axis.grid(alpha=0.25, which="both")
