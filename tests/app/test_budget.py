@@ -1,13 +1,15 @@
 """The choice of the cheapest tracker, on trackers whose errors are known beforehand."""
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.app.budget import Configuration, cheapest
+from pps_vision.app.budget import CONFIGURATIONS, Configuration, cheapest
 from pps_vision.types import Observation3D, Status, StereoFrame, Track3D
 from tracking.kalman import KalmanParams
 from tracking.tracker import TrackerParams, TrackerStep
@@ -78,3 +80,11 @@ def test_the_filter_is_of_the_lowest_order_that_the_motion_allows() -> None:
 def test_an_error_that_cannot_be_asked_for(asked_mm: float) -> None:
     with pytest.raises(ValueError, match=r"max-error-mm.*expected a positive number"):
         choose(asked_mm, 0.001, 0.001)
+
+
+def test_the_table_it_chooses_from_is_the_one_that_was_measured() -> None:
+    measured = json.loads((Path(__file__).parents[2] / "docs" / "results" / "budget.json").read_text())["table"]
+    assert [c.name for c in CONFIGURATIONS] == list(measured)
+    for c in CONFIGURATIONS:
+        assert c.ms_per_pair == pytest.approx(measured[c.name]["ms_per_pair"], rel=0.25)  # of that machine, that day
+        assert c.true_over_reported == pytest.approx(measured[c.name]["true_over_reported"], rel=0.05)
