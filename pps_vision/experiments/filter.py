@@ -1,6 +1,5 @@
 """How much a filter's order, its choice, its gain and a look back are worth, on rendered motion and on real flights."""
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments import filter_methods as methods
 from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
+from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.filter_methods import State
 from pps_vision.experiments.filter_scenes import (
     SETTLED,
@@ -45,8 +45,8 @@ class Filter:
     """Length of the recordings that are no approaches."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    data: Path = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
-    """Folder that holds tt3d (default: what PPS_VISION_DATA names)."""
+    data: Path = DATA
+    """Folder that holds tt3d (default: PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
     """Seed of the first recordings; the others count up."""
 

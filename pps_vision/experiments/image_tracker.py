@@ -1,6 +1,5 @@
 """Following an object in one eye: our blob and particles, and OpenCV's trackers, on the same frames."""
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from tqdm import tqdm
 
 from pps_vision.app.render import Render
 from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
+from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.peers import BoxPx, ImagePeer, ImagePeerName, image_peer, middle
 from pps_vision.experiments.real import intersection_over_union
 from pps_vision.experiments.rendered import rendered
@@ -48,8 +48,8 @@ class ImageTracker:
     """Length of each."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    data: Path = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
-    """Folder that holds vot_ball1 (default: what PPS_VISION_DATA names)."""
+    data: Path = DATA
+    """Folder that holds vot_ball1 (default: PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
     """Seed of the motions, the noise and the particles."""
 

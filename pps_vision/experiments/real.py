@@ -1,6 +1,5 @@
 """The same code on real data nobody here made."""
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +10,7 @@ import numpy as np
 from learning.scores import auroc, brier
 from learning.trials import PredictionParams, leave_one_out, load_trials
 from pps_vision.app.track2d import follow
+from pps_vision.experiments.experiment import DATA
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.images import open_frames, open_stereo_images
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
@@ -26,8 +26,8 @@ class Real:
     What is absent is skipped, saying so.
     """
 
-    data: Path = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
-    """Folder that holds vot_ball1, baseball, pps_real_robot and yarp_dump (default: what PPS_VISION_DATA names)."""
+    data: Path = DATA
+    """Folder that holds vot_ball1, baseball, pps_real_robot, yarp_dump (PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
     """Seed of the particles."""
 

@@ -1,6 +1,5 @@
 """From two images to one place: how far off, at which distance, for how long, and which method where."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -9,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.experiments.chart import timed
+from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.motorcycle import motorcycle
 from pps_vision.experiments.stereo_charts import depth_chart, motorcycle_chart, speed_chart, tracked_chart
 from pps_vision.experiments.stereo_methods import METHODS, outlined, plain_centroid
@@ -42,8 +42,8 @@ class Stereo:
     """Vergences at 0.3 m; 0 is parallel."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    data: Path = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
-    """Folder that holds `motorcycle` (default: what PPS_VISION_DATA names)."""
+    data: Path = DATA
+    """Folder that holds `motorcycle` (default: PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
     """Seed of scenes and noise."""
 

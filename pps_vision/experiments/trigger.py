@@ -1,6 +1,5 @@
 """How soon, how quietly and at what cost a motion trigger says that something moves by itself."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.experiments.chart import Variant, legend, speed_against_error
+from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.footage import Studio, open_studio
 from pps_vision.experiments.motion_peers import PEERS
 from pps_vision.experiments.trigger_scenes import FPS, STARTS, quiet, starting
@@ -56,8 +56,8 @@ class Trigger:
     """Seed of places, motions and noise."""
     peers: bool = True
     """With --no-peers only ours, for long runs."""
-    data: Path = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
-    """Folder that holds rubberwhale (default: what PPS_VISION_DATA names)."""
+    data: Path = DATA
+    """Folder that holds rubberwhale (default: PPS_VISION_DATA, else ../shared/data)."""
 
     def run(self) -> dict[str, object]:
         """Numbers by head and variant."""

@@ -53,16 +53,17 @@ def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:
 
 def write_summary(file: Path, summary: Mapping[str, object]) -> None:
     """summary.json: NumPy numbers, arrays and paths as plain ones, NaN and infinity as null."""
-    file.write_text(json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    file.write_text(json.dumps(plain(summary), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """A value as JSON will have it."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, float) and not math.isfinite(value):

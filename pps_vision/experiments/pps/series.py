@@ -1,0 +1,35 @@
+"""The figures and tables of peripersonal space (Roncone et al. 2016), each also alone."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from tyro.conf import Positional
+
+from pps_vision.experiments.experiment import DATA, Experiment
+
+FigureName = Literal["monte_carlo"]
+
+
+@dataclass(frozen=True)
+class Pps:
+    """All of peripersonal space: figures and tables of the paper and what goes past it.
+
+    Without a name all are made, one after another; what this very code has already measured with the
+    same parameters is not measured again, so that an interrupted run goes on where it stopped.
+    """
+
+    figure: Annotated[FigureName | None, Positional] = None
+    """Only this one."""
+    seed: int = 0
+    """Seed of whatever is random."""
+    trials: Path = Path("build") / "pps"
+    """Folder that keeps rendered trials, which several figures share."""
+    data: Path = DATA
+    """Folder that holds pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""
+
+    def parts(self) -> dict[str, Experiment]:
+        """The experiments asked for, by name."""
+        makers: Mapping[str, Callable[[], Experiment]] = {}
+        return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
