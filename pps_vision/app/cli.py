@@ -1,5 +1,6 @@
 """The command line: every command is a frozen dataclass with a `run`; bad input ends in one line."""
 
+import signal
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Annotated
@@ -30,6 +31,7 @@ _WHAT = "Stereo vision for robots that feel what is about to touch them."
 
 def main(args: list[str] | None = None) -> None:
     """Run one command; exit code 2 and one line on the error stream for bad input."""
+    signal.signal(signal.SIGTERM, _end)
     try:
         _refuse_python_control()
         command = tyro.cli(Command, config=(OmitSubcommandPrefixes,), prog="pps-vision", description=_WHAT, args=args)
@@ -38,6 +40,11 @@ def main(args: list[str] | None = None) -> None:
         first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         print(f"pps-vision: {first_line}", file=sys.stderr)
         sys.exit(2)
+
+
+def _end(signum: int, frame: object) -> None:
+    """Leave by way of every `finally`, so that nothing half-written stays behind."""
+    sys.exit(128 + signum)
 
 
 def _refuse_python_control() -> None:

@@ -8,7 +8,6 @@ chosen for each asked-for error, the error that results, and the cost beside the
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,11 @@ from tqdm import tqdm
 
 from pps_vision.app.budget import CONFIGURATIONS, Choice, cheapest
 from pps_vision.app.render import Render
-from pps_vision.app.stopwatch import Stopwatch
-from pps_vision.app.track import errors_against, tracker_for
+from pps_vision.app.track import errors_against
 from pps_vision.experiments.chart import panels, timed
-from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.yarp import open_yarp
-from pps_vision.types import Status, StereoFrame, Track3D
+from pps_vision.experiments.rendered import Rendered, rendered
+from pps_vision.robot.silhouette import Silhouette
+from pps_vision.types import Status, Track3D
 from rendering.motions import MotionName
 from rendering.stimuli import StimulusName
 from tracking.eye import EyeParams
@@ -67,21 +65,16 @@ class Budget:
         """The table, then scene by scene and error by error what was chosen, its error and its cost."""
         if not (self.seconds >= 2 and self.n >= 1):
             raise ValueError(f"bench budget: --n {self.n}, --seconds {self.seconds}; expected at least 1 and 2 s")
-        with TemporaryDirectory() as place:
-            table = _table([_Footage(*r) for r in self._recordings(Path(place) / "learn", self.seed)])
-            suite = [
-                _ask(name, recording) for name, recording in self._recordings(Path(place) / "test", self.seed + 1000)
-            ]
-        return {"seed": self.seed, "table": table, "scenes": suite}
+        table = _table(list(self._films("to learn from", self.seed)))
+        suite = [_ask(film) for film in self._films("to test on", self.seed + 1000)]
+        return {"table": table, "scenes": suite}
 
-    def _recordings(self, place: Path, seed: int) -> Iterator[tuple[str, Recording]]:
-        for k, scene in enumerate(tqdm(SCENES * self.n, desc=place.name, unit="recording", disable=None)):
-            folder = place / str(k)
+    def _films(self, what: str, seed: int) -> Iterator["_Film"]:
+        for k, scene in enumerate(tqdm(SCENES * self.n, desc=what, unit="recording", disable=None)):
             render = Render(
-                scene.stimulus, scene.motion, folder, seconds=self.seconds, noise=scene.noise, seed=seed + k
+                scene.stimulus, scene.motion, Path(), seconds=self.seconds, noise=scene.noise, seed=seed + k
             )
-            render.record()
-            yield scene.name, open_yarp(folder)
+            yield _Film(scene.name, rendered(render))
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Left: the error that came of each asked-for one; right: its cost beside the full pipeline's."""
@@ -109,22 +102,23 @@ class Budget:
         return figure
 
 
-class _Footage:
-    """A recording in memory, and trackers for it."""
+@dataclass(frozen=True)
+class _Film:
+    """A scene's recording, and trackers for it."""
 
-    def __init__(self, name: str, recording: Recording) -> None:
-        self.name, self.recording = name, recording
-        self.frames: list[StereoFrame] = list(recording)
+    name: str
+    recording: Rendered
 
     def tracker(self, params: TrackerParams) -> Tracker:
         """A fresh one."""
-        return tracker_for(self.recording, params, 0, Stopwatch())
+        robot, rig = self.recording.robot, self.recording.rig
+        return Tracker(params, rig, np.random.default_rng(0), own_body=Silhouette(robot))
 
     def each(self, params: list[TrackerParams]) -> list[tuple[list[Track3D], list[float]]]:
         """Tracks and ms a pair of several configurations, pair by pair in turn."""
         trackers = [self.tracker(p) for p in params]
         out: list[tuple[list[Track3D], list[float]]] = [([], []) for _ in params]
-        for frame in self.frames:
+        for frame in self.recording.frames:
             for tracker, (tracks, ms) in zip(trackers, out, strict=True):
                 step, took = timed(lambda tracker=tracker, frame=frame: tracker.step(frame))  # type: ignore[misc]
                 tracks.append(step.track)
@@ -132,7 +126,7 @@ class _Footage:
         return out
 
 
-def _table(scenes: list[_Footage]) -> dict[str, dict[str, object]]:
+def _table(scenes: list[_Film]) -> dict[str, dict[str, object]]:
     """By configuration: ms a pair, the worst ratio of true to reported error, and every scene's."""
     rows: dict[str, list[dict[str, object]]] = {c.name: [] for c in CONFIGURATIONS}
     for scene in scenes:
@@ -150,31 +144,30 @@ def _table(scenes: list[_Footage]) -> dict[str, dict[str, object]]:
     return out
 
 
-def _ask(name: str, recording: Recording) -> dict[str, object]:
+def _ask(film: _Film) -> dict[str, object]:
     """What is chosen for each asked-for error, and what it then measured beside the full pipeline."""
-    footage = _Footage(name, recording)
-    choices = [cheapest(footage.frames, asked, footage.tracker) for asked in ASKED_MM]
+    choices = [cheapest(film.recording.frames, asked, film.tracker) for asked in ASKED_MM]
     distinct = {c.configuration: c.configuration.params for c in choices}
-    (_, full_ms), *measured = footage.each([_full(), *distinct.values()])
+    (_, full_ms), *measured = film.each([_full(), *distinct.values()])
     measured_as = dict(zip(distinct, measured, strict=True))
-    rows = [_row(footage, a, c, *measured_as[c.configuration], full_ms) for a, c in zip(ASKED_MM, choices, strict=True)]
-    return {"scene": name, "asked": rows}
+    rows = [_row(film, a, c, *measured_as[c.configuration], full_ms) for a, c in zip(ASKED_MM, choices, strict=True)]
+    return {"scene": film.name, "asked": rows}
 
 
 def _row(
-    footage: _Footage, asked_mm: float, choice: Choice, tracks: list[Track3D], ms: list[float], full_ms: list[float]
+    film: _Film, asked_mm: float, choice: Choice, tracks: list[Track3D], ms: list[float], full_ms: list[float]
 ) -> dict[str, object]:
     return {
         "asked_mm": asked_mm,
         "chosen": choice.configuration.name,
         "filter_order": choice.configuration.params.kalman.order,
         "promised": choice.meets,
-        **_accuracy(footage.recording, tracks),
+        **_accuracy(film.recording, tracks),
         "cost_of_full": float(np.median(ms) / np.median(full_ms)),
     }
 
 
-def _accuracy(recording: Recording, tracks: list[Track3D]) -> dict[str, float]:
+def _accuracy(recording: Rendered, tracks: list[Track3D]) -> dict[str, float]:
     """True and reported 3D RMS error, mm, over the pairs tracked."""
     errors = errors_against(recording.truth, tracks)
     variances = [np.trace(track.cov[:3, :3]) for track in tracks[10:] if track.status == Status.TRACKING]

@@ -102,6 +102,21 @@ class Steady:
         return self.mean
 
 
+class _Clock:
+    """Order 3's matrices for each step, made anew only where its length changes."""
+
+    def __init__(self, params: KalmanParams, stamp_s: float) -> None:
+        self.params, self.stamp_s, self.dt_s = params, stamp_s, np.nan
+
+    def advance(self, stamp_s: float) -> tuple[Array, Array] | None:
+        """Transition and process noise (9, 9) of the step to a stamp; None where they are those of the last one."""
+        dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
+        if abs(dt - self.dt_s) <= 1e-6:
+            return None
+        self.dt_s = dt
+        return _matrices(self.params, dt)
+
+
 class OpenCV:
     """cv2.KalmanFilter with order 3's matrices."""
 
@@ -111,14 +126,12 @@ class OpenCV:
         self.kf = cv2.KalmanFilter(9, 3, 0, cv2.CV_64F)
         self.kf.measurementMatrix = np.eye(3, 9)
         self.kf.statePost, self.kf.errorCovPost = belief.mean.reshape(9, 1), belief.cov
-        self.stamp_s, self.dt_s = belief.stamp_s, np.nan
+        self.clock = _Clock(self.params, belief.stamp_s)
 
     def step(self, stamp_s: float, position: Array, cov: Array) -> State:
-        """Predict and update; the matrices of the step are set when its length changes."""
-        dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
-        if abs(dt - self.dt_s) > 1e-6 or np.isnan(self.dt_s):
-            self.dt_s = dt
-            self.kf.transitionMatrix, self.kf.processNoiseCov = _matrices(self.params, dt)
+        """Predict and update."""
+        if changed := self.clock.advance(stamp_s):
+            self.kf.transitionMatrix, self.kf.processNoiseCov = changed
         self.kf.measurementNoiseCov = self.params.white_share * cov
         self.kf.predict()
         return np.asarray(self.kf.correct(position.reshape(3, 1)), dtype=float).reshape(3, 3)
@@ -134,14 +147,12 @@ class FilterPy:
         belief = _first(self.params, sequence)
         self.kf = KalmanFilter(dim_x=9, dim_z=3)
         self.kf.H, self.kf.x, self.kf.P = np.eye(3, 9), belief.mean.reshape(9, 1), belief.cov.copy()
-        self.stamp_s, self.dt_s = belief.stamp_s, np.nan
+        self.clock = _Clock(self.params, belief.stamp_s)
 
     def step(self, stamp_s: float, position: Array, cov: Array) -> State:
-        """Predict and update; the matrices of the step are set when its length changes."""
-        dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
-        if abs(dt - self.dt_s) > 1e-6 or np.isnan(self.dt_s):
-            self.dt_s = dt
-            self.kf.F, self.kf.Q = _matrices(self.params, dt)
+        """Predict and update."""
+        if changed := self.clock.advance(stamp_s):
+            self.kf.F, self.kf.Q = changed
         self.kf.predict()
         self.kf.update(position.reshape(3, 1), R=self.params.white_share * cov)
         return np.asarray(self.kf.x, dtype=float).reshape(3, 3)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.experiments.peers import BoxPx
-from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.experiments.peers import BoxPx, sphere_box
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask, StereoFrame
@@ -82,8 +82,10 @@ class Studio:
             path.append(p)
             seen.append(self._is_seen(state, p, bool(placed)))
         first = self.rig.view_of(frames[0])
-        boxes = box_of(first.left, path[0], stimulus.radius_m), box_of(first.right, path[0], stimulus.radius_m)
-        return Footage(tuple(frames), np.array(path), np.array(seen), boxes, stimulus.radius_m, self.rig)
+        left, right = (sphere_box(eye, path[0], stimulus.radius_m) for eye in (first.left, first.right))
+        if left is None or right is None:
+            raise ValueError(f"footage begins at {path[0]}, out of an eye's view; expected both to see it there")
+        return Footage(tuple(frames), np.array(path), np.array(seen), (left, right), stimulus.radius_m, self.rig)
 
     def _is_seen(self, state: SceneState, p: Array, something_may_hide_it: bool) -> bool:
         if something_may_hide_it:
@@ -112,10 +114,3 @@ def open_studio(props: Mapping[str, tuple[Part, ...]]) -> Iterator[Studio]:
     rig = icub_rig(robot)
     with Eyes(robot, rig, make_stimulus("ball"), props=tuple(props.values())) as eyes:
         yield Studio(robot, rig, eyes, tuple(props))
-
-
-def box_of(view: View, p: Array, radius_m: float) -> BoxPx:
-    """The box around the image of a ball (within a pixel: the lens bends it a little)."""
-    x, y = view.project(p)
-    half = view.camera.focal_px * np.tan(np.arcsin(min(radius_m / float(np.linalg.norm(p - view.center)), 0.99)))
-    return float(x - half), float(y - half), float(2 * half), float(2 * half)

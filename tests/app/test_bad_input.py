@@ -1,5 +1,9 @@
 """Bad input ends in one line that names what is wrong, exit code 2, and nothing half-written."""
 
+import signal
+import subprocess
+import sys
+import time
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
@@ -138,3 +142,18 @@ def test_python_control_beside_us_is_refused(refused, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(cli, "distribution", found)
     assert "python-control" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
+
+
+def test_what_is_ended_from_outside_leaves_nothing_half_written(tmp_path: Path) -> None:
+    command = ("render", "--stimulus", "ball", "--motion", "figure8", "--seconds", "600", "--out", "rec")
+    run = subprocess.Popen([sys.executable, "-m", "pps_vision", *command], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 60
+        while not any(tmp_path.rglob("*.ppm")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert any(tmp_path.rglob("*.ppm")), "it should have begun to write"
+        run.terminate()
+        assert run.wait(timeout=30) == 128 + signal.SIGTERM
+    finally:
+        run.kill()
+    assert list(tmp_path.iterdir()) == []
