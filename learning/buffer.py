@@ -47,7 +47,9 @@ def resample(buffer: EventBuffer) -> tuple[Array, Array]:
         return np.empty((0, 0)), np.empty((0, 0))
     stamps = np.array([sample.stamp_s for sample in samples])
     series = np.array([[s.distance_m, s.ttc_s] for s in samples], dtype=float)  # (samples, 2, n)
-    series[~np.broadcast_to(np.isfinite(series).all(axis=1, keepdims=True), series.shape)] = np.nan
+    known = np.isfinite(series).all(axis=1)
+    seen = np.flatnonzero(known.any(axis=0))  # few of a whole skin's taxels perceive one stimulus
+    series = np.where(known[:, None, seen], series[:, :, seen], np.nan)
     back = np.arange(int((stamps[-1] - stamps[0]) / params.step_s + 1e-6), -1, -1)
     times = np.maximum(stamps[-1] - back * params.step_s, stamps[0])
     after = np.clip(np.searchsorted(stamps, times), min(1, len(stamps) - 1), len(stamps) - 1)
@@ -59,4 +61,6 @@ def resample(buffer: EventBuffer) -> tuple[Array, Array]:
     grid = (1 - w) * series[before] + w * series[after]
     grid[span > params.max_gap_s] = np.nan
     grid[on_before], grid[on_after] = series[before][on_before], series[after][on_after]
-    return grid[:, 0], grid[:, 1]
+    D, TTC = np.full((2, len(times), len(samples[0].taxel_ids)), np.nan)
+    D[:, seen], TTC[:, seen] = grid[:, 0], grid[:, 1]
+    return D, TTC

@@ -12,25 +12,36 @@ from learning.buffer import EventBuffer, resample
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, Mask
 
-_KIND, _VERSION = "PPS memory", 1
+_KIND, _VERSION = "PPS memory", 2
+
+Counts = NDArray[np.int64] | NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class MemoryParams:
-    """Ranges, number of bins, and the Parzen window's standard deviation in bin widths.
+    """Ranges, number of bins, the Parzen window's standard deviation in bin widths, and how soon it forgets.
 
-    Defaults from R; the authors' own data and Matlab use TTC up to 1.2 s and 0.75 bins.
+    Defaults from R; the authors' own data and Matlab use TTC up to 1.2 s and 0.75 bins.  A dimension of a
+    single bin tells nothing apart, so its range may be infinite: (8, 1) bins over (−inf, inf) s know D only.
+    After `half_life_touches` touches of its body part a sample counts half (default: nothing is forgotten);
+    what is not seen again keeps its frequency and loses its weight against what is.
     """
 
     distance_range_m: tuple[float, float] = (-0.10, 0.20)
     ttc_range_s: tuple[float, float] = (0.0, 3.0)
     bins: tuple[int, int] = (8, 4)
     sigma_bins: float = 1.0
+    half_life_touches: float = np.inf
 
     def __post_init__(self) -> None:
         (d0, d1), (t0, t1) = self.distance_range_m, self.ttc_range_s
-        if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and self.sigma_bins > 0):
-            raise ValueError(f"{self}: expected ranges from low to high, at least one bin and a width above 0")
+        if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and self.sigma_bins > 0 and self.half_life_touches > 0):
+            raise ValueError(
+                f"{self}: expected ranges from low to high, at least one bin, a width and a half life above 0"
+            )
+        for limits, n in zip((self.distance_range_m, self.ttc_range_s), self.bins, strict=True):
+            if n > 1 and not np.all(np.isfinite(limits)):
+                raise ValueError(f"{self}: expected a finite range where there is more than one bin")
 
     def covers(self, distance_m: Array, ttc_s: Array) -> Mask:
         """Whether D and TTC lie within the ranges; False for NaN."""
@@ -41,12 +52,12 @@ class MemoryParams:
 
 @dataclass(frozen=True)
 class PPSMemory:
-    """`counts` (n, D bins, TTC bins, 2) of positive and negative samples; `part_index` (n,) says
-    which body part a taxel is on."""
+    """`counts` (n, D bins, TTC bins, 2) of positive and negative samples, whole numbers unless it forgets;
+    `part_index` (n,) says which body part a taxel is on."""
 
     taxel_ids: tuple[str, ...]
     part_index: NDArray[np.intp]
-    counts: NDArray[np.int64]
+    counts: Counts
     params: MemoryParams
 
     def __post_init__(self) -> None:
@@ -56,8 +67,12 @@ class PPSMemory:
                 f"counts {self.counts.shape}, parts {self.part_index.shape}: "
                 f"expected {(n, *self.params.bins, 2)} and {(n,)} for {n} taxels"
             )
-        if n and self.counts.min() < 0:
-            raise ValueError(f"counts down to {self.counts.min()}: expected none below 0")
+        if n and not (self.counts.min() >= 0 and self.counts.max() < np.inf):
+            raise ValueError(
+                f"counts from {self.counts.min()} to {self.counts.max()}: expected finite ones, none below 0"
+            )
+        if len(set(self.taxel_ids)) < n:
+            raise ValueError(f"{n} taxels, {len(set(self.taxel_ids))} different names: expected each taxel once")
 
     @classmethod
     def empty(cls, skin: Skin, params: MemoryParams | None = None) -> "PPSMemory":
@@ -69,8 +84,8 @@ class PPSMemory:
     @cached_property
     def frequency(self) -> Array:
         """(n, D bins, TTC bins) f = n⁺/(n⁺ + n⁻), R eq. 3; 0 where nothing was ever seen."""
-        total = self.counts.sum(axis=-1)
-        f: Array = self.counts[..., 0] / np.maximum(total, 1)
+        total = self.counts[..., 0] + self.counts[..., 1]
+        f: Array = self.counts[..., 0] / np.where(total > 0, total, 1)
         return f
 
 
@@ -84,47 +99,84 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
 
 
 def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
-    """The same for samples D and TTC (T, n); NaN and what lies outside the ranges is not counted."""
-    i_distance, i_ttc, inside = _bins(memory.params, distance_m, ttc_s)
-    inside &= np.isin(memory.part_index, memory.part_index[touched])
-    _, taxel = np.nonzero(inside)
+    """The same for samples D and TTC (…, n); NaN and what lies outside the ranges is not counted.
+
+    Without a sample that counts the memory itself is returned.
+    """
+    params = memory.params
+    learning = np.isin(memory.part_index, memory.part_index[touched])
+    sampled = params.covers(distance_m, ttc_s) & learning
+    i_distance, at_distance = _bins(distance_m[sampled], params.distance_range_m, params.bins[0])
+    i_ttc, at_ttc = _bins(ttc_s[sampled], params.ttc_range_s, params.bins[1])
+    counted = at_distance & at_ttc
+    if not counted.any():
+        return memory
+    taxel = np.nonzero(sampled)[-1][counted]
     counts = memory.counts.copy()
-    np.add.at(counts, (taxel, i_distance[inside], i_ttc[inside], np.where(touched[taxel], 0, 1)), 1)
+    if np.isfinite(params.half_life_touches):
+        counts = counts.astype(np.float64)
+        counts[np.isin(memory.part_index, memory.part_index[taxel])] *= 0.5 ** (1 / params.half_life_touches)
+    np.add.at(counts, (taxel, i_distance[counted], i_ttc[counted], np.where(touched[taxel], 0, 1)), 1)
     return replace(memory, counts=counts)
 
 
-def _bins(params: MemoryParams, distance_m: Array, ttc_s: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Mask]:
-    columns = []
-    inside = np.ones(np.shape(distance_m), dtype=bool)
-    for value, (low, high), n in zip(
-        (distance_m, ttc_s), (params.distance_range_m, params.ttc_range_s), params.bins, strict=True
-    ):
-        within = (value >= low) & (value < high)
-        inside &= within
-        columns.append(np.where(within, (value - low) / (high - low) * n, 0).astype(np.intp).clip(max=n - 1))
-    return columns[0], columns[1], inside
+def _bins(value: Array, limits: tuple[float, float], n: int) -> tuple[NDArray[np.intp], Mask]:
+    """The bins (k,) of values within the limits, and which of them count: the upper limit itself does not."""
+    if n == 1:
+        return np.zeros(len(value), np.intp), value < limits[1]
+    low, high = limits
+    return ((value - low) / (high - low) * n).astype(np.intp).clip(max=n - 1), value < high
 
 
-def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> Array:
+def activation(
+    memory: PPSMemory,
+    distance_m: ArrayLike,
+    ttc_s: ArrayLike,
+    distance_var_m2: ArrayLike = 0.0,
+    ttc_var_s2: ArrayLike = 0.0,
+) -> Array:
     """(…, n) how surely each taxel expects a touch at D and TTC (…, n), in [0, 1].
 
     R eqs 4–5: f weighted by a Gaussian about (D, TTC), the weights of all bins adding up to 1, so
-    that bins never visited speak for 0.  0 outside the ranges and for NaN.
+    that bins never visited speak for 0.  0 outside the ranges and for NaN.  Variances of D and TTC
+    (…, n) widen the window by as much; R has none.
     """
-    params = memory.params
-    distance, ttc = np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float)
-    inside = params.covers(distance, ttc)
-    w_distance = _window(params, distance, params.distance_range_m, params.bins[0], inside)
-    w_ttc = _window(params, ttc, params.ttc_range_s, params.bins[1], inside)
-    along_ttc = (memory.frequency @ w_ttc[..., None])[..., 0]
-    return np.where(inside, np.einsum("...d,...d->...", w_distance, along_ttc), 0.0)
+    distance, ttc = np.broadcast_arrays(np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float))
+    inside = memory.params.covers(distance, ttc)
+    expected = np.zeros(inside.shape)
+    at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
+    if len(at[0]):
+        w_distance, w_ttc = windows(memory.params, distance, ttc, inside, distance_var_m2, ttc_var_s2)
+        along_ttc = (memory.frequency[at[-1]] @ w_ttc[..., None])[..., 0]
+        expected[at] = np.einsum("kd,kd->k", w_distance, along_ttc)
+    return expected
 
 
-def _window(params: MemoryParams, value: Array, limits: tuple[float, float], n: int, inside: Mask) -> Array:
-    """(…, n) Gaussian weights of the bin centres about a value, adding up to 1."""
-    low, high = limits
-    at = np.where(inside, (value - low) * (n / (high - low)), 0.0)
-    weights = np.exp(-0.5 * ((at[..., None] - (np.arange(n) + 0.5)) / params.sigma_bins) ** 2)
+def windows(
+    params: MemoryParams,
+    distance_m: Array,
+    ttc_s: Array,
+    inside: Mask,
+    distance_var_m2: ArrayLike = 0.0,
+    ttc_var_s2: ArrayLike = 0.0,
+) -> tuple[Array, Array]:
+    """The Parzen window about the k pairs D, TTC (…, n) that are `inside` (…, n): weights of the D bins
+    (k, D bins) and of the TTC bins (k, TTC bins), each adding up to 1; their product is that of the cell."""
+    var_distance, var_ttc = (np.broadcast_to(var, inside.shape)[inside] for var in (distance_var_m2, ttc_var_s2))
+    return (
+        _window(params.sigma_bins, distance_m[inside], params.distance_range_m, params.bins[0], var_distance),
+        _window(params.sigma_bins, ttc_s[inside], params.ttc_range_s, params.bins[1], var_ttc),
+    )
+
+
+def _window(sigma_bins: float, value: Array, limits: tuple[float, float], n: int, variance: Array) -> Array:
+    """(k, n) Gaussian weights of the bin centres about values (k,), adding up to 1."""
+    if n == 1:
+        return np.ones((len(value), 1))
+    per_unit = n / (limits[1] - limits[0])
+    away = (value - limits[0])[:, None] * per_unit - (np.arange(n) + 0.5)
+    exponent = -0.5 * away**2 / (sigma_bins**2 + variance * per_unit**2)[:, None]
+    weights = np.exp(exponent - exponent.max(axis=-1, keepdims=True))  # the nearest bin's is 1: no 0/0
     scaled: Array = weights / weights.sum(axis=-1, keepdims=True)
     return scaled
 
@@ -138,18 +190,22 @@ def save_memory(path: Path, memory: PPSMemory) -> None:
         "counts": memory.counts,
         "ranges": np.array([p.distance_range_m, p.ttc_range_s]),
         "sigma_bins": p.sigma_bins,
+        "half_life_touches": p.half_life_touches,
     }
     write_archive(path, _KIND, _VERSION, arrays)
 
 
 def load_memory(path: Path) -> PPSMemory:
     """Read a memory; ValueError names the file and what is wrong with it."""
-    names = ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins")
+    names = ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins", "half_life_touches")
     data = read_archive(path, _KIND, _VERSION, names)
     try:
-        counts = data["counts"].astype(np.int64, casting="same_kind")
+        stored = data["counts"]
+        whole = stored.dtype.kind != "f"
+        counts: Counts = stored.astype(np.int64, casting="same_kind") if whole else stored.astype(np.float64)
         (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float)
-        params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), float(data["sigma_bins"]))
+        width, half_life = (float(data[name]) for name in names[-2:])
+        params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), width, half_life)
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
         return PPSMemory(taxel_ids, data["part_index"].astype(np.intp, casting="same_kind"), counts, params)
     except (ValueError, TypeError, IndexError) as error:

@@ -69,21 +69,71 @@ def distance_and_ttc(
     receding stimulus, inf for one that does not surely approach, 0 on the taxel itself.
     """
     d, v, z = (np.asarray(a, dtype=float) for a in (d, v, normals))
-    height = np.einsum("...i,...i->...", d, z)
-    distance = np.sqrt(np.einsum("...i,...i->...", d, d))
+    shape = np.broadcast_shapes(d.shape, v.shape, z.shape)
+    shell = radius_m if field.subtract_radius else 0.0
+    far = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # no more than a first look: the rest is for what is near
+    near = np.nonzero(np.broadcast_to((d * d) @ np.ones(3) <= far**2, shape[:-1]))
+    D, ttc = np.full((2, *shape[:-1]), np.nan)
+    if len(near[0]):
+        d, v, z = (np.broadcast_to(a, shape)[near] for a in (d, v, z))
+        cov = None if cov_v is None else np.broadcast_to(np.asarray(cov_v, dtype=float), (*shape, 3))[near]
+        D[near], ttc[near] = _of_what_is_near(field, d, z, v, shell, cov)
+    return D, ttc
+
+
+def _of_what_is_near(
+    field: ReceptiveField, d: Array, z: Array, v: Array, shell: float, cov_v: Array | None
+) -> tuple[Array, Array]:
+    """D and TTC (k,) of k displacements, normals and velocities (k, 3)."""
+    height = np.einsum("ki,ki->k", d, z)
+    distance = np.sqrt(np.einsum("ki,ki->k", d, d))
     at_taxel = distance == 0
-    u = d / np.where(at_taxel, 1.0, distance)[..., None]
-    closing = -np.einsum("...i,...i->...", u, v)
+    u = d / np.where(at_taxel, 1.0, distance)[:, None]
+    closing = -np.einsum("ki,ki->k", u, v)
     doubt = np.zeros_like(closing)
     if cov_v is not None:
-        variance = np.einsum("...i,...ij,...j->...", u, np.asarray(cov_v, dtype=float), u)
+        variance = np.einsum("ki,ki->k", u, (cov_v @ u[..., None])[..., 0])
         doubt = field.min_closing_sigmas * np.sqrt(np.maximum(variance, 0.0))
-    shell = radius_m if field.subtract_radius else 0.0
-    gap = np.maximum(distance - shell, 0.0)
     surely = (np.abs(closing) > doubt) & ~at_taxel
+    gap = np.maximum(distance - shell, 0.0)
     ttc = np.where(surely, gap / np.where(surely, closing, 1.0), np.where(at_taxel, 0.0, np.inf))
     D = np.where(height >= 0, distance, -distance) - shell
     aside = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
     reach = field.base_radius_m + height * np.tan(field.half_angle_rad)
     inside = (aside <= reach) & (distance - shell <= field.length_m) & np.isfinite(closing)
     return np.where(inside, D, np.nan), np.where(inside, ttc, np.nan)
+
+
+def distance_and_ttc_variance(
+    field: ReceptiveField,
+    d: ArrayLike,
+    normals: ArrayLike,
+    v: ArrayLike,
+    cov: ArrayLike,
+    radius_m: float = 0.0,
+    radius_var_m2: float = 0.0,
+    posture_std_m: float = 0.0,
+) -> tuple[Array, Array]:
+    """Variances of D in m² and TTC in s² to first order, (…) each; arguments as of `distance_and_ttc`.
+
+    `cov` (…, 6, 6) is that of (d, v), `posture_std_m` how well each coordinate of the taxel's own place is
+    known (kinematics, calibration), `radius_var_m2` counts where the radius is subtracted.  The variance of
+    TTC is inf where the stimulus does not approach or recede at all, NaN where the input is.
+    """
+    d, v, z, cov = (np.asarray(a, dtype=float) for a in (d, v, normals, cov))
+    distance = np.sqrt(np.einsum("...i,...i->...", d, d))[..., None]
+    u = np.where(distance > 0, d / np.where(distance > 0, distance, 1.0), z)  # on the taxel: along its normal
+    closing = -np.einsum("...i,...i->...", u, v)[..., None]
+    shell, shell_var = (radius_m, radius_var_m2) if field.subtract_radius else (0.0, 0.0)
+    gap = np.maximum(distance - shell, 0.0)
+    across = v + closing * u
+    moves = closing != 0
+    closing = np.where(moves, closing, 1.0)
+    turning = np.where(distance > 0, gap / np.where(distance > 0, distance, 1.0), 0.0)  # d turns u, and so the closing
+    by_d = u / closing + turning * across / closing**2
+    by_v = gap * u / closing**2
+    J = np.concatenate([by_d, by_v], axis=-1)
+    cov = cov + posture_std_m**2 * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    var_distance = np.einsum("...i,...ij,...j->...", u, cov[..., :3, :3], u) + shell_var
+    var_ttc = np.einsum("...i,...ij,...j->...", J, cov, J) + shell_var / closing[..., 0] ** 2
+    return np.maximum(var_distance, 0.0), np.where(moves[..., 0], np.maximum(var_ttc, 0.0), np.inf)
