@@ -1,7 +1,11 @@
 """How good predicted probabilities are."""
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+
+from pps_vision.types import Array
 
 
 def auroc(outcome: ArrayLike, score: ArrayLike) -> float:
@@ -20,3 +24,38 @@ def auroc(outcome: ArrayLike, score: ArrayLike) -> float:
 def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
     """Mean squared difference between predicted probability and outcome (0 or 1)."""
     return float(np.mean((np.asarray(probability, dtype=float) - np.asarray(outcome, dtype=float)) ** 2))
+
+
+def log_loss(outcome: ArrayLike, probability: ArrayLike, at_least: float = 0.005) -> float:
+    """Mean surprise −ln p at what happened, p no nearer to 0 or 1 than `at_least` (a rate of 0 in a few
+    trials is not impossibility)."""
+    p = np.clip(np.asarray(probability, dtype=float), at_least, 1 - at_least)
+    return float(-np.mean(np.log(np.where(np.asarray(outcome, dtype=bool), p, 1 - p))))
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """What was predicted and what happened, for the bins of equal width that hold predictions: mean
+    predicted probability, share of positive outcomes, number of predictions, (bins,) each."""
+
+    predicted: Array
+    happened: Array
+    n: NDArray[np.intp]
+
+
+def reliability(outcome: ArrayLike, probability: ArrayLike, bins: int = 10) -> Reliability:
+    """The reliability diagram of predicted probabilities; ValueError for one outside [0, 1]."""
+    p, y = np.asarray(probability, dtype=float).ravel(), np.asarray(outcome, dtype=float).ravel()
+    if not np.all((p >= 0) & (p <= 1)):
+        raise ValueError(f"probabilities from {p.min()} to {p.max()}: expected none outside 0 to 1")
+    which = np.minimum((p * bins).astype(np.intp), bins - 1)
+    n = np.bincount(which, minlength=bins)
+    held = n > 0
+    predicted, happened = (np.bincount(which, weights=a, minlength=bins)[held] / n[held] for a in (p, y))
+    return Reliability(predicted, happened, n[held])
+
+
+def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike, bins: int = 10) -> float:
+    """How far predicted probability and share of positives lie apart, mean over the predictions' bins."""
+    r = reliability(outcome, probability, bins)
+    return float(np.sum(r.n * np.abs(r.predicted - r.happened)) / np.sum(r.n))
