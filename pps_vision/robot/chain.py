@@ -1,13 +1,15 @@
-"""Forward kinematics and Jacobians of one serial chain at many postures at once (NumPy).
+"""Forward kinematics and Jacobians of one serial chain at many postures at once (NumPy or torch).
 
 Product of exponentials: the joints' screw axes are read once from Pinocchio at a base posture,
 so any robot and any subset of its joints will do; joints left out stay at the base posture.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from array_api_compat import array_namespace, is_torch_array
 from numpy.typing import ArrayLike
 
 from pps_vision.robot.model import Robot
@@ -39,34 +41,38 @@ class Chain:
 
     def frames(self, q_rad: ArrayLike) -> tuple[Array, Array]:
         """Rotations (N, 3, 3) and origins (N, 3) in m of the frame at postures `q_rad` (N, k)."""
-        rotation, shift, _ = self._move(self._checked(q_rad))
-        return rotation @ self.T_root_frame[:3, :3], rotation @ self.T_root_frame[:3, 3] + shift
+        q = self._checked(q_rad)
+        rotation, shift, _ = self._move(q)
+        T = _like(q, self.T_root_frame)
+        return rotation @ T[:3, :3], rotation @ T[:3, 3] + shift
 
     def positions(self, q_rad: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
         """Where a `point` (3,) of the frame is, (N, 3) m, and its Jacobian (N, 3, k) m/rad."""
-        rotation, shift, moved = self._move(self._checked(q_rad))
-        p = rotation @ (self.T_root_frame[:3, :3] @ np.asarray(point, dtype=float) + self.T_root_frame[:3, 3]) + shift
-        J = np.empty((*p.shape, len(self.joints)))
-        for i, (v, w) in moved.items():
-            J[..., i] = v + _cross(w, p)
-        return p, J
+        q = self._checked(q_rad)
+        rotation, shift, moved = self._move(q)
+        at_zero = self.T_root_frame[:3, :3] @ np.asarray(point, dtype=float) + self.T_root_frame[:3, 3]
+        p = rotation @ _like(q, at_zero) + shift
+        columns = [v + _cross(w, p) for v, w in (moved[i] for i in range(len(self.joints)))]
+        return p, array_namespace(q).stack(columns, axis=-1)
 
     def _checked(self, q_rad: ArrayLike) -> Array:
-        q = np.asarray(q_rad, dtype=float)
+        q: Any = q_rad if is_torch_array(q_rad) else np.asarray(q_rad, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.joints):
             raise ValueError(f"postures of shape {q.shape}: expected (N, {len(self.joints)}), one column a joint")
         return q
 
     def _move(self, q: Array) -> tuple[Array, Array, dict[int, tuple[Array, Array]]]:
         """The displacement (R, t) that the joints cause, and each joint's screw after the joints before it."""
-        R: Array = np.tile(np.eye(3), (len(q), 1, 1))
-        t: Array = np.zeros((len(q), 3))
+        xp, screws = array_namespace(q), _like(q, self.screws)
+        R = xp.broadcast_to(_like(q, np.eye(3)), (len(q), 3, 3))
+        t = xp.zeros_like(R[:, 0])
         moved: dict[int, tuple[Array, Array]] = {}
         for i in self.order:
-            v, w = self.screws[i, :3], self.screws[i, 3:]
-            K = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+            v, w = screws[i, :3], screws[i, 3:]
+            x, y, z = self.screws[i, 3:]
+            K = _like(q, np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
             angle = q[:, i, None]
-            sine, versine = np.sin(angle), 1 - np.cos(angle)
+            sine, versine = xp.sin(angle), 1 - xp.cos(angle)
             RK, Rv, Rw = R @ K, R @ v, R @ w
             RKK = RK @ K
             moved[i] = Rv + _cross(t, Rw), Rw
@@ -75,9 +81,16 @@ class Chain:
         return R, t, moved
 
 
+def _like(q: Array, constant: Array) -> Array:
+    """A constant as an array of q's kind."""
+    if isinstance(q, np.ndarray):
+        return constant
+    return array_namespace(q).asarray(constant, dtype=q.dtype, device=q.device)
+
+
 def _cross(a: Array, b: Array) -> Array:
     """Cross product of (N, 3) arrays; np.cross takes several times as long."""
     x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
     z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return np.stack([x, y, z], axis=1)
+    return array_namespace(a).stack([x, y, z], axis=1)

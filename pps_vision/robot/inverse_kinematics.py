@@ -1,12 +1,15 @@
 """Inverse kinematics of many targets at once: damped least squares within joint limits.
 
-The forward model is an argument, so a learned one serves as well as `Chain.positions`.
+The forward model is an argument, so a learned one serves as well as `Chain.positions`.  Arrays are NumPy's or
+torch's, on any device: what goes in comes out.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace, is_torch_array
 from numpy.typing import ArrayLike
 
 from pps_vision.types import Array, Mask
@@ -51,50 +54,65 @@ def solve_ik(
     a joint that is at its limit and pushed beyond it is left out of the step.
     """
     params = params or IKParams()
-    targets, starts = np.asarray(targets, dtype=float), np.asarray(starts, dtype=float)
-    lower, upper = np.asarray(lower_rad, dtype=float), np.asarray(upper_rad, dtype=float)
+    targets, starts = _float(targets), _float(starts)
+    xp = array_namespace(targets)
+    lower, upper = (xp.asarray(limit, dtype=targets.dtype, device=targets.device) for limit in (lower_rad, upper_rad))
     if targets.ndim != 2 or starts.ndim != 3 or starts.shape[1] != len(targets):
         raise ValueError(f"targets {targets.shape}, starts {starts.shape}: expected (N, m) and (S, N, k)")
-    if lower.shape != starts.shape[2:] or upper.shape != lower.shape or not np.all(lower <= upper):
+    if lower.shape != starts.shape[2:] or upper.shape != lower.shape or not xp.all(lower <= upper):
         raise ValueError(f"joint limits {lower}, {upper}: expected {starts.shape[2]} of each, lower below upper")
-    best_q, best_error = np.array(starts[0]), np.full(len(targets), np.inf)
+    best_q, best_error = xp.asarray(starts[0], copy=True), xp.full_like(targets[:, 0], xp.inf)
     for start in starts:
-        todo = np.flatnonzero(best_error > params.tolerance)
-        if todo.size == 0:
+        todo = best_error > params.tolerance
+        if not xp.any(todo):
             break
-        q, error = _descend(forward, targets[todo], np.clip(start[todo], lower, upper), lower, upper, params)
+        q, error = _descend(forward, targets[todo], xp.clip(start[todo], lower, upper), lower, upper, params)
         better = error < best_error[todo]
-        best_q[todo[better]], best_error[todo[better]] = q[better], error[better]
+        best_q[todo] = xp.where(better[:, None], q, best_q[todo])
+        best_error[todo] = xp.where(better, error, best_error[todo])
     return IKSolution(best_q, best_error, best_error <= params.tolerance)
+
+
+def _float(values: Any) -> Any:
+    return values if is_torch_array(values) else np.asarray(values, dtype=float)
 
 
 def _descend(
     forward: ForwardModel, targets: Array, q: Array, lower: Array, upper: Array, params: IKParams
 ) -> tuple[Array, Array]:
     """Levenberg–Marquardt from one start each; problems that are done leave the batch."""
+    xp = array_namespace(q)
     x, J = forward(q)
     residual = targets - x
-    out_q, out_error = q.copy(), np.linalg.norm(residual, axis=1)
-    damping = np.full(len(q), params.first_damping)
-    left = np.flatnonzero(out_error > params.tolerance)
-    q, residual, J, damping = q[left], residual[left], J[left], damping[left]
+    error = length(residual)
+    out_q, out_error = xp.asarray(q, copy=True), xp.asarray(error, copy=True)
+    damping = xp.full_like(error, params.first_damping)
+    left = xp.nonzero(error > params.tolerance)[0]
+    q, residual, J, error, damping = q[left], residual[left], J[left], error[left], damping[left]
     for _ in range(params.max_steps):
-        if left.size == 0:
+        if len(left) == 0:
             break
-        q_new = np.clip(q + _step(q, residual, J, damping, lower, upper), lower, upper)
+        q_new = xp.clip(q + _step(q, residual, J, damping, lower, upper), lower, upper)
         x, J_new = forward(q_new)
         residual_new = targets[left] - x
-        error, error_new = np.linalg.norm(residual, axis=1), np.linalg.norm(residual_new, axis=1)
-        moved = np.abs(q_new - q).max(axis=1)
+        error_new = length(residual_new)
+        moved = xp.any(abs(q_new - q) > params.min_step_rad, axis=1)
         good = error_new < error
-        q, residual, J = np.where(good[:, None], q_new, q), residual.copy(), J.copy()
-        residual[good], J[good] = residual_new[good], J_new[good]
-        damping = np.where(good, np.maximum(damping * 0.1, _LEAST_DAMPING), damping * 10)
-        error = np.where(good, error_new, error)
+        q = xp.where(good[:, None], q_new, q)
+        residual = xp.where(good[:, None], residual_new, residual)
+        J = xp.where(good[:, None, None], J_new, J)
+        error = xp.where(good, error_new, error)
+        damping = xp.where(good, xp.clip(damping * 0.1, _LEAST_DAMPING, None), damping * 10)
         out_q[left], out_error[left] = q, error
-        more = (error > params.tolerance) & (moved > params.min_step_rad)
-        left, q, residual, J, damping = left[more], q[more], residual[more], J[more], damping[more]
+        more = (error > params.tolerance) & moved
+        left, q, residual, J, error, damping = (a[more] for a in (left, q, residual, J, error, damping))
     return out_q, out_error
+
+
+def length(vectors: Array) -> Array:
+    """(N,) of vectors (N, m)."""
+    norm: Array = (vectors * vectors).sum(-1) ** 0.5
+    return norm
 
 
 def _step(q: Array, residual: Array, J: Array, damping: Array, lower: Array, upper: Array) -> Array:
@@ -103,15 +121,17 @@ def _step(q: Array, residual: Array, J: Array, damping: Array, lower: Array, upp
     A joint may be pushed beyond its limit by the step though not by the gradient; so those
     that the first solution would push out are left out of a second one.
     """
-    gradient = np.einsum("nmk,nm->nk", J, residual)
+    gradient = (J * residual[..., None]).sum(-2)
     at_lower, at_upper = q <= lower, q >= upper
     stuck = (at_lower & (gradient < 0)) | (at_upper & (gradient > 0))
-    dq = _damped(np.where(stuck[:, None], 0.0, J), residual, damping)
-    stuck |= (at_lower & (dq < 0)) | (at_upper & (dq > 0))
-    return _damped(np.where(stuck[:, None], 0.0, J), residual, damping)
+    dq = damped(J * ~stuck[:, None, :], residual, damping)
+    stuck = stuck | (at_lower & (dq < 0)) | (at_upper & (dq > 0))
+    return damped(J * ~stuck[:, None, :], residual, damping)
 
 
-def _damped(J: Array, residual: Array, damping: Array) -> Array:
-    A = J @ np.swapaxes(J, 1, 2) + damping[:, None, None] * np.eye(J.shape[1])
-    dq: Array = (np.swapaxes(J, 1, 2) @ np.linalg.solve(A, residual[..., None]))[..., 0]
+def damped(J: Array, residual: Array, damping: Array) -> Array:
+    """Jᵀ(JJᵀ + λI)⁻¹ r: (N, k) of J (N, m, k), r (N, m) and λ (N,)."""
+    xp = array_namespace(J)
+    A = J @ xp.matrix_transpose(J) + damping[:, None, None] * xp.eye(J.shape[1], dtype=J.dtype, device=J.device)
+    dq: Array = (xp.matrix_transpose(J) @ xp.linalg.solve(A, residual[..., None]))[..., 0]
     return dq
