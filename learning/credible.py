@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betaincinv
 
-from learning.memory import PPSMemory, activation, windows
+from learning.memory import PPSMemory, activation, paired, windows
 from pps_vision.types import Array
 
 SAMPLES_PER_TRIAL = 4.0
@@ -32,7 +32,7 @@ def activation_interval(
         raise ValueError(f"level {level}: expected a share between 0 and 1")
     if not samples_per_trial > 0:
         raise ValueError(f"samples_per_trial {samples_per_trial}: expected a number above 0")
-    distance, ttc = np.broadcast_arrays(np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float))
+    distance, ttc = paired(distance_m, ttc_s)
     inside = memory.params.covers(distance, ttc)
     at = np.nonzero(inside)
     lower, upper = np.zeros(inside.shape), np.ones(inside.shape)

@@ -27,16 +27,28 @@ class Contact:
 
 @dataclass(frozen=True)
 class LearnerState:
-    """The buffer stops at the first touch, so that a contact is learned from what came before it."""
+    """The buffer stops at the first touch, so that a contact is learned from what came before it.
+
+    Counted since the start: `stale` samples, rejected because their stamp is no number or does not advance,
+    and `unseen` contacts, of which nothing was learned because nothing had been perceived before them.
+    """
 
     memory: PPSMemory
     buffer: EventBuffer
     contact: Contact | None = None
+    stale: int = 0
+    unseen: int = 0
 
 
 def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> LearnerState:
     """The state after one more sample; the memory changes once for every contact, when it is over
-    or `contact_s` old."""
+    or `contact_s` old.  A clock that goes back by more than the buffer's length was set anew."""
+    samples = state.buffer.samples
+    ahead_s = events.stamp_s - samples[-1].stamp_s if samples else np.inf
+    if not np.isfinite(events.stamp_s) or -state.buffer.params.length_s <= ahead_s <= 0:
+        return replace(state, stale=state.stale + 1)
+    if ahead_s < 0:
+        state = replace(state, buffer=EventBuffer(state.buffer.params), contact=None)
     touching = bool(np.any(events.touched))
     if state.contact is None:
         contact = Contact(events.stamp_s, events.touched) if touching else None
@@ -55,4 +67,10 @@ def finish(state: LearnerState) -> LearnerState:
     if state.contact is None or state.contact.learned:
         return state
     memory = learn(state.memory, state.buffer, state.contact.touched)
-    return LearnerState(memory, EventBuffer(state.buffer.params), replace(state.contact, learned=True))
+    return replace(
+        state,
+        memory=memory,
+        buffer=EventBuffer(state.buffer.params),
+        contact=replace(state.contact, learned=True),
+        unseen=state.unseen + (memory is state.memory),
+    )

@@ -141,7 +141,7 @@ def activation(
     that bins never visited speak for 0.  0 outside the ranges and for NaN.  Variances of D and TTC
     (…, n) widen the window by as much; R has none.
     """
-    distance, ttc = np.broadcast_arrays(np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float))
+    distance, ttc = paired(distance_m, ttc_s)
     inside = memory.params.covers(distance, ttc)
     expected = np.zeros(inside.shape)
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
@@ -150,6 +150,15 @@ def activation(
         along_ttc = (memory.frequency[at[-1]] @ w_ttc[..., None])[..., 0]
         expected[at] = np.einsum("kd,kd->k", w_distance, along_ttc)
     return expected
+
+
+def paired(distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:
+    """D and TTC as arrays of one shape."""
+    distance, ttc = np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float)
+    if distance.shape == ttc.shape:
+        return distance, ttc
+    distance, ttc = np.broadcast_arrays(distance, ttc)
+    return distance, ttc
 
 
 def windows(
@@ -162,20 +171,26 @@ def windows(
 ) -> tuple[Array, Array]:
     """The Parzen window about the k pairs D, TTC (…, n) that are `inside` (…, n): weights of the D bins
     (k, D bins) and of the TTC bins (k, TTC bins), each adding up to 1; their product is that of the cell."""
-    var_distance, var_ttc = (np.broadcast_to(var, inside.shape)[inside] for var in (distance_var_m2, ttc_var_s2))
     return (
-        _window(params.sigma_bins, distance_m[inside], params.distance_range_m, params.bins[0], var_distance),
-        _window(params.sigma_bins, ttc_s[inside], params.ttc_range_s, params.bins[1], var_ttc),
+        _window(
+            params.sigma_bins, distance_m[inside], params.distance_range_m, params.bins[0], distance_var_m2, inside
+        ),
+        _window(params.sigma_bins, ttc_s[inside], params.ttc_range_s, params.bins[1], ttc_var_s2, inside),
     )
 
 
-def _window(sigma_bins: float, value: Array, limits: tuple[float, float], n: int, variance: Array) -> Array:
+def _window(
+    sigma_bins: float, value: Array, limits: tuple[float, float], n: int, variance: ArrayLike, inside: Mask
+) -> Array:
     """(k, n) Gaussian weights of the bin centres about values (k,), adding up to 1."""
     if n == 1:
         return np.ones((len(value), 1))
     per_unit = n / (limits[1] - limits[0])
-    away = (value - limits[0])[:, None] * per_unit - (np.arange(n) + 0.5)
-    exponent = -0.5 * away**2 / (sigma_bins**2 + variance * per_unit**2)[:, None]
+    away = (value * per_unit)[:, None] - (limits[0] * per_unit + 0.5 + np.arange(n))
+    spread = sigma_bins**2 + np.asarray(variance) * per_unit**2  # in bins
+    if spread.ndim:
+        spread = np.broadcast_to(spread, inside.shape)[inside][:, None]
+    exponent = away**2 / (-2 * spread)
     weights = np.exp(exponent - exponent.max(axis=-1, keepdims=True))  # the nearest bin's is 1: no 0/0
     scaled: Array = weights / weights.sum(axis=-1, keepdims=True)
     return scaled

@@ -1,9 +1,10 @@
 """What a taxel perceives of a stimulus: its distance D and its time to contact TTC (R eqs 1–2)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pps_vision.types import Array
 
@@ -69,16 +70,21 @@ def distance_and_ttc(
     receding stimulus, inf for one that does not surely approach, 0 on the taxel itself.
     """
     d, v, z = (np.asarray(a, dtype=float) for a in (d, v, normals))
-    shape = np.broadcast_shapes(d.shape, v.shape, z.shape)
+    shape = np.broadcast(d, v, z).shape
     shell = radius_m if field.subtract_radius else 0.0
     far = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # no more than a first look: the rest is for what is near
-    near = np.nonzero(np.broadcast_to((d * d) @ np.ones(3) <= far**2, shape[:-1]))
+    near = np.nonzero(_as(shape[:-1], (d * d) @ np.ones(3) <= far**2))
     D, ttc = np.full((2, *shape[:-1]), np.nan)
     if len(near[0]):
-        d, v, z = (np.broadcast_to(a, shape)[near] for a in (d, v, z))
-        cov = None if cov_v is None else np.broadcast_to(np.asarray(cov_v, dtype=float), (*shape, 3))[near]
+        cov = None if cov_v is None else _as((*shape, 3), np.asarray(cov_v, dtype=float))[near]
+        d, v, z = (_as(shape, a)[near] for a in (d, v, z))
         D[near], ttc[near] = _of_what_is_near(field, d, z, v, shell, cov)
     return D, ttc
+
+
+def _as(shape: tuple[int, ...], a: NDArray[Any]) -> NDArray[Any]:
+    """np.broadcast_to, at no cost where nothing is to be done."""
+    return a if a.shape == shape else np.broadcast_to(a, shape)
 
 
 def _of_what_is_near(

@@ -1,5 +1,7 @@
 """One learning iteration a contact, whatever the touches' order and length."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from learning.buffer import EventBuffer
@@ -50,3 +52,30 @@ def test_a_contact_cut_off_by_the_end_can_be_finished_once():
     state = finish(run([[]] * 4 + [[3]]))
     assert samples(state) == [[0, 5]] * 3 + [[5, 0]]
     assert finish(state) is state
+
+
+def test_a_stale_sample_is_rejected_and_counted():
+    """A frozen clock, a stamp that is no number, one a little late: nothing changes but the count."""
+    events = [TaxelEvents(t, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), np.zeros(4, bool)) for t in (1.0, 1.0, 0.9)]
+    events += [replace(events[0], stamp_s=t) for t in (np.nan, np.inf, -np.inf)]
+    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    for sample in events:
+        state = step(LearnerParams(), state, sample)
+    assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 5, 0)
+
+
+def test_a_clock_set_back_does_not_stop_learning():
+    state = run([[]] * 10, start=1e9)
+    state = run([[]] * 10 + [[1], []], state, start=5.0)
+    assert samples(state) == [[0, 11], [11, 0], [0, 11], [0, 11]]
+    assert state.stale == 0
+
+
+def test_a_touch_by_what_nobody_saw_teaches_nothing_and_is_counted():
+    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    nothing = np.full(4, np.nan)
+    for k in range(20):
+        touched = np.arange(4) == (2 if k == 15 else -1)
+        state = step(LearnerParams(), state, TaxelEvents(0.05 * k, SKIN.taxel_ids, nothing, nothing, touched))
+    assert samples(state) == [[0, 0]] * 4
+    assert (state.stale, state.unseen) == (0, 1)

@@ -236,6 +236,90 @@ def test_a_single_array_and_a_missing_file_are_refused(tmp_path):
 def test_params_out_of_order_are_refused():
     with pytest.raises(ValueError, match="ranges from low to high"):
         MemoryParams(ttc_range_s=(3.0, 0.0))
+    with pytest.raises(ValueError, match="a half life above 0"):
+        MemoryParams(half_life_touches=0.0)
+
+
+def test_a_single_bin_may_stand_for_all_times():
+    """The robot's 1-D maps know the distance only: receding, standing and coming are one to them."""
+    params = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
+    memory = PPSMemory.empty(FOREARMS, params)
+    memory = count_samples(memory, np.full((3, N), 0.1), np.array([[-1.0], [0.5], [1e9]]) * np.ones(N), touched(0))
+    assert memory.counts[0, 5, 0, 0] == 3
+    expected = activation(memory, 0.1, np.array([[-5.0], [0.0], [np.inf]]) * np.ones(N))
+    assert expected[0, 0] > 0.3
+    np.testing.assert_array_equal(expected[:, 0], expected[0, 0])
+    with pytest.raises(ValueError, match="a finite range where there is more than one bin"):
+        MemoryParams(ttc_range_s=(-np.inf, np.inf))
+
+
+def test_an_uncertain_stimulus_is_seen_through_a_wider_window():
+    """On a fine grid the window's variance is that of the kernel plus that of D: checked by SciPy's filter."""
+    params = MemoryParams(bins=(60, 40), sigma_bins=1.5)
+    memory = random_memory(3, params)
+    D, TTC, width_m, width_s = 0.05 + 0.5 * 0.3 / 60, 1.5 + 0.5 * 3 / 40, 0.3 / 60, 3 / 40
+    wider = gaussian_filter(memory.frequency, (0, np.sqrt(1.5**2 + 4), np.sqrt(1.5**2 + 1)), truncate=10)
+    found = activation(memory, np.full(N, D), np.full(N, TTC), (2 * width_m) ** 2, width_s**2)
+    np.testing.assert_allclose(found, wider[:, 30, 20], atol=1e-6)
+    one = np.where(np.arange(N) == 4, (2 * width_m) ** 2, 0.0)  # of one taxel only
+    mixed = activation(memory, np.full(N, D), np.full(N, TTC), one)
+    plain = activation(memory, np.full(N, D), np.full(N, TTC))
+    np.testing.assert_array_equal(np.flatnonzero(mixed != plain), [4])
+
+
+def test_a_window_far_narrower_than_a_bin_is_the_bin_itself():
+    memory = random_memory(4, MemoryParams(sigma_bins=1e-6))
+    at = -0.1 + 0.3 * 2.9 / 8, 3 * 1.2 / 4
+    np.testing.assert_allclose(activation(memory, *(np.full(N, x) for x in at)), memory.frequency[:, 2, 1])
+
+
+def test_what_is_forgotten_halves_and_other_parts_keep_all():
+    params = MemoryParams(half_life_touches=2.0)
+    D, TTC = np.full((4, N), 0.1), np.ones((4, N))
+    memory = PPSMemory.empty(FOREARMS, params)
+    for _ in range(3):
+        memory = count_samples(memory, D, TTC, touched(0))
+    assert memory.counts[0].sum() == pytest.approx(4 * (1 + 0.5**0.5 + 0.5))
+    assert memory.counts[1, ..., 1].sum() == pytest.approx(memory.counts[0, ..., 0].sum())
+    before = memory.counts[0].sum()
+    memory = count_samples(memory, D, TTC, touched(N - 1))  # the other forearm
+    assert memory.counts[0].sum() == before
+    assert count_samples(memory, D + 1, TTC, touched(0)) is memory  # a touch without samples makes nothing forgotten
+
+
+def test_forgetting_keeps_the_frequency_of_what_is_not_seen_again():
+    memory = random_memory(5, MemoryParams(half_life_touches=3.0))
+    later = count_samples(memory, np.full((1, N), -0.09), np.full((1, N), 2.9), touched(0, N - 1))
+    away = (slice(None), slice(1, None), slice(None, -1))
+    np.testing.assert_allclose(later.frequency[away], memory.frequency[away])
+    assert later.counts[away].max() < memory.counts[away].max()
+
+
+def test_a_memory_that_forgets_is_saved_with_its_fractions(tmp_path):
+    memory = random_memory(6, MemoryParams(half_life_touches=7.0))
+    memory = count_samples(memory, np.full((1, N), 0.09), np.full((1, N), 2.9), touched(0))
+    save_memory(tmp_path / "memory.npz", memory)
+    again = load_memory(tmp_path / "memory.npz")
+    np.testing.assert_array_equal(again.counts, memory.counts)
+    assert again.params.half_life_touches == 7.0
+
+
+def test_counters_pass_two_to_the_31():
+    memory = random_memory(8)
+    many = replace(memory, counts=memory.counts + 2**31)
+    many = count_samples(many, np.full((5, N), 0.1), np.ones((5, N)), touched(0))
+    assert many.counts.dtype == np.int64
+    assert (many.counts[0] - memory.counts[0] - 2**31).sum() == 5
+    assert np.all(np.abs(many.frequency - 0.5) < 1e-7)
+    thousand = replace(memory, counts=2**40 * memory.counts)
+    at = np.full(N, 0.07), np.full(N, 1.3)
+    np.testing.assert_allclose(activation(thousand, *at), activation(memory, *at))
+
+
+def test_a_taxel_comes_once():
+    memory = random_memory()
+    with pytest.raises(ValueError, match="24 taxels, 23 different names"):
+        replace(memory, taxel_ids=(memory.taxel_ids[1], *memory.taxel_ids[1:]))
 
 
 def test_thirty_taxels_are_activated_in_a_fifth_of_a_millisecond():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from learning.receptive_field import ReceptiveField, distance_and_ttc, perceive
+from learning.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance, perceive
 
 FIELD = ReceptiveField()
 UP = np.array([0.0, 0.0, 1.0])
@@ -121,3 +121,42 @@ def test_time_to_contact_is_when_the_distance_reaches_zero():
 def test_impossible_cone_is_refused():
     with pytest.raises(ValueError, match="angle between 0 and 90"):
         ReceptiveField(half_angle_rad=2.0)
+
+
+@pytest.mark.parametrize("surface", [False, True])
+def test_variances_of_distance_and_time_to_contact_agree_with_sampling(surface):
+    """Many draws of position, velocity (correlated, as a filter leaves them), radius and taxel."""
+    rng = np.random.default_rng(7)
+    field = ReceptiveField(subtract_radius=surface, min_closing_sigmas=0.0)
+    half = rng.normal(size=(6, 6)) * np.repeat([0.0005, 0.001], 3)[:, None]
+    cov, posture_std, radius, radius_std = half @ half.T, 0.0007, 0.03, 0.0005
+    for d, v in (((0.02, 0.01, 0.12), (0.01, -0.02, -0.10)), ((0.0, 0.05, 0.06), (0.03, 0.02, 0.08))):
+        found = distance_and_ttc_variance(field, d, UP, v, cov, radius, radius_std**2, posture_std)
+        draws = rng.multivariate_normal([*d, *v], cov, 200_000)
+        draws[:, :3] += rng.normal(0, posture_std, (len(draws), 3))
+        u = draws[:, :3] / np.linalg.norm(draws[:, :3], axis=1, keepdims=True)
+        D = np.linalg.norm(draws[:, :3], axis=1) - surface * rng.normal(radius, radius_std, len(draws))
+        TTC = -D / np.einsum("ki,ki->k", u, draws[:, 3:])
+        np.testing.assert_allclose(found, (D.var(), TTC.var()), rtol=0.05)
+
+
+def test_variances_where_first_order_ends():
+    cov = np.diag([1e-6] * 3 + [1e-4] * 3)
+    on = distance_and_ttc_variance(FIELD, (0, 0, 0), UP, (0, 0, -0.1), cov)
+    assert on == pytest.approx((1e-6, 1e-4))  # along the normal: 1 mm over 10 cm/s
+    beside = distance_and_ttc_variance(FIELD, (0, 0, 0.1), UP, (0.1, 0, 0), cov)
+    assert beside == pytest.approx((1e-6, np.inf))  # tangential: it never comes
+    assert np.isnan(distance_and_ttc_variance(FIELD, (np.nan, 0, 0), UP, (0, 0, -0.1), cov)).any()
+
+
+def test_a_whole_skin_perceives_as_its_taxels_do_alone():
+    """What is too far is sorted out first: that must change nothing, with and without the radius taken off."""
+    rng = np.random.default_rng(8)
+    x, n = rng.uniform(-0.4, 0.4, (500, 3)), rng.normal(size=(500, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    for field in (FIELD, ReceptiveField(subtract_radius=True)):
+        together = perceive(field, x, n, [0.05, 0, 0], [-0.1, 0, 0.02], 0.04, np.eye(3) * 1e-4)
+        alone = [perceive(field, x[i : i + 1], n[i : i + 1], [0.05, 0, 0], [-0.1, 0, 0.02], 0.04, np.eye(3) * 1e-4)
+                 for i in range(500)]  # fmt: skip
+        np.testing.assert_allclose(together, np.concatenate(alone, axis=1), rtol=1e-12)
+        assert 5 < np.isfinite(together[0]).sum() < 250
