@@ -7,6 +7,7 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import brentq
 
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array
@@ -16,6 +17,9 @@ MotionName = Literal["approach", "recede", "static", "circle", "figure8", "linea
 START_M = (0.25, 0.30)  # how far from the taxel an approach starts (FACTS §3)
 START_ANGLE = np.deg2rad(45.0)  # and how far from its normal
 EXTENT_M = (0.05, 0.08)  # how far from its centre a motion in the air gets
+_BOW = 0.15  # how far a hand's path bows to either side of straight, of its length: standard deviation
+_MEANT = 8 / 7  # of the way to what it touches, a hand means to go
+_ARRIVES = float(brentq(lambda tau: _MEANT * tau**3 * (10 - 15 * tau + 6 * tau**2) - 1, 0, 1))
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,38 @@ class Approach:
         if since_withdrawal < 0:
             return self.end, np.zeros(3)
         return Recede(self.end, self.start, self.speed_m_s)(since_withdrawal)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """A hand's reach: minimum jerk along a bow from `start` past `via` to `end` (a quadratic Bézier curve).
+
+    The hand means to press on by a seventh of its way, so it is still moving when it arrives, at `arrives_s`.
+    `peak_m_s` is its greatest speed on a bow that is nearly straight.
+    """
+
+    start: Array
+    via: Array
+    end: Array
+    peak_m_s: float
+
+    @cached_property
+    def _whole_s(self) -> float:
+        """How long the movement would last that presses on; its peak is 15/8 of its mean speed."""
+        return float(1.875 * _MEANT * np.linalg.norm(self.end - self.start)) / self.peak_m_s
+
+    @property
+    def arrives_s(self) -> float:
+        """When it is at `end`."""
+        return _ARRIVES * self._whole_s
+
+    def __call__(self, t_s: float) -> tuple[Array, Array]:
+        """10 τ³ − 15 τ⁴ + 6 τ⁵ of the way meant."""
+        tau = t_s / self._whole_s
+        u = _MEANT * tau**3 * (10 - 15 * tau + 6 * tau**2)
+        du = _MEANT * 30 * tau**2 * (1 - tau) ** 2 / self._whole_s
+        out, on = self.via - self.start, self.end - self.via
+        return self.start + u * (2 - u) * out + u**2 * on, 2 * du * ((1 - u) * out + u * on)
 
 
 @dataclass(frozen=True)
@@ -214,12 +250,23 @@ def make_motion(
 
 def make_approach(rng: np.random.Generator, target: Target, speed_m_s: float) -> Approach:
     """From a start that is uniform in distance and over the cap around the normal, straight to the target."""
+    start = target.point + rng.uniform(*START_M) * _in_cap(rng, target.normal)
+    return Approach(start, target.end_from(start), speed_m_s)
+
+
+def make_reach(rng: np.random.Generator, end: Array, normal: Array, start_m: float, peak_m_s: float) -> Reach:
+    """From a start over the cap around the normal, `start_m` away, in a random bow."""
+    start = end + start_m * _in_cap(rng, normal)
+    return Reach(start, 0.5 * (start + end) + _BOW * start_m * rng.standard_normal(3), end, peak_m_s)
+
+
+def _in_cap(rng: np.random.Generator, normal: Array) -> Array:
+    """A direction, uniform over the cap around a normal."""
     cosine = rng.uniform(np.cos(START_ANGLE), 1.0)
     azimuth = rng.uniform(0, 2 * np.pi)
     sine = np.sqrt(1 - cosine**2)
-    away = rotation_to(target.normal) @ np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
-    start = target.point + rng.uniform(*START_M) * away
-    return Approach(start, target.end_from(start), speed_m_s)
+    away: Array = rotation_to(normal) @ np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine])
+    return away
 
 
 def _in_ball(rng: np.random.Generator) -> Array:

@@ -1,0 +1,151 @@
+"""Touch oneself: bring the right index fingertip onto a taxel of the left forearm (R, "Double-touch using
+inverse kinematics").
+
+Both arms move.  The finger, opposing the taxel's normal, comes in on a path that lands along the normal, at the pace
+of a minimum-jerk movement that would press on past the skin and stops where it touches.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from control.clearance import Clearance
+from pps_vision.geometry.se3 import move_points
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.icub import HOME_ARM_RAD, home
+from pps_vision.robot.inverse_kinematics import IKParams, IKSolution, solve_ik
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import SkinPart, taxel_frame
+from pps_vision.types import Array
+
+FINGERTIP_RADIUS_M = 0.010
+INDEX_FINGER = np.array([0.8993, -0.4373, 0.0])  # where the right index points, in the frame of its tip
+_LEVER_M = 0.1  # two points of the finger so far apart must lie on the normal: a tilt of 0.1 rad counts as 1 cm
+_CHECK_EVERY = 5  # steps: a tip moves 4 cm meanwhile
+_IK = IKParams(tolerance=1e-5, max_steps=40)
+
+
+@dataclass(frozen=True)
+class DoubleTouchParams:
+    """How a double touch moves: from `start_m` off the taxel, up to `start_aside_m` beside its normal, at a peak
+    of `peak_m_s` (range), sampled every `step_s`; planned to end `press_m` under the skin.  Before, each arm is at
+    home give or take `spread_rad`.  Arms and chest stay `clearance_m` apart."""
+
+    start_m: float = 0.22
+    start_aside_m: float = 0.06
+    peak_m_s: tuple[float, float] = (0.10, 0.16)
+    press_m: float = 0.03
+    step_s: float = 0.05
+    spread_rad: float = np.deg2rad(25.0)
+    max_rate_rad_s: float = np.deg2rad(60.0)
+    clearance_m: float = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class DoubleTouch:
+    """A movement that ends in the touch: stamps (T,) s, the last that of the touch, and joints (T, k) rad."""
+
+    stamps_s: Array
+    joints_rad: Array
+
+
+Infeasible = Literal["out of reach", "limits on the way", "too fast", "too close to itself"]
+
+
+class DoubleTouching:
+    """Plans double touches of one part of the left arm's skin with the right index finger."""
+
+    def __init__(self, robot: Robot, part: SkinPart, params: DoubleTouchParams | None = None) -> None:
+        self.robot, self.part, self.params = robot, part, params or DoubleTouchParams()
+        left, right = robot.names.arm("left")[:5], robot.names.arm("right")  # the left wrist moves no forearm
+        self._left = Chain.of(robot, left, part.frame)
+        self._right = Chain.of(robot, right, robot.names.index_tips[1])
+        self._columns = robot.indices(left + right)
+        self._limits = robot.lower_rad[self._columns], robot.upper_rad[self._columns]
+        self._clearance = Clearance(robot)
+
+    def plan(self, taxel: int, n: int, rng: np.random.Generator) -> tuple[DoubleTouch | Infeasible, ...]:
+        """Movements to the part's `taxel` (its index) from `n` random starts, or why there is none."""
+        p = self.params
+        at_home = np.array([*HOME_ARM_RAD[:5], *HOME_ARM_RAD])
+        starts = at_home + p.spread_rad * rng.standard_normal((n, len(at_home)))
+        azimuth, aside = rng.uniform(0, 2 * np.pi, n), p.start_aside_m * np.sqrt(rng.uniform(size=n))
+        asides = aside[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+        heights, before_s = self._heights(rng.uniform(*p.peak_m_s, n))
+        contact = self._reach(self._line(taxel, heights[:, 0], asides), starts)
+        path, alive = [contact.q_rad], np.flatnonzero(contact.converged)
+        for height in heights.T[1:]:  # found backwards, from the touch to the start
+            tip = self._line(taxel, height, asides)[alive, :3]  # off the skin the finger may turn as it likes
+            step = self._reach(tip, path[-1][alive])
+            path.append(path[-1].copy())
+            path[-1][alive] = step.q_rad
+            alive = alive[step.converged]
+        found: list[DoubleTouch | Infeasible] = [
+            "limits on the way" if reached else "out of reach" for reached in contact.converged
+        ]
+        for k in alive:
+            moves = heights[k, ::-1] < p.start_m
+            found[k] = self._checked(before_s[::-1][moves], np.array(path)[::-1][moves, k])
+        return tuple(found)
+
+    def _checked(self, before_s: Array, arms: Array) -> DoubleTouch | Infeasible:
+        """A movement of the arms (T, 12), unless a joint moves too fast or arms and trunk come too close."""
+        joints = np.tile(home(self.robot), (len(arms), 1))
+        joints[:, self._columns] = arms
+        if np.abs(np.diff(arms, axis=0)).max() > self.params.max_rate_rad_s * self.params.step_s:
+            return "too fast"
+        if any(self._clearance.gap_m(q) < self.params.clearance_m for q in joints[::-_CHECK_EVERY]):
+            return "too close to itself"
+        return DoubleTouch(before_s[0] - before_s, joints)
+
+    def _heights(self, peak: Array) -> tuple[Array, Array]:
+        """Heights (N, T) of the fingertip's centre above the skin 0, 1, … steps before the touch, and these times."""
+        p = self.params
+        whole = p.start_m + p.press_m - FINGERTIP_RADIUS_M
+        lasts = 1.875 * whole / peak
+        touches_at = brentq(lambda tau: minimum_jerk(tau) - (p.start_m - FINGERTIP_RADIUS_M) / whole, 0, 1)
+        before_s = p.step_s * np.arange(int(lasts.max() * touches_at / p.step_s) + 1)
+        tau = np.maximum(touches_at - before_s / lasts[:, None], 0)
+        return p.start_m - whole * minimum_jerk(tau), before_s
+
+    def _line(self, taxel: int, height: Array, asides: Array) -> Array:
+        """(N, 6) where, in the skin's frame, the fingertip's centre and the point behind it are to be for the
+        tip to be at `height` (N,) over the taxel; the higher, the nearer to `asides` (N, 2) beside the normal."""
+        T = taxel_frame(self.part.positions_m[taxel], self.part.normals[taxel])
+        share = ((height - FINGERTIP_RADIUS_M) / (self.params.start_m - FINGERTIP_RADIUS_M)) ** 2
+        tip = move_points(T, np.column_stack([share[:, None] * asides, height]))
+        return np.hstack([tip, tip + _LEVER_M * T[:3, 2]])
+
+    def _reach(self, targets: Array, starts: Array) -> IKSolution:
+        """Postures (N, 12) near `starts` (N, 12) with the fingertip, and the point behind it if asked, there."""
+        m = targets.shape[1]
+
+        def forward(q: Array) -> tuple[Array, Array]:
+            x, J = self._finger_by_skin(q)
+            return x[:, :m], J[:, :m]
+
+        return solve_ik(forward, targets, starts[None], *self._limits, _IK)
+
+    def _finger_by_skin(self, q: Array) -> tuple[Array, Array]:
+        """The fingertip and a point of the finger behind it, in the frame of the skin: (N, 6) m, (N, 6, 12) m/rad."""
+        n = len(self._left.joints)
+        (o, J_o), *ends = (self._left.positions(q[:, :n], corner) for corner in np.vstack([np.zeros(3), np.eye(3)]))
+        R = np.stack([p - o for p, _ in ends], axis=2)  # of the skin's frame
+        x, J = [], []
+        for point in (np.zeros(3), -_LEVER_M * INDEX_FINGER):
+            p, J_p = self._right.positions(q[:, n:], point)
+            y = np.einsum("nij,ni->nj", R, p - o)
+            # the same point, if it were fixed to the skin: a body's point is an affine combination of four others
+            J_y = J_o + sum(y[:, k, None, None] * (J_k - J_o) for k, (_, J_k) in enumerate(ends))
+            x.append(y)
+            J.append(np.swapaxes(R, 1, 2) @ np.concatenate([-J_y, J_p], axis=2))
+        return np.concatenate(x, axis=1), np.concatenate(J, axis=1)
+
+
+def minimum_jerk(tau: ArrayLike) -> Array:
+    """How much of a movement is done at the share `tau` of its time."""
+    t = np.asarray(tau, dtype=float)
+    return np.asarray(t**3 * (10 - 15 * t + 6 * t**2))
