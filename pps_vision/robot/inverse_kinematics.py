@@ -41,8 +41,8 @@ class IKSolution:
 
 def solve_ik(
     forward: ForwardModel,
-    targets: ArrayLike,
-    starts: ArrayLike,
+    targets: Any,
+    starts: Any,
     lower_rad: ArrayLike,
     upper_rad: ArrayLike,
     params: IKParams | None = None,
