@@ -138,10 +138,10 @@ def _teach(memory: PPSMemory, D: Array, TTC: Array, touched: Mask, near_misses: 
     """Objects that touched the same taxels are counted together."""
     nowhere = np.full((*D.shape[:2], 1), np.nan)
     D, TTC = np.concatenate([D, nowhere], axis=2), np.concatenate([TTC, nowhere], axis=2)
-    missed = near_misses & ~touched.any(axis=1)
-    touched = np.concatenate([touched, missed[:, None]], axis=1)
+    missed = ~touched.any(axis=1, keepdims=True) & near_misses
+    touched = np.concatenate([touched, missed], axis=1)
     for pattern in np.unique(touched[touched.any(axis=1)], axis=0):
-        same = (touched == pattern).all(axis=1)
+        same = np.all(touched == pattern, axis=1)
         memory = count_samples(memory, D[same].reshape(-1, D.shape[2]), TTC[same].reshape(-1, D.shape[2]), pattern)
     return memory
 
