@@ -24,6 +24,7 @@ from pps_vision.types import Array
 FINGERTIP_RADIUS_M = 0.010
 INDEX_FINGER = np.array([0.8993, -0.4373, 0.0])  # where the right index points, in the frame of its tip
 _LEVER_M = 0.1  # two points of the finger so far apart must lie on the normal: a tilt of 0.1 rad counts as 1 cm
+_MOVED_M = 0.001  # a movement begins once it has left its start by so much
 _CHECK_EVERY = 5  # steps: a tip moves 4 cm meanwhile
 _IK = IKParams(tolerance=1e-5, max_steps=40)
 
@@ -87,7 +88,7 @@ class DoubleTouching:
             "limits on the way" if reached else "out of reach" for reached in contact.converged
         ]
         for k in alive:
-            moves = heights[k, ::-1] < p.start_m
+            moves = heights[k, ::-1] < p.start_m - _MOVED_M
             found[k] = self._checked(before_s[::-1][moves], np.array(path)[::-1][moves, k])
         return tuple(found)
 

@@ -2,6 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from learning.receptive_field import ReceptiveField, perceive
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, Mask
 
 
@@ -23,3 +28,16 @@ class TouchTrial:
     radius_m: Array
     touched: Mask
     aimed: str
+
+
+def perceived(trial: TouchTrial, robot: Robot, skin: Skin, field: ReceptiveField) -> tuple[Array, Array]:
+    """D in m and TTC in s (T, n) of a trial's object for every taxel, which moves with the joints.
+
+    NaN where the object is unknown or outside the taxel's receptive field.  Where the field subtracts a radius,
+    it is the median of what was known of it.
+    """
+    positions, normals = (np.array(a) for a in zip(*(skin.at(robot.at(q)) for q in trial.joints_rad), strict=True))
+    moving = np.gradient(positions, trial.stamps_s, axis=0) if len(positions) > 1 else np.zeros_like(positions)
+    known = trial.radius_m[np.isfinite(trial.radius_m)]
+    radius = float(np.median(known)) if len(known) else 0.0
+    return perceive(field, positions, normals, trial.positions, trial.velocities, radius, trial.velocity_covs, moving)

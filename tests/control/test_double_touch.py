@@ -1,0 +1,118 @@
+"""Double touch: the fingertip truly arrives, along the normal, within every limit, by Pinocchio's own kinematics."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+from data import SEED
+
+from control.clearance import Clearance
+from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching, DoubleTouchParams, Infeasible
+from pps_vision.robot.icub import home
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import SkinPart, icub_skin
+
+PART = icub_skin(("left_forearm",)).parts[0]
+PARAMS = DoubleTouchParams()
+TAXELS = (27, 183, 135)  # the inner forearm's corners
+
+
+@pytest.fixture(scope="module")
+def planned(robot: Robot) -> dict[int, tuple[DoubleTouch | Infeasible, ...]]:
+    planner = DoubleTouching(robot, PART)
+    return {i: planner.plan(PART.ids.index(i), 8, np.random.default_rng((SEED, i))) for i in TAXELS}
+
+
+@pytest.fixture(scope="module")
+def touches(planned) -> list[tuple[int, DoubleTouch]]:
+    return [(i, touch) for i, found in planned.items() for touch in found if isinstance(touch, DoubleTouch)]
+
+
+def by_the_skin(robot: Robot, taxel: int, touch: DoubleTouch) -> tuple[np.ndarray, np.ndarray]:
+    """Height (T,) of the fingertip's centre over a taxel, and how far beside the normal it is (T,)."""
+    k = PART.ids.index(taxel)
+    height, aside = [], []
+    for q in touch.joints_rad:
+        posture = robot.at(q)
+        normal = posture.T_root("left_forearm")[:3, :3] @ PART.normals[k]
+        offset = posture.point("right_index_tip") - posture.point("left_forearm", PART.positions_m[k])
+        height.append(offset @ normal)
+        aside.append(np.linalg.norm(offset - height[-1] * normal))
+    return np.array(height), np.array(aside)
+
+
+def test_most_starts_lead_to_a_touch_and_the_others_say_why(planned):
+    outcomes = [found for one in planned.values() for found in one]
+    reasons = [found for found in outcomes if not isinstance(found, DoubleTouch)]
+    print(f"seed {SEED}: {len(outcomes)} starts, {reasons}")
+    assert len(reasons) <= 0.4 * len(outcomes)
+    assert set(reasons) <= set(get_args(Infeasible))
+
+
+def test_the_fingertip_arrives_along_the_normal(robot, touches):
+    for taxel, touch in touches:
+        height, aside = by_the_skin(robot, taxel, touch)
+        assert height[-1] == pytest.approx(FINGERTIP_RADIUS_M, abs=1e-4)
+        assert aside[-1] < 1e-4
+        near = height < 0.05
+        assert aside[near].max() < 0.005
+        assert np.all(np.diff(height) < 0)
+        assert height[0] > 0.95 * PARAMS.start_m
+
+
+def test_the_finger_opposes_the_normal_at_the_touch(robot, touches):
+    finger = next(b for b in robot.bodies if b.name == "right_palm_4")  # as the robot's description draws it
+    for taxel, touch in touches:
+        posture = robot.at(touch.joints_rad[-1])
+        points = posture.T_root("right_palm")[:3, :3] @ finger.T_frame_body[:3, 2]
+        normal = posture.T_root("left_forearm")[:3, :3] @ PART.normals[PART.ids.index(taxel)]
+        assert points @ normal < -np.cos(np.deg2rad(3))
+
+
+def test_joints_keep_their_limits_and_never_jump(robot, touches):
+    for _, touch in touches:
+        assert np.all(touch.joints_rad >= robot.lower_rad - 1e-9)
+        assert np.all(touch.joints_rad <= robot.upper_rad + 1e-9)
+        steps = np.diff(touch.stamps_s)
+        np.testing.assert_allclose(steps, 0.05)
+        rates = np.diff(touch.joints_rad, axis=0) / steps[:, None]
+        assert np.abs(rates).max() <= PARAMS.max_rate_rad_s
+        assert np.abs(np.diff(rates, axis=0)).max() < np.deg2rad(25)  # 500°/s²: no jump in velocity either
+
+
+def test_both_arms_move_from_varied_starts(robot, touches):
+    left, right = (robot.indices(robot.names.arm(side)) for side in ("left", "right"))
+    for _, touch in touches:
+        moved = np.ptp(touch.joints_rad, axis=0)
+        assert moved[left].max() > np.deg2rad(2)
+        assert moved[right].max() > np.deg2rad(2)
+    starts = np.rad2deg([touch.joints_rad[0] for _, touch in touches])
+    assert starts[:, left[:5] + right].std(axis=0).min() > 4
+
+
+def test_the_speed_is_that_of_a_minimum_jerk_movement_that_presses_on(robot, touches):
+    for taxel, touch in touches:
+        height, _ = by_the_skin(robot, taxel, touch)
+        speed = -np.diff(height) / 0.05
+        assert PARAMS.peak_m_s[0] * 0.97 < speed.max() < PARAMS.peak_m_s[1] * 1.01
+        assert 0.4 < speed[-1] / speed.max() < 0.9  # still moving when it touches
+        assert speed[0] < 0.2 * speed.max()
+
+
+def test_what_cannot_be_is_said(robot):
+    rng = np.random.default_rng(1)
+    rushed = DoubleTouching(robot, PART, DoubleTouchParams(max_rate_rad_s=np.deg2rad(2.0)))
+    assert set(rushed.plan(0, 2, rng)) == {"too fast"}
+    shy = DoubleTouching(robot, PART, DoubleTouchParams(clearance_m=0.2))
+    assert set(shy.plan(0, 2, rng)) == {"too close to itself"}
+    far = SkinPart("far", "left_forearm", (1,), np.array([[0.0, 0.9, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
+    assert set(DoubleTouching(robot, far).plan(0, 2, rng)) == {"out of reach"}
+
+
+def test_arms_at_home_are_apart_and_crossed_ones_overlap(robot):
+    clearance = Clearance(robot)
+    q = home(robot)
+    assert clearance.gap_m(q) > 0.02
+    q[robot.indices(("left_shoulder_yaw", "right_shoulder_yaw"))] += np.deg2rad(60)  # forearms swing inwards
+    q[robot.indices(("left_elbow", "right_elbow"))] = np.deg2rad(80)
+    assert clearance.gap_m(q) < 0.02
