@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,7 @@ from pps_vision.types import Array, Mask
 
 _KIND, _VERSION = "PPS memory", 2
 
-Counts = NDArray[np.int64] | NDArray[np.float64]
+Counts = NDArray[np.integer[Any] | np.floating[Any]]  # int64, or float64 where samples are forgotten
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,7 @@ def load_memory(path: Path) -> PPSMemory:
         stored = data["counts"]
         whole = stored.dtype.kind != "f"
         counts: Counts = stored.astype(np.int64, casting="same_kind") if whole else stored.astype(np.float64)
-        (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float)
+        (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float).tolist()
         width, half_life = (float(data[name]) for name in names[-2:])
         params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), width, half_life)
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])

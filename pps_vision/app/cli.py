@@ -9,6 +9,7 @@ import tyro
 from tyro.conf import OmitSubcommandPrefixes, subcommand
 
 from pps_vision.app.bench import Bench
+from pps_vision.app.convert_taxels import ConvertTaxels
 from pps_vision.app.demo import Demo
 from pps_vision.app.learn import Learn, Show
 from pps_vision.app.render import Render
@@ -21,6 +22,7 @@ Command = (
     | Annotated[Track2d, subcommand("track2d")]
     | Annotated[Learn, subcommand("learn")]
     | Annotated[Show, subcommand("show")]
+    | Annotated[ConvertTaxels, subcommand("convert-taxels")]
     | Annotated[Demo, subcommand("demo")]
     | Annotated[Bench, subcommand("bench")]
 )

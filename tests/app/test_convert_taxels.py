@@ -1,0 +1,134 @@
+"""`pps-vision convert-taxels`: what goes over to the robot and back, and what cannot."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from learning.memory import MemoryParams, PPSMemory, load_memory, save_memory
+from pps_vision.app.cli import main
+from pps_vision.recordings.taxels_ini import read_taxels
+from pps_vision.robot.skin import icub_skin
+
+SKIN = icub_skin(("left_forearm", "right_palm"))
+LIKE = """[l_forearm]
+modality 1D
+size 384
+nTaxels 0
+ext (0.0 1.0)
+binsNum (1 1)
+Mapping ({forearm})
+[r_hand]
+modality 1D
+size 192
+nTaxels 0
+ext (0.0 1.0)
+binsNum (1 1)
+Mapping ({palm})
+"""
+
+
+@pytest.fixture
+def like(tmp_path: Path) -> Path:
+    """A robot's map that has learned nothing; twelve physical taxels to a virtual one on the forearm."""
+    forearm = " ".join(str(12 * (i // 12) + 3) for i in range(384))
+    palm = " ".join(str([-1, 101, 103, 118, 137][i // 40]) for i in range(192))
+    file = tmp_path / "robot.ini"
+    file.write_text(LIKE.format(forearm=forearm, palm=palm))
+    return file
+
+
+def learned(params: MemoryParams | None = None) -> PPSMemory:
+    memory = PPSMemory.empty(SKIN, params)
+    return replace(memory, counts=np.random.default_rng(1).integers(0, 2**40, memory.counts.shape))
+
+
+def convert(*args: object) -> None:
+    main(["convert-taxels", *map(str, args)])
+
+
+@pytest.mark.parametrize(
+    "params",
+    [MemoryParams(ttc_range_s=(0.0, 1.2)), MemoryParams((-0.05, 0.45), (-np.inf, np.inf), (20, 1))],
+    ids=["2D", "1D"],
+)
+def test_a_memory_goes_to_the_robot_and_back(params: MemoryParams, like: Path, tmp_path: Path) -> None:
+    memory = learned(params)
+    save_memory(tmp_path / "m.npz", memory)
+    convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
+    forearm, palm = read_taxels(tmp_path / "taxels.ini")
+    assert (forearm.name, palm.name, palm.bins) == ("l_forearm", "r_hand", params.bins)
+    assert forearm.mapping == read_taxels(like)[0].mapping
+    assert palm.extent == (*params.distance_range_m, *((0.0, 1.2) if params.bins[1] == 4 else ()))
+    np.testing.assert_array_equal(forearm.counts[27], memory.counts[0])
+    np.testing.assert_array_equal(palm.counts[137], memory.counts[-1])
+    convert(tmp_path / "taxels.ini", tmp_path / "back.npz")
+    back = load_memory(tmp_path / "back.npz")
+    assert (back.taxel_ids, back.params) == (memory.taxel_ids, memory.params)
+    np.testing.assert_array_equal(back.counts, memory.counts)
+    np.testing.assert_array_equal(back.part_index, memory.part_index)
+
+
+def test_a_robots_map_is_put_on_our_skin(like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It knows a taxel we have not (63), and not those of ours that were never touched there."""
+    text = like.read_text().replace("nTaxels 0", "nTaxels 2", 1)
+    text = text.replace("[r_hand]", "63 (5) (6)\n27 (7) (8)\n[r_hand]")
+    like.write_text(text)
+    convert(like, tmp_path / "m.npz", "--own-skin")
+    memory = load_memory(tmp_path / "m.npz")
+    assert memory.taxel_ids == icub_skin().taxel_ids
+    assert memory.counts.sum() == 15
+    np.testing.assert_array_equal(memory.counts[icub_skin().index("left_forearm:27"), 0, 0], [7, 8])
+    assert "1 of 2 taxels are on this skin; 31 of its stay empty" in capsys.readouterr().out
+
+
+def test_parts_of_different_form_are_converted_one_by_one(refused, like: Path, tmp_path: Path) -> None:
+    text = like.read_text()
+    like.write_text(text.replace("ext (0.0 1.0)", "ext (0.0 0.5)", 1))
+    line = refused("convert-taxels", like, tmp_path / "m.npz")
+    assert "robot.ini: l_forearm has ext (0.0, 0.5), bins (1, 1), r_hand has ext (0.0, 1.0)" in line
+    convert(like, tmp_path / "m.npz", "--parts", "r_hand")
+    assert load_memory(tmp_path / "m.npz").params.distance_range_m == (0.0, 1.0)
+    assert "no l_foot; expected one of l_forearm, r_hand" in refused(
+        "convert-taxels", like, tmp_path / "n.npz", "--parts", "l_foot"
+    )
+
+
+def test_what_the_robots_form_has_no_place_for_is_said(
+    like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_memory(tmp_path / "m.npz", learned(MemoryParams(sigma_bins=0.75, half_life_touches=30)))
+    convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
+    said = capsys.readouterr().out
+    assert "not carried: a window 0.75 bins wide" in said
+    assert "not carried: a half life of 30 touches" in said
+
+
+@pytest.mark.parametrize(
+    ("memory", "says"),
+    [
+        (replace(learned(), counts=learned().counts + 0.5), "m.npz: has fractions of samples"),
+        (learned(MemoryParams(ttc_range_s=(0.0, np.inf), bins=(8, 1))), "TTC (0.0, inf) s; expected finite ones"),
+        (learned(MemoryParams((-np.inf, np.inf), bins=(1, 4))), "ranges D (-inf, inf) m"),
+        (PPSMemory.empty(icub_skin()), "robot.ini: has no r_forearm, on which taxel right_forearm:27 is"),
+        (replace(learned(), taxel_ids=("left_forearm:28", *learned().taxel_ids[1:])), "[l_forearm] knows no taxel 28"),
+        (replace(learned(), taxel_ids=("left_forearm:x", *learned().taxel_ids[1:])), "[l_forearm] knows no taxel x"),
+    ],
+)
+def test_what_cannot_be_said_in_the_robots_form(refused, memory: PPSMemory, says: str, like: Path, tmp_path: Path):
+    save_memory(tmp_path / "m.npz", memory)
+    assert says in refused("convert-taxels", tmp_path / "m.npz", tmp_path / "t.ini", "--like", like)
+    assert not (tmp_path / "t.ini").exists()
+
+
+def test_which_way_is_told_by_the_suffixes(refused, like: Path, tmp_path: Path) -> None:
+    save_memory(tmp_path / "m.npz", learned())
+    for pair in (("m.npz", "n.npz"), ("robot.ini", "t.ini"), ("m.npz", "t.txt")):
+        assert "expected a .npz and a .ini" in refused("convert-taxels", *(tmp_path / name for name in pair))
+    assert "expected --like" in refused("convert-taxels", tmp_path / "m.npz", tmp_path / "t.ini")
+    assert "only where a .npz is converted" in refused("convert-taxels", like, tmp_path / "n.npz", "--like", like)
+    for words in (["--own-skin"], ["--parts", "r_hand"]):
+        args = ("convert-taxels", tmp_path / "m.npz", tmp_path / "t.ini", "--like", like, *words)
+        assert "only where a .ini is converted" in refused(*args)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["m.npz", "robot.ini"]

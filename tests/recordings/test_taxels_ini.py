@@ -1,0 +1,106 @@
+"""The robot's taxels*.ini: a file written by hand, read and written again, and every way it can be wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pps_vision.recordings.problems import BadInput
+from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
+
+HAND = """[l_hand]
+modality\t1D
+size    \t6
+nTaxels \t2
+ext     \t(-0.05 0.45)
+binsNum \t(3\t1)
+Mapping\t(-1 7 7 -1 4 4)
+7 (1 2 3) (4 5 6)
+4 (0 0 4000000000) (0 1 0)
+
+[r_forearm]
+modality 2D
+size        3
+nTaxels     1
+ext         (-0.1 0.2 0.0 1.2)
+binsNum     (2  3)
+Mapping (0 0 -1)
+0      (1 2 3 4 5 6)   (60 50 40 30 20 10)
+"""
+
+
+@pytest.fixture
+def hand(tmp_path: Path) -> Path:
+    file = tmp_path / "taxels.ini"
+    file.write_text(HAND)
+    return file
+
+
+def test_what_a_file_says_is_read(hand: Path) -> None:
+    palm, forearm = read_taxels(hand)
+    assert (palm.name, palm.extent, palm.bins, palm.mapping) == ("l_hand", (-0.05, 0.45), (3, 1), (-1, 7, 7, -1, 4, 4))
+    assert list(palm.counts) == [7, 4]
+    np.testing.assert_array_equal(palm.counts[7][:, 0], [[1, 4], [2, 5], [3, 6]])
+    assert palm.counts[4][2, 0, 0] == 4_000_000_000  # past 32 bits
+    assert (forearm.name, forearm.extent, forearm.bins) == ("r_forearm", (-0.1, 0.2, 0.0, 1.2), (2, 3))
+    np.testing.assert_array_equal(forearm.counts[0][..., 0], [[1, 2, 3], [4, 5, 6]])  # a row a distance
+    np.testing.assert_array_equal(forearm.counts[0][..., 1], [[60, 50, 40], [30, 20, 10]])
+
+
+def test_written_and_read_again_it_is_the_same(hand: Path, tmp_path: Path) -> None:
+    write_taxels(tmp_path / "again.ini", read_taxels(hand))
+    assert _without_white_space(tmp_path / "again.ini") == _without_white_space(hand)
+
+
+def _without_white_space(file: Path) -> list[list[str]]:
+    lines = file.read_text().replace("(", " ( ").replace(")", " ) ").splitlines()
+    return [line.split() for line in lines if line.strip()]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where", "says"),
+    [
+        ("modality\t1D", "modality\t3D", 2, "modality 3D; expected 1D or 2D"),
+        ("size    \t6", "size    \tsix", 3, "size six; expected numbers"),
+        ("size    \t6", "size    \t7", 7, "Mapping has 6 numbers; expected 7"),
+        ("nTaxels \t2", "nTaxels \t3", 4, "nTaxels 3; expected 2, as many as follow"),
+        ("(-0.05 0.45)", "(-0.05)", 5, "ext has 1 numbers; expected 2"),
+        ("(-0.05 0.45)", "(0.45 -0.05)", 5, "expected ranges from low to high"),
+        ("(-0.05 0.45)", "(-0.05 nan)", 5, "ext nan; expected finite numbers"),
+        ("(-0.05 0.45)", "-0.05 0.45", 5, "ext -0.05 0.45; expected 1 in brackets"),
+        ("(3\t1)", "(3\t2)", 6, "in 1D one of TTC"),
+        ("(3\t1)", "(0\t1)", 6, "binsNum (0 1); expected bins"),
+        ("7 (1 2 3)", "7 (1 2 3 4)", 8, "taxel 7 has 4 numbers; expected 3"),
+        ("7 (1 2 3)", "7 (1 2 x)", 8, "taxel 7 x; expected numbers"),
+        ("7 (1 2 3)", "7 (1 2 3.5)", 8, "taxel 7 3.5; expected numbers"),
+        ("7 (1 2 3)", "7 (1 -2 3)", 8, "taxel 7 has a count below 0"),
+        ("7 (1 2 3)", "7 (1 99999999999999999999 3)", 8, "past 2^63"),
+        ("7 (1 2 3) (4 5 6)", "7 (1 2 3)", 8, "expected 2 in brackets"),
+        ("7 (1 2 3)", "4 (1 2 3)", 9, "'4 (0 0 4000000000) (0 1 0)'"),
+        ("modality\t1D", "colour\tred", 2, "'colour\tred'; expected a [body part]"),
+        ("modality\t1D\n", "", 1, "[l_hand] has no modality"),
+        ("[r_forearm]", "[l_hand]", 11, "section [l_hand]; expected each body part once"),
+        ("[l_hand]\n", "", 1, "'modality\t1D'; expected a [body part]"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(hand: Path, old: str, new: str, where: int, says: str) -> None:
+    hand.write_text(HAND.replace(old, new, 1))
+    with pytest.raises(BadInput) as error:
+        read_taxels(hand)
+    assert str(error.value).startswith(f"{hand}:{where}: ")
+    assert says in str(error.value)
+
+
+def test_no_file_and_no_section(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"gone\.ini: cannot be read"):
+        read_taxels(tmp_path / "gone.ini")
+    (tmp_path / "empty.ini").write_text("\n")
+    with pytest.raises(BadInput, match=r"empty\.ini: no section"):
+        read_taxels(tmp_path / "empty.ini")
+
+
+def test_maps_that_do_not_fit_together() -> None:
+    with pytest.raises(ValueError, match=r"expected 2 numbers \(1D\) or 4"):
+        PartMap("l_hand", (0.0, 1.0), (3, 2), (), {})
+    with pytest.raises(ValueError, match=r"l_hand 7: counts \(3, 2\); expected \(3, 1, 2\)"):
+        PartMap("l_hand", (0.0, 1.0), (3, 1), (7,), {7: np.zeros((3, 2), np.int64)})
