@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-import control
-import pps_vision
 import rendering
 import tracking
+from control import fixation, head, rates
 from learning.archive import read_archive, write_archive
 from learning.memory import PPSMemory
 from learning.touch_trial import TouchTrial
+from pps_vision import geometry, robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.touch_movements import STEP_S, Movement, of_gaze
 from pps_vision.geometry.camera import StereoRig
@@ -25,6 +25,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array, Track3D
+from rendering.carriers import CarrierName
 from rendering.eyes import Eyes
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
@@ -56,30 +57,30 @@ def watched(made: Sequence[Movement], folder: Path) -> tuple[TouchTrial, ...]:
 
 def film(movement: Movement) -> TouchTrial:
     """What the robot knows of a movement that it watches with fresh eyes."""
-    robot, rig, skin, eyes = _lookout()
+    is_marker = movement.stimulus == "marker"
+    icub, rig, skin, eyes = _lookout("none" if is_marker else "hand")
     eyes.set_stimulus(make_stimulus(movement.stimulus))
     rng = np.random.default_rng(int(_digest(movement), 16))
-    params = TrackerParams(mode="marker" if movement.stimulus == "marker" else "generic")
-    tracker = Tracker(params, rig, rng, own_body=Silhouette(robot))
-    pipeline = Pipeline(PipelineParams(), robot, skin, tracker, PPSMemory.empty(skin), rng)
+    tracker = Tracker(TrackerParams("marker" if is_marker else "generic"), rig, rng, own_body=Silhouette(icub))
+    pipeline = Pipeline(PipelineParams(), icub, skin, tracker, PPSMemory.empty(skin), rng)
     tracks, joints = [], []
     q = movement.joints_rad[0]
     for t, arms, p in zip(movement.stamps_s, movement.joints_rad, movement.positions, strict=True):
-        q = np.where(of_gaze(robot), q, arms)
+        q = np.where(of_gaze(icub), q, arms)
         step = pipeline.step(eyes.render(SceneState(q, p, rotation=movement.rotation), t, rng))
         tracks.append(step.tracking.track)
         joints.append(q)
-        q = robot.clamp(q + STEP_S * step.command.dq_rad_s)
+        q = icub.clamp(q + STEP_S * step.command.dq_rad_s)
     return _trial(movement, np.array(joints), tracks)
 
 
 @cache
-def _lookout() -> tuple[Robot, StereoRig, Skin, Eyes]:
-    """This process's robot, its calibrated eyes, its skin, and the eyes that see."""
-    robot = load_icub()
-    rig = icub_rig(robot)
-    eyes = Eyes(robot, rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=NOISE_SIGMA))
-    return robot, rig, icub_skin(), eyes
+def _lookout(carrier: CarrierName) -> tuple[Robot, StereoRig, Skin, Eyes]:
+    """This process's robot, its calibrated eyes, its skin, and what it sees with them."""
+    icub = load_icub()
+    rig = icub_rig(icub)
+    eyes = Eyes(icub, rig, make_stimulus("ball"), carrier, Sensor(noise_sigma=NOISE_SIGMA))
+    return icub, rig, icub_skin(), eyes
 
 
 def _trial(movement: Movement, joints_rad: Array, tracks: Sequence[Track3D]) -> TouchTrial:
@@ -116,9 +117,9 @@ def _digest(movement: Movement) -> str:
 
 @cache
 def _code() -> bytes:
-    """All that decides what is rendered and tracked."""
-    rooms = [Path(package.__file__ or "").parent for package in (rendering, tracking, control, pps_vision)]
-    files = [*(file for room in rooms[:3] for file in room.rglob("*")), *(rooms[3] / "geometry").rglob("*")]
-    files += [*(rooms[3] / "robot").rglob("*"), Path(__file__)]
-    kept = sorted(file for file in files if file.suffix in (".py", ".urdf", ".vert", ".frag", ".glsl"))
-    return b"".join(file.read_bytes() for file in kept)
+    """All that decides how a movement is drawn, tracked and followed."""
+    rooms = [Path(str(package.__file__)).parent for package in (rendering, tracking, geometry)]
+    files = [file for room in rooms for file in room.rglob("*") if file.suffix in (".py", ".vert", ".frag")]
+    files += [Path(str(module.__file__)) for module in (fixation, head, rates)]
+    files += [*Path(str(robot.__file__)).parent.glob("*.urdf"), Path(__file__)]
+    return b"".join(file.read_bytes() for file in sorted(files))
