@@ -1,18 +1,16 @@
-"""Predicting contact on recorded trials: learn from all trials but one, predict that one, for every trial.
+"""Recorded trials: an object approaches the taxels of a real robot, and some are touched at the end.
 
-Trials are those of the authors' released data: an object approaches four taxels of a real robot.
+The layout is that of the authors' released data.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from learning.archive import UNREADABLE
-from learning.buffer import BufferParams, EventBuffer, resample
-from learning.memory import MemoryParams, PPSMemory, activation, learn
-from learning.receptive_field import ReceptiveField, distance_and_ttc
-from pps_vision.types import Array, Mask, TaxelEvents
+from pps_vision.types import Array, Mask
 
 SAMPLE_PERIOD_S = 0.1  # of the released, resampled positions and velocities
 _ARRAYS = ("position_m", "velocity_m_s", "offsets", "outcome")
@@ -21,7 +19,7 @@ _ARRAYS = ("position_m", "velocity_m_s", "offsets", "outcome")
 @dataclass(frozen=True)
 class Trial:
     """One approach: displacements from the taxels `d_m` and velocities `v_m_s` (T, n, 3) in the taxels'
-    frames (z is the normal), and which taxels were touched at its end (n,)."""
+    frames (z is the normal), NaN where unknown, and which taxels were touched at its end (n,)."""
 
     stamps_s: Array
     d_m: Array
@@ -29,86 +27,70 @@ class Trial:
     touched: Mask
 
 
-@dataclass(frozen=True)
-class PredictionParams:
-    """The learner as its authors ran it on these data (TTC up to 1.2 s, window of 0.75 bins, FACTS §3);
-    a prediction uses what was known `lead_s` before the trial's end."""
-
-    receptive_field: ReceptiveField = field(default_factory=ReceptiveField)
-    buffer: BufferParams = field(default_factory=BufferParams)
-    memory: MemoryParams = field(default_factory=lambda: MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75))
-    lead_s: float = 0.15
-
-
-@dataclass(frozen=True)
-class Predictions:
-    """(trials, taxels) each: predicted probability of touch, the taxel's rate of touch in the other
-    trials, and what happened."""
-
-    probability: Array
-    base_rate: Array
-    touched: Mask
+def touch_rates(trials: tuple[Trial, ...]) -> Array:
+    """(n,) share of the trials in which each taxel was touched."""
+    rates: Array = np.mean([trial.touched for trial in trials], axis=0)
+    return rates
 
 
 def load_trials(path: Path) -> tuple[Trial, ...]:
-    """Read a trials file; ValueError names the file and what is wrong with it."""
-    try:
-        with np.load(path) as file:
-            data = {name: file[name] for name in _ARRAYS}
-    except UNREADABLE as error:
-        raise ValueError(f"{path}: expected an .npz file with {', '.join(_ARRAYS)}") from error
-    n_trials, n_taxels = data["outcome"].shape
-    starts = data["offsets"]
-    if len(starts) != n_trials * n_taxels + 1:
-        raise ValueError(f"{path}: {len(starts)} offsets, expected {n_trials * n_taxels + 1}")
+    """Read a trials file; ValueError names the file and what is wrong with it.
+
+    Infinite samples are read as NaN, unknown.
+    """
+    data = _arrays(path)
+    outcome, starts = data["outcome"], data["offsets"]
+    n_trials, n_taxels = outcome.shape
     lengths = np.diff(starts).reshape(n_trials, n_taxels)
-    if not np.all(lengths == lengths[:, :1]):
-        raise ValueError(f"{path}: the taxels of one trial have different lengths, expected one")
+    for t in np.flatnonzero((lengths != lengths[:, :1]).any(axis=1)):
+        raise ValueError(f"{path}: the taxels of trial {t} have different lengths {lengths[t].tolist()}; expected one")
     trials = []
     for i in range(n_trials):
         rows = slice(starts[i * n_taxels], starts[(i + 1) * n_taxels])
         d, v = (data[name][rows].reshape(n_taxels, -1, 3).swapaxes(0, 1) for name in _ARRAYS[:2])
-        trials.append(Trial(SAMPLE_PERIOD_S * np.arange(len(d)), d, v, data["outcome"][i] > 0))
+        stamps = SAMPLE_PERIOD_S * np.arange(len(d))
+        trials.append(Trial(stamps, _known(d), _known(v), outcome[i] > 0))
     return tuple(trials)
 
 
-def perceived(params: PredictionParams, trial: Trial) -> EventBuffer:
-    """The buffer at the end of a trial."""
-    D, TTC = distance_and_ttc(params.receptive_field, trial.d_m, np.array([0.0, 0.0, 1.0]), trial.v_m_s)
-    taxel_ids = tuple(str(i) for i in range(len(trial.touched)))
-    recent = np.flatnonzero(trial.stamps_s >= trial.stamps_s[-1] - params.buffer.length_s)
-    nothing = np.zeros_like(trial.touched)
-    samples = tuple(TaxelEvents(float(trial.stamps_s[i]), taxel_ids, D[i], TTC[i], nothing) for i in recent)
-    return EventBuffer(params.buffer, samples)
+def _known(array: NDArray[np.generic]) -> Array:
+    numbers = array.astype(np.float64)
+    return np.where(np.isfinite(numbers), numbers, np.nan)
 
 
-def leave_one_out(params: PredictionParams, trials: tuple[Trial, ...]) -> Predictions:
-    """Each trial predicted by a memory of all the others."""
-    buffers = [perceived(params, trial) for trial in trials]
-    touched = np.array([trial.touched for trial in trials])
-    n_taxels = touched.shape[1]
-    ids = tuple(str(i) for i in range(n_taxels))
-    blank = PPSMemory(
-        ids, np.zeros(n_taxels, np.intp), np.zeros((n_taxels, *params.memory.bins, 2), np.int64), params.memory
-    )
-    learned = [learn(blank, buffer, touch).counts for buffer, touch in zip(buffers, touched, strict=True)]
-    everything = np.sum(learned, axis=0)
-    base_rate = (touched.sum(axis=0) - touched) / (len(trials) - 1)
-    probability = base_rate.copy()
-    for i, buffer in enumerate(buffers):
-        pooled = predict(params, replace(blank, counts=everything - learned[i]), buffer)
-        probability[i] = np.where(np.isnan(pooled), base_rate[i], pooled)
-    return Predictions(probability, base_rate, touched)
+def _arrays(path: Path) -> dict[str, NDArray[np.generic]]:
+    """The arrays of a trials file, each of the shape and kind it must have."""
+    try:
+        with np.load(path) as file:
+            missing = [name for name in _ARRAYS if name not in file]
+            data = {name: np.asarray(file[name]) for name in _ARRAYS if name in file}
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file; expected trials (.npz)") from None
+    except UNREADABLE as error:
+        raise ValueError(f"{path}: is not a readable .npz file; expected one with {', '.join(_ARRAYS)}") from error
+    if missing:
+        raise ValueError(f"{path}: no {', '.join(missing)}; expected an .npz file with {', '.join(_ARRAYS)}")
+    for name, array in data.items():
+        if array.dtype.kind not in "iufb":
+            raise ValueError(f"{path}: {name} holds {array.dtype}; expected numbers")
+    outcome, offsets = data["outcome"], data["offsets"]
+    if outcome.ndim != 2 or 0 in outcome.shape:
+        raise ValueError(f"{path}: outcome of shape {outcome.shape}; expected (trials, taxels), at least one of each")
+    strange = ~np.isin(outcome, (-1, 0, 1))
+    if strange.any():
+        raise ValueError(f"{path}: {outcome[strange][0]} in outcome; expected 1 (touched) or -1 (not)")
+    _check_offsets(path, offsets, outcome.size)
+    for name in _ARRAYS[:2]:
+        if data[name].shape != (offsets[-1], 3):
+            raise ValueError(f"{path}: {name} of shape {data[name].shape}; expected ({offsets[-1]}, 3), by offsets")
+    return data
 
 
-def predict(params: PredictionParams, memory: PPSMemory, buffer: EventBuffer) -> Array:
-    """(n,) mean activation over all samples known `lead_s` before the buffer's end that lie within
-    the ranges of the memory; NaN for a taxel that has none.
-
-    The mean, because every sample bears on the same question and its velocity is noisy.
-    """
-    known = buffer.samples[-1].stamp_s - params.lead_s
-    D, TTC = resample(replace(buffer, samples=tuple(s for s in buffer.samples if s.stamp_s <= known)))
-    inside = memory.params.covers(D, TTC)
-    n = inside.sum(axis=0)
-    return np.where(n > 0, activation(memory, D, TTC).sum(axis=0) / np.maximum(n, 1), np.nan)
+def _check_offsets(path: Path, offsets: NDArray[np.generic], pairs: int) -> None:
+    if offsets.shape != (pairs + 1,) or offsets.dtype.kind not in "iu":
+        raise ValueError(
+            f"{path}: {offsets.dtype} offsets of shape {offsets.shape}; "
+            f"expected {pairs + 1} whole numbers for {pairs} pairs of trial and taxel"
+        )
+    if offsets[0] != 0 or np.any(np.diff(offsets.astype(np.int64)) < 1):
+        raise ValueError(f"{path}: offsets that do not rise from 0; expected where each pair's samples start")

@@ -15,12 +15,14 @@ from pps_vision.app.learn import Learn, Show
 from pps_vision.app.render import Render
 from pps_vision.app.track import Track
 from pps_vision.app.track2d import Track2d
+from pps_vision.app.trials import Trials
 
 Command = (
     Annotated[Render, subcommand("render")]
     | Annotated[Track, subcommand("track")]
     | Annotated[Track2d, subcommand("track2d")]
     | Annotated[Learn, subcommand("learn")]
+    | Annotated[Trials, subcommand("trials")]
     | Annotated[Show, subcommand("show")]
     | Annotated[ConvertTaxels, subcommand("convert-taxels")]
     | Annotated[Demo, subcommand("demo")]

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from learning.passing import PassingParams, leave_one_out
 from learning.scores import auroc, brier
-from learning.trials import PredictionParams, leave_one_out, load_trials
+from learning.trials import load_trials
 from pps_vision.app.track2d import follow
 from pps_vision.experiments.experiment import DATA
 from pps_vision.geometry.camera import StereoRig
@@ -92,13 +93,15 @@ def thrown_ball(folder: Path, seed: int, n_seeds: int = 10) -> dict[str, float]:
 
 def contact_prediction(file: Path) -> dict[str, float]:
     """Leave-one-out prediction of touch 0.15 s ahead, beside each taxel's base rate."""
-    result = leave_one_out(PredictionParams(), load_trials(file))
-    outcome = result.touched.ravel()
+    trials = load_trials(file)
+    touched = np.array([trial.touched for trial in trials])
+    probability = leave_one_out(PassingParams(), trials).probability
+    base_rate = (touched.sum(axis=0) - touched) / (len(trials) - 1)
     return {
-        "auroc": auroc(outcome, result.probability.ravel()),
-        "brier": brier(outcome, result.probability.ravel()),
-        "base_rate_auroc": auroc(outcome, result.base_rate.ravel()),
-        "base_rate_brier": brier(outcome, result.base_rate.ravel()),
+        "auroc": auroc(touched, probability),
+        "brier": brier(touched, probability),
+        "base_rate_auroc": auroc(touched, base_rate),
+        "base_rate_brier": brier(touched, base_rate),
     }
 
 

@@ -2,28 +2,52 @@
 
 import numpy as np
 import pytest
-from data import shared_data
+from data import SEED, shared_data
 
 from learning.memory import MemoryParams, PPSMemory, count_samples
+from learning.passing import PassingParams, foretell, learn_passing, leave_one_out
 from learning.receptive_field import ReceptiveField, distance_and_ttc
-from learning.scores import auroc, brier
-from learning.trials import PredictionParams, leave_one_out, load_trials
+from learning.scores import auroc, brier, expected_calibration_error
+from learning.trials import load_trials
 
 UP = np.array([0.0, 0.0, 1.0])
 EVERYWHERE = ReceptiveField(base_radius_m=10.0)  # the authors' counts know no cone
 
 
-def test_contact_is_predicted_on_trials_held_out():
+def test_contact_is_foretold_on_trials_held_out():
+    """Issue: AUROC at least 0.88, Brier at most 0.110 and better than each taxel's base rate."""
     trials = load_trials(shared_data("pps_real_robot", "trials_forearm_internal.npz"))
-    result = leave_one_out(PredictionParams(), trials)
-    assert result.touched.sum(axis=0).tolist() == [29, 3, 0, 11]
-    scores = [(name, auroc(result.touched, p), brier(result.touched, p))
-              for name, p in (("learned", result.probability), ("base rate", result.base_rate))]  # fmt: skip
-    for name, area, error in scores:
-        print(f"{name}: AUROC {area:.3f}, Brier {error:.4f}")
-    assert scores[0][1] >= 0.865
-    assert scores[0][2] <= 0.118
-    assert scores[1][1:] == pytest.approx((0.82, 0.12), abs=0.002)  # what the data's description says
+    touched = np.array([trial.touched for trial in trials])
+    assert touched.sum(axis=0).tolist() == [29, 3, 0, 11]
+    found = leave_one_out(PassingParams(), trials)
+    base_rate = (touched.sum(axis=0) - touched) / (len(trials) - 1)
+    for name, p in (("learned", found.probability), ("base rate", base_rate)):
+        print(f"{name}: AUROC {auroc(touched, p):.3f}, Brier {brier(touched, p):.4f}")
+    assert found.in_reach.all()
+    assert auroc(touched, found.probability) >= 0.90
+    assert brier(touched, found.probability) <= 0.1095
+    assert expected_calibration_error(touched, found.probability) <= 0.06
+    # what the data's description says
+    assert (auroc(touched, base_rate), brier(touched, base_rate)) == pytest.approx((0.82, 0.12), abs=0.002)
+
+
+def test_two_thirds_of_the_session_foretell_the_rest():
+    """A session not seen: the rate learned elsewhere is a fair rival here, as it is not when one trial is left out
+    (a touch left out lowers the rate it is foretold by)."""
+    trials = load_trials(shared_data("pps_real_robot", "trials_forearm_internal.npz"))
+    touched = np.array([trial.touched for trial in trials])
+    rng = np.random.default_rng(SEED)
+    gains = []
+    for _ in range(60):
+        order = rng.permutation(len(trials))
+        train, test = order[:24], order[24:]
+        learned = learn_passing(PassingParams(), tuple(trials[i] for i in train))
+        p = foretell(PassingParams(), learned, tuple(trials[i] for i in test)).probability
+        base = np.tile(touched[train].mean(axis=0), (len(test), 1))
+        now = touched[test]
+        gains.append((auroc(now, p) - auroc(now, base), brier(now, base) - brier(now, p)))
+    print(f"gain over the base rate: AUROC {np.mean(gains, axis=0)[0]:.3f}, Brier {np.mean(gains, axis=0)[1]:.4f}")
+    assert np.all(np.mean(gains, axis=0) > (0.015, 0.005))
 
 
 def counted(D, TTC, touched, ttc_max):
