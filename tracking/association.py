@@ -47,7 +47,7 @@ class Association:
     @property
     def error_px(self) -> float:
         """Standard deviation of what the calibration adds to each image coordinate."""
-        return max(math.sqrt(self._error_var), self.params.min_error_px)
+        return max(math.sqrt(max(self._error_var, 0.0)), self.params.min_error_px)
 
     def observe(
         self,
@@ -81,12 +81,13 @@ class Association:
 
     def learn(self, observation: Observation3D, left: Outline, right: Outline) -> None:
         """Take an accepted pair's residual in.  Four coordinates leave one degree of freedom, so
-        4·residual² estimates the variance of one coordinate; few such say little, hence 1 + 3/n."""
-        excess = max(4 * observation.residual_px**2 - _own_var(left, right), 0.0)
+        4·residual² estimates the variance of one coordinate; few such say little, hence 1 + 3/n.  Residuals that
+        are by chance smaller than the outlines' own noise must count too, or that noise would be counted twice."""
+        excess = 4 * observation.residual_px**2 - _own_var(left, right)
         mean = self._error_var / (1 + 3 / self._pairs) if self._pairs else 0.0
         self._pairs = min(self._pairs + 1, self.params.memory)
         self._error_var = (mean + (excess - mean) / self._pairs) * (1 + 3 / self._pairs)
-        self._gate_var += (excess - self._gate_var) / self.params.gate_memory
+        self._gate_var += (max(excess, 0.0) - self._gate_var) / self.params.gate_memory
 
     def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
         """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""

@@ -1,5 +1,6 @@
 """A Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter")."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from math import factorial
@@ -10,6 +11,7 @@ from pps_vision.types import Array
 
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _TICK_S = 1e-6  # steps are told apart no finer, so that regular frames share their matrices
+_UNREST = (0.01, 3.0)  # straight at constant speed; the sharpest turns of what a hand moves
 # By order, on rendered balls and markers at 5–15 cm/s (bench filter): innovations as large as expected.
 NOISE_DENSITY = {1: 2e-4, 2: 1.5e-3, 3: 0.1, 4: 30.0}
 
@@ -19,7 +21,9 @@ class KalmanParams:
     """`order` 1–4: how many of position, velocity, acceleration, jerk are modelled (R: 4).
 
     `noise_density` is the spectral density of the white noise that drives the derivative above the
-    highest modelled one, (m/s^order)²·s; `prior_std` the spread of each derivative before it was
+    highest modelled one, (m/s^order)²·s, when the filter begins and where the motion jumps; from there it follows the
+    innovations at `unrest_rate` (a quiet motion is predicted the better the quieter it is taken for; 0: it stays);
+    `prior_std` the spread of each derivative before it was
     observed (position excepted: the first measurement gives it), m/s, m/s², m/s³.  Of a measurement's
     covariance only `white_share` is new with every frame; the rest (shape, light, head pose) stays from
     frame to frame, so no filtering averages it out.  `gate_chi2` is the squared Mahalanobis distance
@@ -30,7 +34,8 @@ class KalmanParams:
     order: int = 3
     noise_density: float = NOISE_DENSITY[3]
     prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
-    white_share: float = 0.3
+    white_share: float = 0.4
+    unrest_rate: float = 0.4
     gate_chi2: float = 14.0
     max_rejections: int = 3
 
@@ -44,6 +49,8 @@ class KalmanParams:
             )
         if not 0 < self.white_share <= 1:
             raise ValueError(f"white share {self.white_share}; expected more than 0 and at most 1")
+        if not 0 <= self.unrest_rate <= 1:
+            raise ValueError(f"unrest rate {self.unrest_rate}; expected 0 to 1")
 
     @classmethod
     def of_order(cls, order: int) -> "KalmanParams":
@@ -63,7 +70,8 @@ def scaled(params: KalmanParams, distance_m: float) -> KalmanParams:
 class Belief:
     """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`, but for the error `lasting`
     (3, 3) m² of the position that the measurements share; when it was last updated; `rejections` so far in
-    a row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first."""
+    a row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first; `unrest` how
+    much denser the process noise is than the parameters' own."""
 
     stamp_s: float
     mean: Array
@@ -72,6 +80,7 @@ class Belief:
     updated_s: float
     rejections: int = 0
     nis: float = float("nan")
+    unrest: float = 1.0
 
 
 @cache
@@ -101,10 +110,10 @@ def process_noise(order: int, dt_s: float, density: float) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _step(order: int, density: float, ticks: int) -> tuple[Array, Array, Array]:
-    """A of one axis, A and Q of all three."""
+def _step(order: int, ticks: int) -> tuple[Array, Array, Array]:
+    """A of one axis, A and Q (for a density of 1) of all three."""
     A, eye = transition(order, ticks * _TICK_S), np.eye(3)
-    return A, np.kron(A, eye), np.kron(process_noise(order, ticks * _TICK_S, density), eye)
+    return A, np.kron(A, eye), np.kron(process_noise(order, ticks * _TICK_S, 1.0), eye)
 
 
 def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> Belief:
@@ -129,12 +138,11 @@ def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Beli
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
     if dt == 0:
         return belief, belief.cov
-    A, A3, Q3 = _step(params.order, params.noise_density, round(dt / _TICK_S))
+    A, A3, Q3 = _step(params.order, round(dt / _TICK_S))
     cross = belief.cov @ A3.T
-    ahead = Belief(
-        stamp_s, A @ belief.mean, A3 @ cross + Q3, belief.lasting, belief.updated_s, belief.rejections, belief.nis
-    )
-    return ahead, cross
+    P = A3 @ cross + belief.unrest * params.noise_density * Q3
+    b = belief
+    return Belief(stamp_s, A @ b.mean, P, b.lasting, b.updated_s, b.rejections, b.nis, b.unrest), cross
 
 
 def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Belief:
@@ -179,7 +187,13 @@ def correct(params: KalmanParams, admitted: Admitted, cov: Array) -> Belief:
     mean = before.mean + (gain @ admitted.innovation).reshape(params.order, 3)
     P = before.cov - gain @ before.cov[:3]
     P = 0.5 * (P + P.T)  # rounding must not add up
-    return Belief(before.stamp_s, mean, P, (1 - params.white_share) * cov, before.stamp_s, 0, admitted.nis)
+    lasting, unrest = (1 - params.white_share) * cov, _unrest(params, before.unrest, admitted.nis)
+    return Belief(before.stamp_s, mean, P, lasting, before.stamp_s, 0, admitted.nis, unrest)
+
+
+def _unrest(params: KalmanParams, before: float, nis: float) -> float:
+    """Up where innovations are larger than expected, down where they are smaller."""
+    return min(max(before * math.exp(params.unrest_rate * (nis / 3 - 1)), _UNREST[0]), _UNREST[1])
 
 
 def _compared(belief: Belief, position: Array, white: Array) -> Admitted:
@@ -197,7 +211,9 @@ def _inverse(S: Array) -> Array:
 
 
 def _loosened(params: KalmanParams, belief: Belief) -> Belief:
-    """As if the motion had begun anew at the last update: its prior spread added to every derivative."""
+    """As if the motion had begun anew at the last update: its prior spread added to every derivative, and as
+    much unrest as at the start."""
     prior = np.diag([0.0, *params.prior_std[: params.order - 1]]) ** 2
     A = transition(params.order, belief.stamp_s - belief.updated_s)
-    return replace(belief, cov=belief.cov + np.kron(A @ prior @ A.T, np.eye(3)))
+    cov = belief.cov + np.kron(A @ prior @ A.T, np.eye(3))
+    return replace(belief, cov=cov, unrest=max(belief.unrest, 1.0))

@@ -18,9 +18,9 @@ from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box
 
-# Sampling leaves this much of an outline's centre however sharp its edge is (FACTS §7), across and up and down,
-# where light from above adds to it; times √radius (px), for the fewer the pixels, the more each errs.
-_LEAST_PX = (0.04, 0.15)
+# Sampling leaves this much of an outline's centre however sharp its edge is (FACTS §7); times √radius (px), for
+# the fewer the pixels, the more each errs.
+_LEAST_PX = 0.02
 _MIN_RADIUS_PX = 0.045  # the same for its radius
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 ROUND = 0.015  # departure from a disc up to which nothing is but a disc
@@ -45,7 +45,8 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Outline:
-    """The object's centre (2,) px with covariance (2, 2), angular radius and its variance, the box
+    """The object's centre (2,) px with covariance (2, 2) (but for what light from above does to it, which both eyes
+    share: `TrackerParams.light_error`), angular radius and its variance, the box
     (x, y, width, height) around it, its area in px, whether it meets the image's border, and what share
     of it lies beyond the disc (a sphere's cone) of the same size."""
 
@@ -213,6 +214,5 @@ def _center_cov(coverage: Coverage, center: list[float], area: float) -> Array:
 
 def least_cov(area: float) -> Array:
     """(2, 2) px² of the centre of an outline of `area` px, however sharp its edge; measured on rendered
-    balls and markers of 6 to 19 px radius (bench consistency)."""
-    across, upright = _LEAST_PX
-    return np.diag([across**2, upright**2]) / math.sqrt(area / math.pi)
+    balls and markers of 5 to 35 px radius (bench consistency)."""
+    return _LEAST_PX**2 / math.sqrt(area / math.pi) * np.eye(2)

@@ -34,7 +34,8 @@ class TrackerParams:
     eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`; until then it is
     looked for everywhere (`again`).  Stamps may be `stamp_error_s` off the joints', so that a turning head
     blurs where things are.  The centre of what is no ball may be `shape_error` of its radius off, frame
-    after frame the same."""
+    after frame the same; light from above may shift any by `light_error` px over its radius in px, up or down,
+    in both eyes alike.  Only `radius_white` of the radius's variance is new with every frame."""
 
     mode: Literal["generic", "marker"] = "generic"
     depth: Literal["centroid", "disparity"] = "centroid"
@@ -44,6 +45,8 @@ class TrackerParams:
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
     shape_error: float = 0.09
+    light_error: float = 0.3
+    radius_white: float = 0.2
     again: AgainParams = field(default_factory=AgainParams)
     search: SearchParams = field(default_factory=SearchParams)
     eye: EyeParams = field(default_factory=EyeParams)
@@ -238,12 +241,20 @@ class Tracker:
         mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
         # An outline's centre is not the body's; the filter cannot average out what hardly changes.
         shape = (self.params.shape_error * self._oddness * self._radius[0]) ** 2
-        cov[:3, :3] += belief.lasting + shape * np.eye(3)
+        cov[:3, :3] += belief.lasting + shape * np.eye(3) + self._light_cov(belief.mean[0])
         return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1] + self._radius_lasting, status)
+
+    def _light_cov(self, p: Array) -> Array:
+        """(3, 3) m² of where what is lit from above seems to be, along the image's vertical there."""
+        sight = p - self._head
+        upright = np.array([0.0, 0.0, 1.0]) - sight * (sight[2] / float(sight @ sight))
+        focal_px = self._optics[0].camera.focal_px
+        off_m = self.params.light_error * float(sight @ sight) / (focal_px**2 * self._radius[0])
+        return np.outer(upright, upright) * (off_m**2 / max(float(upright @ upright), 1e-9))
 
     def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
         """A scalar Kalman filter on a size that hardly changes."""
-        white = self.params.kalman.white_share * observation.radius_var_m2
+        white = self.params.radius_white * observation.radius_var_m2
         self._radius_lasting = observation.radius_var_m2 - white
         if self._hits == 0:
             self._radius = observation.radius_m, white

@@ -10,6 +10,7 @@ import pytest
 from pps_vision.experiments import filter_methods as methods
 from pps_vision.experiments.filter import Filter, compare, flight_filters, rendered_filters
 from pps_vision.experiments.filter_scenes import Sequence, flights
+from tracking.smoother import follow, smooth
 
 STD = np.array([1e-4, 1e-4, 3e-4])
 
@@ -42,13 +43,16 @@ def _approach(rng: np.random.Generator, noise: float = 1.0) -> Sequence:
 def test_peers_compute_what_ours_does(rng: np.random.Generator) -> None:
     pytest.importorskip("filterpy")
     sequence = _approach(rng)
-    filters = methods.Ours(3, sequence), methods.OpenCV(sequence), methods.FilterPy(sequence)
+    ours = methods.Ours(3, sequence)
+    ours.params = params = replace(ours.params, unrest_rate=0)  # theirs does not follow the innovations
+    begin = ours.belief
+    filters = ours, methods.OpenCV(sequence), methods.FilterPy(sequence)
     for stamp_s, z, cov in zip(sequence.stamps_s[1:], sequence.positions[1:], sequence.covs[1:], strict=True):
-        ours, *peers = (one.step(float(stamp_s), z, cov) for one in filters)
+        own, *peers = (one.step(float(stamp_s), z, cov) for one in filters)
         for theirs in peers:
-            np.testing.assert_allclose(theirs, ours, atol=1e-9)
-    back = methods.smoothed_ours(3, sequence), methods.smoothed_filterpy(sequence)
-    np.testing.assert_allclose(back[1], back[0], atol=1e-9)
+            np.testing.assert_allclose(theirs, own, atol=1e-9)
+    back = smooth(follow(params, begin, methods.measured(sequence)))
+    np.testing.assert_allclose(methods.smoothed_filterpy(sequence), [one.mean for one in back], atol=1e-9)
 
 
 def test_a_constant_gain_ends_where_the_full_filter_settles(rng: np.random.Generator) -> None:
@@ -56,6 +60,7 @@ def test_a_constant_gain_ends_where_the_full_filter_settles(rng: np.random.Gener
     sequence = _approach(rng)
     even = replace(sequence, covs=np.tile(1e-8 * np.eye(3), (41, 1, 1)))
     full, steady = methods.Ours(3, even), methods.Steady(even)
+    full.params = replace(full.params, unrest_rate=0)
     for stamp_s, z, cov in zip(even.stamps_s[1:], even.positions[1:], even.covs[1:], strict=True):
         ours, theirs = full.step(float(stamp_s), z, cov), steady.step(float(stamp_s), z, cov)
     np.testing.assert_allclose(theirs, ours, atol=1e-4)

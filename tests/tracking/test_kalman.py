@@ -31,7 +31,7 @@ def test_process_noise_is_the_integral_of_what_white_noise_leaves(order: int) ->
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_without_process_noise_it_is_weighted_least_squares(order: int, rng: np.random.Generator) -> None:
-    params = KalmanParams(order=order, noise_density=1e-14, gate_chi2=1e9, white_share=1.0)
+    params = KalmanParams(order, 1e-14, white_share=1.0, unrest_rate=0, gate_chi2=1e9)
     stamps = np.cumsum(rng.uniform(0.02, 0.1, 25)).round(6)  # in whole steps of the clock
     cov = np.diag([1e-5, 4e-6, 9e-6])
     measured = rng.normal(0, 0.003, (25, 3)) + np.outer(stamps, [0.1, -0.05, 0.02])
@@ -49,7 +49,7 @@ def test_without_process_noise_it_is_weighted_least_squares(order: int, rng: np.
 
 
 def test_errors_have_the_covariance_it_claims(rng: np.random.Generator) -> None:
-    params = KalmanParams(order=3, noise_density=2.0, prior_std=(0.3, 0.5, 2.0), gate_chi2=1e9, white_share=1.0)
+    params = KalmanParams(3, 2.0, (0.3, 0.5, 2.0), white_share=1.0, unrest_rate=0, gate_chi2=1e9)
     R = np.diag([4e-6, 1e-6, 9e-6])
     A, Q = transition(3, 0.05), process_noise(3, 0.05, 2.0)
     root = np.linalg.cholesky(Q + 1e-18 * np.eye(3))
@@ -86,7 +86,7 @@ def test_coasting_lets_the_covariance_grow_and_stay_positive() -> None:
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_thousands_of_steps_leave_the_covariance_sound(order: int, rng: np.random.Generator) -> None:
     """Nearly exact measurements and rare gaps: symmetric, positive, and settled to what it was long before."""
-    params = KalmanParams.of_order(order)
+    params = replace(KalmanParams.of_order(order), unrest_rate=0)
     R = np.diag([1e-12, 1e-10, 1e-6])
     belief, seen = start(params, 0.0, np.zeros(3), R), []
     for k in range(1, 5001):
@@ -127,6 +127,32 @@ def test_a_reversal_is_followed_at_once() -> None:
     assert belief.mean[1, 0] == pytest.approx(-0.15, abs=0.01)
 
 
+def test_a_quiet_motion_is_predicted_the_better_and_a_lively_one_no_worse(rng: np.random.Generator) -> None:
+    """Straight on, then round a circle of 6 cm radius at 20 cm/s, against a filter whose process noise stays."""
+    t = 0.05 * np.arange(160)
+    angle = np.maximum(t - 4.0, 0) * 0.2 / 0.06
+    turning = np.stack([np.sin(angle), 1 - np.cos(angle), 0 * t], axis=1) * 0.06
+    path = turning + np.outer(np.minimum(t - 4.0, 0), [0.2, 0, 0])
+    velocity = 0.2 * np.stack([np.cos(angle), np.sin(angle), 0 * t], axis=1)
+    params = KalmanParams(white_share=1.0)
+    R = np.diag(np.square([1e-4, 1e-4, 3e-4]))
+    error = {0.0: np.zeros((5, 160)), params.unrest_rate: np.zeros((5, 160))}
+    for k in range(5):
+        z = path + rng.standard_normal((160, 3)) @ np.sqrt(R)
+        for rate, squared in error.items():
+            own = replace(params, unrest_rate=rate)
+            belief = start(own, 0.0, z[0], R)
+            for i in range(1, 160):
+                belief = update(own, predict(own, belief, t[i]), z[i], R)
+                squared[k, i] = np.sum((belief.mean[1] - velocity[i]) ** 2)
+    (straight, bent), (straight_still, bent_still) = (
+        (squared[:, 40:80].mean() ** 0.5, squared[:, 100:].mean() ** 0.5)
+        for squared in (error[params.unrest_rate], error[0.0])
+    )
+    assert straight < 0.75 * straight_still
+    assert bent < 1.15 * bent_still
+
+
 def test_a_static_thing_near_by_does_not_seem_to_move(rng: np.random.Generator) -> None:
     params = KalmanParams()
     std = np.array([1e-4, 1e-4, 3e-4])  # 0.1 px at 0.2 m
@@ -156,6 +182,8 @@ def test_bad_input_is_named() -> None:
         KalmanParams(order=5)
     with pytest.raises(ValueError, match="gate -1"):
         replace(KalmanParams(), gate_chi2=-1.0)
+    with pytest.raises(ValueError, match="unrest rate 2"):
+        KalmanParams(unrest_rate=2.0)
     belief = start(KalmanParams(), 1.0, np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"0\.5.*before 1\.0"):
         predict(KalmanParams(), belief, 0.5)

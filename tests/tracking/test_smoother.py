@@ -37,7 +37,7 @@ def _batch(params: KalmanParams, stamps: np.ndarray, z: np.ndarray) -> np.ndarra
 
 @pytest.mark.parametrize("order", [2, 3])
 def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Generator) -> None:
-    params = KalmanParams(order=order, noise_density=0.5, gate_chi2=1e9, white_share=1.0)
+    params = KalmanParams(order=order, noise_density=0.5, gate_chi2=1e9, white_share=1.0, unrest_rate=0)
     stamps = np.cumsum(rng.uniform(0.03, 0.08, 15)).round(6)
     z = 0.05 * np.sin(3 * stamps)[:, None] + rng.standard_normal((15, 3)) * np.sqrt(np.diag(R))
     z[6:9] = np.nan  # not seen for a while
@@ -51,7 +51,7 @@ def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Gene
 
 def test_what_it_claims_is_what_it_errs(rng: np.random.Generator) -> None:
     """Paths drawn from the model itself: the smoothed state's squared Mahalanobis distance has its mean, 6."""
-    params = KalmanParams(order=2, noise_density=0.02, gate_chi2=1e9, white_share=1.0)
+    params = KalmanParams(order=2, noise_density=0.02, gate_chi2=1e9, white_share=1.0, unrest_rate=0)
     A, root = transition(2, 0.05), np.linalg.cholesky(process_noise(2, 0.05, 0.02))
     nees, gain = [], []
     for _ in range(60):

@@ -179,6 +179,22 @@ def test_a_body_of_two_colors_is_one_thing_and_less_certain_than_a_ball(world: W
     assert np.mean(squared) < 3
 
 
+def test_light_from_above_leaves_doubt_up_and_down_the_image(world: World) -> None:
+    """As many pixels as were asked for, over the radius in pixels, and none across."""
+    world, covs = replace(world, color=GREEN), []
+    for light_error in (0.0, 2.0):
+        rng = np.random.default_rng(1)
+        tracker = Tracker(TrackerParams(mode="marker", light_error=light_error), world.rig, rng)
+        steps, _ = _run(world, tracker, 8, rng)
+        covs.append(steps[-1].track.cov[:3, :3])
+    view, p = world.rig.view(world.q(7 * DT)).left, world.position(7 * DT)
+    J = view.project_jacobian(p)
+    std_px = np.sqrt(np.maximum(np.diag(J @ (covs[1] - covs[0]) @ J.T), 0))
+    radius_px = view.camera.focal_px * world.radius_m / np.linalg.norm(p - view.center)
+    assert std_px[1] == pytest.approx(2.0 / radius_px, rel=0.15)
+    assert std_px[0] < 0.15 * std_px[1]
+
+
 def test_nothing_moves_nothing_is_tracked(world: World, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     for k in range(25):

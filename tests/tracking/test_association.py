@@ -1,0 +1,30 @@
+"""What pairs tell of the calibration: nothing where residuals are the outlines' own noise, its error where not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pps_vision.types import Observation3D
+from tracking.association import Association, AssociationParams
+from tracking.outline import Outline
+
+STD_PX = 0.03
+SHAPE = Outline(
+    np.array([160.0, 120.0]), STD_PX**2 * np.eye(2), 0.05, 1e-9, (150.0, 110.0, 20.0, 20.0), 314.0, False, 0.0
+)
+SEEN = Observation3D(0.0, np.array([-0.4, 0.0, 0.3]), 1e-8 * np.eye(3), 0.03, 1e-8, 0.0)
+
+
+@pytest.mark.parametrize("wrong_px", [0.0, 0.2])
+def test_only_what_the_outlines_do_not_explain_is_the_calibrations(wrong_px: float, rng: np.random.Generator) -> None:
+    """Four coordinates with noise (and a constant error) leave one degree of freedom: the residual is a quarter of
+    its square's root."""
+    association = Association(AssociationParams(), 320)
+    learned = []
+    for k in range(400):
+        off = STD_PX * rng.standard_normal() + wrong_px
+        association.learn(replace(SEEN, residual_px=0.5 * abs(off)), SHAPE, SHAPE)
+        if k >= 20:
+            learned.append(association.error_px**2)
+    assert np.mean(learned) == pytest.approx(wrong_px**2, rel=0.25, abs=0.3 * STD_PX**2)
