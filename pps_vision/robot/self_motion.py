@@ -1,0 +1,81 @@
+"""Along the postures that keep the hand where it is: which of them is best, by any measure (J, second stage of IK).
+
+An arm with one joint more than the task asks for can move without its hand, along a curve that closes upon itself.
+It is walked all around from a posture that reaches the target, beyond the joints' limits too, since what lies within
+them may be several stretches; only there a posture counts.  Other curves (a shoulder turned over) need other starts.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from array_api_compat import array_namespace
+
+from pps_vision.robot.inverse_kinematics import ForwardModel, damped, length
+from pps_vision.types import Array, Mask
+
+Measure = Callable[[Array, Array], Array]  # q (N, k), ∂x/∂q (N, m, k) -> how good a posture is (N,), 1 at best
+
+
+@dataclass(frozen=True)
+class WalkParams:
+    """`step_rad` along the curve and how many of them each way; how far off its place (m) the hand may be; the best
+    posture's surroundings are searched again in steps `finer` times as small."""
+
+    step_rad: float = 0.3
+    steps: int = 16
+    tolerance: float = 1e-4
+    finer: int = 8
+
+
+def walk(
+    forward: ForwardModel, targets: Array, q: Array, lower: Array, upper: Array, measure: Measure, params: WalkParams
+) -> tuple[Array, Array]:
+    """The best posture (N, k) within the limits on the curve through each `q` (N, k), which reaches its target (N, m),
+    and how good it is (N,).  Arrays are NumPy's or torch's."""
+    xp = array_namespace(q)
+    best_q, best = q, measure(q, forward(q)[1])
+    for step, n in ((params.step_rad, params.steps), (params.step_rad / params.finer, params.finer)):
+        begin = best_q
+        for way in (-1.0, 1.0):
+            here, heading = begin, way * xp.ones_like(q)
+            J = forward(here)[1]
+            for _ in range(n):
+                heading = _along(J, heading)
+                here, J, there = _stride(forward, targets, here + step * heading, params.tolerance)
+                there = there & xp.all((here >= lower) & (here <= upper), axis=1)
+                value = xp.where(there, measure(here, J), -xp.inf)
+                better = value > best
+                best_q, best = xp.where(better[:, None], here, best_q), xp.where(better, value, best)
+    return best_q, best
+
+
+def _along(J: Array, heading: Array) -> Array:
+    """The unit direction (N, k) nearest to a heading that moves the joints and not the hand."""
+    xp = array_namespace(J)
+    free = heading - damped(J, (J @ heading[..., None])[..., 0], xp.full_like(J[:, 0, 0], 1e-9))
+    unit: Array = free / xp.clip(length(free), 1e-12, None)[:, None]
+    return unit
+
+
+def _stride(forward: ForwardModel, targets: Array, q: Array, tolerance: float) -> tuple[Array, Array, Mask]:
+    """The posture with the hand brought back to its target, its Jacobian before that, and whether it is there."""
+    xp = array_namespace(q)
+    for _ in range(2):
+        x, J = forward(q)
+        q = q + damped(J, targets - x, xp.full_like(x[:, 0], 1e-9))
+    x, J = forward(q)
+    return q, J, length(targets - x) <= tolerance
+
+
+@dataclass(frozen=True)
+class FarFromLimits:
+    """1 − M of J IV.5: M the mean squared distance of the joints from the middle of their ranges, of half a range."""
+
+    lower_rad: Array
+    upper_rad: Array
+
+    def __call__(self, q: Array, J: Array) -> Array:
+        """(N,) of postures (N, k)."""
+        xp = array_namespace(q)
+        lower, upper = (xp.asarray(a, dtype=q.dtype, device=q.device) for a in (self.lower_rad, self.upper_rad))
+        return 1 - (((q - (upper + lower) / 2) / ((upper - lower) / 2)) ** 2).mean(-1)

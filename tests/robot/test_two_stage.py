@@ -1,0 +1,102 @@
+"""Reach, then improve: against the arm in closed form, and three solvers against one another."""
+
+import numpy as np
+import pytest
+import torch
+from data import SEED
+
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.inverse_kinematics import IKParams
+from pps_vision.robot.self_motion import FarFromLimits
+from pps_vision.robot.spherical_arm import SphericalArm
+from pps_vision.robot.two_stage import Solver, TwoStageParams, two_stage
+
+ROBOT = load_icub()
+LOWER, UPPER = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])  # J's
+CHAIN = Chain.of(ROBOT, ROBOT.names.arm("left")[:4], "left_palm")
+ARM = SphericalArm.of(CHAIN, LOWER, UPPER)
+EFFORT = FarFromLimits(LOWER, UPPER)
+
+
+def problems(n, n_starts):
+    """Points about the shoulder, half of them out of reach, and random starts."""
+    rng = np.random.default_rng(SEED)
+    return ARM.shoulder + rng.uniform(-0.3, 0.3, (n, 3)), rng.uniform(LOWER, UPPER, (n_starts, n, 4))
+
+
+def sure(points):
+    """Verdicts that no tolerance changes: the points around, a millimetre away, all have the same."""
+    around = points[:, None] + 1e-3 * np.concatenate([np.eye(3), -np.eye(3)])
+    same = np.isfinite(ARM.solve(around.reshape(-1, 3))[:, 0]).reshape(len(points), 6)
+    return same.all(axis=1) | ~same.any(axis=1)
+
+
+def test_the_batch_against_the_closed_form():
+    points, starts = problems(400, 6)
+    found = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT)
+    _, effort = ARM.least_effort(points)
+    reachable = np.isfinite(effort)
+    assert 0.2 < reachable.mean() < 0.8
+    assert np.mean(found.reachable == reachable)[()] >= 0.99
+    assert (found.reachable == reachable)[sure(points)].mean() >= 0.995
+    off = np.linalg.norm(CHAIN.positions(found.q_rad)[0] - points, axis=1)
+    assert (off[found.reachable] <= 1e-4).all()
+    assert np.all((found.q_rad >= LOWER) & (found.q_rad <= UPPER))
+    both = found.reachable & reachable
+    short = (1 - effort[both]) - found.good[both]
+    assert short.min() > -5e-3, "better than the best: only by what the tolerance allows"
+    assert np.quantile(short, 0.95) < 0.01
+    assert np.isnan(found.good[~found.reachable]).all()
+
+
+def test_torch_says_the_same():
+    points, starts = problems(50, 2)
+    here = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT)
+    there = two_stage(CHAIN.positions, torch.from_numpy(points), torch.from_numpy(starts), LOWER, UPPER, EFFORT)
+    assert isinstance(there.q_rad, torch.Tensor)
+    np.testing.assert_array_equal(here.reachable, there.reachable.numpy())
+    np.testing.assert_allclose(here.good, there.good.numpy(), atol=1e-6)
+
+
+@pytest.mark.parametrize("solver", ["scipy", "ipopt"])
+@pytest.mark.parametrize("learned", [False, True], ids=["own kinematics", "learned model"])
+def test_one_by_one(solver: Solver, learned: bool):
+    """No posture is found where there is none, nor a better one than the best there is.  What IPOPT is given of a learned model
+    is another road than what it is given of a chain."""
+    if solver == "ipopt":
+        pytest.importorskip("casadi")
+    points, starts = problems(8, 2)
+    forward = (lambda q: CHAIN.positions(q)) if learned else CHAIN.positions
+    keep = sure(points)
+    found = two_stage(forward, points, starts, LOWER, UPPER, EFFORT, solver=solver)
+    _, effort = ARM.least_effort(points)
+    reachable = np.isfinite(effort)
+    assert not (found.reachable & ~reachable & keep).any()
+    assert found.reachable[reachable & keep].mean() >= 0.5, "two starts do not find all"
+    both = found.reachable & reachable
+    assert (found.good[both] <= 1 - effort[both] + 5e-3).all()
+    np.testing.assert_allclose(found.good[both], EFFORT(found.q_rad[both], None), atol=1e-12)
+
+
+def test_what_ipopt_has_no_expression_for(monkeypatch):
+    pytest.importorskip("casadi")
+    points, starts = problems(2, 1)
+    with pytest.raises(ValueError, match="FarFromLimits"):
+        two_stage(CHAIN.positions, points, starts, LOWER, UPPER, lambda q, J: q[:, 0], solver="ipopt")
+
+
+def test_without_casadi_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "casadi", None)
+    monkeypatch.delitem(__import__("sys").modules, "pps_vision.robot.ipopt", raising=False)
+    points, starts = problems(2, 1)
+    with pytest.raises(ValueError, match=r"pps-vision\[ipopt\]"):
+        two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT, solver="ipopt")
+
+
+def test_what_does_not_converge_is_not_called_reachable():
+    points, starts = problems(200, 1)
+    hasty = TwoStageParams(reach=IKParams(tolerance=1e-4, max_steps=1))
+    found = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT, hasty)
+    assert found.reachable.sum() == (found.error <= 1e-4).sum() < 20
+    assert np.isfinite(found.error).all()
