@@ -38,8 +38,8 @@ def test_the_batch_against_the_closed_form():
     _, effort = ARM.least_effort(points)
     reachable = np.isfinite(effort)
     assert 0.2 < reachable.mean() < 0.8
-    assert np.mean(found.reachable == reachable)[()] >= 0.99
-    assert (found.reachable == reachable)[sure(points)].mean() >= 0.995
+    assert not (found.reachable & ~reachable)[sure(points)].any()
+    assert (found.reachable == reachable).mean() >= 0.97, "six random starts (FACTS §6: 96.8–99.2 % with 2–4)"
     off = np.linalg.norm(CHAIN.positions(found.q_rad)[0] - points, axis=1)
     assert (off[found.reachable] <= 1e-4).all()
     assert np.all((found.q_rad >= LOWER) & (found.q_rad <= UPPER))
