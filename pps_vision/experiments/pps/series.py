@@ -8,8 +8,10 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import DATA, Experiment
+from pps_vision.experiments.pps.authors_counts import AuthorsCounts
+from pps_vision.experiments.pps.monte_carlo import MonteCarlo
 
-FigureName = Literal["monte_carlo"]
+FigureName = Literal["monte_carlo", "authors_counts"]
 
 
 @dataclass(frozen=True)
@@ -31,5 +33,8 @@ class Pps:
 
     def parts(self) -> dict[str, Experiment]:
         """The experiments asked for, by name."""
-        makers: Mapping[str, Callable[[], Experiment]] = {}
+        makers: Mapping[str, Callable[[], Experiment]] = {
+            "monte_carlo": lambda: MonteCarlo(self.seed),
+            "authors_counts": lambda: AuthorsCounts(self.data),
+        }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
