@@ -14,13 +14,16 @@ from scipy.spatial import cKDTree
 from learning.reachable import GazeInterpolator, ReachableMap, isotropic
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
-from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
+from pps_vision.robot.inverse_kinematics import ForwardModel
 from pps_vision.robot.model import Robot
+from pps_vision.robot.self_motion import FarFromLimits
+from pps_vision.robot.two_stage import TwoStageParams, two_stage
 from pps_vision.types import Array, Mask
 
 _DEG = np.pi / 180
 _FAR_VERGENCE_RAD = 1 * _DEG  # border points may lie beyond the gaze limits, but must be finite
 _MARGIN_RAD = 0.5
+_NEAR = 16
 
 
 @dataclass(frozen=True)
@@ -34,18 +37,14 @@ class ArmLimits:
 @dataclass(frozen=True)
 class MapParams:
     """How much is asked of inverse kinematics: `n_labels` in `n_rounds`, the first spread over all gaze
-    postures; `n_babble` random arm postures supply the starts, `n_starts` a problem."""
+    postures; `n_babble` random arm postures supply the starts."""
 
     gaze_limits: GazeLimits = field(default_factory=GazeLimits)
     arm_limits: ArmLimits = field(default_factory=ArmLimits)
     n_labels: int = 6000
     n_rounds: int = 4
     n_babble: int = 100_000
-    n_starts: int = 3
-    n_effort_starts: int = 6
-    effort_stride: int = 7  # neighbours of a point at this rank apart reach it in different ways
-    effort_steps: int = 25
-    ik: IKParams = field(default_factory=lambda: IKParams(tolerance=1e-4, max_steps=100))
+    inverse: TwoStageParams = field(default_factory=TwoStageParams)
     # in the map's isotropic coordinates:
     border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
     node_spacing: float = 0.0026  # border points nearer to one another than this say the same
@@ -94,53 +93,31 @@ class ReachOracle:
 
     def label(self, gaze: Array) -> Labels:
         """Answers for gaze postures (n, 3)."""
-        p = self.params
         points = fixation_points(self.robot, gaze)
-        nearest = self._tree.query(points, k=np.arange(1, p.n_starts + 1))[1]
-        starts = np.swapaxes(self.babbled[nearest], 0, 1)
-        solution = solve_ik(self.forward, points, starts, self.lower, self.upper, p.ik)
-        reachable, failed = solution.converged, ~solution.converged
+        found = two_stage(
+            self.forward,
+            points,
+            self.starts(points),
+            self.lower,
+            self.upper,
+            FarFromLimits(self.lower, self.upper),
+            self.params.inverse,
+        )
+        failed = ~found.reachable
         border = np.full(gaze.shape, np.nan)
-        border[failed] = gaze_for_points(self.robot, self.forward(solution.q_rad[failed])[0], self._beyond())
-        optimality = np.full(len(gaze), np.nan)
-        optimality[reachable] = 1 - self._least_effort(points[reachable], solution.q_rad[reachable])
-        return Labels(gaze, reachable, solution.error, optimality, border)
+        border[failed] = gaze_for_points(self.robot, self.forward(found.q_rad[failed])[0], self._beyond())
+        return Labels(gaze, found.reachable, found.error, found.good, border)
+
+    def starts(self, points: Array) -> Array:
+        """(2, n, k) for each point (n, 3), of the postures whose hand was nearest to it, the nearest and the one most
+        unlike that: the other way to hold an arm there."""
+        near = self.babbled[self._tree.query(points, k=_NEAR)[1]]
+        unlike = np.linalg.norm(near - near[:, :1], axis=2).argmax(axis=1)
+        return np.stack([near[:, 0], near[np.arange(len(near)), unlike]])
 
     def _beyond(self) -> GazeLimits:
         low, high = self.params.gaze_limits.lower - _MARGIN_RAD, self.params.gaze_limits.upper + _MARGIN_RAD
         return GazeLimits((low[0], high[0]), (low[1], high[1]), (_FAR_VERGENCE_RAD, high[2]))
-
-    def _least_effort(self, points: Array, q: Array) -> Array:
-        """(n,) the least M (J IV.5, mean squared joint angle relative to the middle of its range) among
-        postures that reach the points: that of postures `q` which do, or one found from others near."""
-        middle, half = (self.upper + self.lower) / 2, (self.upper - self.lower) / 2
-        ranks = 1 + self.params.effort_stride * np.arange(self.params.n_effort_starts)
-        nearest = self._tree.query(points, k=ranks)[1]
-        least = np.mean(((q - middle) / half) ** 2, axis=1)
-        for start in np.swapaxes(self.babbled[nearest], 0, 1):
-            z = (start - middle) / half
-            for _ in range(self.params.effort_steps):
-                x, J = self.forward(middle + half * z)
-                residual = points - x
-                effort = np.where(
-                    np.linalg.norm(residual, axis=1) <= self.params.ik.tolerance, np.mean(z**2, axis=1), 1
-                )
-                least = np.minimum(least, effort)
-                z = np.clip(z + 0.5 * _toward_middle(z, residual, J * half), -1, 1)
-        return least
-
-
-def _toward_middle(z: Array, residual: Array, J: Array) -> Array:
-    """Newton's step to the z of least norm among those that cancel the linearised residual; a joint
-    that it pushes beyond its limit (|z| = 1) is left out."""
-    stuck = np.zeros(z.shape, dtype=bool)
-    for _ in range(2):
-        J_free, z_free = np.where(stuck[:, None], 0.0, J), np.where(stuck, 0.0, z)
-        A = J_free @ np.swapaxes(J_free, 1, 2) + 1e-9 * np.eye(J.shape[1])
-        target = residual[..., None] + J_free @ z_free[..., None]
-        step: Array = (np.swapaxes(J_free, 1, 2) @ np.linalg.solve(A, target))[..., 0] - z_free
-        stuck = np.abs(z + step) > 1
-    return step
 
 
 def train_reachable_map(
