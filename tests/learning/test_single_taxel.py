@@ -112,7 +112,7 @@ def test_the_squared_error_is_what_brier_score_a_map_loses():
     inside = truth.params.covers(D, TTC) & (D < 0.2) & (TTC < 3)
     D, TTC, outcome = D[inside], TTC[inside], np.broadcast_to(objects.touched[:, :1], D.shape)[inside]
     said = activation(memory, np.stack([D] * 3, 1), np.stack([TTC] * 3, 1))[:, 0]
-    known = truth.frequency[0][((D + 0.1) / 0.3 * 60).astype(int), (TTC / 3 * 60).astype(int)]
+    known = truth.frequency[0][((D + 0.1) / 0.3 * 96).astype(int), (TTC / 3 * 48).astype(int)]
     lost = np.mean((said - outcome) ** 2) - np.mean((known - outcome) ** 2)
     assert lost == pytest.approx(map_error(memory, truth) ** 2, abs=0.015)
 
