@@ -24,8 +24,9 @@ class PassingParams:
     `samples` within `reach_m` (R's receptive field) count.  Beliefs: touched paths pass nearer to this taxel
     than to its neighbours by `toward` of the way, as surely as `prior_trials` trials would say;
     half a touch and half a miss on each taxel (Jeffreys).  `offset_m`: how far a session's kinematics and
-    cameras may be off another's, each axis (R Fig 8: offsets of 1–2 cm).  A path further than `outlier_sigmas`
-    from all others says no more than one at that distance.  `level` of the credible interval.
+    cameras may be off another's, each axis (the least of R Fig 8's mean offsets, 1.2 to 2.1 cm).  A path
+    further than `outlier_sigmas` from all others says no more than one at that distance.  `level` of the
+    credible interval.
     """
 
     horizon_s: float = 0.15
@@ -33,7 +34,7 @@ class PassingParams:
     reach_m: float = 0.20
     toward: float = 0.5
     prior_trials: float = 5.0
-    offset_m: float = 0.01
+    offset_m: float = 0.012
     outlier_sigmas: float = 3.0
     level: float = 0.9
 
@@ -104,7 +105,7 @@ def leave_one_out(params: PassingParams, trials: tuple[Trial, ...]) -> Foretold:
 
 def _fit(params: PassingParams, u: Array, touched: Mask) -> PassingMap:
     positive, negative = touched.sum(axis=0) + 0.5, (~touched).sum(axis=0) + 0.5
-    seen: Mask = np.isfinite(u).all(axis=-1)
+    seen: Mask = ~np.isnan(u[..., 0])
     at = np.where(seen[..., None], u, 0.0)
     kinds = touched & seen, ~touched & seen
     n = [kind.sum(axis=0) for kind in kinds]
@@ -129,7 +130,7 @@ def _expect(params: PassingParams, learned: PassingMap, u: Array) -> Foretold:
     positive, negative, precision = learned.touched, learned.missed, learned.precision
     lean = 0.5 * (negative - positive) / (negative + positive)
     aside = u - (learned.middle + lean[:, None] * learned.difference)  # from half-way between touched and missed
-    in_reach: Mask = np.isfinite(aside).all(axis=-1)
+    in_reach: Mask = ~np.isnan(aside[..., 0])
     aside = np.where(in_reach[..., None], aside, 0.0)
     sigmas = np.sqrt(np.einsum("tki,ij,tkj->tk", aside, precision, aside))
     kept = np.minimum(1.0, params.outlier_sigmas / np.maximum(sigmas, 1e-9))

@@ -1,0 +1,69 @@
+"""Ways to foretell touches, on trials whose answer is known; and the whole experiment on a few of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from data import SEED
+from trials_made_up import session, write
+
+from learning.scores import auroc
+from pps_vision.experiments.pps.real_trials import RealTrials, left_out
+from pps_vision.experiments.pps.trial_methods import METHODS, OURS, Plain
+
+
+@pytest.mark.parametrize("reference", ["taxel", "surface", "landing"])
+@pytest.mark.parametrize("average", [False, True])
+def test_the_map_foretells_nothing_from_what_is_not_yet_known(reference, average):
+    _is_blind_to_the_end(Plain(reference=reference, average=average))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_no_method_uses_what_is_not_yet_known(name):
+    _is_blind_to_the_end(METHODS[name])
+
+
+def _is_blind_to_the_end(method):
+    """The last moments of a trial foretold may be anything; those of trials learned from are known by then."""
+    trials = session(np.random.default_rng(SEED), 10)
+    others = tuple(replace(t, d_m=t.d_m.copy(), v_m_s=t.v_m_s.copy()) for t in trials)
+    for trial in others[7:]:
+        trial.d_m[-2:], trial.v_m_s[-2:] = 0.05, -1.0
+    first, last = np.arange(7), np.arange(7, 10)
+    a, b = (method(group, 0.15)(first, last) for group in (trials, others))
+    np.testing.assert_array_equal(a, b)
+    assert ((a >= 0) & (a <= 1)).all()
+
+
+def test_the_base_rate_is_that_of_the_others():
+    trials = session(np.random.default_rng(SEED), 6)
+    touched = np.array([trial.touched for trial in trials])
+    np.testing.assert_allclose(left_out(METHODS["base rate"], trials), (touched.sum(axis=0) - touched) / 5)
+
+
+def test_what_passes_beside_each_other_only_displacement_tells_apart():
+    """Both taxels see the same D and TTC whichever is aimed at, but for the side."""
+    trials = session(np.random.default_rng(SEED), 16, beside_m=0.004)
+    touched = np.array([trial.touched for trial in trials])
+    found = {name: left_out(METHODS[name], trials)[:, :2] for name in ("displacement, Parzen", OURS)}
+    assert all(auroc(touched[:, :2], p) > 0.95 for p in found.values())
+
+
+def test_the_whole_experiment_on_a_few_trials(tmp_path):
+    folder = tmp_path / "pps_real_robot"
+    folder.mkdir()
+    write(folder / "trials_forearm_internal.npz", session(np.random.default_rng(SEED), 8, beside_m=0.01))
+    experiment = RealTrials(data=tmp_path, splits=2, resamples=20, permutations=2)
+    numbers = experiment.run()
+    assert list(numbers["methods"]) == list(METHODS)
+    low, high = numbers["methods"][OURS]["auroc_95"]
+    assert low <= high
+    assert sum(numbers["calibration"]["n"]) == 8 * 3
+    assert sum(row["default"] for row in numbers["choices_of_ours"]) == 4
+    assert set(experiment.chart(numbers)) == {"methods", "horizon", "choices", "reliability"}
+
+
+def test_without_data_it_says_so(tmp_path):
+    experiment = RealTrials(data=tmp_path)
+    assert "trials_forearm_internal" in (numbers := experiment.run())["skipped"]
+    assert experiment.chart(numbers) == {}
