@@ -27,12 +27,6 @@ def dilated(mask: Mask, radius: int) -> Mask:
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(radius)), dtype=np.uint8).view(bool)
 
 
-def eroded(mask: Mask, radius: int) -> Mask:
-    """Shrunk by `radius` px from all sides but the image's border."""
-    shrunk = cv2.erode(mask.view(np.uint8), square(radius), borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(shrunk, dtype=np.uint8).view(bool)
-
-
 def closed(mask: Mask, element: NDArray[np.uint8]) -> Mask:
     """With gaps narrower than the element filled."""
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, element), dtype=np.uint8).view(bool)

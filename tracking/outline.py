@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Array, Image, Mask
-from tracking import masks
 from tracking.ego_motion import Box
 
 # Sampling leaves this much of an outline's centre however sharp its edge is (FACTS §7); times √radius (px), for
@@ -30,6 +29,9 @@ _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 _CORRELATION = 2.0  # neighbouring pixels err together: this many are worth one
 
 _UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: in this unit a + b is as sure to be 1 as a pixel its level
+_SHADE = np.float32(_UNIT / 255)
+_LEVEL_VAR = np.float32(1 / 255**2)  # of rounding and the like
+_SUM = np.ones(4, np.float32)
 
 
 @dataclass(frozen=True)
@@ -96,91 +98,102 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     round object.  What is left over says how well that explains the pixel.
     """
     x0, y0, x1, y1 = box
+    return Coverage(*_cover(image[y0:y1, x0:x1], mask), box)
+
+
+def _cover(patch: Image, mask: Mask) -> tuple[NDArray[np.float32], NDArray[np.intp], NDArray[np.float32]]:
+    """Alpha (h, w), edge (n,) and variance (n,) of a Coverage, of an RGB patch (h, w, 3) and its hard mask."""
     band = 2 if np.count_nonzero(mask) > 60 else 1
-    inner = masks.eroded(mask, band)
-    if not inner.any():
+    side = 2 * band + 1
+    count = cv2.boxFilter(mask.view(np.uint8), -1, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
+    inner, outer = count == side * side, count == 0
+    if not np.count_nonzero(inner):
         inner = mask
-    outer = ~masks.dilated(mask, band)
-    edge = np.flatnonzero(inner == outer)
+    edge = (inner == outer).ravel().nonzero()[0]
     alpha = inner.astype(np.float32)
     if not len(edge):
-        return Coverage(alpha, edge, np.zeros(0, np.float32), box)
-    # the fourth channel is 1: it counts pixels in a sum, and in a mixture it asks for a + b = 1
-    roi = np.asarray(cv2.cvtColor(image[y0:y1, x0:x1] * np.float32(1 / _UNIT), cv2.COLOR_RGB2RGBA), dtype=np.float32)
-    side = 4 * band + 5
-    F, B = _local_mean(roi, inner, side, edge), _local_mean(roi, outer, side, edge)
-    share, variance = _unmix(roi.reshape(-1, 4).take(edge, axis=0), F, B)
+        return alpha, edge, np.zeros(0, np.float32)
+    share, variance = _unmix(_colors(patch, inner, outer, 4 * band + 5, edge))
     alpha.reshape(-1)[edge] = share
-    return Coverage(alpha, edge, variance, box)
+    return alpha, edge, variance
 
 
-def _unmix(
-    pixels: NDArray[np.float32], F: NDArray[np.float32], B: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Share of F (n, 4) in `pixels` (n, 4) that mix F and B, and its variance."""
-    ff, bb, fb = np.vecdot(F, F), np.vecdot(B, B), np.vecdot(F, B)
-    fi, bi = np.vecdot(F, pixels), np.vecdot(B, pixels)
-    det = np.maximum(ff * bb - fb * fb, 1e-7)
-    a, b = np.maximum((bb * fi - fb * bi) / det, 0), np.maximum((ff * bi - fb * fi) / det, 0)
-    rest = (pixels - a[:, None] * F - b[:, None] * B)[:, :3].ravel()
-    noise = float(rest @ rest) / len(rest) + 1 / _UNIT**2
-    contrast = np.maximum(ff + bb - 2 * fb, 1 / _UNIT**2)
-    share, variance = a / np.maximum(a + b, 1e-6), np.minimum(noise / contrast, 0.25)
-    return share.astype(np.float32), variance.astype(np.float32)
+def _colors(patch: Image, inner: Mask, outer: Mask, side: int, at: NDArray[np.intp]) -> NDArray[np.float32]:
+    """(3, 4, n) of each of the pixels `at`: its own colour, and the mean colours of the inner and the outer pixels
+    around; of all such pixels where none is near.  Red, green and blue are in 0–1, the fourth channel is 1."""
+    layers = np.empty((3, *inner.shape, 4), np.float32)
+    rgba = cv2.cvtColor(patch, cv2.COLOR_RGB2RGBA)  # A counts the pixels in a sum
+    layers[0] = rgba
+    for layer, where in zip(layers[1:], (inner, outer), strict=True):
+        marked = cv2.copyTo(rgba, where.view(np.uint8))
+        cv2.boxFilter(marked, cv2.CV_32F, (side, side), layer, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    colors = layers.reshape(3, -1, 4).take(at, axis=1).swapaxes(1, 2).copy()
+    if np.count_nonzero(colors[:, 3]) < 3 * len(at):
+        for color, where in zip(colors[1:], (inner, outer), strict=True):
+            color[:, color[3] == 0] = np.array([*cv2.mean(rgba, where.view(np.uint8))[:3], 255])[:, None]
+    return np.asarray(colors / colors[:, 3:], dtype=np.float32)
 
 
-def _local_mean(roi: NDArray[np.float32], where: Mask, side: int, at: NDArray[np.intp]) -> NDArray[np.float32]:
-    """(n, 4) mean colour of the marked pixels of `roi` (h, w, 4) around each of the pixels `at`; of all marked
-    ones where none is near."""
-    marked = cv2.copyTo(roi, where.view(np.uint8))
-    total = cv2.boxFilter(marked, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    near = np.asarray(total, dtype=np.float32).reshape(-1, 4).take(at, axis=0)
-    count = near[:, 3:]
-    if count.min() < 0.5:
-        near[count[:, 0] < 0.5] = cv2.sumElems(marked)
-    return np.asarray(near / np.maximum(count, 1.0), dtype=np.float32)
+def _unmix(colors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Share of F in each pixel I, and its variance, of `colors` (3, 4, n), I, F and B, as `_colors` has them.
+
+    The fourth channel, where all three are the same, asks of the mixture that a + b = 1.
+    """
+    colors[:, 3] = _SHADE
+    (fi, ff, fb), (bi, _, bb) = _SUM @ (colors[1:, None] * colors)
+    det = np.maximum(ff * bb - fb * fb, 1e-11)
+    a, b = np.maximum(bb * fi - fb * bi, 0) / det, np.maximum(ff * bi - fb * fi, 0) / det
+    pixel, F, B = colors[:, :3]
+    rest = pixel - a * F - b * B
+    noise = float(np.vdot(rest, rest)) / rest.size + _LEVEL_VAR
+    return a / np.maximum(a + b, 1e-6), np.minimum(noise / np.maximum(ff + bb - 2 * fb, _LEVEL_VAR), 0.25)
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     """The outline of a covered region; None where nothing is covered."""
     x0, y0, x1, y1 = coverage.box
-    alpha = coverage.alpha
+    alpha, camera = coverage.alpha, optics.camera
     area = cv2.sumElems(alpha)[0]
     if area < 1.0:
         return None
     weights = optics.weights[y0:y1, x0:x1].reshape(-1, 4)
     *direction, omega = (alpha.reshape(-1) @ weights).tolist()
     radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
-    departure = _departure(alpha, weights, direction, omega, radius)
+    departure = _departure(alpha, weights, direction, radius + math.sqrt(omega / area)) / area  # and a pixel's side
     if departure > ROUND:
         direction = ((alpha * _thickness(alpha)).reshape(-1) @ weights)[:3].tolist()
-    center = optics.camera.project(direction)
-    if not (math.isfinite(center[0]) and math.isfinite(center[1])):
+    center, slope = camera.project_linearised(direction)
+    if math.isnan(center[0]):
         return None
     left, top, width, height = cv2.boundingRect((alpha > 0.5).view(np.uint8))
     if not width:
         return None
     left, top = x0 + left, y0 + top
-    solid = weights[:, 3].take(coverage.edge)
-    omega_var = _CORRELATION * float(np.dot(coverage.variance * solid, solid))
-    radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2 + (_MIN_RADIUS_PX / optics.camera.focal_px) ** 2
-    odd_px = _SHAPE_BIAS * radius * optics.camera.focal_px * abs(1 - area / (math.pi / 4 * width * height))
-    cov = _center_cov(coverage, center.tolist(), area)
-    cov[[0, 1], [0, 1]] += odd_px**2
-    at_border = left <= 0 or top <= 0 or left + width >= optics.camera.width or top + height >= optics.camera.height
+    focal_px = camera.focal_px
+    odd_px = _SHAPE_BIAS * radius * focal_px * abs(1 - area / (math.pi / 4 * width * height))
+    ((xx, xy), (_, yy)), omega_var = _spread(coverage, weights, slope)
+    own = _LEAST_PX**2 / math.sqrt(area / math.pi) + odd_px**2
+    cov = np.array(((xx + own, xy), (xy, yy + own)))
+    radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2 + (_MIN_RADIUS_PX / focal_px) ** 2
+    at_border = left <= 0 or top <= 0 or left + width >= camera.width or top + height >= camera.height
     box_px = (float(left), float(top), float(width), float(height))
     return Outline(center, cov, radius, radius_var, box_px, area, at_border, departure)
 
 
 def _departure(
-    alpha: NDArray[np.float32], weights: NDArray[np.float32], direction: list[float], omega: float, radius: float
+    alpha: NDArray[np.float32], weights: NDArray[np.float32], direction: list[float], radius: float
 ) -> float:
-    """Share of the covered solid angle `omega` outside the cone around `direction` of as much solid angle; pixels on
-    the cone's edge are not counted, for what they are is uncertain."""
-    solid = weights[:, 3]
-    length, edge = math.hypot(*direction), math.sqrt(solid.max())  # a pixel's side as an angle
-    inside = np.array([*direction, -length * math.cos(radius + edge)], dtype=np.float32)
-    return float((alpha.reshape(-1) * solid) @ (weights @ inside < 0)) / omega
+    """What of `alpha` lies outside the cone of this `radius` (rad) around a direction, px."""
+    inside = np.array([*direction, -math.hypot(*direction) * math.cos(radius)], dtype=np.float32)
+    return float(alpha.reshape(-1) @ (weights @ inside < 0))
+
+
+def _spread(coverage: Coverage, weights: NDArray[np.float32], slope: Array) -> tuple[list[list[float]], float]:
+    """Covariance (2, 2) px² of the centre and variance sr² of the solid angle: what every edge pixel's uncertain share
+    does to the sums of the weights, and with `slope` (2, 3) the sum of the directions to the centre."""
+    of_edge = weights.take(coverage.edge, axis=0)
+    cov = _CORRELATION * ((of_edge.T * coverage.variance) @ of_edge)
+    return (slope @ cov[:3, :3] @ slope.T).tolist(), float(cov[3, 3])
 
 
 def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -198,21 +211,3 @@ def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:
     mean = float(depth.sum()) / area
     thickness: NDArray[np.float32] = ((1 - limbs) + limbs * depth / max(mean, 1e-6)).astype(np.float32)
     return thickness
-
-
-def _center_cov(coverage: Coverage, center: list[float], area: float) -> Array:
-    """(2, 2) px²: every edge pixel's uncertain share pulls the centre by its lever arm."""
-    variance = np.zeros_like(coverage.alpha)
-    variance.reshape(-1)[coverage.edge] = coverage.variance
-    m = cv2.moments(variance)
-    x, y = center[0] - coverage.box[0], center[1] - coverage.box[1]
-    xx = m["m20"] - x * (2 * m["m10"] - x * m["m00"])
-    yy = m["m02"] - y * (2 * m["m01"] - y * m["m00"])
-    xy = m["m11"] - x * m["m01"] - y * (m["m10"] - x * m["m00"])
-    return _CORRELATION / area**2 * np.array([[xx, xy], [xy, yy]]) + least_cov(area)
-
-
-def least_cov(area: float) -> Array:
-    """(2, 2) px² of the centre of an outline of `area` px, however sharp its edge; measured on rendered
-    balls and markers of 5 to 35 px radius (bench consistency)."""
-    return _LEAST_PX**2 / math.sqrt(area / math.pi) * np.eye(2)

@@ -1,6 +1,6 @@
 """A pinhole camera with OpenCV lens distortion, a camera at a place, and a pair of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -40,6 +40,11 @@ class Camera:
     def K(self) -> Array:
         """(3, 3) camera matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+    @cached_property
+    def lens(self) -> Array:
+        """(5,) distortion, as OpenCV takes it."""
+        return np.array(self.distortion)
 
     @cached_property
     def _r2_max(self) -> float:
@@ -92,17 +97,24 @@ class Camera:
         return self.fx * xd + self.cx, self.fy * yd + self.cy, self.fx * xx, self.fx * xy, self.fy * xy, self.fy * yy
 
     def project_jacobian(self, point: ArrayLike) -> Array:
-        """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates."""
-        X, Y, Z = np.asarray(point, dtype=float).tolist()  # plain floats, as in _project_one
-        x, y = X / Z, Y / Z
-        ux, uy, vx, vy = (slope / Z for slope in self.linearised(x, y)[2:])
-        return np.array([[ux, uy, -ux * x - uy * y], [vx, vy, -vx * x - vy * y]])
+        """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates; NaN where it cannot be seen."""
+        return self.project_linearised(np.asarray(point, dtype=float).tolist())[1]
+
+    def project_linearised(self, point: Sequence[float]) -> tuple[Array, Array]:
+        """The pixel (2,) of a point (3,) and `project_jacobian` (2, 3) there; in plain floats, as `_project_one`."""
+        X, Y, Z = point
+        x, y = (X / Z, Y / Z) if Z > 1e-9 else (np.inf, np.inf)
+        if not x * x + y * y < self._r2_max:
+            return np.full(2, np.nan), np.full((2, 3), np.nan)
+        u, v, *slopes = self.linearised(x, y)
+        ux, uy, vx, vy = (slope / Z for slope in slopes)
+        return np.array([u, v]), np.array([[ux, uy, -ux * x - uy * y], [vx, vy, -vx * x - vy * y]])
 
     def bearings(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in camera coordinates of pixels (…, 2)."""
         px = np.asarray(pixels, dtype=float)
         flat = px.reshape(-1, 1, 2)
-        xy = cv2.undistortPointsIter(flat, self.K, np.array(self.distortion), np.eye(3), np.eye(3), _UNDISTORT)
+        xy = cv2.undistortPointsIter(flat, self.K, self.lens, np.eye(3), np.eye(3), _UNDISTORT)
         rays = np.concatenate([xy.reshape(-1, 2), np.ones((len(flat), 1))], axis=1)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays.reshape(*px.shape[:-1], 3)
@@ -145,7 +157,7 @@ class Camera:
 
     def contains(self, pixel: ArrayLike, margin_px: float = 0.0) -> bool:
         """Whether a pixel (2,) lies at least `margin_px` inside the image; False for NaN."""
-        u, v = np.asarray(pixel, dtype=float)
+        u, v = np.asarray(pixel, dtype=float).tolist()
         m = margin_px - 0.5
         return bool(m <= u <= self.width - 1 - m and m <= v <= self.height - 1 - m)
 
@@ -175,9 +187,13 @@ class View:
         return self.camera.project(move_points(self.T_camera_root, points))
 
     def project_jacobian(self, point_root: ArrayLike) -> Array:
-        """∂pixel/∂p_root (2, 3), px/m."""
-        at = self._in_camera(np.asarray(point_root, dtype=float))
-        return self.camera.project_jacobian(at) @ self.T_root_camera[:3, :3].T
+        """∂pixel/∂p_root (2, 3), px/m; NaN where it cannot be seen."""
+        return self.project_linearised(point_root)[1]
+
+    def project_linearised(self, point_root: ArrayLike) -> tuple[Array, Array]:
+        """The pixel (2,) of a root-frame point (3,), and `project_jacobian` (2, 3) there."""
+        pixel, slope = self.camera.project_linearised(self._in_camera(np.asarray(point_root, dtype=float)))
+        return pixel, slope @ self.T_root_camera[:3, :3].T
 
     def _in_camera(self, point_root: Array) -> tuple[float, float, float]:
         """One point (3,) in camera coordinates, as plain floats."""

@@ -63,7 +63,7 @@ def triangulate(
     chi2 = _meet(left, right, axes, gap)
     if chi2 is None:
         return None
-    a, b = (left.x, left.y, 1.0), _turned(right.x, right.y, axes)
+    a, b = (left.x, left.y, 1.0), _turned(right.x, right.y, 1.0, axes)
     normal = _cross(a, b)
     sine2 = _dot(normal, normal)
     if not sine2 > _PARALLEL * _dot(a, a) * _dot(b, b):
@@ -71,9 +71,9 @@ def triangulate(
     depth_left, depth_right = _dot(_cross(gap, b), normal) / sine2, _dot(_cross(gap, a), normal) / sine2
     if not (depth_left > 0 and depth_right > 0):
         return None
-    p_root = view.left.center + depth_left * (R_root_left @ a)
-    by_left, by_right = left.slopes(depth_left) @ R_root_left.T, right.slopes(depth_right) @ R_root_right.T
-    cov_root = _inverse(by_left.T @ by_left + by_right.T @ by_right)
+    p_root = view.left.center + R_root_left @ (depth_left * left.x, depth_left * left.y, depth_left)
+    slopes = np.array([*left.slopes(depth_left), *(_turned(*row, axes) for row in right.slopes(depth_right))])
+    cov_root = R_root_left @ _inverse(slopes.T @ slopes) @ R_root_left.T
     return Triangulation(p_root, cov_root, 0.5 * (left.moved2_px2 + right.moved2_px2) ** 0.5, chi2)
 
 
@@ -86,7 +86,7 @@ class _Pixel:
         at = np.asarray(pixel, dtype=float)
         (uu, uv), (_, vv) = np.asarray(cov, dtype=float).tolist()
         self.camera, self.at, self.cov = camera, at.tolist(), (uu, uv, vv)
-        self.x, self.y = cv2.undistortPoints(at.reshape(1, 1, 2), camera.K, np.array(camera.distortion))[0, 0].tolist()
+        self.x, self.y = cv2.undistortPoints(at.reshape(1, 1, 2), camera.K, camera.lens)[0, 0].tolist()
         self.moved2_px2 = 0.0
 
     def look(self, gx: float, gy: float) -> tuple[float, float]:
@@ -112,21 +112,21 @@ class _Pixel:
         self.moved2_px2 = k * k * (pu * pu + pv * pv)
         return abs(dx) + abs(dy)
 
-    def slopes(self, depth: float) -> Array:
-        """(2, 3) ∂pixel/∂p in units of its noise, 1/m, of a point (camera coordinates) that far ahead on the ray."""
+    def slopes(self, depth: float) -> tuple[Vector, Vector]:
+        """∂pixel/∂p in units of its noise, 1/m, of a point (camera coordinates) that far ahead on the ray."""
         _, _, ux, uy, vx, vy = self.camera.linearised(self.x, self.y)
         uu, uv, vv = self.cov
         tilt, first, second = uv / uu, depth * uu**0.5, depth * (vv - uv * uv / uu) ** 0.5
         wx, wy = vx - tilt * ux, vy - tilt * uy  # of v less what u tells of it: whitened by Cholesky's factor
         of_u = ux / first, uy / first, -(ux * self.x + uy * self.y) / first
         of_v = wx / second, wy / second, -(wx * self.x + wy * self.y) / second
-        return np.array([of_u, of_v])
+        return of_u, of_v
 
 
 def _meet(left: _Pixel, right: _Pixel, axes: list[list[float]], gap: list[float]) -> float | None:
     """Move both pixels until their rays meet; returns what that costs (χ²), or None where they do not."""
     for _ in range(_ROUNDS):
-        ray = _turned(right.x, right.y, axes)
+        ray = _turned(right.x, right.y, 1.0, axes)
         plane = _cross(gap, (left.x, left.y, 1.0))  # it holds the gap and the left ray
         by_left = _cross(ray, gap)
         off_left, var_left = left.look(by_left[0], by_left[1])
@@ -139,10 +139,10 @@ def _meet(left: _Pixel, right: _Pixel, axes: list[list[float]], gap: list[float]
     return None
 
 
-def _turned(x: float, y: float, axes: list[list[float]]) -> Vector:
-    """x of the first axis, y of the second and one of the third."""
+def _turned(x: float, y: float, z: float, axes: list[list[float]]) -> Vector:
+    """x of the first axis, y of the second and z of the third."""
     (a, b, c), (d, e, f), (g, h, i) = axes
-    return x * a + y * d + g, x * b + y * e + h, x * c + y * f + i
+    return x * a + y * d + z * g, x * b + y * e + z * h, x * c + y * f + z * i
 
 
 def _cross(a: Sequence[float], b: Sequence[float]) -> Vector:
