@@ -25,7 +25,7 @@ class MemoryParams:
     Defaults from R; the authors' own data and Matlab use TTC up to 1.2 s and 0.75 bins.  A dimension of a
     single bin tells nothing apart, so its range may be infinite: (8, 1) bins over (−inf, inf) s know D only.
     After `half_life_touches` touches of its body part a sample counts half (default: nothing is forgotten);
-    what is not seen again keeps its frequency and loses its weight against what is.
+    what is not seen again keeps its frequency, but less and less weight against what is.
     """
 
     distance_range_m: tuple[float, float] = (-0.10, 0.20)
@@ -84,9 +84,10 @@ class PPSMemory:
 
     @cached_property
     def frequency(self) -> Array:
-        """(n, D bins, TTC bins) f = n⁺/(n⁺ + n⁻), R eq. 3; 0 where nothing was ever seen."""
+        """(n, D bins, TTC bins) f = n⁺/(n⁺ + n⁻), R eq. 3; 0 where nothing was ever seen, and fading to it
+        where less than one sample is left."""
         total = self.counts[..., 0] + self.counts[..., 1]
-        f: Array = self.counts[..., 0] / np.where(total > 0, total, 1)
+        f: Array = self.counts[..., 0] / np.maximum(total, 1)
         return f
 
 

@@ -295,6 +295,16 @@ def test_forgetting_keeps_the_frequency_of_what_is_not_seen_again():
     assert later.counts[away].max() < memory.counts[away].max()
 
 
+def test_what_has_faded_below_one_sample_speaks_for_nothing():
+    memory = PPSMemory.empty(FOREARMS, MemoryParams(half_life_touches=1.0))
+    memory = count_samples(memory, np.full((4, N), 0.1), np.ones((4, N)), touched(0))
+    expected = []
+    for _ in range(6):
+        expected.append(memory.frequency[0, 5, 1])
+        memory = count_samples(memory, np.full((1, N), -0.09), np.full((1, N), 2.9), touched(0))
+    np.testing.assert_allclose(expected, [1, 1, 1, 0.5, 0.25, 0.125])  # of 4, 2, 1, ½ … samples
+
+
 def test_a_memory_that_forgets_is_saved_with_its_fractions(tmp_path):
     memory = random_memory(6, MemoryParams(half_life_touches=7.0))
     memory = count_samples(memory, np.full((1, N), 0.09), np.full((1, N), 2.9), touched(0))
