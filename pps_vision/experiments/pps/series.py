@@ -9,10 +9,11 @@ from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import DATA, Experiment
 from pps_vision.experiments.pps.authors_counts import AuthorsCounts
+from pps_vision.experiments.pps.hyper_parameters import HyperParameters
 from pps_vision.experiments.pps.monte_carlo import MonteCarlo
 from pps_vision.experiments.pps.one_trial import OneTrial
 
-FigureName = Literal["monte_carlo", "authors_counts", "one_trial"]
+FigureName = Literal["monte_carlo", "authors_counts", "one_trial", "hyper_parameters"]
 
 
 @dataclass(frozen=True)
@@ -38,5 +39,6 @@ class Pps:
             "monte_carlo": lambda: MonteCarlo(self.seed),
             "authors_counts": lambda: AuthorsCounts(self.data),
             "one_trial": lambda: OneTrial(self.seed),
+            "hyper_parameters": lambda: HyperParameters(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
