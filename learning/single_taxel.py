@@ -1,7 +1,7 @@
 """The Monte Carlo of a single taxel (R, "Monte Carlo simulation of a single taxel"): a shower of objects."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -114,19 +114,17 @@ def rain(
     As in R only what touches one of them teaches: positive samples for the touched, negative for the others.  With
     `near_misses` the others teach too, negative samples for all.  Memory in use does not grow with n.
     """
-    names = tuple(str(i) for i in range(len(shower.taxels_m)))
-    elsewhere = len(names)  # stands for the rest of the skin, has no samples itself, is touched by what misses
-    size = elsewhere + 1
-    memory = PPSMemory(
-        (*names, "elsewhere"), np.zeros(size, np.intp), np.zeros((size, *params.bins, 2), np.int64), params
-    )
+    n_taxels = len(shower.taxels_m)
+    nothing = np.empty((0, 1, n_taxels))
+    memory = learned(params, nothing, nothing, np.empty((0, n_taxels), bool))
     for objects in _chunks(shower, n, rng):
         if reference == "taxel":
             D, TTC = distance_and_ttc(field or ReceptiveField(), objects.d_m, _UP, objects.v_m_s)
         else:
             D, TTC = from_landing(objects.d_m, objects.v_m_s, shower.offset_m)
-        memory = _teach(memory, D, TTC, objects.touched, near_misses)
-    return PPSMemory(names, memory.part_index[:-1], memory.counts[:-1], params)
+        more = learned(params, D, TTC, objects.touched, near_misses)
+        memory = replace(memory, counts=memory.counts + more.counts)
+    return memory
 
 
 def _chunks(shower: Shower, n: int, rng: np.random.Generator) -> Iterator[Fall]:
@@ -134,16 +132,21 @@ def _chunks(shower: Shower, n: int, rng: np.random.Generator) -> Iterator[Fall]:
         yield fall(shower, min(_CHUNK, n - first), rng)
 
 
-def _teach(memory: PPSMemory, D: Array, TTC: Array, touched: Mask, near_misses: bool) -> PPSMemory:
-    """Objects that touched the same taxels are counted together."""
+def learned(params: MemoryParams, D: Array, TTC: Array, touched: Mask, near_misses: bool = False) -> PPSMemory:
+    """The memory of n taxels after N objects of which T moments were perceived: D and TTC (N, T, n), `touched`
+    (N, n).  Objects that touched the same taxels are counted together."""
+    n = touched.shape[1]
+    # one more taxel stands for the rest of the skin: it perceives nothing and is touched by what misses the others
+    names = (*map(str, range(n)), "elsewhere")
+    memory = PPSMemory(names, np.zeros(n + 1, np.intp), np.zeros((n + 1, *params.bins, 2), np.int64), params)
     nowhere = np.full((*D.shape[:2], 1), np.nan)
     D, TTC = np.concatenate([D, nowhere], axis=2), np.concatenate([TTC, nowhere], axis=2)
     missed = ~touched.any(axis=1, keepdims=True) & near_misses
     touched = np.concatenate([touched, missed], axis=1)
     for pattern in np.unique(touched[touched.any(axis=1)], axis=0):
         same = np.all(touched == pattern, axis=1)
-        memory = count_samples(memory, D[same].reshape(-1, D.shape[2]), TTC[same].reshape(-1, D.shape[2]), pattern)
-    return memory
+        memory = count_samples(memory, D[same].reshape(-1, n + 1), TTC[same].reshape(-1, n + 1), pattern)
+    return PPSMemory(names[:-1], memory.part_index[:-1], memory.counts[:-1], params)
 
 
 def contact_probability(
