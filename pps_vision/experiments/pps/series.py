@@ -12,8 +12,9 @@ from pps_vision.experiments.pps.authors_counts import AuthorsCounts
 from pps_vision.experiments.pps.hyper_parameters import HyperParameters
 from pps_vision.experiments.pps.monte_carlo import MonteCarlo
 from pps_vision.experiments.pps.one_trial import OneTrial
+from pps_vision.experiments.pps.real_trials import RealTrials
 
-FigureName = Literal["monte_carlo", "authors_counts", "one_trial", "hyper_parameters"]
+FigureName = Literal["monte_carlo", "authors_counts", "one_trial", "hyper_parameters", "real_trials"]
 
 
 @dataclass(frozen=True)
@@ -40,5 +41,6 @@ class Pps:
             "authors_counts": lambda: AuthorsCounts(self.data),
             "one_trial": lambda: OneTrial(self.seed),
             "hyper_parameters": lambda: HyperParameters(self.seed),
+            "real_trials": lambda: RealTrials(self.data, self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
