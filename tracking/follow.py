@@ -4,15 +4,19 @@ import math
 
 import numpy as np
 
-from pps_vision.types import Array, CameraName, Detection2D
+from pps_vision.types import Array, CameraName, Detection2D, Image
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief
 from tracking.look import Look
 from tracking.marker import MarkerParams, find_markers
+from tracking.marker_color import narrowed
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
+
+_SAME_SIZE = 0.03  # from one frame to the next, what is wholly seen twice differs by less
+_SIZE_RATE = 0.1  # at which a size that does differ is believed
 
 
 class Follower:
@@ -33,6 +37,7 @@ class Follower:
         self.background = Background(EgoMotion(optics.camera), background_memory_s)
         self._offset_px: Array = np.zeros(2)  # of the outline from the track's projection: calibration error
         self._size_px = 0.0
+        self._whole: tuple[Image, Outline] | None = None  # a marker's last image that nothing hid
 
     def find(self, look: Look, last: Belief, now: Belief, grey: bool) -> Sighting | None:
         """The object near where the track, whose belief was `last` and is `now`, puts it."""
@@ -47,7 +52,20 @@ class Follower:
     def remember(self, look: Look, shape: Outline, belief: Belief) -> None:
         """Where the object is relative to the track, and how large."""
         self._offset_px = shape.center_px - look.view.project(belief.mean[0])
-        self._size_px = 2 * shape.angular_radius_rad * self.optics.camera.focal_px
+        size_px = self._size_of(shape)
+        if self.marker is not None and self._whole is None:
+            self._whole = look.image, shape
+        elif self.marker is not None and shape.oddness >= 0.5:  # partly hidden, or it was
+            size_px = self._size_px * (size_px / self._size_px) ** _SIZE_RATE
+        self._size_px = size_px
+
+    def _size_of(self, shape: Outline) -> float:
+        return 2 * shape.angular_radius_rad * self.optics.camera.focal_px
+
+    def forget(self) -> None:
+        """Follow nothing any more."""
+        self.object.forget()
+        self._whole = None
 
     def detection(self, look: Look, seen: Sighting) -> Detection2D:
         """What was seen, with eye and stamp."""
@@ -71,11 +89,23 @@ class Follower:
         return Prior(center, min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
 
     def _nearest_marker(self, params: MarkerParams, look: Look, prior: Prior) -> Sighting | None:
-        """The nearest blob in reach of where the marker should be."""
+        """The nearest blob in reach of where the marker should be.  One that is not as large as it should be is
+        looked at again with the colour that the marker had when nothing hid it, and completed."""
         x, y = prior.center_px.tolist()
-        half = 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
-        found = find_markers(params, look.image, self.optics, (x, y, half))
-        if not found:
-            return None
-        shape = min(found, key=lambda one: math.dist(one.center_px.tolist(), (x, y)))
-        return Sighting(shape, shape.box_px, 1.0)
+        near = x, y, 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
+        self._size_px *= prior.growth
+        shape = _nearest(find_markers(params, look.image, self.optics, near), prior)
+        if shape and abs(self._size_of(shape) / self._size_px - 1) < _SAME_SIZE and shape.oddness < 0.5:
+            self._whole = look.image, shape
+        elif self._whole is not None:
+            image, whole = self._whole
+            expected_area = whole.area_px * (self._size_px / self._size_of(whole)) ** 2
+            own = narrowed(params, image, whole.box_px)
+            shape = _nearest(find_markers(own, look.image, self.optics, near, expected_area), prior)
+        return None if shape is None else Sighting(shape, shape.box_px, 1.0)
+
+
+def _nearest(found: list[Outline], prior: Prior) -> Outline | None:
+    """To where it is expected."""
+    at = prior.center_px.tolist()
+    return min(found, key=lambda one: math.dist(one.center_px.tolist(), at), default=None)

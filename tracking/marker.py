@@ -49,11 +49,16 @@ class MarkerParams:
 
 
 def find_markers(
-    params: MarkerParams, image: Image, optics: Optics, near: tuple[float, float, float] | None = None
+    params: MarkerParams,
+    image: Image,
+    optics: Optics,
+    near: tuple[float, float, float] | None = None,
+    expected_area_px: float | None = None,
 ) -> list[Outline]:
     """The blobs of the marker's hue in an RGB image, the largest and roundest first.
 
-    `near` (x, y, half side px) is where to look instead of everywhere.
+    `near` (x, y, half side px) is where to look instead of everywhere; what is smaller than its expected area is
+    taken for partly hidden (`rim.see`).
     """
     height, width = image.shape[:2]
     x0, y0, x1, y1 = 0, 0, width, height
@@ -69,7 +74,7 @@ def find_markers(
     found = []
     for blob in [blob for blob in blobs if blob.area_px >= params.min_area_px][: params.max_blobs]:
         box, mask = _cut_out(blob, hard.shape)
-        shape = see(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3]), optics)
+        shape = see(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3]), optics, expected_area_px)
         found += [shape] if shape else []
     return found
 

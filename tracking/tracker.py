@@ -268,7 +268,7 @@ class Tracker:
         self._belief, self._hits, self._oddness = None, 0, 0.0
         self._association.forget()
         for eye in self._eyes:
-            eye.object.forget()
+            eye.forget()
 
     def _after(self, looks: Looks, sightings: Sightings, observation: Observation3D | None, grey: bool) -> None:
         """Remember, for each eye, where the object is relative to the track, and the scene without it."""

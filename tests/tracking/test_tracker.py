@@ -14,6 +14,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Status, StereoFrame
 from tracking.disparity import DisparityParams
 from tracking.eye import EyeParams
+from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
@@ -177,6 +178,27 @@ def test_a_body_of_two_colors_is_one_thing_and_less_certain_than_a_ball(world: W
     assert min(stds) > 0.001
     assert max(stds) < 0.012
     assert np.mean(squared) < 3
+
+
+def test_a_marker_half_hidden_by_what_is_nearly_its_colour_is_completed(world: World, rng: np.random.Generator) -> None:
+    """A far larger ball of a brownish red comes up before the lower half of a red one, whose hue it has."""
+    tracker = Tracker(TrackerParams(mode="marker", marker=MarkerParams(hue_deg=0.0)), world.rig, rng)
+    errors = []
+    for k in range(34):
+        q, p = world.q(DT * k), world.position(DT * k)
+        eyes = world.rig.view(q)
+        middle = 0.5 * (eyes.left.center + eyes.right.center)
+        down = eyes.left.T_root_camera[:3, 1]
+        top = middle + 0.8 * (p - middle) + 0.8 * world.radius_m * np.clip((16 - k) / 8, 0, 1) * down
+        balls = [Sphere(p, world.radius_m, world.color)]
+        if k >= 8:
+            balls.append(Sphere(top + 0.3 * down, 0.3, (150.0, 95.0, 72.0)))
+        step = tracker.step(frame(world.rig, q, balls, DT * k, rng))
+        if k >= 6:
+            assert step.track.is_known
+            errors.append(np.linalg.norm(step.track.position - p))
+    assert np.max(errors) < 0.06
+    assert np.median(errors[12:]) < 0.015
 
 
 def test_light_from_above_leaves_doubt_up_and_down_the_image(world: World) -> None:

@@ -1,0 +1,38 @@
+"""The colour a marker was seen in, against colours that were painted."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tracking.marker import MarkerParams
+from tracking.marker_color import narrowed
+
+
+def _painted(hue_deg: float, saturation: float, rng: np.random.Generator) -> np.ndarray:
+    """A patch of one colour amid grey, noise 2/255."""
+    hsv = np.array([[[hue_deg / 2, 255 * saturation, 200]]], dtype=np.uint8)
+    image = np.full((60, 80, 3), 120.0)
+    image[20:40, 30:50] = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0, 0]
+    return np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("hue_deg", [350.0, 4.0, 20.0])
+def test_it_is_the_painted_colour_and_little_else(hue_deg: float, rng: np.random.Generator) -> None:
+    """Across 0° too."""
+    params = MarkerParams(hue_deg=0.0)
+    own = narrowed(params, _painted(hue_deg, 0.9, rng), (30.0, 20.0, 20.0, 20.0))
+    assert abs((own.hue_deg - hue_deg + 180) % 360 - 180) < 4
+    assert 5 < own.hue_tolerance_deg < 16
+    assert 0.65 < own.min_saturation < 0.85
+
+
+def test_it_is_never_wider_than_what_was_asked_for(rng: np.random.Generator) -> None:
+    params = MarkerParams(hue_deg=0.0, hue_tolerance_deg=6.0, min_saturation=0.7)
+    own = narrowed(params, _painted(4.0, 0.75, rng), (30.0, 20.0, 20.0, 20.0))
+    assert own.hue_tolerance_deg <= 6.0
+    assert own.min_saturation == 0.7
+
+
+def test_where_nothing_has_the_hue_nothing_changes(rng: np.random.Generator) -> None:
+    params = MarkerParams(hue_deg=120.0)
+    assert narrowed(params, _painted(0.0, 0.9, rng), (30.0, 20.0, 20.0, 20.0)) == params
