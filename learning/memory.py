@@ -149,8 +149,7 @@ def activation(
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
     if len(at[0]):
         w_distance, w_ttc = windows(memory.params, distance, ttc, inside, distance_var_m2, ttc_var_s2)
-        along_ttc = (memory.frequency[at[-1]] @ w_ttc[..., None])[..., 0]
-        expected[at] = np.einsum("kd,kd->k", w_distance, along_ttc)
+        expected[at] = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[at[-1]], w_ttc)
     return expected
 
 
@@ -192,10 +191,12 @@ def _window(
     spread = sigma_bins**2 + np.asarray(variance) * per_unit**2  # in bins
     if spread.ndim:
         spread = np.broadcast_to(spread, inside.shape)[inside][:, None]
-    exponent = away**2 / (-2 * spread)
-    weights = np.exp(exponent - exponent.max(axis=-1, keepdims=True))  # the nearest bin's is 1: no 0/0
-    scaled: Array = weights / weights.sum(axis=-1, keepdims=True)
-    return scaled
+    weights = np.square(away, out=away)  # in place: this is where large arrays spend their time
+    weights /= -2 * spread
+    weights -= weights.max(axis=-1, keepdims=True)  # the nearest bin's weight is 1: no 0/0
+    np.exp(weights, out=weights)
+    weights /= weights.sum(axis=-1, keepdims=True)
+    return weights
 
 
 def save_memory(path: Path, memory: PPSMemory) -> None:

@@ -73,9 +73,11 @@ def distance_and_ttc(
     shape = np.broadcast(d, v, z).shape
     shell = radius_m if field.subtract_radius else 0.0
     far = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # no more than a first look: the rest is for what is near
-    near = np.nonzero(_as(shape[:-1], (d * d) @ np.ones(3) <= far**2))
+    close = _as(shape[:-1], (d * d) @ np.ones(3) <= far**2)
+    n_close = np.count_nonzero(close)
     D, ttc = np.full((2, *shape[:-1]), np.nan)
-    if len(near[0]):
+    if n_close:
+        near = np.nonzero(close) if 2 * n_close < close.size else ...  # sorting out most would cost more than it saves
         cov = None if cov_v is None else _as((*shape, 3), np.asarray(cov_v, dtype=float))[near]
         d, v, z = (_as(shape, a)[near] for a in (d, v, z))
         D[near], ttc[near] = _of_what_is_near(field, d, z, v, shell, cov)
@@ -90,15 +92,15 @@ def _as(shape: tuple[int, ...], a: NDArray[Any]) -> NDArray[Any]:
 def _of_what_is_near(
     field: ReceptiveField, d: Array, z: Array, v: Array, shell: float, cov_v: Array | None
 ) -> tuple[Array, Array]:
-    """D and TTC (k,) of k displacements, normals and velocities (k, 3)."""
-    height = np.einsum("ki,ki->k", d, z)
-    distance = np.sqrt(np.einsum("ki,ki->k", d, d))
+    """D and TTC (…) of displacements, normals and velocities (…, 3)."""
+    height = np.einsum("...i,...i->...", d, z)
+    distance = np.sqrt(np.einsum("...i,...i->...", d, d))
     at_taxel = distance == 0
-    u = d / np.where(at_taxel, 1.0, distance)[:, None]
-    closing = -np.einsum("ki,ki->k", u, v)
+    u = d / np.where(at_taxel, 1.0, distance)[..., None]
+    closing = -np.einsum("...i,...i->...", u, v)
     doubt = np.zeros_like(closing)
     if cov_v is not None:
-        variance = np.einsum("ki,ki->k", u, (cov_v @ u[..., None])[..., 0])
+        variance = np.einsum("...i,...i->...", u, (cov_v @ u[..., None])[..., 0])
         doubt = field.min_closing_sigmas * np.sqrt(np.maximum(variance, 0.0))
     surely = (np.abs(closing) > doubt) & ~at_taxel
     gap = np.maximum(distance - shell, 0.0)

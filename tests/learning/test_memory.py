@@ -130,8 +130,9 @@ def test_a_shower_of_objects_teaches_the_chance_of_contact():
     p = np.concatenate([np.broadcast_to(landing[:, None], (trials, 50, 2)), np.tile(height, (trials, 1))[..., None]], 2)
     D, TTC = perceive(ReceptiveField(), x, up, p, [0.0, 0.0, -speed])
     hits = np.linalg.norm(x[None, :, :2] - landing[:, None], axis=2) <= 0.02
-    for i in np.flatnonzero(hits.any(axis=1)):
-        memory = count_samples(memory, D[i], TTC[i], hits[i])
+    for hit in np.unique(hits[hits.any(axis=1)], axis=0):  # objects that hit the same taxels count together
+        same = (hits == hit).all(axis=1)
+        memory = count_samples(memory, D[same].reshape(-1, 12), TTC[same].reshape(-1, 12), hit)
     # R eq. 3 by numerical integration over (r, h), given that some taxel was touched
     grid = np.linspace(-0.25, 0.25, 501)
     X, Y = np.meshgrid(grid, grid, indexing="ij")

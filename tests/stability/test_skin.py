@@ -1,0 +1,204 @@
+"""What must hold for the skin whatever happens: no NaN, no certainty out of nothing, a count of what is lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from data import SEED
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from learning import learner
+from learning.buffer import EventBuffer
+from learning.credible import activation_interval
+from learning.learner import LearnerParams, LearnerState
+from learning.memory import MemoryParams, PPSMemory, activation, count_samples
+from learning.receptive_field import ReceptiveField, distance_and_ttc_variance, perceive
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import TaxelEvents
+
+SKIN = icub_skin(("left_palm",))
+UP = np.array([0.0, 0.0, 1.0])
+AT = np.array([[0.03 * i, 0.0, 0.0] for i in range(4)])  # four taxels in a row, facing up
+FACING = np.tile(UP, (4, 1))
+PARAMS = MemoryParams()
+
+
+def sees(p, v, **options):
+    return perceive(ReceptiveField(), AT, FACING, p, v, **options)
+
+
+def trial(rng, aimed, steps=40):
+    """D and TTC (T, 4) of a straight approach to a taxel from above, and who is touched."""
+    start = AT[aimed] + np.array([*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.15, 0.2)])
+    way = np.linspace(0, 1, steps)[:, None]
+    v = (AT[aimed] - start) / (0.05 * steps)
+    return *sees(start + way * (AT[aimed] - start), v), np.arange(4) == aimed
+
+
+def learned(trials, params=PARAMS):
+    memory = PPSMemory.empty(SKIN, params)
+    for D, TTC, touched in trials:
+        memory = count_samples(memory, D, TTC, touched)
+    return memory
+
+
+def trials(n, seed=SEED):
+    rng = np.random.default_rng(seed)
+    return [trial(rng, k % 4) for k in range(n)]
+
+
+FAR = 1e200  # metres or metres a second: what a broken filter may say
+coordinate = st.sampled_from([0.0, -0.0, 1e-300, -1e-9, 0.02, -0.05, 0.1, 0.2, 3.0, -FAR, FAR, np.inf, -np.inf, np.nan])
+vector = st.tuples(coordinate, coordinate, coordinate)
+
+
+@settings(max_examples=200, deadline=None)
+@given(p=vector, v=vector, std=st.sampled_from([0.0, 1e-3, 1.0, FAR, np.nan]))
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")
+def test_whatever_a_tracker_says_activations_are_probabilities(p, v, std):
+    """On the taxel, behind it, tangential, standing, infinite, no number: 0 ≤ lower ≤ activation ≤ upper ≤ 1."""
+    memory = MEMORY
+    with np.errstate(all="ignore"):
+        D, TTC = sees(p, v, cov_v=np.float64(std) ** 2 * np.eye(3))
+        expected = activation(memory, D, TTC)
+        lower, upper = activation_interval(memory, D, TTC)
+    assert np.all((expected >= 0) & (expected <= 1))
+    assert np.all((lower >= 0) & (lower <= expected) & (expected <= upper) & (upper <= 1))
+    assert np.array_equal(np.isnan(D), np.isnan(TTC))
+    counted = count_samples(memory, D[None], TTC[None], np.arange(4) == 1)
+    gained = counted.counts - memory.counts
+    assert gained.min() >= 0
+    assert gained.sum() <= 4
+
+
+MEMORY = learned(trials(12))
+
+
+@pytest.mark.parametrize(
+    ("p", "v", "expects"),
+    [
+        ((0.0, 0.0, 0.05), (0.0, 0.0, -0.1), True),  # coming, half a second away
+        ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), True),  # on the taxel: zero time to contact
+        ((0.0, 0.0, 0.05), (0.0, 0.0, 0.1), False),  # leaving
+        ((0.0, 0.0, 0.05), (0.0, 0.0, 0.0), False),  # standing: it never comes
+        ((0.0, 0.0, 0.05), (0.0, 0.1, 0.0), False),  # passing tangentially, at its nearest
+        ((0.0, 0.0, 0.05), (0.0, 0.0, -1e-9), False),  # so slowly that it never comes
+        ((0.0, 0.0, -0.3), (0.0, 0.0, 0.1), False),  # behind the body
+        ((0.0, 0.0, 0.5), (0.0, 0.0, -0.1), False),  # too far
+    ],
+)
+def test_only_what_comes_is_expected(p, v, expects):
+    assert (activation(MEMORY, *sees(p, v))[0] > 0.05) == expects
+
+
+def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
+    """The lowest edge belongs to the first bin, an inner one to the bin above it, the highest to none."""
+    d = np.linspace(*PARAMS.distance_range_m, PARAMS.bins[0] + 1)
+    t = np.linspace(*PARAMS.ttc_range_s, PARAMS.bins[1] + 1)
+    D, TTC = (np.repeat(g.reshape(-1, 1), 4, axis=1) for g in np.meshgrid(d, t, indexing="ij"))
+    memory = count_samples(PPSMemory.empty(SKIN), D, TTC, np.arange(4) == 0)
+    np.testing.assert_array_equal(memory.counts[0, ..., 0], 1)
+    for at in (d[0], d[-1], np.nextafter(d[-1], 1), np.nextafter(d[0], -1)):
+        expected = activation(MEMORY, np.full(4, at), np.full(4, 0.4))
+        assert np.all(expected > 0) == (PARAMS.distance_range_m[0] <= at <= PARAMS.distance_range_m[1])
+
+
+def test_an_empty_memory_expects_nothing_and_is_sure_of_nothing():
+    D, TTC = sees([0.0, 0.0, 0.1], [0.0, 0.0, -0.1])
+    empty = PPSMemory.empty(SKIN)
+    assert not activation(empty, D, TTC).any()
+    lower, upper = activation_interval(empty, D, TTC)
+    assert np.all(lower == 0)
+    assert np.all(upper > 0.95)
+
+
+def test_permuted_trials_give_the_same_memory():
+    some = trials(20)
+    for _ in range(3):
+        np.random.default_rng(SEED).shuffle(some)
+        np.testing.assert_array_equal(learned(some).counts, learned(trials(20)).counts)
+
+
+def test_duplicated_trials_give_the_same_map_and_narrower_intervals():
+    once, thrice = learned(trials(12)), learned(3 * trials(12))
+    D, TTC = sees([0.01, 0.0, 0.06], [0.0, 0.0, -0.1])
+    np.testing.assert_allclose(activation(thrice, D, TTC), activation(once, D, TTC))
+    width = [np.subtract(*activation_interval(memory, D, TTC)[::-1]) for memory in (once, thrice)]
+    assert np.all(width[1] < width[0])
+
+
+def test_counters_past_two_to_the_31_still_count():
+    full = replace(MEMORY, counts=MEMORY.counts + 2**33)
+    more = count_samples(full, *trial(np.random.default_rng(SEED), 2))
+    assert (more.counts >= full.counts).all()
+    assert 0 < (more.counts - full.counts).sum() <= 160
+    D, TTC = sees([0.0, 0.0, 0.06], [0.0, 0.0, -0.1])
+    np.testing.assert_allclose(activation(more, D, TTC), 0.5, atol=1e-6)
+    lower, upper = activation_interval(more, D, TTC)
+    assert np.all(upper - lower < 1e-3)
+
+
+def test_two_stimuli_at_once_are_each_perceived_as_if_alone():
+    p, v = np.array([[0.0, 0.0, 0.08], [0.09, 0.0, 0.03]]), np.array([[0.0, 0.0, -0.1], [0.0, 0.0, -0.05]])
+    both = sees(p, v)
+    alone = [sees(p[k], v[k]) for k in range(2)]
+    np.testing.assert_array_equal(both, np.stack(alone, axis=1))
+    together = activation(MEMORY, *both)
+    np.testing.assert_allclose(together, [activation(MEMORY, *one) for one in alone])
+    counted = count_samples(PPSMemory.empty(SKIN), *both, np.arange(4) == 3)
+    one_by_one = PPSMemory.empty(SKIN)
+    for one in alone:
+        one_by_one = count_samples(one_by_one, *one, np.arange(4) == 3)
+    np.testing.assert_array_equal(counted.counts, one_by_one.counts)
+
+
+def run(stamps, tracks, touched_at=()):
+    """A learner fed with tracks (None: unknown) at stamps; the taxels touched at the steps named."""
+    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    for k, (stamp, track) in enumerate(zip(stamps, tracks, strict=True)):
+        D, TTC = (np.full(4, np.nan),) * 2 if track is None else sees(*track)
+        touched = (np.arange(4) == 1) & (k in touched_at)
+        state = learner.step(LearnerParams(), state, TaxelEvents(stamp, SKIN.taxel_ids, D, TTC, touched))
+    return learner.finish(state)
+
+
+def approach(n=30):
+    return [((0.03, 0.0, 0.005 * (n - k)), (0.0, 0.0, -0.1)) for k in range(n)]
+
+
+def test_a_touch_with_no_track_and_a_track_with_no_touch():
+    stamps = 0.05 * np.arange(30)
+    unseen = run(stamps, [None] * 30, touched_at=(28,))
+    assert (unseen.memory.counts.sum(), unseen.unseen) == (0, 1)
+    untouched = run(stamps, approach())
+    assert (untouched.memory.counts.sum(), untouched.unseen) == (0, 0)
+    both = run(stamps, approach(), touched_at=(28,))
+    assert (both.memory.counts[1, ..., 0].sum() > 20, both.unseen) == (True, 0)
+
+
+def test_gaps_and_stale_samples_cost_samples_but_nothing_else():
+    """Half of an approach lost, a frozen stamp, a stamp that is no number: all counted is from what was seen."""
+    stamps, tracks = 0.05 * np.arange(30), approach()
+    whole = run(stamps, tracks, touched_at=(28,))
+    gapped = run(stamps, [None if 8 <= k < 18 else track for k, track in enumerate(tracks)], touched_at=(28,))
+    assert np.all(gapped.memory.counts <= whole.memory.counts)
+    assert 0 < gapped.memory.counts.sum() < whole.memory.counts.sum()
+    broken = stamps.copy()
+    broken[[5, 11, 12]] = broken[4], np.nan, -np.inf
+    stale = run(broken, tracks, touched_at=(28,))
+    assert stale.stale == 3
+    assert 0 < stale.memory.counts.sum() <= whole.memory.counts.sum()
+
+
+def test_variances_never_get_negative_or_lost():
+    rng = np.random.default_rng(SEED)
+    half = rng.normal(size=(6, 6)) * 10.0 ** rng.uniform(-9, 0, (200, 1, 1))
+    d, v = rng.normal(0, 0.1, (200, 3)), rng.normal(0, 0.1, (200, 3))
+    var_D, var_TTC = distance_and_ttc_variance(ReceptiveField(), d, UP, v, half @ half.swapaxes(1, 2))
+    assert np.all(np.isfinite(var_D) & (var_D >= 0) & (var_TTC >= 0))
+    D, TTC = (np.full(4, x) for x in (0.05, 0.5))
+    for doubt in (0.0, 1e-12, 1.0, 1e12):
+        expected = activation(MEMORY, D, TTC, doubt, doubt)
+        assert np.all((expected >= 0) & (expected <= 1))
+    np.testing.assert_allclose(expected, MEMORY.frequency.mean(axis=(1, 2)), rtol=1e-6)  # knows no place any more
