@@ -9,12 +9,26 @@ from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import DATA, Experiment
 from pps_vision.experiments.pps.authors_counts import AuthorsCounts
+from pps_vision.experiments.pps.failures import PpsFailures
+from pps_vision.experiments.pps.forgetting import Forgetting
 from pps_vision.experiments.pps.hyper_parameters import HyperParameters
 from pps_vision.experiments.pps.monte_carlo import MonteCarlo
 from pps_vision.experiments.pps.one_trial import OneTrial
 from pps_vision.experiments.pps.real_trials import RealTrials
+from pps_vision.experiments.pps.uncertain_tracks import UncertainTracks
+from pps_vision.experiments.pps.whole_skin import WholeSkin
 
-FigureName = Literal["monte_carlo", "authors_counts", "one_trial", "hyper_parameters", "real_trials"]
+FigureName = Literal[
+    "monte_carlo",
+    "authors_counts",
+    "one_trial",
+    "hyper_parameters",
+    "real_trials",
+    "forgetting",
+    "uncertain_tracks",
+    "whole_skin",
+    "failures",
+]
 
 
 @dataclass(frozen=True)
@@ -42,5 +56,9 @@ class Pps:
             "one_trial": lambda: OneTrial(self.seed),
             "hyper_parameters": lambda: HyperParameters(self.seed),
             "real_trials": lambda: RealTrials(self.data, self.seed),
+            "forgetting": lambda: Forgetting(self.seed),
+            "uncertain_tracks": lambda: UncertainTracks(self.seed),
+            "whole_skin": lambda: WholeSkin(self.seed),
+            "failures": lambda: PpsFailures(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
