@@ -2,45 +2,54 @@
 
 The map lives in gaze space: a fixation point is its gaze posture (neck yaw, neck pitch, vergence).
 It interpolates the signed distance to the border of the reachable region, which is smooth where
-the verdict itself jumps.
+the verdict itself jumps, on a lattice: a query costs no more than eight neighbours.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.interpolate import RBFInterpolator
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 
 from learning.archive import read_archive, write_archive
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
-_KIND, _VERSION = "reachable-space map", 1
-_NEIGHBOURS = 30
-_NUMBERS = ("nodes", "signed_distance", "inside", "optimality", "outside", "error_m")
-_ARRAYS = ("side", "limits_rad", "softness", *_NUMBERS)
+_KIND, _VERSION = "reachable-space map", 2
 
 
 def isotropic(gaze_rad: Array) -> Array:
     """Gaze postures (…, 3) as yaw, pitch and ln tan(vergence/2), minus the logarithm of the distance: a step
     of 0.01 is 1 % of the viewing distance in any direction (per rad of vergence the fixation point
     moves 1/sin(vergence) times as far as per rad of yaw)."""
-    return np.concatenate([gaze_rad[..., :2], np.log(np.tan(gaze_rad[..., 2:] / 2))], axis=-1)
+    same = gaze_rad.copy()
+    same[..., 2] = np.log(np.tan(gaze_rad[..., 2] / 2))
+    return same
 
 
-class GazeInterpolator:
-    """Triharmonic splines through the nearest nodes, the usual choice for surfaces in 3D."""
+@dataclass(frozen=True)
+class Labels:
+    """Answers for `gaze_rad` (n, 3): within reach, the error in m, how good the best posture is (NaN where out
+    of reach), and the gaze posture (n, 3) of the border point found (NaN where there is none)."""
 
-    def __init__(self, gaze_rad: Array, values: Array) -> None:
-        self._rbf = RBFInterpolator(isotropic(gaze_rad), values, neighbors=_NEIGHBOURS, kernel="cubic")
+    gaze_rad: Array
+    reachable: Mask
+    error_m: Array
+    optimality: Array
+    border_rad: Array
 
-    def __call__(self, gaze_rad: Array) -> Array:
-        """Values (N,) at gaze postures (N, 3)."""
-        values: Array = self._rbf(isotropic(gaze_rad))
-        return values
+    def __post_init__(self) -> None:
+        n = len(self.gaze_rad)
+        shapes = {f.name: getattr(self, f.name).shape for f in fields(self)}
+        expected = {name: (n, 3) if name.endswith("rad") else (n,) for name in shapes}
+        if shapes != expected:
+            raise ValueError(f"labels of shapes {shapes}: expected {expected}")
+
+    def joined(self, more: "Labels") -> "Labels":
+        """These and more."""
+        return Labels(*(np.concatenate([getattr(self, f.name), getattr(more, f.name)]) for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -58,85 +67,157 @@ class Reachability:
 
 
 @dataclass(frozen=True)
-class ReachableMap:
-    """What was learned for one arm; all gaze postures in rad.
+class Lattice:
+    """Values (a, b, c) at equal steps of `isotropic` coordinates between the corners of the gaze limits."""
 
-    `nodes` (n, 3) carry the `signed_distance` (n,) to the border in `isotropic` coordinates, positive inside.
-    `inside` (m, 3) carry the `optimality` (m,) 1 − M of J IV.5, `outside` (k, 3) the `error_m` (k,) left
-    between hand and fixation point.  `softness` is how uncertain the border's place is, in the same
-    coordinates.
+    limits: GazeLimits
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of_spacing(cls, limits: GazeLimits, spacing: float) -> "Lattice":
+        """The coarsest whose steps are no longer than `spacing`."""
+        a, b, c = (np.ceil((isotropic(limits.upper) - isotropic(limits.lower)) / spacing).astype(int) + 1).tolist()
+        return cls(limits, (max(a, 2), max(b, 2), max(c, 2)))
+
+    @property
+    def gaze_rad(self) -> Array:
+        """(a·b·c, 3) the gaze postures of the lattice's points."""
+        low, high = isotropic(self.limits.lower), isotropic(self.limits.upper)
+        axes = [np.linspace(*ends) for ends in zip(low, high, self.shape, strict=True)]
+        yaw, pitch, log_tan = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+        return np.stack([yaw, pitch, 2 * np.arctan(np.exp(log_tan))], axis=1)
+
+    @cached_property
+    def _scale(self) -> tuple[Array, Array, Array, NDArray[np.intp], NDArray[np.intp]]:
+        """First point, steps a unit, the last cell's index, strides of the flat index, and the eight corners' steps."""
+        low, high = isotropic(self.limits.lower), isotropic(self.limits.upper)
+        strides = np.array([self.shape[1] * self.shape[2], self.shape[2], 1])
+        corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) @ strides
+        cells = np.array(self.shape) - 1
+        return low, cells / (high - low), cells - 1, strides, corners
+
+    def interpolate(self, values: Array, gaze_rad: Array) -> Array:
+        """(N, m) of values (a·b·c, m) at gaze postures (N, 3) within the limits, linearly between the eight points
+        around; cubic splines measured no better."""
+        low, scale, last, strides, corners = self._scale
+        at = (isotropic(gaze_rad) - low) * scale
+        cell = np.minimum(at.astype(np.intp), last)
+        here = values[(cell @ strides)[:, None] + corners]
+        sides = np.empty((len(at), 2, 3))
+        sides[:, 1] = at - cell
+        sides[:, 0] = 1 - sides[:, 1]
+        weights = sides[:, :, None, None, 0] * sides[:, None, :, None, 1] * sides[:, None, None, :, 2]
+        between: Array = (weights.reshape(-1, 1, 8) @ here)[:, 0]
+        return between
+
+
+@dataclass(frozen=True)
+class ReachableMap:
+    """What was learned for an arm, or for both.
+
+    On the lattice between the gaze `limits`: the `signed_distance` to the border in `isotropic` coordinates, positive
+    inside; the `optimality` of the best posture, 1 − M of J IV.5, inside; and the `error_m` left between hand and
+    fixation point, outside (a, b, c each).  `softness` is how uncertain the border's place is, in the same
+    coordinates; `max_error_m` the largest error there is.  `labels` are what it was learned from, to go on from.
     """
 
     side: str
     limits: GazeLimits
-    nodes: Array
     signed_distance: Array
-    inside: Array
     optimality: Array
-    outside: Array
     error_m: Array
+    max_error_m: float
     softness: float
+    labels: Labels
 
     def __post_init__(self) -> None:
-        for name, at, values in (
-            ("border", self.nodes, self.signed_distance),
-            ("inside", self.inside, self.optimality),
-            ("outside", self.outside, self.error_m),
-        ):
-            if at.ndim != 2 or at.shape[1] != 3 or values.shape != at.shape[:1] or len(at) < _NEIGHBOURS:
-                raise ValueError(
-                    f"{name}: {at.shape} postures with {values.shape} values, expected (n, 3) with n, n ≥ {_NEIGHBOURS}"
-                )
-        if not self.softness > 0:
-            raise ValueError(f"softness {self.softness}: expected above 0")
+        shape = self.signed_distance.shape
+        if len(shape) != 3 or min(shape) < 2 or not self.optimality.shape == self.error_m.shape == shape:
+            raise ValueError(
+                f"signed distance {shape}, optimality {self.optimality.shape}, error {self.error_m.shape}: "
+                "expected the same (a, b, c), at least 2 each"
+            )
+        if not (self.softness > 0 and self.max_error_m > 0):
+            raise ValueError(f"softness {self.softness}, largest error {self.max_error_m} m: expected both above 0")
 
     @cached_property
-    def _border(self) -> GazeInterpolator:
-        return GazeInterpolator(self.nodes, self.signed_distance)
+    def lattice(self) -> Lattice:
+        """Where the values stand."""
+        a, b, c = self.signed_distance.shape
+        return Lattice(self.limits, (a, b, c))
 
     @cached_property
-    def _optimality(self) -> GazeInterpolator:
-        return GazeInterpolator(self.inside, self.optimality)
+    def _ends(self) -> tuple[Array, Array]:
+        return self.limits.lower, self.limits.upper
 
     @cached_property
-    def _error(self) -> GazeInterpolator:
-        return GazeInterpolator(self.outside, self.error_m)
+    def _values(self) -> Array:
+        """(a·b·c, 3) signed distance, optimality, and error relative to the largest."""
+        parts = (self.signed_distance, self.optimality, self.error_m / self.max_error_m)
+        return np.stack([part.ravel() for part in parts], axis=1)
 
     def query(self, gaze_rad: ArrayLike) -> Reachability:
         """The verdict on gaze postures (N, 3)."""
         gaze = np.asarray(gaze_rad, dtype=float)
         if gaze.ndim != 2 or gaze.shape[1] != 3:
             raise ValueError(f"gaze postures of shape {gaze.shape}: expected (N, 3)")
-        within = np.all((gaze >= self.limits.lower) & (gaze <= self.limits.upper), axis=1)
-        probability, degree = np.full(len(gaze), np.nan), np.full(len(gaze), np.nan)
-        if np.any(within):
-            signed = self._border(gaze[within])
-            probability[within] = expit(signed / self.softness)
-        reachable = probability > 0.5
-        beyond = within & ~reachable
-        if np.any(reachable):
-            degree[reachable] = 0.5 + 0.5 * np.clip(self._optimality(gaze[reachable]), 0, 1)
-        if np.any(beyond):
-            degree[beyond] = 0.5 - 0.5 * np.clip(self._error(gaze[beyond]) / self.error_m.max(), 0, 1)
-        return Reachability(within, reachable, probability, degree)
+        lower, upper = self._ends
+        within: Mask = np.asarray(((gaze >= lower) & (gaze <= upper)).all(axis=1))
+        if not within.all():
+            gaze = np.where(within[:, None], gaze, lower)
+        signed, good, bad = self.lattice.interpolate(self._values, gaze).T
+        inside = signed > 0
+        degree = np.where(inside, 0.5 + 0.5 * good, 0.5 - 0.5 * bad).clip(0, 1)
+        probability = expit(signed / self.softness)
+        if not within.all():
+            probability[~within] = degree[~within] = np.nan
+        return Reachability(within, inside & within, probability, degree)
+
+
+def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
+    """What both hands can get to at once, as well as the worse of them; ValueError where limits or lattices differ.
+
+    Such a map is not learned on: its labels are none.
+    """
+    if left.limits != right.limits or left.signed_distance.shape != right.signed_distance.shape:
+        raise ValueError(f"maps of {left.limits} and {right.limits}: expected the same limits and lattice")
+    none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    return ReachableMap(
+        "both",
+        left.limits,
+        np.minimum(left.signed_distance, right.signed_distance),
+        np.minimum(left.optimality, right.optimality),
+        np.maximum(left.error_m, right.error_m),
+        max(left.max_error_m, right.max_error_m),
+        max(left.softness, right.softness),
+        none,
+    )
+
+
+_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness")
+_LABELS = tuple(f.name for f in fields(Labels))
 
 
 def save_map(path: Path, reachable_map: ReachableMap) -> None:
     """Write a map as .npz, whole or not at all."""
     m = reachable_map
+    arrays: dict[str, ArrayLike] = {name: getattr(m, name) for name in _NUMBERS}
+    arrays |= {f"label_{name}": getattr(m.labels, name) for name in _LABELS}
     limits = np.array([m.limits.yaw_rad, m.limits.pitch_rad, m.limits.vergence_rad])
-    arrays = {name: getattr(m, name) for name in _ARRAYS if name != "limits_rad"}
-    write_archive(path, _KIND, _VERSION, {"limits_rad": limits, **arrays})
+    write_archive(path, _KIND, _VERSION, {"side": m.side, "limits_rad": limits, **arrays})
 
 
 def load_map(path: Path) -> ReachableMap:
     """Read a map; ValueError names the file and what is wrong with it."""
-    data = read_archive(path, _KIND, _VERSION, _ARRAYS)
+    names = ("side", "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
+    data = read_archive(path, _KIND, _VERSION, names)
     try:
         (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).tolist()
         limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
-        numbers = {name: np.asarray(data[name], dtype=float) for name in _NUMBERS}
-        softness = float(np.asarray(data["softness"], dtype=float))
-        return ReachableMap(side=str(data["side"]), limits=limits, softness=softness, **numbers)
+        signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
+        max_error_m, softness = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
+        of = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
+        labels = Labels(**{**of, "reachable": of["reachable"] > 0})
+        return ReachableMap(str(data["side"]), limits, signed, optimality, error_m, max_error_m, softness, labels)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error

@@ -5,13 +5,15 @@ tells more than no: the nearest point the hand does reach lies on the border of 
 region.  Labels are asked for where the border is, as far from earlier ones as there is room.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
-from learning.reachable import GazeInterpolator, ReachableMap, isotropic
+from learning.reachable import Labels, Lattice, ReachableMap, isotropic
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.inverse_kinematics import ForwardModel
@@ -24,6 +26,22 @@ _DEG = np.pi / 180
 _FAR_VERGENCE_RAD = 1 * _DEG  # border points may lie beyond the gaze limits, but must be finite
 _MARGIN_RAD = 0.5
 _NEAR = 16
+_NEIGHBOURS = 30
+_COARSER = 4
+
+
+class GazeInterpolator:
+    """Triharmonic splines through the nearest nodes, the usual choice for surfaces in 3D."""
+
+    def __init__(self, gaze_rad: Array, values: Array) -> None:
+        if len(gaze_rad) < _NEIGHBOURS:
+            raise ValueError(f"{len(gaze_rad)} gaze postures to interpolate between; expected at least {_NEIGHBOURS}")
+        self._rbf = RBFInterpolator(isotropic(gaze_rad), values, neighbors=_NEIGHBOURS, kernel="cubic")
+
+    def __call__(self, gaze_rad: Array) -> Array:
+        """Values (N,) at gaze postures (N, 3)."""
+        values: Array = self._rbf(isotropic(gaze_rad))
+        return values
 
 
 @dataclass(frozen=True)
@@ -49,6 +67,7 @@ class MapParams:
     border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
     node_spacing: float = 0.0026  # border points nearer to one another than this say the same
     border_clearance: float = 0.017  # labels nearer to the border than this leave its place to border points
+    lattice: float = 0.04  # steps of the lattice the map is drawn on
 
     def __post_init__(self) -> None:
         if self.n_rounds < 2 or self.n_labels < self.n_rounds:
@@ -56,23 +75,6 @@ class MapParams:
                 f"{self.n_labels} labels in {self.n_rounds} rounds: expected at least two rounds, "
                 "of which the later ones test what the earlier ones learned"
             )
-
-
-@dataclass(frozen=True)
-class Labels:
-    """Answers for `gaze_rad` (n, 3): within reach, the error in m, 1 − M of the best posture (NaN where out
-    of reach), and the gaze posture (n, 3) of the border point found (NaN where there is none)."""
-
-    gaze_rad: Array
-    reachable: Mask
-    error_m: Array
-    optimality: Array
-    border_rad: Array
-
-    def joined(self, more: "Labels") -> "Labels":
-        """These and more."""
-        names = ("gaze_rad", "reachable", "error_m", "optimality", "border_rad")
-        return Labels(*(np.concatenate([getattr(self, name), getattr(more, name)]) for name in names))
 
 
 class ReachOracle:
@@ -140,12 +142,31 @@ def train_reachable_map(
         more = oracle.label(asked)
         softness = _softness(border(asked), more.reachable)
         labels = labels.joined(more)
-    nodes, signed = _nodes(labels, params)
+    return _drawn(side, labels, softness, params)
+
+
+def _drawn(side: str, labels: Labels, softness: float, params: MapParams) -> ReachableMap:
+    """The map of these labels: the splines' values on the lattice, computed only where they matter."""
+    lattice = Lattice.of_spacing(params.gaze_limits, params.lattice)
+    coarse = Lattice.of_spacing(params.gaze_limits, _COARSER * params.lattice)
     inside, outside = labels.reachable, ~labels.reachable
-    return ReachableMap(
-        side, limits, nodes, signed, labels.gaze_rad[inside], labels.optimality[inside],
-        labels.gaze_rad[outside], labels.error_m[outside], softness,
-    )  # fmt: skip
+    gaze = lattice.gaze_rad
+
+    def drawn(at: Array, values: Array, where: Callable[[Array], Mask] | None) -> Array:
+        """On the coarse lattice, and on the fine one `where` asked for."""
+        spline = GazeInterpolator(at, values)
+        rough = coarse.interpolate(spline(coarse.gaze_rad)[:, None], gaze)[:, 0]
+        if where is not None:
+            near = where(rough)
+            rough[near] = spline(gaze[near])
+        return rough
+
+    near_m = params.lattice * 3 + 0.06
+    signed = drawn(*_nodes(labels, params), lambda s: np.abs(s) < near_m)
+    good = drawn(labels.gaze_rad[inside], labels.optimality[inside], lambda _: signed > -2 * params.lattice)
+    error = drawn(labels.gaze_rad[outside], labels.error_m[outside], None)
+    signed, good, error = (v.reshape(lattice.shape) for v in (signed, good, error))
+    return ReachableMap(side, params.gaze_limits, signed, good, error, float(labels.error_m.max()), softness, labels)
 
 
 def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from learning.reachable import load_map, save_map
+from learning.reachable import both, load_map, save_map
 from learning.reachable_training import ArmLimits, MapParams, ReachOracle, train_reachable_map
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -118,7 +118,7 @@ def test_probability_means_what_it_says(learned, fresh):
 def test_degree(learned, fresh):
     """R of J IV.6 (as FACTS §6 corrects it) and IV.7 from the fresh answers."""
     expected = np.where(
-        fresh.reachable, (1 + fresh.optimality) / 2, (1 - fresh.error_m / learned.error_m.max()) / 2
+        fresh.reachable, (1 + fresh.optimality) / 2, (1 - fresh.error_m / learned.max_error_m) / 2
     )  # fmt: skip
     degree = learned.query(fresh.gaze_rad).degree
     rmse = np.sqrt(np.mean((degree - expected) ** 2))
@@ -139,15 +139,19 @@ def test_the_labels_are_what_the_closed_form_says():
     assert np.quantile(short, 0.99) < 0.01
 
 
-def test_a_query_takes_less_than_two_milliseconds(learned, fresh):
+def test_a_query_takes_microseconds(learned, fresh):
+    """J asks for less than 2 ms; one alone, and each of a batch, on a machine that does other things too."""
     learned.query(fresh.gaze_rad[:50])
     times = []
-    for gaze in fresh.gaze_rad[:100]:
-        begun = time.perf_counter()
+    for gaze in fresh.gaze_rad[:200]:
+        begun = time.process_time_ns()
         learned.query(gaze[None])
-        times.append(time.perf_counter() - begun)
-    print(f"query: median {1000 * np.median(times):.2f} ms")
-    assert np.median(times) < 2e-3
+        times.append(time.process_time_ns() - begun)
+    assert min(times) < 2e5
+    begun = time.process_time()
+    for _ in range(10):
+        learned.query(fresh.gaze_rad)
+    assert (time.process_time() - begun) / (10 * len(fresh.gaze_rad)) < 3e-6
 
 
 def test_outside_the_limits_is_said_so(learned):
@@ -210,15 +214,34 @@ def test_saved_and_loaded_judges_the_same(learned, fresh, tmp_path):
     np.testing.assert_array_equal(after.probability, before.probability)
     np.testing.assert_array_equal(after.degree, before.degree)
     assert (again.side, again.limits) == ("right", LIMITS)
+    np.testing.assert_array_equal(again.labels.border_rad, learned.labels.border_rad)
+
+
+def test_both_hands_reach_what_each_does(learned, fresh):
+    """The left hand reaches the mirror image of what the right one does."""
+    mirrored = replace(
+        learned,
+        side="left",
+        **{name: getattr(learned, name)[::-1] for name in ("signed_distance", "optimality", "error_m")},
+    )
+    together = both(mirrored, learned).query(fresh.gaze_rad)
+    left = learned.query(fresh.gaze_rad * [-1, 1, 1])
+    right = learned.query(fresh.gaze_rad)
+    agree = together.reachable == (left.reachable & right.reachable)
+    assert agree.mean() > 0.998
+    assert together.reachable.mean() > 0.03
+    assert (together.degree <= np.minimum(left.degree, right.degree) + 0.02)[agree & together.reachable].all()
+    with pytest.raises(ValueError, match="same limits and lattice"):
+        both(learned, replace(learned, limits=GazeLimits(vergence_rad=(0.1, 1.0))))
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 7}, "version 7; expected version 1"),
-        ({"nodes": None}, "without nodes"),
-        ({"nodes": np.zeros((40, 2))}, r"border: \(40, 2\) postures"),
-        ({"inside": np.zeros((5, 3)), "optimality": np.zeros(5)}, r"inside: \(5, 3\) postures"),
+        ({"version": 7}, "version 7; expected version 2"),
+        ({"signed_distance": None}, "without signed_distance"),
+        ({"optimality": np.zeros((4, 5, 6))}, r"optimality \(4, 5, 6\)"),
+        ({"label_error_m": np.zeros(3)}, r"labels of shapes .*'error_m': \(3,\)"),
         ({"softness": 0.0}, "softness 0.0"),
         ({"limits_rad": np.zeros((3, 2))}, "lower below upper"),
     ],
