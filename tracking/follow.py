@@ -9,10 +9,11 @@ from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief
-from tracking.look import Look
+from tracking.look import Look, Looks
 from tracking.marker import MarkerParams, find_markers
 from tracking.marker_color import narrowed
-from tracking.outline import Optics, Outline
+from tracking.marker_pair import find_pair
+from tracking.outline import REACH, Optics, Outline
 from tracking.particles import Prior
 
 _SAME_SIZE = 0.03  # from one frame to the next, what is wholly seen twice differs by less
@@ -39,9 +40,8 @@ class Follower:
         self._size_px = 0.0
         self._whole: tuple[Image, Outline] | None = None  # a marker's last image that nothing hid
 
-    def find(self, look: Look, last: Belief, now: Belief, grey: bool) -> Sighting | None:
-        """The object near where the track, whose belief was `last` and is `now`, puts it."""
-        prior = self._prior(look, last, now)
+    def find(self, look: Look, prior: Prior | None, grey: bool) -> Sighting | None:
+        """The object near where it should be."""
         if prior is None:
             return None
         if self.marker is not None:
@@ -74,30 +74,42 @@ class Follower:
             look.stamp_s, self.name, shape.center_px, shape.cov_px, seen.score, shape.angular_radius_rad, seen.box_px
         )
 
-    def _prior(self, look: Look, last: Belief, now: Belief) -> Prior | None:
+    def prior(self, look: Look, last: Belief, now: Belief) -> Prior | None:
         """Where the track says this eye sees the object; None where it cannot."""
         p = now.mean[0]
         if len(now.mean) > 1:
             p = p + now.mean[1] * (look.stamp_s - now.stamp_s)
-        center = look.view.project(p) + self._offset_px
+        center, J = look.view.project_linearised(p)
+        center += self._offset_px
         if not self.optics.camera.contains(center, margin_px=-0.5 * self._size_px):
             return None
-        J = look.view.project_jacobian(p)
         std = math.sqrt(np.vdot(J @ now.cov[:3, :3], J))
         eye = look.view.center.tolist()
         growth = math.dist(last.mean[0].tolist(), eye) / math.dist(p.tolist(), eye)
         return Prior(center, min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
+
+    def room_px(self, prior: Prior) -> float:
+        """How far around where it should be a marker's image goes, and what its outline needs of its surroundings."""
+        return 0.5 * self._size_px + 2 * prior.std_px + REACH + 1
+
+    def whole_marker(self, look: Look, shape: Outline | None, prior: Prior) -> Sighting | None:
+        """A marker that is as large as it should be, and remembered as such; None where something may hide it."""
+        expected_px = prior.growth * self._size_px
+        if shape is None or abs(self._size_of(shape) / expected_px - 1) >= _SAME_SIZE or shape.oddness >= 0.5:
+            return None
+        self._whole = look.image, shape
+        return Sighting(shape, shape.box_px, 1.0)
 
     def _nearest_marker(self, params: MarkerParams, look: Look, prior: Prior) -> Sighting | None:
         """The nearest blob in reach of where the marker should be.  One that is not as large as it should be is
         looked at again with the colour that the marker had when nothing hid it, and completed."""
         x, y = prior.center_px.tolist()
         near = x, y, 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
-        self._size_px *= prior.growth
         shape = _nearest(find_markers(params, look.image, self.optics, near), prior)
-        if shape and abs(self._size_of(shape) / self._size_px - 1) < _SAME_SIZE and shape.oddness < 0.5:
-            self._whole = look.image, shape
-        elif self._whole is not None:
+        if (whole_seen := self.whole_marker(look, shape, prior)) is not None:
+            return whole_seen
+        self._size_px *= prior.growth
+        if self._whole is not None:
             image, whole = self._whole
             expected_area = whole.area_px * (self._size_px / self._size_of(whole)) ** 2
             own = narrowed(params, image, whole.box_px)
@@ -109,3 +121,19 @@ def _nearest(found: list[Outline], prior: Prior) -> Outline | None:
     """To where it is expected."""
     at = prior.center_px.tolist()
     return min(found, key=lambda one: math.dist(one.center_px.tolist(), at), default=None)
+
+
+def find_both(
+    eyes: tuple[Follower, Follower], looks: Looks, last: Belief, now: Belief, grey: bool
+) -> tuple[Sighting | None, Sighting | None]:
+    """The object in both eyes, near where the track, whose belief was `last` and is `now`, puts it."""
+    (left, right), (in_left, in_right) = eyes, looks
+    a, b = left.prior(in_left, last, now), right.prior(in_right, last, now)
+    if left.marker is not None and a is not None and b is not None:
+        images, centers = (in_left.image, in_right.image), (a.center_px, b.center_px)
+        half = max(left.room_px(a), right.room_px(b))
+        if (pair := find_pair(left.marker, images, (left.optics, right.optics), centers, half)) is not None:
+            both = left.whole_marker(in_left, pair[0], a), right.whole_marker(in_right, pair[1], b)
+            if None not in both:
+                return both
+    return left.find(in_left, a, grey), right.find(in_right, b, grey)

@@ -68,9 +68,9 @@ def find_markers(
         x1, y1 = min(int(x + half) + 2, width), min(int(y + half) + 2, height)
         if x1 - x0 < 3 or y1 - y0 < 3:
             return []
-    hard = _threshold(params, image[y0:y1, x0:x1])
+    hard = threshold(params, image[y0:y1, x0:x1])
     contours, _ = cv2.findContours(hard, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    blobs = sorted((_blob(contour) for contour in contours), key=lambda blob: -blob.worth)
+    blobs = sorted((blob_of(contour) for contour in contours), key=lambda blob: -blob.worth)
     found = []
     for blob in [blob for blob in blobs if blob.area_px >= params.min_area_px][: params.max_blobs]:
         box, mask = _cut_out(blob, hard.shape)
@@ -88,7 +88,7 @@ class _Blob(NamedTuple):
     worth: float
 
 
-def _blob(contour: NDArray[Any]) -> _Blob:
+def blob_of(contour: NDArray[Any]) -> _Blob:
     x, y, w, h = cv2.boundingRect(contour)
     area = cv2.contourArea(contour) + 0.5 * len(contour) + 1  # by Pick's theorem: the contour's own pixels too
     roundness = area / (math.pi / 4 * max(w, h) ** 2)  # of its surrounding circle
@@ -104,7 +104,7 @@ def _cut_out(blob: _Blob, within: tuple[int, ...]) -> tuple[Box, Mask]:
     return box, mask.view(bool)
 
 
-def _threshold(params: MarkerParams, image: Image) -> NDArray[np.uint8]:
+def threshold(params: MarkerParams, image: Image) -> NDArray[np.uint8]:
     """255 where the hue is the marker's; a range of hues that crosses 0° is taken in two parts."""
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
     parts = [np.asarray(cv2.inRange(hsv, low, high), dtype=np.uint8) for low, high in params.ranges]

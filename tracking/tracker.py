@@ -15,7 +15,7 @@ from tracking.blind import Blindness
 from tracking.color import ColorModel
 from tracking.disparity import DisparityParams, refine_distance
 from tracking.eye import EyeParams, Sighting
-from tracking.follow import Follower
+from tracking.follow import Follower, find_both
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.look import Looks, is_grey, looks_of
 from tracking.marker import MarkerParams
@@ -136,10 +136,8 @@ class Tracker:
             sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
         else:
             with self.stages("image"):
-                now = self._belief
-                left, right = (e.find(look, last, now, grey) for e, look in zip(self._eyes, looks, strict=True))
-                sightings = left, right
-            if (left is None or right is None) and self._hits >= self.params.confirm_frames and not grey:
+                sightings = find_both(self._eyes, looks, last, self._belief, grey)
+            if None in sightings and self._hits >= self.params.confirm_frames and not grey:
                 sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
                 if sightings[0] is not None:
                     self._belief = None  # it is elsewhere: what was known of its motion is void

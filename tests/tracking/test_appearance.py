@@ -9,10 +9,12 @@ from raycast import Sphere, look
 from scipy import ndimage
 
 from pps_vision.geometry.camera import View
-from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.geometry.se3 import transform
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 from tracking import masks
 from tracking.color import N_BINS, ColorModel, color_bins, histogram
 from tracking.marker import MarkerParams, find_markers
+from tracking.marker_pair import find_pair
 from tracking.outline import Optics
 from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
 
@@ -111,6 +113,31 @@ def test_a_marker_is_found_by_its_hue(
     assert np.linalg.norm(near[0].center_px - true) < 0.2
     assert find_markers(MarkerParams(hue_deg=240.0), image, optics) == []
     assert find_markers(MarkerParams(hue_deg=hue_deg), image, optics, (-50.0, -50.0, 10.0)) == []
+
+
+def test_a_marker_is_found_in_both_eyes_at_once(rng: np.random.Generator) -> None:
+    """And left to a search where there is more than one thing it may be, nothing, or no room."""
+    green, params = (30.0, 200.0, 40.0), MarkerParams()
+    optics = Optics(LEFT_EYE), Optics(RIGHT_EYE)
+    views = View(LEFT_EYE, np.eye(4)), View(RIGHT_EYE, transform(translation=(0.068, 0.0, 0.0)))
+    for center in (np.array([0.03, -0.02, 0.4]), np.array([-0.01, 0.03, 0.25])):
+        one, other = Sphere(center, 0.01, green), Sphere(center + np.array([0.03, 0.0, 0.0]), 0.01, green)
+        left, right = (look(view, [one], rng) for view in views)
+        true = views[0].project(center), views[1].project(center)
+        near = true[0] + [2, -1], true[1] + [-1, 2]
+        found = find_pair(params, (left, right), optics, near, 22.0)
+        assert found is not None
+        for shape, at, view in zip(found, true, views, strict=True):
+            assert shape is not None
+            assert np.linalg.norm(shape.center_px - at) < 0.25
+            assert np.all(np.abs(shape.center_px - at) < 5 * np.sqrt(np.diag(shape.cov_px)))
+            radius_rad = np.arcsin(0.01 / np.linalg.norm(center - view.center))
+            assert shape.angular_radius_rad == pytest.approx(radius_rad, rel=0.08)
+        two = look(views[0], [one, other], rng)
+        assert find_pair(params, (two, right), optics, near, 30.0) is None
+        assert find_pair(params, (left, right), optics, (near[0], near[1] + [60, 0]), 22.0) is None
+        assert find_pair(params, (left, right), optics, (near[0] + [14, 0], near[1]), 22.0) is None
+        assert find_pair(params, (left, right), optics, near, 130.0) is None
 
 
 def test_bad_parameters_are_named() -> None:
