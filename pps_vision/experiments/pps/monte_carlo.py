@@ -56,7 +56,7 @@ class MonteCarlo:
             "ridge_width_cm": round(100 * float(np.median([ridge_width(memory) for memory in fine])), 2),
             "positive_samples_behind_the_taxel_percent": round(100 * float(np.mean([_behind(m) for m in fine])), 1),
             "samples": [int(n) for n in shown.counts[0].sum(axis=(0, 1))],
-            "activation": np.round(landscape(shown), 3).tolist(),
+            "activation": np.round(landscape(shown), 2).tolist(),
         }
 
     def _learned(self, shower: Shower, reference: Reference, k: int, params: MemoryParams) -> PPSMemory:
@@ -96,9 +96,9 @@ class MonteCarlo:
 
 
 def landscape(memory: PPSMemory, taxel: int = 0) -> Array:
-    """(60, 60) of a taxel's activation over the ranges of D and TTC."""
+    """(30, 30) of a taxel's activation over the ranges of D and TTC."""
     (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
-    cell = (np.arange(60) + 0.5) / 60
+    cell = (np.arange(30) + 0.5) / 30
     D, TTC = np.meshgrid(d0 + (d1 - d0) * cell, t0 + (t1 - t0) * cell, indexing="ij")
     n = len(memory.taxel_ids)
     every: Array = activation(memory, *(np.repeat(x[..., None], n, axis=2) for x in (D, TTC)))
@@ -141,6 +141,7 @@ def _panel(axis: Axes, numbers: dict[str, Any]) -> None:
         vmin=0,
         vmax=1,
         cmap="magma",
+        interpolation="bilinear",
     )
     at = numbers["crosses_ttc_0_at_cm"]
     axis.plot(at, 0.06, "v", color="tab:cyan", ms=8, clip_on=False)
