@@ -118,7 +118,9 @@ class ReachableMap:
     On the lattice between the gaze `limits`: the `signed_distance` to the border in `isotropic` coordinates, positive
     inside; the `optimality` of the best posture, 1 − M of J IV.5, inside; and the `error_m` left between hand and
     fixation point, outside (a, b, c each).  `softness` is how uncertain the border's place is, in the same
-    coordinates; `max_error_m` the largest error there is.  `labels` are what it was learned from, to go on from.
+    coordinates; `expected_error` the share of gaze postures that the last labels said it misjudges (an upper estimate:
+    they were asked for where least was known); `max_error_m` the largest error there is.  `labels` are what it was
+    learned from, to go on from.
     """
 
     side: str
@@ -128,6 +130,7 @@ class ReachableMap:
     error_m: Array
     max_error_m: float
     softness: float
+    expected_error: float
     labels: Labels
 
     def __post_init__(self) -> None:
@@ -190,11 +193,12 @@ def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
         np.maximum(left.error_m, right.error_m),
         max(left.max_error_m, right.max_error_m),
         max(left.softness, right.softness),
+        left.expected_error + right.expected_error,
         none,
     )
 
 
-_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness")
+_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error")
 _LABELS = tuple(f.name for f in fields(Labels))
 
 
@@ -215,9 +219,9 @@ def load_map(path: Path) -> ReachableMap:
         (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).tolist()
         limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
         signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
-        max_error_m, softness = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
+        most, softness, expected = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
         of = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
         labels = Labels(**{**of, "reachable": of["reachable"] > 0})
-        return ReachableMap(str(data["side"]), limits, signed, optimality, error_m, max_error_m, softness, labels)
+        return ReachableMap(str(data["side"]), limits, signed, optimality, error_m, most, softness, expected, labels)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error

@@ -54,13 +54,15 @@ class ArmLimits:
 
 @dataclass(frozen=True)
 class MapParams:
-    """How much is asked of inverse kinematics: `n_labels` in `n_rounds`, the first spread over all gaze
-    postures; `n_babble` random arm postures supply the starts."""
+    """How much is asked of inverse kinematics: at most `n_labels`, in rounds of `round_labels`, the first spread over
+    all gaze postures, until no more than `max_error` (share of all gaze postures) are expected to be misjudged.
+    `n_babble` random arm postures supply the starts."""
 
     gaze_limits: GazeLimits = field(default_factory=GazeLimits)
     arm_limits: ArmLimits = field(default_factory=ArmLimits)
     n_labels: int = 6000
-    n_rounds: int = 4
+    round_labels: int = 1500
+    max_error: float = 0.0
     n_babble: int = 100_000
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
     # in the map's isotropic coordinates:
@@ -70,11 +72,13 @@ class MapParams:
     lattice: float = 0.04  # steps of the lattice the map is drawn on
 
     def __post_init__(self) -> None:
-        if self.n_rounds < 2 or self.n_labels < self.n_rounds:
+        if not 2 <= 2 * self.round_labels <= self.n_labels:
             raise ValueError(
-                f"{self.n_labels} labels in {self.n_rounds} rounds: expected at least two rounds, "
+                f"{self.n_labels} labels in rounds of {self.round_labels}: expected at least two rounds, "
                 "of which the later ones test what the earlier ones learned"
             )
+        if not 0 <= self.max_error < 1:
+            raise ValueError(f"a share of {self.max_error} misjudged: expected at least 0 and below 1")
 
 
 class ReachOracle:
@@ -128,24 +132,32 @@ def train_reachable_map(
     rng: np.random.Generator,
     params: MapParams | None = None,
     forward: ForwardModel | None = None,
+    into: ReachableMap | None = None,
 ) -> ReachableMap:
-    """Learn the map of one arm ("left" or "right"); `forward` arm joints → palm in the root frame."""
+    """Learn the map of one arm ("left" or "right"), or go on from a map learned before, whose labels are kept and not
+    counted; `forward` arm joints → palm in the root frame.  ValueError for a map of another arm or other limits."""
     params = params or MapParams()
     oracle = ReachOracle(robot, side, params, rng, forward)
-    limits = params.gaze_limits
-    n = params.n_labels // params.n_rounds
-    labels = oracle.label(rng.uniform(limits.lower, limits.upper, (n, 3)))
-    softness = np.nan
-    for _ in range(params.n_rounds - 1):
+    limits, n = params.gaze_limits, params.round_labels
+    if into is None:
+        labels = oracle.label(rng.uniform(limits.lower, limits.upper, (n, 3)))
+        before = 0
+    elif into.side == side and into.limits == limits:
+        labels, before = into.labels, len(into.labels.gaze_rad)
+    else:
+        raise ValueError(f"a map of {into.side}, {into.limits}: expected one of {side}, {limits}, to go on from")
+    softness, expected = np.nan, 1.0
+    while len(labels.gaze_rad) - before + n <= params.n_labels and expected > params.max_error:
         border = GazeInterpolator(*_nodes(labels, params))
-        asked = _near_border(border, labels, n, params, rng)
-        more = oracle.label(asked)
-        softness = _softness(border(asked), more.reachable)
+        asked, share = _near_border(border, labels, n, params, rng)
+        predicted, more = border(asked), oracle.label(asked)
+        softness = _softness(predicted, more.reachable)
+        expected = share * float(np.mean((predicted > 0) != more.reachable))
         labels = labels.joined(more)
-    return _drawn(side, labels, softness, params)
+    return _drawn(side, labels, softness, expected, params)
 
 
-def _drawn(side: str, labels: Labels, softness: float, params: MapParams) -> ReachableMap:
+def _drawn(side: str, labels: Labels, softness: float, expected: float, params: MapParams) -> ReachableMap:
     """The map of these labels: the splines' values on the lattice, computed only where they matter."""
     lattice = Lattice.of_spacing(params.gaze_limits, params.lattice)
     coarse = Lattice.of_spacing(params.gaze_limits, _COARSER * params.lattice)
@@ -166,7 +178,9 @@ def _drawn(side: str, labels: Labels, softness: float, params: MapParams) -> Rea
     good = drawn(labels.gaze_rad[inside], labels.optimality[inside], lambda _: signed > -2 * params.lattice)
     error = drawn(labels.gaze_rad[outside], labels.error_m[outside], None)
     signed, good, error = (v.reshape(lattice.shape) for v in (signed, good, error))
-    return ReachableMap(side, params.gaze_limits, signed, good, error, float(labels.error_m.max()), softness, labels)
+    return ReachableMap(
+        side, params.gaze_limits, signed, good, error, float(labels.error_m.max()), softness, expected, labels
+    )
 
 
 def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
@@ -187,15 +201,17 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
 
 def _near_border(
     border: GazeInterpolator, labels: Labels, n: int, params: MapParams, rng: np.random.Generator
-) -> Array:
-    """(n, 3) gaze postures in the band about the border, those farthest from what is labelled already."""
+) -> tuple[Array, float]:
+    """(n, 3) gaze postures in the band about the border, those farthest from what is labelled already; and what share
+    of all gaze postures lies in that band."""
     limits = params.gaze_limits
     candidates = rng.uniform(limits.lower, limits.upper, (8 * n, 3))
     signed = border(candidates)
     low, high = params.border_band
-    near = candidates[(signed > low) & (signed < high)][: 2 * n]
+    inside = (signed > low) & (signed < high)
+    near = candidates[inside][: 2 * n]
     alone, _ = cKDTree(isotropic(labels.gaze_rad)).query(isotropic(near))
-    return near[np.argsort(-alone)[:n]]
+    return near[np.argsort(-alone)[:n]], float(inside.mean())
 
 
 def _softness(predicted: Array, reachable: Mask) -> float:

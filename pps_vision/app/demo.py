@@ -110,7 +110,7 @@ def _meet_all(
 
 def _train_map(world: World, seed: int) -> ReachableMap:
     """What the left hand can reach, by gaze posture."""
-    params = MapParams(gaze_limits=_GAZE, n_labels=3000)
+    params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
     with tqdm(total=1, desc="reachable space", unit="map", disable=None) as bar:
         learned = train_reachable_map(world.robot, "left", np.random.default_rng(seed), params)
         bar.update()

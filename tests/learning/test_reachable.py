@@ -169,7 +169,7 @@ def test_outside_the_limits_is_said_so(learned):
 def test_a_wider_gaze_and_fewer_labels():
     """With the eyes' tilt the gaze goes down to −80°, where the home hand is (FACTS §5)."""
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
-    params = MapParams(gaze_limits=wide, n_labels=2000)
+    params = MapParams(gaze_limits=wide, n_labels=2000, round_labels=500)
     learned = train_reachable_map(ROBOT, "left", np.random.default_rng(1), params)
     hand = gaze_for_points(ROBOT, [[-0.30, -0.20, 0.05]], wide)
     assert learned.query(hand).reachable[0]
@@ -194,7 +194,7 @@ def cube(center, half_side):
 def test_the_forward_model_may_be_another():
     """Told that the hand moves in a cube before the face, the map says so."""
     center = fixation_points(ROBOT, np.deg2rad([[10, -10, 30]]))[0]
-    params = MapParams(n_labels=800, n_babble=5000)
+    params = MapParams(n_labels=800, round_labels=200, n_babble=5000)
     learned = train_reachable_map(ROBOT, "right", np.random.default_rng(4), params, cube(center, 0.04))
     points = center + np.array([[0, 0, 0], [0.03, 0.03, 0.03], [0.06, 0, 0], [0, 0, -0.06]])
     assert learned.query(gaze_for_points(ROBOT, points)).reachable.tolist() == [True, True, False, False]
@@ -203,7 +203,11 @@ def test_the_forward_model_may_be_another():
 def test_an_arm_that_reaches_everything_has_no_border():
     with pytest.raises(ValueError, match="all 25 labels are within reach"):
         train_reachable_map(
-            ROBOT, "right", np.random.default_rng(4), MapParams(n_labels=100, n_babble=5000), cube(np.zeros(3), 2.0)
+            ROBOT,
+            "right",
+            np.random.default_rng(4),
+            MapParams(n_labels=100, round_labels=25, n_babble=5000),
+            cube(np.zeros(3), 2.0),
         )
 
 
@@ -261,7 +265,32 @@ def test_there_is_a_left_and_a_right_arm():
         ReachOracle(ROBOT, "third", replace(MapParams(), n_babble=10), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize(("n_labels", "n_rounds"), [(100, 1), (3, 4)])
-def test_one_round_cannot_say_how_sure_it_is(n_labels, n_rounds):
-    with pytest.raises(ValueError, match="expected at least two rounds"):
-        MapParams(n_labels=n_labels, n_rounds=n_rounds)
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n_labels": 100, "round_labels": 60}, "expected at least two rounds"),
+        ({"round_labels": 0}, "expected at least two rounds"),
+        ({"max_error": 1.0}, "at least 0 and below 1"),
+    ],
+)
+def test_params_that_make_no_sense(changes, message):
+    """One round alone could not say how sure it is."""
+    with pytest.raises(ValueError, match=message):
+        MapParams(**changes)
+
+
+def test_it_stops_when_sure_enough_and_goes_on_when_asked():
+    """Half the error asked for takes more labels; going on from a map is as good as having learned it at once."""
+    rough = MapParams(n_labels=6000, round_labels=500, n_babble=20_000, max_error=0.02)
+    first = train_reachable_map(ROBOT, "right", np.random.default_rng(11), rough)
+    assert 1000 <= len(first.labels.gaze_rad) < 3000
+    assert first.expected_error <= 0.02
+    more = train_reachable_map(ROBOT, "right", np.random.default_rng(12), replace(rough, max_error=0.0075), into=first)
+    assert len(more.labels.gaze_rad) > len(first.labels.gaze_rad)
+    gaze = np.random.default_rng(13).uniform(LIMITS.lower, LIMITS.upper, (4000, 3))
+    wrong = [rates(one.query(gaze).reachable, truth(gaze)[0])[0] for one in (first, more)]
+    print(f"expected {first.expected_error:.4f}, {more.expected_error:.4f}, measured {wrong[0]:.4f}, {wrong[1]:.4f}")
+    assert wrong[0] <= 0.02
+    assert wrong[1] < wrong[0]
+    with pytest.raises(ValueError, match="to go on from"):
+        train_reachable_map(ROBOT, "left", np.random.default_rng(12), rough, into=first)
