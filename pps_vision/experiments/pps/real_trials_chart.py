@@ -79,34 +79,35 @@ def _horizon(numbers: dict[str, Any]) -> Figure:
 
 
 def _choices(numbers: dict[str, Any]) -> Figure:
-    """Brier score over each parameter, the default ringed; the base rate's and the goal beside."""
-    rows = numbers["choices_of_ours"]
+    """Brier score over each parameter, the default ringed: on the real trials, and on simulated sessions."""
+    rows = numbers["choices"]
     names = list(dict.fromkeys(row["choice"] for row in rows))
-    figure, axes = plt.subplots(1, len(names), figsize=(3.1 * len(names), 3.5), sharey=True, layout="constrained")
-    for axis, name in zip(axes, names, strict=True):
+    figure, axes = plt.subplots(
+        2, len(names), figsize=(3.1 * len(names), 5.2), sharey="row", sharex="col", layout="constrained"
+    )
+    for (real, simulated), name in zip(axes.T, names, strict=True):
         mine = [row for row in rows if row["choice"] == name]
-        at = np.arange(len(mine))
-        axis.plot(at, [row["brier"] for row in mine], "o-", color=_OURS, ms=5)
-        for x, row in zip(at, mine, strict=True):
-            if row["default"]:
-                axis.plot(x, row["brier"], "o", mfc="none", mec=_INK, ms=12, mew=1.4)
-        axis.set_xticks(at, [f"{1000 * row['value'] if name == 'offset_m' else row['value']:g}" for row in mine])
-        axis.set_xlabel(_LABELS[name])
-        _lines(axis, numbers)
-        axis.grid(alpha=0.25)
-    axes[0].set_ylabel(_NAMES["brier"])
-    _legend_above(figure, axes[-1])
+        default = [row["default"] for row in mine].index(True)
+        for axis, of in ((real, mine), (simulated, [row["simulated"] for row in mine])):
+            brier = [row["brier"] for row in of]
+            axis.plot(brier, "o-", color=_OURS, ms=5)
+            axis.plot(default, brier[default], "o", mfc="none", mec=_INK, ms=12, mew=1.4)
+            axis.grid(alpha=0.25)
+        real.axhline(numbers["methods"]["base rate"]["brier"], color="0.5", lw=1, label="base rate")
+        real.axhline(_GOAL["brier"], color=_INK, lw=1, ls="--", label="goal")
+        simulated.axhline(mine[0]["simulated"]["base_rate_brier"], color="0.5", lw=1)
+        labels = [f"{1000 * row['value'] if name == 'offset_m' else row['value']:g}" for row in mine]
+        simulated.set_xticks(range(len(mine)), labels)
+        simulated.set_xlabel(_LABELS[name])
+    axes[0, 0].set_ylabel("Brier score, real trials,\none left out")
+    axes[1, 0].set_ylabel("Brier score, simulated sessions,\nforetold from another")
+    _legend_above(figure, axes[0, -1])
     return figure
 
 
 def _legend_above(figure: Figure, axis: Axes) -> None:
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8, frameon=False)
-
-
-def _lines(axis: Axes, numbers: dict[str, Any]) -> None:
-    axis.axhline(numbers["methods"]["base rate"]["brier"], color="0.5", lw=1, label="base rate")
-    axis.axhline(_GOAL["brier"], color=_INK, lw=1, ls="--", label="goal")
 
 
 def _reliability(numbers: dict[str, Any]) -> Figure:

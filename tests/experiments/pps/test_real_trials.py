@@ -7,8 +7,11 @@ import pytest
 from data import SEED
 from trials_made_up import session, write
 
+from learning.passing import PassingParams, foretell, learn_passing
 from learning.scores import auroc
+from learning.trials import touch_rates
 from pps_vision.experiments.pps.real_trials import RealTrials, left_out
+from pps_vision.experiments.pps.simulated_sessions import two_sessions
 from pps_vision.experiments.pps.trial_methods import METHODS, OURS, Plain
 
 
@@ -49,17 +52,36 @@ def test_what_passes_beside_each_other_only_displacement_tells_apart():
     assert all(auroc(touched[:, :2], p) > 0.95 for p in found.values())
 
 
+def test_simulated_sessions_are_like_the_real_ones():
+    """Every trial ends in a touch, most in one; paths end 1–2 cm apart, as the real ones; one session tells of the
+    next, but not all."""
+    pairs = [two_sessions(np.random.default_rng((SEED, k))) for k in range(12)]
+    gains = []
+    for first, second in pairs:
+        touched = np.array([trial.touched for trial in second])
+        assert touched.any(axis=1).all()
+        assert 1 <= touched.sum(axis=1).mean() < 2.5
+        spread = np.std([trial.d_m[-1, 0] for trial in second], axis=0)[:2]
+        assert ((spread > 0.006) & (spread < 0.02)).all()
+        p = foretell(PassingParams(), learn_passing(PassingParams(), first), second).probability
+        rate = np.tile(touch_rates(first), (len(second), 1))
+        gains.append((auroc(touched, p), auroc(touched, p) - auroc(touched, rate)))
+    area, gain = np.mean(gains, axis=0)
+    assert 0.8 < area < 0.95
+    assert gain > 0.01
+
+
 def test_the_whole_experiment_on_a_few_trials(tmp_path):
     folder = tmp_path / "pps_real_robot"
     folder.mkdir()
     write(folder / "trials_forearm_internal.npz", session(np.random.default_rng(SEED), 8, beside_m=0.01))
-    experiment = RealTrials(data=tmp_path, splits=2, resamples=20, permutations=2)
+    experiment = RealTrials(data=tmp_path, splits=2, resamples=20, permutations=2, pairs=1)
     numbers = experiment.run()
     assert list(numbers["methods"]) == list(METHODS)
     low, high = numbers["methods"][OURS]["auroc_95"]
     assert low <= high
     assert sum(numbers["calibration"]["n"]) == 8 * 3
-    assert sum(row["default"] for row in numbers["choices_of_ours"]) == 4
+    assert sum(row["default"] for row in numbers["choices"]) == 4
     assert set(experiment.chart(numbers)) == {"methods", "horizon", "choices", "reliability"}
 
 
