@@ -1,0 +1,69 @@
+"""Motor babbling: random arm postures, which of them the eyes can fixate, and what is learned from them (J, IV C)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from learning.reachable import isotropic
+from learning.reachable_training import ArmLimits
+from learning.regressors import Regressor
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, gaze_for_points
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array
+
+
+@dataclass(frozen=True)
+class Babbled:
+    """Postures in rad whose hand was fixated: `arm_rad` (N, 4), `gaze_rad` (N, 3); `n_tried` postures were tried."""
+
+    arm_rad: Array
+    gaze_rad: Array
+    n_tried: int
+
+
+def babble(
+    robot: Robot,
+    side: str,
+    n: int,
+    rng: np.random.Generator,
+    arm_limits: ArmLimits | None = None,
+    gaze_limits: GazeLimits | None = None,
+) -> Babbled:
+    """`n` postures of the four joints, spread evenly within their limits; the hand (origin of the palm frame) is
+    fixated by kinematics, and the limits of the gaze decide whether it can be.  ValueError for an unknown side."""
+    if side not in ("left", "right"):
+        raise ValueError(f"side {side!r}: expected left or right")
+    limits = arm_limits or ArmLimits()
+    arm = rng.uniform(limits.lower_rad, limits.upper_rad, (n, len(limits.lower_rad)))
+    palm = robot.names.palms[("left", "right").index(side)]
+    gaze = gaze_for_points(
+        robot, Chain.of(robot, robot.names.arm(side)[: arm.shape[1]], palm).positions(arm)[0], gaze_limits
+    )
+    fixated = np.isfinite(gaze).all(axis=1)
+    return Babbled(arm[fixated], gaze[fixated], n)
+
+
+class ArmToGaze:
+    """The forward model that babbling teaches: arm posture → the gaze posture that fixates the hand.  The regressor
+    sees joint angles scaled to [−1, 1] by their limits, and the gaze in `isotropic` coordinates."""
+
+    def __init__(self, regressor: Regressor, limits: ArmLimits | None = None) -> None:
+        self.regressor = regressor
+        limits = limits or ArmLimits()
+        lower, upper = np.array(limits.lower_rad), np.array(limits.upper_rad)
+        self.middle, self.half = (lower + upper) / 2, (upper - lower) / 2
+
+    def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
+        """From postures (N, 4) and (N, 3)."""
+        self.regressor.update((arm_rad - self.middle) / self.half, isotropic(gaze_rad))
+
+    def __call__(self, arm_rad: Array) -> Array:
+        """Gaze postures (N, 3) for arm postures (N, 4)."""
+        y = self.regressor.predict((arm_rad - self.middle) / self.half)
+        return np.concatenate([y[:, :2], 2 * np.arctan(np.exp(y[:, 2:]))], axis=1)
+
+
+def rmse_deg(model: ArmToGaze, test: Babbled) -> float:
+    """Root mean square over postures and gaze angles of the error in degrees; NaN where it has no answer to one."""
+    return float(np.rad2deg(np.sqrt(np.mean((model(test.arm_rad) - test.gaze_rad) ** 2))))

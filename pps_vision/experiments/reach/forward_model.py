@@ -1,0 +1,96 @@
+"""What babbling teaches: the error of the arm-to-gaze forward model over the number of samples (J Fig 2)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from learning.babbling import ArmToGaze, Babbled, babble, rmse_deg
+from learning.gaussian_process import GaussianProcess
+from learning.lwpr import LWPRParams
+from learning.lwpr_metric import MetricParams
+from learning.lwpr_regression import RegressionParams
+from learning.regressors import LocalModels
+from pps_vision.experiments.chart import panels
+from pps_vision.robot.icub import load_icub
+
+LWPR_OF_THE_ARM = LWPRParams(
+    init_D=30,
+    w_gen=0.3,
+    metric=MetricParams(rate=0),
+    regression=RegressionParams(first_forgetting=0.98, add_threshold=0.95, forgetting_pace=0.995),
+)
+"""Few samples a field: projections are added early; metrics stay (to adapt them takes more samples than there are)."""
+_N_TRAIN, _N_TEST, _N_TRIED = 4400, 700, 20_000
+_PAPER_DEG, _GOALS_DEG = 0.84, {"LWPR": 0.5, "best": 0.02}
+
+
+def babbled_sets(seed: int, side: str = "right") -> tuple[Babbled, Babbled]:
+    """What 20 000 postures teach, and 700 fixated ones to test on."""
+    robot, rng = load_icub(), np.random.default_rng(seed)
+    train, test = babble(robot, side, _N_TRIED, rng), babble(robot, side, 4 * _N_TEST, rng)
+    return train, Babbled(test.arm_rad[:_N_TEST], test.gaze_rad[:_N_TEST], test.n_tried)
+
+
+@dataclass(frozen=True)
+class ForwardModelError:
+    """LWPR (each sample once, as in the paper; and all of them again and again) and a Gaussian process."""
+
+    seed: int = 0
+    """Seed of the babbling."""
+    n_replays: int = 6
+    """How often LWPR sees each sample in the curve with replay."""
+
+    def run(self) -> dict[str, Any]:
+        """RMSE (degrees) at each number of samples."""
+        if self.n_replays < 1:
+            raise ValueError(f"bench reach forward_model: --n-replays {self.n_replays}; expected at least 1")
+        train, test = babbled_sets(self.seed)
+        sizes = [100, 200, 400, 800, 1600, 3000, _N_TRAIN]
+        once, process = ArmToGaze(LocalModels(4, 3, LWPR_OF_THE_ARM)), ArmToGaze(GaussianProcess())
+        curves: dict[str, list[float | None]] = {
+            "LWPR, each sample once": [],
+            "LWPR, replayed": [],
+            "Gaussian process": [],
+        }
+        before = 0
+        for n in tqdm(sizes, desc="samples", disable=None):
+            new = slice(before, n)
+            replayed = ArmToGaze(LocalModels(4, 3, LWPR_OF_THE_ARM))
+            rng = np.random.default_rng(self.seed)
+            for _ in range(self.n_replays):
+                order = rng.permutation(n)
+                replayed.learn(train.arm_rad[order], train.gaze_rad[order])
+            for model in (once, process):
+                model.learn(train.arm_rad[new], train.gaze_rad[new])
+            before = n
+            for curve, model in zip(curves.values(), (once, replayed, process), strict=True):
+                error = rmse_deg(model, test)
+                curve.append(round(error, 4) if np.isfinite(error) else None)
+        return {
+            "fixated_of_20000": len(train.arm_rad),
+            "samples": sizes,
+            "rmse_deg": curves,
+            "paper_deg": _PAPER_DEG,
+            "goals_deg": _GOALS_DEG,
+        }
+
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Error over samples, both logarithmic."""
+        figure, (axis,) = panels(1, 6.4, 4.4)
+        for name, curve in numbers["rmse_deg"].items():
+            axis.plot(numbers["samples"], np.array(curve, dtype=float), "o-", ms=4, label=name)
+        axis.plot(numbers["samples"][-1], numbers["paper_deg"], "k*", ms=10, label="the paper's LWPR")
+        for name, goal in numbers["goals_deg"].items():
+            axis.axhline(goal, color="0.4", lw=0.8, ls="--")
+            axis.annotate(f"goal, {name}", (numbers["samples"][0], goal), va="bottom", fontsize=7)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xlabel("fixated arm postures learned from")
+        axis.set_ylabel("gaze RMSE on 700 others (°)")
+        axis.set_title("Forward model arm → gaze, taught by babbling (J Fig 2)", fontsize=10)
+        axis.legend(fontsize=8)
+        axis.grid(alpha=0.25, which="both")
+        return figure

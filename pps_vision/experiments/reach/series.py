@@ -1,0 +1,35 @@
+"""The figures and tables of reachable space (Jamone et al. 2013), each also alone."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal, get_args
+
+from tyro.conf import Positional
+
+from pps_vision.experiments.experiment import Experiment
+from pps_vision.experiments.reach.forward_model import ForwardModelError
+from pps_vision.experiments.reach.lwpr import CrossFunction
+
+FigureName = Literal["lwpr", "forward_model"]
+
+
+@dataclass(frozen=True)
+class Reach:
+    """All of reachable space: figures and tables of the paper and what goes past it.
+
+    Without a name all are made, one after another; what this very code has already measured with the
+    same parameters is not measured again, so that an interrupted run goes on where it stopped.
+    """
+
+    figure: Annotated[FigureName | None, Positional] = None
+    """Only this one."""
+    seed: int = 0
+    """Seed of whatever is random."""
+
+    def parts(self) -> dict[str, Experiment]:
+        """The experiments asked for, by name."""
+        makers: Mapping[str, Callable[[], Experiment]] = {
+            "lwpr": lambda: CrossFunction(self.seed),
+            "forward_model": lambda: ForwardModelError(self.seed),
+        }
+        return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}

@@ -1,0 +1,56 @@
+"""Babbling against the robot's own kinematics."""
+
+import numpy as np
+import pytest
+
+from learning.babbling import ArmToGaze, babble, rmse_deg
+from learning.gaussian_process import GaussianProcess
+from learning.lwpr import LWPRParams
+from learning.lwpr_metric import MetricParams
+from learning.reachable_training import ArmLimits
+from learning.regressors import LocalModels
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, fixation_points
+from pps_vision.robot.icub import load_icub
+
+ROBOT = load_icub()
+
+
+@pytest.fixture(scope="module")
+def babbled():
+    return babble(ROBOT, "right", 6000, np.random.default_rng(1))
+
+
+def test_what_is_fixated_is_the_hand(babbled):
+    palms = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm").positions(babbled.arm_rad)[0]
+    np.testing.assert_allclose(fixation_points(ROBOT, babbled.gaze_rad), palms, atol=1e-6)
+
+
+def test_the_limits_decide(babbled):
+    """FACTS §6: 28 % of the postures can be fixated; none is beyond a limit; narrower limits leave fewer."""
+    assert babbled.n_tried == 6000
+    assert len(babbled.arm_rad) / babbled.n_tried == pytest.approx(0.28, abs=0.03)
+    limits, arm = GazeLimits(), ArmLimits()
+    assert np.all((babbled.gaze_rad >= limits.lower) & (babbled.gaze_rad <= limits.upper))
+    assert np.all((babbled.arm_rad >= arm.lower_rad) & (babbled.arm_rad <= arm.upper_rad))
+    narrow = GazeLimits(yaw_rad=(-0.1, 0.1))
+    few = babble(ROBOT, "right", 500, np.random.default_rng(1), gaze_limits=narrow)
+    assert 0 < len(few.arm_rad) < 0.15 * 500
+
+
+def test_what_is_learned_foretells_the_gaze(babbled):
+    """The paper's LWPR came to 0.84° with 4400 samples."""
+    n = 1200
+    test = type(babbled)(babbled.arm_rad[n:], babbled.gaze_rad[n:], 0)
+    process = ArmToGaze(GaussianProcess(n_tune=200))
+    local = ArmToGaze(LocalModels(4, 3, LWPRParams(init_D=10, w_gen=0.2, metric=MetricParams(rate=0))))
+    for model in (process, local):
+        model.learn(babbled.arm_rad[:n], babbled.gaze_rad[:n])
+    print(f"after {n} samples: process {rmse_deg(process, test):.3f}°, LWPR {rmse_deg(local, test):.2f}°")
+    assert rmse_deg(process, test) < 0.2
+    assert rmse_deg(local, test) < 3
+
+
+def test_the_third_arm():
+    with pytest.raises(ValueError, match="side 'third': expected left or right"):
+        babble(ROBOT, "third", 10, np.random.default_rng(0))
