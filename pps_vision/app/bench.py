@@ -24,6 +24,7 @@ from pps_vision.experiments.image_tracker import ImageTracker
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.pipeline import Pipeline
 from pps_vision.experiments.pps.series import Pps
+from pps_vision.experiments.reach.series import Reach
 from pps_vision.experiments.real import Real
 from pps_vision.experiments.soak import Soak
 from pps_vision.experiments.stereo import Stereo
@@ -56,6 +57,7 @@ class Bench:
         | Annotated[Filter, subcommand("filter")]
         | Annotated[Consistency, subcommand("consistency")]
         | Annotated[Pps, subcommand("pps")]
+        | Annotated[Reach, subcommand("reach")]
     )
     out: Path | None = None
     """Where to write the JSON; default: docs/results/NAME.json under the present folder.  Each part of a series
