@@ -9,10 +9,12 @@ import numpy as np
 from learning.memory import MemoryParams, PPSMemory, count_samples
 from learning.receptive_field import ReceptiveField
 from learning.touch_trial import TouchTrial, perceived
+from learning.trials import Trial
 from pps_vision.experiments.pps.touch_movements import Condition
 from pps_vision.experiments.pps.touch_trials import touch_trials
+from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import Skin
+from pps_vision.robot.skin import Skin, taxel_frame
 from pps_vision.types import Array, Mask
 
 LEAD_S = 0.15  # before a trial's end: what is known then is what a prediction may use
@@ -85,3 +87,22 @@ def learned(skin: Skin, params: MemoryParams, trials: Iterable[Approach]) -> PPS
     for trial in trials:
         memory = count_samples(memory, trial.distance_m, trial.ttc_s, trial.touched)
     return memory
+
+
+def displaced(trials: Iterable[TouchTrial], robot: Robot, skin: Skin, whole: Skin) -> tuple[Trial, ...]:
+    """The same trials as displacements from the taxels of `skin`, in the taxels' own frames."""
+    here = np.isin(whole.taxel_ids, skin.taxel_ids)
+    return tuple(_displaced(trial, robot, skin, trial.touched[here]) for trial in trials)
+
+
+def _displaced(trial: TouchTrial, robot: Robot, skin: Skin, touched: Mask) -> Trial:
+    d = np.zeros((len(trial.stamps_s), len(touched), 3))
+    for part, of_part in ((part, skin.part_index == k) for k, part in enumerate(skin.parts)):
+        T_taxel_part = inverse(
+            np.array([taxel_frame(p, n) for p, n in zip(part.positions_m, part.normals, strict=True)])
+        )
+        for k, (q, p) in enumerate(zip(trial.joints_rad, trial.positions, strict=True)):
+            in_part = move_points(inverse(robot.at(q).T_root(part.frame)), p)
+            d[k, of_part] = T_taxel_part[:, :3, :3] @ in_part + T_taxel_part[:, :3, 3]
+    v = np.asarray(np.gradient(d, trial.stamps_s, axis=0))
+    return Trial(trial.stamps_s, d, v, touched)
