@@ -13,10 +13,12 @@ from pps_vision.experiments.pps.failures import PpsFailures
 from pps_vision.experiments.pps.forgetting import Forgetting
 from pps_vision.experiments.pps.hyper_parameters import HyperParameters
 from pps_vision.experiments.pps.monte_carlo import MonteCarlo
+from pps_vision.experiments.pps.offsets import Offsets
 from pps_vision.experiments.pps.one_trial import OneTrial
 from pps_vision.experiments.pps.real_trials import RealTrials
 from pps_vision.experiments.pps.uncertain_tracks import UncertainTracks
 from pps_vision.experiments.pps.whole_skin import WholeSkin
+from pps_vision.experiments.pps.without_ttc import WithoutTtc
 
 FigureName = Literal[
     "monte_carlo",
@@ -28,6 +30,8 @@ FigureName = Literal[
     "uncertain_tracks",
     "whole_skin",
     "failures",
+    "offsets",
+    "without_ttc",
 ]
 
 
@@ -60,5 +64,7 @@ class Pps:
             "uncertain_tracks": lambda: UncertainTracks(self.seed),
             "whole_skin": lambda: WholeSkin(self.seed),
             "failures": lambda: PpsFailures(self.seed),
+            "offsets": lambda: Offsets(seed=self.seed),
+            "without_ttc": lambda: WithoutTtc(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
