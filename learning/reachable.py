@@ -159,8 +159,21 @@ class ReachableMap:
         parts = (self.signed_distance, self.optimality, self.error_m / self.max_error_m)
         return np.stack([part.ravel() for part in parts], axis=1)
 
-    def query(self, gaze_rad: ArrayLike) -> Reachability:
-        """The verdict on gaze postures (N, 3)."""
+    def threshold(self, max_false_positives: float) -> float:
+        """The least probability, at least 0.5, above which to call postures reachable if no more than this share of
+        the unreachable ones is to be; as the map's own probabilities have it."""
+        if not 0 < max_false_positives < 1:
+            raise ValueError(f"a share of {max_false_positives} false positives: expected above 0 and below 1")
+        probability = np.sort(expit(self.signed_distance.ravel() / self.softness))
+        order = np.argsort(self.signed_distance.ravel())
+        # the lattice stands densest where the eyes verge least: what a point stands for, in rad of vergence
+        share = (1 - probability) * np.sin(self.lattice.gaze_rad[order, 2])
+        wrong = np.cumsum(share[::-1])[::-1] / share.sum()  # if all from here on are called reachable
+        first = int(np.searchsorted(-wrong, -max_false_positives))
+        return max(float(probability[min(first, len(probability) - 1)]), 0.5)
+
+    def query(self, gaze_rad: ArrayLike, threshold: float = 0.5) -> Reachability:
+        """The verdict on gaze postures (N, 3): reachable above the `threshold` of probability."""
         gaze = np.asarray(gaze_rad, dtype=float)
         if gaze.ndim != 2 or gaze.shape[1] != 3:
             raise ValueError(f"gaze postures of shape {gaze.shape}: expected (N, 3)")
@@ -174,7 +187,7 @@ class ReachableMap:
         probability = expit(signed / self.softness)
         if not within.all():
             probability[~within] = degree[~within] = np.nan
-        return Reachability(within, inside & within, probability, degree)
+        return Reachability(within, within & (probability > threshold), probability, degree)
 
 
 def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:

@@ -12,6 +12,7 @@ from pps_vision.app.bench import Bench
 from pps_vision.app.convert_taxels import ConvertTaxels
 from pps_vision.app.demo import Demo
 from pps_vision.app.learn import Learn, Show
+from pps_vision.app.reach import Reach
 from pps_vision.app.render import Render
 from pps_vision.app.track import Track
 from pps_vision.app.track2d import Track2d
@@ -25,6 +26,7 @@ Command = (
     | Annotated[Trials, subcommand("trials")]
     | Annotated[Show, subcommand("show")]
     | Annotated[ConvertTaxels, subcommand("convert-taxels")]
+    | Annotated[Reach, subcommand("reach")]
     | Annotated[Demo, subcommand("demo")]
     | Annotated[Bench, subcommand("bench")]
 )

@@ -1,0 +1,119 @@
+"""`pps-vision reach`: learn which fixated points a hand can get to, ask that map, draw it."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from tqdm import tqdm
+from tyro.conf import Positional, subcommand
+
+from learning.reachable import ReachableMap, both, load_map, save_map
+from learning.reachable_training import MapParams, train_reachable_map
+from pps_vision.app import figures
+from pps_vision.app.reach_figure import slices
+from pps_vision.recordings.gaze_table import read_gaze, write_reachability
+from pps_vision.recordings.outputs import whole_file
+from pps_vision.robot.icub import load_icub
+
+
+@dataclass(frozen=True)
+class Train:
+    """Learn the map of an arm, or of what both reach at once, by inverse kinematics with the robot's own model.
+
+    Torso, neck roll, eye tilt, version and wrist at 0; the hand is the palm's frame; yaw, pitch and vergence within
+    ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.
+    """
+
+    arm: Literal["left", "right", "both"]
+    """Whose reach."""
+    out: Path
+    """Where to write the map (.npz)."""
+    max_error: float = 0.0
+    """Stop as soon as no more than this share of all gaze postures is expected to be misjudged."""
+    ik_budget: int = 12_000
+    """At most so many inverse-kinematics problems an arm."""
+    into: Path | None = None
+    """An earlier map of the same arm to go on from."""
+    seed: int = 0
+    """Seed of the postures that are asked for."""
+
+    def run(self) -> None:
+        """Learn, and say how much was asked and how sure the map is."""
+        if self.arm == "both" and self.into is not None:
+            raise ValueError(f"--into {self.into} with --arm both; expected one arm, whose map can be gone on with")
+        rounds = min(MapParams().round_labels, self.ik_budget // 2)
+        params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
+        into = load_map(self.into) if self.into else None
+        robot = load_icub()
+        with whole_file(self.out) as partial:
+            sides = ("left", "right") if self.arm == "both" else (self.arm,)
+            maps = [
+                train_reachable_map(robot, side, np.random.default_rng(self.seed), params, into=into)
+                for side in tqdm(sides, desc="reachable space", unit="arm", disable=None)
+            ]
+            learned = both(*maps) if len(maps) == 2 else maps[0]
+            save_map(partial, learned)
+        asked = sum(len(one.labels.gaze_rad) for one in maps)
+        print(
+            f"{asked} inverse-kinematics problems, at most {100 * learned.expected_error:.2g} % misjudged → {self.out}"
+        )
+        if learned.expected_error > self.max_error > 0:
+            print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")
+
+
+@dataclass(frozen=True)
+class Query:
+    """Ask a map about gaze postures; outside its limits nothing is known: 0, and probability and degree are empty."""
+
+    map: Positional[Path]
+    """The map (.npz)."""
+    gaze: Positional[Path]
+    """CSV with yaw_deg, pitch_deg and vergence_deg."""
+    out: Path
+    """CSV to write: the same with reachable, probability and degree."""
+    max_fp: float | None = None
+    """Call no more than this share of the unreachable postures reachable; default: what is likelier than not."""
+
+    def run(self) -> None:
+        """Answer every line."""
+        reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)
+        verdict = reachable_map.query(gaze, 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp))
+        columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
+        with whole_file(self.out) as partial:
+            write_reachability(partial, zip(*columns, strict=True))
+        outside = int((~verdict.within_limits).sum())
+        print(f"{int(verdict.reachable.sum())} of {len(gaze)} reachable, {outside} outside the map → {self.out}")
+
+
+@dataclass(frozen=True)
+class Show:
+    """Draw a map: the degree of reachability over yaw and pitch at several vergences."""
+
+    map: Positional[Path]
+    """The map (.npz)."""
+    out: Path
+    """The figure to write (.png, .svg or .pdf)."""
+
+    def run(self) -> None:
+        """Draw it."""
+        reachable_map: ReachableMap = load_map(self.map)
+        figure = slices(reachable_map)
+        with whole_file(self.out) as partial:
+            figures.save(figure, partial)
+        print(f"{reachable_map.side} arm → {self.out}")
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Which fixated points a hand can get to, and how well."""
+
+    what: (
+        Annotated[Train, subcommand("train")]
+        | Annotated[Query, subcommand("query")]
+        | Annotated[Show, subcommand("show")]
+    )
+
+    def run(self) -> None:
+        """Do it."""
+        self.what.run()

@@ -1,0 +1,125 @@
+"""`reach` from its command line: a map learned, asked, drawn; and what it refuses."""
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.app.cli import main
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import fixation_points
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.spherical_arm import SphericalArm
+
+GAZE = "yaw_deg,pitch_deg,vergence_deg\n"
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The right arm's map, quickly."""
+    file = tmp_path_factory.mktemp("maps") / "right.npz"
+    main(["reach", "train", "--arm", "right", "--out", str(file), "--ik-budget", "1200", "--seed", str(SEED)])
+    return file
+
+
+def query(learned: Path, folder: Path, text: str) -> list[dict[str, str]]:
+    (folder / "gaze.csv").write_text(text)
+    main(["reach", "query", str(learned), str(folder / "gaze.csv"), "--out", str(folder / "out.csv")])
+    with (folder / "out.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_table_says_what_the_closed_form_says(learned: Path, tmp_path: Path) -> None:
+    gaze = np.random.default_rng(SEED).uniform([-55, -40, 5], [55, 40, 90], (1000, 3))
+    rows = query(learned, tmp_path, GAZE + "".join(f"{y},{p},{v}\n" for y, p, v in gaze))
+    robot = load_icub()
+    arm = SphericalArm.of(
+        Chain.of(robot, robot.names.arm("right")[:4], "right_palm"),
+        np.deg2rad([-95, 0, -20, 15]),
+        np.deg2rad([10, 160, 80, 105]),
+    )
+    reachable = np.isfinite(arm.solve(fixation_points(robot, np.deg2rad(gaze)))[:, 0])
+    said = np.array([row["reachable"] == "1" for row in rows])
+    assert np.mean(said != reachable) <= 0.02
+    np.testing.assert_allclose([float(row["yaw_deg"]) for row in rows], gaze[:, 0])
+    degree = np.array([float(row["degree"]) for row in rows])
+    assert ((degree >= 0.5) == said).mean() > 0.99
+    assert (np.array([float(row["probability"]) for row in rows]) > 0.5).tolist() == said.tolist()
+
+
+def test_outside_the_map_and_more_columns(learned: Path, tmp_path: Path) -> None:
+    rows = query(
+        learned, tmp_path, "what,vergence_deg,yaw_deg,pitch_deg\na,20,0,-20\n\nb,3,0,0\nc,20,60,0\nd,nan,0,0\n"
+    )
+    assert [row["reachable"] for row in rows] == ["1", "0", "0", "0"]
+    assert [row["probability"] == row["degree"] == "" for row in rows] == [False, True, True, True]
+    assert query(learned, tmp_path, GAZE) == []
+
+
+def test_it_is_drawn(learned: Path, tmp_path: Path) -> None:
+    main(["reach", "show", str(learned), "--out", str(tmp_path / "map.png")])
+    image = cv2.imread(str(tmp_path / "map.png"))
+    assert image is not None
+    green = (image[..., 1] > image[..., 2].astype(int) + 60).mean()
+    assert 0.03 < green < 0.5, "where it can be reached"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ("gaze.csv:1", "yaw_deg")),
+        ("yaw_deg,vergence_deg\n", ("gaze.csv:1", "pitch_deg")),
+        (GAZE + "0,0,20\n0,up,20\n", ("gaze.csv:3", "pitch_deg", "'up'")),
+        (GAZE + "0,0\n", ("gaze.csv:2", "vergence_deg", "''")),
+    ],
+)
+def test_a_bad_table(refused, learned: Path, tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
+    (tmp_path / "gaze.csv").write_text(text)
+    line = refused("reach", "query", learned, tmp_path / "gaze.csv", "--out", tmp_path / "out.csv")
+    assert all(word in line for word in words), line
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_what_cannot_be_learned(refused, learned: Path, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "m.npz")
+    assert "map of right" in refused("reach", "train", "--arm", "left", *out, "--into", learned)
+    assert "--arm both" in refused("reach", "train", "--arm", "both", *out, "--into", learned)
+    assert "two rounds" in refused("reach", "train", "--arm", "left", *out, "--ik-budget", "1")
+    assert "below 1" in refused("reach", "train", "--arm", "left", *out, "--max-error", "2")
+    assert "gaze.csv" in refused("reach", "query", learned, tmp_path / "gaze.csv", "--out", tmp_path / "o.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_fewer_false_positives_when_asked(learned: Path, tmp_path: Path) -> None:
+    """A stricter map says "reachable" less often, and only of what it is surer of."""
+    gaze = np.random.default_rng(SEED).uniform([-55, -40, 5], [55, 40, 90], (2000, 3))
+    text = GAZE + "".join(f"{y},{p},{v}\n" for y, p, v in gaze)
+    plain = query(learned, tmp_path, text)
+    main(
+        [
+            "reach",
+            "query",
+            str(learned),
+            str(tmp_path / "gaze.csv"),
+            "--out",
+            str(tmp_path / "s.csv"),
+            "--max-fp",
+            "1e-4",
+        ]
+    )
+    with (tmp_path / "s.csv").open(newline="") as file:
+        strict = list(csv.DictReader(file))
+    said = [[row["reachable"] == "1" for row in rows] for rows in (plain, strict)]
+    assert 0 < sum(said[1]) < sum(said[0])
+    least = min(float(row["probability"]) for row, yes in zip(strict, said[1], strict=True) if yes)
+    most = max(float(row["probability"]) for row, yes in zip(strict, said[1], strict=True) if not yes)
+    assert 0.5 < most <= least
+
+
+def test_a_share_of_false_positives_is_a_share(refused, learned: Path, tmp_path: Path) -> None:
+    (tmp_path / "gaze.csv").write_text(GAZE)
+    line = refused("reach", "query", learned, tmp_path / "gaze.csv", "--out", tmp_path / "o.csv", "--max-fp", "1.5")
+    assert "1.5" in line
