@@ -66,10 +66,10 @@ class HyperParameters:
     touches only (R) and from near misses too; their RMS error against P(touch | D, TTC) over all objects.
 
     What matters, in this order (seed 5000).  **What is missed**: from the touches of three taxels only, a taxel learns
-    to tell itself from its neighbours, not from no touch at all; error 0.38, three times that of the base rate
+    to tell itself from its neighbours, not from no touch at all; error 0.37, three times that of the base rate
     (0.12), and no number of objects mends it.  Near misses (0.09) do, or a patch of 25 taxels (0.09), most of which
     any object misses.  **The window**: half a bin instead of one takes 0.09 to 0.06 at no cost in memory.  **Bins**:
-    16×8 (2 kB a taxel at 8 bytes a counter, not 0.5) gives 0.05 from 300 objects on, 32×16 (8 kB) 0.03 from 3000 on;
+    16×8 (2 kB a taxel at 8 bytes a counter, not 0.5) gives 0.055 from 300 objects, 32×16 (8 kB) 0.033 from 3000;
     below 100 objects finer bins gain nothing.  Cone, speeds and size of the virtual taxel change how much there is to
     know (the base rate's error) more than how much of it is learned.  Recommended: near misses where the patch is
     small, 16×8 bins, σ half a bin.
