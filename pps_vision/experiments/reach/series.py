@@ -9,8 +9,9 @@ from tyro.conf import Positional
 from pps_vision.experiments.experiment import Experiment
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
+from pps_vision.experiments.reach.regressors import Regressors
 
-FigureName = Literal["lwpr", "forward_model"]
+FigureName = Literal["lwpr", "forward_model", "regressors"]
 
 
 @dataclass(frozen=True)
@@ -31,5 +32,6 @@ class Reach:
         makers: Mapping[str, Callable[[], Experiment]] = {
             "lwpr": lambda: CrossFunction(self.seed),
             "forward_model": lambda: ForwardModelError(self.seed),
+            "regressors": lambda: Regressors(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}

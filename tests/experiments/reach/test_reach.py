@@ -1,0 +1,54 @@
+"""The experiments of reachable space on small sizes: they run, draw, and name bad input."""
+
+import numpy as np
+import pytest
+
+from learning.babbling import Babbled
+from learning.regressors import Neighbours
+from pps_vision.experiments.reach.forward_model import ForwardModelError
+from pps_vision.experiments.reach.lwpr import CASES, CrossFunction, nmse, taught
+from pps_vision.experiments.reach.regressors import Regressors, Replayed, measure
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(1)
+
+
+def test_the_cross_function_without_adapting(rng: np.random.Generator) -> None:
+    """With a tenth of the samples it is nearly where the authors' library ends."""
+    model, seconds = taught(CASES["not adapting"], rng, share=0.1)
+    assert nmse(model) < 0.09
+    assert seconds > 0
+
+
+def test_a_regressor_is_measured(rng: np.random.Generator) -> None:
+    """Neighbours that are the test postures themselves miss nothing; narrow fields leave much open, and it shows."""
+    arm = rng.uniform(-0.5, 0.5, (300, 4))
+    gaze = np.concatenate([arm[:, :2], np.full((300, 1), 0.3)], axis=1)
+    train, test = Babbled(arm[:200], gaze[:200], 0), Babbled(arm[200:], gaze[200:], 0)
+    near = measure(lambda: Neighbours(1), train, train)
+    assert near.rmse_deg == pytest.approx(0, abs=1e-4)
+    assert (near.unanswered, near.fields) == (0, None)
+    assert near.kib > 0
+    local = measure(lambda: Replayed(2000.0, rng), train, test)
+    assert local.unanswered > 0.5
+    assert local.fields is not None
+
+
+def test_charts_draw_what_was_measured() -> None:
+    case = {"fields": [50, 52], "nmse": [0.02, 0.03], "authors_fields": [54, 58], "authors_nmse": [0.019, 0.022]}
+    cases = {name: case if name == "adapting" else {**case, "authors_fields": None} for name in CASES}
+    assert len(CrossFunction().chart({"cases": cases}).axes[0].patches) == len(CASES)
+    numbers = {"samples": [100, 200], "rmse_deg": {"LWPR": [None, 1.0]}, "paper_deg": 0.84, "goals_deg": {"best": 0.02}}
+    assert ForwardModelError().chart(numbers).axes[0].get_legend() is not None
+    one = {"rmse_deg": 0.1, "unanswered": 0.2, "query_us": 3.0, "kib": 4.0, "fields": 7}
+    figure = Regressors().chart({"samples": 9, "regressors": {"a": one, "b": {**one, "rmse_deg": 0.2, "fields": None}}})
+    assert "LWPR, 7 fields (20.0% unanswered)" in [text.get_text() for text in figure.axes[0].texts]
+
+
+def test_bad_input_is_named() -> None:
+    with pytest.raises(ValueError, match="--n 0"):
+        CrossFunction(n=0).run()
+    with pytest.raises(ValueError, match="--n-replays 0"):
+        ForwardModelError(n_replays=0).run()
