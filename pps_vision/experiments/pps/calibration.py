@@ -1,0 +1,151 @@
+"""Do activations mean what they say?  Reliability on held-out trials after 53 rendered and tracked ones."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from learning.calibration import calibrate
+from learning.memory import MemoryParams
+from learning.passing import PassingParams, foretell, learn_passing
+from learning.receptive_field import ReceptiveField
+from learning.representations import Counts, Representation
+from learning.scores import auroc, brier, expected_calibration_error, reliability
+from learning.touch_trial import TouchTrial
+from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, displaced, of_part, samples
+from pps_vision.experiments.pps.touch_trials import touch_trials
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import Array
+
+TRIALS, HELD_OUT = 53, 40
+PART = "left_forearm"
+GOALS = {"auroc": 0.95, "expected_calibration_error": 0.05}
+COARSE = Counts(MemoryParams())
+FINE = Counts(MemoryParams(bins=(32, 16)), normalised=True, pooled=0.2)
+CENTER = ReceptiveField()
+SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)  # the regression judges doubtful samples
+
+Trials = tuple[TouchTrial, ...]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Of trials held out, 0.15 s before their end: what was expected of each taxel of the forearm, what happened.
+
+    R's map as it is; the same corrected by an isotonic regression of its own trials, each left out in turn; a
+    finer one of the distance to the object's surface, normalised, neighbours counting a fifth, corrected too;
+    displacements; and each taxel's rate of touch.
+    """
+
+    seed: int = 0
+    """Seed of the trials; those held out have the next."""
+    trials: Path = Path("build") / "pps"
+    """Folder that keeps rendered trials."""
+
+    def run(self) -> dict[str, Any]:
+        """By way: AUROC, Brier score, expected calibration error, and the reliability diagram."""
+        lessons, tests = (
+            touch_trials("inner", n, self.seed + k, True, self.trials) for k, n in enumerate((TRIALS, HELD_OUT))
+        )
+        return {"seed": self.seed, "goals": GOALS, "ways": scores(lessons, tests)}
+
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Left: reliability; right: how well told apart, how well calibrated, and the goal."""
+        figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.8), layout="constrained")
+        _reliability(left, numbers["ways"])
+        _goal(right, numbers["ways"])
+        return figure
+
+
+def scores(lessons: Trials, tests: Trials) -> dict[str, dict[str, Any]]:
+    """What each way makes of `tests` after `lessons`."""
+    touched = np.array([t.touched for t in _seen(tests, CENTER)])
+    found = {}
+    for name, expects in WAYS.items():
+        p = expects(lessons, tests)
+        r = reliability(touched, p)
+        found[name] = {
+            "auroc": auroc(touched, p),
+            "brier": brier(touched, p),
+            "expected_calibration_error": expected_calibration_error(touched, p),
+            "predicted": r.predicted.tolist(),
+            "happened": r.happened.tolist(),
+            "n": r.n.tolist(),
+        }
+    return found
+
+
+def _seen(trials: Trials, field: ReceptiveField) -> tuple[Approach, ...]:
+    whole = icub_skin()
+    return approaches(trials, load_icub(), of_part(whole, PART), whole, field)
+
+
+def _fit(what: Representation, taught: tuple[Approach, ...], tested: tuple[Approach, ...]) -> Array:
+    D, TTC, _ = at_horizon(tested)
+    return what.fit(*samples(taught), np.random.default_rng(0))(D, TTC)
+
+
+def _as_it_is(what: Representation, field: ReceptiveField) -> Callable[[Trials, Trials], Array]:
+    return lambda lessons, tests: _fit(what, _seen(lessons, field), _seen(tests, field))
+
+
+def _corrected(what: Representation, field: ReceptiveField) -> Callable[[Trials, Trials], Array]:
+    """Calibrated on what each lesson would have been expected to bring by all the others."""
+
+    def expects(lessons: Trials, tests: Trials) -> Array:
+        taught = _seen(lessons, field)
+        left_out = [_fit(what, taught[:k] + taught[k + 1 :], taught[k : k + 1])[0] for k in range(len(taught))]
+        correct = calibrate([trial.touched for trial in taught], np.array(left_out))
+        return correct(_fit(what, taught, _seen(tests, field)))
+
+    return expects
+
+
+def _by_displacement(lessons: Trials, tests: Trials) -> Array:
+    whole, params = icub_skin(), PassingParams()
+    taught, tested = (displaced(trials, load_icub(), of_part(whole, PART), whole) for trials in (lessons, tests))
+    return foretell(params, learn_passing(params, taught), tested).probability
+
+
+def _by_rate(lessons: Trials, tests: Trials) -> Array:
+    rate = np.mean([trial.touched for trial in _seen(lessons, CENTER)], axis=0)
+    return np.tile(rate, (len(tests), 1))
+
+
+WAYS: dict[str, Callable[[Trials, Trials], Array]] = {
+    "R's map": _as_it_is(COARSE, CENTER),
+    "R's map, corrected": _corrected(COARSE, CENTER),
+    "finer, to the surface, corrected": _corrected(FINE, SURFACE),
+    "displacement": _by_displacement,
+    "rate of touch": _by_rate,
+}
+_COLORS = dict(zip(WAYS, ("tab:orange", "tab:green", "tab:blue", "tab:purple", "0.6"), strict=True))
+
+
+def _reliability(axis: Axes, ways: dict[str, Any]) -> None:
+    axis.plot([0, 1], [0, 1], color="0.3", lw=1, ls="--")
+    for name, of in ways.items():
+        axis.plot(of["predicted"], of["happened"], "-", color=_COLORS[name], lw=1, alpha=0.6)
+        axis.scatter(of["predicted"], of["happened"], 4 + 0.4 * np.array(of["n"]), color=_COLORS[name], label=name)
+    axis.set_xlabel("expected probability of touch, 0.15 s before the end")
+    axis.set_ylabel("share touched (size: how many)")
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.25)
+
+
+def _goal(axis: Axes, ways: dict[str, Any]) -> None:
+    edge = GOALS["expected_calibration_error"]
+    axis.fill_between([GOALS["auroc"], 1], edge, color="tab:green", alpha=0.12, lw=0, label="goal")
+    for name, of in ways.items():
+        axis.plot(of["auroc"], of["expected_calibration_error"], "o", ms=8, color=_COLORS[name], label=name)
+    axis.set_ylim(bottom=0)
+    axis.set_xlabel("AUROC")
+    axis.set_ylabel("expected calibration error")
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.25)
