@@ -32,7 +32,7 @@ def activation_interval(
         raise ValueError(f"level {level}: expected a share between 0 and 1")
     if not samples_per_trial > 0:
         raise ValueError(f"samples_per_trial {samples_per_trial}: expected a number above 0")
-    distance, ttc = paired(distance_m, ttc_s)
+    distance, ttc = paired(memory, distance_m, ttc_s)
     inside = memory.params.covers(distance, ttc)
     at = np.nonzero(inside)
     lower, upper = np.zeros(inside.shape), np.ones(inside.shape)

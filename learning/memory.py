@@ -106,6 +106,9 @@ def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: M
     Without a sample that counts the memory itself is returned.
     """
     params = memory.params
+    distance_m, ttc_s = paired(memory, distance_m, ttc_s)
+    if touched.shape != memory.part_index.shape:
+        raise ValueError(f"touched {touched.shape}: expected the memory's {len(memory.taxel_ids)} taxels")
     learning = np.isin(memory.part_index, memory.part_index[touched])
     sampled = params.covers(distance_m, ttc_s) & learning
     i_distance, at_distance = _bins(distance_m[sampled], params.distance_range_m, params.bins[0])
@@ -143,7 +146,7 @@ def activation(
     that bins never visited speak for 0.  0 outside the ranges and for NaN.  Variances of D and TTC
     (…, n) widen the window by as much; R has none.
     """
-    distance, ttc = paired(distance_m, ttc_s)
+    distance, ttc = paired(memory, distance_m, ttc_s)
     inside = memory.params.covers(distance, ttc)
     expected = np.zeros(inside.shape)
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
@@ -153,12 +156,15 @@ def activation(
     return expected
 
 
-def paired(distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:
-    """D and TTC as arrays of one shape."""
+def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:
+    """D and TTC as arrays (…, n) of one shape; ValueError where they are not of the memory's n taxels."""
     distance, ttc = np.asarray(distance_m, dtype=float), np.asarray(ttc_s, dtype=float)
-    if distance.shape == ttc.shape:
+    n = len(memory.taxel_ids)
+    if distance.shape == ttc.shape and distance.shape[-1:] == (n,):
         return distance, ttc
-    distance, ttc = np.broadcast_arrays(distance, ttc)
+    if any(a.shape[-1:] not in ((), (1,), (n,)) for a in (distance, ttc)):
+        raise ValueError(f"D {distance.shape}, TTC {ttc.shape}: expected those of the memory's {n} taxels")
+    distance, ttc, _ = np.broadcast_arrays(distance, ttc, np.empty(n))
     return distance, ttc
 
 

@@ -202,3 +202,20 @@ def test_variances_never_get_negative_or_lost():
         expected = activation(MEMORY, D, TTC, doubt, doubt)
         assert np.all((expected >= 0) & (expected <= 1))
     np.testing.assert_allclose(expected, MEMORY.frequency.mean(axis=(1, 2)), rtol=1e-6)  # knows no place any more
+
+
+def test_a_memory_of_other_taxels_is_refused():
+    D, TTC = sees([0.0, 0.0, 0.05], [0.0, 0.0, -0.1])
+    fewer = replace(MEMORY, taxel_ids=SKIN.taxel_ids[:3], part_index=np.zeros(3, np.intp), counts=MEMORY.counts[:3])
+    for use in (activation, activation_interval, lambda *what: count_samples(*what, np.ones(3, bool))):
+        with pytest.raises(ValueError, match="expected those of the memory's 3 taxels"):
+            use(fewer, D, TTC)
+    with pytest.raises(ValueError, match=r"touched .4,.: expected the memory's 3 taxels"):
+        count_samples(fewer, D[:3], TTC[:3], np.ones(4, bool))
+
+
+def test_one_place_for_all_taxels_is_that_place_for_each():
+    one, each = activation(MEMORY, 0.05, 0.5), activation(MEMORY, np.full(4, 0.05), np.full(4, 0.5))
+    np.testing.assert_array_equal(one, each)
+    places = np.array([[0.02], [0.08]])
+    np.testing.assert_array_equal(activation(MEMORY, places, 0.5), activation(MEMORY, places * np.ones(4), 0.5))
