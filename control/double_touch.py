@@ -62,8 +62,9 @@ class DoubleTouching:
     def __init__(self, robot: Robot, part: SkinPart, params: DoubleTouchParams | None = None) -> None:
         self.robot, self.part, self.params = robot, part, params or DoubleTouchParams()
         left, right = robot.names.arm("left")[:5], robot.names.arm("right")  # the left wrist moves no forearm
-        self._left = Chain.of(robot, left, part.frame)
-        self._right = Chain.of(robot, right, robot.names.index_tips[1])
+        self._T_root_skin, self._chain = _from_skin_to_finger(
+            Chain.of(robot, left, part.frame), Chain.of(robot, right, robot.names.index_tips[1])
+        )
         self._columns = robot.indices(left + right)
         self._limits = robot.lower_rad[self._columns], robot.upper_rad[self._columns]
         self._clearance = Clearance(robot)
@@ -113,37 +114,31 @@ class DoubleTouching:
         return p.start_m - whole * minimum_jerk(tau), before_s
 
     def _line(self, taxel: int, height: Array, asides: Array) -> Array:
-        """(N, 6) where, in the skin's frame, the fingertip's centre and the point behind it are to be for the
-        tip to be at `height` (N,) over the taxel; the higher, the nearer to `asides` (N, 2) beside the normal."""
-        T = taxel_frame(self.part.positions_m[taxel], self.part.normals[taxel])
+        """(N, 6) where the fingertip's centre and a point of the finger behind it are to be, the left arm at zero, for
+        the tip to be at `height` (N,) over the taxel; the higher, the nearer to `asides` (N, 2) beside the normal."""
+        T = self._T_root_skin @ taxel_frame(self.part.positions_m[taxel], self.part.normals[taxel])
         share = ((height - FINGERTIP_RADIUS_M) / (self.params.start_m - FINGERTIP_RADIUS_M)) ** 2
         tip = move_points(T, np.column_stack([share[:, None] * asides, height]))
         return np.hstack([tip, tip + _LEVER_M * T[:3, 2]])
 
     def _reach(self, targets: Array, starts: Array) -> IKSolution:
         """Postures (N, 12) near `starts` (N, 12) with the fingertip, and the point behind it if asked, there."""
-        m = targets.shape[1]
+        points = (np.zeros(3), -_LEVER_M * INDEX_FINGER)[: targets.shape[1] // 3]
 
         def forward(q: Array) -> tuple[Array, Array]:
-            x, J = self._finger_by_skin(q)
-            return x[:, :m], J[:, :m]
+            x, J = zip(*(self._chain.positions(q, point) for point in points), strict=True)
+            return np.concatenate(x, axis=1), np.concatenate(J, axis=1)
 
         return solve_ik(forward, targets, starts[None], *self._limits, _IK)
 
-    def _finger_by_skin(self, q: Array) -> tuple[Array, Array]:
-        """The fingertip and a point of the finger behind it, in the frame of the skin: (N, 6) m, (N, 6, 12) m/rad."""
-        n = len(self._left.joints)
-        (o, J_o), *ends = (self._left.positions(q[:, :n], corner) for corner in np.vstack([np.zeros(3), np.eye(3)]))
-        R = np.stack([p - o for p, _ in ends], axis=2)  # of the skin's frame
-        x, J = [], []
-        for point in (np.zeros(3), -_LEVER_M * INDEX_FINGER):
-            p, J_p = self._right.positions(q[:, n:], point)
-            y = np.einsum("nij,ni->nj", R, p - o)
-            # the same point, if it were fixed to the skin: a body's point is an affine combination of four others
-            J_y = J_o + sum(y[:, k, None, None] * (J_k - J_o) for k, (_, J_k) in enumerate(ends))
-            x.append(y)
-            J.append(np.swapaxes(R, 1, 2) @ np.concatenate([-J_y, J_p], axis=2))
-        return np.concatenate(x, axis=1), np.concatenate(J, axis=1)
+
+def _from_skin_to_finger(left: Chain, right: Chain) -> tuple[Array, Chain]:
+    """Both arms as one chain: where the finger would be if the left arm were at zero and the rest of the robot moved
+    instead; and the frame of the skin then.  Going out of the left arm, its joints come last first and turn back."""
+    n = len(left.joints)
+    order = left.order[::-1] + tuple(n + i for i in right.order)
+    screws = np.vstack([-left.screws, right.screws])
+    return left.T_root_frame, Chain(left.joints + right.joints, order, screws, right.T_root_frame)
 
 
 def minimum_jerk(tau: ArrayLike) -> Array:
