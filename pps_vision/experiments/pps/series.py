@@ -9,13 +9,17 @@ from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import DATA, Experiment
 from pps_vision.experiments.pps.authors_counts import AuthorsCounts
+from pps_vision.experiments.pps.double_touches import DoubleTouches
 from pps_vision.experiments.pps.failures import PpsFailures
 from pps_vision.experiments.pps.forgetting import Forgetting
 from pps_vision.experiments.pps.hyper_parameters import HyperParameters
+from pps_vision.experiments.pps.landscapes import Landscapes
 from pps_vision.experiments.pps.monte_carlo import MonteCarlo
 from pps_vision.experiments.pps.offsets import Offsets
 from pps_vision.experiments.pps.one_trial import OneTrial
+from pps_vision.experiments.pps.progress import Progress
 from pps_vision.experiments.pps.real_trials import RealTrials
+from pps_vision.experiments.pps.table5 import Table5
 from pps_vision.experiments.pps.uncertain_tracks import UncertainTracks
 from pps_vision.experiments.pps.whole_skin import WholeSkin
 from pps_vision.experiments.pps.without_ttc import WithoutTtc
@@ -32,6 +36,10 @@ FigureName = Literal[
     "failures",
     "offsets",
     "without_ttc",
+    "double_touch",
+    "landscapes",
+    "progress",
+    "table5",
 ]
 
 
@@ -66,5 +74,9 @@ class Pps:
             "failures": lambda: PpsFailures(self.seed),
             "offsets": lambda: Offsets(seed=self.seed),
             "without_ttc": lambda: WithoutTtc(self.seed),
+            "double_touch": lambda: DoubleTouches(self.seed),
+            "landscapes": lambda: Landscapes(self.seed, self.trials),
+            "progress": lambda: Progress(self.seed, self.trials),
+            "table5": lambda: Table5(self.seed, self.trials),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
