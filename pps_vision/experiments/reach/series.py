@@ -7,11 +7,12 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import Experiment
+from pps_vision.experiments.reach.failures import BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
 from pps_vision.experiments.reach.regressors import Regressors
 
-FigureName = Literal["lwpr", "forward_model", "regressors"]
+FigureName = Literal["lwpr", "forward_model", "regressors", "babbling_failures"]
 
 
 @dataclass(frozen=True)
@@ -33,5 +34,6 @@ class Reach:
             "lwpr": lambda: CrossFunction(self.seed),
             "forward_model": lambda: ForwardModelError(self.seed),
             "regressors": lambda: Regressors(self.seed),
+            "babbling_failures": lambda: BabblingFailures(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}

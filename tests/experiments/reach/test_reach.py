@@ -5,6 +5,8 @@ import pytest
 
 from learning.babbling import Babbled
 from learning.regressors import Neighbours
+from pps_vision.experiments.reach.failures import CASES as FAULTS
+from pps_vision.experiments.reach.failures import METHODS, BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CASES, CrossFunction, nmse, taught
 from pps_vision.experiments.reach.regressors import Regressors, Replayed, measure
@@ -36,12 +38,26 @@ def test_a_regressor_is_measured(rng: np.random.Generator) -> None:
     assert local.fields is not None
 
 
+def test_the_first_severity_of_a_fault_is_none_and_the_worst_is_one(rng: np.random.Generator) -> None:
+    arm, gaze = rng.uniform(-0.3, 0.3, (1500, 4)), rng.uniform(0.2, 0.4, (1500, 3))
+    for _, severities, fault in FAULTS.values():
+        mild, worst = (fault(Babbled(arm, gaze, 0), severity, rng) for severity in (severities[0], severities[-1]))
+        np.testing.assert_array_equal(mild.arm_rad, arm)
+        np.testing.assert_allclose(mild.gaze_rad, gaze)
+        assert (
+            len(worst.arm_rad) < 1500 or np.abs(worst.arm_rad - arm).max() + np.abs(worst.gaze_rad - gaze).max() > 0.1
+        )
+
+
 def test_charts_draw_what_was_measured() -> None:
     case = {"fields": [50, 52], "nmse": [0.02, 0.03], "authors_fields": [54, 58], "authors_nmse": [0.019, 0.022]}
     cases = {name: case if name == "adapting" else {**case, "authors_fields": None} for name in CASES}
     assert len(CrossFunction().chart({"cases": cases}).axes[0].patches) == len(CASES)
     numbers = {"samples": [100, 200], "rmse_deg": {"LWPR": [None, 1.0]}, "paper_deg": 0.84, "goals_deg": {"best": 0.02}}
     assert ForwardModelError().chart(numbers).axes[0].get_legend() is not None
+    found = {"rmse_deg": [0.1, None], "unanswered": [0, 1], "breaks_at": 2.0}
+    fault = {"axis": "σ", "severities": [0.0, 2.0], "methods": dict.fromkeys(METHODS, found)}
+    assert len(BabblingFailures().chart({"cases": {"noise": fault}}).axes) == 1
     one = {"rmse_deg": 0.1, "unanswered": 0.2, "query_us": 3.0, "kib": 4.0, "fields": 7}
     figure = Regressors().chart({"samples": 9, "regressors": {"a": one, "b": {**one, "rmse_deg": 0.2, "fields": None}}})
     assert "LWPR, 7 fields (20.0% unanswered)" in [text.get_text() for text in figure.axes[0].texts]
