@@ -92,12 +92,14 @@ class Association:
     def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
         """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""
         total, most, sum_of_weights = 0.0, 0.0, 0.0
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = cov.tolist()
         for one, eye in ((left, view.left), (right, view.right)):
-            line = p - eye.center
-            distance2 = float(line @ line)
+            x, y, z = (p - eye.center).tolist()
+            distance2 = x * x + y * y + z * z
+            along = x * x * xx + y * y * yy + z * z * zz + 2 * (x * y * xy + x * z * xz + y * z * yz)
             sine = math.sin(one.angular_radius_rad)
             radius = math.sqrt(distance2) * sine
-            var = distance2 * (1 - sine**2) * one.angular_radius_var + sine**2 * float(line @ cov @ line) / distance2
+            var = distance2 * (1 - sine**2) * one.angular_radius_var + sine**2 * along / distance2
             weight = 1 / (var + (self.params.radius_error * one.oddness * radius) ** 2)
             total, most, sum_of_weights = total + weight * radius, max(most, weight), sum_of_weights + weight
         return total / sum_of_weights, 1 / most

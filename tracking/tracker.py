@@ -1,5 +1,6 @@
 """From stereo frames to one tracked object: trigger → image → triangulation → filter (R Fig 13)."""
 
+import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -244,11 +245,12 @@ class Tracker:
 
     def _light_cov(self, p: Array) -> Array:
         """(3, 3) m² of where what is lit from above seems to be, along the image's vertical there."""
-        sight = p - self._head
-        upright = np.array([0.0, 0.0, 1.0]) - sight * (sight[2] / float(sight @ sight))
-        focal_px = self._optics[0].camera.focal_px
-        off_m = self.params.light_error * float(sight @ sight) / (focal_px**2 * self._radius[0])
-        return np.outer(upright, upright) * (off_m**2 / max(float(upright @ upright), 1e-9))
+        x, y, z = (p - self._head).tolist()
+        distance2, across2 = x * x + y * y + z * z, max(x * x + y * y, 1e-9)
+        off_m = self.params.light_error * distance2 / (self._optics[0].camera.focal_px ** 2 * self._radius[0])
+        upright = np.array((-x * z, -y * z, x * x + y * y)) * (off_m / math.sqrt(distance2 * across2))
+        cov: Array = upright[:, None] * upright
+        return cov
 
     def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
         """A scalar Kalman filter on a size that hardly changes."""

@@ -150,7 +150,7 @@ class Camera:
         cx, cy = (self.cx + 0.5) / k - 0.5, (self.cy + 0.5) / k - 0.5
         return Camera(self.width // k, self.height // k, self.fx / k, self.fy / k, cx, cy, self.distortion)
 
-    @property
+    @cached_property
     def focal_px(self) -> float:
         """Geometric mean focal length: pixels per radian at the image centre."""
         return float(np.sqrt(self.fx * self.fy))
