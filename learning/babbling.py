@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from learning.reachable import isotropic
 from learning.reachable_training import ArmLimits
 from learning.regressors import Regressor
 from pps_vision.robot.chain import Chain
@@ -44,9 +43,24 @@ def babble(
     return Babbled(arm[fixated], gaze[fixated], n)
 
 
+def _crossing(gaze_rad: Array) -> Array:
+    """(N, 3) where the lines of sight of eyes one unit apart cross; a smoother function of the arm than the angles."""
+    yaw, pitch, vergence = gaze_rad.T
+    ahead = np.cos(yaw)
+    ray = np.stack([np.sin(yaw), ahead * np.sin(pitch), ahead * np.cos(pitch)], axis=1)
+    return np.asarray(0.5 / np.tan(vergence / 2)[:, None] * ray)
+
+
+def _gaze_at(crossing: Array) -> Array:
+    """(N, 3) rad: the inverse of `_crossing`."""
+    x, y, z = crossing.T
+    ahead = np.hypot(y, z)
+    return np.stack([np.arctan2(x, ahead), np.arctan2(y, z), 2 * np.arctan2(0.5, np.hypot(x, ahead))], axis=1)
+
+
 class ArmToGaze:
     """The forward model that babbling teaches: arm posture → the gaze posture that fixates the hand.  The regressor
-    sees joint angles scaled to [−1, 1] by their limits, and the gaze in `isotropic` coordinates."""
+    sees joint angles scaled to [−1, 1] by their limits, and where the lines of sight cross."""
 
     def __init__(self, regressor: Regressor, limits: ArmLimits | None = None) -> None:
         self.regressor = regressor
@@ -56,12 +70,11 @@ class ArmToGaze:
 
     def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
         """From postures (N, 4) and (N, 3)."""
-        self.regressor.update((arm_rad - self.middle) / self.half, isotropic(gaze_rad))
+        self.regressor.update((arm_rad - self.middle) / self.half, _crossing(gaze_rad))
 
     def __call__(self, arm_rad: Array) -> Array:
         """Gaze postures (N, 3) for arm postures (N, 4)."""
-        y = self.regressor.predict((arm_rad - self.middle) / self.half)
-        return np.concatenate([y[:, :2], 2 * np.arctan(np.exp(y[:, 2:]))], axis=1)
+        return _gaze_at(self.regressor.predict((arm_rad - self.middle) / self.half))
 
 
 def rmse_deg(model: ArmToGaze, test: Babbled) -> float:

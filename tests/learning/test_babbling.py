@@ -8,7 +8,7 @@ from learning.gaussian_process import GaussianProcess
 from learning.lwpr import LWPRParams
 from learning.lwpr_metric import MetricParams
 from learning.reachable_training import ArmLimits
-from learning.regressors import LocalModels
+from learning.regressors import LocalModels, Neighbours
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -54,3 +54,13 @@ def test_what_is_learned_foretells_the_gaze(babbled):
 def test_the_third_arm():
     with pytest.raises(ValueError, match="side 'third': expected left or right"):
         babble(ROBOT, "third", 10, np.random.default_rng(0))
+
+
+def test_the_gaze_comes_back(babbled):
+    """A regressor that knows the answer leaves no error: what it is taught and what is read from it are inverse."""
+    limits = GazeLimits()
+    gaze = np.random.default_rng(2).uniform(limits.lower, limits.upper, (50, 3))
+    arm = np.random.default_rng(3).uniform(-0.1, 0.1, (50, 4))
+    model = ArmToGaze(Neighbours(1))
+    model.learn(arm, gaze)
+    np.testing.assert_allclose(model(arm), gaze, atol=1e-9)

@@ -17,8 +17,8 @@ from pps_vision.experiments.chart import panels
 from pps_vision.robot.icub import load_icub
 
 LWPR_OF_THE_ARM = LWPRParams(
-    init_D=30,
-    w_gen=0.3,
+    init_D=50,
+    w_gen=0.2,
     metric=MetricParams(rate=0),
     regression=RegressionParams(first_forgetting=0.98, add_threshold=0.95, forgetting_pace=0.995),
 )
@@ -40,7 +40,7 @@ class ForwardModelError:
 
     seed: int = 0
     """Seed of the babbling."""
-    n_replays: int = 6
+    n_replays: int = 4
     """How often LWPR sees each sample in the curve with replay."""
 
     def run(self) -> dict[str, Any]:
