@@ -77,19 +77,15 @@ class Optics:
 
     @cached_property
     def weights(self) -> NDArray[np.float32]:
-        """(h, w, 4) solid angle times viewing direction, and solid angle, sr."""
-        solid = self.camera.solid_angle_map[..., None]
-        return np.concatenate([self.camera.bearing_map * solid, solid], axis=-1).astype(np.float32)
-
-    @property
-    def moments(self) -> NDArray[np.float32]:
-        """(h, w, 3) viewing direction times solid angle."""
-        return self.weights[..., :3]
+        """(4, h, w) solid angle times viewing direction, and solid angle, sr."""
+        camera = self.camera
+        directions = np.concatenate([camera.bearing_map, np.ones((camera.height, camera.width, 1))], axis=-1)
+        return np.ascontiguousarray(np.moveaxis(directions * camera.solid_angle_map[..., None], -1, 0), np.float32)
 
     @property
     def solid_angle(self) -> NDArray[np.float32]:
         """(h, w) sr."""
-        return self.weights[..., 3]
+        return self.weights[3]
 
 
 def cover(image: Image, mask: Mask, box: Box) -> Coverage:
@@ -172,12 +168,12 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     area = cv2.sumElems(alpha)[0]
     if area < 1.0:
         return None
-    weights = optics.weights[y0:y1, x0:x1].reshape(-1, 4)
-    *direction, omega = (alpha.reshape(-1) @ weights).tolist()
+    weights = optics.weights[:, y0:y1, x0:x1].reshape(4, -1)
+    *direction, omega = (weights @ alpha.reshape(-1)).tolist()
     radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
     departure = _departure(alpha, weights, direction, radius + math.sqrt(omega / area)) / area  # and a pixel's side
     if departure > ROUND:
-        direction = ((alpha * _thickness(alpha)).reshape(-1) @ weights)[:3].tolist()
+        direction = (weights[:3] @ (alpha * _thickness(alpha)).reshape(-1)).tolist()
     center, slope = camera.project_linearised(direction)
     if math.isnan(center[0]):
         return None
@@ -201,14 +197,14 @@ def _departure(
 ) -> float:
     """What of `alpha` lies outside the cone of this `radius` (rad) around a direction, px."""
     inside = np.array([*direction, -math.hypot(*direction) * math.cos(radius)], dtype=np.float32)
-    return float(alpha.reshape(-1) @ (weights @ inside < 0))
+    return float(alpha.reshape(-1) @ (inside @ weights < 0))
 
 
 def _spread(coverage: Coverage, weights: NDArray[np.float32], slope: Array) -> tuple[list[list[float]], float]:
     """Covariance (2, 2) px² of the centre and variance sr² of the solid angle: what every edge pixel's uncertain share
     does to the sums of the weights, and with `slope` (2, 3) the sum of the directions to the centre."""
-    of_edge = weights.take(coverage.edge, axis=0)
-    cov = _CORRELATION * ((of_edge.T * coverage.variance) @ of_edge)
+    of_edge = weights.take(coverage.edge, axis=1)
+    cov = (_CORRELATION * coverage.variance * of_edge) @ of_edge.T
     return (slope @ cov[:3, :3] @ slope.T).tolist(), float(cov[3, 3])
 
 
