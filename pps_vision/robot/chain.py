@@ -63,22 +63,28 @@ class Chain:
 
     def _move(self, q: Array) -> tuple[Array, Array, dict[int, tuple[Array, Array]]]:
         """The displacement (R, t) that the joints cause, and each joint's screw after the joints before it."""
-        xp, screws = array_namespace(q), _like(q, self.screws)
+        xp = array_namespace(q)
         R = xp.broadcast_to(_like(q, np.eye(3)), (len(q), 3, 3))
         t = xp.zeros_like(R[:, 0])
         moved: dict[int, tuple[Array, Array]] = {}
         for i in self.order:
-            v, w = screws[i, :3], screws[i, 3:]
             x, y, z = self.screws[i, 3:]
-            K = _like(q, np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
+            K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            v, w = self.screws[i, :3, None], self.screws[i, 3:, None]
+            # all that R is multiplied with from the right, in one product of (3N, 3) with (3, 10)
+            right = R.reshape(-1, 3) @ _like(q, np.hstack([K, K @ K, v, w, K @ v, K @ K @ v]))
+            RK, RKK, (Rv, Rw, RKv, RKKv) = _parted(right.reshape(-1, 3, 10))
             angle = q[:, i, None]
             sine, versine = xp.sin(angle), 1 - xp.cos(angle)
-            RK, Rv, Rw = R @ K, R @ v, R @ w
-            RKK = RK @ K
             moved[i] = Rv + _cross(t, Rw), Rw
-            t = t + angle * Rv + versine * (RK @ v) + (angle - sine) * (RKK @ v)
+            t = t + angle * Rv + versine * RKv + (angle - sine) * RKKv
             R = R + sine[..., None] * RK + versine[..., None] * RKK
         return R, t, moved
+
+
+def _parted(right: Array) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
+    """Two matrices (N, 3, 3) and four vectors (N, 3) that stand side by side."""
+    return right[..., :3], right[..., 3:6], (right[..., 6], right[..., 7], right[..., 8], right[..., 9])
 
 
 def _like(q: Array, constant: Array) -> Array:

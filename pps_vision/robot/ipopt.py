@@ -6,17 +6,20 @@ import casadi as ca
 import numpy as np
 
 from pps_vision.robot.chain import Chain
-from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams
+from pps_vision.robot.inverse_kinematics import ForwardModel
 from pps_vision.types import Array
 
-_QUIET: dict[str, Any] = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 100, "tol": 1e-8}}
+_QUIET: dict[str, Any] = {
+    "print_time": False,
+    "ipopt": {"print_level": 0, "sb": "yes", "mu_strategy": "adaptive", "max_iter": 100, "tol": 1e-8},
+}
 
 
 class Ipopt:
     """Nearest posture, then the least M (J IV.5) among those that reach."""
 
-    def __init__(self, forward: ForwardModel, lower: Array, upper: Array, params: IKParams) -> None:
-        self.lower, self.upper, self.tolerance = lower, upper, params.tolerance
+    def __init__(self, forward: ForwardModel, lower: Array, upper: Array) -> None:
+        self.lower, self.upper = lower, upper
         q, p = ca.MX.sym("q", len(lower)), ca.MX.sym("p", 3)
         chain = getattr(forward, "__self__", None)
         if isinstance(chain, Chain):  # as an expression, so that IPOPT has its exact derivatives
@@ -27,17 +30,16 @@ class Ipopt:
         off = self._model(q) - p
         middle, half = (upper + lower) / 2, (upper - lower) / 2
         effort = ca.sumsqr((q - middle) / half) / len(lower)
-        unit = 1 / params.tolerance**2
-        self._closest = ca.nlpsol("closest", "ipopt", {"x": q, "p": p, "f": 1e-4 * unit * ca.sumsqr(off)}, options)
-        self._best = ca.nlpsol("best", "ipopt", {"x": q, "p": p, "f": effort, "g": ca.sumsqr(off) * unit}, options)
+        self._closest = ca.nlpsol("closest", "ipopt", {"x": q, "p": p, "f": ca.sumsqr(off)}, options)
+        self._best = ca.nlpsol("best", "ipopt", {"x": q, "p": p, "f": effort, "g": off}, options)
 
     def closest(self, target: Array, start: Array) -> Array:
         """The posture (k,) nearest to a target (3,)."""
         return self._solve(self._closest, target, start)
 
     def best(self, target: Array, start: Array) -> Array:
-        """The posture (k,) of least M whose hand is at most the tolerance off a target (3,)."""
-        return self._solve(self._best, target, start, ubg=1.0)
+        """The posture (k,) of least M whose hand is at a target (3,)."""
+        return self._solve(self._best, target, start, lbg=0.0, ubg=0.0)
 
     def _solve(self, solver: Any, target: Array, start: Array, **bounds: float) -> Array:
         found = solver(x0=start, p=target, lbx=self.lower, ubx=self.upper, **bounds)["x"]

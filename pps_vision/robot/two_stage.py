@@ -149,7 +149,7 @@ def _ipopt(
         raise ValueError("solver ipopt: CasADi is not installed; expected the extra pps-vision[ipopt]") from None
     if not isinstance(measure, FarFromLimits):
         raise ValueError(f"solver ipopt, {measure}: expected FarFromLimits, the one measure it has as an expression")
-    solver = Ipopt(forward, np.asarray(lower), np.asarray(upper), params.reach)
+    solver = Ipopt(forward, np.asarray(lower), np.asarray(upper))
     return _OneByOne(forward, measure, params).stages(solver.closest, solver.best)
 
 
