@@ -9,16 +9,20 @@ from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import DATA, Experiment
 from pps_vision.experiments.pps.authors_counts import AuthorsCounts
+from pps_vision.experiments.pps.calibration import Calibration
+from pps_vision.experiments.pps.compensation import Compensation
 from pps_vision.experiments.pps.double_touches import DoubleTouches
 from pps_vision.experiments.pps.failures import PpsFailures
 from pps_vision.experiments.pps.forgetting import Forgetting
 from pps_vision.experiments.pps.hyper_parameters import HyperParameters
+from pps_vision.experiments.pps.invariance import Invariance
 from pps_vision.experiments.pps.landscapes import Landscapes
 from pps_vision.experiments.pps.monte_carlo import MonteCarlo
 from pps_vision.experiments.pps.offsets import Offsets
 from pps_vision.experiments.pps.one_trial import OneTrial
 from pps_vision.experiments.pps.progress import Progress
 from pps_vision.experiments.pps.real_trials import RealTrials
+from pps_vision.experiments.pps.representations import Representations
 from pps_vision.experiments.pps.table5 import Table5
 from pps_vision.experiments.pps.uncertain_tracks import UncertainTracks
 from pps_vision.experiments.pps.whole_skin import WholeSkin
@@ -40,6 +44,10 @@ FigureName = Literal[
     "landscapes",
     "progress",
     "table5",
+    "representations",
+    "calibration",
+    "invariance",
+    "compensation",
 ]
 
 
@@ -78,5 +86,9 @@ class Pps:
             "landscapes": lambda: Landscapes(self.seed, self.trials),
             "progress": lambda: Progress(self.seed, self.trials),
             "table5": lambda: Table5(self.seed, self.trials),
+            "representations": lambda: Representations(self.seed),
+            "calibration": lambda: Calibration(self.seed, self.trials),
+            "invariance": lambda: Invariance(self.seed, trials=self.trials),
+            "compensation": lambda: Compensation(seed=self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
