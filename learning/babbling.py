@@ -77,6 +77,10 @@ class ArmToGaze:
         return _gaze_at(self.regressor.predict((arm_rad - self.middle) / self.half))
 
 
-def rmse_deg(model: ArmToGaze, test: Babbled) -> float:
-    """Root mean square over postures and gaze angles of the error in degrees; NaN where it has no answer to one."""
-    return float(np.rad2deg(np.sqrt(np.mean((model(test.arm_rad) - test.gaze_rad) ** 2))))
+def score(model: ArmToGaze, test: Babbled) -> tuple[float, float]:
+    """RMSE in degrees over postures and gaze angles where the model has an answer (NaN if it has none), and the share
+    of postures where it has none."""
+    off = model(test.arm_rad) - test.gaze_rad
+    answered = np.isfinite(off).all(axis=1)
+    rmse = np.rad2deg(np.sqrt(np.mean(off[answered] ** 2))) if answered.any() else np.nan
+    return float(rmse), 1 - float(answered.mean())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.babbling import ArmToGaze, babble, rmse_deg
+from learning.babbling import ArmToGaze, Babbled, babble, score
 from learning.gaussian_process import GaussianProcess
 from learning.lwpr import LWPRParams
 from learning.lwpr_metric import MetricParams
@@ -46,9 +46,10 @@ def test_what_is_learned_foretells_the_gaze(babbled):
     local = ArmToGaze(LocalModels(4, 3, LWPRParams(init_D=10, w_gen=0.2, metric=MetricParams(rate=0))))
     for model in (process, local):
         model.learn(babbled.arm_rad[:n], babbled.gaze_rad[:n])
-    print(f"after {n} samples: process {rmse_deg(process, test):.3f}°, LWPR {rmse_deg(local, test):.2f}°")
-    assert rmse_deg(process, test) < 0.2
-    assert rmse_deg(local, test) < 3
+    errors = score(process, test)[0], score(local, test)[0]
+    print(f"after {n} samples: process {errors[0]:.3f}°, LWPR {errors[1]:.2f}°")
+    assert errors[0] < 0.15
+    assert errors[1] < 3
 
 
 def test_the_third_arm():
@@ -64,3 +65,27 @@ def test_the_gaze_comes_back(babbled):
     model = ArmToGaze(Neighbours(1))
     model.learn(arm, gaze)
     np.testing.assert_allclose(model(arm), gaze, atol=1e-9)
+
+
+def test_what_is_not_answered_is_counted_apart():
+    arm, gaze = np.zeros((4, 4)), np.tile([0.1, 0.2, 0.3], (4, 1))
+    model = ArmToGaze(Neighbours(1))
+    model.learn(arm, gaze)
+    arm = arm + np.array([[0.0], [0.0], [0.0], [np.inf]])
+    assert score(ArmToGaze(_Silent(model.regressor)), Babbled(arm, gaze + 0.01, 4)) == (
+        pytest.approx(np.rad2deg(0.01)),
+        0.25,
+    )
+
+
+class _Silent:
+    """A regressor without an answer to what is infinite."""
+
+    nbytes = 0
+
+    def __init__(self, other):
+        self.other = other
+
+    def predict(self, x):
+        finite = np.isfinite(x).all(axis=1)
+        return np.where(finite[:, None], self.other.predict(np.where(finite[:, None], x, 0)), np.nan)

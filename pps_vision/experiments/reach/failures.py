@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.babbling import ArmToGaze, Babbled, rmse_deg
+from learning.babbling import ArmToGaze, Babbled, score
 from learning.gaussian_process import GaussianProcess
 from learning.regressors import LocalModels, Regressor
 from pps_vision.experiments.chart import panels
@@ -102,10 +102,9 @@ class BabblingFailures:
         for babbled in sets:
             model = ArmToGaze(make())
             model.learn(babbled.arm_rad, babbled.gaze_rad)
-            known = np.isfinite(model(test.arm_rad)).all(axis=1)
-            unanswered.append(round(1 - float(known.mean()), 4))
-            asked = Babbled(test.arm_rad[known], test.gaze_rad[known], test.n_tried)
-            errors.append(round(rmse_deg(model, asked), 4) if known.any() else None)
+            error, silent = score(model, test)
+            errors.append(round(error, 4) if np.isfinite(error) else None)
+            unanswered.append(round(silent, 4))
         bad = [e is None or e > _BREAKS_DEG or u > 0.01 for e, u in zip(errors, unanswered, strict=True)]
         return {
             "rmse_deg": errors,

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.babbling import ArmToGaze, Babbled, babble, rmse_deg
+from learning.babbling import ArmToGaze, Babbled, babble, score
 from learning.gaussian_process import GaussianProcess
 from learning.lwpr import LWPRParams
 from learning.lwpr_metric import MetricParams
@@ -44,17 +44,15 @@ class ForwardModelError:
     """How often LWPR sees each sample in the curve with replay."""
 
     def run(self) -> dict[str, Any]:
-        """RMSE (degrees) at each number of samples."""
+        """RMSE (degrees) at each number of samples where there is an answer, and the share where there is none."""
         if self.n_replays < 1:
             raise ValueError(f"bench reach forward_model: --n-replays {self.n_replays}; expected at least 1")
         train, test = babbled_sets(self.seed)
         sizes = [100, 200, 400, 800, 1600, 3000, _N_TRAIN]
         once, process = ArmToGaze(LocalModels(4, 3, LWPR_OF_THE_ARM)), ArmToGaze(GaussianProcess())
-        curves: dict[str, list[float | None]] = {
-            "LWPR, each sample once": [],
-            "LWPR, replayed": [],
-            "Gaussian process": [],
-        }
+        names = ("LWPR, each sample once", "LWPR, replayed", "Gaussian process")
+        curves: dict[str, list[float]] = {name: [] for name in names}
+        silent: dict[str, list[float]] = {name: [] for name in names}
         before = 0
         for n in tqdm(sizes, desc="samples", disable=None):
             new = slice(before, n)
@@ -66,13 +64,15 @@ class ForwardModelError:
             for model in (once, process):
                 model.learn(train.arm_rad[new], train.gaze_rad[new])
             before = n
-            for curve, model in zip(curves.values(), (once, replayed, process), strict=True):
-                error = rmse_deg(model, test)
-                curve.append(round(error, 4) if np.isfinite(error) else None)
+            for name, model in zip(names, (once, replayed, process), strict=True):
+                error, unanswered = score(model, test)
+                curves[name].append(round(error, 4))
+                silent[name].append(round(unanswered, 4))
         return {
             "fixated_of_20000": len(train.arm_rad),
             "samples": sizes,
             "rmse_deg": curves,
+            "unanswered": silent,
             "paper_deg": _PAPER_DEG,
             "goals_deg": _GOALS_DEG,
         }
@@ -81,7 +81,11 @@ class ForwardModelError:
         """Error over samples, both logarithmic."""
         figure, (axis,) = panels(1, 6.4, 4.4)
         for name, curve in numbers["rmse_deg"].items():
-            axis.plot(numbers["samples"], np.array(curve, dtype=float), "o-", ms=4, label=name)
+            samples, error = np.array(numbers["samples"]), np.array(curve, dtype=float)
+            (line,) = axis.plot(samples, error, "o-", ms=5, label=name)
+            partly = np.array(numbers["unanswered"][name]) > 0.01
+            axis.plot(samples[partly], error[partly], "o", ms=5, mec=line.get_color(), mfc="white")
+        axis.plot([], [], "o", ms=5, mec="0.4", mfc="white", label="no answer to more than 1 %")
         axis.plot(numbers["samples"][-1], numbers["paper_deg"], "k*", ms=10, label="the paper's LWPR")
         for name, goal in numbers["goals_deg"].items():
             axis.axhline(goal, color="0.4", lw=0.8, ls="--")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.interpolate import RBFInterpolator
 from tqdm import tqdm
 
-from learning.babbling import ArmToGaze, Babbled, rmse_deg
+from learning.babbling import ArmToGaze, Babbled, score
 from learning.gaussian_process import GaussianProcess
 from learning.network import Network
 from learning.regressors import FourierFeatures, Grid, LocalModels, Neighbours, Regressor
@@ -132,12 +132,10 @@ def measure(make: Callable[[], Regressor], train: Babbled, test: Babbled) -> Mea
     for arm in test.arm_rad[:_N_SINGLE]:
         model(arm[None])
     single, regressor = process_time() - begun, model.regressor
-    answered = np.isfinite(model(test.arm_rad)).all(axis=1)
-    asked = Babbled(test.arm_rad[answered], test.gaze_rad[answered], test.n_tried)
-    error = rmse_deg(model, asked) if answered.any() else np.nan
+    error, unanswered = score(model, test)
     return Measured(
         rmse_deg=round(error, 4),
-        unanswered=round(1 - float(answered.mean()), 4),
+        unanswered=round(unanswered, 4),
         learn_us=round(1e6 * learn / len(train.arm_rad), 1),
         query_us=round(1e6 * single / _N_SINGLE, 1),
         batch_us=round(1e6 * min(runs) / len(test.arm_rad), 3),

@@ -53,7 +53,8 @@ def test_charts_draw_what_was_measured() -> None:
     case = {"fields": [50, 52], "nmse": [0.02, 0.03], "authors_fields": [54, 58], "authors_nmse": [0.019, 0.022]}
     cases = {name: case if name == "adapting" else {**case, "authors_fields": None} for name in CASES}
     assert len(CrossFunction().chart({"cases": cases}).axes[0].patches) == len(CASES)
-    numbers = {"samples": [100, 200], "rmse_deg": {"LWPR": [None, 1.0]}, "paper_deg": 0.84, "goals_deg": {"best": 0.02}}
+    numbers = {"samples": [100, 200], "rmse_deg": {"LWPR": [2.0, 1.0]}, "unanswered": {"LWPR": [0.5, 0.0]}}
+    numbers |= {"paper_deg": 0.84, "goals_deg": {"best": 0.02}}
     assert ForwardModelError().chart(numbers).axes[0].get_legend() is not None
     found = {"rmse_deg": [0.1, None], "unanswered": [0, 1], "breaks_at": 2.0}
     fault = {"axis": "σ", "severities": [0.0, 2.0], "methods": dict.fromkeys(METHODS, found)}
