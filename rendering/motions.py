@@ -250,7 +250,8 @@ def make_motion(
 
 def make_approach(rng: np.random.Generator, target: Target, speed_m_s: float) -> Approach:
     """From a start that is uniform in distance and over the cap around the normal, straight to the target."""
-    start = target.point + rng.uniform(*START_M) * _in_cap(rng, target.normal)
+    away = _in_cap(rng, target.normal)
+    start = target.point + rng.uniform(*START_M) * away
     return Approach(start, target.end_from(start), speed_m_s)
 
 

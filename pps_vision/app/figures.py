@@ -24,6 +24,8 @@ def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure
     columns = min(4, max(1, len(chosen)))
     rows = -(-len(chosen) // columns)
     (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
+    if not np.isfinite([t0, t1]).all():  # a map of distance alone
+        t0, t1 = 0.0, 3.0
     d, t = np.linspace(d0, d1, 61)[1:-1], np.linspace(t0, t1, 61)[1:-1]
     D, TTC = np.meshgrid(d, t, indexing="ij")
     n = len(memory.taxel_ids)

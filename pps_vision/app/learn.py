@@ -81,7 +81,11 @@ class Learn:
                 print(f"skipped: {problem}", file=sys.stderr)
         learned = pipeline.finish()
         gained = int(learned.counts.sum() - memory.counts.sum())
-        print(f"{folder}: {gained} samples learned, {len(recording.problems)} problems skipped")
+        rejected = ", ".join(f"{n} {what}" for what, n in pipeline.rejected.items() if n)
+        print(
+            f"{folder}: {gained} samples learned, {len(recording.problems)} problems skipped"
+            + (f"; rejected: {rejected}" if rejected else "")
+        )
         return learned
 
 

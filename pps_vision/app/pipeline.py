@@ -64,6 +64,9 @@ class Pipeline:
         memory: PPSMemory,
         rng: np.random.Generator,
     ) -> None:
+        if memory.taxel_ids != skin.taxel_ids:
+            n, m = len(memory.taxel_ids), len(skin.taxel_ids)
+            raise ValueError(f"a memory of {n} other taxels; expected the skin's {m}")
         self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
         self._learner = learner.LearnerState(memory, EventBuffer())
         self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(params.avoidance.side)))
@@ -91,6 +94,11 @@ class Pipeline:
         gaze = self._gaze(posture, tracking.track)
         command = JointVelocity(frame.stamp_s, arm.dq_rad_s + gaze.dq_rad_s)
         return PipelineStep(posture, tracking, events, activations, response, command)
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """What could not be learned from: samples out of order, touches by what nobody saw."""
+        return {"stale samples": self._learner.stale, "unseen touches": self._learner.unseen}
 
     def finish(self) -> PPSMemory:
         """Learn a contact that still goes on, and return the memory."""

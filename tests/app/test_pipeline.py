@@ -1,0 +1,34 @@
+"""What the pipeline refuses, and what it counts."""
+
+import numpy as np
+import pytest
+
+from learning.memory import PPSMemory
+from pps_vision.app.pipeline import Pipeline, PipelineParams
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import StereoFrame
+from tracking.tracker import Tracker, TrackerParams
+
+
+def pipeline(memory_of: tuple, skin_of: tuple) -> Pipeline:
+    robot, rng = load_icub(), np.random.default_rng(0)
+    tracker = Tracker(TrackerParams(), icub_rig(robot), rng)
+    memory, skin = PPSMemory.empty(icub_skin(memory_of)), icub_skin(skin_of)
+    return Pipeline(PipelineParams(), robot, skin, tracker, memory, rng)
+
+
+def test_a_memory_of_another_skin() -> None:
+    with pytest.raises(ValueError, match="16 other taxels; expected the skin's 12"):
+        pipeline(("left_forearm", "left_palm"), ("left_forearm",))
+
+
+def test_a_touch_by_what_nobody_saw_is_counted() -> None:
+    one = pipeline(("left_forearm",), ("left_forearm",))
+    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
+    touched = np.arange(12) == 3
+    for k, touch in enumerate((None, touched, None)):
+        one.step(StereoFrame(black, black, 0.05 * k, 0.05 * k, q, q), touch)
+    memory = one.finish()
+    assert one.rejected == {"stale samples": 0, "unseen touches": 1}
+    assert memory.counts.sum() == 0
