@@ -89,7 +89,7 @@ class DoubleTouches:
             below += share
         left.set_xlabel("taxel aimed at (the last four on the outer side)")
         left.set_ylabel("starts (%)")
-        left.legend(fontsize=7, loc="lower left")
+        left.legend(fontsize=7, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
         shown = next(
             (of for of in numbers["joint_errors"] if of["joint_deg"] == _SHOWN_DEG), numbers["joint_errors"][-1]
         )

@@ -80,8 +80,11 @@ class Progress:
         figure.colorbar(image, ax=axes[:, :3], label="expected probability of touch", shrink=0.7, location="left")
         _score(axes[0][3], numbers, "auroc", "AUROC, 0.3 s ahead", 0.95)
         _score(axes[1][3], numbers, "calibration_error", "expected calibration error", 0.05)
-        axes[1][3].legend(fontsize=6)
-        figure.suptitle("One trial already tells near from far; the rest tells how surely", fontsize=11)
+        axes[1][3].legend(fontsize=6, loc="upper right")
+        axes[1][3].set_ylim(0, 0.5)
+        figure.suptitle(
+            "One trial already tells near from far; more tell how surely, but not which of two neighbours", fontsize=11
+        )
         return figure
 
 
