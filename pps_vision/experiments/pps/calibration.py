@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.special import expit, logit
 
 from learning.calibration import calibrate
 from learning.memory import MemoryParams
@@ -21,9 +22,9 @@ from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 
-TRIALS, HELD_OUT = 53, 40
+TRIALS, HELD_OUT, FOLDS = 53, 40, 8
 PART = "left_forearm"
 GOALS = {"auroc": 0.95, "expected_calibration_error": 0.05}
 COARSE = Counts(MemoryParams())
@@ -32,15 +33,17 @@ CENTER = ReceptiveField()
 SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)  # the regression judges doubtful samples
 
 Trials = tuple[TouchTrial, ...]
+Way = Callable[[Trials, Trials], Array]
+"""Lessons and tests → expected probabilities (tests, taxels)."""
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Of trials held out, 0.15 s before their end: what was expected of each taxel of the forearm, what happened.
 
-    R's map as it is; the same corrected by an isotonic regression of its own trials, each left out in turn; a
+    R's map as it is; the same corrected by an isotonic regression of its own trials, left out in turn; a
     finer one of the distance to the object's surface, normalised, neighbours counting a fifth, corrected too;
-    displacements; and each taxel's rate of touch.
+    displacements (`learning/passing.py`); both together; and each taxel's rate of touch.
     """
 
     seed: int = 0
@@ -86,23 +89,10 @@ def _seen(trials: Trials, field: ReceptiveField) -> tuple[Approach, ...]:
     return approaches(trials, load_icub(), of_part(whole, PART), whole, field)
 
 
-def _fit(what: Representation, taught: tuple[Approach, ...], tested: tuple[Approach, ...]) -> Array:
-    D, TTC, _ = at_horizon(tested)
-    return what.fit(*samples(taught), np.random.default_rng(0))(D, TTC)
-
-
-def _as_it_is(what: Representation, field: ReceptiveField) -> Callable[[Trials, Trials], Array]:
-    return lambda lessons, tests: _fit(what, _seen(lessons, field), _seen(tests, field))
-
-
-def _corrected(what: Representation, field: ReceptiveField) -> Callable[[Trials, Trials], Array]:
-    """Calibrated on what each lesson would have been expected to bring by all the others."""
-
+def _by(what: Representation, field: ReceptiveField) -> Way:
     def expects(lessons: Trials, tests: Trials) -> Array:
-        taught = _seen(lessons, field)
-        left_out = [_fit(what, taught[:k] + taught[k + 1 :], taught[k : k + 1])[0] for k in range(len(taught))]
-        correct = calibrate([trial.touched for trial in taught], np.array(left_out))
-        return correct(_fit(what, taught, _seen(tests, field)))
+        D, TTC, _ = at_horizon(_seen(tests, field))
+        return what.fit(*samples(_seen(lessons, field)), np.random.default_rng(0))(D, TTC)
 
     return expects
 
@@ -118,14 +108,41 @@ def _by_rate(lessons: Trials, tests: Trials) -> Array:
     return np.tile(rate, (len(tests), 1))
 
 
-WAYS: dict[str, Callable[[Trials, Trials], Array]] = {
-    "R's map": _as_it_is(COARSE, CENTER),
-    "R's map, corrected": _corrected(COARSE, CENTER),
-    "finer, to the surface, corrected": _corrected(FINE, SURFACE),
+def _both(one: Way, other: Way) -> Way:
+    """The mean of two log-odds, of which none is more certain than one in fifty."""
+
+    def expects(lessons: Trials, tests: Trials) -> Array:
+        odds = [logit(np.clip(way(lessons, tests), 0.02, 0.98)) for way in (one, other)]
+        return np.asarray(expit(np.mean(odds, axis=0)))
+
+    return expects
+
+
+def _corrected(way: Way) -> Way:
+    """Calibrated on what each fold of lessons would have been expected to bring by the others."""
+
+    def expects(lessons: Trials, tests: Trials) -> Array:
+        said: list[Array] = []
+        touched: list[Mask] = []
+        for k in range(FOLDS):
+            left_out = lessons[k::FOLDS]
+            said.append(way(tuple(t for i, t in enumerate(lessons) if i % FOLDS != k), left_out))
+            touched.extend(trial.touched for trial in _seen(left_out, CENTER))
+        return calibrate(touched, np.concatenate(said))(way(lessons, tests))
+
+    return expects
+
+
+_FINE = _by(FINE, SURFACE)
+WAYS: dict[str, Way] = {
+    "R's map": _by(COARSE, CENTER),
+    "R's map, corrected": _corrected(_by(COARSE, CENTER)),
+    "finer, to the surface, corrected": _corrected(_FINE),
     "displacement": _by_displacement,
+    "finer and displacement, corrected": _corrected(_both(_FINE, _by_displacement)),
     "rate of touch": _by_rate,
 }
-_COLORS = dict(zip(WAYS, ("tab:orange", "tab:green", "tab:blue", "tab:purple", "0.6"), strict=True))
+_COLORS = dict(zip(WAYS, ("tab:orange", "tab:green", "tab:cyan", "tab:purple", "tab:blue", "0.6"), strict=True))
 
 
 def _reliability(axis: Axes, ways: dict[str, Any]) -> None:
