@@ -18,7 +18,7 @@ from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.inverse_kinematics import ForwardModel
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import FarFromLimits
+from pps_vision.robot.self_motion import FarFromLimits, Measure
 from pps_vision.robot.two_stage import TwoStageParams, two_stage
 from pps_vision.types import Array, Mask
 
@@ -65,6 +65,7 @@ class MapParams:
     max_error: float = 0.0
     n_babble: int = 100_000
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
+    measure: Callable[[Array, Array], Measure] = FarFromLimits  # of the joints' limits: what makes a posture good
     # in the map's isotropic coordinates:
     border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
     node_spacing: float = 0.0026  # border points nearer to one another than this say the same
@@ -106,7 +107,7 @@ class ReachOracle:
             self.starts(points),
             self.lower,
             self.upper,
-            FarFromLimits(self.lower, self.upper),
+            self.params.measure(self.lower, self.upper),
             self.params.inverse,
         )
         failed = ~found.reachable

@@ -79,3 +79,20 @@ class FarFromLimits:
         xp = array_namespace(q)
         lower, upper = (xp.asarray(a, dtype=q.dtype, device=q.device) for a in (self.lower_rad, self.upper_rad))
         return 1 - (((q - (upper + lower) / 2) / ((upper - lower) / 2)) ** 2).mean(-1)
+
+
+@dataclass(frozen=True)
+class Manipulability:
+    """Yoshikawa's √det(JJᵀ): how large a volume of hand velocities unit joint rates span, of `most` (m³ for a
+    position); with `isotropy` the least singular value of J over the largest instead: 0 at a singular posture, 1 where the hand
+    moves equally well in all directions."""
+
+    most: float = 1.0
+    isotropy: bool = False
+
+    def __call__(self, q: Array, J: Array) -> Array:
+        """(N,) of Jacobians (N, m, k)."""
+        xp = array_namespace(J)
+        values = xp.linalg.svdvals(J)
+        ratio: Array = values[:, -1] / values[:, 0] if self.isotropy else xp.prod(values, axis=1) / self.most
+        return ratio

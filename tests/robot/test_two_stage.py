@@ -62,8 +62,8 @@ def test_torch_says_the_same():
 @pytest.mark.parametrize("solver", ["scipy", "ipopt"])
 @pytest.mark.parametrize("learned", [False, True], ids=["own kinematics", "learned model"])
 def test_one_by_one(solver: Solver, learned: bool):
-    """No posture is found where there is none, nor a better one than the best there is.  What IPOPT is given of a learned model
-    is another road than what it is given of a chain."""
+    """No posture is found where there is none, nor a better one than the best there is.  A learned model goes to IPOPT
+    by another road than a chain."""
     if solver == "ipopt":
         pytest.importorskip("casadi")
     points, starts = problems(8, 2)

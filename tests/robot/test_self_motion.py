@@ -1,0 +1,68 @@
+"""Walking along the postures that leave the hand where it is."""
+
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.self_motion import FarFromLimits, Manipulability, WalkParams, walk
+
+LOWER, UPPER = np.full(3, -np.pi), np.full(3, np.pi)
+
+
+def planar(q):
+    """Three links of 1 m in a plane."""
+    angles = np.cumsum(q, axis=1)
+    ends = np.stack([np.cos(angles), np.sin(angles)], axis=1)  # (N, 2, 3)
+    J = np.cumsum(np.stack([-ends[:, 1], ends[:, 0]], axis=1)[:, :, ::-1], axis=2)[:, :, ::-1]
+    return ends.sum(axis=2), J
+
+
+def test_it_walks_to_the_best_of_the_whole_curve():
+    """Three links, a hand in the plane: the curve is known, its first angle parts it."""
+    rng = np.random.default_rng(SEED)
+    q = rng.uniform(-1.5, 1.5, (40, 3))
+    targets, _ = planar(q)
+    measure = FarFromLimits(LOWER, UPPER)
+    walked, good = walk(planar, targets, q, LOWER, UPPER, measure, WalkParams(step_rad=0.15, steps=60))
+    np.testing.assert_allclose(planar(walked)[0], targets, atol=1e-4)
+    np.testing.assert_allclose(measure(walked, None), good)
+    for target, mine, start in zip(targets, good, q, strict=True):
+        first = np.linspace(-np.pi, np.pi, 4001)
+        rest = target - np.stack([np.cos(first), np.sin(first)], axis=1)  # two links are left, to reach this
+        distance = np.linalg.norm(rest, axis=1)
+        bend = np.arccos(np.clip(distance**2 / 2 - 1, -1, 1))
+        whole = []
+        for sign in (-1, 1):
+            second = np.arctan2(rest[:, 1], rest[:, 0]) - sign * bend / 2 - first
+            angles = np.stack([first, (second + np.pi) % (2 * np.pi) - np.pi, sign * bend], axis=1)
+            whole.append(measure(angles[distance <= 2], None))
+        assert mine <= np.concatenate(whole).max() + 1e-3
+        assert mine >= measure(start[None], None)[0]
+    assert np.median(good - measure(q, None)) > 0.01
+
+
+def test_manipulability_is_the_volume_and_vanishes_where_the_arm_is_straight():
+    _, J = planar(np.array([[0.3, 0.0, 0.0], [0.3, 1.2, 0.4]]))
+    volume = Manipulability()(None, J)
+    assert volume[0] == pytest.approx(0, abs=1e-9)
+    assert volume[1] == pytest.approx(np.sqrt(np.linalg.det(J[1] @ J[1].T)))
+    even = Manipulability(isotropy=True)(None, J)
+    assert even[0] == pytest.approx(0, abs=1e-9)
+    assert even[1] == pytest.approx(1 / np.linalg.cond(J[1]))
+
+
+def test_another_measure_finds_other_postures():
+    robot = load_icub()
+    lower, upper = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])
+    chain = Chain.of(robot, robot.names.arm("right")[:4], "right_palm")
+    q = np.random.default_rng(SEED).uniform(lower, upper, (200, 4))
+    targets, J = chain.positions(q)
+    even = Manipulability(isotropy=True)
+    walked, good = walk(chain.positions, targets, q, lower, upper, even, WalkParams())
+    np.testing.assert_allclose(chain.positions(walked)[0], targets, atol=1e-4)
+    assert (good >= even(q, J)).all()
+    central, _ = walk(chain.positions, targets, q, lower, upper, FarFromLimits(lower, upper), WalkParams())
+    assert np.mean(good - even(central, chain.positions(central)[1])) > 0.005
+    assert np.all((walked >= lower) & (walked <= upper))
