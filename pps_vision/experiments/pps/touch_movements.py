@@ -62,6 +62,7 @@ class Movement:
         return make_stimulus(self.stimulus, fineness=0).radius_m
 
 
+@cache  # several figures start from the same
 def movements(condition: Condition, n: int, seed: int, touching: bool = True) -> tuple[Movement, ...]:
     """What happens in the first `n` trials of a seed; trial k is the same however many are asked for.
 
