@@ -84,8 +84,8 @@ class FarFromLimits:
 @dataclass(frozen=True)
 class Manipulability:
     """Yoshikawa's √det(JJᵀ): how large a volume of hand velocities unit joint rates span, of `most` (m³ for a
-    position); with `isotropy` the least singular value of J over the largest instead: 0 at a singular posture, 1 where the hand
-    moves equally well in all directions."""
+    position).  With `isotropy` the least singular value of J over the largest instead: 0 at a singular posture, 1
+    where the hand moves equally well in all directions."""
 
     most: float = 1.0
     isotropy: bool = False
