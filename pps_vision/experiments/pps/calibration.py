@@ -1,6 +1,6 @@
 """Do activations mean what they say?  Reliability on held-out trials after 53 rendered and tracked ones."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from learning.receptive_field import ReceptiveField
 from learning.representations import Counts, Representation
 from learning.scores import auroc, brier, expected_calibration_error, reliability
 from learning.touch_trial import TouchTrial
+from learning.trials import Trial
 from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, displaced, of_part, samples
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.robot.icub import load_icub
@@ -32,8 +33,37 @@ FINE = Counts(MemoryParams(bins=(32, 16)), normalised=True, pooled=0.2)
 CENTER = ReceptiveField()
 SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)  # the regression judges doubtful samples
 
-Trials = tuple[TouchTrial, ...]
-Way = Callable[[Trials, Trials], Array]
+
+@dataclass(frozen=True)
+class Lived:
+    """Trials as the forearm perceived them: D and TTC to the object's centre and surface, and displacements."""
+
+    center: tuple[Approach, ...]
+    surface: tuple[Approach, ...]
+    moved: tuple[Trial, ...]
+
+    @classmethod
+    def of(cls, trials: tuple[TouchTrial, ...]) -> "Lived":
+        """By every measure that some way asks for."""
+        whole, robot = icub_skin(), load_icub()
+        skin = of_part(whole, PART)
+        center, surface = (approaches(trials, robot, skin, whole, field) for field in (CENTER, SURFACE))
+        return cls(center, surface, displaced(trials, robot, skin, whole))
+
+    def some(self, which: Iterable[int]) -> "Lived":
+        """Those of the trials."""
+        at = tuple(which)
+        return Lived(
+            tuple(self.center[i] for i in at), tuple(self.surface[i] for i in at), tuple(self.moved[i] for i in at)
+        )
+
+    @property
+    def touched(self) -> Mask:
+        """(trials, taxels) what was touched."""
+        return np.array([trial.touched for trial in self.center])
+
+
+Way = Callable[[Lived, Lived], Array]
 """Lessons and tests → expected probabilities (tests, taxels)."""
 
 
@@ -56,7 +86,7 @@ class Calibration:
         lessons, tests = (
             touch_trials("inner", n, self.seed + k, True, self.trials) for k, n in enumerate((TRIALS, HELD_OUT))
         )
-        return {"seed": self.seed, "goals": GOALS, "ways": scores(lessons, tests)}
+        return {"seed": self.seed, "goals": GOALS, "ways": scores(Lived.of(lessons), Lived.of(tests))}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Left: reliability; right: how well told apart, how well calibrated, and the goal."""
@@ -66,9 +96,9 @@ class Calibration:
         return figure
 
 
-def scores(lessons: Trials, tests: Trials) -> dict[str, dict[str, Any]]:
+def scores(lessons: Lived, tests: Lived) -> dict[str, dict[str, Any]]:
     """What each way makes of `tests` after `lessons`."""
-    touched = np.array([t.touched for t in _seen(tests, CENTER)])
+    touched = tests.touched
     found = {}
     for name, expects in WAYS.items():
         p = expects(lessons, tests)
@@ -84,34 +114,32 @@ def scores(lessons: Trials, tests: Trials) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _seen(trials: Trials, field: ReceptiveField) -> tuple[Approach, ...]:
-    whole = icub_skin()
-    return approaches(trials, load_icub(), of_part(whole, PART), whole, field)
+def _by_center(what: Representation) -> Way:
+    return lambda lessons, tests: _fit(what, lessons.center, tests.center)
 
 
-def _by(what: Representation, field: ReceptiveField) -> Way:
-    def expects(lessons: Trials, tests: Trials) -> Array:
-        D, TTC, _ = at_horizon(_seen(tests, field))
-        return what.fit(*samples(_seen(lessons, field)), np.random.default_rng(0))(D, TTC)
-
-    return expects
+def _by_surface(what: Representation) -> Way:
+    return lambda lessons, tests: _fit(what, lessons.surface, tests.surface)
 
 
-def _by_displacement(lessons: Trials, tests: Trials) -> Array:
-    whole, params = icub_skin(), PassingParams()
-    taught, tested = (displaced(trials, load_icub(), of_part(whole, PART), whole) for trials in (lessons, tests))
-    return foretell(params, learn_passing(params, taught), tested).probability
+def _fit(what: Representation, taught: tuple[Approach, ...], tested: tuple[Approach, ...]) -> Array:
+    D, TTC, _ = at_horizon(tested)
+    return what.fit(*samples(taught), np.random.default_rng(0))(D, TTC)
 
 
-def _by_rate(lessons: Trials, tests: Trials) -> Array:
-    rate = np.mean([trial.touched for trial in _seen(lessons, CENTER)], axis=0)
-    return np.tile(rate, (len(tests), 1))
+def _by_displacement(lessons: Lived, tests: Lived) -> Array:
+    params = PassingParams()
+    return foretell(params, learn_passing(params, lessons.moved), tests.moved).probability
+
+
+def _by_rate(lessons: Lived, tests: Lived) -> Array:
+    return np.tile(lessons.touched.mean(axis=0), (len(tests.center), 1))
 
 
 def _both(one: Way, other: Way) -> Way:
     """The mean of two log-odds, of which none is more certain than one in fifty."""
 
-    def expects(lessons: Trials, tests: Trials) -> Array:
+    def expects(lessons: Lived, tests: Lived) -> Array:
         odds = [logit(np.clip(way(lessons, tests), 0.02, 0.98)) for way in (one, other)]
         return np.asarray(expit(np.mean(odds, axis=0)))
 
@@ -121,22 +149,19 @@ def _both(one: Way, other: Way) -> Way:
 def _corrected(way: Way) -> Way:
     """Calibrated on what each fold of lessons would have been expected to bring by the others."""
 
-    def expects(lessons: Trials, tests: Trials) -> Array:
-        said: list[Array] = []
-        touched: list[Mask] = []
-        for k in range(FOLDS):
-            left_out = lessons[k::FOLDS]
-            said.append(way(tuple(t for i, t in enumerate(lessons) if i % FOLDS != k), left_out))
-            touched.extend(trial.touched for trial in _seen(left_out, CENTER))
-        return calibrate(touched, np.concatenate(said))(way(lessons, tests))
+    def expects(lessons: Lived, tests: Lived) -> Array:
+        left_out = [np.arange(k, len(lessons.center), FOLDS) for k in range(FOLDS)]
+        rest = [np.setdiff1d(np.arange(len(lessons.center)), fold) for fold in left_out]
+        said = [way(lessons.some(r), lessons.some(fold)) for r, fold in zip(rest, left_out, strict=True)]
+        return calibrate(lessons.touched[np.concatenate(left_out)], np.concatenate(said))(way(lessons, tests))
 
     return expects
 
 
-_FINE = _by(FINE, SURFACE)
+_FINE = _by_surface(FINE)
 WAYS: dict[str, Way] = {
-    "R's map": _by(COARSE, CENTER),
-    "R's map, corrected": _corrected(_by(COARSE, CENTER)),
+    "R's map": _by_center(COARSE),
+    "R's map, corrected": _corrected(_by_center(COARSE)),
     "finer, to the surface, corrected": _corrected(_FINE),
     "displacement": _by_displacement,
     "finer and displacement, corrected": _corrected(_both(_FINE, _by_displacement)),
@@ -158,11 +183,11 @@ def _reliability(axis: Axes, ways: dict[str, Any]) -> None:
 
 def _goal(axis: Axes, ways: dict[str, Any]) -> None:
     edge = GOALS["expected_calibration_error"]
-    axis.fill_between([GOALS["auroc"], 1], edge, color="tab:green", alpha=0.12, lw=0, label="goal")
+    axis.fill_between([GOALS["auroc"], 1], edge, color="tab:green", alpha=0.12, lw=0)
+    axis.annotate("goal", (GOALS["auroc"] + 0.002, 0.002), fontsize=8)
     for name, of in ways.items():
-        axis.plot(of["auroc"], of["expected_calibration_error"], "o", ms=8, color=_COLORS[name], label=name)
+        axis.plot(of["auroc"], of["expected_calibration_error"], "o", ms=8, color=_COLORS[name])
     axis.set_ylim(bottom=0)
     axis.set_xlabel("AUROC")
     axis.set_ylabel("expected calibration error")
-    axis.legend(fontsize=8)
     axis.grid(alpha=0.25)

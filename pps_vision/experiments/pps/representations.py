@@ -39,7 +39,7 @@ REPRESENTATIONS: dict[str, Representation] = {
     "kernel": Kernel(),
     "network": Network(),
 }
-ASKED = ((0.10, 1.0), (0.05, 1.0), (0.05, 0.10), (0.02, 1.0))
+ASKED = ((0.10, 1.0), (0.05, 1.0), (0.05, 0.085), (0.05, 0.06), (0.02, 1.0))
 """Calibration errors and Brier scores to ask for."""
 _FOLDS, _RUNS = 5, 60
 

@@ -6,7 +6,7 @@ from data import SEED
 
 from learning.touch_trial import TouchTrial
 from pps_vision.experiments.pps import calibration
-from pps_vision.experiments.pps.calibration import WAYS, Calibration
+from pps_vision.experiments.pps.calibration import WAYS, Calibration, Lived
 from pps_vision.experiments.pps.held_out import at_horizon, displaced, of_part
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
@@ -37,19 +37,19 @@ def straight(taxel: int, aside_m: float, rng: np.random.Generator) -> TouchTrial
 @pytest.fixture(scope="module")
 def trials() -> tuple[tuple[TouchTrial, ...], tuple[TouchTrial, ...]]:
     rng = np.random.default_rng(SEED)
-    made = [straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(48)]
+    made = [straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(32)]
     return tuple(made[::2]), tuple(made[1::2])
 
 
 def test_what_a_fine_map_says_of_exact_tracks_comes_true(
     trials: tuple[tuple[TouchTrial, ...], tuple[TouchTrial, ...]],
 ) -> None:
-    ways = calibration.scores(*trials)
+    ways = calibration.scores(*(Lived.of(some) for some in trials))
     assert set(ways) == set(WAYS)
     fine = ways["finer, to the surface, corrected"]
     assert fine["auroc"] > ways["rate of touch"]["auroc"]
     assert fine["brier"] < ways["rate of touch"]["brier"]
-    assert all(sum(of["n"]) == 24 * 12 for of in ways.values())
+    assert all(sum(of["n"]) == 16 * 12 for of in ways.values())
     assert Calibration().chart({"ways": ways}).axes
 
 
@@ -67,6 +67,6 @@ def test_displacements_are_those_of_the_taxels_frames(
 def test_a_prediction_uses_nothing_later_than_its_horizon(
     trials: tuple[tuple[TouchTrial, ...], tuple[TouchTrial, ...]],
 ) -> None:
-    seen = calibration._seen(trials[0][:2], calibration.CENTER)
+    seen = Lived.of(trials[0][:2]).center
     D, _, _ = at_horizon(seen, 0.15)
     np.testing.assert_array_equal(D[0], seen[0].distance_m[-4])
