@@ -166,9 +166,9 @@ class Regressors:
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Left the time of a query, right the memory, each against the error."""
-        figure, (left, right) = plt.subplots(1, 2, figsize=(13, 5.4), layout="constrained")
+        figure, (left, right) = plt.subplots(1, 2, figsize=(15, 7), layout="constrained")
         found = numbers["regressors"]
-        for axis, key, scale in ((left, "query_us", 1e-3), (right, "kib", 1.0)):
+        for axis, key, scale in ((left, "query_us", 1e-3), (right, "kib", 1 / 1024)):
             variants = [
                 Variant(
                     _label(name, m), np.full(3, scale * m[key]), m["rmse_deg"], name not in _PEERS, name == _DEFAULT
@@ -176,12 +176,14 @@ class Regressors:
                 for name, m in found.items()
             ]
             speed_against_error(axis, variants, "query, alone", "gaze RMSE (°)")
-        right.set_xlabel("memory it learns with (KiB)")
-        legend(left)
-        figure.suptitle(f"Forward model arm → gaze from {numbers['samples']} babbled postures")
+            low, high = axis.get_xlim()
+            axis.set_xlim(low, 4 * high)  # room for names
+        right.set_xlabel("memory it learns with (MiB)")
+        legend(right)
+        figure.suptitle(f"Forward model arm → gaze from {numbers['samples']} babbled postures (n fields: LWPR)")
         return figure
 
 
 def _label(name: str, measured: dict[str, Any]) -> str:
-    label = name if measured["fields"] is None else f"LWPR, {measured['fields']} fields"
+    label = name if measured["fields"] is None else f"{measured['fields']} fields"
     return f"{label} ({measured['unanswered']:.1%} unanswered)" if measured["unanswered"] else label
