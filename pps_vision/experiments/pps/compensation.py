@@ -103,7 +103,7 @@ class Compensation:
         figure, axes = plt.subplots(1, 3, figsize=(13.5, 4.6), width_ratios=(1.4, 1.4, 1), layout="constrained")
         for axis, way in zip(axes, WAYS, strict=False):
             _sources(axis, numbers["prediction"], way)
-        axes[0].legend(fontsize=8, loc="lower left")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=9)
         _touches(axes[2], numbers["avoidance"])
         return figure
 

@@ -2,8 +2,8 @@
 
 Offsets are where the regression line through the positives crosses a time to contact of zero.  TTC here is
 the time that was left to the touch, which a robot knows once it has been touched.  As it was perceived beforehand
-(R eq. 2) it will not do: an error along the approach changes distance and TTC alike, and the line
-crosses at the same place whatever the error; that is shown beside.
+(R eq. 2) it will not do: an error along the approach changes distance and TTC alike; that, on R's own map, is
+shown beside.
 """
 
 from dataclasses import dataclass, replace
