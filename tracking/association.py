@@ -18,15 +18,17 @@ class AssociationParams:
     """`unknown_error` is what the calibration may be off before anything is known of it, as a share
     of the image's width; the gate opens to `gate_sigma` of that, narrowing over `gate_memory` pairs
     to the residual measured; `memory` pairs tell the error that widens the covariance, never less
-    than `min_error_px`; `max_ratio` between the two eyes' apparent radii; distances outside
-    `distance_range`, in baselines (whatever the unit), are no object; `radius_error` is how far
-    (relative) what is no ball may be from the sphere that its outline is taken for."""
+    than `min_error_px`, and after `any_pairs` only those that show a whole ball; `max_ratio` between the
+    two eyes' apparent radii; distances outside `distance_range`, in baselines (whatever the unit), are no
+    object; `radius_error` is how far (relative) what is no ball may be from the sphere that its outline is
+    taken for."""
 
     unknown_error: float = 0.008
     min_error_px: float = 0.01
     gate_sigma: float = 3.5
     gate_memory: float = 15.0
     memory: float = 20.0
+    any_pairs: float = 10.0
     max_ratio: float = 1.7
     distance_range: tuple[float, float] = (0.7, 300.0)
     radius_error: float = 0.05
@@ -82,12 +84,15 @@ class Association:
     def learn(self, observation: Observation3D, left: Outline, right: Outline) -> None:
         """Take an accepted pair's residual in.  Four coordinates leave one degree of freedom, so
         4·residual² estimates the variance of one coordinate; few such say little, hence 1 + 3/n.  Residuals that
-        are by chance smaller than the outlines' own noise must count too, or that noise would be counted twice."""
+        are by chance smaller than the outlines' own noise must count too, or that noise would be counted twice; but
+        what is hidden differently from either eye says nothing of the calibration."""
         excess = 4 * observation.residual_px**2 - _own_var(left, right)
+        self._gate_var += (max(excess, 0.0) - self._gate_var) / self.params.gate_memory
+        if self._pairs >= self.params.any_pairs and max(left.oddness, right.oddness) >= 0.5:
+            return
         mean = self._error_var / (1 + 3 / self._pairs) if self._pairs else 0.0
         self._pairs = min(self._pairs + 1, self.params.memory)
         self._error_var = (mean + (excess - mean) / self._pairs) * (1 + 3 / self._pairs)
-        self._gate_var += (max(excess, 0.0) - self._gate_var) / self.params.gate_memory
 
     def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
         """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""

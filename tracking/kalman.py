@@ -11,7 +11,7 @@ from pps_vision.types import Array
 
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _TICK_S = 1e-6  # steps are told apart no finer, so that regular frames share their matrices
-_UNREST = (0.01, 3.0)  # straight at constant speed; the sharpest turns of what a hand moves
+_UNREST = (0.1, 3.0)  # straight at constant speed; the sharpest turns of what a hand moves
 # By order, on rendered balls and markers at 5–15 cm/s (bench filter): innovations as large as expected.
 NOISE_DENSITY = {1: 2e-4, 2: 1.5e-3, 3: 0.1, 4: 30.0}
 
@@ -35,7 +35,7 @@ class KalmanParams:
     noise_density: float = NOISE_DENSITY[3]
     prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
     white_share: float = 0.4
-    unrest_rate: float = 0.4
+    unrest_rate: float = 0.2
     gate_chi2: float = 14.0
     max_rejections: int = 3
 

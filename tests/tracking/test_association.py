@@ -28,3 +28,21 @@ def test_only_what_the_outlines_do_not_explain_is_the_calibrations(wrong_px: flo
         if k >= 20:
             learned.append(association.error_px**2)
     assert np.mean(learned) == pytest.approx(wrong_px**2, rel=0.25, abs=0.3 * STD_PX**2)
+
+
+def test_what_is_hidden_differently_from_either_eye_says_nothing_of_the_calibration(rng: np.random.Generator) -> None:
+    """Half a ball in one eye, its centre 5 px off, after the pair was seen whole for a while: the doubt stays small."""
+    association, half = Association(AssociationParams(), 320), replace(SHAPE, departure=0.1)
+    for _ in range(60):
+        association.learn(replace(SEEN, residual_px=0.5 * abs(STD_PX * rng.standard_normal())), SHAPE, SHAPE)
+    before = association.error_px
+    for _ in range(10):
+        association.learn(replace(SEEN, residual_px=2.5), half, SHAPE)
+    assert association.error_px == before < 2 * STD_PX
+
+
+def test_what_is_never_whole_tells_of_the_calibration_at_first(rng: np.random.Generator) -> None:
+    association, odd = Association(AssociationParams(), 320), replace(SHAPE, departure=0.1)
+    for _ in range(60):
+        association.learn(replace(SEEN, residual_px=0.5 * abs(STD_PX * rng.standard_normal())), odd, odd)
+    assert association.error_px < 10 * STD_PX < AssociationParams().unknown_error * 320
