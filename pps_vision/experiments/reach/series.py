@@ -10,9 +10,11 @@ from pps_vision.experiments.experiment import Experiment
 from pps_vision.experiments.reach.failures import BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
+from pps_vision.experiments.reach.maps import Maps
 from pps_vision.experiments.reach.regressors import Regressors
+from pps_vision.experiments.reach.solvers import Solvers
 
-FigureName = Literal["lwpr", "forward_model", "regressors", "babbling_failures"]
+FigureName = Literal["lwpr", "forward_model", "regressors", "babbling_failures", "maps", "solvers"]
 
 
 @dataclass(frozen=True)
@@ -35,5 +37,7 @@ class Reach:
             "forward_model": lambda: ForwardModelError(self.seed),
             "regressors": lambda: Regressors(self.seed),
             "babbling_failures": lambda: BabblingFailures(self.seed),
+            "maps": lambda: Maps(self.seed),
+            "solvers": lambda: Solvers(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
