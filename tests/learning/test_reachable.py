@@ -28,7 +28,7 @@ def learned():
 def fresh():
     """Answers in closed form to questions the map never asked; how far the hand stays off, by inverse kinematics."""
     rng = np.random.default_rng(99)
-    labels = ReachOracle(ROBOT, "right", MapParams(), rng).label(rng.uniform(LIMITS.lower, LIMITS.upper, (4000, 3)))
+    labels = ReachOracle(ROBOT, "right", MapParams(), rng).label(rng.uniform(LIMITS.lower, LIMITS.upper, (3000, 3)))
     reachable, optimality = truth(labels.gaze_rad)
     return replace(labels, reachable=reachable, optimality=optimality)
 
@@ -130,7 +130,7 @@ def test_degree(learned, fresh):
 
 def test_the_labels_are_what_the_closed_form_says():
     rng = np.random.default_rng(3)
-    labels = ReachOracle(ROBOT, "right", MapParams(), rng).label(rng.uniform(LIMITS.lower, LIMITS.upper, (3000, 3)))
+    labels = ReachOracle(ROBOT, "right", MapParams(), rng).label(rng.uniform(LIMITS.lower, LIMITS.upper, (1500, 3)))
     reachable, optimality = truth(labels.gaze_rad)
     assert np.mean(labels.reachable == reachable) >= 0.998
     both = labels.reachable & reachable
@@ -169,14 +169,14 @@ def test_outside_the_limits_is_said_so(learned):
 def test_a_wider_gaze_and_fewer_labels():
     """With the eyes' tilt the gaze goes down to −80°, where the home hand is (FACTS §5)."""
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
-    params = MapParams(gaze_limits=wide, n_labels=2000, round_labels=500)
+    params = MapParams(gaze_limits=wide, n_labels=1200, round_labels=400, n_babble=20_000)
     learned = train_reachable_map(ROBOT, "left", np.random.default_rng(1), params)
     hand = gaze_for_points(ROBOT, [[-0.30, -0.20, 0.05]], wide)
     assert learned.query(hand).reachable[0]
     rng = np.random.default_rng(2)
-    gaze = rng.uniform(wide.lower, wide.upper, (2000, 3))
-    truth = ReachOracle(ROBOT, "left", params, rng).label(gaze).reachable
-    assert rates(learned.query(gaze).reachable, truth)[0] <= 0.02
+    gaze = rng.uniform(wide.lower, wide.upper, (1000, 3))
+    reachable = ReachOracle(ROBOT, "left", params, rng).label(gaze).reachable
+    assert rates(learned.query(gaze).reachable, reachable)[0] <= 0.025
 
 
 def cube(center, half_side):
@@ -281,16 +281,16 @@ def test_params_that_make_no_sense(changes, message):
 
 def test_it_stops_when_sure_enough_and_goes_on_when_asked():
     """Half the error asked for takes more labels; going on from a map is as good as having learned it at once."""
-    rough = MapParams(n_labels=6000, round_labels=500, n_babble=20_000, max_error=0.02)
+    rough = MapParams(n_labels=6000, round_labels=300, n_babble=20_000, max_error=0.03)
     first = train_reachable_map(ROBOT, "right", np.random.default_rng(11), rough)
-    assert 1000 <= len(first.labels.gaze_rad) < 3000
-    assert first.expected_error <= 0.02
-    more = train_reachable_map(ROBOT, "right", np.random.default_rng(12), replace(rough, max_error=0.0075), into=first)
+    assert 600 <= len(first.labels.gaze_rad) < 3000
+    assert first.expected_error <= 0.03
+    more = train_reachable_map(ROBOT, "right", np.random.default_rng(12), replace(rough, max_error=0.012), into=first)
     assert len(more.labels.gaze_rad) > len(first.labels.gaze_rad)
     gaze = np.random.default_rng(13).uniform(LIMITS.lower, LIMITS.upper, (4000, 3))
     wrong = [rates(one.query(gaze).reachable, truth(gaze)[0])[0] for one in (first, more)]
     print(f"expected {first.expected_error:.4f}, {more.expected_error:.4f}, measured {wrong[0]:.4f}, {wrong[1]:.4f}")
-    assert wrong[0] <= 0.02
+    assert wrong[0] <= 0.03
     assert wrong[1] < wrong[0]
     with pytest.raises(ValueError, match="to go on from"):
         train_reachable_map(ROBOT, "left", np.random.default_rng(12), rough, into=first)
