@@ -59,7 +59,7 @@ def expression(chain: Chain) -> Any:
     return ca.Function("position", [q], [R @ chain.T_root_frame[:3, 3] + t])
 
 
-class _Model(ca.Callback):
+class _Model(ca.Callback):  # type: ignore[misc, unused-ignore]  # Any where CasADi is absent
     """A learned forward model, with the Jacobian that comes with it."""
 
     def __init__(self, forward: ForwardModel, k: int, slope: bool = False) -> None:
