@@ -89,7 +89,9 @@ class ForwardModelError:
         axis.plot(numbers["samples"][-1], numbers["paper_deg"], "k*", ms=10, label="the paper's LWPR")
         for name, goal in numbers["goals_deg"].items():
             axis.axhline(goal, color="0.4", lw=0.8, ls="--")
-            axis.annotate(f"goal, {name}", (numbers["samples"][3], goal), va="bottom", fontsize=7)
+            axis.annotate(
+                f"goal, {name}", (numbers["samples"][len(numbers["samples"]) // 2], goal), va="bottom", fontsize=7
+            )
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_xlabel("fixated arm postures learned from")
