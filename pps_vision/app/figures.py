@@ -5,17 +5,53 @@ import matplotlib
 matplotlib.use("Agg")  # draws to files only; no display is needed
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from numpy.typing import ArrayLike
 
 from learning.memory import PPSMemory, activation
 from pps_vision.app.encounter import EncounterLog
+from pps_vision.types import Array
+
+Range = tuple[float, float]
 
 _INK = "0.25"
 _TAXEL_COLORS = plt.get_cmap("viridis")
+
+
+def landscape(memory: PPSMemory, taxel: int = 0) -> Array:
+    """(30, 30) of a taxel's activation over the ranges of D and TTC (3 s of TTC where the map knows none)."""
+    (d0, d1), (t0, t1) = _ranges(memory)
+    cell = (np.arange(30) + 0.5) / 30
+    D, TTC = np.meshgrid(d0 + (d1 - d0) * cell, t0 + (t1 - t0) * cell, indexing="ij")
+    of = [taxel]
+    alone = replace(
+        memory, taxel_ids=(memory.taxel_ids[taxel],), part_index=memory.part_index[of], counts=memory.counts[of]
+    )
+    return activation(alone, D[..., None], TTC[..., None])[..., 0]
+
+
+def draw_landscape(
+    axis: Axes, expected: ArrayLike, ranges: tuple[Range, Range] = ((-0.10, 0.20), (0.0, 3.0)), smooth: bool = False
+) -> AxesImage:
+    """A `landscape` as a picture; `ranges` of D in m and TTC in s, by default R's."""
+    (d0, d1), (t0, t1) = ranges
+    return axis.imshow(
+        np.asarray(expected).T,
+        origin="lower",
+        aspect="auto",
+        extent=(100 * d0, 100 * d1, t0, t1),
+        vmin=0,
+        vmax=1,
+        cmap="magma",
+        interpolation="bilinear" if smooth else None,
+    )
 
 
 def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure:
@@ -23,15 +59,6 @@ def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure
     chosen = list(range(len(memory.taxel_ids))) if taxels is None else list(taxels)
     columns = min(4, max(1, len(chosen)))
     rows = -(-len(chosen) // columns)
-    (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
-    if not np.isfinite([t0, t1]).all():  # a map of distance alone
-        t0, t1 = 0.0, 3.0
-    d, t = np.linspace(d0, d1, 61)[1:-1], np.linspace(t0, t1, 61)[1:-1]
-    D, TTC = np.meshgrid(d, t, indexing="ij")
-    n = len(memory.taxel_ids)
-    grid = np.stack(
-        [activation(memory, np.full(n, a), np.full(n, b)) for a, b in zip(D.ravel(), TTC.ravel(), strict=True)]
-    )
     figure, axes = plt.subplots(
         rows,
         columns,
@@ -45,15 +72,7 @@ def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure
     for axis in axes.flat[len(chosen) :]:
         axis.set_visible(False)
     for axis, taxel in zip(axes.flat, chosen, strict=False):
-        image = axis.imshow(
-            grid[:, taxel].reshape(D.shape).T,
-            origin="lower",
-            aspect="auto",
-            extent=(100 * d0, 100 * d1, t0, t1),
-            vmin=0,
-            vmax=1,
-            cmap="magma",
-        )
+        image = draw_landscape(axis, landscape(memory, taxel), _ranges(memory))
         samples = int(memory.counts[taxel].sum())
         axis.set_title(f"{memory.taxel_ids[taxel]}  ({samples} samples)", fontsize=8)
         if samples == 0:
@@ -63,6 +82,12 @@ def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure
     figure.supxlabel("distance D (cm)", fontsize=9)
     figure.supylabel("time to contact TTC (s)", fontsize=9)
     return figure
+
+
+def _ranges(memory: PPSMemory) -> tuple[Range, Range]:
+    """Of D in m and TTC in s; a map of distance alone is drawn up to 3 s."""
+    ttc = memory.params.ttc_range_s
+    return memory.params.distance_range_m, ttc if np.isfinite(ttc).all() else (0.0, 3.0)
 
 
 def encounters(logs: Sequence[EncounterLog], threshold: float) -> Figure:

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from learning.memory import MemoryParams, PPSMemory
+from pps_vision.app.figures import draw_landscape, landscape
 from pps_vision.experiments.pps.held_out import learned
-from pps_vision.experiments.pps.monte_carlo import landscape, ridge_width
+from pps_vision.experiments.pps.monte_carlo import ridge_width
 from pps_vision.experiments.pps.sessions import Session, session
 from pps_vision.experiments.pps.touch_movements import Condition
 from pps_vision.types import Array
@@ -78,15 +79,7 @@ class Landscapes:
         figure, axes = plt.subplots(2, 3, figsize=(10.5, 6.4), layout="constrained")
         for axis, (name, title) in zip(axes.flat, NAMES.items(), strict=False):
             of = numbers[name]
-            image = axis.imshow(
-                np.array(of["activation"]).T,
-                origin="lower",
-                aspect="auto",
-                extent=(-10, 20, 0, 3),
-                vmin=0,
-                vmax=1,
-                cmap="magma",
-            )
+            image = draw_landscape(axis, of["activation"])
             axis.set_title(f"{title}\n{of['taxel']}: {sum(of['samples'])} samples, {of['trials']} trials", fontsize=9)
             axis.set_xlabel("distance D (cm)", fontsize=8)
             axis.set_ylabel("time to contact TTC (s)", fontsize=8)

@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.memory import MemoryParams, PPSMemory, activation
+from learning.memory import MemoryParams, PPSMemory
 from learning.offsets import offsets, orthogonal_line
 from learning.single_taxel import Reference, Shower, rain
-from pps_vision.types import Array
+from pps_vision.app.figures import draw_landscape, landscape
 
 CLEAN = Shower()
 NOISY = replace(CLEAN, position_noise_m=0.001, velocity_noise_m_s=0.01)
@@ -95,16 +95,6 @@ class MonteCarlo:
         return figure
 
 
-def landscape(memory: PPSMemory, taxel: int = 0) -> Array:
-    """(30, 30) of a taxel's activation over the ranges of D and TTC."""
-    (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
-    cell = (np.arange(30) + 0.5) / 30
-    D, TTC = np.meshgrid(d0 + (d1 - d0) * cell, t0 + (t1 - t0) * cell, indexing="ij")
-    n = len(memory.taxel_ids)
-    every: Array = activation(memory, *(np.repeat(x[..., None], n, axis=2) for x in (D, TTC)))
-    return every[..., taxel]
-
-
 def ridge_width(memory: PPSMemory, taxel: int = 0) -> float:
     """Standard deviation in m of the positive samples' D about their line; NaN without one."""
     (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
@@ -133,16 +123,7 @@ def _peak_mb() -> float:
 
 
 def _panel(axis: Axes, numbers: dict[str, Any]) -> None:
-    axis.imshow(
-        np.array(numbers["activation"]).T,
-        origin="lower",
-        aspect="auto",
-        extent=(-10, 20, 0, 3),
-        vmin=0,
-        vmax=1,
-        cmap="magma",
-        interpolation="bilinear",
-    )
+    draw_landscape(axis, numbers["activation"], smooth=True)
     at = numbers["crosses_ttc_0_at_cm"]
     axis.plot(at, 0.06, "v", color="tab:cyan", ms=8, clip_on=False)
     axis.annotate(

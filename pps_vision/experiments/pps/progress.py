@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from learning.memory import MemoryParams, activation
 from learning.scores import auroc, brier, expected_calibration_error
+from pps_vision.app.figures import draw_landscape, landscape
 from pps_vision.experiments.pps.held_out import Samples, at_horizon
-from pps_vision.experiments.pps.monte_carlo import landscape
 from pps_vision.experiments.pps.sessions import Session, session, session_of
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.types import Array, Mask
@@ -71,9 +71,7 @@ class Progress:
         for column, (n, after) in enumerate(numbers["landscapes"].items()):
             for row, (name, of) in enumerate(zip(numbers["taxels"], after, strict=True)):
                 axis = axes[row][column]
-                image = axis.imshow(
-                    np.array(of).T, origin="lower", aspect="auto", extent=(-10, 20, 0, 3), vmin=0, vmax=1, cmap="magma"
-                )
+                image = draw_landscape(axis, of)
                 axis.set_title(f"{name} after {n} trial{'' if int(n) == 1 else 's'}", fontsize=9)
                 axis.set_xlabel("distance D (cm)", fontsize=8)
                 axis.set_ylabel("time to contact TTC (s)", fontsize=8)
