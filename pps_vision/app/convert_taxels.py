@@ -10,16 +10,10 @@ import tyro
 from learning.memory import MemoryParams, PPSMemory, load_memory, save_memory
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.problems import BadInput
-from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
+from pps_vision.recordings.taxels_ini import OUR_NAMES, PartMap, read_taxels, write_taxels
 from pps_vision.robot.skin import Skin, icub_skin
 
-_ROBOTS_NAME = {
-    "left_palm": "l_hand",
-    "right_palm": "r_hand",
-    "left_forearm": "l_forearm",
-    "right_forearm": "r_forearm",
-}  # of the parts that are called otherwise here
-_OUR_NAME = {theirs: ours for ours, theirs in _ROBOTS_NAME.items()}
+_ROBOTS_NAME = {ours: theirs for theirs, ours in OUR_NAMES.items()}
 
 
 @dataclass(frozen=True)
@@ -105,7 +99,7 @@ def from_maps(maps: Sequence[PartMap], file: Path) -> PPSMemory:
     low, high, *ttc = first.extent
     ttc_range = (ttc[0], ttc[1]) if ttc else (-np.inf, np.inf)
     return PPSMemory(
-        tuple(f"{_OUR_NAME.get(part.name, part.name)}:{taxel}" for part in maps for taxel in part.counts),
+        tuple(f"{OUR_NAMES.get(part.name, part.name)}:{taxel}" for part in maps for taxel in part.counts),
         np.repeat(np.arange(len(maps)), [len(part.counts) for part in maps]),
         np.array([counts for part in maps for counts in part.counts.values()]).reshape(-1, *first.bins, 2),
         MemoryParams((low, high), ttc_range, first.bins),

@@ -15,6 +15,7 @@ from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import Mode, tracker_for
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.recording import Touch
+from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -35,6 +36,8 @@ class Learn:
     """An earlier memory to go on from; default: an empty one."""
     calib: Path | None = None
     """icubEyes.ini for recordings without their own."""
+    taxels: Path | None = None
+    """The robot's taxels*.ini, for recordings of its own skin events: it says what virtual taxels they touch."""
     mode: Mode = "generic"
     """How the object is tracked."""
     max_skew_s: float = 0.02
@@ -70,7 +73,9 @@ class Learn:
 
     def _learn_from(self, folder: Path, robot: Robot, skin: Skin, memory: PPSMemory) -> PPSMemory:
         """The memory after a recording; what was skipped in it is printed, whatever happens."""
-        recording = open_yarp(folder, self.max_skew_s)
+        recording = open_yarp(
+            folder, self.max_skew_s, representatives(read_taxels(self.taxels)) if self.taxels else None
+        )
         tracker = tracker_for(recording, TrackerParams(mode=self.mode), self.seed, Stopwatch(), self.calib)
         pipeline = Pipeline(PipelineParams(), robot, skin, tracker, memory, np.random.default_rng(self.seed))
         try:

@@ -26,6 +26,7 @@ class ProblemKind(StrEnum):
     STAMP = "backwards_stamp"
     JOINTS = "bad_joints"
     UNPAIRED = "unpaired_frame"
+    TOUCHES = "unknown_touches"
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ Nested = list["str | Nested"]
 
 SKIN_PARTS = {1: "left_palm", 2: "left_forearm", 4: "right_palm", 5: "right_forearm"}
 """The robot's numbers of the skin parts that have virtual taxels here."""
+_CONTACT = re.compile(r"\(\(\s*\d+(\s+\d+){3}\s*\)")
 _EXPECTED = "index, stamp and contacts ((4 whole numbers) (5 vectors of 3) (taxels) pressure)"
 
 
@@ -46,6 +47,14 @@ class SkinEvent:
     index: int
     stamp_s: float
     contacts: tuple[SkinContact, ...]
+
+
+def holds_contacts(log: Path) -> bool:
+    """Whether a skin log has the robot's contacts in it, not the touched taxels themselves."""
+    try:
+        return _CONTACT.search(log.read_text(errors="replace")) is not None
+    except OSError:  # whoever reads it says so
+        return False
 
 
 def read_skin_events(log: Path, problems: list[Problem]) -> tuple[SkinEvent, ...]:

@@ -18,6 +18,14 @@ _KEYS = ("modality", "size", "nTaxels", "ext", "binsNum", "Mapping")
 _LIMITS = {"1D": 2, "2D": 4}  # numbers in ext
 _LARGEST = 2**63 - 1
 
+OUR_NAMES = {
+    "l_hand": "left_palm",
+    "r_hand": "right_palm",
+    "l_forearm": "left_forearm",
+    "r_forearm": "right_forearm",
+}
+"""Of the parts that the robot calls otherwise."""
+
 Entry = tuple[str, int]  # the text after a key, and its line
 Number = TypeVar("Number", int, float)
 
@@ -73,6 +81,11 @@ def read_taxels(file: Path) -> tuple[PartMap, ...]:
     if not sections:
         raise BadInput(file, "no section; expected one [body part] or more")
     return tuple(_part(file, name, *section) for name, section in sections.items())
+
+
+def representatives(maps: Sequence[PartMap]) -> dict[str, tuple[int, ...]]:
+    """By body part as it is called here, which virtual taxel each physical one belongs to, −1 none."""
+    return {OUR_NAMES.get(part.name, part.name): part.mapping for part in maps}
 
 
 def _part(file: Path, name: str, start: int, entries: dict[str, Entry]) -> PartMap:

@@ -1,5 +1,6 @@
 """Reads a yarpdatadumper recording: two image ports, joint ports, touches, in one folder."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePath
 
@@ -9,6 +10,7 @@ from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.pairing import pair_by_stamp
 from pps_vision.recordings.problems import BadInput, Problem, ProblemKind
 from pps_vision.recordings.recording import Pair, Recording, Touch, size_of_first
+from pps_vision.recordings.skin_events import holds_contacts, read_skin_events, touches_of
 from pps_vision.recordings.truth import read_truth
 from pps_vision.recordings.yarp_log import read_log
 from pps_vision.recordings.yarp_ports import find_ports
@@ -26,8 +28,13 @@ _STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts sec
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
 
-def open_yarp(folder: Path, max_skew_s: float = 0.02) -> Recording:
+def open_yarp(
+    folder: Path, max_skew_s: float = 0.02, representatives: Mapping[str, tuple[int, ...]] | None = None
+) -> Recording:
     """The recording in `folder`: pairs of images within `max_skew_s`, joints (rad) at each image's stamp.
+
+    Touches are read from a log of virtual taxels, as ours are, or of the robot's contacts; for these
+    `representatives` says by body part which virtual taxel each physical one belongs to (`touches_of`).
 
     Ports are found by what their folders are called, wherever they lie.  A joint port that was
     not recorded reads 0; the head must be there.  Bad rows, unpaired images and images without
@@ -42,7 +49,7 @@ def open_yarp(folder: Path, max_skew_s: float = 0.02) -> Recording:
             what = "head joints" if port == "head" else f"{port} images"
             raise BadInput(folder, f"no {what}; expected a folder '{port}' with a data.log")
     joints = {port: _read_joints(ports[port], n, problems) for port, n in JOINT_PORTS.items() if port in ports}
-    touches = _read_touches(ports["skin"], problems) if "skin" in ports else ()
+    touches = _read_touches(ports["skin"], representatives, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], max_skew_s, problems)
     posed = _with_joints(pairs, joints, problems)
@@ -92,8 +99,16 @@ def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Arr
     return np.array(stamps), np.array(samples)
 
 
-def _read_touches(log: Path, problems: list[Problem]) -> tuple[Touch, ...]:
+def _read_touches(
+    log: Path, representatives: Mapping[str, tuple[int, ...]] | None, problems: list[Problem]
+) -> tuple[Touch, ...]:
     """Touched taxels by stamp."""
+    if holds_contacts(log):
+        if representatives is None:
+            found = "the robot's contacts; expected --taxels TAXELS.ini, which says what virtual taxels they touch"
+            problems.append(Problem(ProblemKind.TOUCHES, log, None, found))
+            return ()
+        return touches_of(read_skin_events(log, problems), representatives)
     touches, foreign_rows = [], []
     for row in read_log(log, None, problems):
         foreign = [word for word in row.words if not _is_taxel(word)]

@@ -1,5 +1,6 @@
 """`learn` and `show`, and touches beside frames."""
 
+import shutil
 from pathlib import Path
 
 import matplotlib.image
@@ -10,6 +11,8 @@ from learning.memory import load_memory
 from pps_vision.app.cli import main
 from pps_vision.app.learn import touched_at
 from pps_vision.recordings.recording import Touch
+from pps_vision.recordings.skin_events import SkinContact, SkinEvent, write_skin_events
+from pps_vision.recordings.taxels_ini import PartMap, write_taxels
 from pps_vision.robot.skin import icub_skin
 
 
@@ -42,6 +45,30 @@ def test_one_bad_recording_does_not_stop_the_others(
     main(["learn", str(tmp_path / "gone"), str(approach), "--out", str(tmp_path / "m.npz")])
     assert "gone" in capsys.readouterr().err
     np.testing.assert_array_equal(load_memory(tmp_path / "m.npz").counts, load_memory(memory_file).counts)
+
+
+def test_the_robots_own_skin_events_teach_the_same(
+    memory_file: Path, approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same touches as contacts of physical taxels: number 2n and 2n + 1 belong to virtual taxel n."""
+    rec = tmp_path / "rec"
+    shutil.copytree(approach, rec)
+    log = next(rec.rglob("skin/data.log"))
+    events = []
+    for index, stamp, *names in (row.split() for row in log.read_text().splitlines()):
+        assert all(name.startswith("left_forearm:") for name in names)
+        physical = tuple(2 * int(name.partition(":")[2]) + 1 for name in names)
+        contact = SkinContact(0, 3, 4, 2, *5 * [(0.0, 0.0, 0.0)], physical, 10.0)
+        events.append(SkinEvent(int(index), float(stamp), (contact,) if names else ()))
+    write_skin_events(log, events)
+    taxels = tmp_path / "taxels.ini"
+    mapping = tuple(n // 2 for n in range(800))
+    write_taxels(taxels, [PartMap("l_forearm", (-0.1, 0.2), (8, 1), mapping, {3: np.zeros((8, 1, 2), np.int64)})])
+    main(["learn", str(rec), "--taxels", str(taxels), "--out", str(tmp_path / "m.npz")])
+    np.testing.assert_array_equal(load_memory(tmp_path / "m.npz").counts, load_memory(memory_file).counts)
+    main(["learn", str(rec), "--out", str(tmp_path / "none.npz")])
+    assert "skin/data.log: the robot's contacts; expected --taxels" in capsys.readouterr().err
+    assert not load_memory(tmp_path / "none.npz").counts.any()
 
 
 def test_show_draws_a_picture(memory_file: Path, tmp_path: Path) -> None:
