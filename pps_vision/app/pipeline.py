@@ -13,6 +13,7 @@ from control.fixation import FixationParams
 from control.head import gaze_of
 from control.search import SearchParams
 from learning import learner
+from learning.bimodal import bimodal_activation
 from learning.buffer import EventBuffer
 from learning.learner import LearnerParams
 from learning.memory import PPSMemory, activation
@@ -30,6 +31,7 @@ class PipelineParams:
 
     period_s: float = 0.05
     search_for_s: float = 2.0  # how long the eyes look around for a lost object
+    bimodal: bool = False  # a taxel that is touched is active too, seen or not (R's discussion)
     receptive_field: ReceptiveField = ReceptiveField()
     learning: LearnerParams = LearnerParams()
     fixation: FixationParams = FixationParams()
@@ -88,6 +90,8 @@ class Pipeline:
         events = self._perceive(posture, tracking.track, touched)
         self._learner = learner.step(self.params.learning, self._learner, events)
         activations = activation(self.memory, events.distance_m, events.ttc_s)
+        if self.params.bimodal:
+            activations = bimodal_activation(activations, events.touched)
         self._arm, arm, response = avoidance.step(
             self.params.avoidance, self._arm, posture, self._arm_skin, activations[self._of_arm], frame.stamp_s
         )

@@ -11,11 +11,11 @@ from pps_vision.types import StereoFrame
 from tracking.tracker import Tracker, TrackerParams
 
 
-def pipeline(memory_of: tuple, skin_of: tuple) -> Pipeline:
+def pipeline(memory_of: tuple, skin_of: tuple, params: PipelineParams | None = None) -> Pipeline:
     robot, rng = load_icub(), np.random.default_rng(0)
     tracker = Tracker(TrackerParams(), icub_rig(robot), rng)
     memory, skin = PPSMemory.empty(icub_skin(memory_of)), icub_skin(skin_of)
-    return Pipeline(PipelineParams(), robot, skin, tracker, memory, rng)
+    return Pipeline(params or PipelineParams(), robot, skin, tracker, memory, rng)
 
 
 def test_a_memory_of_another_skin() -> None:
@@ -32,3 +32,15 @@ def test_a_touch_by_what_nobody_saw_is_counted() -> None:
     memory = one.finish()
     assert one.rejected == {"stale samples": 0, "unseen touches": 1}
     assert memory.counts.sum() == 0
+
+
+@pytest.mark.parametrize("bimodal", [False, True])
+def test_an_arm_touched_in_the_dark_withdraws_if_it_also_feels(bimodal: bool) -> None:
+    one = pipeline(("left_forearm",), ("left_forearm",), PipelineParams(bimodal=bimodal))
+    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
+    positions, normals = one.skin.at(one.robot.at(q))
+    for k in range(8):
+        step = one.step(StereoFrame(black, black, 0.05 * k, 0.05 * k, q, q), np.arange(12) == 3)
+    assert (step.activations > 0).tolist() == [bimodal and i == 3 for i in range(12)]
+    away = (one.skin.at(one.robot.at(q + 0.05 * step.command.dq_rad_s))[0] - positions)[3] @ -normals[3]
+    assert away > 0.001 if bimodal else not step.command.dq_rad_s.any()
