@@ -72,7 +72,7 @@ def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure
     for axis in axes.flat[len(chosen) :]:
         axis.set_visible(False)
     for axis, taxel in zip(axes.flat, chosen, strict=False):
-        image = draw_landscape(axis, landscape(memory, taxel), _ranges(memory))
+        image = draw_landscape(axis, landscape(memory, taxel), _ranges(memory), smooth=True)
         samples = int(memory.counts[taxel].sum())
         axis.set_title(f"{memory.taxel_ids[taxel]}  ({samples} samples)", fontsize=8)
         if samples == 0:
