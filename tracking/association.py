@@ -3,14 +3,10 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Outline
-
-_UNIT = np.eye(2)
 
 
 @dataclass(frozen=True)
@@ -67,15 +63,14 @@ class Association:
         ratio = left.angular_radius_rad / right.angular_radius_rad
         if max(ratio, 1 / ratio) > p.max_ratio:
             return None
-        extra = self.error_px**2 * _UNIT
         left_px, right_px = left.center_px, right.center_px
         if shift_px is not None:
             left_px, right_px = left_px + shift_px[0], right_px + shift_px[1]
-        found = triangulate(view, left_px, right_px, left.cov_px + extra, right.cov_px + extra)
+        found = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
         if found is None or 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
-        baseline = math.dist(view.right.center.tolist(), view.left.center.tolist())
-        distance = math.dist(found.p_root.tolist(), view.left.center.tolist())
+        eye = view.left.center.tolist()
+        baseline, distance = math.dist(view.right.center.tolist(), eye), math.dist(found.p_root.tolist(), eye)
         if not p.distance_range[0] * baseline <= distance <= p.distance_range[1] * baseline:
             return None
         radius, radius_var = self._radius(view, left, right, found.p_root, found.cov_root)

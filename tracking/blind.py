@@ -20,11 +20,18 @@ class Blindness:
 
     def step(self, frame: StereoFrame) -> bool:
         """Whether either eye shows what it showed before, to the last bit, or nothing at all."""
-        some = _some(frame.left), _some(frame.right)
+        some = frame.left[::_STRIDE], frame.right[::_STRIDE]
         before, self._last = self._last, (some[0].tobytes(), some[1].tobytes())
         repeated = before is not None and (before[0] == self._last[0] or before[1] == self._last[1])
-        return repeated or any(cv2.meanStdDev(image)[1].max() < _LEAST_SPREAD for image in some)
+        return repeated or any(_is_dark(rows) for rows in some)
 
 
-def _some(image: Image) -> Image:
-    return image[::_STRIDE].copy()
+def _is_dark(rows: Image) -> bool:
+    """Whether nothing stands out; where a quarter of the rows spread twice as much as the least, all do enough."""
+    return _spread(rows[::4]) < 2 * _LEAST_SPREAD and _spread(rows) < _LEAST_SPREAD
+
+
+def _spread(rows: Image) -> float:
+    """The largest standard deviation of a colour, grey levels."""
+    (red,), (green,), (blue,) = cv2.meanStdDev(rows)[1].tolist()
+    return max(red, green, blue)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from pps_vision.types import Array, CameraName, Detection2D, Image
+from pps_vision.geometry.camera import Vector
+from pps_vision.types import CameraName, Detection2D, Image
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.eye import EyeParams, EyeTracker, Sighting
@@ -36,7 +37,7 @@ class Follower:
         self.name, self.optics, self.marker = name, optics, marker
         self.object = EyeTracker(params, optics, rng)
         self.background = Background(EgoMotion(optics.camera), background_memory_s)
-        self._offset_px: Array = np.zeros(2)  # of the outline from the track's projection: calibration error
+        self._offset_px = (0.0, 0.0)  # of the outline from the track's projection: calibration error
         self._size_px = 0.0
         self._whole: tuple[Image, Outline] | None = None  # a marker's last image that nothing hid
 
@@ -51,7 +52,8 @@ class Follower:
 
     def remember(self, look: Look, shape: Outline, belief: Belief) -> None:
         """Where the object is relative to the track, and how large."""
-        self._offset_px = shape.center_px - look.view.project(belief.mean[0])
+        (u, v), (x, y) = look.view.pixel(*belief.mean[0].tolist()), shape.center_px.tolist()
+        self._offset_px = x - u, y - v
         size_px = self._size_of(shape)
         if self.marker is not None and self._whole is None:
             self._whole = look.image, shape
@@ -76,17 +78,19 @@ class Follower:
 
     def prior(self, look: Look, last: Belief, now: Belief) -> Prior | None:
         """Where the track says this eye sees the object; None where it cannot."""
-        p = now.mean[0]
-        if len(now.mean) > 1:
-            p = p + now.mean[1] * (look.stamp_s - now.stamp_s)
-        center, J = look.view.project_linearised(p)
-        center += self._offset_px
+        (x, y, z), *rates = now.mean.tolist()
+        if rates:
+            dt, (vx, vy, vz) = look.stamp_s - now.stamp_s, rates[0]
+            x, y, z = x + vx * dt, y + vy * dt, z + vz * dt
+        u, v, of_u, of_v = look.view.project_linearised(x, y, z)
+        center = u + self._offset_px[0], v + self._offset_px[1]
         if not self.optics.camera.contains(center, margin_px=-0.5 * self._size_px):
             return None
-        std = math.sqrt(np.vdot(J @ now.cov[:3, :3], J))
+        cov = now.cov[:3, :3].tolist()
+        std = math.sqrt(_variance(of_u, cov) + _variance(of_v, cov))
         eye = look.view.center.tolist()
-        growth = math.dist(last.mean[0].tolist(), eye) / math.dist(p.tolist(), eye)
-        return Prior(center, min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
+        growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
+        return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
 
     def room_px(self, prior: Prior) -> float:
         """How far around where it should be a marker's image goes, and what its outline needs of its surroundings."""
@@ -115,6 +119,12 @@ class Follower:
             own = narrowed(params, image, whole.box_px)
             shape = _nearest(find_markers(own, look.image, self.optics, near, expected_area), prior)
         return None if shape is None else Sighting(shape, shape.box_px, 1.0)
+
+
+def _variance(slope: Vector, cov: list[list[float]]) -> float:
+    """Of what has that slope by a vector of covariance (3, 3)."""
+    (a, b, c), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = slope, cov
+    return a * a * xx + b * b * yy + c * c * zz + 2 * (a * (b * xy + c * xz) + b * c * yz)
 
 
 def _nearest(found: list[Outline], prior: Prior) -> Outline | None:

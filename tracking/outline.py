@@ -174,7 +174,8 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     departure = _departure(alpha, weights, direction, radius + math.sqrt(omega / area)) / area  # and a pixel's side
     if departure > ROUND:
         direction = (weights[:3] @ (alpha * _thickness(alpha)).reshape(-1)).tolist()
-    center, slope = camera.project_linearised(direction)
+    u, v, *slopes = camera.project_linearised(*direction)
+    center, slope = np.array((u, v)), np.array(slopes)
     if math.isnan(center[0]):
         return None
     left, top, width, height = cv2.boundingRect((alpha > 0.5).view(np.uint8))

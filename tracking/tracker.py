@@ -238,19 +238,20 @@ class Tracker:
         order = self.params.kalman.order
         mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
         mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
-        # An outline's centre is not the body's; the filter cannot average out what hardly changes.
-        shape = (self.params.shape_error * self._oddness * self._radius[0]) ** 2
-        cov[:3, :3] += belief.lasting + shape * np.eye(3) + self._light_cov(belief.mean[0])
+        cov[:3, :3] += belief.lasting  # an outline's centre is not the body's, and no filter averages out what
+        cov[:3, :3] += self._outline_cov(belief.mean[0])  # hardly changes
         return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1] + self._radius_lasting, status)
 
-    def _light_cov(self, p: Array) -> Array:
-        """(3, 3) m² of where what is lit from above seems to be, along the image's vertical there."""
+    def _outline_cov(self, p: Array) -> Array:
+        """(3, 3) m² of where the object is, its outlines' middles being at `p` (3,): in all directions by its shape,
+        and what is lit from above seems to be elsewhere along the image's vertical there."""
         x, y, z = (p - self._head).tolist()
         distance2, across2 = x * x + y * y + z * z, max(x * x + y * y, 1e-9)
         off_m = self.params.light_error * distance2 / (self._optics[0].camera.focal_px ** 2 * self._radius[0])
-        upright = np.array((-x * z, -y * z, x * x + y * y)) * (off_m / math.sqrt(distance2 * across2))
-        cov: Array = upright[:, None] * upright
-        return cov
+        along = off_m / math.sqrt(distance2 * across2)
+        u, v, w = -x * z * along, -y * z * along, (x * x + y * y) * along
+        shape = (self.params.shape_error * self._oddness * self._radius[0]) ** 2
+        return np.array(((u * u + shape, u * v, u * w), (u * v, v * v + shape, v * w), (u * w, v * w, w * w + shape)))
 
     def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
         """A scalar Kalman filter on a size that hardly changes."""

@@ -1,6 +1,7 @@
 """A pinhole camera with OpenCV lens distortion, a camera at a place, and a pair of them."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +16,10 @@ from pps_vision.types import Array, StereoFrame
 _GRID = 17  # pixels a side at which a lens is tried
 _INVERTED_PX = 1.0  # how well distorting must undo undistorting
 _NARROWEST_RAD = 0.01  # no camera sees less of the world than half a degree
+Vector = tuple[float, float, float]
+
+_NOWHERE = (math.nan, math.nan, math.nan)
+_UNSEEN = math.nan, math.nan, _NOWHERE, _NOWHERE
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
@@ -60,20 +65,22 @@ class Camera:
         (behind the camera, or so far aside that the distortion model folds back)."""
         p = np.asarray(points, dtype=float)
         if p.ndim == 1:
-            return self._project_one(*p.tolist())
+            return np.array(self.pixel(*p.tolist()))
         z = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
         x, y = p[..., 0] / z, p[..., 1] / z
         r2 = x * x + y * y
         xd, yd = self._distort(x, y, np.where(r2 < self._r2_max, r2, np.nan))
         return np.stack([self.fx * xd + self.cx, self.fy * yd + self.cy], axis=-1)
 
-    def _project_one(self, X: float, Y: float, Z: float) -> Array:
-        """The same for a single point: plain floats are much faster than arrays of one."""
-        r2 = (X * X + Y * Y) / (Z * Z) if Z > 1e-9 else np.inf
-        if r2 < self._r2_max:
-            xd, yd = self._distort(X / Z, Y / Z, r2)
-            return np.array([self.fx * xd + self.cx, self.fy * yd + self.cy])
-        return np.array([np.nan, np.nan])
+    def pixel(self, X: float, Y: float, Z: float) -> tuple[float, float]:
+        """The same for a single point, in plain floats, which are much faster than arrays of one."""
+        if Z > 1e-9:
+            x, y = X / Z, Y / Z
+            r2 = x * x + y * y
+            if r2 < self._r2_max:
+                xd, yd = self._distort(x, y, r2)
+                return self.fx * xd + self.cx, self.fy * yd + self.cy
+        return math.nan, math.nan
 
     def _distort(self, x: Any, y: Any, r2: Any) -> tuple[Any, Any]:
         k1, k2, p1, p2, k3 = self.distortion
@@ -87,28 +94,29 @@ class Camera:
         """Pixel (u, v) of a normalised point (X/Z, Y/Z), and ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y there, px; as
         plain floats, and without a look at where the distortion folds back."""
         k1, k2, p1, p2, k3 = self.distortion
-        r2 = x * x + y * y
+        fx, fy, x2, xy, y2 = self.fx, self.fy, x * x, x * y, y * y
+        r2 = x2 + y2
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # ∂radial/∂x = slope·x
-        xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x  # ∂(distorted)/∂(normalised)
-        xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
-        yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
-        xd, yd = self._distort(x, y, r2)
-        return self.fx * xd + self.cx, self.fy * yd + self.cy, self.fx * xx, self.fx * xy, self.fy * xy, self.fy * yy
+        across = slope * xy + 2 * (p1 * x + p2 * y)  # ∂(distorted y)/∂x, and of x by y
+        u = fx * (x * radial + 2 * p1 * xy + p2 * (r2 + 2 * x2)) + self.cx
+        v = fy * (y * radial + 2 * p2 * xy + p1 * (r2 + 2 * y2)) + self.cy
+        along_x, along_y = radial + slope * x2 + 2 * p1 * y + 6 * p2 * x, radial + slope * y2 + 6 * p1 * y + 2 * p2 * x
+        return u, v, fx * along_x, fx * across, fy * across, fy * along_y
+
+    def project_linearised(self, X: float, Y: float, Z: float) -> tuple[float, float, Vector, Vector]:
+        """The pixel u, v of a point in camera coordinates, and by it ∂u and ∂v, px/m; in plain floats, NaN where it
+        cannot be seen."""
+        if Z > 1e-9:
+            x, y = X / Z, Y / Z
+            if x * x + y * y < self._r2_max:
+                u, v, ux, uy, vx, vy = self.linearised(x, y)
+                return u, v, (ux / Z, uy / Z, -(ux * x + uy * y) / Z), (vx / Z, vy / Z, -(vx * x + vy * y) / Z)
+        return _UNSEEN
 
     def project_jacobian(self, point: ArrayLike) -> Array:
         """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates; NaN where it cannot be seen."""
-        return self.project_linearised(np.asarray(point, dtype=float).tolist())[1]
-
-    def project_linearised(self, point: Sequence[float]) -> tuple[Array, Array]:
-        """The pixel (2,) of a point (3,) and `project_jacobian` (2, 3) there; in plain floats, as `_project_one`."""
-        X, Y, Z = point
-        x, y = (X / Z, Y / Z) if Z > 1e-9 else (np.inf, np.inf)
-        if not x * x + y * y < self._r2_max:
-            return np.full(2, np.nan), np.full((2, 3), np.nan)
-        u, v, *slopes = self.linearised(x, y)
-        ux, uy, vx, vy = (slope / Z for slope in slopes)
-        return np.array([u, v]), np.array([[ux, uy, -ux * x - uy * y], [vx, vy, -vx * x - vy * y]])
+        return np.array(self.project_linearised(*np.asarray(point, dtype=float).tolist())[2:])
 
     def bearings(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in camera coordinates of pixels (…, 2)."""
@@ -155,9 +163,9 @@ class Camera:
         """Geometric mean focal length: pixels per radian at the image centre."""
         return float(np.sqrt(self.fx * self.fy))
 
-    def contains(self, pixel: ArrayLike, margin_px: float = 0.0) -> bool:
+    def contains(self, pixel: Array | tuple[float, float], margin_px: float = 0.0) -> bool:
         """Whether a pixel (2,) lies at least `margin_px` inside the image; False for NaN."""
-        u, v = np.asarray(pixel, dtype=float).tolist()
+        u, v = pixel
         m = margin_px - 0.5
         return bool(m <= u <= self.width - 1 - m and m <= v <= self.height - 1 - m)
 
@@ -183,27 +191,37 @@ class View:
         """Pixels (…, 2) of root-frame points (…, 3); NaN where they cannot be seen."""
         points = np.asarray(points_root, dtype=float)
         if points.ndim == 1:
-            return self.camera._project_one(*self._in_camera(points))
+            return np.array(self.pixel(*points.tolist()))
         return self.camera.project(move_points(self.T_camera_root, points))
+
+    def pixel(self, x: float, y: float, z: float) -> tuple[float, float]:
+        """The same for a single point, in plain floats."""
+        return self.camera.pixel(*self._in_camera(x, y, z))
+
+    def project_linearised(self, x: float, y: float, z: float) -> tuple[float, float, Vector, Vector]:
+        """The pixel u, v of a root-frame point, and by it ∂u and ∂v, px/m; in plain floats, NaN where it cannot be
+        seen."""
+        u, v, (a, b, c), (d, e, f) = self.camera.project_linearised(*self._in_camera(x, y, z))
+        (xx, xy, xz, _), (yx, yy, yz, _), (zx, zy, zz, _), _ = self.pose
+        return (
+            u,
+            v,
+            (xx * a + xy * b + xz * c, yx * a + yy * b + yz * c, zx * a + zy * b + zz * c),
+            (xx * d + xy * e + xz * f, yx * d + yy * e + yz * f, zx * d + zy * e + zz * f),
+        )
 
     def project_jacobian(self, point_root: ArrayLike) -> Array:
         """∂pixel/∂p_root (2, 3), px/m; NaN where it cannot be seen."""
-        return self.project_linearised(point_root)[1]
+        return np.array(self.project_linearised(*np.asarray(point_root, dtype=float).tolist())[2:])
 
-    def project_linearised(self, point_root: ArrayLike) -> tuple[Array, Array]:
-        """The pixel (2,) of a root-frame point (3,), and `project_jacobian` (2, 3) there."""
-        pixel, slope = self.camera.project_linearised(self._in_camera(np.asarray(point_root, dtype=float)))
-        return pixel, slope @ self.T_root_camera[:3, :3].T
-
-    def _in_camera(self, point_root: Array) -> tuple[float, float, float]:
-        """One point (3,) in camera coordinates, as plain floats."""
-        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = self._pose
-        u, v, w = point_root.tolist()
+    def _in_camera(self, u: float, v: float, w: float) -> Vector:
+        """One root-frame point in camera coordinates."""
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = self.pose
         u, v, w = u - x, v - y, w - z
         return a * u + d * v + g * w, b * u + e * v + h * w, c * u + f * v + i * w
 
     @cached_property
-    def _pose(self) -> list[list[float]]:
+    def pose(self) -> list[list[float]]:
         """`T_root_camera` in plain floats."""
         pose: list[list[float]] = self.T_root_camera.tolist()
         return pose
@@ -246,7 +264,7 @@ class StereoRig:
     def view(self, joints_left: Array | None = None, joints_right: Array | None = None) -> StereoView:
         """Both eyes, each at its own joints (`joints_right` defaults to `joints_left`)."""
         T_root_left, T_root_right = self.eye_poses(joints_left)
-        if joints_right is not None and (joints_left is None or not np.array_equal(joints_right, joints_left)):
+        if joints_right is not None and (joints_left is None or joints_right.tolist() != joints_left.tolist()):
             T_root_right = self.eye_poses(joints_right)[1]
         return StereoView(View(self.left, T_root_left), View(self.right, T_root_right))
 

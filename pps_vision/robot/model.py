@@ -1,5 +1,6 @@
 """Any robot described by a URDF: where its frames are, how they move, what its bodies look like."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -105,15 +106,16 @@ class Robot:
         """(T_root_left, T_root_right), the form `StereoRig` asks for."""
         if q_rad is None:
             raise ValueError("the frame carries no joints, but this robot's eyes move with them")
-        pin.framesForwardKinematics(self.model, self._scratch, self._checked(q_rad))
-        frames = self._scratch.oMf
+        model, data = self.model, self._scratch
+        pin.forwardKinematics(model, data, self._checked(q_rad))
         left, right = self.frame_ids[self.names.left_eye], self.frame_ids[self.names.right_eye]
-        return frames[left].homogeneous, frames[right].homogeneous
+        T_root_left = pin.updateFramePlacement(model, data, left).homogeneous  # of these two frames only
+        return T_root_left, pin.updateFramePlacement(model, data, right).homogeneous
 
     def _checked(self, q_rad: ArrayLike) -> Array:
         """A copy of a configuration; ValueError where it is none."""
         q: Array = np.array(q_rad, dtype=float)
-        if q.shape != (self.n_joints,) or not np.isfinite(q).all():
+        if q.shape != (self.n_joints,) or not math.isfinite(sum(q.tolist())):
             raise ValueError(f"joints {np.array2string(q, precision=3)}: expected {self.n_joints} finite angles")
         return q
 

@@ -52,12 +52,12 @@ def test_project_jacobian_is_the_slope_of_project(camera: Camera, rng: np.random
 @CAMERAS
 def test_pixel_and_slope_at_once_are_those_of_either(camera: Camera, rng: np.random.Generator) -> None:
     for point in points_in_view(camera, rng, 20):
-        pixel, slope = camera.project_linearised(point.tolist())
+        *pixel, of_u, of_v = camera.project_linearised(*point.tolist())
         theirs, jacobian = cv2.projectPoints(point, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion))
         np.testing.assert_allclose(pixel, theirs[0, 0], atol=1e-9)
-        np.testing.assert_allclose(slope, jacobian[:, 3:6], atol=1e-6)  # by the translation
+        np.testing.assert_allclose((of_u, of_v), jacobian[:, 3:6], atol=1e-6)  # by the translation
     for unseen in ([0.1, 0.1, -0.5], [0.1, 0.1, 0.0]):
-        assert all(np.isnan(one).all() for one in camera.project_linearised(unseen))
+        assert all(np.isnan(one).all() for one in camera.project_linearised(*unseen))
 
 
 def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng: np.random.Generator) -> None:
