@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +12,9 @@ from pps_vision.types import Array
 
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _TICK_S = 1e-6  # steps are told apart no finer, so that regular frames share their matrices
-_UNREST = (0.1, 3.0)  # straight at constant speed; the sharpest turns of what a hand moves
+_UNREST = (0.025, 3.0)  # straight at constant speed; the sharpest turns of what a hand moves
 # By order, on rendered balls and markers at 5–15 cm/s (bench filter): innovations as large as expected.
-NOISE_DENSITY = {1: 2e-4, 2: 1.5e-3, 3: 0.1, 4: 30.0}
+NOISE_DENSITY = {1: 2e-4, 2: 1.5e-3, 3: 0.2, 4: 30.0}
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,9 @@ class KalmanParams:
     observed (position excepted: the first measurement gives it), m/s, m/s², m/s³.  Of a measurement's
     covariance only `white_share` is new with every frame; the rest (shape, light, head pose) stays from
     frame to frame, so no filtering averages it out.  `gate_chi2` is the squared Mahalanobis distance
-    (3 degrees of freedom) above which a measurement is an outlier; after `max_rejections` outliers
-    in a row the filter starts again from the newest.
+    (3 degrees of freedom) above which a measurement is no longer taken for the motion going on, `jump_chi2` that
+    above which it is no sudden change of motion either but an outlier (a hundred thousandth of those `prior_std`
+    expects); after `max_rejections` outliers in a row the filter starts again from the newest.
     """
 
     order: int = 3
@@ -37,15 +39,16 @@ class KalmanParams:
     white_share: float = 0.4
     unrest_rate: float = 0.2
     gate_chi2: float = 14.0
+    jump_chi2: float = 26.0
     max_rejections: int = 3
 
     def __post_init__(self) -> None:
         if self.order not in NOISE_DENSITY:
             raise ValueError(f"filter order {self.order}; expected 1, 2, 3 or 4")
-        if not (self.noise_density > 0 and self.gate_chi2 > 0 and self.max_rejections >= 1):
+        if not (self.noise_density > 0 and self.gate_chi2 > 0 and self.jump_chi2 > 0 and self.max_rejections >= 1):
             raise ValueError(
-                f"noise density {self.noise_density}, gate {self.gate_chi2}, rejections {self.max_rejections}: "
-                "expected positive numbers"
+                f"noise density {self.noise_density}, gate {self.gate_chi2}, gate of jumps {self.jump_chi2}, "
+                f"rejections {self.max_rejections}: expected positive numbers"
             )
         if not 0 < self.white_share <= 1:
             raise ValueError(f"white share {self.white_share}; expected more than 0 and at most 1")
@@ -66,8 +69,7 @@ def scaled(params: KalmanParams, distance_m: float) -> KalmanParams:
     return replace(params, noise_density=params.noise_density * scale**2, prior_std=(std[0], std[1], std[2]))
 
 
-@dataclass(frozen=True, slots=True)
-class Belief:
+class Belief(NamedTuple):  # two are made every frame: a frozen dataclass takes thrice as long
     """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`, but for the error `lasting`
     (3, 3) m² of the position that the measurements share; when it was last updated; `rejections` so far in
     a row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first; `unrest` how
@@ -110,10 +112,11 @@ def process_noise(order: int, dt_s: float, density: float) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _step(order: int, ticks: int) -> tuple[Array, Array, Array]:
-    """A of one axis, A and Q (for a density of 1) of all three."""
+def _step(order: int, ticks: int, density: float) -> tuple[Array, Array, Array, Array]:
+    """A of one axis; A, half its transpose and Q of all three."""
     A, eye = transition(order, ticks * _TICK_S), np.eye(3)
-    return A, np.kron(A, eye), np.kron(process_noise(order, ticks * _TICK_S, 1.0), eye)
+    A3 = np.kron(A, eye)
+    return A, A3, 0.5 * A3.T, np.kron(process_noise(order, ticks * _TICK_S, density), eye)
 
 
 def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> Belief:
@@ -128,21 +131,29 @@ def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> 
 
 def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
     """The belief at a later stamp; ValueError for an earlier one."""
-    return forecast(params, belief, stamp_s)[0]
+    return _ahead(params, belief, stamp_s)[0]
 
 
 def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Belief, Array]:
     """The same, and the covariance (3·order, 3·order) of the state now with the state then (for smoothing)."""
+    ahead, half = _ahead(params, belief, stamp_s)
+    return ahead, 2 * half
+
+
+def _ahead(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Belief, Array]:
+    """The belief at a later stamp, and half of the covariance of the state now with the state then."""
     dt = stamp_s - belief.stamp_s
     if not dt >= 0:
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
     if dt == 0:
-        return belief, belief.cov
-    A, A3, Q3 = _step(params.order, round(dt / _TICK_S))
-    cross = belief.cov @ A3.T
-    P = A3 @ cross + belief.unrest * params.noise_density * Q3
+        return belief, 0.5 * belief.cov
+    A, A3, half_A3T, Q3 = _step(params.order, round(dt / _TICK_S), params.noise_density)
+    half = belief.cov.dot(half_A3T)
+    P = A3.dot(half)
+    P = P + P.T  # symmetric to the last bit: rounding must not add up
+    P += belief.unrest * Q3
     b = belief
-    return Belief(stamp_s, A @ b.mean, P, b.lasting, b.updated_s, b.rejections, b.nis, b.unrest), cross
+    return Belief(stamp_s, A.dot(b.mean), P, b.lasting, b.updated_s, b.rejections, b.nis, b.unrest), half
 
 
 def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Belief:
@@ -156,37 +167,36 @@ def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) ->
     if admitted is None:
         if belief.rejections + 1 >= params.max_rejections:
             return start(params, belief.stamp_s, position, cov)
-        return replace(belief, rejections=belief.rejections + 1)
+        return belief._replace(rejections=belief.rejections + 1)
     return correct(params, admitted, cov)
 
 
-@dataclass(frozen=True, slots=True)
-class Admitted:
-    """A measurement that fits a belief: the belief it fits, squared Mahalanobis distance and difference
-    (3,) from what was expected, and the inverse (3, 3) of the difference's covariance."""
+class Admitted(NamedTuple):
+    """A measurement that fits a belief: the belief it fits, squared Mahalanobis distance of the difference ν from
+    what was expected, and (4, 3) what to multiply the covariance's first three rows with: L⁻¹, and below it
+    ν weighed by its covariance L Lᵀ."""
 
     belief: Belief
     nis: float
-    innovation: Array
-    weight: Array
+    weights: Array
 
 
 def admit(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Admitted | None:
     """The measurement beside the belief it fits, as it is or loosened; None for an outlier."""
-    white = params.white_share * cov
-    admitted = _compared(belief, position, white)
-    if admitted.nis > params.gate_chi2:
-        admitted = _compared(_loosened(params, belief), position, white)
-    return admitted if admitted.nis <= params.gate_chi2 else None
+    admitted = _compared(params, belief, position, cov)
+    if admitted.nis <= params.gate_chi2:
+        return admitted
+    admitted = _compared(params, _loosened(params, belief), position, cov)
+    return admitted if admitted.nis <= params.jump_chi2 else None
 
 
 def correct(params: KalmanParams, admitted: Admitted, cov: Array) -> Belief:
     """The belief after an admitted measurement of covariance `cov` (3, 3) m²."""
     before = admitted.belief
-    gain = before.cov[:, :3] @ admitted.weight
-    mean = before.mean + (gain @ admitted.innovation).reshape(params.order, 3)
-    P = before.cov - gain @ before.cov[:3]
-    P = 0.5 * (P + P.T)  # rounding must not add up
+    gain = admitted.weights.dot(before.cov[:3])
+    mean = before.mean + gain[3].reshape(before.mean.shape)
+    taken = gain[:3]
+    P = before.cov - taken.T.dot(taken)  # as symmetric as before
     lasting, unrest = (1 - params.white_share) * cov, _unrest(params, before.unrest, admitted.nis)
     return Belief(before.stamp_s, mean, P, lasting, before.stamp_s, 0, admitted.nis, unrest)
 
@@ -196,18 +206,23 @@ def _unrest(params: KalmanParams, before: float, nis: float) -> float:
     return min(max(before * math.exp(params.unrest_rate * (nis / 3 - 1)), _UNREST[0]), _UNREST[1])
 
 
-def _compared(belief: Belief, position: Array, white: Array) -> Admitted:
-    innovation = position - belief.mean[0]
-    weight = _inverse(belief.cov[:3, :3] + white)
-    return Admitted(belief, float(innovation @ weight @ innovation), innovation, weight)
-
-
-def _inverse(S: Array) -> Array:
-    """Of a symmetric (3, 3) matrix by its adjugate: plain floats take half the time of a call to LAPACK."""
-    (a, b, c), (_, d, e), (_, _, f) = S.tolist()
-    A, B, C, D, E, F = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
-    determinant = a * A + b * B + c * C
-    return np.array(((A, B, C), (B, D, E), (C, E, F))) / determinant
+def _compared(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Admitted:
+    """L is Cholesky's; plain floats take a fraction of the time of calls on arrays this small."""
+    w = params.white_share
+    (a, b, c), (_, d, e), (_, _, f) = belief.cov[:3, :3].tolist()
+    (ra, rb, rc), (_, rd, re), (_, _, rf) = cov.tolist()
+    (x, y, z), (mx, my, mz) = position.tolist(), belief.mean[0].tolist()
+    i = 1 / math.sqrt(a + w * ra)
+    bi, ci = (b + w * rb) * i, (c + w * rc) * i
+    j = 1 / math.sqrt(d + w * rd - bi * bi)
+    ej = (e + w * re - bi * ci) * j
+    k = 1 / math.sqrt(f + w * rf - ci * ci - ej * ej)
+    ij, jk = -bi * i * j, -ej * j * k
+    ik = -(ci * i + ej * ij) * k
+    x, y, z = x - mx, y - my, z - mz
+    x, y, z = i * x, ij * x + j * y, ik * x + jk * y + k * z
+    weighed = (i * x + ij * y + ik * z, j * y + jk * z, k * z)
+    return Admitted(belief, x * x + y * y + z * z, np.array(((i, 0.0, 0.0), (ij, j, 0.0), (ik, jk, k), weighed)))
 
 
 def _loosened(params: KalmanParams, belief: Belief) -> Belief:
@@ -216,4 +231,4 @@ def _loosened(params: KalmanParams, belief: Belief) -> Belief:
     prior = np.diag([0.0, *params.prior_std[: params.order - 1]]) ** 2
     A = transition(params.order, belief.stamp_s - belief.updated_s)
     cov = belief.cov + np.kron(A @ prior @ A.T, np.eye(3))
-    return replace(belief, cov=cov, unrest=max(belief.unrest, 1.0))
+    return belief._replace(cov=cov, unrest=max(belief.unrest, 1.0))

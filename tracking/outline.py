@@ -17,11 +17,15 @@ from pps_vision.geometry.camera import Camera
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
 
-# Sampling leaves this much of an outline's centre however sharp its edge is (FACTS §7); times √radius (px), for
-# the fewer the pixels, the more each errs; measured on rendered balls and markers of 5 to 35 px radius
-# (bench consistency).
-_LEAST_PX = 0.02
-_MIN_RADIUS_PX = 0.045  # the same for its radius
+# What an outline's centre errs by however sharp its edge is (FACTS §7), over the radius (px) to the power 3/4: the
+# fewer the pixels, the more each errs; and what light from above adds up and down in each eye by itself, over the
+# radius's root: left out, it was taken for an error of the calibration, which counts in all directions.  Measured on
+# rendered balls and markers of 5 to 35 px radius (bench consistency).
+_LEAST_PX = 0.078
+_LIGHT_PX = 0.06
+# The same for its radius; half as much again as it errs by, since the edge that darkness takes from it also shifts
+# its centre, and in a distance from its surface both errors add up.
+_MIN_RADIUS_PX = 0.055
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 ROUND = 0.015  # departure from a disc up to which nothing is but a disc
 _LIMBS_FROM, _LIMBS_TO = 0.08, 0.16  # share of limbs between which they come to count less than the trunk
@@ -49,8 +53,8 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Outline:
-    """The object's centre (2,) px with covariance (2, 2) (but for what light from above does to it, which both eyes
-    share: `TrackerParams.light_error`), angular radius and its variance, the box
+    """The object's centre (2,) px with covariance (2, 2) (but for what light from above does to it in both
+    eyes alike: `TrackerParams.light_error`), angular radius and its variance, the box
     (x, y, width, height) around it, its area in px, whether it meets the image's border, and what share
     of it lies beyond the disc (a sphere's cone) of the same size."""
 
@@ -185,8 +189,9 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     focal_px = camera.focal_px
     odd_px = _SHAPE_BIAS * radius * focal_px * abs(1 - area / (math.pi / 4 * width * height))
     ((xx, xy), (_, yy)), omega_var = _spread(coverage, weights, slope)
-    own = _LEAST_PX**2 / math.sqrt(area / math.pi) + odd_px**2
-    cov = np.array(((xx + own, xy), (xy, yy + own)))
+    radius_px = math.sqrt(area / math.pi)
+    own, light = _LEAST_PX**2 / radius_px**1.5 + odd_px**2, _LIGHT_PX**2 / radius_px
+    cov = np.array(((xx + own, xy), (xy, yy + own + light)))
     radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2 + (_MIN_RADIUS_PX / focal_px) ** 2
     at_border = left <= 0 or top <= 0 or left + width >= camera.width or top + height >= camera.height
     box_px = (float(left), float(top), float(width), float(height))

@@ -65,7 +65,7 @@ def smooth(passages: Sequence[Passage]) -> list[Belief]:
         gain = np.linalg.solve(expected.cov, cross.T).T
         change = gain @ (smoothed[-1].mean - expected.mean).ravel()
         P = belief.cov + gain @ (smoothed[-1].cov - expected.cov) @ gain.T
-        smoothed.append(replace(belief, mean=belief.mean + change.reshape(belief.mean.shape), cov=0.5 * (P + P.T)))
+        smoothed.append(belief._replace(mean=belief.mean + change.reshape(belief.mean.shape), cov=0.5 * (P + P.T)))
     return smoothed[::-1]
 
 

@@ -35,8 +35,9 @@ class TrackerParams:
     eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`; until then it is
     looked for everywhere (`again`).  Stamps may be `stamp_error_s` off the joints', so that a turning head
     blurs where things are.  The centre of what is no ball may be `shape_error` of its radius off, frame
-    after frame the same; light from above may shift any by `light_error` px over its radius in px, up or down,
-    in both eyes alike.  Only `radius_white` of the radius's variance is new with every frame."""
+    after frame the same; light from above may shift any by `light_error` px over the root of its radius in px,
+    up or down, in both eyes alike, and the less the more they see it from above.  Only `radius_white` of the
+    radius's variance is new with every frame."""
 
     mode: Literal["generic", "marker"] = "generic"
     depth: Literal["centroid", "disparity"] = "centroid"
@@ -46,7 +47,7 @@ class TrackerParams:
     background_memory_s: float = 0.3
     radius_drift: float = 0.05
     shape_error: float = 0.09
-    light_error: float = 0.3
+    light_error: float = 0.13
     radius_white: float = 0.2
     again: AgainParams = field(default_factory=AgainParams)
     search: SearchParams = field(default_factory=SearchParams)
@@ -246,9 +247,8 @@ class Tracker:
         """(3, 3) m² of where the object is, its outlines' middles being at `p` (3,): in all directions by its shape,
         and what is lit from above seems to be elsewhere along the image's vertical there."""
         x, y, z = (p - self._head).tolist()
-        distance2, across2 = x * x + y * y + z * z, max(x * x + y * y, 1e-9)
-        off_m = self.params.light_error * distance2 / (self._optics[0].camera.focal_px ** 2 * self._radius[0])
-        along = off_m / math.sqrt(distance2 * across2)
+        across2, distance_px = x * x + y * y, math.sqrt(x * x + y * y + z * z) * self._optics[0].camera.focal_px
+        along = self.params.light_error * math.sqrt(across2 / (distance_px**3 * self._radius[0]))
         u, v, w = -x * z * along, -y * z * along, (x * x + y * y) * along
         shape = (self.params.shape_error * self._oddness * self._radius[0]) ** 2
         return np.array(((u * u + shape, u * v, u * w), (u * v, v * v + shape, v * w), (u * w, v * w, w * w + shape)))

@@ -121,7 +121,7 @@ def test_the_judge_knows_right_from_wrong_and_wrong_from_unsure(fine: Footage) -
 def test_a_dash_through_the_view_in_half_a_second_is_followed(studio: Studio) -> None:
     score = judge(footage := Scenes(studio, SEED).dash(10), track_ours(OURS["ours"], footage, SEED))
     assert score.success >= 0.9
-    assert score.rms_m < 0.03  # the filter has been told by a quiet second that the motion is quiet
+    assert score.rms_m < 0.010
 
 
 def test_peers_remember_what_they_saw(studio: Studio, fine: Footage) -> None:

@@ -10,6 +10,8 @@ from scipy.stats import chi2
 
 from tracking.kalman import KalmanParams, predict, process_noise, scaled, start, transition, update
 
+# Tests against an exact model set `unrest_rate=0`: the model's process noise is known there and constant, while a
+# filter that follows its innovations is by design another one than theirs.
 SHIFT = np.diag(np.ones(3), 1)  # d/dt of (position, velocity, acceleration, jerk)
 
 
@@ -46,6 +48,30 @@ def test_without_process_noise_it_is_weighted_least_squares(order: int, rng: np.
         fitted = np.linalg.lstsq(design, target)[0]
         at_end = transition(order, stamps[-1] - stamps[0]) @ fitted
         np.testing.assert_allclose(belief.mean[:, axis], at_end, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_steps_are_those_of_the_textbook(order: int, rng: np.random.Generator) -> None:
+    """P ← F P Fᵀ + Q; K = P Hᵀ (H P Hᵀ + R)⁻¹, x ← x + K (z − H x), P ← P − K H P."""
+    params = replace(KalmanParams.of_order(order), white_share=1.0, unrest_rate=0, gate_chi2=1e9)
+    H = np.eye(3, 3 * order)
+    belief = start(params, 0.0, np.zeros(3), 1e-6 * np.eye(3))
+    x, P = belief.mean.ravel(), belief.cov
+    for t in np.cumsum(rng.uniform(0.02, 0.1, 60)).round(6).tolist():
+        root = rng.uniform(-1e-3, 1e-3, (3, 3))
+        R, z = root @ root.T + 1e-7 * np.eye(3), 0.02 * rng.standard_normal(3)
+        F = np.kron(transition(order, t - belief.stamp_s), np.eye(3))
+        Q = np.kron(process_noise(order, t - belief.stamp_s, params.noise_density), np.eye(3))
+        x, P = F @ x, F @ P @ F.T + Q
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        nis = (z - x[:3]) @ np.linalg.inv(H @ P @ H.T + R) @ (z - x[:3])
+        x, P = x + K @ (z - x[:3]), P - K @ H @ P
+        belief = update(params, predict(params, belief, t), z, R)
+        std = np.sqrt(np.diag(P))
+        np.testing.assert_allclose(belief.mean.ravel() / std, x / std, rtol=1e-12, atol=1e-10)
+        np.testing.assert_allclose(belief.cov / np.outer(std, std), P / np.outer(std, std), atol=1e-12)
+        assert belief.nis == pytest.approx(nis, rel=1e-10)
+        assert np.array_equal(belief.cov, belief.cov.T)
 
 
 def test_errors_have_the_covariance_it_claims(rng: np.random.Generator) -> None:
@@ -116,6 +142,19 @@ def test_one_wild_measurement_is_ignored_and_many_are_believed() -> None:
     np.testing.assert_allclose(belief.mean[0], away)
 
 
+def test_a_dash_is_a_change_of_motion_and_a_jump_is_an_outlier() -> None:
+    """At rest for two seconds and so taken to be quiet; then 1.3 m/s at once, or 10 cm in one frame."""
+    params, R = KalmanParams(), 1e-8 * np.eye(3)
+    belief = start(params, 0.0, np.zeros(3), R)
+    for k in range(1, 41):
+        belief = update(params, predict(params, belief, 0.05 * k), np.zeros(3), R)
+    assert belief.unrest < 0.1
+    dashed, jumped = (update(params, predict(params, belief, 2.05), np.array([x, 0, 0]), R) for x in (0.065, 0.1))
+    assert dashed.mean[0, 0] == pytest.approx(0.065, abs=1e-4)
+    assert dashed.mean[1, 0] == pytest.approx(1.3, abs=0.05)
+    assert (jumped.rejections, jumped.mean[0, 0]) == (1, pytest.approx(0.0, abs=1e-4))
+
+
 def test_a_reversal_is_followed_at_once() -> None:
     params = KalmanParams()
     R = 1e-7 * np.eye(3)
@@ -182,6 +221,8 @@ def test_bad_input_is_named() -> None:
         KalmanParams(order=5)
     with pytest.raises(ValueError, match="gate -1"):
         replace(KalmanParams(), gate_chi2=-1.0)
+    with pytest.raises(ValueError, match="jumps 0"):
+        KalmanParams(jump_chi2=0.0)
     with pytest.raises(ValueError, match="unrest rate 2"):
         KalmanParams(unrest_rate=2.0)
     belief = start(KalmanParams(), 1.0, np.zeros(3), np.eye(3))
