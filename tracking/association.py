@@ -20,7 +20,7 @@ class AssociationParams:
     taken for."""
 
     unknown_error: float = 0.008
-    min_error_px: float = 0.01
+    min_error_px: float = 0.005
     gate_sigma: float = 3.5
     gate_memory: float = 15.0
     memory: float = 20.0
