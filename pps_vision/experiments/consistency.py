@@ -40,7 +40,7 @@ class Consistency:
     that frame and the next (`with_jumps` counts them too).
     """
 
-    n: int = 1
+    n: int = 4
     """Recordings of each object on each motion, and of each at each speed of approach."""
     seconds: float = 5.0
     """Length of the recordings that are no approaches."""
