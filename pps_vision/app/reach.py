@@ -54,9 +54,10 @@ class Train:
             ]
             learned = both(*maps) if len(maps) == 2 else maps[0]
             save_map(partial, learned)
-        asked = sum(len(one.labels.gaze_rad) for one in maps)
+        asked = sum(len(one.labels.gaze_rad) + one.unanswered for one in maps)
         print(
-            f"{asked} inverse-kinematics problems, at most {100 * learned.expected_error:.2g} % misjudged → {self.out}"
+            f"{asked} inverse-kinematics problems, {learned.unanswered} without an answer, "
+            f"at most {100 * learned.expected_error:.2g} % misjudged → {self.out}"
         )
         if learned.expected_error > self.max_error > 0:
             print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")

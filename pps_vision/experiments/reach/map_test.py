@@ -20,7 +20,7 @@ _BOX_LOW, _BOX_HIGH = np.array([-0.376, -0.10, 0.1524]), np.array([-0.226, 0.10,
 @dataclass(frozen=True)
 class MapTest:
     """Gaze postures (N, 3), whether the right hand gets there, 1 − M of the best posture, and the error left (m, NaN
-    where reachable); gaze postures of J's box of locations, and whether the hand gets there."""
+    where reachable or not known); gaze postures of J's box of locations, and whether the hand gets there."""
 
     gaze_rad: Array
     reachable: Mask
@@ -57,7 +57,7 @@ class MapTest:
         degree = np.where(self.reachable, 0.5 + 0.5 * self.optimality, outside)
         return {
             **self.verdict(said.reachable),
-            "degree_rmse": float(np.sqrt(np.mean((said.degree - degree) ** 2))),
+            "degree_rmse": float(np.sqrt(np.nanmean((said.degree - degree) ** 2))),
             **{f"box_{name}": value for name, value in box.items()},
         }
 
