@@ -18,12 +18,10 @@ from pps_vision.experiments.chart import panels
 from pps_vision.robot.icub import load_icub
 
 LWPR_OF_THE_ARM = LWPRParams(
-    init_D=50,
-    w_gen=0.2,
-    metric=MetricParams(rate=0),
-    regression=RegressionParams(first_forgetting=0.98, add_threshold=0.95, forgetting_pace=0.995),
+    init_D=80, w_gen=0.2, metric=MetricParams(rate=0), regression=RegressionParams(first_projections=4)
 )
-"""Few samples a field: projections are added early; metrics stay (to adapt them takes more samples than there are)."""
+"""Few samples a field and every joint matters: all projections from the start; metrics stay (to adapt them takes more
+samples than there are)."""
 _N_TRAIN, _N_TEST, _N_TRIED = 4400, 700, 20_000
 Model = ArmToGaze | TurningJoints
 _PAPER_DEG, _GOALS_DEG = 0.84, {"LWPR": 0.5, "best": 0.02}
