@@ -20,7 +20,7 @@ from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.inverse_kinematics import ForwardModel
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import FarFromLimits, Measure
-from pps_vision.robot.two_stage import TwoStageParams, two_stage
+from pps_vision.robot.two_stage import TwoStage, TwoStageParams, two_stage
 from pps_vision.types import Array, Mask
 
 _DEG = np.pi / 180
@@ -121,10 +121,10 @@ class ReachOracle:
         self.babbled = tried
         self._tree = cKDTree(self.forward(self.babbled)[0])
 
-    def label(self, gaze: Array) -> Labels:
-        """Answers for gaze postures (n, 3); to some there may be none."""
+    def solve(self, gaze: Array) -> TwoStage:
+        """The best posture of the arm for what each gaze posture (n, 3) fixates, or the one that comes nearest."""
         points = self.hand.points(gaze)
-        found = two_stage(
+        return two_stage(
             self.forward,
             points,
             self.starts(points),
@@ -133,6 +133,10 @@ class ReachOracle:
             self.params.measure(self.lower, self.upper),
             self.params.inverse,
         )
+
+    def label(self, gaze: Array) -> Labels:
+        """Answers for gaze postures (n, 3); to some there may be none."""
+        points, found = self.hand.points(gaze), self.solve(gaze)
         failed = ~found.reachable
         border = np.full(gaze.shape, np.nan)
         nearest, J = self.forward(found.q_rad[failed])

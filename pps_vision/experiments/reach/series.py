@@ -11,10 +11,11 @@ from pps_vision.experiments.reach.failures import BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
 from pps_vision.experiments.reach.maps import Maps
+from pps_vision.experiments.reach.planning import Planning
 from pps_vision.experiments.reach.regressors import Regressors
 from pps_vision.experiments.reach.solvers import Solvers
 
-FigureName = Literal["lwpr", "forward_model", "regressors", "babbling_failures", "maps", "solvers"]
+FigureName = Literal["lwpr", "forward_model", "regressors", "babbling_failures", "maps", "solvers", "planning"]
 
 
 @dataclass(frozen=True)
@@ -39,5 +40,6 @@ class Reach:
             "babbling_failures": lambda: BabblingFailures(self.seed),
             "maps": lambda: Maps(self.seed),
             "solvers": lambda: Solvers(self.seed),
+            "planning": lambda: Planning(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
