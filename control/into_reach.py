@@ -6,12 +6,12 @@ the learned relation of its turns to the gaze, and the head turns against it by 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
 
-from control.head import HeadLimits, gaze_columns
+from control.head import gaze_columns
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity, Mask
 
@@ -46,7 +46,7 @@ class Learned:
 @dataclass(frozen=True)
 class IntoReachParams:
     """The torso turns at `torso_rad_s` in the best of `n_ways` directions, judged `ahead_rad` ahead, slower where the
-    neck would have to turn faster than `neck_share` of its limit; at most `most_turn_rad` in all are imagined.
+    gaze, of something near, would change faster than `gaze_rad_s`; at most `most_turn_rad` in all are imagined.
     Verdicts are made on a gaze that has rested for `settle_s`.  The arm nears its goal at `arm_per_s` of what is left,
     no faster than `arm_rad_s`.  A gaze that changes by more than `moved_rad` meanwhile is another question.  A hand
     that would be left more than `touch_m` off is not sent."""
@@ -56,14 +56,13 @@ class IntoReachParams:
     n_ways: int = 16
     ahead_rad: float = 2 * _DEG
     most_turn_rad: float = 150 * _DEG
-    neck_share: float = 0.7
+    gaze_rad_s: float = 12 * _DEG
     settle_s: float = 0.5
     arm_per_s: float = 4.0
     arm_rad_s: float = 60 * _DEG
     arrived_rad: float = 0.2 * _DEG
     moved_rad: float = 2 * _DEG
     touch_m: float = 0.01
-    limits: HeadLimits = field(default_factory=HeadLimits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,22 +166,27 @@ def _turning(
     params: IntoReachParams, learned: Learned, posture: Posture, gaze: Array, turn: Array, dt_s: float
 ) -> Array:
     """Joint rates that turn the torso and, by the learned relation, the head against it."""
-    robot = posture.robot
-    torso, step_rad = _torso(posture), params.torso_rad_s * dt_s
-    head = (learned.keeps(gaze, torso, step_rad * turn[None])[0] - gaze) / dt_s
-    share = min(1.0, params.neck_share * params.limits.neck_rad_s / max(float(np.abs(head[:2]).max()), 1e-9))
-    dq: Array = gaze_columns(robot) @ (share * np.insert(head, 2, 0.0))
-    dq[robot.indices(robot.names.torso)] = share * params.torso_rad_s * turn
-    return dq
+    robot, torso = posture.robot, _torso(posture)
+    turned = _cut(robot, torso + params.torso_rad_s * dt_s * turn) - torso
+    change = learned.keeps(gaze, torso, turned[None])[0] - gaze
+    share = min(1.0, params.gaze_rad_s * dt_s / max(float(np.abs(change).max()), 1e-9))
+    dq: Array = gaze_columns(robot) @ np.insert(change, 2, 0.0)  # the eyes' tilt stays
+    dq[robot.indices(robot.names.torso)] = turned
+    return dq * share / dt_s
 
 
 def _turns(params: IntoReachParams, robot: Robot, torso: Array) -> Array:
     """(n_ways, 2) turns of `ahead_rad` in all directions, cut at the torso's limits."""
-    index = robot.indices(robot.names.torso)
     angle = 2 * np.pi * np.arange(params.n_ways) / params.n_ways
     ends = torso + params.ahead_rad * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    turns: Array = np.clip(ends, robot.lower_rad[index], robot.upper_rad[index]) - torso
-    return turns
+    return _cut(robot, ends) - torso
+
+
+def _cut(robot: Robot, torso: Array) -> Array:
+    """Torso postures (…, 2) within the robot's limits."""
+    index = robot.indices(robot.names.torso)
+    within: Array = np.clip(torso, robot.lower_rad[index], robot.upper_rad[index])
+    return within
 
 
 def _torso(posture: Posture) -> Array:

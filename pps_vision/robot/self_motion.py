@@ -5,9 +5,10 @@ It is walked all around from a posture that reaches the target, beyond the joint
 them may be several stretches; only there a posture counts.  Other curves (a shoulder turned over) need other starts.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from pps_vision.robot.inverse_kinematics import ForwardModel, damped, length
@@ -35,18 +36,53 @@ def walk(
     xp = array_namespace(q)
     best_q, best = q, measure(q, forward(q)[1])
     for step, n in ((params.step_rad, params.steps), (params.step_rad / params.finer, params.finer)):
-        begin = best_q
-        for way in (-1.0, 1.0):
-            here, heading = begin, way * xp.ones_like(q)
-            J = forward(here)[1]
-            for _ in range(n):
-                heading = _along(J, heading)
-                here, J, there = _stride(forward, targets, here + step * heading, params.tolerance)
-                there = there & xp.all((here >= lower) & (here <= upper), axis=1)
-                value = xp.where(there, measure(here, J), -xp.inf)
-                better = value > best
-                best_q, best = xp.where(better[:, None], here, best_q), xp.where(better, value, best)
+        for here, J, there in _visited(forward, targets, best_q, lower, upper, step, n, params.tolerance):
+            value = xp.where(there, measure(here, J), -xp.inf)
+            better = value > best
+            best_q, best = xp.where(better[:, None], here, best_q), xp.where(better, value, best)
     return best_q, best
+
+
+def approaches(
+    forward: ForwardModel,
+    normals: Callable[[Array], Array],
+    targets: Array,
+    q: Array,
+    lower: Array,
+    upper: Array,
+    directions: Array,
+    within_rad: float,
+    params: WalkParams,
+) -> Mask:
+    """(N, D) which `directions` (D, 3) the hand's normal comes within `within_rad` of, somewhere on the curve through
+    each `q` (N, k), which reaches its target, within the limits; `normals` q (N, k) → unit normals (N, 3)."""
+    near = np.cos(within_rad)
+    met: Mask = normals(q) @ directions.T >= near
+    for here, _, there in _visited(forward, targets, q, lower, upper, params.step_rad, params.steps, params.tolerance):
+        met |= there[:, None] & (normals(here) @ directions.T >= near)
+    return met
+
+
+def _visited(
+    forward: ForwardModel,
+    targets: Array,
+    begin: Array,
+    lower: Array,
+    upper: Array,
+    step: float,
+    n: int,
+    tolerance: float,
+) -> Iterator[tuple[Array, Array, Mask]]:
+    """Both ways from `begin` (N, k) along the curve, `n` steps each: postures, their Jacobians, and which of them
+    reach the target within the limits."""
+    xp = array_namespace(begin)
+    for way in (-1.0, 1.0):
+        here, heading = begin, way * xp.ones_like(begin)
+        J = forward(here)[1]
+        for _ in range(n):
+            heading = _along(J, heading)
+            here, J, there = _stride(forward, targets, here + step * heading, tolerance)
+            yield here, J, there & xp.all((here >= lower) & (here <= upper), axis=1)
 
 
 def _along(J: Array, heading: Array) -> Array:

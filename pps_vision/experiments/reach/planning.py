@@ -47,7 +47,7 @@ class Planning:
         points = truth.unreachable(self.n, rng)
         least = np.array([truth.least_turn(point) for point in points])
         attempts = [attempt(world, point) for point in tqdm(points, desc="objects", disable=None)]
-        lagging = [attempt(world, point, leads=False) for point in points[np.isfinite(least)][: self.n // 4]]
+        lagging = [attempt(world, point, leads=False) for point in points[np.isfinite(least)][: self.n // 8]]
         touched = np.array([a.palm_off_m <= _TOUCH_M for a in attempts])
         brought = [a for a, t in zip(attempts, touched, strict=True) if t]
         shown = max(brought, key=lambda a: a.turned_rad, default=attempts[0])

@@ -38,7 +38,7 @@ class PlanningWorld:
     def make(cls, seed: int, n_labels: int = 12_000, noise_rad: float = 0.0) -> "PlanningWorld":
         """Everything learned anew; `noise_rad` is how well gaze angles are read while the torso turns."""
         robot, rng = load_icub(), np.random.default_rng(seed)
-        params = MapParams(GAZE, ARM, n_labels, n_labels // 8)
+        params = MapParams(GAZE, ARM, n_labels, min(MapParams().round_labels, n_labels // 2))
         reachable_map = train_reachable_map(robot, IntoReachParams().side, rng, params)
         relation = TorsoToGaze()
         relation.learn(turn_torso(robot, _N_TURNS, rng, GAZE, noise_rad))

@@ -12,10 +12,13 @@ from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
 from pps_vision.experiments.reach.maps import Maps
 from pps_vision.experiments.reach.planning import Planning
+from pps_vision.experiments.reach.planning_rendered import PlanningRendered
 from pps_vision.experiments.reach.regressors import Regressors
 from pps_vision.experiments.reach.solvers import Solvers
 
-FigureName = Literal["lwpr", "forward_model", "regressors", "babbling_failures", "maps", "solvers", "planning"]
+FigureName = Literal[
+    "lwpr", "forward_model", "regressors", "babbling_failures", "maps", "solvers", "planning", "planning_rendered"
+]
 
 
 @dataclass(frozen=True)
@@ -41,5 +44,6 @@ class Reach:
             "maps": lambda: Maps(self.seed),
             "solvers": lambda: Solvers(self.seed),
             "planning": lambda: Planning(self.seed),
+            "planning_rendered": lambda: PlanningRendered(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
