@@ -29,7 +29,7 @@ _MARGIN_RAD = 0.5
 _NEAR = 16
 _NEIGHBOURS = 30
 _COARSER = 4
-_LEVEL = 1e-3  # m/rad: a posture whose hand could still come nearer by this is not the nearest
+_LEVEL = 5e-3  # m/rad: where the hand could come nearer faster than this, it is not within 0.1 mm of the nearest
 
 
 class GazeInterpolator:

@@ -3,7 +3,8 @@
 Whatever an arm of revolute joints looks like, the place of its hand is linear in the products of 1, cos and sin of
 the joints' angles.  The eyes see it from a head that the neck carries about: where the lines of sight cross is that
 place but for C(gaze) o, where o says where eyes and neck stand to one another and does not change.  So
-Φ(arm) W = crossing(gaze) + C(gaze) o is linear in all that is unknown, and sums over the samples are all to keep.
+Φ(arm) W = crossing(gaze) + C(gaze) o is linear in all that is unknown.  Samples that disagree with the most (something
+else was fixated, an encoder stuck) are given little weight, or none.
 """
 
 import numpy as np
@@ -14,6 +15,9 @@ from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 from pps_vision.types import Array
 
 _RIDGE = 1e-12
+_DISTANCES, _OUTLIERS = 20, 8  # rounds of either weights
+_NO_ERROR = 1e-9
+_NEAREST = 0.5  # eye distances
 _ANYWHERE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
 _FINE = IKParams(tolerance=1e-9, max_steps=30)
 
@@ -22,40 +26,46 @@ class TurningJoints:
     """Learns where the hand is from arm postures (N, k) in rad and the gaze postures (N, 3) that fixate it.
 
     Places are in units of the distance between the eyes times `eyes_apart_m`, seen from the neck.  Samples count by
-    1/distance⁴, as sure as an error of the vergence leaves them."""
+    1/distance⁴ (as the model has it), as sure as an error of the vergence leaves them."""
 
     def __init__(self, n_joints: int = 4, eyes_apart_m: float = 0.068) -> None:
         self.n_joints, self.eyes_apart_m = n_joints, eyes_apart_m
-        m = 3**n_joints
-        self._n, self._AA, self._AZ, self._ZZ = 0, np.zeros((m, m)), np.zeros((m, 3, 5)), np.zeros((5, 5))
+        self._samples: list[tuple[Array, Array]] = []
         self._known: tuple[Array, Array] | None = None
 
     def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
         """From any number of samples; the order does not matter."""
-        Z = np.concatenate([crossing(gaze_rad)[:, :, None], _carried(gaze_rad)], axis=2)
-        weight = 1 / np.linalg.norm(Z[:, :, 0], axis=1) ** 2
-        A, Z = _products(self._bases(arm_rad)) * weight[:, None], Z * weight[:, None, None]
-        self._n += len(A)
-        self._AA += A.T @ A
-        self._AZ += np.tensordot(A, Z, axes=(0, 0))
-        self._ZZ += np.tensordot(Z, Z, axes=((0, 1), (0, 1)))
+        self._samples.append((arm_rad, gaze_rad))
         self._known = None
 
     @property
     def nbytes(self) -> int:
         """Of what it keeps."""
-        return self._AA.nbytes + self._AZ.nbytes + self._ZZ.nbytes
+        return sum(arm.nbytes + gaze.nbytes for arm, gaze in self._samples)
 
     def _fitted(self) -> tuple[Array, Array]:
-        """W (3^k, 3) and o (4,) of the least squares; ValueError before the second sample."""
-        if self._n < 2:
-            raise ValueError(f"{self._n} samples: expected at least two to learn from")
+        """W (3^k, 3) and o (4,), fitted when first asked for; ValueError before the second sample.
+
+        First the least sum of distances, which one solution has and few wild samples move; then weights that leave out
+        what lies many times farther off than the most (Geman & McClure)."""
         if self._known is None:
-            m = len(self._AA)
-            X = np.linalg.solve(self._AA + _RIDGE * np.trace(self._AA) / m * np.eye(m), self._AZ.reshape(m, -1))
-            left = self._ZZ - np.tensordot(self._AZ, X.reshape(m, 3, 5), axes=((0, 1), (0, 1)))
-            o = -np.linalg.lstsq(left[1:, 1:], left[1:, 0], rcond=None)[0]
-            self._known = X.reshape(m, 3, 5) @ np.append(1.0, o), o
+            n = sum(len(arm) for arm, _ in self._samples)
+            if n < 2:
+                raise ValueError(f"{n} samples: expected at least two to learn from")
+            arm, gaze = (np.concatenate(parts) for parts in zip(*self._samples, strict=True))
+            Z = np.concatenate([crossing(gaze)[:, :, None], _carried(gaze)], axis=2)
+            A, weight = _products(self._bases(arm)), np.ones(n)
+            for k in range(_DISTANCES + _OUTLIERS):
+                W, o = _least_squares(A, Z, weight)
+                place, carried = A @ W, Z[:, :, 1:] @ o
+                off = np.linalg.norm(Z[:, :, 0] + carried - place, axis=1)
+                if k < _DISTANCES:
+                    weight = 1 / np.maximum(off, 0.1 * np.median(off) + _NO_ERROR)
+                    continue
+                sure = 1 / np.maximum(np.sum((place - carried) ** 2, axis=1), _NEAREST**2)
+                many = 4 * np.median(sure * off) + _NO_ERROR
+                weight = sure**2 / (1 + (sure * off / many) ** 2) ** 2
+            self._known = _least_squares(A, Z, weight)
         return self._known
 
     def forward(self, arm_rad: Array) -> tuple[Array, Array]:
@@ -105,6 +115,16 @@ class TurningJoints:
         if arm_rad.ndim != 2 or arm_rad.shape[1] != self.n_joints:
             raise ValueError(f"arm postures of shape {arm_rad.shape}: expected (N, {self.n_joints})")
         return [np.stack([np.ones_like(q), np.cos(q), np.sin(q)], axis=1) for q in arm_rad.T]
+
+
+def _least_squares(A: Array, Z: Array, weight: Array) -> tuple[Array, Array]:
+    """W (m, 3) and o (4,) of the least Σ weight |A W − Z (1, o)|²: A (N, m), Z (N, 3, 5)."""
+    m, weighted = A.shape[1], Z * weight[:, None, None]
+    AA, AZ = (A * weight[:, None]).T @ A, np.tensordot(A, weighted, axes=(0, 0))
+    X = np.linalg.solve(AA + _RIDGE * np.trace(AA) / m * np.eye(m), AZ.reshape(m, -1)).reshape(AZ.shape)
+    left = np.tensordot(Z, weighted, axes=((0, 1), (0, 1))) - np.tensordot(AZ, X, axes=((0, 1), (0, 1)))
+    o = -np.linalg.lstsq(left[1:, 1:], left[1:, 0], rcond=None)[0]
+    return X @ np.append(1.0, o), o
 
 
 def _products(bases: list[Array]) -> Array:

@@ -47,12 +47,12 @@ class MapTest:
 
     def verdict(self, said: Mask) -> dict[str, float]:
         """JE of all, FN of the reachable, FP of the others, percent."""
-        return _rates(said, self.reachable)
+        return rates(said, self.reachable)
 
     def judge(self, learned: ReachableMap) -> dict[str, float]:
         """The same of a map, of J's box too, and the RMS error of its degree (Enhanced map)."""
         said = learned.query(self.gaze_rad)
-        box = _rates(learned.query(self.box_gaze_rad).reachable, self.box_reachable)
+        box = rates(learned.query(self.box_gaze_rad).reachable, self.box_reachable)
         outside = 0.5 - 0.5 * np.minimum(self.error_m / learned.max_error_m, 1)
         degree = np.where(self.reachable, 0.5 + 0.5 * self.optimality, outside)
         return {
@@ -89,7 +89,7 @@ def closed_form(robot: Robot) -> SphericalArm:
     return SphericalArm.of(chain, limits.lower_rad, limits.upper_rad)
 
 
-def _rates(said: Mask, true: Mask) -> dict[str, float]:
+def rates(said: Mask, true: Mask) -> dict[str, float]:
     return {
         "je": 100 * float(np.mean(said != true)),
         "fn": 100 * float(np.mean(~said[true])),

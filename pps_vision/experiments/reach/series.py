@@ -15,9 +15,18 @@ from pps_vision.experiments.reach.planning import Planning
 from pps_vision.experiments.reach.planning_rendered import PlanningRendered
 from pps_vision.experiments.reach.regressors import Regressors
 from pps_vision.experiments.reach.solvers import Solvers
+from pps_vision.experiments.reach.whole_paper import WholePaper
 
 FigureName = Literal[
-    "lwpr", "forward_model", "regressors", "babbling_failures", "maps", "solvers", "planning", "planning_rendered"
+    "lwpr",
+    "forward_model",
+    "regressors",
+    "babbling_failures",
+    "maps",
+    "solvers",
+    "planning",
+    "planning_rendered",
+    "whole_paper",
 ]
 
 
@@ -45,5 +54,6 @@ class Reach:
             "solvers": lambda: Solvers(self.seed),
             "planning": lambda: Planning(self.seed),
             "planning_rendered": lambda: PlanningRendered(self.seed),
+            "whole_paper": lambda: WholePaper(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
