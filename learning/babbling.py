@@ -32,16 +32,26 @@ def babble(
 ) -> Babbled:
     """`n` postures of the four joints, spread evenly within their limits; the hand (origin of the palm frame) is
     fixated by kinematics, and the limits of the gaze decide whether it can be.  ValueError for an unknown side."""
-    if side not in ("left", "right"):
-        raise ValueError(f"side {side!r}: expected left or right")
-    limits = arm_limits or ArmLimits()
-    arm = rng.uniform(limits.lower_rad, limits.upper_rad, (n, len(limits.lower_rad)))
-    palm = robot.names.palms[("left", "right").index(side)]
-    gaze = gaze_for_points(
-        robot, Chain.of(robot, robot.names.arm(side)[: arm.shape[1]], palm).positions(arm)[0], gaze_limits
-    )
+    arm = random_arms(n, rng, arm_limits)
+    gaze = gaze_at_hand(robot, side, arm, gaze_limits)
     fixated = np.isfinite(gaze).all(axis=1)
     return Babbled(arm[fixated], gaze[fixated], n)
+
+
+def random_arms(n: int, rng: np.random.Generator, limits: ArmLimits | None = None) -> Array:
+    """(n, 4) rad: postures spread evenly within the limits."""
+    limits = limits or ArmLimits()
+    return rng.uniform(limits.lower_rad, limits.upper_rad, (n, len(limits.lower_rad)))
+
+
+def gaze_at_hand(robot: Robot, side: str, arm_rad: Array, limits: GazeLimits | None = None) -> Array:
+    """(N, 3) rad: the gaze postures that by kinematics fixate the hand of arm postures (N, 4); NaN where the limits
+    forbid it.  ValueError for an unknown side."""
+    if side not in ("left", "right"):
+        raise ValueError(f"side {side!r}: expected left or right")
+    palm = robot.names.palms[("left", "right").index(side)]
+    hands = Chain.of(robot, robot.names.arm(side)[: arm_rad.shape[1]], palm).positions(arm_rad)[0]
+    return gaze_for_points(robot, hands, limits)
 
 
 def crossing(gaze_rad: Array) -> Array:

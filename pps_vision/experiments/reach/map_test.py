@@ -14,7 +14,7 @@ from pps_vision.robot.spherical_arm import SphericalArm
 from pps_vision.types import Array, Mask
 
 # J's box of locations in the root frame (FACTS §6)
-_BOX_LOW, _BOX_HIGH = np.array([-0.376, -0.10, 0.1524]), np.array([-0.226, 0.10, 0.3524])
+BOX_LOW, BOX_HIGH = np.array([-0.376, -0.10, 0.1524]), np.array([-0.226, 0.10, 0.3524])
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class MapTest:
         # how near the hand gets has no closed form: the oracle's answer, from as many starts again
         error = np.full(n, np.nan)
         error[~reachable] = ReachOracle(robot, "right", MapParams(), rng).label(gaze[~reachable]).error_m
-        points = rng.uniform(_BOX_LOW, _BOX_HIGH, (9000, 3))
+        points = rng.uniform(BOX_LOW, BOX_HIGH, (9000, 3))
         box = gaze_for_points(robot, points)
         seen = np.isfinite(box[:, 0])
         return cls(gaze, reachable, 1 - effort, error, box[seen], np.isfinite(arm.solve(points[seen])[:, 0]))
@@ -90,6 +90,7 @@ def closed_form(robot: Robot) -> SphericalArm:
 
 
 def rates(said: Mask, true: Mask) -> dict[str, float]:
+    """Misjudged of all (JE), of the reachable (FN) and of the others (FP), percent."""
     return {
         "je": 100 * float(np.mean(said != true)),
         "fn": 100 * float(np.mean(~said[true])),

@@ -14,6 +14,8 @@ from pps_vision.experiments.reach.maps import Maps
 from pps_vision.experiments.reach.planning import Planning
 from pps_vision.experiments.reach.planning_rendered import PlanningRendered
 from pps_vision.experiments.reach.regressors import Regressors
+from pps_vision.experiments.reach.seen_babbling import SeenBabbling
+from pps_vision.experiments.reach.seen_box import SeenBox
 from pps_vision.experiments.reach.solvers import Solvers
 from pps_vision.experiments.reach.whole_paper import WholePaper
 
@@ -27,6 +29,8 @@ FigureName = Literal[
     "planning",
     "planning_rendered",
     "whole_paper",
+    "seen_babbling",
+    "seen_box",
 ]
 
 
@@ -55,5 +59,7 @@ class Reach:
             "planning": lambda: Planning(self.seed),
             "planning_rendered": lambda: PlanningRendered(self.seed),
             "whole_paper": lambda: WholePaper(self.seed),
+            "seen_babbling": lambda: SeenBabbling(self.seed),
+            "seen_box": lambda: SeenBox(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
