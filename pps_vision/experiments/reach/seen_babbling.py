@@ -88,7 +88,7 @@ class SeenBabbling:
             with Watching(robot, hand, self.seed) as watching:
                 looked = [watching.at(arm) for arm in tqdm(able[:n], desc=name, unit="posture", disable=None)]
                 beyond = [watching.at(arm) for arm in tqdm(more, desc="beyond the limits", disable=None)]
-                hands[name] = _numbers(watching, looked, able[:n], gaze[can][:n])
+                hands[name] = judged(watching, looked, able[:n], gaze[can][:n])
             if name == _MAIN:
                 seen, unreached = np.array([one.gaze_rad for one in looked]), Counter(one.outcome for one in beyond)
         return {
@@ -158,7 +158,7 @@ class Watching:
         return q
 
 
-def _numbers(watching: Watching, looked: list[Looked], arms: Array, gaze: Array) -> dict[str, Any]:
+def judged(watching: Watching, looked: list[Looked], arms: Array, gaze: Array) -> dict[str, Any]:
     """Of postures that by kinematics can be fixated (`gaze`, rad): nothing is left out but what was not fixated."""
     error = np.rad2deg(np.array([one.gaze_rad for one in looked]) - gaze)
     fixated = np.isfinite(error).all(axis=1)
