@@ -10,7 +10,7 @@ from control.fixation import FixationParams
 from control.head import HeadLimits, gaze_of, gaze_range
 from control.search import SearchParams, SearchState
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.gaze import GazeLimits, fixation_point, gaze_for_points
+from pps_vision.robot.gaze import GazeLimits, fixated_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Detection2D
 from rendering.eyes import Eyes
@@ -116,10 +116,7 @@ class Onlooker:
     def read(self, q_rad: Array) -> Array:
         """(3,) the gaze, from the joints: where the eyes' tilt helps the neck, the gaze without it that meets at the
         same point; NaN where that is beyond J's limits, by more than fixation errs."""
-        meeting = fixation_point(self.robot.at(q_rad))
-        if meeting is None:
-            return np.full(3, np.nan)
         limits, slack = self.params.fixation.limits.gaze, self.params.centred_rad
         yaw, pitch, vergence = np.stack([limits.lower - slack, limits.upper + slack], axis=1).tolist()
         within = GazeLimits(tuple(yaw), tuple(pitch), tuple(vergence))
-        return np.clip(gaze_for_points(self.robot, meeting[None], within)[0], limits.lower, limits.upper)
+        return np.clip(fixated_gaze(self.robot.at(q_rad), within), limits.lower, limits.upper)
