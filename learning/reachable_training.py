@@ -17,9 +17,9 @@ from scipy.spatial import cKDTree
 from learning.reachable import Labels, Lattice, ReachableMap, isotropic
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
-from pps_vision.robot.inverse_kinematics import ForwardModel
+from pps_vision.robot.inverse_kinematics import ForwardModel, solve_ik
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import FarFromLimits, Measure
+from pps_vision.robot.self_motion import Approach, FarFromLimits, Measure, approaches
 from pps_vision.robot.two_stage import TwoStage, TwoStageParams, two_stage
 from pps_vision.types import Array, Mask
 
@@ -58,12 +58,14 @@ class ArmLimits:
 class HandModel:
     """What inverse kinematics has to know, in coordinates that need not be the root frame's: `forward` from arm joints
     to the hand's place; `points`, the places that gaze postures (N, 3) fixate; `gaze`, what fixates places within
-    limits (NaN where these forbid it); `tried` (n, k), arm postures to start from where it is not known of all."""
+    limits (NaN where these forbid it); `tried` (n, k), arm postures to start from where it is not known of all;
+    `normals`, joints (N, k) to the way (N, 3) the hand faces, for `Approach`."""
 
     forward: ForwardModel
     points: Callable[[Array], Array]
     gaze: Callable[[Array, GazeLimits], Array]
     tried: Array | None = None
+    normals: Callable[[Array], Array] | None = None
 
     @classmethod
     def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":
@@ -84,7 +86,7 @@ class MapParams:
     max_error: float = 0.0
     n_babble: int = 100_000
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
-    measure: Callable[[Array, Array], Measure] = FarFromLimits  # of the joints' limits: what makes a posture good
+    measure: Callable[[Array, Array], Measure] | Approach = FarFromLimits  # of the joints' limits: what is good
     # in the map's isotropic coordinates:
     border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
     node_spacing: float = 0.0026  # border points nearer to one another than this say the same
@@ -123,16 +125,29 @@ class ReachOracle:
 
     def solve(self, gaze: Array) -> TwoStage:
         """The best posture of the arm for what each gaze posture (n, 3) fixates, or the one that comes nearest."""
-        points = self.hand.points(gaze)
-        return two_stage(
-            self.forward,
-            points,
-            self.starts(points),
-            self.lower,
-            self.upper,
-            self.params.measure(self.lower, self.upper),
-            self.params.inverse,
-        )
+        points, measure = self.hand.points(gaze), self.params.measure
+        starts = self.starts(points)
+        ends, inverse = (self.lower, self.upper), self.params.inverse
+        if isinstance(measure, Approach):
+            found = two_stage(self.forward, points, starts, *ends, FarFromLimits(*ends), inverse)
+            good = np.where(found.reachable, self._approached(points, starts, measure), np.nan)
+            return TwoStage(found.q_rad, found.error, found.reachable, good)
+        return two_stage(self.forward, points, starts, *ends, measure(*ends), inverse)
+
+    def _approached(self, points: Array, starts: Array, approach: Approach) -> Array:
+        """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
+        if self.hand.normals is None:
+            raise ValueError(f"{approach} of a hand of which is not known how it faces; expected its normals")
+        met = np.zeros((len(points), approach.n), bool)
+        ends, inverse = (self.lower, self.upper), self.params.inverse
+        for start in starts:
+            first = solve_ik(self.forward, points, start[None], *ends, inverse.reach)
+            there = first.converged
+            met[there] |= approaches(
+                self.forward, self.hand.normals, points[there], first.q_rad[there], *ends, approach, inverse.improve
+            )
+        share: Array = met.mean(axis=1)
+        return share
 
     def label(self, gaze: Array) -> Labels:
         """Answers for gaze postures (n, 3); to some there may be none."""

@@ -50,13 +50,12 @@ def approaches(
     q: Array,
     lower: Array,
     upper: Array,
-    directions: Array,
-    within_rad: float,
+    approach: "Approach",
     params: WalkParams,
 ) -> Mask:
-    """(N, D) which `directions` (D, 3) the hand's normal comes within `within_rad` of, somewhere on the curve through
-    each `q` (N, k), which reaches its target, within the limits; `normals` q (N, k) → unit normals (N, 3)."""
-    near = np.cos(within_rad)
+    """(N, n) which directions the hand's normal takes somewhere on the curve through each `q` (N, k), which reaches its
+    target, within the limits; `normals` q (N, k) → unit normals (N, 3)."""
+    near, directions = np.cos(approach.within_rad), approach.directions
     met: Mask = normals(q) @ directions.T >= near
     for here, _, there in _visited(forward, targets, q, lower, upper, params.step_rad, params.steps, params.tolerance):
         met |= there[:, None] & (normals(here) @ directions.T >= near)
@@ -132,3 +131,20 @@ class Manipulability:
         values = xp.linalg.svdvals(J)
         ratio: Array = values[:, -1] / values[:, 0] if self.isotropy else xp.prod(values, axis=1) / self.most
         return ratio
+
+
+@dataclass(frozen=True)
+class Approach:
+    """From how many sides the hand can come to a place, as Zacharias' capability map has it, the wrist kept still: the
+    share of `n` directions, spread evenly over the sphere, that its normal can take within `within_rad`, over all
+    postures that reach the place.  Not of one posture, so no `Measure`."""
+
+    n: int = 200
+    within_rad: float = np.deg2rad(20)
+
+    @property
+    def directions(self) -> Array:
+        """(n, 3) on a spiral of equal areas."""
+        z = 1 - (2 * np.arange(self.n) + 1) / self.n
+        turn = np.pi * (1 + 5**0.5) * np.arange(self.n)
+        return np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)

@@ -11,6 +11,7 @@ from pps_vision.experiments.reach.failures import BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
 from pps_vision.experiments.reach.maps import Maps
+from pps_vision.experiments.reach.measures import Measures
 from pps_vision.experiments.reach.planning import Planning
 from pps_vision.experiments.reach.planning_rendered import PlanningRendered
 from pps_vision.experiments.reach.regressors import Regressors
@@ -31,6 +32,7 @@ FigureName = Literal[
     "whole_paper",
     "seen_babbling",
     "seen_box",
+    "measures",
 ]
 
 
@@ -61,5 +63,6 @@ class Reach:
             "whole_paper": lambda: WholePaper(self.seed),
             "seen_babbling": lambda: SeenBabbling(self.seed),
             "seen_box": lambda: SeenBox(self.seed),
+            "measures": lambda: Measures(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
