@@ -62,7 +62,7 @@ def test_labels_are_what_the_whole_curve_says(side, end_point, measure, toleranc
     print(f"{end_point}, {measure}: off by {np.sqrt(np.mean(off**2)):.4f} of {true[both].mean():.3f}")
     assert np.sqrt(np.mean(off**2)) <= tolerance
     assert true[both].min() >= 0
-    assert true[both].max() <= 1
+    assert true[both].max() <= 1.01  # the greatest manipulability is the greatest of 20 000 sampled
 
 
 def test_directions_are_spread_evenly():
