@@ -224,7 +224,7 @@ def _fixation_chart(numbers: dict[str, Any]) -> Figure:
         left += share
     became.invert_yaxis()
     became.set_xlabel("postures that kinematics can fixate (%)")
-    became.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.4, -0.18), ncols=2)
+    became.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.4, -0.22), ncols=2)
     for k, name in enumerate(names):
         hand = numbers["hands"][name]
         error = np.maximum(hand["largest_errors_deg"], 1e-3)
@@ -233,7 +233,7 @@ def _fixation_chart(numbers: dict[str, Any]) -> Figure:
     errors.axvline(numbers["goal_deg"], color="0.4", ls="--", lw=0.8)
     errors.annotate("goal, as RMSE ", (numbers["goal_deg"], 70), fontsize=7, ha="right")
     errors.set(xscale="log", ylim=(0, 100), xlabel="largest error of a gaze angle (°)", ylabel="postures within (%)")
-    errors.legend(fontsize=7, loc="upper left")
+    errors.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.22))
     errors.grid(alpha=0.25)
     figure.suptitle(
         "Fixating the seen hand finds the gaze that kinematics knows, where the hand can be seen", fontsize=10
