@@ -2,9 +2,9 @@
 
 After Vijayakumar, D'Souza & Schaal, "Incremental online learning in high dimensions", Neural Computation 17
 (2005), with the safeguards that the documentation of the authors' library describes.  Each receptive field is
-a Gaussian about its centre with a linear model found by partial least squares; fields are added where none
-responds, and adapt their reach.  The fields of all outputs are rows of one table: a sample updates those it
-activates in one go, and no others.
+a Gaussian about its centre with a linear model found by partial least squares (of moments kept exactly, where
+the paper recurs); fields are added where none responds, and adapt their reach.  The fields of all outputs are
+rows of one table: a sample updates those it activates in one go, and no others.
 """
 
 from dataclasses import asdict, dataclass
@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from learning.archive import read_archive, write_archive
 from learning.lwpr_fields import Fields, field_type, new_field, quadratic
 from learning.lwpr_metric import MetricParams, adapt_metric
-from learning.lwpr_regression import RegressionParams, add_projections, is_trusted, linear_models, regress
+from learning.lwpr_regression import RegressionParams, add_projections, is_trusted, refresh_models, regress
 from pps_vision.types import Array
 
-_KIND, _VERSION = "LWPR model", 1
+_KIND, _VERSION = "LWPR model", 2
 _PAIRS_AT_ONCE = 4_000_000  # queries × fields looked at together
 
 
@@ -63,7 +63,6 @@ class LWPR:
             raise ValueError(f"{n_inputs} inputs, {n_outputs} outputs: expected at least one of each")
         self.n_inputs, self.n_outputs, self.params = n_inputs, n_outputs, params or LWPRParams()
         self.fields = Fields(np.zeros(0, field_type(n_inputs)))
-        self._models: tuple[Any, ...] | None = None
 
     @property
     def n_fields(self) -> NDArray[np.intp]:
@@ -76,7 +75,7 @@ class LWPR:
         shapes = x.shape == (self.n_inputs,) and y.shape == (self.n_outputs,)
         if not shapes or not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise ValueError(f"sample {x}, {y}: expected {self.n_inputs} and {self.n_outputs} finite numbers")
-        p, self._models = self.params, None
+        p = self.params
         q = self.fields.forms @ quadratic(x[None])[0]
         active = np.flatnonzero(q < -2 * np.log(p.cutoff))
         rows, w = self.fields.rows[active], np.exp(-0.5 * np.maximum(q[active], 0.0))
@@ -105,7 +104,8 @@ class LWPR:
         metric, log_rate = np.sqrt(p.init_D) * np.eye(self.n_inputs), np.log(p.metric.rate or 1.0)
         if like is not None and is_trusted(like.reshape(1))[0]:
             metric = like["metric"]
-        self.fields.append(new_field(x, y, output, metric, log_rate, p.regression.first_forgetting))
+        first = p.regression.first_forgetting, p.regression.first_projections
+        self.fields.append(new_field(x, y, output, metric, log_rate, *first))
 
     def predict(self, x: ArrayLike) -> Prediction:
         """The answers to queries x (N, inputs)."""
@@ -119,25 +119,19 @@ class LWPR:
     def _predict(self, x: Array) -> tuple[Array, Array]:
         """Means and standard deviations, the fields weighted by their responses w:
         σ² = Σ w (ŷ_k − ŷ)² / (Σ w)² + Σ w σ²_k / (Σ w)²."""
-        if self._models is None:
-            rows = self.fields.rows
-            offsets, slopes, directions = linear_models(rows)
-            spare = np.maximum(rows["weight"][:, 0] - rows["sum_p"], 1e-10)
-            self._models = (
-                offsets,
-                slopes,
-                directions,
-                rows["sum_residual2"] / spare,
-                rows["mean_x"].copy(),
-                is_trusted(rows),
-                rows["output"].copy(),
-            )
-        offsets, slopes, directions, noise, mean_x, trusted, output = self._models
         q = quadratic(x) @ self.fields.forms.T
-        i, k = np.nonzero((q < -2 * np.log(self.params.cutoff)) & trusted)
+        i, k = np.nonzero(q < -2 * np.log(self.params.cutoff))
+        rows = self.fields.rows
+        stale = np.unique(k[rows["stale"][k]])
+        if len(stale):
+            fresh = rows[stale]
+            refresh_models(fresh)
+            rows[stale] = fresh
+        trusted = is_trusted(rows, k)
+        i, k = i[trusted], k[trusted]
         w = np.exp(-0.5 * np.maximum(q[i, k], 0.0))
-        y = offsets[k] + np.einsum("pi,pi->p", slopes[k], x[i])
-        cell, shape = i * self.n_outputs + output[k], (len(x), self.n_outputs)
+        y = rows["offset"][k] + np.einsum("pi,pi->p", rows["slope"][k], x[i])
+        cell, shape = i * self.n_outputs + rows["output"][k], (len(x), self.n_outputs)
 
         def total(values: Array) -> Array:
             return np.bincount(cell, values, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
@@ -145,8 +139,8 @@ class LWPR:
         weight = total(w)
         known = np.where(weight > 0, weight, np.nan)
         mean = total(w * y) / known
-        scores = (directions[k] @ (x[i] - mean_x[k])[..., None])[..., 0]
-        own = noise[k] * (1 + w * np.sum(scores**2, axis=1))
+        scores = (rows["directions"][k] @ (x[i] - rows["mean_x"][k])[..., None])[..., 0]
+        own = rows["noise"][k] * (1 + w * np.sum(scores**2, axis=1))
         var = total(w * ((y - mean.ravel()[cell]) ** 2 + own)) / known**2
         return mean, np.sqrt(var)
 
@@ -172,7 +166,8 @@ def load_lwpr(path: Path) -> LWPR:
     try:
         rate, penalty, full, meta_rate = (float(value) for value in data["metric"])
         metric = MetricParams(rate, penalty, bool(full), meta_rate)
-        regression = RegressionParams(*(float(value) for value in data["regression"]))
+        first, last, pace, threshold, n_first = (float(value) for value in data["regression"])
+        regression = RegressionParams(first, last, pace, threshold, int(n_first))
         init_D, w_gen, w_prune, cutoff = (float(value) for value in data["params"])
         params = LWPRParams(init_D, w_gen, w_prune, cutoff, metric, regression)
         rows, n_inputs = data["fields"], data["fields"]["center"].shape[1]

@@ -13,27 +13,31 @@ LITTLE = 1e-10  # weight of what was never seen; keeps first divisions finite
 
 
 def field_type(n: int) -> np.dtype[np.void]:
-    """One field of `n` inputs.  `metric` M (upper triangular) gives the activation exp(−½|M(x − centre)|²); per
-    projection (at most `n`) forgetting factors, weighted sums and the statistics of partial least squares."""
+    """One field of `n` inputs.  `metric` M (upper triangular) gives the activation exp(−½|M(x − centre)|²); `xx`, `xy`
+    the weighted co-moments; per number of projections the left-out errors `sum_e2_cv`; what queries need (`offset` to
+    `noise`) is worked out from them where it is `stale`."""
     vector, matrix = (np.float64, (n,)), (np.float64, (n, n))
     names: list[tuple[str, type[np.generic], tuple[int, ...]]] = [
         *(("output", np.intp, ()), ("n_projections", np.intp, ())),
-        *((name, *vector) for name in ("center", "mean_x", "forgetting", "weight", "n_seen", "ss_s", "ss_sy")),
-        *((name, *matrix) for name in ("ss_xy", "ss_sx", "metric", "log_rate", "rate_trace")),
-        *((name, *vector) for name in ("trace_h", "trace_r", "sum_e2_cv")),
-        *((name, np.float64, ()) for name in ("mean_y", "sum_e2", "sum_residual2", "sum_p")),
+        *((name, *vector) for name in ("center", "mean_x", "xy", "slope", "trace_h", "trace_r", "sum_e2_cv")),
+        *((name, *matrix) for name in ("xx", "metric", "log_rate", "rate_trace", "directions")),
+        *((name, np.float64, ()) for name in ("mean_y", "forgetting", "weight", "n_seen")),
+        *((name, np.float64, ()) for name in ("sum_e2", "sum_residual2", "sum_p", "offset", "noise")),
+        ("stale", np.bool_, ()),
     ]
     return np.dtype(names)
 
 
-def new_field(x: Array, y: float, output: int, metric: Array, log_rate: float, forgetting: float) -> Rows:
-    """(1,) a field about x that has seen nothing; two projections, so that the second can prove its worth."""
+def new_field(
+    x: Array, y: float, output: int, metric: Array, log_rate: float, forgetting: float, n_projections: int = 2
+) -> Rows:
+    """(1,) a field about x that has seen nothing, with as many of `n_projections` as it has inputs."""
     row = np.zeros(1, field_type(len(x)))
-    row["output"], row["n_projections"] = output, min(2, len(x))
+    row["output"], row["n_projections"] = output, min(n_projections, len(x))
     row["center"] = row["mean_x"] = x
-    row["mean_y"], row["metric"], row["log_rate"] = y, metric, log_rate
-    row["forgetting"] = np.where(np.arange(len(x)) < 2, forgetting, 1.0)
-    row["weight"] = row["n_seen"] = row["ss_s"] = LITTLE
+    row["mean_y"], row["metric"], row["log_rate"], row["forgetting"] = y, metric, log_rate, forgetting
+    row["weight"] = row["n_seen"] = LITTLE
+    row["stale"] = True
     return row
 
 

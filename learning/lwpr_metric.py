@@ -38,8 +38,8 @@ def adapt_metric(rows: Rows, x: Array, w: Array, fit: Fit, params: MetricParams)
     settled = has_settled(rows)
     if not settled.any():
         return
-    n, forget, e_cv2 = len(x), rows["forgetting"], fit.e_cv**2
-    weight, error = rows["weight"][:, 0], rows["sum_e2_cv"][np.arange(len(rows)), rows["n_projections"] - 1]
+    n, forget, e_cv2 = len(x), rows["forgetting"][:, None], fit.e_cv**2
+    weight, error = rows["weight"], rows["sum_e2_cv"][np.arange(len(rows)), rows["n_projections"] - 1]
     H, R = rows["trace_h"], rows["trace_r"]
     along = e_cv2 - (fit.scaled * (fit.scaled * R + fit.e[:, None] * H)).sum(axis=1) * 2
     dJ = (along - error / weight) / weight  # ∂J/∂w

@@ -15,6 +15,8 @@ from scipy.special import betaincinv, expit
 from learning.trials import Trial
 from pps_vision.types import Array, Mask
 
+_AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
+
 
 @dataclass(frozen=True)
 class PassingParams:
@@ -80,6 +82,20 @@ def _last(params: PassingParams, trial: Trial, d: Array) -> Array:
     near = d[known & (np.einsum("ij,ij->i", d, d) <= params.reach_m**2)]  # False for NaN
     last: Array = near[-params.samples :].mean(axis=0) if len(near) else np.full(3, np.nan)
     return last
+
+
+def landing_gap(trial: Trial, radius_m: float, horizon_s: float) -> Array:
+    """(taxels,) m from each taxel to the surface of an object of that radius where its path, continued straight
+    `horizon_s` before the end, first meets one of them, or comes nearest; inf where no path was known."""
+    known = np.flatnonzero((trial.stamps_s <= trial.stamps_s[-1] - horizon_s + 1e-9) & np.isfinite(trial.d_m[:, 0, 0]))
+    if len(known) < 2:
+        return np.full(trial.d_m.shape[1], np.inf)
+    before, last = known[-3:][[0, -1]]
+    v = (trial.d_m[last] - trial.d_m[before]) / (trial.stamps_s[last] - trial.stamps_s[before])
+    gaps = np.linalg.norm(trial.d_m[last] + _AHEAD_S[:, None, None] * v, axis=2) - radius_m
+    nearest = gaps.min(axis=1)
+    landed: Array = gaps[(nearest <= 0).argmax() if (nearest <= 0).any() else nearest.argmin()]
+    return landed
 
 
 def learn_passing(params: PassingParams, trials: tuple[Trial, ...]) -> PassingMap:

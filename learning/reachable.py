@@ -19,7 +19,7 @@ from learning.archive import read_archive, write_archive
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
-_KIND, _VERSION = "reachable-space map", 2
+_KIND, _VERSION = "reachable-space map", 4
 _ROWS = 2048  # interpolated at a time: as many as the processor's own memory holds
 
 
@@ -34,8 +34,9 @@ def isotropic(gaze_rad: Array) -> Array:
 
 @dataclass(frozen=True)
 class Labels:
-    """Answers for `gaze_rad` (n, 3): within reach, the error in m, how good the best posture is (NaN where out
-    of reach), and the gaze posture (n, 3) of the border point found (NaN where there is none)."""
+    """Answers for `gaze_rad` (n, 3): within reach, the error in m (NaN where inverse kinematics came to no answer,
+    which says nothing about reach), how good the best posture is (NaN where out of reach), and the gaze posture
+    (n, 3) of the border point found (NaN where there is none)."""
 
     gaze_rad: Array
     reachable: Mask
@@ -49,6 +50,15 @@ class Labels:
         expected = {name: (n, 3) if name.endswith("rad") else (n,) for name in shapes}
         if shapes != expected:
             raise ValueError(f"labels of shapes {shapes}: expected {expected}")
+
+    @property
+    def answered(self) -> Mask:
+        """Where inverse kinematics found a posture that reaches, or the one that comes nearest."""
+        return np.isfinite(self.error_m)
+
+    def only(self, where: Mask) -> "Labels":
+        """Only those."""
+        return Labels(*(getattr(self, f.name)[where] for f in fields(self)))
 
     def joined(self, more: "Labels") -> "Labels":
         """These and more."""
@@ -139,7 +149,8 @@ class ReachableMap:
     fixation point, outside (a, b, c each).  `softness` is how uncertain the border's place is, in the same
     coordinates; `expected_error` the share of gaze postures that the last labels said it misjudges (an upper estimate:
     they were asked for where least was known); `max_error_m` the largest error there is.  `labels` are what it was
-    learned from, to go on from.
+    learned from, to go on from; to `unanswered` more problems inverse kinematics found no answer.  `end_point` is
+    what of the arm gets there, `measure` what `optimality` is.
     """
 
     side: str
@@ -151,6 +162,9 @@ class ReachableMap:
     softness: float
     expected_error: float
     labels: Labels
+    unanswered: int = 0
+    end_point: str = "palm"
+    measure: str = "joint-limits"
 
     def __post_init__(self) -> None:
         shape = self.signed_distance.shape
@@ -254,10 +268,14 @@ def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
         max(left.softness, right.softness),
         left.expected_error + right.expected_error,
         none,
+        left.unanswered + right.unanswered,
+        left.end_point,
+        left.measure,
     )
 
 
-_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error")
+_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error", "unanswered")
+_NAMES = ("end_point", "measure")
 _LABELS = tuple(f.name for f in fields(Labels))
 
 
@@ -266,21 +284,23 @@ def save_map(path: Path, reachable_map: ReachableMap) -> None:
     m = reachable_map
     arrays: dict[str, ArrayLike] = {name: getattr(m, name) for name in _NUMBERS}
     arrays |= {f"label_{name}": getattr(m.labels, name) for name in _LABELS}
+    names = {name: getattr(m, name) for name in _NAMES}
     limits = np.array([m.limits.yaw_rad, m.limits.pitch_rad, m.limits.vergence_rad])
-    write_archive(path, _KIND, _VERSION, {"side": m.side, "limits_rad": limits, **arrays})
+    write_archive(path, _KIND, _VERSION, {"side": m.side, **names, "limits_rad": limits, **arrays})
 
 
 def load_map(path: Path) -> ReachableMap:
     """Read a map; ValueError names the file and what is wrong with it."""
-    names = ("side", "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
+    names = ("side", *_NAMES, "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
     data = read_archive(path, _KIND, _VERSION, names)
     try:
         (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).tolist()
         limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
         signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
-        most, softness, expected = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
+        most, softness, expected, unanswered = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
         of = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
         labels = Labels(**{**of, "reachable": of["reachable"] > 0})
-        return ReachableMap(str(data["side"]), limits, signed, optimality, error_m, most, softness, expected, labels)
+        values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
+        return ReachableMap(str(data["side"]), limits, *values, *(str(data[name]) for name in _NAMES))
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error

@@ -6,7 +6,8 @@ region.  Labels are asked for where the border is, as far from earlier ones as t
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -16,10 +17,10 @@ from scipy.spatial import cKDTree
 from learning.reachable import Labels, Lattice, ReachableMap, isotropic
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
-from pps_vision.robot.inverse_kinematics import ForwardModel
+from pps_vision.robot.inverse_kinematics import ForwardModel, solve_ik
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import FarFromLimits, Measure
-from pps_vision.robot.two_stage import TwoStageParams, two_stage
+from pps_vision.robot.self_motion import Approach, FarFromLimits, Measure, approaches
+from pps_vision.robot.two_stage import TwoStage, TwoStageParams, two_stage
 from pps_vision.types import Array, Mask
 
 _DEG = np.pi / 180
@@ -28,6 +29,7 @@ _MARGIN_RAD = 0.5
 _NEAR = 16
 _NEIGHBOURS = 30
 _COARSER = 4
+_LEVEL = 5e-3  # m/rad: where the hand could come nearer faster than this, it is not within 0.1 mm of the nearest
 
 
 class GazeInterpolator:
@@ -53,6 +55,25 @@ class ArmLimits:
 
 
 @dataclass(frozen=True)
+class HandModel:
+    """What inverse kinematics has to know, in coordinates that need not be the root frame's: `forward` from arm joints
+    to the hand's place; `points`, the places that gaze postures (N, 3) fixate; `gaze`, what fixates places within
+    limits (NaN where these forbid it); `tried` (n, k), arm postures to start from where it is not known of all;
+    `normals`, joints (N, k) to the way (N, 3) the hand faces, for `Approach`."""
+
+    forward: ForwardModel
+    points: Callable[[Array], Array]
+    gaze: Callable[[Array, GazeLimits], Array]
+    tried: Array | None = None
+    normals: Callable[[Array], Array] | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":
+        """Of joints → root frame, with the robot's own head."""
+        return cls(forward, partial(fixation_points, robot), partial(gaze_for_points, robot))
+
+
+@dataclass(frozen=True)
 class MapParams:
     """How much is asked of inverse kinematics: at most `n_labels`, in rounds of `round_labels`, the first spread over
     all gaze postures, until no more than `max_error` (share of all gaze postures) are expected to be misjudged.
@@ -65,7 +86,7 @@ class MapParams:
     max_error: float = 0.0
     n_babble: int = 100_000
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
-    measure: Callable[[Array, Array], Measure] = FarFromLimits  # of the joints' limits: what makes a posture good
+    measure: Callable[[Array, Array], Measure] | Approach = FarFromLimits  # of the joints' limits: what is good
     # in the map's isotropic coordinates:
     border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
     node_spacing: float = 0.0026  # border points nearer to one another than this say the same
@@ -86,7 +107,7 @@ class ReachOracle:
     """Answers by inverse kinematics with the given forward model, by default the robot's own."""
 
     def __init__(
-        self, robot: Robot, side: str, params: MapParams, rng: np.random.Generator, forward: ForwardModel | None = None
+        self, robot: Robot, side: str, params: MapParams, rng: np.random.Generator, hand: HandModel | None = None
     ) -> None:
         """ValueError for a side other than left or right."""
         if side not in ("left", "right"):
@@ -94,26 +115,51 @@ class ReachOracle:
         self.robot, self.params = robot, params
         palm = robot.names.palms[("left", "right").index(side)]
         self.lower, self.upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
-        self.forward = forward or Chain.of(robot, robot.names.arm(side)[: len(self.lower)], palm).positions
-        self.babbled = rng.uniform(self.lower, self.upper, (params.n_babble, len(self.lower)))
+        own = Chain.of(robot, robot.names.arm(side)[: len(self.lower)], palm).positions
+        self.hand = hand or HandModel.of(robot, own)
+        self.forward, tried = self.hand.forward, self.hand.tried
+        if tried is None:
+            tried = rng.uniform(self.lower, self.upper, (params.n_babble, len(self.lower)))
+        self.babbled = tried
         self._tree = cKDTree(self.forward(self.babbled)[0])
 
+    def solve(self, gaze: Array) -> TwoStage:
+        """The best posture of the arm for what each gaze posture (n, 3) fixates, or the one that comes nearest."""
+        points, measure = self.hand.points(gaze), self.params.measure
+        starts = self.starts(points)
+        ends, inverse = (self.lower, self.upper), self.params.inverse
+        if isinstance(measure, Approach):
+            found = two_stage(self.forward, points, starts, *ends, FarFromLimits(*ends), inverse)
+            good = np.where(found.reachable, self._approached(points, starts, measure), np.nan)
+            return TwoStage(found.q_rad, found.error, found.reachable, good)
+        return two_stage(self.forward, points, starts, *ends, measure(*ends), inverse)
+
+    def _approached(self, points: Array, starts: Array, approach: Approach) -> Array:
+        """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
+        if self.hand.normals is None:
+            raise ValueError(f"{approach} of a hand of which is not known how it faces; expected its normals")
+        met = np.zeros((len(points), approach.n), bool)
+        ends, inverse = (self.lower, self.upper), self.params.inverse
+        for start in starts:
+            first = solve_ik(self.forward, points, start[None], *ends, inverse.reach)
+            there = first.converged
+            met[there] |= approaches(
+                self.forward, self.hand.normals, points[there], first.q_rad[there], *ends, approach, inverse.improve
+            )
+        share: Array = met.mean(axis=1)
+        return share
+
     def label(self, gaze: Array) -> Labels:
-        """Answers for gaze postures (n, 3)."""
-        points = fixation_points(self.robot, gaze)
-        found = two_stage(
-            self.forward,
-            points,
-            self.starts(points),
-            self.lower,
-            self.upper,
-            self.params.measure(self.lower, self.upper),
-            self.params.inverse,
-        )
+        """Answers for gaze postures (n, 3); to some there may be none."""
+        points, found = self.hand.points(gaze), self.solve(gaze)
         failed = ~found.reachable
         border = np.full(gaze.shape, np.nan)
-        border[failed] = gaze_for_points(self.robot, self.forward(found.q_rad[failed])[0], self._beyond())
-        return Labels(gaze, found.reachable, found.error, found.good, border)
+        nearest, J = self.forward(found.q_rad[failed])
+        settled = _slope(points[failed] - nearest, J, found.q_rad[failed], self.lower, self.upper) < _LEVEL
+        border[failed] = np.where(settled[:, None], self.hand.gaze(nearest, self._beyond()), np.nan)
+        error = found.error.copy()
+        error[failed] = np.where(settled, error[failed], np.nan)
+        return Labels(gaze, found.reachable, error, found.good, border)
 
     def starts(self, points: Array) -> Array:
         """(2, n, k) for each point (n, 3), of the postures whose hand was nearest to it, the nearest and the one most
@@ -132,30 +178,44 @@ def train_reachable_map(
     side: str,
     rng: np.random.Generator,
     params: MapParams | None = None,
-    forward: ForwardModel | None = None,
+    hand: HandModel | None = None,
     into: ReachableMap | None = None,
 ) -> ReachableMap:
     """Learn the map of one arm ("left" or "right"), or go on from a map learned before, whose labels are kept and not
-    counted; `forward` arm joints → palm in the root frame.  ValueError for a map of another arm or other limits."""
+    counted; `hand` says where it is, by default as the robot's own model has it.  ValueError for a map of another arm
+    or other limits, and where inverse kinematics came to no answer at all."""
     params = params or MapParams()
-    oracle = ReachOracle(robot, side, params, rng, forward)
+    oracle = ReachOracle(robot, side, params, rng, hand)
     limits, n = params.gaze_limits, params.round_labels
     if into is None:
         labels = oracle.label(rng.uniform(limits.lower, limits.upper, (n, 3)))
-        before = 0
+        spent, unanswered = n, n - int(labels.answered.sum())
+        labels = labels.only(labels.answered)
     elif into.side == side and into.limits == limits:
-        labels, before = into.labels, len(into.labels.gaze_rad)
+        labels, spent, unanswered = into.labels, 0, into.unanswered
     else:
         raise ValueError(f"a map of {into.side}, {into.limits}: expected one of {side}, {limits}, to go on from")
     softness, expected = np.nan, 1.0
-    while len(labels.gaze_rad) - before + n <= params.n_labels and expected > params.max_error:
+    while spent + n <= params.n_labels and expected > params.max_error:
         border = GazeInterpolator(*_nodes(labels, params))
         asked, share = _near_border(border, labels, n, params, rng)
-        predicted, more = border(asked), oracle.label(asked)
+        more = oracle.label(asked)
+        spent, unanswered = spent + n, unanswered + n - int(more.answered.sum())
+        more = more.only(more.answered)
+        predicted = border(more.gaze_rad)
         softness = _softness(predicted, more.reachable)
         expected = share * float(np.mean((predicted > 0) != more.reachable))
         labels = labels.joined(more)
-    return _drawn(side, labels, softness, expected, params)
+    return replace(_drawn(side, labels, softness, expected, params), unanswered=unanswered)
+
+
+def _slope(residual: Array, J: Array, q: Array, lower: Array, upper: Array) -> Array:
+    """(N,) how fast, at most, a joint that is free to move would bring the hand nearer, m/rad: 0 at a posture that
+    comes nearest.  `residual` (N, 3) from hand to target, J (N, 3, k) at q (N, k)."""
+    distance = np.maximum(np.linalg.norm(residual, axis=1), 1e-12)
+    nearer: Array = (J * residual[:, :, None]).sum(axis=1) / distance[:, None]
+    stuck = ((q <= lower) & (nearer < 0)) | ((q >= upper) & (nearer > 0))
+    return np.where(np.isfinite(distance), np.abs(np.where(stuck, 0, nearer)).max(axis=1), np.inf)
 
 
 def _drawn(side: str, labels: Labels, softness: float, expected: float, params: MapParams) -> ReachableMap:
@@ -188,6 +248,8 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
     """Gaze postures and their signed distance to the border: 0 at border points, elsewhere the
     distance to the nearest of them."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
+    if len(labels.gaze_rad) == 0:
+        raise ValueError("inverse kinematics came to no answer at all: expected a forward model that it can invert")
     if len(border) == 0:
         raise ValueError(
             f"all {len(labels.gaze_rad)} labels are within reach: expected some beyond the border to learn"

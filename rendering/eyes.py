@@ -24,7 +24,8 @@ class Eyes:
     """Renders what both eyes of a robot see; holds a scene, of which only the poses change.
 
     `props` are further things, which a `SceneState` places: a distractor, a board in the way.
-    The stimulus and the props are as finely cut as they come, the rest as `fidelity` says.
+    The stimulus and the props are as finely cut as they come, the rest as `fidelity` says; the bodies of the
+    robot's frames `undrawn` are left out.
     Use as a context manager, so that the graphics memory is given back.
     """
 
@@ -37,11 +38,12 @@ class Eyes:
         sensor: Sensor | None = None,
         props: tuple[tuple[Part, ...], ...] = (),
         fidelity: Fidelity | None = None,
+        undrawn: tuple[str, ...] = (),
     ) -> None:
         self._robot, self._rig, self._stimulus = robot, rig, stimulus
         self._sensor, self._fidelity = sensor or Sensor(), fidelity or Fidelity()
         self._lenses = (Lens(rig.left), Lens(rig.right))
-        self._stage = Stage(robot, stimulus, carrier, props, self._fidelity)
+        self._stage = Stage(robot, stimulus, carrier, props, self._fidelity, undrawn)
         self._screen = offscreen()
 
     def __enter__(self) -> Self:

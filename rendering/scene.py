@@ -77,9 +77,10 @@ class Stage:
         carrier: CarrierName,
         props: tuple[tuple[Part, ...], ...],
         fidelity: Fidelity,
+        undrawn: tuple[str, ...] = (),
     ) -> None:
         self._robot, self._carrier_name, self._fidelity = robot, carrier, fidelity
-        frames = dict.fromkeys(body.frame for body in robot.bodies)
+        frames = dict.fromkeys(body.frame for body in robot.bodies if body.frame not in undrawn)
         self._bodies = {
             frame: self._node(body_part(b, fidelity.fineness) for b in robot.bodies if b.frame == frame)
             for frame in frames

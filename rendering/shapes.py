@@ -66,6 +66,11 @@ def board(width: float, height: float, color: Color = (0.55, 0.42, 0.28)) -> Par
     return Part(trimesh.creation.box((width, height, 0.003)), color)
 
 
+def disc(radius: float, color: Color, thickness: float = 0.001, sides: int = 48) -> Part:
+    """A round patch about the origin, z its normal."""
+    return Part(trimesh.creation.cylinder(radius, thickness, sections=sides), color)
+
+
 def _tube_faces(rings: int, sides: int) -> Array:
     """Triangles between neighbouring rings, and from the end rings to the two poles."""
     i = np.arange(sides)

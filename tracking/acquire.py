@@ -38,6 +38,23 @@ class Candidate:
     evidence: float
     spread: float  # of its mask; see `masks.spread`
 
+    @property
+    def vividness(self) -> float:
+        """How colourful it is, 0–1."""
+        return float(self.model.object @ _VIVIDNESS)
+
+
+def without_carriers(candidates: list[Candidate]) -> list[Candidate]:
+    """Without those that are dull beside another whose box they meet: what carries an object moves with it, and as
+    much."""
+    return [a for a in candidates if not any(_carries(a, b) for b in candidates)]
+
+
+def _carries(one: Candidate, other: Candidate) -> bool:
+    (x, y, w, h), (u, v, s, t) = one.outline.box_px, other.outline.box_px
+    meet = x <= u + s and u <= x + w and y <= v + t and v <= y + h
+    return meet and one.vividness < _DULL * other.vividness
+
 
 def acquire(
     params: AcquireParams, image: Image, region: Region2D, optics: Optics, evidence: NDArray[np.float32] | None = None
@@ -90,13 +107,26 @@ def _grow(params: AcquireParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[M
         if np.count_nonzero(grown != mask) < 0.02 * np.count_nonzero(grown):
             break
         mask = grown
-    return mask, model
+    return _with_other_sides(bins, mask)
+
+
+def _with_other_sides(bins: NDArray[np.uint8], mask: Mask) -> tuple[Mask, ColorModel]:
+    """With what touches it and is nearly as vivid, of colours that nothing farther around has: another side of an
+    object of several colours, which did not move enough to be noticed."""
+    model = _model(bins, mask)
+    far = histogram(bins[~masks.dilated(mask, int(0.5 * np.sqrt(np.count_nonzero(mask))) + 2)])
+    vivid = (_DULL * (model.object @ _VIVIDNESS) < _VIVIDNESS) & (far < _FAR)
+    whole = _connected(vivid[bins] | mask, mask)
+    if whole is None or np.count_nonzero(whole) < 1.1 * np.count_nonzero(mask):
+        return mask, model
+    return whole, _model(bins, whole)
 
 
 # Of what moves together the most colourful is the object, the rest what carries it (a hand, a sleeve).
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
 
 
+_FAR = 0.005  # share of its surroundings up to which they do not have a colour
 _DULL = 0.4  # of the object's mean vividness, below which a colour is its carrier's
 
 

@@ -3,14 +3,14 @@
 import itertools
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.types import Array, Mask
-from tracking.acquire import AcquireParams, Candidate, acquire
+from tracking.acquire import AcquireParams, Candidate, acquire, without_carriers
 from tracking.association import Association
 from tracking.background import Background
 from tracking.look import Look, Looks
@@ -27,12 +27,14 @@ Regions = tuple[list[Region2D], list[Region2D]]
 class SearchParams:
     """Of the `max_candidates` most conspicuous things that move in each eye, two are one object when
     their colours are `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than
-    `max_ratio`, or `max_ratio_grey`: without colour an outline is rougher."""
+    `max_ratio`, or `max_ratio_grey`: without colour an outline is rougher.  With less than
+    `min_strength` of the evidence for what moves most, a pair is not the object, though that be no pair yet."""
 
     max_candidates: int = 4
     min_likeness: float = 0.7
     max_ratio: float = 1.2
     max_ratio_grey: float = 1.8
+    min_strength: float = 0.2
     trigger: TriggerParams = field(default_factory=TriggerParams)
     acquire: AcquireParams = field(default_factory=AcquireParams)
 
@@ -70,7 +72,7 @@ class Search:
                 stamp_s,
                 scenes is not None,
             )
-        return pair, (left, right)
+        return pair and _with_both_colors(*pair), (left, right)
 
     def _moving(self, eye: int, look: Look, ask: bool) -> list[Region2D]:
         """What moves in one eye; where nobody asks, its image is only remembered."""
@@ -85,13 +87,14 @@ class Search:
         evidence = scenes[eye].evidence(look.image, look.view) if scenes else None
         strongest = regions[: self.params.max_candidates]
         found = (acquire(self.params.acquire, look.image, r, self._optics[eye], evidence) for r in strongest)
-        return [candidate for candidate in found if candidate is not None]
+        return without_carriers([candidate for candidate in found if candidate is not None])
 
     def _best_pair(
         self, view: StereoView, left: list[Candidate], right: list[Candidate], stamp_s: float, grey: bool
     ) -> tuple[Candidate, Candidate] | None:
         """The two candidates that are one object, with most evidence; colours must agree too."""
-        best, most = None, 0.0
+        strongest = (max((one.evidence for one in eye), default=0.0) for eye in (left, right))
+        best, most = None, self.params.min_strength * float(np.sqrt(np.prod(list(strongest))))
         most_ratio = self.params.max_ratio_grey if grey else self.params.max_ratio
         for a, b in itertools.product(left, right):
             likeness = 1.0 if grey else a.model.similarity(b.model.object)  # eyes differ in exposure
@@ -102,6 +105,12 @@ class Search:
             if self._association.observe(view, a.outline, b.outline, stamp_s):
                 best, most = (a, b), evidence
         return best
+
+
+def _with_both_colors(a: Candidate, b: Candidate) -> tuple[Candidate, Candidate]:
+    """Each with the colours that either eye saw: what it shows the one now it may show the other later."""
+    seen = 0.5 * (a.model.object + b.model.object)
+    return replace(a, model=replace(a.model, object=seen)), replace(b, model=replace(b.model, object=seen))
 
 
 def search_marker(

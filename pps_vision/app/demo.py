@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from control.avoidance import AvoidanceParams
 from learning.memory import PPSMemory, save_memory
-from learning.reachable import ReachableMap, save_map
+from learning.reachable import Reachability, ReachableMap, save_map
 from learning.reachable_training import MapParams, train_reachable_map
 from pps_vision.app import figures, report
 from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
@@ -19,8 +19,9 @@ from pps_vision.app.school import SchoolParams, fresh_pipeline, open_world, teac
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.recordings.outputs import whole_folder
 from pps_vision.recordings.results import write_summary
-from pps_vision.robot.gaze import GazeLimits, fixation_point, gaze_for_points
+from pps_vision.robot.gaze import GazeLimits, fixated_gaze
 from pps_vision.robot.icub import HOME_ARM_RAD
+from pps_vision.robot.model import Robot
 from pps_vision.types import Status
 
 _FILES = ("report.html", "demo.mp4", "memory.npz", "reach.npz", "summary.json")
@@ -57,7 +58,8 @@ class Demo:
                 logs = list(_meet_all(world, memory, film, stopwatch, self.seed))
             reachable_map = _train_map(world, self.seed)
             save_map(folder / "reach.npz", reachable_map)
-            numbers = [_numbers(log) | _reach(world, reachable_map, log) for log in logs]
+            verdicts = [judged(world.robot, reachable_map, log) for log in logs]
+            numbers = [_numbers(log) | _reach(verdict) for log, verdict in zip(logs, verdicts, strict=True)]
             write_summary(
                 folder / "summary.json",
                 {
@@ -68,7 +70,7 @@ class Demo:
                     "encounters": {log.title: n for log, n in zip(logs, numbers, strict=True)},
                 },
             )
-            (folder / "report.html").write_text(_page(self, folder, memory, logs, numbers, stopwatch))
+            (folder / "report.html").write_text(_page(self, folder, memory, logs, verdicts, numbers, stopwatch))
         for log in logs:
             print(
                 f"{log.title:42s} {'touched' if log.was_touched else 'not touched':12s} "
@@ -117,11 +119,16 @@ def _train_map(world: World, seed: int) -> ReachableMap:
     return learned
 
 
-def _reach(world: World, reachable_map: ReachableMap, log: EncounterLog) -> dict[str, object]:
+def judged(robot: Robot, reachable_map: ReachableMap, log: EncounterLog) -> Reachability:
+    """What the map says of every frame's fixation posture; nothing where nothing is tracked."""
+    tracked = np.isfinite(log.track_m[:, 0])
+    nothing = np.full(3, np.nan)
+    gaze = [fixated_gaze(robot.at(q), _GAZE) if t else nothing for q, t in zip(log.q_rad, tracked, strict=True)]
+    return reachable_map.query(np.array(gaze))
+
+
+def _reach(verdict: Reachability) -> dict[str, object]:
     """Share of tracked frames whose fixation posture the map calls reachable, and the mean degree."""
-    points = [fixation_point(world.robot.at(q)) for q in log.q_rad[np.isfinite(log.track_m[:, 0])]]
-    gaze = gaze_for_points(world.robot, np.array([p for p in points if p is not None]).reshape(-1, 3), _GAZE)
-    verdict = reachable_map.query(gaze[np.isfinite(gaze[:, 0])])
     known = verdict.within_limits
     if not known.any():
         return {"reachable_share": None, "degree_of_reach": None}
@@ -172,6 +179,7 @@ def _page(
     folder: Path,
     memory: PPSMemory,
     logs: list[EncounterLog],
+    verdicts: list[Reachability],
     numbers: list[dict[str, object]],
     watch: Stopwatch,
 ) -> str:
@@ -188,11 +196,12 @@ def _page(
             report.table(["encounter", *_COLUMNS.values()], rows),
         ),
         report.Section(
-            "Distance, expectation, answer",
+            "Distance, expectation, reach, answer",
             f"Each thin line is one taxel (left forearm and palm). Where an activation stays past {THRESHOLD:g} for "
             "0.15 s the arm moves away at 10 cm/s; a frame or two, as when something stops dead, do not count. Red "
-            "shading is touch.",
-            report.image(figures.encounters(logs, THRESHOLD)),
+            "shading is touch. Below, what the map says of the tracked object for the left hand: R above 0.5 (green) "
+            "is within reach, and the better the higher; a gap means nothing tracked, or outside the map.",
+            report.image(figures.encounters(logs, THRESHOLD, verdicts)),
         ),
         report.Section(
             "What the skin learned",

@@ -16,6 +16,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike
 
 from learning.memory import PPSMemory, activation
+from learning.reachable import Reachability
 from pps_vision.app.encounter import EncounterLog
 from pps_vision.types import Array
 
@@ -90,13 +91,15 @@ def _ranges(memory: PPSMemory) -> tuple[Range, Range]:
     return memory.params.distance_range_m, ttc if np.isfinite(ttc).all() else (0.0, 3.0)
 
 
-def encounters(logs: Sequence[EncounterLog], threshold: float) -> Figure:
-    """In the manner of R Fig 10: distance and activation of every taxel, and what the arm was told."""
+def encounters(logs: Sequence[EncounterLog], threshold: float, verdicts: Sequence[Reachability]) -> Figure:
+    """In the manner of R Fig 10: distance and activation of every taxel, what the arm was told, and what the
+    reachable-space map said of each frame's fixation posture."""
     figure, axes = plt.subplots(
-        3, len(logs), figsize=(3.4 * len(logs), 6.4), sharex="col", sharey="row", squeeze=False, layout="constrained"
+        4, len(logs), figsize=(3.4 * len(logs), 8.2), sharex="col", sharey="row", squeeze=False, layout="constrained"
     )
-    for column, log in enumerate(logs):
+    for column, (log, verdict) in enumerate(zip(logs, verdicts, strict=True)):
         t = log.stamps_s - log.stamps_s[0]
+        _degree(axes[3, column], t, verdict)
         colors = _TAXEL_COLORS(np.linspace(0, 0.9, len(log.taxel_ids)))
         for i, color in enumerate(colors):
             axes[0, column].plot(t, 100 * log.surface_gap_m[:, i], color=color, lw=1)
@@ -111,13 +114,25 @@ def encounters(logs: Sequence[EncounterLog], threshold: float) -> Figure:
         axes[0, column].axhline(2, color="tab:red", lw=1, ls="--")
         axes[1, column].axhline(threshold, color=_INK, lw=1, ls="--")
         axes[0, column].set_title(log.title, fontsize=10)
-        axes[2, column].set_xlabel("time (s)")
+        axes[3, column].set_xlabel("time (s)")
     axes[0, 0].set_ylabel("gap to each taxel (cm)\n2 cm is a touch")
     axes[0, 0].set_ylim(0, 30)
     axes[1, 0].set_ylabel(f"activation of each taxel\n(arm reacts past {threshold:g})")
     axes[1, 0].set_ylim(-0.03, 1.03)
     axes[2, 0].set_ylabel("speed of the arm\ncommanded (cm/s)")
+    axes[3, 0].set_ylabel("degree of reach R\n(reachable above 0.5)")
+    axes[3, 0].set_ylim(0, 1)
     return figure
+
+
+def _degree(axis: Axes, t: Array, verdict: Reachability) -> None:
+    """The degree of reachability over time, on green where reachable, on grey where not."""
+    axis.plot(t, verdict.degree, color=_INK, lw=1.4)
+    for where, color in ((verdict.reachable, "tab:green"), (verdict.within_limits & ~verdict.reachable, "0.6")):
+        axis.fill_between(
+            t, 0, 1, where=where, step="mid", transform=axis.get_xaxis_transform(), color=color, alpha=0.2, lw=0
+        )
+    axis.axhline(0.5, color=_INK, lw=1, ls="--")
 
 
 def path(log: EncounterLog) -> Figure:

@@ -9,20 +9,22 @@ from tqdm import tqdm
 from tyro.conf import Positional, subcommand
 
 from learning.reachable import ReachableMap, both, load_map, save_map
+from learning.reachable_measures import MeasureName, hand_and_params
 from learning.reachable_training import MapParams, train_reachable_map
 from pps_vision.app import figures
 from pps_vision.app.reach_figure import slices
 from pps_vision.recordings.gaze_table import read_gaze, write_reachability
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.robot.icub import load_icub
+from pps_vision.robot.model import Robot
 
 
 @dataclass(frozen=True)
 class Train:
     """Learn the map of an arm, or of what both reach at once, by inverse kinematics with the robot's own model.
 
-    Torso, neck roll, eye tilt, version and wrist at 0; the hand is the palm's frame; yaw, pitch and vergence within
-    ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.
+    Torso, neck roll, eye tilt, version and wrist at 0; the hand is the origin of the palm's frame; yaw, pitch and
+    vergence within ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.
     """
 
     arm: Literal["left", "right", "both"]
@@ -33,6 +35,11 @@ class Train:
     """Stop as soon as no more than this share of all gaze postures is expected to be misjudged."""
     ik_budget: int = 12_000
     """At most so many inverse-kinematics problems an arm."""
+    end_point: str = "palm"
+    """What is to get there: palm, or a taxel of the arm, such as left_forearm:27."""
+    measure: MeasureName = "joint-limits"
+    """What makes a posture good: far from the joints' limits; hand velocities large for the joints' (manipulability) or
+    the same in all directions (isotropy: far from singularities); or from how many sides the skin can approach."""
     into: Path | None = None
     """An earlier map of the same arm to go on from."""
     seed: int = 0
@@ -44,22 +51,38 @@ class Train:
             raise ValueError(f"--into {self.into} with --arm both; expected one arm, whose map can be gone on with")
         rounds = min(MapParams().round_labels, self.ik_budget // 2)
         params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
-        into = load_map(self.into) if self.into else None
+        into = self._earlier()
         robot = load_icub()
         with whole_file(self.out) as partial:
             sides = ("left", "right") if self.arm == "both" else (self.arm,)
             maps = [
-                train_reachable_map(robot, side, np.random.default_rng(self.seed), params, into=into)
+                self._learn(robot, side, params, into)
                 for side in tqdm(sides, desc="reachable space", unit="arm", disable=None)
             ]
             learned = both(*maps) if len(maps) == 2 else maps[0]
             save_map(partial, learned)
-        asked = sum(len(one.labels.gaze_rad) for one in maps)
+        asked = sum(len(one.labels.gaze_rad) + one.unanswered for one in maps)
         print(
-            f"{asked} inverse-kinematics problems, at most {100 * learned.expected_error:.2g} % misjudged → {self.out}"
+            f"{asked} inverse-kinematics problems, {learned.unanswered} without an answer, "
+            f"at most {100 * learned.expected_error:.2g} % misjudged → {self.out}"
         )
         if learned.expected_error > self.max_error > 0:
             print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")
+
+    def _earlier(self) -> ReachableMap | None:
+        """The map to go on from, if it is one of the same."""
+        if self.into is None:
+            return None
+        into = load_map(self.into)
+        for asked, there in ((self.end_point, into.end_point), (self.measure, into.measure)):
+            if asked != there:
+                raise ValueError(f"--into {self.into}: a map of {there}; expected one of {asked}, to go on from")
+        return into
+
+    def _learn(self, robot: Robot, side: str, params: MapParams, into: ReachableMap | None) -> ReachableMap:
+        hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
+        learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
+        return replace(learned, end_point=self.end_point, measure=self.measure)
 
 
 @dataclass(frozen=True)
@@ -101,7 +124,7 @@ class Show:
         figure = slices(reachable_map)
         with whole_file(self.out) as partial:
             figures.save(figure, partial)
-        print(f"{reachable_map.side} arm → {self.out}")
+        print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")
 
 
 @dataclass(frozen=True)

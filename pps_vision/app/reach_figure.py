@@ -41,8 +41,12 @@ def slices(reachable_map: ReachableMap) -> Figure:
     for axis in axes.flat[len(shown) :]:
         axis.set_visible(False)
     if image is not None:
-        figure.colorbar(image, ax=axes, label="degree of reachability R (reachable above 0.5)", shrink=0.8)
+        figure.colorbar(
+            image, ax=axes, label=f"degree of reachability R ({reachable_map.measure}; reachable above 0.5)", shrink=0.8
+        )
     who = {"both": "both hands at once"}.get(reachable_map.side, f"the {reachable_map.side} hand")
+    if reachable_map.end_point != "palm":
+        who = f"taxel {reachable_map.end_point}"
     figure.suptitle(f"What {who} can reach of what the eyes fixate; line: the border", fontsize=10)
     figure.supxlabel("neck yaw (°)", fontsize=9)
     figure.supylabel("neck pitch (°)", fontsize=9)

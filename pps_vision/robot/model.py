@@ -24,7 +24,7 @@ class FrameNames:
     """The URDF links that play each part; another robot is used by naming its own.
 
     `gaze_joints` are neck yaw, neck pitch, eyes tilt, left eye pan, right eye pan; pans grow in
-    the same sense, and vergence is left minus right.  Arms run from shoulder to wrist.
+    the same sense, and vergence is left minus right.  `torso` is its yaw and pitch.  Arms run from shoulder to wrist.
     """
 
     left_eye: str = "left_eye"
@@ -38,6 +38,7 @@ class FrameNames:
         "left_eye_pan",
         "right_eye_pan",
     )
+    torso: tuple[str, str] = ("torso_yaw", "torso_pitch")
     left_arm: tuple[str, ...] = tuple(f"left_{joint}" for joint in _ARM)
     right_arm: tuple[str, ...] = tuple(f"right_{joint}" for joint in _ARM)
 

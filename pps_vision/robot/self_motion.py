@@ -5,9 +5,10 @@ It is walked all around from a posture that reaches the target, beyond the joint
 them may be several stretches; only there a posture counts.  Other curves (a shoulder turned over) need other starts.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from pps_vision.robot.inverse_kinematics import ForwardModel, damped, length
@@ -35,18 +36,52 @@ def walk(
     xp = array_namespace(q)
     best_q, best = q, measure(q, forward(q)[1])
     for step, n in ((params.step_rad, params.steps), (params.step_rad / params.finer, params.finer)):
-        begin = best_q
-        for way in (-1.0, 1.0):
-            here, heading = begin, way * xp.ones_like(q)
-            J = forward(here)[1]
-            for _ in range(n):
-                heading = _along(J, heading)
-                here, J, there = _stride(forward, targets, here + step * heading, params.tolerance)
-                there = there & xp.all((here >= lower) & (here <= upper), axis=1)
-                value = xp.where(there, measure(here, J), -xp.inf)
-                better = value > best
-                best_q, best = xp.where(better[:, None], here, best_q), xp.where(better, value, best)
+        for here, J, there in _visited(forward, targets, best_q, lower, upper, step, n, params.tolerance):
+            value = xp.where(there, measure(here, J), -xp.inf)
+            better = value > best
+            best_q, best = xp.where(better[:, None], here, best_q), xp.where(better, value, best)
     return best_q, best
+
+
+def approaches(
+    forward: ForwardModel,
+    normals: Callable[[Array], Array],
+    targets: Array,
+    q: Array,
+    lower: Array,
+    upper: Array,
+    approach: "Approach",
+    params: WalkParams,
+) -> Mask:
+    """(N, n) which directions the hand's normal takes somewhere on the curve through each `q` (N, k), which reaches its
+    target, within the limits; `normals` q (N, k) → unit normals (N, 3)."""
+    near, directions = np.cos(approach.within_rad), approach.directions
+    met: Mask = normals(q) @ directions.T >= near
+    for here, _, there in _visited(forward, targets, q, lower, upper, params.step_rad, params.steps, params.tolerance):
+        met |= there[:, None] & (normals(here) @ directions.T >= near)
+    return met
+
+
+def _visited(
+    forward: ForwardModel,
+    targets: Array,
+    begin: Array,
+    lower: Array,
+    upper: Array,
+    step: float,
+    n: int,
+    tolerance: float,
+) -> Iterator[tuple[Array, Array, Mask]]:
+    """Both ways from `begin` (N, k) along the curve, `n` steps each: postures, their Jacobians, and which of them
+    reach the target within the limits."""
+    xp = array_namespace(begin)
+    for way in (-1.0, 1.0):
+        here, heading = begin, way * xp.ones_like(begin)
+        J = forward(here)[1]
+        for _ in range(n):
+            heading = _along(J, heading)
+            here, J, there = _stride(forward, targets, here + step * heading, tolerance)
+            yield here, J, there & xp.all((here >= lower) & (here <= upper), axis=1)
 
 
 def _along(J: Array, heading: Array) -> Array:
@@ -96,3 +131,20 @@ class Manipulability:
         values = xp.linalg.svdvals(J)
         ratio: Array = values[:, -1] / values[:, 0] if self.isotropy else xp.prod(values, axis=1) / self.most
         return ratio
+
+
+@dataclass(frozen=True)
+class Approach:
+    """From how many sides the hand can come to a place, as Zacharias' capability map has it, the wrist kept still: the
+    share of `n` directions, spread evenly over the sphere, that its normal can take within `within_rad`, over all
+    postures that reach the place.  Not of one posture, so no `Measure`."""
+
+    n: int = 200
+    within_rad: float = np.deg2rad(20)
+
+    @property
+    def directions(self) -> Array:
+        """(n, 3) on a spiral of equal areas."""
+        z = 1 - (2 * np.arange(self.n) + 1) / self.n
+        turn = np.pi * (1 + 5**0.5) * np.arange(self.n)
+        return np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)

@@ -59,6 +59,13 @@ class SphericalArm:
         q = np.concatenate([self._best(chunk, samples) for chunk in chunks])
         return q, self._effort(q)
 
+    def curves(self, points: ArrayLike, samples: int) -> Array:
+        """(N, 4·samples, 4) postures that reach points (N, 3), at equal steps of the third joint; NaN where none."""
+        towards = np.asarray(points, dtype=float) - self.shoulder
+        bends = self._bends(towards)
+        turns = np.linspace(self.lower_rad[2], self.upper_rad[2], samples)
+        return self._postures(towards, bends, np.broadcast_to(turns, (len(towards), 2, samples)))
+
     def _effort(self, q: Array) -> Array:
         middle, half = (self.upper_rad + self.lower_rad) / 2, (self.upper_rad - self.lower_rad) / 2
         effort: Array = np.mean(((q - middle) / half) ** 2, axis=-1)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from data import SEED
 
+from learning.reachable import load_map
 from pps_vision.app.cli import main
 from pps_vision.robot.chain import Chain
-from pps_vision.robot.gaze import fixation_points
+from pps_vision.robot.gaze import fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.spherical_arm import SphericalArm
 
@@ -87,10 +88,31 @@ def test_what_cannot_be_learned(refused, learned: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "m.npz")
     assert "map of right" in refused("reach", "train", "--arm", "left", *out, "--into", learned)
     assert "--arm both" in refused("reach", "train", "--arm", "both", *out, "--into", learned)
+    line = refused("reach", "train", "--arm", "right", *out, "--into", learned, "--measure", "approach")
+    assert "a map of joint-limits; expected one of approach" in line
+    line = refused("reach", "train", "--arm", "left", *out, "--end-point", "left_forearm:4")
+    assert "'left_forearm:4'" in line
+    assert "left_forearm:27" in line
     assert "two rounds" in refused("reach", "train", "--arm", "left", *out, "--ik-budget", "1")
     assert "below 1" in refused("reach", "train", "--arm", "left", *out, "--max-error", "2")
     assert "gaze.csv" in refused("reach", "query", learned, tmp_path / "gaze.csv", "--out", tmp_path / "o.csv")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_taxel_and_another_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The map says what it is of, also once it is saved, and judges the taxel, not the palm."""
+    file = tmp_path / "taxel.npz"
+    what = ["--end-point", "left_forearm:27", "--measure", "isotropy"]
+    main(["reach", "train", "--arm", "left", "--out", str(file), "--ik-budget", "400", *what])
+    one = load_map(file)
+    assert (one.end_point, one.measure) == ("left_forearm:27", "isotropy")
+    main(["reach", "show", str(file), "--out", str(tmp_path / "taxel.png")])
+    assert "left_forearm:27" in capsys.readouterr().out
+    robot = load_icub()
+    q = np.random.default_rng(SEED).uniform(np.deg2rad([-95, 0, -20, 15]), np.deg2rad([10, 160, 80, 105]), (3000, 4))
+    forearm = Chain.of(robot, robot.names.arm("left")[:4], "left_forearm").positions(q, [-0.031, -0.097, 0.014])[0]
+    gaze = gaze_for_points(robot, forearm)
+    assert one.query(gaze[np.isfinite(gaze[:, 0])]).reachable.mean() > 0.93
 
 
 def test_fewer_false_positives_when_asked(learned: Path, tmp_path: Path) -> None:

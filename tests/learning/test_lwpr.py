@@ -77,7 +77,7 @@ def test_one_model_of_two_outputs_is_two_models(rng):
 
 @pytest.mark.parametrize("n_inputs", [1, 3])
 def test_a_linear_function_is_learned(rng, n_inputs):
-    """To a few per cent of its spread: the statistics still remember the means of the first samples."""
+    """To what fields that have seen few samples still lack."""
     x = rng.uniform(-1, 1, (1500, n_inputs))
     y = x @ np.arange(1.0, n_inputs + 1) + 2
     model = taught(LWPRParams(init_D=1.0, metric=MetricParams(rate=0)), x, y[:, None])
@@ -107,6 +107,30 @@ def test_the_bounds_cover(rng):
     answer = taught(LWPRParams(init_D=100), x[:2000], y[:2000]).predict(x[2000:])
     assert 0.9 < np.mean(np.abs(answer.mean - y[2000:]) < 2 * answer.std) < 0.995
     assert 0.08 < np.median(answer.std) < 0.2
+
+
+def test_a_field_with_all_projections_is_weighted_least_squares(rng):
+    """From the samples that came after it was born, whatever their order."""
+    x = rng.uniform(-0.5, 0.5, (60, 3))
+    y = np.sin(3 * x[:, 0]) + x[:, 1] * x[:, 2] + x[:, 2]
+    params = LWPRParams(
+        init_D=2.0, metric=MetricParams(rate=0), regression=RegressionParams(1 - 1e-9, 1 - 1e-9, first_projections=3)
+    )
+    model = taught(params, np.concatenate([[[0.0, 0.0, 0.0]], x]), np.concatenate([[0.0], y])[:, None])
+    assert model.n_fields[0] == 1
+    root_w = np.exp(-0.5 * np.sum(x**2, axis=1))[:, None]  # the root of exp(−½ 2 |x|²)
+    line = np.linalg.lstsq(root_w * np.column_stack([np.ones(60), x]), root_w[:, 0] * y, rcond=None)[0]
+    expected = np.column_stack([np.ones(60), x]) @ line
+    np.testing.assert_allclose(model.predict(x).mean[:, 0], expected, atol=1e-6)
+
+
+def test_answers_between_updates_are_those_of_a_model_asked_once(rng):
+    x, y = samples(rng, 300)
+    asked, silent = LWPR(2, 1, CROSS), taught(CROSS, x, y[:, None])
+    for sample in zip(x, y[:, None], strict=True):
+        asked.update(*sample)
+        asked.predict(x[:2])
+    np.testing.assert_allclose(asked.predict(GRID).mean, silent.predict(GRID).mean, rtol=0, atol=1e-12)
 
 
 def test_it_forgets(rng):
@@ -175,7 +199,7 @@ def test_a_bad_file_is_refused_by_name(rng, tmp_path, changes, message):
     save_lwpr(path, taught(CROSS, x, y[:, None]))
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files if name not in ("kind", "version")}
-    write_archive(path, "LWPR model", 1, {**arrays, **changes})
+    write_archive(path, "LWPR model", 2, {**arrays, **changes})
     with pytest.raises(ValueError, match=rf"model\.npz.*{message}"):
         load_lwpr(path)
 
@@ -209,3 +233,5 @@ def test_bad_input_is_named():
         MetricParams(rate=-1)
     with pytest.raises(ValueError, match="forgetting"):
         RegressionParams(first_forgetting=1.1)
+    with pytest.raises(ValueError, match="first_projections 0"):
+        RegressionParams(first_projections=0)

@@ -10,8 +10,8 @@ from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.scene import Placed, SceneState
 from rendering.sensor import Sensor
-from rendering.shapes import board
-from rendering.stimuli import make_stimulus
+from rendering.shapes import board, disc
+from rendering.stimuli import GREEN, Stimulus, make_stimulus
 
 PLACE = np.array([-0.36, -0.06, 0.12])
 ASIDE = np.array([-0.34, 0.06, 0.14])
@@ -55,3 +55,32 @@ def test_props_that_are_not_placed_are_not_there(robot: Robot, rig: StereoRig, q
         assert np.array_equal(eyes.render(state, 0.0).left, bare)
         with pytest.raises(ValueError, match="places 2 props; there are 1"):
             eyes.render(SceneState(q, PLACE, props=(None, None)), 0.0)
+
+
+def test_what_is_not_to_be_drawn_is_all_that_is_missing(robot: Robot, rig: StereoRig, q: Array) -> None:
+    """The hand: what changes is where the palm frame projects, and no farther from it than the fingers are long."""
+    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
+        whole = eyes.render(SceneState(q), 0.0).left.astype(int)
+    with Eyes(robot, rig, make_stimulus("ball"), undrawn=("left_palm",)) as eyes:
+        changed = np.argwhere(np.abs(eyes.render(SceneState(q), 0.0).left - whole).max(axis=2) > 0)[:, ::-1]
+    palm, eye = robot.at(q).point("left_palm"), rig.view(q).left
+    rays = eye.rays(changed.astype(float))
+    way = palm - eye.center
+    miss_m = np.linalg.norm(way - (rays @ way)[:, None] * rays, axis=1)
+    assert len(changed) > 300
+    assert miss_m.max() < 0.11  # box and fingers end 9 cm from the frame's origin
+
+
+def test_a_patch_is_as_large_as_it_is_turned(robot: Robot, rig: StereoRig, q: Array) -> None:
+    """Seen face on its pixels span the solid angle of a disc; at 60° half of it; from its edge next to none."""
+    eye = rig.view(q).left
+    facing = rotation_to(eye.center - PLACE)
+    whole, level = np.pi * 0.015**2 / np.sum((eye.center - PLACE) ** 2), None
+    with Eyes(robot, rig, Stimulus("marker", 0.015, (disc(0.015, GREEN),))) as eyes:
+        for turned, share in ((0.0, 1.0), (60.0, 0.5), (90.0, 0.0)):
+            c, s = np.cos(np.deg2rad(turned)), np.sin(np.deg2rad(turned))
+            rotation = facing @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+            image = eyes.render(SceneState(q, PLACE, rotation=rotation), 0.0).left.astype(int)
+            green = image[..., 1] - image[..., ::2].max(axis=2)
+            level = level or green.max() / 2  # a pixel counts where half of it is green
+            assert eye.camera.solid_angle_map[green > level].sum() / whole == pytest.approx(share, abs=0.06)

@@ -85,6 +85,26 @@ def test_a_ball_half_hidden_is_completed(optics: Optics, rng: np.random.Generato
     assert np.linalg.norm(shape.center_px - true) < 0.7
 
 
+@pytest.mark.parametrize("fingers", [(-9,), (-9, 2, 12)])
+def test_a_ball_held_by_fingers_is_completed_though_it_was_never_seen_whole(
+    optics: Optics, rng: np.random.Generator, fingers: tuple[int, ...]
+) -> None:
+    """From above, as wide as a finger, down to just past the ball's middle."""
+    sphere = Sphere(np.array([0.0, 0.02, 0.35]), 0.035, RED)
+    true = LEFT_EYE.project(sphere.center)
+    image = look(View(LEFT_EYE, np.eye(4)), [sphere], rng)
+    hard = _hard(LEFT_EYE, sphere)
+    v, u = np.mgrid[:240, :320]
+    for aside in fingers:
+        hides = (np.abs(u - true[0] - aside) < 3.5) & (v < true[1] + 3)
+        image[hides], hard[hides] = (219, 163, 133), False
+    shape = see(image, hard, FULL, optics)
+    assert shape is not None
+    assert np.linalg.norm(np.argwhere(hard).mean(axis=0)[::-1] - true) > 1
+    assert np.linalg.norm(shape.center_px - true) < 0.25
+    assert shape.angular_radius_rad == pytest.approx(np.arcsin(0.035 / np.linalg.norm(sphere.center)), rel=0.02)
+
+
 def test_a_square_cut_by_the_border_is_not_taken_for_a_ball(optics: Optics) -> None:
     image = np.full((240, 320, 3), (90, 80, 70), np.uint8)
     hard = np.zeros((240, 320), bool)

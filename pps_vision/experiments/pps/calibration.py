@@ -13,13 +13,13 @@ from scipy.special import expit, logit
 
 from learning.calibration import calibrate
 from learning.memory import MemoryParams
-from learning.passing import PassingParams, foretell, learn_passing
+from learning.passing import PassingParams, foretell, landing_gap, learn_passing
 from learning.receptive_field import ReceptiveField
 from learning.representations import Counts, Representation
 from learning.scores import auroc, brier, expected_calibration_error, reliability
 from learning.touch_trial import TouchTrial
 from learning.trials import Trial
-from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, displaced, of_part, samples
+from pps_vision.experiments.pps.held_out import LEAD_S, Approach, approaches, at_horizon, displaced, of_part, samples
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import icub_skin
@@ -27,6 +27,7 @@ from pps_vision.types import Array, Mask
 
 TRIALS, HELD_OUT, FOLDS = 53, 40, 8
 PART = "left_forearm"
+_FAR_M = 0.2  # beyond, how far a landing point is does not matter
 GOALS = {"auroc": 0.95, "expected_calibration_error": 0.05}
 COARSE = Counts(MemoryParams())
 FINE = Counts(MemoryParams(bins=(32, 16)), normalised=True, pooled=0.2)
@@ -36,11 +37,13 @@ SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)  # the re
 
 @dataclass(frozen=True)
 class Lived:
-    """Trials as the forearm perceived them: D and TTC to the object's centre and surface, and displacements."""
+    """Trials as the forearm perceived them: D and TTC to the object's centre and surface, displacements, and how near
+    to each taxel (trials, taxels) the object's surface would land, m."""
 
     center: tuple[Approach, ...]
     surface: tuple[Approach, ...]
     moved: tuple[Trial, ...]
+    landed: Array
 
     @classmethod
     def of(cls, trials: tuple[TouchTrial, ...]) -> "Lived":
@@ -48,19 +51,30 @@ class Lived:
         whole, robot = icub_skin(), load_icub()
         skin = of_part(whole, PART)
         center, surface = (approaches(trials, robot, skin, whole, field) for field in (CENTER, SURFACE))
-        return cls(center, surface, displaced(trials, robot, skin, whole))
+        moved = displaced(trials, robot, skin, whole)
+        gaps = [landing_gap(path, _radius(trial), LEAD_S) for path, trial in zip(moved, trials, strict=True)]
+        return cls(center, surface, moved, np.minimum(gaps, _FAR_M))
 
     def some(self, which: Iterable[int]) -> "Lived":
         """Those of the trials."""
         at = tuple(which)
         return Lived(
-            tuple(self.center[i] for i in at), tuple(self.surface[i] for i in at), tuple(self.moved[i] for i in at)
+            tuple(self.center[i] for i in at),
+            tuple(self.surface[i] for i in at),
+            tuple(self.moved[i] for i in at),
+            self.landed[list(at)],
         )
 
     @property
     def touched(self) -> Mask:
         """(trials, taxels) what was touched."""
         return np.array([trial.touched for trial in self.center])
+
+
+def _radius(trial: TouchTrial) -> float:
+    """What was known of the object's radius in time, m."""
+    known = trial.radius_m[trial.stamps_s <= trial.stamps_s[-1] - LEAD_S]
+    return float(np.median(known[np.isfinite(known)])) if np.isfinite(known).any() else 0.0
 
 
 Way = Callable[[Lived, Lived], Array]
@@ -73,7 +87,7 @@ class Calibration:
 
     R's map as it is; the same corrected by an isotonic regression of its own trials, left out in turn; a
     finer one of the distance to the object's surface, normalised, neighbours counting a fifth, corrected too;
-    displacements (`learning/passing.py`); both together; and each taxel's rate of touch.
+    displacements and landing points (`learning/passing.py`); these together; and each taxel's rate of touch.
     """
 
     seed: int = 0
@@ -136,11 +150,15 @@ def _by_rate(lessons: Lived, tests: Lived) -> Array:
     return np.tile(lessons.touched.mean(axis=0), (len(tests.center), 1))
 
 
-def _both(one: Way, other: Way) -> Way:
-    """The mean of two log-odds, of which none is more certain than one in fifty."""
+def _by_landing(lessons: Lived, tests: Lived) -> Array:
+    return calibrate(lessons.touched, -lessons.landed)(-tests.landed)
+
+
+def _together(*ways: Way) -> Way:
+    """The mean of their log-odds, of which none is more certain than one in fifty."""
 
     def expects(lessons: Lived, tests: Lived) -> Array:
-        odds = [logit(np.clip(way(lessons, tests), 0.02, 0.98)) for way in (one, other)]
+        odds = [logit(np.clip(way(lessons, tests), 0.02, 0.98)) for way in ways]
         return np.asarray(expit(np.mean(odds, axis=0)))
 
     return expects
@@ -164,10 +182,18 @@ WAYS: dict[str, Way] = {
     "R's map, corrected": _corrected(_by_center(COARSE)),
     "finer, to the surface, corrected": _corrected(_FINE),
     "displacement": _by_displacement,
-    "finer and displacement, corrected": _corrected(_both(_FINE, _by_displacement)),
+    "finer and displacement, corrected": _corrected(_together(_FINE, _by_displacement)),
+    "where it lands": _by_landing,
+    "finer, displacement, landing, corrected": _corrected(_together(_FINE, _by_displacement, _by_landing)),
     "rate of touch": _by_rate,
 }
-_COLORS = dict(zip(WAYS, ("tab:orange", "tab:green", "tab:cyan", "tab:purple", "tab:blue", "0.6"), strict=True))
+_COLORS = dict(
+    zip(
+        WAYS,
+        ("tab:orange", "tab:green", "tab:cyan", "tab:purple", "tab:blue", "tab:brown", "tab:red", "0.6"),
+        strict=True,
+    )
+)
 
 
 def _reliability(axis: Axes, ways: dict[str, Any]) -> None:

@@ -10,13 +10,15 @@ from tqdm import tqdm
 
 from learning.babbling import ArmToGaze, Babbled, score
 from learning.gaussian_process import GaussianProcess
-from learning.regressors import LocalModels, Regressor
+from learning.regressors import LocalModels
+from learning.turning_joints import TurningJoints
 from pps_vision.experiments.chart import panels
-from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM, babbled_sets
+from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM, Model, babbled_sets
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array
 
 _N_TRAIN, _BREAKS_DEG = 1500, 3.0
+_COLORS = ("tab:blue", "tab:green", "tab:orange")
 _ELBOW, _STUCK_RAD = 3, np.deg2rad(60)
 
 Fault = Callable[[Babbled, float, np.random.Generator], Babbled]
@@ -60,9 +62,10 @@ CASES: dict[str, tuple[str, tuple[float, ...], Fault]] = {
     "elbow's encoder stuck": ("share of samples (%)", (0, 2, 5, 10, 25, 100), _stuck),
     "fewer samples": ("samples", (1500, 800, 400, 200, 100, 50), _fewer),
 }
-METHODS: dict[str, Callable[[], Regressor]] = {
-    "Gaussian process": lambda: GaussianProcess(n_tune=300),
-    "LWPR, each sample once": lambda: LocalModels(4, 3, LWPR_OF_THE_ARM),
+METHODS: dict[str, Callable[[], Model]] = {
+    "turning joints": TurningJoints,
+    "Gaussian process": lambda: ArmToGaze(GaussianProcess(n_tune=300)),
+    "LWPR, each sample once": lambda: ArmToGaze(LocalModels(4, 3, LWPR_OF_THE_ARM)),
 }
 
 
@@ -96,11 +99,15 @@ class BabblingFailures:
         return np.random.default_rng(self.seed + 1)
 
     def _judge(
-        self, make: Callable[[], Regressor], sets: list[Babbled], test: Babbled, severities: tuple[float, ...]
+        self,
+        make: Callable[[], Model],
+        sets: list[Babbled],
+        test: Babbled,
+        severities: tuple[float, ...],
     ) -> dict[str, Any]:
         errors, unanswered = [], []
         for babbled in sets:
-            model = ArmToGaze(make())
+            model = make()
             model.learn(babbled.arm_rad, babbled.gaze_rad)
             error, silent = score(model, test)
             errors.append(round(error, 4) if np.isfinite(error) else None)
@@ -117,7 +124,7 @@ class BabblingFailures:
         figure, axes = panels(len(numbers["cases"]), 3.1, 3.4)
         for axis, (name, case) in zip(axes, numbers["cases"].items(), strict=True):
             places = np.arange(len(case["severities"]))
-            for color, (method, found) in zip(("tab:blue", "tab:orange"), case["methods"].items(), strict=True):
+            for color, (method, found) in zip(_COLORS, case["methods"].items(), strict=True):
                 error = np.array(found["rmse_deg"], dtype=float)
                 axis.plot(places, error, "o-", color=color, ms=4, label=method)
                 if found["breaks_at"] is not None:
@@ -126,7 +133,7 @@ class BabblingFailures:
             axis.axhline(_BREAKS_DEG, color="0.4", lw=0.8, ls="--")
             axis.set_xticks(places, [f"{value:g}" for value in case["severities"]])
             axis.set_yscale("log")
-            axis.set_ylim(5e-3, 60)
+            axis.set_ylim(1e-3, 60)
             axis.set_xlabel(case["axis"], fontsize=9)
             axis.set_title(name, fontsize=10)
             axis.grid(alpha=0.25)

@@ -13,17 +13,17 @@ from learning.lwpr import LWPRParams
 from learning.lwpr_metric import MetricParams
 from learning.lwpr_regression import RegressionParams
 from learning.regressors import LocalModels
+from learning.turning_joints import TurningJoints
 from pps_vision.experiments.chart import panels
 from pps_vision.robot.icub import load_icub
 
 LWPR_OF_THE_ARM = LWPRParams(
-    init_D=50,
-    w_gen=0.2,
-    metric=MetricParams(rate=0),
-    regression=RegressionParams(first_forgetting=0.98, add_threshold=0.95, forgetting_pace=0.995),
+    init_D=80, w_gen=0.2, metric=MetricParams(rate=0), regression=RegressionParams(first_projections=4)
 )
-"""Few samples a field: projections are added early; metrics stay (to adapt them takes more samples than there are)."""
+"""Few samples a field and every joint matters: all projections from the start; metrics stay (to adapt them takes more
+samples than there are)."""
 _N_TRAIN, _N_TEST, _N_TRIED = 4400, 700, 20_000
+Model = ArmToGaze | TurningJoints
 _PAPER_DEG, _GOALS_DEG = 0.84, {"LWPR": 0.5, "best": 0.02}
 
 
@@ -36,7 +36,7 @@ def babbled_sets(seed: int, side: str = "right") -> tuple[Babbled, Babbled]:
 
 @dataclass(frozen=True)
 class ForwardModelError:
-    """LWPR (each sample once, as in the paper; and all of them again and again) and a Gaussian process."""
+    """LWPR (each sample once, as in the paper; and all of them again and again), a Gaussian process, turning joints."""
 
     seed: int = 0
     """Seed of the babbling."""
@@ -50,7 +50,9 @@ class ForwardModelError:
         train, test = babbled_sets(self.seed)
         sizes = [100, 200, 400, 800, 1600, 3000, _N_TRAIN]
         once, process = ArmToGaze(LocalModels(4, 3, LWPR_OF_THE_ARM)), ArmToGaze(GaussianProcess())
-        names = ("LWPR, each sample once", "LWPR, replayed", "Gaussian process")
+        turning = TurningJoints()
+        online: tuple[Model, ...] = (once, process, turning)
+        names = ("LWPR, each sample once", "LWPR, replayed", "Gaussian process", "turning joints")
         curves: dict[str, list[float]] = {name: [] for name in names}
         silent: dict[str, list[float]] = {name: [] for name in names}
         before = 0
@@ -61,12 +63,13 @@ class ForwardModelError:
             for _ in range(self.n_replays):
                 order = rng.permutation(n)
                 replayed.learn(train.arm_rad[order], train.gaze_rad[order])
-            for model in (once, process):
+            for model in online:
                 model.learn(train.arm_rad[new], train.gaze_rad[new])
             before = n
-            for name, model in zip(names, (once, replayed, process), strict=True):
-                error, unanswered = score(model, test)
-                curves[name].append(round(error, 4))
+            judged_now: tuple[Model, ...] = (once, replayed, process, turning)
+            for name, judged in zip(names, judged_now, strict=True):
+                error, unanswered = score(judged, test)
+                curves[name].append(float(f"{error:.4g}"))
                 silent[name].append(round(unanswered, 4))
         return {
             "fixated_of_20000": len(train.arm_rad),

@@ -14,13 +14,13 @@ from pps_vision.robot.spherical_arm import SphericalArm
 from pps_vision.types import Array, Mask
 
 # J's box of locations in the root frame (FACTS §6)
-_BOX_LOW, _BOX_HIGH = np.array([-0.376, -0.10, 0.1524]), np.array([-0.226, 0.10, 0.3524])
+BOX_LOW, BOX_HIGH = np.array([-0.376, -0.10, 0.1524]), np.array([-0.226, 0.10, 0.3524])
 
 
 @dataclass(frozen=True)
 class MapTest:
     """Gaze postures (N, 3), whether the right hand gets there, 1 − M of the best posture, and the error left (m, NaN
-    where reachable); gaze postures of J's box of locations, and whether the hand gets there."""
+    where reachable or not known); gaze postures of J's box of locations, and whether the hand gets there."""
 
     gaze_rad: Array
     reachable: Mask
@@ -40,24 +40,24 @@ class MapTest:
         # how near the hand gets has no closed form: the oracle's answer, from as many starts again
         error = np.full(n, np.nan)
         error[~reachable] = ReachOracle(robot, "right", MapParams(), rng).label(gaze[~reachable]).error_m
-        points = rng.uniform(_BOX_LOW, _BOX_HIGH, (9000, 3))
+        points = rng.uniform(BOX_LOW, BOX_HIGH, (9000, 3))
         box = gaze_for_points(robot, points)
         seen = np.isfinite(box[:, 0])
         return cls(gaze, reachable, 1 - effort, error, box[seen], np.isfinite(arm.solve(points[seen])[:, 0]))
 
     def verdict(self, said: Mask) -> dict[str, float]:
         """JE of all, FN of the reachable, FP of the others, percent."""
-        return _rates(said, self.reachable)
+        return rates(said, self.reachable)
 
     def judge(self, learned: ReachableMap) -> dict[str, float]:
         """The same of a map, of J's box too, and the RMS error of its degree (Enhanced map)."""
         said = learned.query(self.gaze_rad)
-        box = _rates(learned.query(self.box_gaze_rad).reachable, self.box_reachable)
+        box = rates(learned.query(self.box_gaze_rad).reachable, self.box_reachable)
         outside = 0.5 - 0.5 * np.minimum(self.error_m / learned.max_error_m, 1)
         degree = np.where(self.reachable, 0.5 + 0.5 * self.optimality, outside)
         return {
             **self.verdict(said.reachable),
-            "degree_rmse": float(np.sqrt(np.mean((said.degree - degree) ** 2))),
+            "degree_rmse": float(np.sqrt(np.nanmean((said.degree - degree) ** 2))),
             **{f"box_{name}": value for name, value in box.items()},
         }
 
@@ -89,7 +89,8 @@ def closed_form(robot: Robot) -> SphericalArm:
     return SphericalArm.of(chain, limits.lower_rad, limits.upper_rad)
 
 
-def _rates(said: Mask, true: Mask) -> dict[str, float]:
+def rates(said: Mask, true: Mask) -> dict[str, float]:
+    """Misjudged of all (JE), of the reachable (FN) and of the others (FP), percent."""
     return {
         "je": 100 * float(np.mean(said != true)),
         "fn": 100 * float(np.mean(~said[true])),

@@ -11,10 +11,29 @@ from pps_vision.experiments.reach.failures import BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
 from pps_vision.experiments.reach.maps import Maps
+from pps_vision.experiments.reach.measures import Measures
+from pps_vision.experiments.reach.planning import Planning
+from pps_vision.experiments.reach.planning_rendered import PlanningRendered
 from pps_vision.experiments.reach.regressors import Regressors
+from pps_vision.experiments.reach.seen_babbling import SeenBabbling
+from pps_vision.experiments.reach.seen_box import SeenBox
 from pps_vision.experiments.reach.solvers import Solvers
+from pps_vision.experiments.reach.whole_paper import WholePaper
 
-FigureName = Literal["lwpr", "forward_model", "regressors", "babbling_failures", "maps", "solvers"]
+FigureName = Literal[
+    "lwpr",
+    "forward_model",
+    "regressors",
+    "babbling_failures",
+    "maps",
+    "solvers",
+    "planning",
+    "planning_rendered",
+    "whole_paper",
+    "seen_babbling",
+    "seen_box",
+    "measures",
+]
 
 
 @dataclass(frozen=True)
@@ -39,5 +58,11 @@ class Reach:
             "babbling_failures": lambda: BabblingFailures(self.seed),
             "maps": lambda: Maps(self.seed),
             "solvers": lambda: Solvers(self.seed),
+            "planning": lambda: Planning(self.seed),
+            "planning_rendered": lambda: PlanningRendered(self.seed),
+            "whole_paper": lambda: WholePaper(self.seed),
+            "seen_babbling": lambda: SeenBabbling(self.seed),
+            "seen_box": lambda: SeenBox(self.seed),
+            "measures": lambda: Measures(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}

@@ -1,0 +1,129 @@
+"""Torso, head and hand, with a map and a relation that are plain geometry."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from control import fixation, into_reach
+from control.fixation import FixationParams, fixation_error, gaze_at
+from control.into_reach import IntoReachParams, IntoReachState, Learned
+from learning.torso_gaze import TorsoFrame
+from pps_vision.robot.gaze import GazeLimits, fixated_gaze, fixation_points, gaze_for_points
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array, Mask
+
+ROBOT, PARAMS, DT = load_icub(), IntoReachParams(), 0.05
+FRAME = TorsoFrame(ROBOT)
+TORSO, ARM = ROBOT.indices(("torso_yaw", "torso_pitch")), ROBOT.indices(ROBOT.names.right_arm)
+CENTER, RADIUS = np.array([-0.32, 0.08, 0.25]), 0.10  # what is to be reachable, as it lies for an upright torso
+ASIDE, FAR = CENTER + np.array([0.0, 0.18, 0.0]), CENTER - np.array([0.35, 0.0, 0.0])
+GOAL = np.deg2rad([-40.0, 30.0, 10.0, 60.0])
+START = ROBOT.clamp(np.zeros(ROBOT.n_joints))
+
+
+@dataclass(frozen=True)
+class Ball:
+    reachable: Mask
+    degree: Array
+
+
+def ball(radius: float) -> Learned:
+    """A map of a ball, and what turns truly do to the gaze."""
+
+    def judge(gaze: Array) -> Ball:
+        known = np.isfinite(gaze).all(axis=1)
+        off = np.full(len(gaze), np.nan)
+        off[known] = np.linalg.norm(fixation_points(ROBOT, gaze[known]) - CENTER, axis=1)
+        return Ball(off < radius, 1 - off)
+
+    def keeps(gaze: Array, torso: Array, turns: Array) -> Array:
+        point = FRAME.to_root(torso[None], fixation_points(ROBOT, gaze[None]))
+        around = FRAME.from_upright(torso + turns, np.repeat(point, len(turns), axis=0))
+        return gaze_for_points(ROBOT, around)
+
+    return Learned(judge, keeps, lambda _: (GOAL, 0.0))
+
+
+def run(learned: Learned, point: Array, seconds: float = 10.0, seen=lambda t: True):
+    """Modes, postures and commands until it is there or gives up."""
+    q, state, rows = gaze_at(ROBOT, START, point), IntoReachState(), []
+    for k in range(int(seconds / DT)):
+        posture = ROBOT.at(q)
+        gaze = fixated_gaze(posture) if seen(k * DT) else None
+        state, command = into_reach.step(PARAMS, learned, state, posture, gaze, DT, k * DT)
+        rows.append((state.mode, q, command.dq_rad_s))
+        if state.mode in ("there", "out of reach"):
+            break
+        dq = command.dq_rad_s + fixation.step(FixationParams(), posture, point, dt_s=DT).dq_rad_s
+        q = q + DT * dq
+        assert np.all((q >= ROBOT.lower_rad - 1e-3) & (q <= ROBOT.upper_rad + 1e-3))
+    return rows
+
+
+def test_what_lies_aside_is_brought_into_reach_and_the_arm_goes_to_its_goal():
+    rows = run(ball(RADIUS), ASIDE)
+    modes = [mode for mode, _, _ in rows]
+    assert [m for k, m in enumerate(modes) if k == 0 or m != modes[k - 1]] == [
+        "judging", "turning", "judging", "reaching", "there",
+    ]  # fmt: skip
+    q = rows[-1][1]
+    around = FRAME.from_upright(q[None, TORSO], ASIDE[None])[0]
+    assert np.linalg.norm(around - CENTER) < RADIUS + 1e-6
+    np.testing.assert_allclose(q[ARM], [*GOAL, 0, 0, 0], atol=np.deg2rad(0.3))
+    assert max(fixation_error(ROBOT.at(q), ASIDE) for _, q, _ in rows) < np.deg2rad(0.5)
+    assert max(np.abs(dq[TORSO]).max() for _, _, dq in rows) <= np.deg2rad(15) + 1e-9
+
+
+def test_what_is_within_reach_needs_no_turn():
+    rows = run(ball(RADIUS), CENTER)
+    assert "turning" not in {mode for mode, _, _ in rows}
+    assert not any(np.any(dq[TORSO]) for _, _, dq in rows)
+
+
+def test_what_no_turn_brings_into_reach_moves_nothing():
+    rows = run(ball(0.01), FAR)
+    assert rows[-1][0] == "out of reach"
+    assert not any(np.any(dq) for _, _, dq in rows)
+
+
+def test_out_of_sight_it_stops_and_goes_on_when_it_is_seen_again():
+    rows = run(ball(RADIUS), ASIDE, seen=lambda t: not 0.8 < t < 1.4)
+    hidden = [(mode, dq) for k, (mode, _, dq) in enumerate(rows) if 0.8 < k * DT < 1.4]
+    assert all(mode == "unseen" and not np.any(dq) for mode, dq in hidden)
+    assert "turning" in [mode for mode, _, _ in rows[:16]]
+    assert rows[-1][0] == "there"
+
+
+def test_a_hand_that_would_miss_is_not_sent():
+    learned = ball(RADIUS)
+    missing = Learned(learned.judge, learned.keeps, lambda _: (GOAL, 0.02))
+    rows = run(missing, CENTER)
+    assert rows[-1][0] == "out of reach"
+    assert not any(np.any(dq) for _, _, dq in rows)
+
+
+def test_what_moves_away_meanwhile_is_judged_again():
+    learned, posture = ball(RADIUS), ROBOT.at(gaze_at(ROBOT, START, CENTER))
+    gaze = fixated_gaze(posture)
+    reaching = IntoReachState("reaching", 1.0, gaze, GOAL)
+    assert into_reach.step(PARAMS, learned, reaching, posture, gaze, DT, 1.1)[0].mode == "reaching"
+    state, command = into_reach.step(PARAMS, learned, reaching, posture, gaze + np.deg2rad(3), DT, 1.1)
+    assert state.mode == "judging"
+    assert not np.any(command.dq_rad_s)
+
+
+def test_imagined_and_made_are_one_way():
+    """The torso ends where imagination said, to the length of a step."""
+    rows = run(ball(RADIUS), ASIDE)
+    gaze = fixated_gaze(ROBOT.at(rows[0][1]))
+    path = into_reach.imagine(PARAMS, ball(RADIUS), ROBOT, gaze, np.zeros(2))
+    assert path is not None
+    np.testing.assert_allclose(path[-1], rows[-1][1][TORSO], atol=PARAMS.ahead_rad)
+
+
+def test_the_gaze_beyond_the_limits_stands_for_nothing():
+    looking_down = GazeLimits(pitch_rad=(np.deg2rad(-40), np.deg2rad(-20)))
+    posture = ROBOT.at(gaze_at(ROBOT, START, [-0.4, 0.0, 0.34]))
+    assert np.isnan(fixated_gaze(posture, looking_down)).all()
+    assert fixated_gaze(posture)[1] == pytest.approx(0, abs=0.05)
