@@ -14,7 +14,7 @@ from tracking.look import Look, Looks
 from tracking.marker import MarkerParams, find_markers
 from tracking.marker_color import narrowed
 from tracking.marker_pair import find_pair
-from tracking.outline import REACH, Optics, Outline
+from tracking.outline import CLEAR, Optics, Outline
 from tracking.particles import Prior
 
 _SAME_SIZE = 0.03  # from one frame to the next, what is wholly seen twice differs by less
@@ -93,8 +93,8 @@ class Follower:
         return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
 
     def room_px(self, prior: Prior) -> float:
-        """How far around where it should be a marker's image goes, and what its outline needs of its surroundings."""
-        return 0.5 * self._size_px + 2 * prior.std_px + REACH + 1
+        """How far around where it should be a marker's image may go, and what its outline needs clear."""
+        return 0.5 * self._size_px + 2 * prior.std_px + CLEAR + 1
 
     def whole_marker(self, look: Look, shape: Outline | None, prior: Prior) -> Sighting | None:
         """A marker that is as large as it should be, and remembered as such; None where something may hide it."""

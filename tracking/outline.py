@@ -6,14 +6,16 @@ solid angle 2π(1 − cos θ) its angular radius θ: neither perspective nor the
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import Camera
+from pps_vision.geometry.camera import Camera, Vector
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
 
@@ -37,7 +39,9 @@ _UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: in this unit a + b is as su
 _SHADE = np.float32(_UNIT / 255)
 _LEVEL_VAR = np.float32(1 / 255**2)  # of rounding and the like
 _SUM = np.ones(4, np.float32)
-REACH = 8  # px, of the colours that an edge pixel is compared with: half a window, and the band
+_BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
+CLEAR = 3  # px around, so that no edge pixel is compared with the colours inside another region
+ROOM = 5  # px further around, of the colours outside that an edge pixel is compared with
 
 
 @dataclass(frozen=True)
@@ -100,54 +104,60 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     round object.  What is left over says how well that explains the pixel.
     """
     x0, y0, x1, y1 = box
-    return Coverage(*_cover(image[y0:y1, x0:x1], mask, int(np.count_nonzero(mask))), box)
+    alpha, edge, variance = _cover(image[None, y0:y1, x0:x1], mask[None])
+    return Coverage(alpha[0], edge, variance, box)
 
 
-def cover_pair(patches: Image, mask: Mask, boxes: tuple[Box, Box]) -> tuple[Coverage, Coverage]:
-    """The same for a region of each eye, both of one size and one above the other in `patches` (2h, w, 3) and `mask`
-    (2h, w): calls on arrays this small take as long for both as for one.  Nothing may be marked within `REACH`
-    px of where they meet."""
-    alpha, edge, variance = _cover(patches, mask, int(np.count_nonzero(mask)) // 2)
-    half = alpha.size // 2
-    of_left = int(np.searchsorted(edge, half))
-    upper, lower = alpha.reshape(2, -1, alpha.shape[1])
-    return (
-        Coverage(upper, edge[:of_left], variance[:of_left], boxes[0]),
-        Coverage(lower, edge[of_left:] - half, variance[of_left:], boxes[1]),
-    )
+def outline_pair(
+    patches: Image, masks: Mask, boxes: tuple[Box, Box], optics: tuple[Optics, Optics]
+) -> list[Outline | None]:
+    """The outline in a region of each eye, both of one size: calls on arrays this small take as long for both as for
+    one.  `patches` (2, h + 2·ROOM, w + 2·ROOM, 3) show that much around the regions; in the hard `masks` (2, h, w)
+    nothing may be marked within `CLEAR` px of their border."""
+    return _outlines(*_cover(patches, masks), boxes, optics)
 
 
-def _cover(patch: Image, mask: Mask, area: int) -> tuple[NDArray[np.float32], NDArray[np.intp], NDArray[np.float32]]:
-    """Alpha (h, w), edge (n,) and variance (n,) of a Coverage, of an RGB patch (h, w, 3) and its hard mask."""
-    band = 2 if area > 60 else 1
+def _cover(patches: Image, masks: Mask) -> tuple[NDArray[np.float32], NDArray[np.intp], NDArray[np.float32]]:
+    """Alpha (k, h, w), edge (n,) and variance (n,) of k regions of one size, as a Coverage has them, one after the
+    other; of RGB patches (k, h + 2m, w + 2m, 3), which may show more to all sides, and hard masks (k, h, w)."""
+    k, h, w = masks.shape
+    band = _BAND if np.count_nonzero(masks) > 60 * k else 1
     side = 2 * band + 1
-    count = cv2.boxFilter(mask.view(np.uint8), -1, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
+    hard = masks.reshape(-1, w).view(np.uint8)
+    count = cv2.boxFilter(hard, -1, (side, side), normalize=False, borderType=cv2.BORDER_REPLICATE)
     inner, outer = count == side * side, count == 0
     if not np.count_nonzero(inner):
-        inner = mask
+        inner = hard.view(bool)
     edge = (inner == outer).ravel().nonzero()[0]
     alpha = inner.astype(np.float32)
     if not len(edge):
-        return alpha, edge, np.zeros(0, np.float32)
-    share, variance = _unmix(_colors(patch, inner, outer, 4 * band + 5, edge))
-    alpha.reshape(-1)[edge] = share
-    return alpha, edge, variance
+        return alpha.reshape(k, h, w), edge, np.zeros(0, np.float32)
+    colors = _colors(patches, inner.reshape(k, h, w), outer.reshape(k, h, w), 4 * band + 5, edge)
+    alpha.reshape(-1)[edge], variance = _unmix(colors)
+    return alpha.reshape(k, h, w), edge, variance
 
 
-def _colors(patch: Image, inner: Mask, outer: Mask, side: int, at: NDArray[np.intp]) -> NDArray[np.float32]:
+def _colors(patches: Image, inner: Mask, outer: Mask, side: int, at: NDArray[np.intp]) -> NDArray[np.float32]:
     """(3, 4, n) of each of the pixels `at`: its own colour, and the mean colours of the inner and the outer pixels
     around; of all such pixels where none is near.  Red, green and blue are in 0–1, the fourth channel is 1."""
-    layers = np.empty((3, *inner.shape, 4), np.float32)
-    rgba = cv2.cvtColor(patch, cv2.COLOR_RGB2RGBA)  # A counts the pixels in a sum
-    layers[0] = rgba
-    for layer, where in zip(layers[1:], (inner, outer), strict=True):
-        marked = cv2.copyTo(rgba, where.view(np.uint8))
-        cv2.boxFilter(marked, cv2.CV_32F, (side, side), layer, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    (k, h, w), (_, height, width, _) = inner.shape, patches.shape
+    m = (height - h) // 2
+    rgba = np.asarray(cv2.cvtColor(patches.reshape(-1, width, 3), cv2.COLOR_RGB2RGBA), np.uint8)  # A counts in a sum
+    middle = rgba.view(np.uint32).reshape(k, height, width)[:, m : m + h, m : m + w]
+    inside: NDArray[np.uint8] = (middle * inner).view(np.uint8).reshape(k * h, w, 4)
+    layers = np.empty((3, k * h, w, 4), np.float32)
+    layers[0] = middle[..., None].view(np.uint8).reshape(k * h, w, 4)
+    middle *= outer
+    square = side, side
+    cv2.boxFilter(inside, cv2.CV_32F, square, layers[1], normalize=False, borderType=cv2.BORDER_CONSTANT)
+    around = cv2.boxFilter(rgba, cv2.CV_32F, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    layers[2] = around.reshape(k, height, width, 4)[:, m : m + h, m : m + w].reshape(k * h, w, 4)
     colors = layers.reshape(3, -1, 4).take(at, axis=1).swapaxes(1, 2).copy()
-    if np.count_nonzero(colors[:, 3]) < 3 * len(at):
-        for color, where in zip(colors[1:], (inner, outer), strict=True):
-            color[:, color[3] == 0] = np.array([*cv2.mean(rgba, where.view(np.uint8))[:3], 255])[:, None]
-    return np.asarray(colors / colors[:, 3:], dtype=np.float32)
+    if cv2.countNonZero(colors[1:, 3]) < 2 * len(at):
+        for color, marked in zip(colors[1:], (inside, rgba), strict=True):
+            color[:, color[3] == 0] = marked.reshape(-1, 4).sum(axis=0, dtype=np.float32)[:, None]
+    colors /= colors[:, 3:]
+    return colors
 
 
 def _unmix(colors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -156,62 +166,121 @@ def _unmix(colors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np
     The fourth channel, where all three are the same, asks of the mixture that a + b = 1.
     """
     colors[:, 3] = _SHADE
-    (fi, ff, fb), (bi, _, bb) = _SUM @ (colors[1:, None] * colors)
-    det = np.maximum(ff * bb - fb * fb, 1e-11)
-    a, b = np.maximum(bb * fi - fb * bi, 0) / det, np.maximum(ff * bi - fb * fi, 0) / det
-    pixel, F, B = colors[:, :3]
-    rest = pixel - a * F - b * B
+    products = _SUM @ (colors[1:, None] * colors)  # of F and B with I, F and B
+    with_pixel, own, fb = products[:, 0], products.reshape(6, -1)[1::4], products[0, 2]
+    ff, bb = own
+    both = own[::-1] * with_pixel  # Cramer's rule
+    both -= fb * with_pixel[::-1]
+    np.maximum(both, 0, out=both)
+    both /= np.maximum(ff * bb - fb * fb, 1e-11)
+    a, b = both
+    mixed = both[:, None] * colors[1:, :3]
+    rest = colors[0, :3] - mixed[0] - mixed[1]
     noise = float(np.vdot(rest, rest)) / rest.size + _LEVEL_VAR
-    return a / np.maximum(a + b, 1e-6), np.minimum(noise / np.maximum(ff + bb - 2 * fb, _LEVEL_VAR), 0.25)
+    return a / np.maximum(a + b, 1e-6), noise / np.maximum(ff + bb - 2 * fb, 4 * noise)  # a quarter at most
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     """The outline of a covered region; None where nothing is covered."""
-    x0, y0, x1, y1 = coverage.box
-    alpha, camera = coverage.alpha, optics.camera
-    area = cv2.sumElems(alpha)[0]
-    if area < 1.0:
+    c = coverage
+    return _outlines(c.alpha[None], c.edge, c.variance, (c.box,), (optics,))[0]
+
+
+def _outlines(
+    alpha: NDArray[np.float32],
+    edge: NDArray[np.intp],
+    variance: NDArray[np.float32],
+    boxes: Sequence[Box],
+    optics: Sequence[Optics],
+) -> list[Outline | None]:
+    """The outline in each of k regions of one size; `alpha` (k, h, w), `edge` and `variance` (n,) are as in a Coverage,
+    with one region after the other."""
+    planes = np.empty((4, *alpha.shape), np.float32)
+    for index, (eye, (x0, y0, x1, y1)) in enumerate(zip(optics, boxes, strict=True)):
+        planes[:, index] = eye.weights[:, y0:y1, x0:x1]
+    weights, flat = planes.reshape(4, len(alpha), -1).swapaxes(0, 1), alpha.reshape(len(alpha), -1)
+    sums, areas = (weights @ flat[..., None])[..., 0].tolist(), flat.sum(axis=1).tolist()
+    outside = _outside(flat, weights, sums, areas)
+    plain = (alpha > 0.5).view(np.uint8)
+    of_edge, begin = planes.reshape(4, -1).take(edge, axis=1), 0
+    spread = variance * of_edge
+    found: list[Outline | None] = []
+    for index, (*direction, omega) in enumerate(sums):
+        end = int(edge.searchsorted((index + 1) * flat.shape[1]))
+        area, departure = areas[index], outside[index] / max(areas[index], 1.0)
+        if departure > ROUND:
+            thick = alpha[index] * _thickness(alpha[index])
+            direction = (weights[index, :3] @ thick.reshape(-1)).tolist()
+        cov = (spread[:, begin:end] @ of_edge[:, begin:end].T).tolist()
+        moments = _Moments(direction, omega, area, departure, cov, cv2.boundingRect(plain[index]))
+        found.append(_outline(moments, boxes[index], optics[index].camera))
+        begin = end
+    return found
+
+
+class _Moments(NamedTuple):
+    """Of what is covered: the sums of its `direction`s (3,) and of its solid angles, `omega` sr, with the covariance
+    (4, 4) of both were pixels to err apart; area px, share that departs from a disc, box x, y, width, height."""
+
+    direction: list[float]
+    omega: float
+    area: float
+    departure: float
+    cov: list[list[float]]
+    box: Sequence[int]
+
+
+def _outline(seen: _Moments, region: Box, camera: Camera) -> Outline | None:
+    """What those sums say of the object; None where nothing is covered."""
+    left, top, width, height = seen.box
+    if seen.area < 1.0 or not width:
         return None
-    weights = optics.weights[:, y0:y1, x0:x1].reshape(4, -1)
-    *direction, omega = (weights @ alpha.reshape(-1)).tolist()
-    radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
-    departure = _departure(alpha, weights, direction, radius + math.sqrt(omega / area)) / area  # and a pixel's side
-    if departure > ROUND:
-        direction = (weights[:3] @ (alpha * _thickness(alpha)).reshape(-1)).tolist()
-    u, v, *slopes = camera.project_linearised(*direction)
-    center, slope = np.array((u, v)), np.array(slopes)
-    if math.isnan(center[0]):
+    u, v, of_u, of_v = camera.project_linearised(*seen.direction)
+    if math.isnan(u):
         return None
-    left, top, width, height = cv2.boundingRect((alpha > 0.5).view(np.uint8))
-    if not width:
-        return None
-    left, top = x0 + left, y0 + top
-    focal_px = camera.focal_px
+    left, top, focal_px, area = region[0] + left, region[1] + top, camera.focal_px, seen.area
+    radius = _angle(seen.omega)
     odd_px = _SHAPE_BIAS * radius * focal_px * abs(1 - area / (math.pi / 4 * width * height))
-    ((xx, xy), (_, yy)), omega_var = _spread(coverage, weights, slope)
     radius_px = math.sqrt(area / math.pi)
     own, light = _LEAST_PX**2 / radius_px**1.5 + odd_px**2, _LIGHT_PX**2 / radius_px
-    cov = np.array(((xx + own, xy), (xy, yy + own + light)))
+    cov_u, cov_v = _turned(seen.cov, of_u), _turned(seen.cov, of_v)
+    uu, uv, vv = _CORRELATION * _dot(cov_u, of_u), _CORRELATION * _dot(cov_u, of_v), _CORRELATION * _dot(cov_v, of_v)
+    cov = np.array(((uu + own, uv), (uv, vv + own + light)))
+    omega_var = _CORRELATION * seen.cov[3][3]
     radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2 + (_MIN_RADIUS_PX / focal_px) ** 2
     at_border = left <= 0 or top <= 0 or left + width >= camera.width or top + height >= camera.height
     box_px = (float(left), float(top), float(width), float(height))
-    return Outline(center, cov, radius, radius_var, box_px, area, at_border, departure)
+    return Outline(np.array((u, v)), cov, radius, radius_var, box_px, area, at_border, seen.departure)
 
 
-def _departure(
-    alpha: NDArray[np.float32], weights: NDArray[np.float32], direction: list[float], radius: float
-) -> float:
-    """What of `alpha` lies outside the cone of this `radius` (rad) around a direction, px."""
-    inside = np.array([*direction, -math.hypot(*direction) * math.cos(radius)], dtype=np.float32)
-    return float(alpha.reshape(-1) @ (inside @ weights < 0))
+def _angle(omega: float) -> float:
+    """Half the angle (rad) of the cone of a solid angle (sr)."""
+    return math.acos(1 - min(omega / (2 * math.pi), 1.0))
 
 
-def _spread(coverage: Coverage, weights: NDArray[np.float32], slope: Array) -> tuple[list[list[float]], float]:
-    """Covariance (2, 2) px² of the centre and variance sr² of the solid angle: what every edge pixel's uncertain share
-    does to the sums of the weights, and with `slope` (2, 3) the sum of the directions to the centre."""
-    of_edge = weights.take(coverage.edge, axis=1)
-    cov = (_CORRELATION * coverage.variance * of_edge) @ of_edge.T
-    return (slope @ cov[:3, :3] @ slope.T).tolist(), float(cov[3, 3])
+def _outside(
+    alpha: NDArray[np.float32], weights: NDArray[np.float32], sums: list[list[float]], areas: list[float]
+) -> list[float]:
+    """What of each region's `alpha` (k, h·w) lies more than a pixel's side outside the cone of its solid angle around
+    its direction, px; `weights` (k, 4, h·w), and their `sums` (k, 4)."""
+    cones = []
+    for (x, y, z, omega), area in zip(sums, areas, strict=True):
+        reach = _angle(omega) + math.sqrt(max(omega, 0.0) / max(area, 1.0))
+        cones.append([[x, y, z, -math.sqrt(x * x + y * y + z * z) * math.cos(reach)]])
+    outside = np.array(cones, np.float32) @ weights < 0
+    total: list[float] = (outside @ alpha[..., None]).ravel().tolist()
+    return total
+
+
+def _turned(cov: list[list[float]], slope: Vector) -> Vector:
+    """The product of the first three rows and columns of a symmetric matrix with a vector."""
+    (a, b, c, _), (_, d, e, _), (_, _, f, _), _ = cov
+    x, y, z = slope
+    return a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:

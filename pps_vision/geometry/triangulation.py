@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pps_vision.geometry.camera import StereoView, Vector, View
 from pps_vision.types import Array
 
-_ROUNDS = 20  # one or two are usual; a strong lens takes more, for it is undone along the way
+_ROUNDS = 20  # two are usual; a strong lens takes more, for it is undone along the way
 _SETTLED = 1e-5  # rad: a round that moves the rays so far leaves about 1e-11, for what is left goes by the square
 _PARALLEL = 1e-10  # squared sine of the angle between rays that do not meet
 

@@ -59,17 +59,17 @@ class Measures:
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """What the maps say at one vergence, and how far off they are."""
-        figure, axes = panels(len(numbers["maps"]), 3.3, 3.6)
+        figure, axes = panels(len(numbers["maps"]), 3.1, 4.2)
         extent = (-55, 55, -80, 40)
         for axis, (name, row) in zip(axes, numbers["maps"].items(), strict=True):
             shown = np.array(row["shown"], dtype=float)
-            image = axis.imshow(shown, origin="lower", extent=extent, aspect="auto", cmap="viridis", vmin=0, vmax=1)
+            image = axis.imshow(shown, origin="lower", extent=extent, aspect="auto", cmap="viridis")
             axis.set_title(
                 f"{name}\nRMS error {row['rmse']:.3f}, truth {row['mean']:.2f} ± {row['spread']:.2f}", fontsize=8
             )
             axis.set_xlabel("neck yaw (°)")
+            figure.colorbar(image, ax=axis, location="bottom", label="best posture, as learned")
         axes[0].set_ylabel(f"neck pitch (°), at vergence {_SHOWN_VERGENCE_DEG}°")
-        figure.colorbar(image, ax=axes, label="measure of the best posture, as learned (white: out of reach)")
         return figure
 
 

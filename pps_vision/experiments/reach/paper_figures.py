@@ -56,10 +56,9 @@ def slices(drawn: dict[str, Any], extremes: dict[str, dict[str, float]]) -> Figu
     for name, at in extremes.items():
         rows[0][0].plot(at["yaw_deg"], at["vergence_deg"], "k^", ms=6)
         label = f"{name}, elbow {at['elbow_deg']:.0f}°"
-        inwards = -10 if at["vergence_deg"] > 50 else 6
-        rows[0][0].annotate(
-            label, (at["yaw_deg"], at["vergence_deg"]), (6, inwards), textcoords="offset points", fontsize=7
-        )
+        place = at["yaw_deg"], at["vergence_deg"]
+        side, offset = ("left", (6, -10)) if at["yaw_deg"] < 0 else ("right", (-6, -12))
+        rows[0][0].annotate(label, place, offset, textcoords="offset points", ha=side, fontsize=7)
     figure.colorbar(image, ax=rows, label="degree of reachability R (reachable above 0.5)", shrink=0.8)
     figure.supxlabel("neck yaw (°)", fontsize=9)
     figure.supylabel("vergence (°)", fontsize=9)
