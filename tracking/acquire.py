@@ -47,12 +47,15 @@ class Candidate:
 def without_carriers(candidates: list[Candidate]) -> list[Candidate]:
     """Without those that are dull beside another whose box they meet: what carries an object moves with it, and as
     much."""
-    return [a for a in candidates if not any(_carries(a, b) for b in candidates)]
+    return [a for a in candidates if not any(carries(a, b) for b in candidates)]
 
 
-def _carries(one: Candidate, other: Candidate) -> bool:
+def carries(one: Candidate, other: Candidate) -> bool:
+    """Whether that one is dull beside the other and their boxes meet, or nearly: fingertips are no part of a hand's
+    box where they lie before what it holds."""
     (x, y, w, h), (u, v, s, t) = one.outline.box_px, other.outline.box_px
-    meet = x <= u + s and u <= x + w and y <= v + t and v <= y + h
+    gap = _GAP * max(s, t)
+    meet = x <= u + s + gap and u <= x + w + gap and y <= v + t + gap and v <= y + h + gap
     return meet and one.vividness < _DULL * other.vividness
 
 
@@ -127,6 +130,7 @@ _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10
 
 
 _FAR = 0.005  # share of its surroundings up to which they do not have a colour
+_GAP = 0.25  # of the larger side of an object's box, between it and its carrier's
 _DULL = 0.4  # of the object's mean vividness, below which a colour is its carrier's
 
 

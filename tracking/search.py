@@ -10,7 +10,7 @@ import numpy as np
 
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.types import Array, Mask
-from tracking.acquire import AcquireParams, Candidate, acquire, without_carriers
+from tracking.acquire import AcquireParams, Candidate, acquire, carries, without_carriers
 from tracking.association import Association
 from tracking.background import Background
 from tracking.look import Look, Looks
@@ -73,6 +73,17 @@ class Search:
                 scenes is not None,
             )
         return pair and _with_both_colors(*pair), (left, right)
+
+    def is_carrier(self, found: tuple[Candidate, Candidate], looks: Looks) -> bool:
+        """Whether beside what was `found` something moves by now that it seems to carry: a hand's edge may be noticed
+        before the object that it holds."""
+        for eye, (look, one) in enumerate(zip(looks, found, strict=True)):
+            with self.stages("trigger"):
+                regions = self._moving(eye, look, True)
+            with self.stages("image"):
+                if any(carries(one, other) for other in self._candidates(eye, look, regions, None)):
+                    return True
+        return False
 
     def _moving(self, eye: int, look: Look, ask: bool) -> list[Region2D]:
         """What moves in one eye; where nobody asks, its image is only remembered."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
+from tracking.acquire import Candidate
 from tracking.again import AgainParams, is_same
 from tracking.association import Association, AssociationParams
 from tracking.blind import Blindness
@@ -108,6 +109,7 @@ class Tracker:
         self._blindness, self._pose = Blindness(), PoseError(params.stamp_error_s)
         self._kalman = params.kalman
         self._belief: Belief | None = None
+        self._found: tuple[Candidate, Candidate] | None = None  # as which the search found it, until it is confirmed
         self._head: Array = np.zeros(3)
         self._radius = (np.nan, np.nan)  # m, m²
         self._radius_lasting = 0.0  # m², as Belief.lasting
@@ -136,6 +138,9 @@ class Tracker:
             sightings = _sightings(shapes)
         elif last is None or self._belief is None:
             sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
+        elif not grey and self._is_carrier(looks):
+            self._forget()
+            sightings = None, None
         else:
             with self.stages("image"):
                 sightings = find_both(self._eyes, looks, last, self._belief, grey)
@@ -174,10 +179,17 @@ class Tracker:
             view, (pair[0].outline, pair[1].outline), stamp_s, (pair[0].model, pair[1].model)
         ):
             return (None, None), regions
+        self._found = pair
         with self.stages("image"):
             for eye, look, found in zip(self._eyes, looks, pair, strict=True):
                 eye.object.start(look.image, found.outline.box_px, found.model, found.spread)
         return _sightings((pair[0].outline, pair[1].outline)), regions
+
+    def _is_carrier(self, looks: Looks) -> bool:
+        """Whether what is not yet confirmed turns out to carry what should be tracked."""
+        if self._found is None or self._hits >= self.params.confirm_frames:
+            return False
+        return self._search.is_carrier(self._found, looks)
 
     def _is_wanted(
         self, view: StereoView, shapes: tuple[Outline, Outline], stamp_s: float, models: Sequence[ColorModel | None]

@@ -201,6 +201,25 @@ def test_a_marker_half_hidden_by_what_is_nearly_its_colour_is_completed(world: W
     assert np.median(errors[12:]) < 0.015
 
 
+def test_a_carrier_that_is_noticed_first_is_not_taken_for_what_it_carries(
+    world: World, rng: np.random.Generator
+) -> None:
+    """A bluish grey ball starts to move, and only once that was noticed a red one that touches it."""
+    tracker = Tracker(TrackerParams(), world.rig, rng)
+    ahead = world.rig.view(world.q(0.0)).left.T_root_camera
+    aside, noticed = 0.1 * DT, 10**6
+    for k in range(20):
+        moved = aside * max(k - 6, 0), aside * max(k - noticed, 0)
+        carrier, ball = (
+            (ahead @ np.array([0.02 + x, y, 0.42, 1.0]))[:3] for x, y in zip(moved, (-0.03, 0.05), strict=True)
+        )
+        balls = [Sphere(carrier, 0.045, (95.0, 105.0, 135.0)), Sphere(ball, world.radius_m, RED)]
+        step = tracker.step(frame(world.rig, world.q(0.0), balls, DT * k, rng))
+        noticed = min(noticed, k if step.detections else noticed)
+    assert noticed < 15
+    assert np.linalg.norm(step.track.position - ball) < 0.003
+
+
 def test_light_from_above_leaves_doubt_up_and_down_the_image(world: World) -> None:
     """As many pixels as were asked for, over the root of the radius in pixels, less by the squared sine of the angle
     between line of sight and plumb line, and none across."""
