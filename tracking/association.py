@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Observation3D
@@ -17,7 +19,7 @@ class AssociationParams:
     than `min_error_px`, and after `any_pairs` only those that show a whole ball; `max_ratio` between the
     two eyes' apparent radii; distances outside `distance_range`, in baselines (whatever the unit), are no
     object; `radius_error` is how far (relative) what is no ball may be from the sphere that its outline is
-    taken for."""
+    taken for; an eye whose radius is `hidden_sigma` below the other's is taken to see only a part."""
 
     unknown_error: float = 0.008
     min_error_px: float = 0.005
@@ -28,6 +30,7 @@ class AssociationParams:
     max_ratio: float = 1.7
     distance_range: tuple[float, float] = (0.7, 300.0)
     radius_error: float = 0.05
+    hidden_sigma: float = 3.0
 
 
 class Association:
@@ -67,6 +70,9 @@ class Association:
         if shift_px is not None:
             left_px, right_px = left_px + shift_px[0], right_px + shift_px[1]
         found = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
+        if found is not None and any(hidden := self._hidden_px2(view, left, right, found.p_root)):
+            cov_left, cov_right = left.cov_px + hidden[0] * np.eye(2), right.cov_px + hidden[1] * np.eye(2)
+            found = triangulate(view, left_px, right_px, cov_left, cov_right, self.error_px**2)
         if found is None or 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
         eye = view.left.center.tolist()
@@ -88,6 +94,22 @@ class Association:
         mean = self._error_var / (1 + 3 / self._pairs) if self._pairs else 0.0
         self._pairs = min(self._pairs + 1, self.params.memory)
         self._error_var = (mean + (excess - mean) / self._pairs) * (1 + 3 / self._pairs)
+
+    def _hidden_px2(self, view: StereoView, left: Outline, right: Outline, p: Array) -> tuple[float, float]:
+        """Variance of a centre whose eye sees the thing surely smaller than the other does: what hides a strip of
+        a disc moves its centre by as much as it takes from its radius."""
+        radii, variances, scales = [], [], []
+        for one, eye in ((left, view.left), (right, view.right)):
+            distance, sine = math.dist(p.tolist(), eye.center.tolist()), math.sin(one.angular_radius_rad)
+            radii.append(distance * sine)
+            variances.append(
+                distance**2 * one.angular_radius_var + (self.params.radius_error * one.oddness * radii[-1]) ** 2
+            )
+            scales.append(eye.camera.focal_px / distance)
+        gap = radii[0] - radii[1]
+        if gap * gap <= self.params.hidden_sigma**2 * sum(variances):
+            return 0.0, 0.0
+        return (0.0, (gap * scales[1]) ** 2) if gap > 0 else ((gap * scales[0]) ** 2, 0.0)
 
     def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
         """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""
