@@ -269,9 +269,11 @@ def _near_border(
     signed = border(candidates)
     low, high = params.border_band
     beyond = np.maximum(np.maximum(low - signed, signed - high), 0)
-    near = candidates[np.argsort(beyond, kind="stable")[: 2 * n]]
+    inside = beyond == 0
+    enough = max(n, min(int(inside.sum()), 2 * n))
+    near = candidates[np.argsort(beyond, kind="stable")[:enough]]
     alone, _ = cKDTree(isotropic(labels.gaze_rad)).query(isotropic(near))
-    return near[np.argsort(-alone)[:n]], float(np.mean(beyond == 0))
+    return near[np.argsort(-alone)[:n]], float(inside.mean())
 
 
 def _softness(predicted: Array, reachable: Mask, least: float) -> float:
