@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
+from learning.gaze_spline import GazeSpline, first_of_close
 from learning.reachable import Labels, Lattice, ReachableMap, isotropic
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -27,23 +27,9 @@ _DEG = np.pi / 180
 _FAR_VERGENCE_RAD = 1 * _DEG  # border points may lie beyond the gaze limits, but must be finite
 _MARGIN_RAD = 0.5
 _NEAR = 16
-_NEIGHBOURS = 30
 _COARSER = 4
+_ROUNDEST = 0.5  # times step²: how far off a border that curves with a radius of 0.25 may be between lattice points
 _LEVEL = 5e-3  # m/rad: where the hand could come nearer faster than this, it is not within 0.1 mm of the nearest
-
-
-class GazeInterpolator:
-    """Triharmonic splines through the nearest nodes, the usual choice for surfaces in 3D."""
-
-    def __init__(self, gaze_rad: Array, values: Array) -> None:
-        if len(gaze_rad) < _NEIGHBOURS:
-            raise ValueError(f"{len(gaze_rad)} gaze postures to interpolate between; expected at least {_NEIGHBOURS}")
-        self._rbf = RBFInterpolator(isotropic(gaze_rad), values, neighbors=_NEIGHBOURS, kernel="cubic")
-
-    def __call__(self, gaze_rad: Array) -> Array:
-        """Values (N,) at gaze postures (N, 3)."""
-        values: Array = self._rbf(isotropic(gaze_rad))
-        return values
 
 
 @dataclass(frozen=True)
@@ -185,10 +171,20 @@ def train_reachable_map(
     counted; `hand` says where it is, by default as the robot's own model has it.  ValueError for a map of another arm
     or other limits, and where inverse kinematics came to no answer at all."""
     params = params or MapParams()
-    oracle = ReachOracle(robot, side, params, rng, hand)
+    return learned_from(ReachOracle(robot, side, params, rng, hand).label, side, rng, params, into)
+
+
+def learned_from(
+    label: Callable[[Array], Labels],
+    side: str,
+    rng: np.random.Generator,
+    params: MapParams,
+    into: ReachableMap | None = None,
+) -> ReachableMap:
+    """The same from whatever answers gaze postures (n, 3)."""
     limits, n = params.gaze_limits, params.round_labels
     if into is None:
-        labels = oracle.label(rng.uniform(limits.lower, limits.upper, (n, 3)))
+        labels = label(rng.uniform(limits.lower, limits.upper, (n, 3)))
         spent, unanswered = n, n - int(labels.answered.sum())
         labels = labels.only(labels.answered)
     elif into.side == side and into.limits == limits:
@@ -197,13 +193,13 @@ def train_reachable_map(
         raise ValueError(f"a map of {into.side}, {into.limits}: expected one of {side}, {limits}, to go on from")
     softness, expected = np.nan, 1.0
     while spent + n <= params.n_labels and expected > params.max_error:
-        border = GazeInterpolator(*_nodes(labels, params))
+        border = GazeSpline(*_nodes(labels, params))
         asked, share = _near_border(border, labels, n, params, rng)
-        more = oracle.label(asked)
+        more = label(asked)
         spent, unanswered = spent + n, unanswered + n - int(more.answered.sum())
         more = more.only(more.answered)
         predicted = border(more.gaze_rad)
-        softness = _softness(predicted, more.reachable)
+        softness = _softness(predicted, more.reachable, _ROUNDEST * params.lattice**2)
         expected = share * float(np.mean((predicted > 0) != more.reachable))
         labels = labels.joined(more)
     return replace(_drawn(side, labels, softness, expected, params), unanswered=unanswered)
@@ -227,7 +223,7 @@ def _drawn(side: str, labels: Labels, softness: float, expected: float, params: 
 
     def drawn(at: Array, values: Array, where: Callable[[Array], Mask] | None) -> Array:
         """On the coarse lattice, and on the fine one `where` asked for."""
-        spline = GazeInterpolator(at, values)
+        spline = GazeSpline(at, values)
         rough = coarse.interpolate(spline(coarse.gaze_rad)[:, None], gaze)[:, 0]
         if where is not None:
             near = where(rough)
@@ -236,7 +232,9 @@ def _drawn(side: str, labels: Labels, softness: float, expected: float, params: 
 
     near_m = params.lattice * 3 + 0.06
     signed = drawn(*_nodes(labels, params), lambda s: np.abs(s) < near_m)
-    good = drawn(labels.gaze_rad[inside], labels.optimality[inside], lambda _: signed > -2 * params.lattice)
+    good: Array = np.zeros(len(gaze))
+    if inside.any():
+        good = drawn(labels.gaze_rad[inside], labels.optimality[inside], lambda _: signed > -2 * params.lattice)
     error = drawn(labels.gaze_rad[outside], labels.error_m[outside], None)
     signed, good, error = (v.reshape(lattice.shape) for v in (signed, good, error))
     return ReachableMap(
@@ -254,8 +252,7 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
         raise ValueError(
             f"all {len(labels.gaze_rad)} labels are within reach: expected some beyond the border to learn"
         )
-    close = cKDTree(isotropic(border)).query_pairs(params.node_spacing, output_type="ndarray")
-    border = np.delete(border, np.unique(close[:, 1]), axis=0)
+    border = border[first_of_close(isotropic(border), params.node_spacing)]
     distance, _ = cKDTree(isotropic(border)).query(isotropic(labels.gaze_rad))
     clear = distance > params.border_clearance
     signed = np.where(labels.reachable, distance, -distance)[clear]
@@ -263,25 +260,28 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
 
 
 def _near_border(
-    border: GazeInterpolator, labels: Labels, n: int, params: MapParams, rng: np.random.Generator
+    border: GazeSpline, labels: Labels, n: int, params: MapParams, rng: np.random.Generator
 ) -> tuple[Array, float]:
-    """(n, 3) gaze postures in the band about the border, those farthest from what is labelled already; and what share
-    of all gaze postures lies in that band."""
+    """(n, 3) gaze postures in the band about the border, or nearest to it where it is small, those farthest from what
+    is labelled already; and what share of all gaze postures lies in that band."""
     limits = params.gaze_limits
     candidates = rng.uniform(limits.lower, limits.upper, (8 * n, 3))
     signed = border(candidates)
     low, high = params.border_band
-    inside = (signed > low) & (signed < high)
-    near = candidates[inside][: 2 * n]
+    beyond = np.maximum(np.maximum(low - signed, signed - high), 0)
+    inside = beyond == 0
+    enough = max(n, min(int(inside.sum()), 2 * n))
+    near = candidates[np.argsort(beyond, kind="stable")[:enough]]
     alone, _ = cKDTree(isotropic(labels.gaze_rad)).query(isotropic(near))
     return near[np.argsort(-alone)[:n]], float(inside.mean())
 
 
-def _softness(predicted: Array, reachable: Mask) -> float:
-    """The scale τ for which P = 1/(1 + e^(−s/τ)) best explains answers that were predicted as s."""
+def _softness(predicted: Array, reachable: Mask, least: float) -> float:
+    """The scale τ for which P = 1/(1 + e^(−s/τ)) best explains answers that were predicted as s, no less than
+    `least`: few answers may all be right by chance."""
     sign = np.where(reachable, -1.0, 1.0)
 
     def surprise(log_tau: float) -> float:
         return float(np.logaddexp(0, sign * predicted / np.exp(log_tau)).sum())
 
-    return float(np.exp(minimize_scalar(surprise, bounds=(np.log(1e-4), np.log(0.5)), method="bounded").x))
+    return float(np.exp(minimize_scalar(surprise, bounds=(np.log(least), np.log(0.5)), method="bounded").x))

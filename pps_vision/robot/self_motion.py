@@ -113,7 +113,8 @@ class FarFromLimits:
         """(N,) of postures (N, k)."""
         xp = array_namespace(q)
         lower, upper = (xp.asarray(a, dtype=q.dtype, device=q.device) for a in (self.lower_rad, self.upper_rad))
-        return 1 - (((q - (upper + lower) / 2) / ((upper - lower) / 2)) ** 2).mean(-1)
+        half = (upper - lower) / 2
+        return 1 - (((q - (upper + lower) / 2) / xp.where(half > 0, half, 1)) ** 2).mean(-1)
 
 
 @dataclass(frozen=True)

@@ -225,6 +225,20 @@ def test_an_arm_that_reaches_everything_has_no_border():
         )
 
 
+def test_what_was_asked_twice_does_no_harm(learned):
+    """Going on with a random stream used before asks the same gaze postures again."""
+    params = MapParams(n_labels=100, round_labels=50, n_babble=5000, lattice=0.12)
+    some = learned.labels.only(np.arange(300) + 1400)
+    first = replace(learned, labels=some)
+    doubled = replace(learned, labels=some.joined(some))
+    more = train_reachable_map(ROBOT, "right", np.random.default_rng(1), params, into=doubled)
+    assert np.isfinite(more.signed_distance).all()
+    gaze = np.random.default_rng(13).uniform(LIMITS.lower, LIMITS.upper, (2000, 3))
+    once = train_reachable_map(ROBOT, "right", np.random.default_rng(1), params, into=first)
+    before, after = (rates(one.query(gaze).reachable, truth(gaze)[0])[0] for one in (once, more))
+    assert after < before + 0.005
+
+
 def test_saved_and_loaded_judges_the_same(learned, fresh, tmp_path):
     save_map(tmp_path / "map.npz", learned)
     again = load_map(tmp_path / "map.npz")
@@ -256,7 +270,7 @@ def test_both_hands_reach_what_each_does(learned, fresh):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 7}, "version 7; expected version 3"),
+        ({"version": 7}, "version 7; expected version 4"),
         ({"signed_distance": None}, "without signed_distance"),
         ({"optimality": np.zeros((4, 5, 6))}, r"optimality \(4, 5, 6\)"),
         ({"label_error_m": np.zeros(3)}, r"labels of shapes .*'error_m': \(3,\)"),

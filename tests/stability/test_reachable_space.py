@@ -7,7 +7,15 @@ import pytest
 from data import SEED
 
 from learning.babbling import Babbled, babble
-from learning.reachable_training import ArmLimits, HandModel, MapParams, ReachOracle, train_reachable_map
+from learning.reachable import Labels, isotropic
+from learning.reachable_training import (
+    ArmLimits,
+    HandModel,
+    MapParams,
+    ReachOracle,
+    learned_from,
+    train_reachable_map,
+)
 from learning.turning_joints import TurningJoints
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -89,10 +97,10 @@ def test_targets_behind_the_head_and_at_the_eyes_are_not_fixated():
 def test_singular_arms_are_reached_and_walked_without_nan():
     """The elbow as straight as it goes, and the upper arm along the first axis, where the next turns nothing new."""
     lower, upper = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
-    arm = rng().uniform(lower, upper, (3000, 4))
-    arm[:1000, 3], arm[1000:2000, 1] = lower[3], 0.0
+    arm = rng().uniform(lower, upper, (2000, 4))
+    arm[::2, 3], arm[1::2, 1] = lower[3], 0.0
     gaze = gaze_for_points(ROBOT, ARM.positions(arm)[0])
-    labels = ReachOracle(ROBOT, "right", SMALL, rng()).label(gaze[np.isfinite(gaze[:, 0])][:400])
+    labels = ReachOracle(ROBOT, "right", SMALL, rng()).label(gaze[np.isfinite(gaze[:, 0])][:200])
     assert labels.answered.mean() > 0.99
     assert labels.reachable.mean() > 0.9  # on the border itself a tenth of a millimetre decides
     assert np.isfinite(labels.optimality[labels.reachable]).all()
@@ -124,6 +132,72 @@ def test_flipped_labels_do_little_more_than_their_share(learned, percent):
     assert after < before + 3 * percent / 100
 
 
+def ball_distance(gaze, center, radius):
+    """Signed distance, in the map's isotropic coordinates, to a sphere in them: analytic; and its nearest point."""
+    away = isotropic(gaze) - center
+    far = np.linalg.norm(away, axis=1)
+    at = center + away / far[:, None] * radius
+    at[:, 2] = 2 * np.arctan(np.exp(at[:, 2]))
+    return far - radius, at
+
+
+CENTER, HOLE, OUTER = isotropic(np.array([0.1, 0.0, 0.9])), 0.3, 0.65
+
+
+def shell(gaze):
+    """Labels of an arm that reaches a ball of gaze postures but for a ball in its middle."""
+    hole, at_hole = ball_distance(gaze, CENTER, HOLE)
+    outer, at_outer = ball_distance(gaze, CENTER, OUTER)
+    inside = (hole >= 0) & (outer <= 0)
+    border = np.where((hole < 0)[:, None], at_hole, at_outer)
+    return Labels(
+        gaze,
+        inside,
+        np.where(inside, 1e-6, np.maximum(-hole, outer)),
+        np.where(inside, 0.5, np.nan),
+        np.where(inside[:, None], np.nan, border),
+    )
+
+
+def test_a_hole_in_what_is_reached_stays_a_hole():
+    learned = learned_from(shell, "right", rng(), replace(SMALL, n_labels=900, round_labels=300, lattice=0.06))
+    gaze = np.random.default_rng(SEED + 4).uniform(LIMITS.lower, LIMITS.upper, (20_000, 3))
+    said, hole = learned.query(gaze), ball_distance(gaze, CENTER, HOLE)[0]
+    outer = ball_distance(gaze, CENTER, OUTER)[0]
+    assert np.isfinite([said.probability, said.degree]).all()
+    assert (hole < -0.1).sum() > 50
+    assert not said.reachable[hole < -0.1].any()
+    assert said.reachable[(hole > 0.1) & (outer < -0.1)].all()
+    wrong = np.mean(said.reachable != shell(gaze).reachable)
+    sure = np.minimum(said.probability, 1 - said.probability) < 0.01
+    surely_wrong = np.mean((said.reachable != shell(gaze).reachable)[sure])
+    print(f"shell: {100 * wrong:.2f} % misjudged, {100 * surely_wrong:.2f} % of the sure ones")
+    assert wrong < 0.02
+    assert surely_wrong < 0.005  # 99 % sure is what they say they are
+
+
+@pytest.mark.parametrize("joint", [2, 3])
+def test_a_joint_that_is_stuck_throughout(joint):
+    """With the elbow stuck the hand stays on a sphere: nothing but that sheet is reached, which has no room."""
+    limits = ArmLimits()
+    lower, upper = np.array(limits.lower_rad), np.array(limits.upper_rad)
+    lower[joint] = upper[joint] = (lower[joint] + upper[joint]) / 2
+    params = replace(SMALL, arm_limits=ArmLimits(tuple(lower), tuple(upper)))
+    learned = train_reachable_map(ROBOT, "right", rng(), params)
+    gaze = np.random.default_rng(SEED + 5).uniform(LIMITS.lower, LIMITS.upper, (3000, 3))
+    truth = np.isfinite(SphericalArm.of(ARM, lower, upper).solve(fixation_points(ROBOT, gaze))[:, 0])
+    said = learned.query(gaze)
+    assert np.isfinite([said.probability, said.degree]).all()
+    wrong = said.reachable != truth
+    sure = np.abs(said.probability - 0.5) > 0.49
+    print(
+        f"joint {joint} stuck: {100 * wrong.mean():.2f} % misjudged, {100 * wrong[sure].mean():.2f} % of the sure ones"
+    )
+    assert learned.unanswered < 0.02 * SMALL.n_labels
+    assert wrong.mean() < 0.03
+    assert wrong[sure].mean() < 0.005
+
+
 def test_babbling_that_often_fails_still_teaches(babbled):
     """Half of what could be fixated is not; in a tenth of the rest something else is, in another the encoder sticks."""
     random = np.random.default_rng(SEED + 3)
@@ -147,7 +221,8 @@ def test_what_inverse_kinematics_cannot_answer_is_counted_not_called_unreachable
     lower, upper = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
     tried = rng().uniform(lower, [np.deg2rad(-45), *upper[1:]], (3000, 4))
     hand = replace(HandModel.of(ROBOT, half_known), tried=tried)
-    learned = train_reachable_map(ROBOT, "right", rng(), SMALL, hand)
+    few = replace(SMALL, n_labels=120, round_labels=60)
+    learned = train_reachable_map(ROBOT, "right", rng(), few, hand)
     assert learned.unanswered > 0
-    assert learned.unanswered + len(learned.labels.gaze_rad) == SMALL.n_labels
+    assert learned.unanswered + len(learned.labels.gaze_rad) == few.n_labels
     assert learned.labels.answered.all()

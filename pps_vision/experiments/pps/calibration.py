@@ -104,7 +104,7 @@ class Calibration:
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Left: reliability; right: how well told apart, how well calibrated, and the goal."""
-        figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.8), layout="constrained")
+        figure, (left, right) = plt.subplots(1, 2, figsize=(13, 4.8), layout="constrained")
         _reliability(left, numbers["ways"])
         _goal(right, numbers["ways"])
         return figure
@@ -195,15 +195,25 @@ _COLORS = dict(
     )
 )
 
+_SHOWN = ("R's map", "finer, displacement, landing, corrected")
+
 
 def _reliability(axis: Axes, ways: dict[str, Any]) -> None:
+    """Of R's map and the best way, with what chance allows (1 sigma, were taxels independent); the others thinly."""
     axis.plot([0, 1], [0, 1], color="0.3", lw=1, ls="--")
     for name, of in ways.items():
-        axis.plot(of["predicted"], of["happened"], "-", color=_COLORS[name], lw=1, alpha=0.6)
-        axis.scatter(of["predicted"], of["happened"], 4 + 0.4 * np.array(of["n"]), color=_COLORS[name], label=name)
+        predicted, happened, n = (np.array(of[key]) for key in ("predicted", "happened", "n"))
+        if name not in _SHOWN:
+            axis.plot(predicted, happened, color=_COLORS[name], lw=0.8, alpha=0.35)
+            continue
+        share = (happened * n + 1) / (n + 2)
+        chance = np.sqrt(share * (1 - share) / (n + 2))
+        axis.errorbar(predicted, happened, chance, color=_COLORS[name], lw=1.6, elinewidth=1, zorder=3)
+        axis.scatter(predicted, happened, 8 + 0.6 * n, color=_COLORS[name], zorder=4)
     axis.set_xlabel("expected probability of touch, 0.15 s before the end")
-    axis.set_ylabel("share touched (size: how many)")
-    axis.legend(fontsize=8)
+    axis.set_ylabel("share touched (size: how many taxels)")
+    axis.set_ylim(-0.05, 1.05)
+    axis.set_title("Thick: R's map, and all three together")
     axis.grid(alpha=0.25)
 
 
@@ -212,8 +222,11 @@ def _goal(axis: Axes, ways: dict[str, Any]) -> None:
     axis.fill_between([GOALS["auroc"], 1], edge, color="tab:green", alpha=0.12, lw=0)
     axis.annotate("goal", (GOALS["auroc"] + 0.002, 0.002), fontsize=8)
     for name, of in ways.items():
-        axis.plot(of["auroc"], of["expected_calibration_error"], "o", ms=8, color=_COLORS[name])
+        at = of["auroc"], of["expected_calibration_error"]
+        axis.plot(*at, "o", ms=11 if name in _SHOWN else 7, color=_COLORS[name], label=name)
     axis.set_ylim(bottom=0)
     axis.set_xlabel("AUROC")
     axis.set_ylabel("expected calibration error")
+    axis.set_title("Right and sure: lower right is better")
+    axis.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, labelspacing=1.2)
     axis.grid(alpha=0.25)
