@@ -28,6 +28,7 @@ _FAR_VERGENCE_RAD = 1 * _DEG  # border points may lie beyond the gaze limits, bu
 _MARGIN_RAD = 0.5
 _NEAR = 16
 _COARSER = 4
+_VOTERS = 8
 _ROUNDEST = 0.5  # times step²: how far off a border that curves with a radius of 0.25 may be between lattice points
 _LEVEL = 5e-3  # m/rad: where the hand could come nearer faster than this, it is not within 0.1 mm of the nearest
 
@@ -193,7 +194,7 @@ def learned_from(
         raise ValueError(f"a map of {into.side}, {into.limits}: expected one of {side}, {limits}, to go on from")
     softness, expected = np.nan, 1.0
     while spent + n <= params.n_labels and expected > params.max_error:
-        border = GazeSpline(*_nodes(labels, params))
+        border = GazeSpline(*_nodes(_believed(labels), params))
         asked, share = _near_border(border, labels, n, params, rng)
         more = label(asked)
         spent, unanswered = spent + n, unanswered + n - int(more.answered.sum())
@@ -218,7 +219,8 @@ def _drawn(side: str, labels: Labels, softness: float, expected: float, params: 
     """The map of these labels: the splines' values on the lattice, computed only where they matter."""
     lattice = Lattice.of_spacing(params.gaze_limits, params.lattice)
     coarse = Lattice.of_spacing(params.gaze_limits, _COARSER * params.lattice)
-    inside, outside = labels.reachable, ~labels.reachable
+    believed = _believed(labels)
+    inside, outside = believed.reachable, ~believed.reachable
     gaze = lattice.gaze_rad
 
     def drawn(at: Array, values: Array, where: Callable[[Array], Mask] | None) -> Array:
@@ -231,15 +233,29 @@ def _drawn(side: str, labels: Labels, softness: float, expected: float, params: 
         return rough
 
     near_m = params.lattice * 3 + 0.06
-    signed = drawn(*_nodes(labels, params), lambda s: np.abs(s) < near_m)
+    signed = drawn(*_nodes(believed, params), lambda s: np.abs(s) < near_m)
     good: Array = np.zeros(len(gaze))
     if inside.any():
-        good = drawn(labels.gaze_rad[inside], labels.optimality[inside], lambda _: signed > -2 * params.lattice)
-    error = drawn(labels.gaze_rad[outside], labels.error_m[outside], None)
+        good = drawn(believed.gaze_rad[inside], believed.optimality[inside], lambda _: signed > -2 * params.lattice)
+    error = drawn(believed.gaze_rad[outside], believed.error_m[outside], None)
     signed, good, error = (v.reshape(lattice.shape) for v in (signed, good, error))
     return ReachableMap(
         side, params.gaze_limits, signed, good, error, float(labels.error_m.max()), softness, expected, labels
     )
+
+
+def _believed(labels: Labels) -> Labels:
+    """All but those outvoted by their neighbours: of the nearest labels that are nearer than any border point, so that
+    no border parts them, two at least and more than half say the other thing."""
+    border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
+    if len(border) == 0 or len(labels.gaze_rad) <= _VOTERS:
+        return labels
+    at = isotropic(labels.gaze_rad)
+    room, _ = cKDTree(isotropic(border)).query(at)
+    distance, index = cKDTree(at).query(at, k=_VOTERS + 1)
+    votes = distance[:, 1:] < room[:, None]
+    against = votes & (labels.reachable[index[:, 1:]] != labels.reachable[:, None])
+    return labels.only(against.sum(axis=1) <= np.maximum(votes.sum(axis=1) / 2, 1))
 
 
 def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:

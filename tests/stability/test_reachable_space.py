@@ -112,7 +112,7 @@ def test_an_elbow_read_wrongly_shifts_what_is_told_and_no_more(babbled):
 
 
 @pytest.mark.parametrize("percent", [1, 5])
-def test_flipped_labels_do_little_more_than_their_share(learned, percent):
+def test_flipped_labels_do_less_than_their_share(learned, percent):
     labels = learned.labels
     flip = rng().random(len(labels.gaze_rad)) < percent / 100
     wrong = replace(
@@ -129,7 +129,7 @@ def test_flipped_labels_do_little_more_than_their_share(learned, percent):
     assert np.isfinite([verdict.probability, verdict.degree]).all()
     before, after = misjudged(learned), misjudged(again)
     print(f"{percent} % flipped: {100 * before:.2f} → {100 * after:.2f} % misjudged")
-    assert after < before + 3 * percent / 100
+    assert after < before + 0.6 * percent / 100
 
 
 def ball_distance(gaze, center, radius):

@@ -100,6 +100,6 @@ class ForwardModelError:
         axis.set_xlabel("fixated arm postures learned from")
         axis.set_ylabel("gaze RMSE on 700 others (°)")
         axis.set_title("Forward model arm → gaze, taught by babbling (J Fig 2)", fontsize=10)
-        axis.legend(fontsize=8, loc="lower left")
+        axis.legend(fontsize=8, loc="upper right", bbox_to_anchor=(0.99, 0.5))
         axis.grid(alpha=0.25, which="both")
         return figure
