@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from tracking.compiled import UNIT
 from tracking.marker import MarkerParams, find_markers
-from tracking.outline import _UNIT, Coverage, Optics, Outline, outline
+from tracking.outline import Coverage, Optics, Outline, outline
 
 Device = Literal["cpu", "cuda"]
 _SIDE = 64  # px, of the patch around a blob that is measured
@@ -59,9 +60,7 @@ class MarkerBatch:
             return None
         x0, x1, y0, y1 = int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1
         box = int(corner[0]) + x0, int(corner[1]) + y0, int(corner[0]) + x1, int(corner[1]) + y1
-        body, unsure = alpha[y0:y1, x0:x1].copy(), variance[y0:y1, x0:x1].ravel()
-        edge = np.flatnonzero(unsure)
-        return outline(Coverage(body, edge, unsure[edge], box), self._optics)
+        return outline(Coverage(alpha[y0:y1, x0:x1].copy(), variance[y0:y1, x0:x1].copy(), box), self._optics)
 
     def _alone(self, image: NDArray[np.uint8]) -> Outline | None:
         return next(iter(find_markers(self._params, image, self._optics)), None)
@@ -135,7 +134,7 @@ def _cover_band(patch: Tensor, mask: Tensor, band: int) -> tuple[Tensor, Tensor]
     outer = ~_grown(mask, band)
     image, row, column = (~(inner | outer)).nonzero(as_tuple=True)
     F, B = (_local_mean(patch, where, 4 * band + 5)[image, :, row, column] for where in (inner, outer))
-    pixels, bound = patch[image, :, row, column], _UNIT**2
+    pixels, bound = patch[image, :, row, column], UNIT**2
     ff, bb, fb = (F * F).sum(1) + bound, (B * B).sum(1) + bound, (F * B).sum(1) + bound
     fi, bi = (F * pixels).sum(1) + bound, (B * pixels).sum(1) + bound
     det = (ff * bb - fb * fb).clamp(min=1e-3)

@@ -13,8 +13,8 @@ from tracking.kalman import Belief
 from tracking.look import Look, Looks
 from tracking.marker import MarkerParams, find_markers
 from tracking.marker_color import narrowed
-from tracking.marker_pair import find_pair
-from tracking.outline import CLEAR, Optics, Outline
+from tracking.marker_pair import CLEAR, find_pair
+from tracking.outline import Optics, Outline
 from tracking.particles import Prior
 
 _SAME_SIZE = 0.03  # from one frame to the next, what is wholly seen twice differs by less

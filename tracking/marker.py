@@ -73,8 +73,8 @@ def find_markers(
     blobs = sorted((blob_of(contour) for contour in contours), key=lambda blob: -blob.worth)
     found = []
     for blob in [blob for blob in blobs if blob.area_px >= params.min_area_px][: params.max_blobs]:
-        box, mask = _cut_out(blob, hard.shape)
-        shape = see(image, mask, (x0 + box[0], y0 + box[1], x0 + box[2], y0 + box[3]), optics, expected_area_px)
+        mask, box = cut_out(blob, (x0, y0), (x0, y0, x1, y1))
+        shape = see(image, mask, box, optics, expected_area_px)
         found += [shape] if shape else []
     return found
 
@@ -95,13 +95,15 @@ def blob_of(contour: NDArray[Any]) -> _Blob:
     return _Blob(contour, (x, y, w, h), area, area * min(roundness, 1.0) ** 2)
 
 
-def _cut_out(blob: _Blob, within: tuple[int, ...]) -> tuple[Box, Mask]:
-    """The blob's mask, holes filled, with room around for the outline's idea of the background."""
-    x, y, w, h = blob.box
-    box = max(x - _PAD, 0), max(y - _PAD, 0), min(x + w + _PAD, within[1]), min(y + h + _PAD, within[0])
-    mask = np.zeros((box[3] - box[1], box[2] - box[0]), np.uint8)
-    cv2.drawContours(mask, [blob.contour], 0, (1,), cv2.FILLED, offset=(-box[0], -box[1]))
-    return box, mask.view(bool)
+def cut_out(blob: _Blob, corner: tuple[int, int], within: Box) -> tuple[Mask, Box]:
+    """The mask of a blob, its holes filled, in what of an image begins at that corner, and its box in the image: with
+    room around, as far as it is `within`, for the outline's idea of the background."""
+    (x, y, w, h), (x0, y0) = blob.box, corner
+    left, top = max(x0 + x - _PAD, within[0]), max(y0 + y - _PAD, within[1])
+    right, bottom = min(x0 + x + w + _PAD, within[2]), min(y0 + y + h + _PAD, within[3])
+    mask = np.zeros((bottom - top, right - left), np.uint8)
+    cv2.drawContours(mask, [blob.contour], 0, (1,), cv2.FILLED, offset=(x0 - left, y0 - top))
+    return mask.view(bool), (left, top, right, bottom)
 
 
 def threshold(params: MarkerParams, image: Image) -> NDArray[np.uint8]:

@@ -6,7 +6,9 @@ from raycast import Sphere, look
 
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import LEFT_EYE
-from tracking.outline import CLEAR, ROOM, Optics, cover, outline, outline_pair
+from tracking.marker import MarkerParams, threshold
+from tracking.marker_pair import find_pair
+from tracking.outline import Optics, cover, outline
 from tracking.rim import see
 
 RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
@@ -55,27 +57,24 @@ def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
     assert np.linalg.norm(shape.center_px - true) < 0.12
 
 
-def test_two_regions_at_once_are_each_as_alone(optics: Optics, rng: np.random.Generator) -> None:
-    """However close to each other the regions put them: what is inside one must not colour the other."""
-    boxes, patches, masks, alone, side = [], [], [], [], 0
+def test_two_windows_at_once_are_each_as_alone(optics: Optics, rng: np.random.Generator) -> None:
+    """However close to each other the windows put them: what is inside one must not colour the other."""
+    images, near, alone = [], [], []
     for center in ((0.02, 0.01, 0.4), (-0.05, 0.03, 0.45)):
         sphere = Sphere(np.array(center), 0.02, GREEN)
-        image, hard = look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere)
-        rows, columns = np.nonzero(hard)
-        side = side or int(max(np.ptp(columns), np.ptp(rows))) + 1 + 2 * CLEAR
-        x0, y0 = int(columns.min()) - CLEAR, int(rows.min()) - CLEAR
-        boxes.append((x0, y0, x0 + side, y0 + side))
-        patches.append(image[y0 - ROOM : y0 + side + ROOM, x0 - ROOM : x0 + side + ROOM])
-        masks.append(hard[y0 : y0 + side, x0 : x0 + side])
-        alone.append(outline(cover(image, hard, FULL), optics))
-    pair = outline_pair(np.stack(patches), np.stack(masks), (boxes[0], boxes[1]), (optics, optics))
+        image = look(View(LEFT_EYE, np.eye(4)), [sphere], rng)
+        images.append(image)
+        near.append(LEFT_EYE.project(sphere.center))
+        alone.append(outline(cover(image, threshold(MarkerParams(), image) > 0, FULL), optics))
+    pair = find_pair(MarkerParams(), (images[0], images[1]), (optics, optics), (near[0], near[1]), 17.0)
+    assert pair is not None
     for one, other in zip(pair, alone, strict=True):
         assert one is not None
         assert other is not None
-        np.testing.assert_allclose(one.center_px, other.center_px, atol=1e-4)
+        np.testing.assert_allclose(one.center_px, other.center_px, atol=1e-6)
         assert (one.box_px, one.at_border) == (other.box_px, other.at_border)
-        assert one.area_px == pytest.approx(other.area_px, rel=1e-4)
-        assert one.angular_radius_rad == pytest.approx(other.angular_radius_rad, rel=1e-4)
+        assert one.area_px == pytest.approx(other.area_px, rel=1e-6)
+        assert one.angular_radius_rad == pytest.approx(other.angular_radius_rad, rel=1e-6)
 
 
 def test_nothing_covered_is_none(optics: Optics) -> None:

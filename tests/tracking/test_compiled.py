@@ -1,0 +1,90 @@
+"""What is compiled, against the same in whole arrays of doubles: filters of SciPy, least squares and sums of NumPy."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import Array, Image, Mask
+from tracking.compiled import UNIT, covered, moments
+from tracking.outline import Optics
+
+
+def _textbook(image: Image, mask: Mask, band: int) -> tuple[Array, Array]:
+    """Coverage and its variance as `covered` says it has them."""
+    near, square = 2 * band + 1, np.ones((4 * band + 5,) * 2)
+    inner = ndimage.minimum_filter(mask, near, mode="nearest")
+    outer = ~ndimage.maximum_filter(mask, near, mode="nearest")
+    inner = inner if inner.any() else mask
+    layers, edge, bound = [], ~(inner | outer), np.full((*mask.shape, 1), UNIT)
+    for where in (inner, outer):
+        colors, count = np.where(where[..., None], image, 0.0), np.maximum(where.sum(), 1)
+        sums = np.stack([ndimage.convolve(colors[..., k], square, mode="constant") for k in range(3)], axis=-1)
+        counts = ndimage.convolve(where.astype(float), square, mode="constant")[..., None]
+        mean = np.where(counts > 0, sums / np.maximum(counts, 1), colors.sum(axis=(0, 1)) / count)
+        layers.append(np.concatenate([mean, bound], axis=-1)[edge])
+    mixed = np.concatenate([image, bound], axis=-1)[edge]
+    (F, B), alpha, variance = layers, inner.astype(float), np.zeros(mask.shape)
+    shares = np.array([np.linalg.lstsq(np.stack([f, b], axis=1), i)[0] for f, b, i in zip(F, B, mixed, strict=True)])
+    a, b = np.maximum(shares.reshape(-1, 2).T, 0)
+    rest = (mixed - a[:, None] * F - b[:, None] * B)[:, :3]
+    noise = np.sum(rest**2) / max(rest.size, 1) + 1
+    alpha[edge] = a / np.maximum(a + b, 1e-6)
+    variance[edge] = np.minimum(noise / np.maximum(np.sum((F - B) ** 2, axis=1), 1e-9), 0.25)
+    return alpha, variance
+
+
+def _scene(kind: str, rng: np.random.Generator) -> tuple[Image, Mask]:
+    v, u = np.mgrid[:31, :38]
+    mask = {
+        "disc": np.hypot(v - 15, u - 17) < 8,
+        "at the border": np.hypot(v - 2, u - 36) < 8,
+        "thin": (abs(v - 15) < 1) & (u > 9),
+        "two": (np.hypot(v - 9, u - 9) < 5) | (np.hypot(v - 20, u - 26) < 7),
+        "far apart": (np.hypot(v - 9, u - 9) < 6) | ((v == 28) & (u == 35)),
+        "all but a hole": np.hypot(v - 15, u - 17) > 3,
+    }[kind]
+    image = np.where(mask[..., None], (25, 200, 60), (90, 80, 70)) + rng.normal(0, 9, (*mask.shape, 3))
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8), mask
+
+
+KINDS = ("disc", "at the border", "thin", "two", "far apart", "all but a hole")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("band", [1, 2])
+def test_coverage_is_the_textbooks(kind: str, band: int, rng: np.random.Generator) -> None:
+    image, mask = _scene(kind, rng)
+    alpha, variance = covered(image, mask, band)
+    true_alpha, true_variance = _textbook(image, mask, band)
+    assert 0 < np.count_nonzero(variance) < mask.size
+    np.testing.assert_allclose(alpha, true_alpha, atol=1e-6)
+    np.testing.assert_allclose(variance, true_variance, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_moments_are_sums_over_all_pixels(kind: str, rng: np.random.Generator) -> None:
+    image, mask = _scene(kind, rng)
+    alpha, variance = covered(image, mask, 2)
+    left, top = 200, 50
+    region = np.s_[top : top + mask.shape[0], left : left + mask.shape[1]]
+    bearing, solid_angle = LEFT_EYE.bearing_map[region], LEFT_EYE.solid_angle_map[region]
+    seen = moments(alpha, variance, Optics(LEFT_EYE).weights, left, top)
+    direction = np.einsum("vu,vu,vuk", alpha.astype(float), solid_angle, bearing)
+    omega = float(np.sum(solid_angle * alpha, dtype=float))
+    np.testing.assert_allclose(seen.direction, direction, rtol=1e-7)
+    assert seen.omega == pytest.approx(omega, rel=1e-7)
+    weights = solid_angle[..., None] * np.concatenate([bearing, np.ones((*mask.shape, 1))], axis=-1)
+    cov = np.einsum("vu,vui,vuj", variance.astype(float), weights, weights)
+    np.testing.assert_allclose(seen.cov, cov[np.triu_indices(4)], rtol=1e-6)
+    angle = np.arccos(np.clip(bearing @ direction / np.linalg.norm(direction), -1, 1))
+    beyond = angle > np.arccos(1 - omega / (2 * np.pi)) + np.sqrt(omega / alpha.sum(dtype=float))
+    assert (seen.area, seen.outside) == pytest.approx((alpha.sum(dtype=float), alpha[beyond].sum(dtype=float)))
+    rows, columns = np.nonzero(alpha > 0.5)
+    assert seen.box == (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
+
+
+def test_nothing_has_no_moments() -> None:
+    nothing = np.zeros((5, 6), np.float32)
+    seen = moments(nothing, nothing, Optics(LEFT_EYE).weights, 10, 10)
+    assert (seen.area, seen.omega, seen.outside, seen.box[2:]) == (0, 0, 0, (0, 0))
