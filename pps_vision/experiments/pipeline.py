@@ -77,6 +77,7 @@ class Pipeline:
             ]
             speed_against_error(axis, variants, "stereo pair", label)
             axis.set_yscale("log")
+            axis.autoscale(axis="y")  # the chart's own limits, where they begin at 0, are none on a log axis
             axis.margins(0.14)
             top = axis.secondary_xaxis("top", functions=(_reciprocal, _reciprocal))
             top.set_xlabel("stereo pairs per second")
