@@ -19,7 +19,8 @@ from tracking.rim import see
 class EyeParams:
     """`min_score` below which the object counts as not seen; `learn_rate` how fast its colours follow
     the newest image, `ring_rate` those of its surroundings, `size_rate` its size and proportions;
-    `min_area_px` the smallest image; `reach` how far past its expected outline a mask may go."""
+    `min_area_px` the smallest image; `reach` how far past its expected outline a mask may go;
+    `notched`: what is no disc is taken for an object behind something, and completed (`rim.see`)."""
 
     particles: ParticleParams = field(default_factory=ParticleParams)
     min_score: float = 0.4
@@ -28,6 +29,7 @@ class EyeParams:
     size_rate: float = 0.3
     min_area_px: float = 10.0
     reach: float = 1.25
+    notched: bool = True
 
     def __post_init__(self) -> None:
         if not (0 < self.min_score < 1 and self.reach > 1 and 0 <= self.size_rate <= 1):
@@ -91,7 +93,7 @@ class EyeTracker:
         size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
         mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape, spread)
-        whole = None if mask is None else see(image, mask, roi, self.optics)
+        whole = None if mask is None else see(image, mask, roi, self.optics, notched=self.params.notched)
         fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
         cloud = spawn(self.params.particles, center, size, 0.5, self.rng)
         self._state = _State(model, cloud, size, shape, fill, spread)
@@ -122,7 +124,7 @@ class EyeTracker:
         self._state = s = replace(s, cloud=resample(cloud, weights, self.rng))
         backdrop = None if evidence is not None else s.model.backdrop()[bins]
         mask = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.spread)
-        shape = None if mask is None else see(image, mask, roi, self.optics, s.fill * s.size**2)
+        shape = None if mask is None else see(image, mask, roi, self.optics, s.fill * s.size**2, self.params.notched)
         if mask is None or shape is None:
             return None
         ratio = shape.area_px / (s.fill * s.size**2)

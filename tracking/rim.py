@@ -27,11 +27,19 @@ _MIN_POINTS = 12
 _WHOLE = 0.85  # of the expected area, above which nothing is hidden
 
 
-def see(image: Image, mask: Mask, box: Box, optics: Optics, expected_area_px: float | None = None) -> Outline | None:
+def see(
+    image: Image,
+    mask: Mask,
+    box: Box,
+    optics: Optics,
+    expected_area_px: float | None = None,
+    notched: bool = True,
+) -> Outline | None:
     """The outline of what a hard mask (h, w) of the region `box` shows of an object.
 
     What is cut off or, given its expected area, partly hidden is completed to a sphere where the rim
-    allows; where not, the covariance says how far the middle of the visible part may be off.
+    allows; where not, the covariance says how far the middle of the visible part may be off.  `notched`: so is
+    what is no disc though all of its area shows, by the rim on its hull.
     """
     coverage = cover(image, mask, box)
     shape = outline(coverage, optics)
@@ -39,7 +47,7 @@ def see(image: Image, mask: Mask, box: Box, optics: Optics, expected_area_px: fl
         return None
     expected = expected_area_px or shape.area_px
     hidden = shape.area_px < _WHOLE * expected
-    if not (shape.at_border or hidden or shape.oddness > 0):
+    if not (shape.at_border or hidden or (notched and shape.oddness > 0)):
         return shape
     whole = complete(shape, coverage, optics, 0.8 if shape.at_border else 0.5 if hidden else 0.65)
     if whole is not None and whole.area_px < expected / _WHOLE**2 * (2.0 if expected_area_px is None else 1.0):

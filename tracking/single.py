@@ -1,6 +1,6 @@
 """Following a coloured object in one camera's images, first box given (no calibration needed)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +24,8 @@ class BoxDetection:
 
 @dataclass(frozen=True)
 class ColorTrackerParams:
-    """How the object is followed; grey images are followed by value alone."""
+    """How the object is followed; grey images are followed by value alone.  A box is around what shows:
+    nothing is completed."""
 
     eye: EyeParams = field(default_factory=EyeParams)
 
@@ -44,7 +45,7 @@ class ColorTracker:
         x, y, w, h = box_px
         if not (w >= 2 and h >= 2 and x >= 0 and y >= 0 and x + w <= width and y + h <= height):
             raise ValueError(f"first box {x:g} {y:g} {w:g} {h:g}: expected a box inside the {width}×{height} image")
-        self._eye = EyeTracker(self.params.eye, flat_optics(width, height), self.rng)
+        self._eye = EyeTracker(replace(self.params.eye, notched=False), flat_optics(width, height), self.rng)
         self._eye.start(image, box_px)
         self._last = BoxDetection(box_px, 1.0)
         return self._last
