@@ -74,7 +74,7 @@ def find_markers(
     found = []
     for blob in [blob for blob in blobs if blob.area_px >= params.min_area_px][: params.max_blobs]:
         mask, box = cut_out(blob, (x0, y0), (x0, y0, x1, y1))
-        shape = see(image, mask, box, optics, expected_area_px)
+        shape = see(image, mask, box, optics, expected_area_px, notched=False)
         found += [shape] if shape else []
     return found
 
