@@ -171,7 +171,7 @@ def _cell(value: object) -> str:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.0f}" if isinstance(value, float) and value >= 20 else f"{value:.2f}"
+    return f"{value:.0f}" if isinstance(value, float) and value >= 10 else f"{value:.2f}"
 
 
 def _page(
