@@ -1,6 +1,7 @@
 """`pps-vision learn` and `show`: PPS maps from recordings with touches, and pictures of them."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,11 +56,12 @@ class Learn:
             raise ValueError(
                 f"{self.into}: knows {len(memory.taxel_ids)} other taxels; expected this robot's {len(skin.taxel_ids)}"
             )
+        virtual = representatives(read_taxels(self.taxels)) if self.taxels else None
         failed = []
         with whole_file(self.out) as partial:
             for folder in tqdm(self.recordings, desc="learn", unit="recording", disable=None):
                 try:
-                    memory = self._learn_from(folder, robot, skin, memory)
+                    memory = self._learn_from(folder, robot, skin, memory, virtual)
                 except ValueError as error:
                     failed.append(error)
                     if len(self.recordings) > 1:
@@ -71,11 +73,16 @@ class Learn:
             save_memory(partial, memory)
         print(f"{len(self.recordings) - len(failed)} of {len(self.recordings)} recordings learned → {self.out}")
 
-    def _learn_from(self, folder: Path, robot: Robot, skin: Skin, memory: PPSMemory) -> PPSMemory:
+    def _learn_from(
+        self,
+        folder: Path,
+        robot: Robot,
+        skin: Skin,
+        memory: PPSMemory,
+        virtual: Mapping[str, tuple[int, ...]] | None,
+    ) -> PPSMemory:
         """The memory after a recording; what was skipped in it is printed, whatever happens."""
-        recording = open_yarp(
-            folder, self.max_skew_s, representatives(read_taxels(self.taxels)) if self.taxels else None
-        )
+        recording = open_yarp(folder, self.max_skew_s, virtual)
         tracker = tracker_for(recording, TrackerParams(mode=self.mode), self.seed, Stopwatch(), self.calib)
         pipeline = Pipeline(PipelineParams(), robot, skin, tracker, memory, np.random.default_rng(self.seed))
         try:
