@@ -8,7 +8,7 @@ import cv2
 
 from pps_vision.types import Image, StereoFrame
 
-_STRIDE = 12  # between the rows that are looked at: thousands of pixels, of which no sensor repeats every bit
+_STRIDE = 24  # between the rows that are looked at: thousands of pixels, of which no sensor repeats every bit
 _LEAST_SPREAD = 2.0  # grey levels (a standard deviation): a dark sensor's noise has less, any picture more
 
 

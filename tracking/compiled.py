@@ -21,7 +21,12 @@ _LEVEL_VAR = 1.0  # grey levels²: of rounding and the like
 _LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
 _EDGE, _INNER, _OUTER = 0, 1, 2
 
+_SHIFT, _HALF = 12, 1 << 11  # OpenCV's fixed point for hue and saturation
+_PER_VALUE = np.rint((255 << _SHIFT) / np.maximum(np.arange(256), 1)).astype(np.int64)
+_PER_SPREAD = np.rint((180 << _SHIFT) / (6 * np.maximum(np.arange(256), 1))).astype(np.int64)
+
 Map = NDArray[np.float32]
+Labels = NDArray[np.int32]
 Color = tuple[float, float, float]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
 
@@ -34,7 +39,7 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
     kind = _kinds(mask, band)
     sums = _color_sums(patch, kind)
     alpha, variance = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
-    reach, misfit, edge = 2 * band + 2, 0.0, 0
+    reach, misfit, edge, within = 2 * band + 2, 0.0, 0, np.empty(8, np.int32)
     for y in range(height):
         for x in range(width):
             if kind[y, x] == _INNER:
@@ -42,7 +47,8 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
             elif kind[y, x] == _EDGE:
                 box = max(y - reach, 0), min(y + reach + 1, height), max(x - reach, 0), min(x + reach + 1, width)
                 color = float(patch[y, x, 0]), float(patch[y, x, 1]), float(patch[y, x, 2])
-                a, b, rest, contrast = _unmixed(color, _mean(sums, 0, box), _mean(sums, 4, box))
+                inner, outer = _means(sums, box, within)
+                a, b, rest, contrast = _unmixed(color, inner, outer)
                 alpha[y, x], variance[y, x] = a / max(a + b, 1e-6), contrast
                 misfit += rest
                 edge += 1
@@ -106,21 +112,21 @@ def _color_sums(patch: Image, kind: NDArray[np.uint8]) -> NDArray[np.int32]:
 
 
 @njit(cache=True, error_model="numpy")
-def _mean(sums: NDArray[np.int32], first: int, box: Box) -> Color:
-    """Mean colour of the inner (`first` 0) or outer (4) pixels in a box; of all of them where none is in it."""
-    n = _sum(sums, first + 3, box)
-    if n == 0:
-        box = 0, len(sums) - 1, 0, sums.shape[1] - 1
-        n = max(_sum(sums, first + 3, box), 1)
-    share = 1 / n
-    return _sum(sums, first, box) * share, _sum(sums, first + 1, box) * share, _sum(sums, first + 2, box) * share
+def _means(sums: NDArray[np.int32], box: Box, within: NDArray[np.int32]) -> tuple[Color, Color]:
+    """Mean colours of the inner and of the outer pixels in a box, of all of them where none is in it; `within` (8,) is
+    room to reckon in."""
+    top, bottom, left, right = box
+    a, b, c, d = sums[bottom, right], sums[top, right], sums[bottom, left], sums[top, left]
+    for channel in range(8):
+        within[channel] = a[channel] - b[channel] - c[channel] + d[channel]
+    every = sums[-1, -1]
+    return _mean(within if within[3] else every, 0), _mean(within if within[7] else every, 4)
 
 
 @njit(cache=True, error_model="numpy")
-def _sum(sums: NDArray[np.int32], channel: int, box: Box) -> int:
-    top, bottom, left, right = box
-    whole, above = sums[bottom, right, channel], sums[top, right, channel]
-    return whole - above - sums[bottom, left, channel] + sums[top, left, channel]
+def _mean(sums: NDArray[np.int32], first: int) -> Color:
+    share = 1 / max(sums[first + 3], 1)
+    return sums[first] * share, sums[first + 1] * share, sums[first + 2] * share
 
 
 @njit(cache=True, error_model="numpy")
@@ -199,3 +205,127 @@ def _outside(alpha: Map, weights: Map, left: int, top: int, direction: Color, om
                 if along < cosine * weights[3, v, u]:
                     outside += alpha[row, column]
     return outside
+
+
+class Hues(NamedTuple):
+    """What is a marker's: hues from `low` to `high` (0–179; from low on and up to high where that is less), the least
+    saturation and value (0–255), and the fewest pixels."""
+
+    low: int
+    high: int
+    saturation: int
+    value: int
+    area: int
+
+
+@njit(cache=True, error_model="numpy")
+def marker(
+    image: Image, hues: Hues, around: Box, clear: int, pad: int, weights: Map
+) -> tuple[bool, Map, Map, Box, Moments]:
+    """Whether within the box `around` there is one blob of a marker's hue, and nothing of it within `clear` px of the
+    box's border; and if so its coverage in a box of its own with `pad` px of room around, as `covered` and `moments`
+    have it."""
+    top, _, left, _ = around
+    label = _of_hue(image, hues, around)
+    one, box = _one_blob(label, hues.area)
+    y0, y1, x0, x1 = box
+    height, width = label.shape
+    if one == 0 or min(y0, x0) < clear or y1 > height - clear or x1 > width - clear:
+        empty = np.zeros((0, 0), np.float32)
+        return False, empty, empty, (0, 0, 0, 0), moments(empty, empty, weights, 0, 0)
+    _fill(label, one, box)
+    room = (
+        max(top + y0 - pad, 0),
+        min(top + y1 + pad, image.shape[0]),
+        max(left + x0 - pad, 0),
+        min(left + x1 + pad, image.shape[1]),
+    )
+    mask, n = np.zeros((room[1] - room[0], room[3] - room[2]), np.bool_), 0
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            if label[y, x] == one:
+                mask[top + y - room[0], left + x - room[2]] = True
+                n += 1
+    patch = image[room[0] : room[1], room[2] : room[3]].copy()
+    alpha, variance = covered(patch, mask, 2 if n > 60 else 1)
+    return True, alpha, variance, room, moments(alpha, variance, weights, room[2], room[0])
+
+
+@njit(cache=True, error_model="numpy")
+def _of_hue(image: Image, hues: Hues, around: Box) -> Labels:
+    """(h, w) -1 where the box has a marker's hue, else 0; hue and saturation as OpenCV rounds them."""
+    top, bottom, left, right = around
+    label = np.zeros((bottom - top, right - left), np.int32)
+    for y in range(bottom - top):
+        for x in range(right - left):
+            v, u = top + y, left + x
+            r, g, b = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
+            value = max(r, g, b)
+            spread = value - min(r, g, b)
+            if value < hues.value or (spread * _PER_VALUE[value] + _HALF) >> _SHIFT < hues.saturation:
+                continue
+            part = g - b if value == r else b - r + 2 * spread if value == g else r - g + 4 * spread
+            hue = (part * _PER_SPREAD[spread] + _HALF) >> _SHIFT
+            if hue < 0:
+                hue += 180
+            within = hue >= hues.low, hue <= hues.high
+            if (within[0] and within[1]) if hues.low <= hues.high else (within[0] or within[1]):
+                label[y, x] = -1
+    return label
+
+
+@njit(cache=True, error_model="numpy")
+def _one_blob(label: Labels, area: int) -> tuple[int, Box]:
+    """Give all that hangs together (corners too) where the label is -1 a number of its own from 1 on; the number of
+    the only one of at least that area, 0 where there is none or more, and its box."""
+    height, width = label.shape
+    stack, n, one, box = np.empty((label.size, 2), np.int64), 0, 0, (0, 0, 0, 0)
+    for row in range(height):
+        for column in range(width):
+            if label[row, column] != -1:
+                continue
+            n += 1
+            label[row, column] = n
+            stack[0, 0], stack[0, 1], waiting, count = row, column, 1, 0
+            y0, y1, x0, x1 = height, 0, width, 0
+            while waiting:
+                waiting -= 1
+                y, x = stack[waiting, 0], stack[waiting, 1]
+                y0, y1, x0, x1, count = min(y0, y), max(y1, y + 1), min(x0, x), max(x1, x + 1), count + 1
+                for v in range(max(y - 1, 0), min(y + 2, height)):
+                    for u in range(max(x - 1, 0), min(x + 2, width)):
+                        if label[v, u] == -1:
+                            label[v, u] = n
+                            stack[waiting, 0], stack[waiting, 1] = v, u
+                            waiting += 1
+            if count >= area:
+                if one:
+                    return 0, box
+                one, box = n, (y0, y1, x0, x1)
+    return one, box
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(label: Labels, one: int, box: Box) -> None:
+    """Label with `one` what it encloses in its box, sides only: what the rest does not reach from the box's border."""
+    y0, y1, x0, x1 = box
+    outside, waiting = np.zeros((y1 - y0, x1 - x0), np.bool_), 0
+    stack = np.empty(((y1 - y0) * (x1 - x0), 2), np.int64)
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            if (y in (y0, y1 - 1) or x in (x0, x1 - 1)) and label[y, x] != one:
+                outside[y - y0, x - x0] = True
+                stack[waiting, 0], stack[waiting, 1] = y, x
+                waiting += 1
+    while waiting:
+        waiting -= 1
+        y, x = stack[waiting, 0], stack[waiting, 1]
+        for v, u in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
+            if y0 <= v < y1 and x0 <= u < x1 and label[v, u] != one and not outside[v - y0, u - x0]:
+                outside[v - y0, u - x0] = True
+                stack[waiting, 0], stack[waiting, 1] = v, u
+                waiting += 1
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            if not outside[y - y0, x - x0]:
+                label[y, x] = one

@@ -4,16 +4,15 @@ import math
 
 import numpy as np
 
-from pps_vision.geometry.camera import Vector
+from pps_vision.geometry.compiled import Vector
 from pps_vision.types import CameraName, Detection2D, Image
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief
 from tracking.look import Look, Looks
-from tracking.marker import MarkerParams, find_markers
+from tracking.marker import CLEAR, MarkerParams, find_clear, find_markers
 from tracking.marker_color import narrowed
-from tracking.marker_pair import CLEAR, find_pair
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
 
@@ -92,12 +91,15 @@ class Follower:
         growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
         return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
 
-    def room_px(self, prior: Prior) -> float:
-        """How far around where it should be a marker's image may go, and what its outline needs clear."""
-        return 0.5 * self._size_px + 2 * prior.std_px + CLEAR + 1
+    def clear_marker(self, look: Look, prior: Prior | None) -> Sighting | None:
+        """A marker with nothing like it around, as large as it should be; None where something may hide it."""
+        if self.marker is None or prior is None:
+            return None
+        half = 0.5 * self._size_px + 2 * prior.std_px + CLEAR + 1
+        return self._whole_marker(look, find_clear(self.marker, look.image, self.optics, prior.center_px, half), prior)
 
-    def whole_marker(self, look: Look, shape: Outline | None, prior: Prior) -> Sighting | None:
-        """A marker that is as large as it should be, and remembered as such; None where something may hide it."""
+    def _whole_marker(self, look: Look, shape: Outline | None, prior: Prior) -> Sighting | None:
+        """A marker that is as large as it should be, and remembered as such."""
         expected_px = prior.growth * self._size_px
         if shape is None or abs(self._size_of(shape) / expected_px - 1) >= _SAME_SIZE or shape.oddness >= 0.5:
             return None
@@ -110,7 +112,7 @@ class Follower:
         x, y = prior.center_px.tolist()
         near = x, y, 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
         shape = _nearest(find_markers(params, look.image, self.optics, near), prior)
-        if (whole_seen := self.whole_marker(look, shape, prior)) is not None:
+        if (whole_seen := self._whole_marker(look, shape, prior)) is not None:
             return whole_seen
         self._size_px *= prior.growth
         if self._whole is not None:
@@ -139,11 +141,7 @@ def find_both(
     """The object in both eyes, near where the track, whose belief was `last` and is `now`, puts it."""
     (left, right), (in_left, in_right) = eyes, looks
     a, b = left.prior(in_left, last, now), right.prior(in_right, last, now)
-    if left.marker is not None and a is not None and b is not None:
-        images, centers = (in_left.image, in_right.image), (a.center_px, b.center_px)
-        half = max(left.room_px(a), right.room_px(b))
-        if (pair := find_pair(left.marker, images, (left.optics, right.optics), centers, half)) is not None:
-            both = left.whole_marker(in_left, pair[0], a), right.whole_marker(in_right, pair[1], b)
-            if None not in both:
-                return both
+    both = left.clear_marker(in_left, a), right.clear_marker(in_right, b)
+    if None not in both:
+        return both
     return left.find(in_left, a, grey), right.find(in_right, b, grey)

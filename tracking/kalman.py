@@ -1,17 +1,19 @@
-"""A Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter")."""
+"""A Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter").
+
+What is reckoned on matrices this small is compiled by numba: of calls on arrays, most of the time would go into the
+calling.
+"""
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
-from math import factorial
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from pps_vision.types import Array
 
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
-_TICK_S = 1e-6  # steps are told apart no finer, so that regular frames share their matrices
 _UNREST = (0.025, 3.0)  # straight at constant speed; the sharpest turns of what a hand moves
 # By order, on rendered balls and markers at 5–15 cm/s (bench filter): innovations as large as expected.
 NOISE_DENSITY = {1: 2e-4, 2: 1.5e-3, 3: 0.2, 4: 30.0}
@@ -85,38 +87,26 @@ class Belief(NamedTuple):  # two are made every frame: a frozen dataclass takes 
     unrest: float = 1.0
 
 
-@cache
-def _powers(order: int) -> tuple[Array, Array, Array, Array]:
-    """Exponents of dt and denominators of the transition, then of the process noise."""
-    i, j = np.mgrid[:order, :order]
-    n = order - 1
-    fact = np.array([factorial(k) for k in range(order)], dtype=float)
-    ahead = np.maximum(j - i, 0)
-    scale = np.where(j >= i, 1 / fact[ahead], 0.0)
-    power = 2 * n + 1 - i - j
-    return ahead.astype(float), scale, power.astype(float), 1 / (power * fact[n - i] * fact[n - j])
-
-
+@njit(cache=True, error_model="numpy")
 def transition(order: int, dt_s: float) -> Array:
     """(order, order) A_ij = dt^(j−i)/(j−i)! (FACTS §4)."""
-    exponent, scale, _, _ = _powers(order)
-    A: Array = scale * dt_s**exponent
+    A = np.zeros((order, order))
+    for i in range(order):
+        A[i, i] = 1
+        for j in range(i + 1, order):
+            A[i, j] = A[i, j - 1] * dt_s / (j - i)
     return A
 
 
+@njit(cache=True, error_model="numpy")
 def process_noise(order: int, dt_s: float, density: float) -> Array:
     """(order, order) covariance that white noise of the next derivative leaves after `dt_s`."""
-    _, _, exponent, scale = _powers(order)
-    Q: Array = density * scale * dt_s**exponent
+    ahead = transition(order, dt_s)[:, order - 1]  # of each, what a kick to the highest leaves in it
+    Q = np.empty((order, order))
+    for i in range(order):
+        for j in range(order):
+            Q[i, j] = density * dt_s * ahead[i] * ahead[j] / (2 * order - 1 - i - j)
     return Q
-
-
-@lru_cache(maxsize=256)
-def _step(order: int, ticks: int, density: float) -> tuple[Array, Array, Array, Array]:
-    """A of one axis; A, half its transpose and Q of all three."""
-    A, eye = transition(order, ticks * _TICK_S), np.eye(3)
-    A3 = np.kron(A, eye)
-    return A, A3, 0.5 * A3.T, np.kron(process_noise(order, ticks * _TICK_S, density), eye)
 
 
 def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> Belief:
@@ -131,29 +121,46 @@ def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> 
 
 def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
     """The belief at a later stamp; ValueError for an earlier one."""
-    return _ahead(params, belief, stamp_s)[0]
+    return forecast(params, belief, stamp_s)[0]
 
 
 def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Belief, Array]:
     """The same, and the covariance (3·order, 3·order) of the state now with the state then (for smoothing)."""
-    ahead, half = _ahead(params, belief, stamp_s)
-    return ahead, 2 * half
-
-
-def _ahead(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Belief, Array]:
-    """The belief at a later stamp, and half of the covariance of the state now with the state then."""
     dt = stamp_s - belief.stamp_s
     if not dt >= 0:
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
     if dt == 0:
-        return belief, 0.5 * belief.cov
-    A, A3, half_A3T, Q3 = _step(params.order, round(dt / _TICK_S), params.noise_density)
-    half = belief.cov.dot(half_A3T)
-    P = A3.dot(half)
-    P = P + P.T  # symmetric to the last bit: rounding must not add up
-    P += belief.unrest * Q3
+        return belief, belief.cov
+    mean, P, cross = _moved(belief.mean, belief.cov, dt, belief.unrest * params.noise_density)
     b = belief
-    return Belief(stamp_s, A.dot(b.mean), P, b.lasting, b.updated_s, b.rejections, b.nis, b.unrest), half
+    return Belief(stamp_s, mean, P, b.lasting, b.updated_s, b.rejections, b.nis, b.unrest), cross
+
+
+@njit(cache=True, error_model="numpy")
+def _moved(mean: Array, cov: Array, dt_s: float, density: float) -> tuple[Array, Array, Array]:
+    """A·mean, A P Aᵀ + Q and P Aᵀ, the axes moving by themselves; symmetric to the last bit: rounding must not add
+    up."""
+    n = len(mean)
+    A, Q = transition(n, dt_s), process_noise(n, dt_s, density)
+    ahead, cross, P = np.zeros_like(mean), np.zeros_like(cov), np.zeros_like(cov)
+    for i in range(n):
+        for j in range(i, n):
+            for axis in range(3):
+                ahead[i, axis] += A[i, j] * mean[j, axis]
+                for row in range(3 * n):
+                    cross[row, 3 * i + axis] += cov[row, 3 * j + axis] * A[i, j]
+    for i in range(n):
+        for axis in range(3):
+            row = 3 * i + axis
+            for column in range(row, 3 * n):
+                for j in range(i, n):
+                    P[row, column] += A[i, j] * cross[3 * j + axis, column]
+                P[column, row] = P[row, column]
+    for i in range(n):
+        for j in range(n):
+            for axis in range(3):
+                P[3 * i + axis, 3 * j + axis] += Q[i, j]
+    return ahead, P, cross
 
 
 def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Belief:
@@ -193,10 +200,7 @@ def admit(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> 
 def correct(params: KalmanParams, admitted: Admitted, cov: Array) -> Belief:
     """The belief after an admitted measurement of covariance `cov` (3, 3) m²."""
     before = admitted.belief
-    gain = admitted.weights.dot(before.cov[:3])
-    mean = before.mean + gain[3].reshape(before.mean.shape)
-    taken = gain[:3]
-    P = before.cov - taken.T.dot(taken)  # as symmetric as before
+    mean, P = _corrected(before.mean, before.cov, admitted.weights)
     lasting, unrest = (1 - params.white_share) * cov, _unrest(params, before.unrest, admitted.nis)
     return Belief(before.stamp_s, mean, P, lasting, before.stamp_s, 0, admitted.nis, unrest)
 
@@ -206,23 +210,44 @@ def _unrest(params: KalmanParams, before: float, nis: float) -> float:
     return min(max(before * math.exp(params.unrest_rate * (nis / 3 - 1)), _UNREST[0]), _UNREST[1])
 
 
+@njit(cache=True, error_model="numpy")
+def _corrected(mean: Array, cov: Array, weights: Array) -> tuple[Array, Array]:
+    """The state's mean and covariance, as symmetric as before."""
+    size = len(cov)
+    taken, corrected, P = np.zeros((4, size)), np.empty_like(mean), np.empty_like(cov)
+    for row in range(4):
+        for k in range(3):
+            for column in range(size):
+                taken[row, column] += weights[row, k] * cov[k, column]
+    for i in range(size):
+        corrected[i // 3, i % 3] = mean[i // 3, i % 3] + taken[3, i]
+        for j in range(i, size):
+            P[i, j] = cov[i, j] - (taken[0, i] * taken[0, j] + taken[1, i] * taken[1, j] + taken[2, i] * taken[2, j])
+            P[j, i] = P[i, j]
+    return corrected, P
+
+
 def _compared(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Admitted:
-    """L is Cholesky's; plain floats take a fraction of the time of calls on arrays this small."""
-    w = params.white_share
-    (a, b, c), (_, d, e), (_, _, f) = belief.cov[:3, :3].tolist()
-    (ra, rb, rc), (_, rd, re), (_, _, rf) = cov.tolist()
-    (x, y, z), (mx, my, mz) = position.tolist(), belief.mean[0].tolist()
-    i = 1 / math.sqrt(a + w * ra)
-    bi, ci = (b + w * rb) * i, (c + w * rc) * i
-    j = 1 / math.sqrt(d + w * rd - bi * bi)
-    ej = (e + w * re - bi * ci) * j
-    k = 1 / math.sqrt(f + w * rf - ci * ci - ej * ej)
+    nis, weights = _weighed(belief.mean, belief.cov, position, cov, params.white_share)
+    return Admitted(belief, nis, weights)
+
+
+@njit(cache=True, error_model="numpy")
+def _weighed(mean: Array, cov: Array, position: Array, R: Array, w: float) -> tuple[float, Array]:
+    """`nis` and `weights` of `Admitted`; L is Cholesky's."""
+    i = 1 / math.sqrt(cov[0, 0] + w * R[0, 0])
+    bi, ci = (cov[0, 1] + w * R[0, 1]) * i, (cov[0, 2] + w * R[0, 2]) * i
+    j = 1 / math.sqrt(cov[1, 1] + w * R[1, 1] - bi * bi)
+    ej = (cov[1, 2] + w * R[1, 2] - bi * ci) * j
+    k = 1 / math.sqrt(cov[2, 2] + w * R[2, 2] - ci * ci - ej * ej)
     ij, jk = -bi * i * j, -ej * j * k
     ik = -(ci * i + ej * ij) * k
-    x, y, z = x - mx, y - my, z - mz
+    x, y, z = position[0] - mean[0, 0], position[1] - mean[0, 1], position[2] - mean[0, 2]
     x, y, z = i * x, ij * x + j * y, ik * x + jk * y + k * z
-    weighed = (i * x + ij * y + ik * z, j * y + jk * z, k * z)
-    return Admitted(belief, x * x + y * y + z * z, np.array(((i, 0.0, 0.0), (ij, j, 0.0), (ik, jk, k), weighed)))
+    weights = np.zeros((4, 3))
+    weights[0, 0], weights[1, 0], weights[1, 1], weights[2, 0], weights[2, 1], weights[2, 2] = i, ij, j, ik, jk, k
+    weights[3, 0], weights[3, 1], weights[3, 2] = i * x + ij * y + ik * z, j * y + jk * z, k * z
+    return x * x + y * y + z * z, weights
 
 
 def _loosened(params: KalmanParams, belief: Belief) -> Belief:

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Array, Image, Mask
+from tracking.compiled import Hues, marker
 from tracking.ego_motion import Box
-from tracking.outline import Optics, Outline
+from tracking.outline import Coverage, Optics, Outline, outline_of
 from tracking.rim import see
 
+CLEAR = 3  # px around a marker that must be clear, so that nothing of it lies beyond
 _PAD = 8  # px
 
 
@@ -39,6 +41,14 @@ class MarkerParams:
         floor = 255 * self.min_saturation, 255 * self.min_value
         shifts = [shift for shift in (-180.0, 0.0, 180.0) if low + shift <= 180 and high + shift >= 0]
         return [(np.array([low + shift, *floor]), np.array([high + shift, 255.0, 255.0])) for shift in shifts]
+
+    @cached_property
+    def hues(self) -> Hues:
+        """The same for compiled code."""
+        (low, high), *across = self.ranges
+        if across:
+            low, high = across[0][0], self.ranges[0][1]
+        return Hues(round(low[0]), round(high[0]), round(low[1]), round(low[2]), self.min_area_px)
 
     def __post_init__(self) -> None:
         if not (0 <= self.hue_deg < 360 and 0 < self.hue_tolerance_deg <= 90 and self.min_area_px >= 1):
@@ -77,6 +87,17 @@ def find_markers(
         shape = see(image, mask, box, optics, expected_area_px, notched=False)
         found += [shape] if shape else []
     return found
+
+
+def find_clear(params: MarkerParams, image: Image, optics: Optics, at: Array, half: float) -> Outline | None:
+    """The only blob of the marker's hue within `half` px of a pixel (2,), if all around it is clear; else None."""
+    (x, y), (height, width) = at.tolist(), image.shape[:2]
+    left, top, side = int(x - half), int(y - half), 2 * int(half) + 2
+    around = max(top, 0), min(top + side, height), max(left, 0), min(left + side, width)
+    if around[1] - around[0] < 3 or around[3] - around[2] < 3:
+        return None
+    found, alpha, variance, (y0, y1, x0, x1), seen = marker(image, params.hues, around, CLEAR, _PAD, optics.weights)
+    return outline_of(seen, Coverage(alpha, variance, (x0, y0, x1, y1)), optics) if found else None
 
 
 class _Blob(NamedTuple):

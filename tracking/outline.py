@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import Camera, Vector
+from pps_vision.geometry.camera import Camera
+from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array, Image, Mask
-from tracking.compiled import covered, moments
+from tracking.compiled import Moments, covered, moments
 from tracking.ego_motion import Box
 
 # What an outline's centre errs by however sharp its edge is (FACTS §7), over the radius (px) to the power 3/4: the
@@ -102,8 +103,13 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     """The outline of a covered region; None where nothing is covered."""
+    left, top, _, _ = coverage.box
+    return outline_of(moments(coverage.alpha, coverage.variance, optics.weights, left, top), coverage, optics)
+
+
+def outline_of(seen: Moments, coverage: Coverage, optics: Optics) -> Outline | None:
+    """The same where its moments are known."""
     alpha, (left, top, right, bottom), camera = coverage.alpha, coverage.box, optics.camera
-    seen = moments(alpha, coverage.variance, optics.weights, left, top)
     x, y, width, height = seen.box
     if seen.area < 1.0 or not width:
         return None

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from numba import njit
 
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
@@ -248,22 +249,13 @@ class Tracker:
         return self._track(self._belief, Status.TRACKING if seen else Status.COASTING)
 
     def _track(self, belief: Belief, status: Status) -> Track3D:
-        order = self.params.kalman.order
-        mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
-        mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
-        cov[:3, :3] += belief.lasting  # an outline's centre is not the body's, and no filter averages out what
-        cov[:3, :3] += self._outline_cov(belief.mean[0])  # hardly changes
+        """What an outline's centre is off the body's, and what hardly changes, no filter averages out."""
+        mean, cov = _whole_state(
+            *(belief.mean, belief.cov, belief.lasting, belief.mean[0] - self._head),
+            self.params.light_error / (self._optics[0].camera.focal_px ** 3 * self._radius[0]) ** 0.5,
+            (self.params.shape_error * self._oddness * self._radius[0]) ** 2,
+        )
         return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1] + self._radius_lasting, status)
-
-    def _outline_cov(self, p: Array) -> Array:
-        """(3, 3) m² of where the object is, its outlines' middles being at `p` (3,): in all directions by its shape,
-        and what is lit from above seems to be elsewhere along the image's vertical there."""
-        x, y, z = (p - self._head).tolist()
-        across2, distance_px = x * x + y * y, math.sqrt(x * x + y * y + z * z) * self._optics[0].camera.focal_px
-        along = self.params.light_error * math.sqrt(across2 / (distance_px**3 * self._radius[0]))
-        u, v, w = -x * z * along, -y * z * along, (x * x + y * y) * along
-        shape = (self.params.shape_error * self._oddness * self._radius[0]) ** 2
-        return np.array(((u * u + shape, u * v, u * w), (u * v, v * v + shape, v * w), (u * w, v * w, w * w + shape)))
 
     def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
         """A scalar Kalman filter on a size that hardly changes."""
@@ -298,3 +290,22 @@ def _sightings(shapes: Shapes) -> Sightings:
     """Outlines found without a tracker, as sightings."""
     left, right = (None if shape is None else Sighting(shape, shape.box_px, 1.0) for shape in shapes)
     return left, right
+
+
+@njit(cache=True, error_model="numpy")
+def _whole_state(
+    mean: Array, cov: Array, lasting: Array, ahead: Array, light: float, shape_var: float
+) -> tuple[Array, Array]:
+    """The state (4, 3) with what a filter does not model at zero, and its covariance (12, 12); to its position comes
+    what is `lasting` (3, 3), what its shape does in all directions (m²), and, since what is lit from above seems to
+    be elsewhere, `light_error` along the image's vertical there: at `ahead` (3,) of the head, `size` being the
+    object's radius (m) in focal lengths (px)."""
+    whole, whole_cov = np.zeros((4, 3)), np.zeros((12, 12))
+    whole[: len(mean)], whole_cov[: len(cov), : len(cov)] = mean, cov
+    x, y, z = ahead
+    along = light * math.sqrt((x * x + y * y) / (x * x + y * y + z * z) ** 1.5)
+    shift = -x * z * along, -y * z * along, (x * x + y * y) * along
+    for i in range(3):
+        for j in range(3):
+            whole_cov[i, j] += lasting[i, j] + shift[i] * shift[j] + (shape_var if i == j else 0.0)
+    return whole, whole_cov

@@ -1,6 +1,5 @@
 """A pinhole camera with OpenCV lens distortion, a camera at a place, and a pair of them."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,16 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pps_vision.geometry.compiled import Lens, Linearised, Pose, projected, projected_from
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.types import Array, StereoFrame
 
 _GRID = 17  # pixels a side at which a lens is tried
 _INVERTED_PX = 1.0  # how well distorting must undo undistorting
 _NARROWEST_RAD = 0.01  # no camera sees less of the world than half a degree
-Vector = tuple[float, float, float]
-
-_NOWHERE = (math.nan, math.nan, math.nan)
-_UNSEEN = math.nan, math.nan, _NOWHERE, _NOWHERE
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
@@ -52,6 +48,12 @@ class Camera:
         return np.array(self.distortion)
 
     @cached_property
+    def numbers(self) -> Lens:
+        """Intrinsics and distortion in plain floats, and `_r2_max`."""
+        k1, k2, p1, p2, k3 = map(float, self.distortion)
+        return float(self.fx), float(self.fy), float(self.cx), float(self.cy), k1, k2, p1, p2, k3, self._r2_max
+
+    @cached_property
     def _r2_max(self) -> float:
         """Squared normalised radius up to which the distortion is one-to-one (with a margin
         beyond the image, so that points just outside still project)."""
@@ -73,14 +75,8 @@ class Camera:
         return np.stack([self.fx * xd + self.cx, self.fy * yd + self.cy], axis=-1)
 
     def pixel(self, X: float, Y: float, Z: float) -> tuple[float, float]:
-        """The same for a single point, in plain floats, which are much faster than arrays of one."""
-        if Z > 1e-9:
-            x, y = X / Z, Y / Z
-            r2 = x * x + y * y
-            if r2 < self._r2_max:
-                xd, yd = self._distort(x, y, r2)
-                return self.fx * xd + self.cx, self.fy * yd + self.cy
-        return math.nan, math.nan
+        """The same for a single point, in plain floats, which is much faster than arrays of one."""
+        return projected(self.numbers, X, Y, Z)[:2]
 
     def _distort(self, x: Any, y: Any, r2: Any) -> tuple[Any, Any]:
         k1, k2, p1, p2, k3 = self.distortion
@@ -90,29 +86,10 @@ class Camera:
             y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
         )
 
-    def linearised(self, x: float, y: float) -> tuple[float, float, float, float, float, float]:
-        """Pixel (u, v) of a normalised point (X/Z, Y/Z), and ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y there, px; as
-        plain floats, and without a look at where the distortion folds back."""
-        k1, k2, p1, p2, k3 = self.distortion
-        fx, fy, x2, xy, y2 = self.fx, self.fy, x * x, x * y, y * y
-        r2 = x2 + y2
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # ∂radial/∂x = slope·x
-        across = slope * xy + 2 * (p1 * x + p2 * y)  # ∂(distorted y)/∂x, and of x by y
-        u = fx * (x * radial + 2 * p1 * xy + p2 * (r2 + 2 * x2)) + self.cx
-        v = fy * (y * radial + 2 * p2 * xy + p1 * (r2 + 2 * y2)) + self.cy
-        along_x, along_y = radial + slope * x2 + 2 * p1 * y + 6 * p2 * x, radial + slope * y2 + 6 * p1 * y + 2 * p2 * x
-        return u, v, fx * along_x, fx * across, fy * across, fy * along_y
-
-    def project_linearised(self, X: float, Y: float, Z: float) -> tuple[float, float, Vector, Vector]:
+    def project_linearised(self, X: float, Y: float, Z: float) -> Linearised:
         """The pixel u, v of a point in camera coordinates, and by it ∂u and ∂v, px/m; in plain floats, NaN where it
         cannot be seen."""
-        if Z > 1e-9:
-            x, y = X / Z, Y / Z
-            if x * x + y * y < self._r2_max:
-                u, v, ux, uy, vx, vy = self.linearised(x, y)
-                return u, v, (ux / Z, uy / Z, -(ux * x + uy * y) / Z), (vx / Z, vy / Z, -(vx * x + vy * y) / Z)
-        return _UNSEEN
+        return projected(self.numbers, X, Y, Z)
 
     def project_jacobian(self, point: ArrayLike) -> Array:
         """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates; NaN where it cannot be seen."""
@@ -196,35 +173,22 @@ class View:
 
     def pixel(self, x: float, y: float, z: float) -> tuple[float, float]:
         """The same for a single point, in plain floats."""
-        return self.camera.pixel(*self._in_camera(x, y, z))
+        return projected_from(self.pose, self.camera.numbers, x, y, z)[:2]
 
-    def project_linearised(self, x: float, y: float, z: float) -> tuple[float, float, Vector, Vector]:
+    def project_linearised(self, x: float, y: float, z: float) -> Linearised:
         """The pixel u, v of a root-frame point, and by it ∂u and ∂v, px/m; in plain floats, NaN where it cannot be
         seen."""
-        u, v, (a, b, c), (d, e, f) = self.camera.project_linearised(*self._in_camera(x, y, z))
-        (xx, xy, xz, _), (yx, yy, yz, _), (zx, zy, zz, _), _ = self.pose
-        return (
-            u,
-            v,
-            (xx * a + xy * b + xz * c, yx * a + yy * b + yz * c, zx * a + zy * b + zz * c),
-            (xx * d + xy * e + xz * f, yx * d + yy * e + yz * f, zx * d + zy * e + zz * f),
-        )
+        return projected_from(self.pose, self.camera.numbers, x, y, z)
 
     def project_jacobian(self, point_root: ArrayLike) -> Array:
         """∂pixel/∂p_root (2, 3), px/m; NaN where it cannot be seen."""
         return np.array(self.project_linearised(*np.asarray(point_root, dtype=float).tolist())[2:])
 
-    def _in_camera(self, u: float, v: float, w: float) -> Vector:
-        """One root-frame point in camera coordinates."""
-        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = self.pose
-        u, v, w = u - x, v - y, w - z
-        return a * u + d * v + g * w, b * u + e * v + h * w, c * u + f * v + i * w
-
     @cached_property
-    def pose(self) -> list[list[float]]:
-        """`T_root_camera` in plain floats."""
-        pose: list[list[float]] = self.T_root_camera.tolist()
-        return pose
+    def pose(self) -> Pose:
+        """The first three rows of `T_root_camera` in plain floats."""
+        a, b, c, x, d, e, f, y, g, h, i, z = self.T_root_camera[:3].ravel().tolist()
+        return a, b, c, x, d, e, f, y, g, h, i, z
 
     def rays(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in the root frame."""

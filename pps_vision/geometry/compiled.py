@@ -1,0 +1,197 @@
+"""What a lens and two eyes do to a single point, compiled by numba: in Python, most of the time would go into the
+language.
+
+Each function is compiled when it is first called, which takes seconds once; the code is then kept beside this file.
+They call none of another file, for numba would not see that one change.
+"""
+
+import math
+
+from numba import njit
+
+Vector = tuple[float, float, float]
+Lens = tuple[float, float, float, float, float, float, float, float, float, float]
+"""fx, fy, cx, cy px; k1, k2, p1, p2, k3 as OpenCV's; the squared radius (of x = X/Z, y = Y/Z) where it folds back."""
+Pose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
+"""The first three rows of `T_root_camera`, one after the other."""
+Linearised = tuple[float, float, Vector, Vector]
+"""A pixel u, v, and ∂u and ∂v by the point that it is the image of, px/m."""
+Measured = tuple[Pose, Lens, float, float, float, float, float]
+"""An eye, the pixel u, v it measured, and the covariance uu, uv, vv of that, px²."""
+
+_ROUNDS = 20  # two are usual; a strong lens takes more, for it is undone along the way
+_SETTLED = 1e-5  # a round that moves the rays so far (rad) leaves about 1e-11, for what is left goes by the square
+_PARALLEL = 1e-10  # squared sine of the angle between rays that do not meet
+_UNDONE = 5  # rounds in which a lens is undone, before
+
+
+@njit(cache=True, error_model="numpy")
+def distorted(lens: Lens, x: float, y: float) -> tuple[float, float, float, float, float, float]:
+    """Pixel (u, v) of a normalised point (X/Z, Y/Z), and ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y there, px; without a look at
+    where the distortion folds back."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3, _ = lens
+    x2, xy, y2 = x * x, x * y, y * y
+    r2 = x2 + y2
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # ∂radial/∂x = slope·x
+    across = slope * xy + 2 * (p1 * x + p2 * y)  # ∂(distorted y)/∂x, and of x by y
+    u = fx * (x * radial + 2 * p1 * xy + p2 * (r2 + 2 * x2)) + cx
+    v = fy * (y * radial + 2 * p2 * xy + p1 * (r2 + 2 * y2)) + cy
+    along_x, along_y = radial + slope * x2 + 2 * p1 * y + 6 * p2 * x, radial + slope * y2 + 6 * p1 * y + 2 * p2 * x
+    return u, v, fx * along_x, fx * across, fy * across, fy * along_y
+
+
+@njit(cache=True, error_model="numpy")
+def projected(lens: Lens, X: float, Y: float, Z: float) -> Linearised:
+    """The image of a point in camera coordinates, NaN where it cannot be seen: behind the camera, or so far aside
+    that the distortion folds back."""
+    if Z > 1e-9:
+        x, y = X / Z, Y / Z
+        if x * x + y * y < lens[9]:
+            u, v, ux, uy, vx, vy = distorted(lens, x, y)
+            return u, v, (ux / Z, uy / Z, -(ux * x + uy * y) / Z), (vx / Z, vy / Z, -(vx * x + vy * y) / Z)
+    nan = math.nan
+    return nan, nan, (nan, nan, nan), (nan, nan, nan)
+
+
+@njit(cache=True, error_model="numpy")
+def projected_from(pose: Pose, lens: Lens, x: float, y: float, z: float) -> Linearised:
+    """The same for a point in the root frame and an eye at that pose."""
+    a, b, c, px, d, e, f, py, g, h, i, pz = pose
+    x, y, z = x - px, y - py, z - pz
+    X, Y, Z = a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+    u, v, of_u, of_v = projected(lens, X, Y, Z)
+    return u, v, _turned(pose, of_u[0], of_u[1], of_u[2]), _turned(pose, of_v[0], of_v[1], of_v[2])
+
+
+@njit(cache=True, error_model="numpy")
+def met(
+    left: Measured, right: Measured
+) -> tuple[bool, Vector, tuple[float, float, float, float, float, float], float, float]:
+    """Where the rays of two pixels meet once both are moved, each as its covariance lets it (Kanatani's optimal
+    correction): whether they do, in front of both eyes; the point; the upper half of its covariance, row by row; by
+    how many px² the pixels were moved, and what that costs (χ²)."""
+    nothing = False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
+    p, q = left[0], right[0]
+    gap = q[3] - p[3], q[7] - p[7], q[11] - p[11]
+    x, y, settled, chi2, moved2 = _undistorted(left), _undistorted(right), False, 0.0, 0.0
+    for _ in range(_ROUNDS):
+        a, b = _turned(p, x[0], x[1], 1.0), _turned(q, y[0], y[1], 1.0)
+        plane = _cross(gap, a)  # it holds the gap and the left ray
+        off_left, var_left, pull_left = _look(left, x, _cross(b, gap))
+        off_right, var_right, pull_right = _look(right, y, plane)
+        off, var = _dot(b, plane) + off_left + off_right, var_left + var_right
+        if not var > 0:
+            return nothing
+        x, far_left, moved2_left = _moved(x, pull_left, off / var)
+        y, far_right, moved2_right = _moved(y, pull_right, off / var)
+        if far_left + far_right < _SETTLED:
+            settled, chi2, moved2 = True, off * off / var, moved2_left + moved2_right
+            break
+    a, b = _turned(p, x[0], x[1], 1.0), _turned(q, y[0], y[1], 1.0)
+    normal = _cross(a, b)
+    sine2 = _dot(normal, normal)
+    if not (settled and sine2 > _PARALLEL * _dot(a, a) * _dot(b, b)):
+        return nothing
+    depth_left, depth_right = _dot(_cross(gap, b), normal) / sine2, _dot(_cross(gap, a), normal) / sine2
+    if not (depth_left > 0 and depth_right > 0):
+        return nothing
+    at = p[3] + depth_left * a[0], p[7] + depth_left * a[1], p[11] + depth_left * a[2]
+    u, v = _slopes(left, x, depth_left)
+    s, t = _slopes(right, y, depth_right)
+    return True, at, _inverse(u, v, s, t), moved2, chi2
+
+
+@njit(cache=True, error_model="numpy")
+def _undistorted(eye: Measured) -> tuple[float, float]:
+    """About the normalised point of the pixel, to start from."""
+    (fx, fy, cx, cy, k1, k2, p1, p2, k3, _), u, v = eye[1], eye[2], eye[3]
+    u, v = (u - cx) / fx, (v - cy) / fy
+    x, y = u, v
+    for _ in range(_UNDONE):
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        x, y = (
+            (u - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / radial,
+            (v - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / radial,
+        )
+    return x, y
+
+
+@njit(cache=True, error_model="numpy")
+def _look(
+    eye: Measured, x: tuple[float, float], slope: Vector
+) -> tuple[float, float, tuple[float, float, float, float, float, float, float, float]]:
+    """Of a constraint with that slope by the ray: how much further from it the measured pixel is than the ray,
+    and how far noise takes it (variance); NaN where the lens folds back.  And what `_moved` wants."""
+    pose, lens, at_u, at_v, uu, uv, vv = eye
+    u, v, ux, uy, vx, vy = distorted(lens, x[0], x[1])
+    det = ux * vy - uy * vx
+    if not det > 0:
+        det = math.nan
+    du, dv = at_u - u, at_v - v
+    gx = pose[0] * slope[0] + pose[4] * slope[1] + pose[8] * slope[2]
+    gy = pose[1] * slope[0] + pose[5] * slope[1] + pose[9] * slope[2]
+    gu, gv = (vy * gx - vx * gy) / det, (ux * gy - uy * gx) / det
+    pu, pv = uu * gu + uv * gv, uv * gu + vv * gv
+    return gu * du + gv * dv, gu * pu + gv * pv, (du, dv, pu, pv, ux / det, uy / det, vx / det, vy / det)
+
+
+@njit(cache=True, error_model="numpy")
+def _moved(
+    x: tuple[float, float], pull: tuple[float, float, float, float, float, float, float, float], k: float
+) -> tuple[tuple[float, float], float, float]:
+    """Where the pixel is, less `k` times what the constraint takes from it; how far that is from here, and by how
+    many px² from the pixel."""
+    du, dv, pu, pv, ux, uy, vx, vy = pull
+    u, v = du - k * pu, dv - k * pv
+    dx, dy = vy * u - uy * v, ux * v - vx * u
+    return (x[0] + dx, x[1] + dy), abs(dx) + abs(dy), k * k * (pu * pu + pv * pv)
+
+
+@njit(cache=True, error_model="numpy")
+def _slopes(eye: Measured, at: tuple[float, float], depth: float) -> tuple[Vector, Vector]:
+    """∂pixel/∂p_root in units of its noise, 1/m, of a point that far ahead on the ray: whitened by Cholesky's
+    factor."""
+    pose, lens, _, _, uu, uv, vv = eye
+    x, y = at
+    _, _, ux, uy, vx, vy = distorted(lens, x, y)
+    tilt, first, second = uv / uu, depth * math.sqrt(uu), depth * math.sqrt(vv - uv * uv / uu)
+    wx, wy = (vx - tilt * ux) / second, (vy - tilt * uy) / second  # of v less what u tells of it
+    ux, uy = ux / first, uy / first
+    return _turned(pose, ux, uy, -(ux * x + uy * y)), _turned(pose, wx, wy, -(wx * x + wy * y))
+
+
+@njit(cache=True, error_model="numpy")
+def _inverse(a: Vector, b: Vector, c: Vector, d: Vector) -> tuple[float, float, float, float, float, float]:
+    """The upper half, row by row, of the inverse of aaᵀ + bbᵀ + ccᵀ + ddᵀ."""
+    xx, xy, xz = _sum(a, b, c, d, 0, 0), _sum(a, b, c, d, 0, 1), _sum(a, b, c, d, 0, 2)
+    yy, yz, zz = _sum(a, b, c, d, 1, 1), _sum(a, b, c, d, 1, 2), _sum(a, b, c, d, 2, 2)
+    X, Y, Z = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    det = xx * X + xy * Y + xz * Z
+    return (
+        *(X / det, Y / det, Z / det),
+        *((xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det, (xx * yy - xy * xy) / det),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _sum(a: Vector, b: Vector, c: Vector, d: Vector, i: int, j: int) -> float:
+    return a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j]
+
+
+@njit(cache=True, error_model="numpy")
+def _turned(pose: Pose, x: float, y: float, z: float) -> Vector:
+    """A vector from camera to root axes."""
+    a, b, c, _, d, e, f, _, g, h, i, _ = pose
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
+@njit(cache=True, error_model="numpy")
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
