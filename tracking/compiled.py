@@ -26,7 +26,7 @@ _PER_VALUE = np.rint((255 << _SHIFT) / np.maximum(np.arange(256), 1)).astype(np.
 _PER_SPREAD = np.rint((180 << _SHIFT) / (6 * np.maximum(np.arange(256), 1))).astype(np.int64)
 
 Map = NDArray[np.float32]
-Labels = NDArray[np.int32]
+Runs = NDArray[np.int64]  # (n, 5), as `_runs` has them
 Color = tuple[float, float, float]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
 
@@ -64,25 +64,29 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
 def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
     """(h, w) whether within `band` px all is marked, nothing, or some; where nowhere all is, the mask is inside."""
     height, width = mask.shape
-    kind, inner = np.empty((height, width), np.uint8), 0
-    columns = np.zeros(width, np.int32)  # marked in each, of the rows within the band
-    for y in range(-band, band):
+    kind, inner, whole = np.empty((height, width), np.uint8), 0, (2 * band + 1) ** 2
+    columns = np.zeros(width + 2 * band, np.uint8)  # marked in each, of the rows within the band
+    count = np.empty(width, np.uint8)
+    for y in range(-2 * band, height):
+        entering, leaving = mask[min(max(y + band, 0), height - 1)], mask[max(y - band - 1, 0)]
+        within = columns[band : band + width]
         for x in range(width):
-            columns[x] += mask[min(max(y, 0), height - 1), x]
-    for y in range(height):
+            within[x] += entering[x]
+        if y > 0:
+            for x in range(width):
+                within[x] -= leaving[x]
+        if y < 0:
+            continue
+        columns[:band], columns[band + width :] = within[0], within[width - 1]
+        count[:] = 0
+        for k in range(2 * band + 1):
+            shifted = columns[k : k + width]
+            for x in range(width):
+                count[x] += shifted[x]
+        row = kind[y]
         for x in range(width):
-            columns[x] += mask[min(y + band, height - 1), x]
-        count = (band + 1) * columns[0]
-        for x in range(1, band):
-            count += columns[min(x, width - 1)]
-        for x in range(width):
-            count += columns[min(x + band, width - 1)]
-            whole = count == (2 * band + 1) ** 2
-            kind[y, x] = _INNER if whole else _OUTER if count == 0 else _EDGE
-            inner += whole
-            count -= columns[max(x - band, 0)]
-        for x in range(width):
-            columns[x] -= mask[max(y - band, 0), x]
+            row[x] = _EDGE if 0 < count[x] < whole else _OUTER if count[x] == 0 else _INNER
+            inner += count[x] == whole
     if inner == 0:
         for y in range(height):
             for x in range(width):
@@ -106,8 +110,9 @@ def _color_sums(patch: Image, kind: NDArray[np.uint8]) -> NDArray[np.int32]:
                 for channel in range(3):
                     row[first + channel] += patch[y, x, channel]
                 row[first + 3] += 1
+            above, here = sums[y, x + 1], sums[y + 1, x + 1]
             for channel in range(8):
-                sums[y + 1, x + 1, channel] = sums[y, x + 1, channel] + row[channel]
+                here[channel] = above[channel] + row[channel]
     return sums
 
 
@@ -225,107 +230,121 @@ def marker(
     """Whether within the box `around` there is one blob of a marker's hue, and nothing of it within `clear` px of the
     box's border; and if so its coverage in a box of its own with `pad` px of room around, as `covered` and `moments`
     have it."""
-    top, _, left, _ = around
-    label = _of_hue(image, hues, around)
-    one, box = _one_blob(label, hues.area)
-    y0, y1, x0, x1 = box
-    height, width = label.shape
-    if one == 0 or min(y0, x0) < clear or y1 > height - clear or x1 > width - clear:
+    runs, n = _runs(image, hues, around)
+    one, holes, (y0, y1, x0, x1) = _one_blob(runs[:n], hues.area)
+    top, bottom, left, right = around
+    if one < 0 or min(y0 - top, bottom - y1, x0 - left, right - x1) < clear:
         empty = np.zeros((0, 0), np.float32)
         return False, empty, empty, (0, 0, 0, 0), moments(empty, empty, weights, 0, 0)
-    _fill(label, one, box)
-    room = (
-        max(top + y0 - pad, 0),
-        min(top + y1 + pad, image.shape[0]),
-        max(left + x0 - pad, 0),
-        min(left + x1 + pad, image.shape[1]),
-    )
-    mask, n = np.zeros((room[1] - room[0], room[3] - room[2]), np.bool_), 0
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            if label[y, x] == one:
-                mask[top + y - room[0], left + x - room[2]] = True
-                n += 1
-    patch = image[room[0] : room[1], room[2] : room[3]].copy()
-    alpha, variance = covered(patch, mask, 2 if n > 60 else 1)
-    return True, alpha, variance, room, moments(alpha, variance, weights, room[2], room[0])
+    top, bottom = max(y0 - pad, 0), min(y1 + pad, image.shape[0])
+    left, right = max(x0 - pad, 0), min(x1 + pad, image.shape[1])
+    mask, count = np.zeros((bottom - top, right - left), np.bool_), 0
+    for row, start, end, root, _ in runs[:n]:
+        if root == one:
+            mask[row - top, start - left : end - left] = True
+            count += end - start
+    if holes:
+        _fill(mask)
+    alpha, variance = covered(image[top:bottom, left:right].copy(), mask, 2 if count > 60 else 1)
+    return True, alpha, variance, (top, bottom, left, right), moments(alpha, variance, weights, left, top)
 
 
 @njit(cache=True, error_model="numpy")
-def _of_hue(image: Image, hues: Hues, around: Box) -> Labels:
-    """(h, w) -1 where the box has a marker's hue, else 0; hue and saturation as OpenCV rounds them."""
+def _runs(image: Image, hues: Hues, around: Box) -> tuple[Runs, int]:
+    """What has a marker's hue in each row of the box, and how many such runs there are: row, first column, the one
+    after the last, the first of the runs that it hangs together with (corners too), and with how many of the row
+    above."""
     top, bottom, left, right = around
-    label = np.zeros((bottom - top, right - left), np.int32)
-    for y in range(bottom - top):
-        for x in range(right - left):
-            v, u = top + y, left + x
-            r, g, b = np.int64(image[v, u, 0]), np.int64(image[v, u, 1]), np.int64(image[v, u, 2])
-            value = max(r, g, b)
-            spread = value - min(r, g, b)
-            if value < hues.value or (spread * _PER_VALUE[value] + _HALF) >> _SHIFT < hues.saturation:
+    runs = np.empty(((bottom - top) * ((right - left + 1) // 2), 5), np.int64)
+    n = first = 0  # of the row above
+    for y in range(top, bottom):
+        above, last, x = first, n, left
+        first = n
+        while x < right:
+            if not _is_marker(image, y, x, hues):
+                x += 1
                 continue
-            part = g - b if value == r else b - r + 2 * spread if value == g else r - g + 4 * spread
-            hue = (part * _PER_SPREAD[spread] + _HALF) >> _SHIFT
-            if hue < 0:
-                hue += 180
-            within = hue >= hues.low, hue <= hues.high
-            if (within[0] and within[1]) if hues.low <= hues.high else (within[0] or within[1]):
-                label[y, x] = -1
-    return label
-
-
-@njit(cache=True, error_model="numpy")
-def _one_blob(label: Labels, area: int) -> tuple[int, Box]:
-    """Give all that hangs together (corners too) where the label is -1 a number of its own from 1 on; the number of
-    the only one of at least that area, 0 where there is none or more, and its box."""
-    height, width = label.shape
-    stack, n, one, box = np.empty((label.size, 2), np.int64), 0, 0, (0, 0, 0, 0)
-    for row in range(height):
-        for column in range(width):
-            if label[row, column] != -1:
-                continue
+            start = x
+            while x < right and _is_marker(image, y, x, hues):
+                x += 1
+            links, root = 0, n
+            while above < last and runs[above, 2] < start:
+                above += 1
+            other = above
+            while other < last and runs[other, 1] <= x:
+                links, root = links + 1, min(root, _root(runs, other))
+                other += 1
+            for k in range(above, other):
+                runs[_root(runs, k), 3] = root
+            runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3], runs[n, 4] = y, start, x, root, links
             n += 1
-            label[row, column] = n
-            stack[0, 0], stack[0, 1], waiting, count = row, column, 1, 0
-            y0, y1, x0, x1 = height, 0, width, 0
-            while waiting:
-                waiting -= 1
-                y, x = stack[waiting, 0], stack[waiting, 1]
-                y0, y1, x0, x1, count = min(y0, y), max(y1, y + 1), min(x0, x), max(x1, x + 1), count + 1
-                for v in range(max(y - 1, 0), min(y + 2, height)):
-                    for u in range(max(x - 1, 0), min(x + 2, width)):
-                        if label[v, u] == -1:
-                            label[v, u] = n
-                            stack[waiting, 0], stack[waiting, 1] = v, u
-                            waiting += 1
-            if count >= area:
-                if one:
-                    return 0, box
-                one, box = n, (y0, y1, x0, x1)
-    return one, box
+    return runs, n
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(label: Labels, one: int, box: Box) -> None:
-    """Label with `one` what it encloses in its box, sides only: what the rest does not reach from the box's border."""
-    y0, y1, x0, x1 = box
-    outside, waiting = np.zeros((y1 - y0, x1 - x0), np.bool_), 0
-    stack = np.empty(((y1 - y0) * (x1 - x0), 2), np.int64)
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            if (y in (y0, y1 - 1) or x in (x0, x1 - 1)) and label[y, x] != one:
-                outside[y - y0, x - x0] = True
-                stack[waiting, 0], stack[waiting, 1] = y, x
-                waiting += 1
+def _root(runs: Runs, k: int) -> int:
+    while runs[k, 3] != k:
+        k = runs[k, 3]
+    return k
+
+
+@njit(cache=True, error_model="numpy")
+def _is_marker(image: Image, y: int, x: int, hues: Hues) -> bool:
+    """Whether a pixel has a marker's hue; hue and saturation as OpenCV rounds them."""
+    r, g, b = np.int64(image[y, x, 0]), np.int64(image[y, x, 1]), np.int64(image[y, x, 2])
+    value = max(r, g, b)
+    spread = value - min(r, g, b)
+    if value < hues.value or (spread * _PER_VALUE[value] + _HALF) >> _SHIFT < hues.saturation:
+        return False
+    part = g - b if value == r else b - r + 2 * spread if value == g else r - g + 4 * spread
+    hue = (part * _PER_SPREAD[spread] + _HALF) >> _SHIFT
+    if hue < 0:
+        hue += 180
+    if hues.low <= hues.high:
+        return hues.low <= hue <= hues.high
+    return hue >= hues.low or hue <= hues.high
+
+
+@njit(cache=True, error_model="numpy")
+def _one_blob(runs: Runs, area: int) -> tuple[int, int, Box]:
+    """The root of the only runs that hang together and have at least that area, -1 where there are none or more; how
+    many holes they leave (Euler's number is that of runs less that of links); their box.  Then every run's root is
+    its first."""
+    n, one = len(runs), -1
+    sizes = np.zeros(n, np.int64)
+    for k in range(n):
+        runs[k, 3] = _root(runs, k)
+        sizes[runs[k, 3]] += runs[k, 2] - runs[k, 1]
+    for k in range(n):
+        if sizes[k] >= area:
+            if one >= 0:
+                return -1, 0, (0, 0, 0, 0)
+            one = k
+    if one < 0:
+        return -1, 0, (0, 0, 0, 0)
+    y0, y1, x0, x1, euler = runs[one, 0], runs[one, 0], runs[one, 1], runs[one, 2], 0
+    for k in range(one, n):
+        if runs[k, 3] == one:
+            y1, x0, x1 = runs[k, 0], min(x0, runs[k, 1]), max(x1, runs[k, 2])
+            euler += 1 - runs[k, 4]
+    return one, 1 - euler, (y0, y1 + 1, x0, x1)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(mask: Mask) -> None:
+    """Mark what is enclosed, sides only: what the rest does not reach from the border, where nothing is marked."""
+    height, width = mask.shape
+    outside, waiting = np.zeros((height, width), np.bool_), 1
+    stack = np.empty((height * width, 2), np.int64)
+    stack[0, 0], stack[0, 1], outside[0, 0] = 0, 0, True
     while waiting:
         waiting -= 1
         y, x = stack[waiting, 0], stack[waiting, 1]
         for v, u in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
-            if y0 <= v < y1 and x0 <= u < x1 and label[v, u] != one and not outside[v - y0, u - x0]:
-                outside[v - y0, u - x0] = True
+            if 0 <= v < height and 0 <= u < width and not (mask[v, u] or outside[v, u]):
+                outside[v, u] = True
                 stack[waiting, 0], stack[waiting, 1] = v, u
                 waiting += 1
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            if not outside[y - y0, x - x0]:
-                label[y, x] = one
+    for y in range(height):
+        for x in range(width):
+            mask[y, x] = not outside[y, x]

@@ -107,11 +107,21 @@ class Robot:
         """(T_root_left, T_root_right), the form `StereoRig` asks for."""
         if q_rad is None:
             raise ValueError("the frame carries no joints, but this robot's eyes move with them")
-        model, data = self.model, self._scratch
-        pin.forwardKinematics(model, data, self._checked(q_rad))
-        left, right = self.frame_ids[self.names.left_eye], self.frame_ids[self.names.right_eye]
-        T_root_left = pin.updateFramePlacement(model, data, left).homogeneous  # of these two frames only
+        model, data, indices, left, right = self._eyes
+        pin.forwardKinematics(model, data, self._checked(q_rad)[indices])
+        T_root_left = pin.updateFramePlacement(model, data, left).homogeneous
         return T_root_left, pin.updateFramePlacement(model, data, right).homogeneous
+
+    @cached_property
+    def _eyes(self) -> tuple[Any, Any, list[int], int, int]:
+        """A model of the joints alone that move the eyes, with room for an evaluation, their places in the
+        configuration, and the eyes' frames."""
+        frames = [self.model.frames[self.frame_ids[name]] for name in (self.names.left_eye, self.names.right_eye)]
+        moving = sorted({joint for frame in frames for joint in self.model.supports[frame.parentJoint]} - {0})
+        others = [joint for joint in range(1, self.model.njoints) if joint not in moving]
+        model = pin.buildReducedModel(self.model, others, pin.neutral(self.model))
+        left, right = (model.getFrameId(frame.name, frame.type) for frame in frames)
+        return model, model.createData(), [self.model.joints[joint].idx_q for joint in moving], left, right
 
     def _checked(self, q_rad: ArrayLike) -> Array:
         """A copy of a configuration; ValueError where it is none."""
@@ -119,11 +129,6 @@ class Robot:
         if q.shape != (self.n_joints,) or not math.isfinite(sum(q.tolist())):
             raise ValueError(f"joints {np.array2string(q, precision=3)}: expected {self.n_joints} finite angles")
         return q
-
-    @cached_property
-    def _scratch(self) -> Any:
-        """Room for an evaluation of which only copies are kept; to make it costs fifty evaluations."""
-        return self.model.createData()
 
     def clamp(self, q_rad: Array) -> Array:
         """The nearest configuration within the joint limits."""
