@@ -119,18 +119,8 @@ class LWPR:
     def _predict(self, x: Array) -> tuple[Array, Array]:
         """Means and standard deviations, the fields weighted by their responses w:
         σ² = Σ w (ŷ_k − ŷ)² / (Σ w)² + Σ w σ²_k / (Σ w)²."""
-        q = quadratic(x) @ self.fields.forms.T
-        i, k = np.nonzero(q < -2 * np.log(self.params.cutoff))
+        i, k, w, y = self._responses(x)
         rows = self.fields.rows
-        stale = np.unique(k[rows["stale"][k]])
-        if len(stale):
-            fresh = rows[stale]
-            refresh_models(fresh)
-            rows[stale] = fresh
-        trusted = is_trusted(rows, k)
-        i, k = i[trusted], k[trusted]
-        w = np.exp(-0.5 * np.maximum(q[i, k], 0.0))
-        y = rows["offset"][k] + np.einsum("pi,pi->p", rows["slope"][k], x[i])
         cell, shape = i * self.n_outputs + rows["output"][k], (len(x), self.n_outputs)
 
         def total(values: Array) -> Array:
@@ -143,6 +133,42 @@ class LWPR:
         own = rows["noise"][k] * (1 + w * np.sum(scores**2, axis=1))
         var = total(w * ((y - mean.ravel()[cell]) ** 2 + own)) / known**2
         return mean, np.sqrt(var)
+
+    def jacobian(self, x: Array) -> Array:
+        """(N, outputs, inputs) ∂mean/∂x at queries x (N, inputs), the responses' own change included; NaN where there
+        is no mean."""
+        step = max(1, _PAIRS_AT_ONCE // max(1, self.fields.n))
+        return np.concatenate([self._jacobian(x[k : k + step]) for k in range(0, max(1, len(x)), step)])
+
+    def _jacobian(self, x: Array) -> Array:
+        i, k, w, y = self._responses(x)
+        rows = self.fields.rows[k]
+        cell, n = i * self.n_outputs + rows["output"], len(x) * self.n_outputs
+        weight = np.bincount(cell, w, minlength=n).astype(float)
+        known = np.where(weight > 0, weight, np.nan)
+        mean = np.bincount(cell, w * y, minlength=n) / known
+        M = rows["metric"]
+        shift = np.swapaxes(M, 1, 2) @ (M @ (x[i] - rows["center"])[..., None])
+        slope = w[:, None] * (rows["slope"] - (y - mean[cell])[:, None] * shift[..., 0])
+        columns = [np.bincount(cell, column, minlength=n) / known for column in slope.T]
+        return np.stack(columns, axis=1).reshape(len(x), self.n_outputs, self.n_inputs)
+
+    def _responses(self, x: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
+        """Pairs of a query and a field that responds to it and has seen enough: indices of both, how much it responds,
+        and what it says."""
+        q = quadratic(x) @ self.fields.forms.T
+        i, k = np.nonzero(q < -2 * np.log(self.params.cutoff))
+        rows = self.fields.rows
+        stale = np.unique(k[rows["stale"][k]])
+        if len(stale):
+            fresh = rows[stale]
+            refresh_models(fresh)
+            rows[stale] = fresh
+        trusted = is_trusted(rows, k)
+        i, k = i[trusted], k[trusted]
+        w = np.exp(-0.5 * np.maximum(q[i, k], 0.0))
+        y = rows["offset"][k] + np.einsum("pi,pi->p", rows["slope"][k], x[i])
+        return i, k, w, y
 
 
 def save_lwpr(path: Path, model: LWPR) -> None:

@@ -235,3 +235,19 @@ def test_bad_input_is_named():
         RegressionParams(first_forgetting=1.1)
     with pytest.raises(ValueError, match="first_projections 0"):
         RegressionParams(first_projections=0)
+
+
+def test_its_slope_is_that_of_its_answers():
+    """Two outputs of three inputs, against differences of what it answers."""
+    rng = np.random.default_rng(6)
+    model = LWPR(3, 2, LWPRParams(init_D=8, metric=MetricParams(rate=0)))
+    for x in rng.uniform(-1, 1, (600, 3)):
+        model.update(x, [np.sin(2 * x[0]) * x[1], x[2] ** 2 + x[0]])
+    x, h = rng.uniform(-0.7, 0.7, (40, 3)), 1e-6
+    slope = model.jacobian(x)
+    for k, axis in enumerate(np.eye(3)):
+        measured = (model.predict(x + h * axis).mean - model.predict(x - h * axis).mean) / (2 * h)
+        assert np.median(np.abs(slope[:, :, k] - measured)) < 1e-6
+        assert np.quantile(np.abs(slope[:, :, k] - measured), 0.9) < 1e-3  # a field may come in between
+    assert np.isnan(model.jacobian(np.full((1, 3), 9.0))).all()
+    assert model.jacobian(np.zeros((0, 3))).shape == (0, 2, 3)

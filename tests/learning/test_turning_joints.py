@@ -67,6 +67,19 @@ def test_what_was_fixated_wrongly_is_left_out(babbled):
     assert silent == 0
 
 
+@pytest.mark.parametrize("noise_deg", [1.0, 3.0])
+def test_noisy_fixation_averages_out(babbled, noise_deg):
+    """1100 samples for 247 numbers: what is left of the noise is less than a third."""
+    train, rng = babbled[0], np.random.default_rng(35)
+    noisy = train.gaze_rad + np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
+    learned = TurningJoints()
+    learned.learn(train.arm_rad, np.clip(noisy, LIMITS.lower, LIMITS.upper))
+    error, silent = score(learned, babbled[1])
+    print(f"{noise_deg:g}° of noise: {error:.2f} °")
+    assert error < noise_deg / 3
+    assert silent < 0.01
+
+
 def test_its_slope_is_that_of_its_places(model, babbled):
     arm, h = babbled[1].arm_rad[:20], 1e-6
     place, J = model.forward(arm)

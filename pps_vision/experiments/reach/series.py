@@ -10,6 +10,7 @@ from pps_vision.experiments.experiment import Experiment
 from pps_vision.experiments.reach.failures import BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
 from pps_vision.experiments.reach.lwpr import CrossFunction
+from pps_vision.experiments.reach.map_failures import MapFailures
 from pps_vision.experiments.reach.maps import Maps
 from pps_vision.experiments.reach.measures import Measures
 from pps_vision.experiments.reach.planning import Planning
@@ -25,6 +26,7 @@ FigureName = Literal[
     "forward_model",
     "regressors",
     "babbling_failures",
+    "map_failures",
     "maps",
     "solvers",
     "planning",
@@ -56,6 +58,7 @@ class Reach:
             "forward_model": lambda: ForwardModelError(self.seed),
             "regressors": lambda: Regressors(self.seed),
             "babbling_failures": lambda: BabblingFailures(self.seed),
+            "map_failures": lambda: MapFailures(self.seed),
             "maps": lambda: Maps(self.seed),
             "solvers": lambda: Solvers(self.seed),
             "planning": lambda: Planning(self.seed),
