@@ -2,9 +2,11 @@
 
 The hand and the eyes are both carried by the torso, so the reachable-space map holds whatever the torso does; only
 the gaze that keeps a point fixated changes as it turns.  The torso climbs the map's degree of reachability, through
-the learned relation of its turns to the gaze, and the head turns against it by the same relation.
+the learned relation of its turns to the gaze, and the head turns against it by the same relation.  Where climbing ends
+before the map says reachable, the shortest way there over a lattice of torso postures is taken, if there is one.
 """
 
+import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
@@ -16,6 +18,8 @@ from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity, Mask
 
 _DEG = np.pi / 180
+_AROUND = np.vstack([np.eye(3), -np.eye(3)])
+_NEXT_TO = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
 Mode = Literal["judging", "turning", "reaching", "there", "out of reach", "unseen"]
 
 
@@ -47,6 +51,8 @@ class Learned:
 class IntoReachParams:
     """The torso turns at `torso_rad_s` in the best of `n_ways` directions, judged `ahead_rad` ahead, slower where the
     gaze, of something near, would change faster than `gaze_rad_s`; at most `most_turn_rad` in all are imagined.
+    Where that leads nowhere, the way is sought over torso postures `lattice_rad` apart, with `margin_rad` between the
+    gaze and the map's limits.
     Verdicts are made on a gaze that has rested for `settle_s`.  The arm nears its goal at `arm_per_s` of what is left,
     no faster than `arm_rad_s`.  A gaze that changes by more than `moved_rad` meanwhile is another question.  A hand
     that would be left more than `touch_m` off is not sent."""
@@ -56,6 +62,8 @@ class IntoReachParams:
     n_ways: int = 16
     ahead_rad: float = 2 * _DEG
     most_turn_rad: float = 150 * _DEG
+    lattice_rad: float = 4 * _DEG
+    margin_rad: float = 1 * _DEG
     gaze_rad_s: float = 12 * _DEG
     settle_s: float = 0.5
     arm_per_s: float = 4.0
@@ -67,10 +75,12 @@ class IntoReachParams:
 
 @dataclass(frozen=True, slots=True)
 class IntoReachState:
-    """What is being done since `since_s`; while reaching, the `arm_goal` (k,) for what `gaze` (3,) fixated."""
+    """What is being done since `since_s`; while turning where no climb leads, the `way` (T, 2) still to go; while
+    reaching, the `arm_goal` (k,) for what `gaze` (3,) fixated."""
 
     mode: Mode = "judging"
     since_s: float = -np.inf
+    way: Array | None = None
     gaze: Array | None = None
     arm_goal: Array | None = None
 
@@ -95,7 +105,10 @@ def step(
     state = _next(params, learned, state, posture, gaze, stamp_s)
     dq: Array = np.zeros(robot.n_joints)
     if state.mode == "turning":
-        turn = best_turn(params, learned, robot, gaze, _torso(posture))
+        if state.way is None:
+            turn = best_turn(params, learned, robot, gaze, _torso(posture))
+        else:
+            state, turn = _along(state, _torso(posture), params.torso_rad_s * dt_s)
         if turn is None or learned.judge(gaze[None]).reachable[0]:
             state = IntoReachState("judging", stamp_s)
         else:
@@ -121,19 +134,60 @@ def best_turn(params: IntoReachParams, learned: Learned, robot: Robot, gaze: Arr
 
 
 def imagine(params: IntoReachParams, learned: Learned, robot: Robot, gaze: Array, torso: Array) -> Array | None:
-    """The torso postures (T, 2) on the way until the map calls what `gaze` fixates reachable; None where it never
-    does.  Nothing moves: each gaze is what the learned relation expects."""
+    """The torso postures (T, 2) of a climb until the map calls what `gaze` fixates reachable, or the climb's end where
+    it is more likely reachable than not; else None.  Nothing moves: each gaze is what the learned relation expects."""
     path = [torso]
     for _ in range(int(params.most_turn_rad / params.ahead_rad)):
-        if learned.judge(gaze[None]).reachable[0]:
+        here = learned.judge(gaze[None])
+        if here.reachable[0]:
             return np.array(path)
         turn = best_turn(params, learned, robot, gaze, torso)
         if turn is None:
-            return None
+            return np.array(path) if here.degree[0] > 0.5 else None
         turn = params.ahead_rad * turn
         gaze, torso = learned.keeps(gaze, torso, turn[None])[0], torso + turn
         path.append(torso)
     return None
+
+
+def shortest_way(params: IntoReachParams, learned: Learned, robot: Robot, gaze: Array, torso: Array) -> Array | None:
+    """The torso postures (T, 2) of the shortest way over a lattice to where the map calls what `gaze` fixates
+    reachable (Dijkstra); None where there is none.  Imagined, as `imagine`."""
+    start = (0, 0)
+    before: dict[tuple[int, int], tuple[int, int]] = {}
+    todo = [(0.0, start, start, tuple(gaze))]
+    while todo:
+        far, node, last, gaze_there = heapq.heappop(todo)
+        if node in before:
+            continue
+        before[node] = last
+        if learned.judge(np.array([gaze_there])).reachable[0]:
+            way = [node]
+            while way[-1] != start:
+                way.append(before[way[-1]])
+            return _cut(robot, torso + params.lattice_rad * np.array(way[::-1]))
+        here = _cut(robot, torso + params.lattice_rad * np.array(node))
+        ends = torso + params.lattice_rad * (np.array(node) + _NEXT_TO)
+        turns = _cut(robot, ends) - here
+        after = learned.keeps(np.array(gaze_there), here, turns)
+        around = learned.judge((after[:, None] + params.margin_rad * _AROUND).reshape(-1, 3)).degree
+        known = np.isfinite(around).reshape(len(after), -1).all(axis=1)
+        known &= np.abs(_cut(robot, ends) - ends).max(axis=1) < params.lattice_rad
+        for (i, j), turn, then in zip(_NEXT_TO[known].tolist(), turns[known], after[known], strict=True):
+            way_so_far = far + float(np.linalg.norm(turn))
+            heapq.heappush(todo, (way_so_far, (node[0] + i, node[1] + j), node, tuple(then)))
+    return None
+
+
+def _along(state: IntoReachState, torso: Array, near_rad: float) -> tuple[IntoReachState, Array | None]:
+    """The unit turn (2,) to the next posture of the way that is not near already; None at its end."""
+    way = np.zeros((0, 2)) if state.way is None else state.way
+    far = np.linalg.norm(way - torso, axis=1) > near_rad
+    if not far.any():
+        return state, None
+    way = way[int(np.argmax(far)) :]
+    turn: Array = (way[0] - torso) / np.linalg.norm(way[0] - torso)
+    return replace(state, way=way), turn
 
 
 def _next(
@@ -148,18 +202,26 @@ def _next(
         since = stamp_s if state.since_s == -np.inf else state.since_s
         if stamp_s - since < params.settle_s - 1e-9:
             return replace(state, since_s=since)
-        if learned.judge(gaze[None]).reachable[0]:
-            goal, off_m = learned.hand_to(gaze)
-            if off_m <= params.touch_m:
-                return IntoReachState("reaching", stamp_s, gaze, goal)
-        elif imagine(params, learned, posture.robot, gaze, _torso(posture)) is not None:
-            return IntoReachState("turning", stamp_s)
-        return IntoReachState("out of reach", stamp_s, gaze)
+        return _judged(params, learned, posture, gaze, stamp_s)
     if state.mode == "reaching" and state.arm_goal is not None:
         _, away = _away(params, posture, state.arm_goal)
         if np.abs(away).max() < params.arrived_rad:
             return replace(state, mode="there", since_s=stamp_s)
     return state
+
+
+def _judged(params: IntoReachParams, learned: Learned, posture: Posture, gaze: Array, stamp_s: float) -> IntoReachState:
+    """What to do about what rests: reach where no turn is needed (or none helps), else turn."""
+    asked = params, learned, posture.robot, gaze, _torso(posture)
+    climb = imagine(*asked)
+    way = shortest_way(*asked) if climb is None else None
+    if (climb is not None and len(climb) > 1) or way is not None:
+        return IntoReachState("turning", stamp_s, way)
+    if climb is not None:
+        goal, off_m = learned.hand_to(gaze)
+        if off_m <= params.touch_m:
+            return IntoReachState("reaching", stamp_s, None, gaze, goal)
+    return IntoReachState("out of reach", stamp_s, None, gaze)
 
 
 def _turning(

@@ -46,6 +46,19 @@ class Silhouette:
             mask = np.asarray(cv2.dilate(mask, np.ones((2 * self.margin_px + 1,) * 2, np.uint8)), dtype=np.uint8)
         return mask.view(bool)
 
+    def hides(self, posture: Posture, view: View, p_root: Array, radius_m: float) -> bool:
+        """Whether a body that comes nearer to the eye than a ball's centre (3,) covers a part of it, or nearly."""
+        distance = float(np.linalg.norm(p_root - view.center))
+        at, within = view.project(p_root), self.margin_px + view.camera.focal_px * radius_m / distance
+        for frame, shape in self._bodies:
+            points = posture.point(frame, shape)
+            seen = view.project(points)
+            seen = seen[np.isfinite(seen).all(axis=1)].clip(-_FAR_PX, _FAR_PX).astype(np.float32)
+            is_nearer = np.linalg.norm(points - view.center, axis=1).min() < distance
+            if len(seen) and is_nearer and cv2.pointPolygonTest(cv2.convexHull(seen), at.tolist(), True) > -within:
+                return True
+        return False
+
 
 def _hull_points(body: Body) -> Array:
     """(n, 3) points whose convex hull encloses the body, or nearly, in the body's own frame."""

@@ -13,7 +13,8 @@ from pps_vision.robot.gaze import GazeLimits, fixated_gaze, fixation_points, gaz
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Mask
 
-ROBOT, PARAMS, DT = load_icub(), IntoReachParams(), 0.05
+# a coarse lattice and long steps: the exact geometry that stands in for what is learned takes its time
+ROBOT, PARAMS, DT = load_icub(), IntoReachParams(lattice_rad=np.deg2rad(8)), 0.1
 FRAME = TorsoFrame(ROBOT)
 TORSO, ARM = ROBOT.indices(("torso_yaw", "torso_pitch")), ROBOT.indices(ROBOT.names.right_arm)
 CENTER, RADIUS = np.array([-0.32, 0.08, 0.25]), 0.10  # what is to be reachable, as it lies for an upright torso
@@ -35,12 +36,12 @@ def ball(radius: float) -> Learned:
         known = np.isfinite(gaze).all(axis=1)
         off = np.full(len(gaze), np.nan)
         off[known] = np.linalg.norm(fixation_points(ROBOT, gaze[known]) - CENTER, axis=1)
-        return Ball(off < radius, 1 - off)
+        return Ball(off < radius, 0.5 + radius - off)
 
     def keeps(gaze: Array, torso: Array, turns: Array) -> Array:
         point = FRAME.to_root(torso[None], fixation_points(ROBOT, gaze[None]))
         around = FRAME.from_upright(torso + turns, np.repeat(point, len(turns), axis=0))
-        return gaze_for_points(ROBOT, around)
+        return gaze_for_points(ROBOT, around, starts_rad=np.repeat(gaze[None], len(turns), axis=0))
 
     return Learned(judge, keeps, lambda _: (GOAL, 0.0))
 
@@ -91,7 +92,7 @@ def test_out_of_sight_it_stops_and_goes_on_when_it_is_seen_again():
     rows = run(ball(RADIUS), ASIDE, seen=lambda t: not 0.8 < t < 1.4)
     hidden = [(mode, dq) for k, (mode, _, dq) in enumerate(rows) if 0.8 < k * DT < 1.4]
     assert all(mode == "unseen" and not np.any(dq) for mode, dq in hidden)
-    assert "turning" in [mode for mode, _, _ in rows[:16]]
+    assert "turning" in [mode for mode, _, _ in rows[:8]]
     assert rows[-1][0] == "there"
 
 
@@ -106,7 +107,7 @@ def test_a_hand_that_would_miss_is_not_sent():
 def test_what_moves_away_meanwhile_is_judged_again():
     learned, posture = ball(RADIUS), ROBOT.at(gaze_at(ROBOT, START, CENTER))
     gaze = fixated_gaze(posture)
-    reaching = IntoReachState("reaching", 1.0, gaze, GOAL)
+    reaching = IntoReachState("reaching", 1.0, None, gaze, GOAL)
     assert into_reach.step(PARAMS, learned, reaching, posture, gaze, DT, 1.1)[0].mode == "reaching"
     state, command = into_reach.step(PARAMS, learned, reaching, posture, gaze + np.deg2rad(3), DT, 1.1)
     assert state.mode == "judging"
@@ -127,3 +128,39 @@ def test_the_gaze_beyond_the_limits_stands_for_nothing():
     posture = ROBOT.at(gaze_at(ROBOT, START, [-0.4, 0.0, 0.34]))
     assert np.isnan(fixated_gaze(posture, looking_down)).all()
     assert fixated_gaze(posture)[1] == pytest.approx(0, abs=0.05)
+
+
+def test_where_climbing_ends_the_shortest_way_around_is_found():
+    """Two hills: the one that climbing finds is not reachable, the other is."""
+    plain = ball(RADIUS)
+
+    def judge(gaze: Array) -> Ball:
+        said = plain.judge(gaze)
+        return Ball(said.reachable, np.where(said.reachable, 0.9, -said.degree))  # away from it is uphill
+
+    learned = Learned(judge, plain.keeps, plain.hand_to)
+    gaze = fixated_gaze(ROBOT.at(gaze_at(ROBOT, START, ASIDE)))
+    assert into_reach.imagine(PARAMS, learned, ROBOT, gaze, np.zeros(2)) is None
+    way = into_reach.shortest_way(PARAMS, learned, ROBOT, gaze, np.zeros(2))
+    assert way is not None
+    rows = run(learned, ASIDE)
+    assert rows[-1][0] == "there"
+    least = min(
+        np.linalg.norm(turn)
+        for turn in np.deg2rad(np.stack(np.meshgrid(np.arange(-45, 46), np.arange(-10, 31)), axis=-1).reshape(-1, 2))
+        if np.linalg.norm(FRAME.from_upright(turn[None], ASIDE[None])[0] - CENTER) < RADIUS
+    )
+    turned = np.linalg.norm(np.diff([q[TORSO] for _, q, _ in rows], axis=0), axis=1).sum()
+    assert turned < least + 2 * PARAMS.lattice_rad
+    assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < least + 2 * PARAMS.lattice_rad
+
+
+def test_at_the_end_of_a_climb_what_is_likelier_within_reach_than_not_is_tried():
+    """No turn makes the map sure, and inverse kinematics gets there."""
+    plain = ball(RADIUS)
+
+    def judge(gaze: Array) -> Ball:
+        return Ball(np.zeros(len(gaze), bool), plain.judge(gaze).degree)
+
+    learned = Learned(judge, plain.keeps, plain.hand_to)
+    assert run(learned, ASIDE)[-1][0] == "there"

@@ -1,5 +1,6 @@
 """Planning with the torso in the rendered loop: an object is seen, tracked and fixated by the eyes, the map says that
-it is out of reach, the torso turns, the map says that it is within reach, and the hand goes to it.
+it is out of reach, the torso turns, the map says that it is within reach, and the hand goes to it, blind over the last
+centimetres where it hides the object.
 
 Nothing but the rendered images tells the robot where the object is.
 """
@@ -12,17 +13,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from control import fixation, into_reach
+from control import fixation, into_reach, last_seen
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.into_reach import IntoReachParams, IntoReachState
+from control.last_seen import LastSeenParams
 from pps_vision.app.in_view import can_follow
 from pps_vision.experiments.reach.planning_world import GAZE, PlanningWorld, Truth
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.gaze import fixated_gaze
 from pps_vision.robot.icub import icub_rig
-from pps_vision.robot.model import Robot
+from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array, Status
+from pps_vision.types import Array, Status, Track3D
 from rendering.eyes import Eyes
 from rendering.motions import Recede
 from rendering.scene import SceneState
@@ -38,18 +40,32 @@ _MOMENTS = ("out of reach: the torso begins to turn", "within reach: the hand se
 
 @dataclass(frozen=True)
 class Film:
-    """One run, per frame: what the planner does, the degree, how far fixation and the track are off, whether there is a
-    track, the torso, and the palm's distance from the object; and the joints (3, n) at the three moments."""
+    """One run, per frame: what the planner does, the degree, how far fixation and what is believed are off, whether the
+    object is seen, the torso, and the palm's distance from the object; and the joints (3, n) at the three moments."""
 
     modes: tuple[str, ...]
     degree: Array
     fixation_rad: Array
-    track_m: Array
-    tracked: Array
+    believed_m: Array
+    seen: Array
     torso_rad: Array
     palm_m: Array
     moments: tuple[Array, ...]
     point: Array
+
+    @property
+    def blind_s(self) -> float:
+        """The longest time acted on what was believed without sight of the object."""
+        longest = now = 0
+        for seen, known in zip(self.seen, np.isfinite(self.believed_m), strict=True):
+            now = now + 1 if known and not seen else 0
+            longest = max(longest, now)
+        return longest * _DT_S
+
+    @property
+    def palm_last_seen_m(self) -> float:
+        """How far the palm was from the object when that was last seen."""
+        return float(self.palm_m[np.flatnonzero(self.seen)[-1]]) if self.seen.any() else np.nan
 
     @property
     def held_rad(self) -> float:
@@ -95,11 +111,13 @@ class PlanningRendered:
             "too_far_turned_deg": [round(float(np.rad2deg(_way(f))), 2) for f in refused],
             "last_said": [f.modes[-1] for f in films],
             "palm_off_mm": [round(1000 * float(f.palm_m[-1]), 2) for f in films],
-            "track_off_mm": [round(1000 * float(np.nanmedian(f.track_m)), 2) for f in films],
+            "believed_off_mm": [round(1000 * float(np.nanmedian(f.believed_m)), 2) for f in films],
             "worst_fixation_error_turning_deg": [round(float(np.rad2deg(f.held_rad)), 3) for f in films],
             "turned_deg": [round(float(np.rad2deg(_way(f))), 2) for f in films],
             "seconds": [round(_DT_S * len(f.modes), 2) for f in films],
-            "tracked_share": [round(float(f.tracked.mean()), 3) for f in films],
+            "longest_blind_s": [round(f.blind_s, 2) for f in films],
+            "palm_off_when_last_seen_mm": [round(1000 * f.palm_last_seen_m, 1) for f in films],
+            "seen_share": [round(float(f.seen.mean()), 3) for f in films],
             "shown": {
                 "joints_rad": [q.round(6).tolist() for q in shown.moments],
                 "point_m": shown.point.round(6).tolist(),
@@ -121,7 +139,8 @@ def film(world: PlanningWorld, rig: StereoRig, eyes: Eyes, point: Array, rng: np
     robot, params = world.robot, IntoReachParams()
     palm = robot.names.palms[("left", "right").index(params.side)]
     torso = robot.indices(robot.names.torso)
-    tracker = Tracker(TrackerParams(), rig, rng, own_body=Silhouette(robot))
+    body = Silhouette(robot)
+    tracker, last = Tracker(TrackerParams(), rig, rng, own_body=body), None
     motion = _comes_to(point)
     q = gaze_at(robot, robot.clamp(np.zeros(robot.n_joints)), motion(0.0)[0])
     dq: Array = np.zeros(robot.n_joints)
@@ -131,34 +150,44 @@ def film(world: PlanningWorld, rig: StereoRig, eyes: Eyes, point: Array, rng: np
         position, velocity = motion(t)
         posture = robot.at(q)
         track = tracker.step(eyes.render(SceneState(q, position, velocity, dq), t, rng)).track
-        at_rest = track.is_known and t > _SHOWN_S
+        last, believed = last_seen.step(LastSeenParams(), last, track, _is_hidden(body, rig, posture, track))
+        at_rest = believed is not None and t > _SHOWN_S
         gaze = fixated_gaze(posture, GAZE) if at_rest else None
         state, command = into_reach.step(params, world.learned, state, posture, gaze, _DT_S, t)
         degree = world.learned.judge(np.full((1, 3), np.nan) if gaze is None else gaze[None]).degree[0]
         wrong = fixation_error(posture, position)
-        track_off = float(np.linalg.norm(track.position - position))
+        believed_off = np.nan if believed is None else float(np.linalg.norm(believed.position - position))
         hand_off = float(np.linalg.norm(posture.point(palm) - position))
-        rows.append((state.mode, degree, wrong, track_off, track.status == Status.TRACKING, q[torso], hand_off))
+        is_seen = believed is not None and believed.status == Status.TRACKING
+        rows.append((state.mode, degree, wrong, believed_off, is_seen, q[torso], hand_off))
         moments.setdefault(state.mode, q)
         if state.mode in ("there", "out of reach"):
             break
         dq = command.dq_rad_s
-        if track.is_known:
-            ahead = track.position + track.velocity * _DT_S
-            dq = dq + fixation.step(FixationParams(), posture, ahead, track.velocity, _DT_S, t).dq_rad_s
+        if believed is not None:
+            ahead = believed.position + believed.velocity * _DT_S
+            dq = dq + fixation.step(FixationParams(), posture, ahead, believed.velocity, _DT_S, t).dq_rad_s
         q = robot.clamp(q + _DT_S * dq)
-    modes, degree, error, off, tracked, turned, away = zip(*rows, strict=True)
+    modes, degree, error, off, seen, turned, away = zip(*rows, strict=True)
     three = tuple(moments.get(mode, q) for mode in ("turning", "reaching", "there"))
     return Film(
         modes,
         np.array(degree),
         np.array(error),
         np.array(off),
-        np.array(tracked),
+        np.array(seen),
         np.array(turned),
         np.array(away),
         three,
         point,
+    )
+
+
+def _is_hidden(body: Silhouette, rig: StereoRig, posture: Posture, track: Track3D) -> bool:
+    """Whether the robot's own body stands before what is tracked, in either eye."""
+    view = rig.view(posture.q_rad)
+    return track.is_known and any(
+        body.hides(posture, eye, track.position, track.radius_m) for eye in (view.left, view.right)
     )
 
 
