@@ -12,6 +12,7 @@ import pinocchio as pin
 from array_api_compat import array_namespace, is_torch_array
 from numpy.typing import ArrayLike
 
+from pps_vision.robot import compiled
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
@@ -49,8 +50,12 @@ class Chain:
     def positions(self, q_rad: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
         """Where a `point` (3,) of the frame is, (N, 3) m, and its Jacobian (N, 3, k) m/rad."""
         q = self._checked(q_rad)
-        rotation, shift, moved = self._move(q)
         at_zero = self.T_root_frame[:3, :3] @ np.asarray(point, dtype=float) + self.T_root_frame[:3, 3]
+        if isinstance(q, np.ndarray):
+            return compiled.positions(
+                np.ascontiguousarray(self.screws), np.array(self.order), at_zero, np.ascontiguousarray(q)
+            )
+        rotation, shift, moved = self._move(q)
         p = rotation @ _like(q, at_zero) + shift
         columns = [v + _cross(w, p) for v, w in (moved[i] for i in range(len(self.joints)))]
         return p, array_namespace(q).stack(columns, axis=-1)
