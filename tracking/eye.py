@@ -14,6 +14,8 @@ from tracking.outline import Optics, Outline
 from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
 from tracking.rim import see
 
+_SPARSE = 0.5  # of the object's size: of a prior wider than that few particles would fall on the object
+
 
 @dataclass(frozen=True)
 class EyeParams:
@@ -110,6 +112,8 @@ class EyeTracker:
         s, p = self._state, self.params.particles
         if prior:
             s = replace(s, size=s.size * prior.growth)
+            if prior.std_px > _SPARSE * s.size:
+                prior = self._narrowed(s, image, prior, evidence)
         cloud = propagate(p, s.cloud, prior, self.rng)
         middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
         half = self.params.reach * max(s.spread, 1.0) * s.size * np.array(s.shape) / 2 + reach + 4
@@ -133,6 +137,22 @@ class EyeTracker:
         if score < self.params.min_score:
             return None
         return self._learn(s, bins, mask, shape, score, ratio)
+
+    def _narrowed(self, s: _State, image: Image, prior: Prior, evidence: NDArray[np.float32] | None) -> Prior:
+        """A prior so wide that hardly a particle would fall on the object, about the place in it where something of
+        the object's size stands out the most from what surrounds it."""
+        w, h = (s.size * side for side in s.shape)
+        roi = self._region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
+        if roi[2] <= roi[0] or roi[3] <= roi[1]:
+            return prior
+        crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
+        likelihood = s.model.table()[color_bins(image[crop])] if evidence is None else evidence[crop]
+        inside, wider = (_box_mean(likelihood, w * k, h * k) for k in (1, 2))
+        x, y = (np.arange(roi[k], roi[k + 2]) - prior.center_px[k] for k in (0, 1))
+        far = (x * x)[None, :] + (y * y)[:, None]
+        log = self.params.particles.sharpness * 4 / 3 * (inside - wider) - far / (2 * prior.std_px**2)
+        row, column = np.unravel_index(int(np.argmax(log)), log.shape)
+        return Prior(np.array([roi[0] + column, roi[1] + row]), 0.25 * s.size, prior.growth)
 
     def _learn(
         self, s: _State, bins: NDArray[np.uint8], mask: Mask, shape: Outline, score: float, ratio: float
@@ -200,6 +220,11 @@ def _mode(cloud: Cloud, weights: Array, size: float) -> Array:
     near = weights * (np.vecdot(away, away) < (0.5 * size) ** 2)
     mean: Array = near @ cloud.now[:, :2] / near.sum()
     return mean
+
+
+def _box_mean(values: NDArray[np.float32], width: float, height: float) -> NDArray[np.float32]:
+    sides = (2 * int(width / 2) + 1, 2 * int(height / 2) + 1)
+    return np.asarray(cv2.boxFilter(values, cv2.CV_32F, sides, borderType=cv2.BORDER_CONSTANT), dtype=np.float32)
 
 
 def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:

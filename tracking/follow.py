@@ -1,6 +1,7 @@
 """While something is tracked: where one eye should see it now, and where it does."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -144,4 +145,17 @@ def find_both(
     both = left.clear_marker(in_left, a), right.clear_marker(in_right, b)
     if None not in both:
         return both
-    return left.find(in_left, a, grey), right.find(in_right, b, grey)
+    return alike(left.find(in_left, a, grey), right.find(in_right, b, grey))
+
+
+def alike(left: Sighting | None, right: Sighting | None) -> tuple[Sighting | None, Sighting | None]:
+    """Both as they show where one eye only completes what is no sphere: the middle of what shows and that of the
+    whole are two things, and no point of the object is in between."""
+    if left is None or right is None:
+        return left, right
+    one, other = left.outline, right.outline
+    if one.shown is not None and other.shown is None and other.oddness > 0:
+        left = replace(left, outline=one.shown)
+    elif other.shown is not None and one.shown is None and one.oddness > 0:
+        right = replace(right, outline=other.shown)
+    return left, right

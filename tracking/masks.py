@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Array, Mask
+from tracking.compiled_masks import in_ellipse
 
 _SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
 
@@ -63,9 +64,7 @@ def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
 
 def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height: float) -> Mask:
     """Pixels of the region `box` (x0, y0, x1, y1) inside the ellipse of a width and height around `center`."""
-    x = (np.arange(box[0], box[2]) - center[0]) / (0.5 * width)
-    y = (np.arange(box[1], box[3]) - center[1]) / (0.5 * height)
-    return np.asarray((x * x)[None, :] + (y * y)[:, None] <= 1.0)
+    return in_ellipse(box, float(center[0]), float(center[1]), 0.5 * float(width), 0.5 * float(height))
 
 
 def spread(mask: Mask) -> float:

@@ -63,6 +63,7 @@ class Outline:
     area_px: float
     at_border: bool
     departure: float
+    shown: "Outline | None" = None  # what shows of what is no sphere, where this stands for the whole of it
 
     @property
     def oddness(self) -> float:

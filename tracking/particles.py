@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Array
+from tracking.compiled_masks import box_sums
 
 _QUANTILE_99 = 2.3263  # of a normal variable
 _LEAST = 16  # particles drawn before their spread is looked at
@@ -125,12 +126,7 @@ def weigh(
     A box gains by every object pixel it takes in and loses by every other, relative to its expected
     area; `corner` is the integral's place in the image, `shape` the box's sides per unit scale.
     """
-    h, w = integral.shape[0] - 1, integral.shape[1] - 1
-    half, offset = np.array(shape) / 2, 0.5 - np.array(corner)
-    box = cloud.now[:, [0, 1, 0, 1]] + cloud.now[:, 2:] * np.concatenate([-half, half]) + np.tile(offset, 2)
-    x0, y0, x1, y1 = np.minimum(np.maximum(np.rint(box), 0), (w, h, w, h)).astype(np.intp).T
-    top, bottom, sums = y0 * (w + 1), y1 * (w + 1), integral.reshape(-1)
-    gain = sums[bottom + x1] - sums[top + x1] - sums[bottom + x0] + sums[top + x0]
+    gain = box_sums(integral, cloud.now, *corner, 0.5 * shape[0], 0.5 * shape[1])
     area = shape[0] * shape[1] * float(np.mean(cloud.now[:, 2])) ** 2
     log = params.sharpness * gain / max(area, 1.0)
     weights: Array = np.exp(log - log.max())

@@ -1,11 +1,14 @@
 """Where a sphere's centre is, from its image: against the projection of the true centre."""
 
+import cv2
 import numpy as np
 import pytest
 from raycast import Sphere, look
 
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import LEFT_EYE
+from tracking.compiled_masks import hollowness
+from tracking.cones import consensus, fitted
 from tracking.marker import MarkerParams, find_clear, threshold
 from tracking.outline import Optics, cover, outline
 from tracking.rim import see
@@ -167,3 +170,52 @@ def test_a_thin_limb_hardly_pulls_the_center(optics: Optics) -> None:
     assert np.nonzero(hard)[1].mean() - 150 > 10
     assert abs(shape.center_px[0] - 150) < 8
     assert abs(shape.center_px[1] - 110) < 0.5
+
+
+def _no_disc(optics: Optics, hard: np.ndarray) -> None:
+    """What is no disc, and not known to be hidden, is measured as it shows."""
+    image = np.full((240, 320, 3), (90, 80, 70), np.uint8)
+    image[hard] = (30, 60, 220)
+    shape, plain = see(image, hard, FULL, optics), outline(cover(image, hard, FULL), optics)
+    assert shape is not None
+    assert plain is not None
+    assert plain.oddness == 1
+    np.testing.assert_array_equal(shape.center_px, plain.center_px)
+
+
+def test_a_square_that_nothing_hides_is_not_completed(optics: Optics) -> None:
+    v, u = np.mgrid[:240, :320]
+    along, across = 0.9 * (u - 150) + 0.4 * (v - 110), 0.9 * (v - 110) - 0.4 * (u - 150)
+    _no_disc(optics, (abs(along) < 20) & (abs(across) < 20))
+
+
+def test_limbs_are_no_sign_of_something_hidden(optics: Optics) -> None:
+    v, u = np.mgrid[:240, :320]
+    angle, distance = np.arctan2(v - 110, u - 150), np.hypot(u - 150, v - 110)
+    _no_disc(optics, (distance < 16) | ((distance < 38) & (distance * abs(np.sin(2.5 * angle)) < 8)))
+
+
+def test_hollowness_is_the_share_of_the_hull_that_is_not_covered(rng: np.random.Generator) -> None:
+    for _ in range(20):
+        alpha = (rng.random((11, 14)) > rng.uniform(0.3, 0.9)).astype(np.float32)
+        hull = cv2.convexHull(np.argwhere(alpha > 0.5)[:, ::-1].astype(np.int32))
+        inside = sum(cv2.pointPolygonTest(hull, (x, y), False) >= 0 for y in range(11) for x in range(14))
+        assert hollowness(alpha) == pytest.approx(1 - float(alpha.sum()) / inside, abs=1e-9)
+    assert hollowness(np.zeros((3, 4), np.float32)) == 0
+
+
+def test_the_cone_of_most_rays_is_found_and_fitted(rng: np.random.Generator) -> None:
+    """Rays of a known cone, a third of them replaced by others."""
+    angle, radius = rng.uniform(0, 2 * np.pi, 120), 0.1
+    turned = np.linalg.qr(rng.standard_normal((3, 3)))[0] * [1, 1, 1]
+    axis = turned[:, 2] * np.sign(turned[2, 2])
+    rim = np.outer(np.cos(angle), turned[:, 0]) + np.outer(np.sin(angle), turned[:, 1])
+    rays = np.cos(radius) * axis + np.sin(radius) * rim
+    rays[:40] = axis + 0.07 * rim[:40] * rng.uniform(0, 1, (40, 1))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    best, agreeing = consensus(rays, 220.0, 1.0)
+    assert agreeing >= 80
+    cone = np.array(fitted(rays, best, 0.3, 220.0, 4))
+    assert np.arccos(1 / np.linalg.norm(cone)) == pytest.approx(radius, abs=0.05 / 220)
+    assert np.arccos(min(axis @ cone / np.linalg.norm(cone), 1)) < 0.05 / 220
+    assert np.isnan(fitted(np.tile(axis, (20, 1)), best, 0.3, 220.0, 4)).all()  # one ray tells no cone

@@ -1,0 +1,45 @@
+"""One eye finds its object where it hardly knows where to look."""
+
+import numpy as np
+from raycast import Sphere, look
+
+from pps_vision.geometry.camera import View
+from pps_vision.robot.icub import LEFT_EYE
+from tracking.eye import EyeParams, EyeTracker, Sighting
+from tracking.follow import alike
+from tracking.outline import Optics, Outline
+from tracking.particles import Prior
+
+BLUE, RED = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0)
+
+
+def test_a_small_object_is_found_anywhere_in_a_wide_prior_with_any_particles() -> None:
+    """5 px of radius, 45 px from where it was, a large thing of half its colour beside it."""
+    optics, here = Optics(LEFT_EYE), View(LEFT_EYE, np.eye(4))
+    before, now = np.array([0.0, 0.0, 0.5]), np.array([0.09, 0.03, 0.5])
+    clutter = Sphere(np.array([-0.1, 0.0, 0.6]), 0.06, RED)
+    was, true = LEFT_EYE.project(before), LEFT_EYE.project(now)
+    assert np.linalg.norm(true - was) > 40
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        eye = EyeTracker(EyeParams(), optics, rng)
+        eye.start(look(here, [clutter, Sphere(before, 0.012, BLUE)], rng), (was[0] - 5, was[1] - 5, 11.0, 11.0))
+        seen = eye.step(look(here, [clutter, Sphere(now, 0.012, BLUE)], rng), Prior(was, 40.0, 1.0))
+        assert seen is not None
+        assert np.linalg.norm(seen.outline.center_px - true) < 0.5
+
+
+def test_what_only_one_eye_completes_is_measured_as_it_shows_in_both() -> None:
+    def seen(u: float, departure: float, shown: Outline | None = None) -> Sighting:
+        size = (u - 20, 90.0, 40.0, 40.0)
+        return Sighting(
+            Outline(np.array([u, 110.0]), np.eye(2), 0.1, 1e-6, size, 1200.0, False, departure, shown), size, 1
+        )
+
+    part, odd, ball = seen(100.0, 0.1).outline, 0.1, 0.0
+    completed, plain = seen(104.0, odd, part), seen(90.0, odd)
+    assert [one and one.outline.center_px[0] for one in alike(completed, plain)] == [100.0, 90.0]
+    assert [one and one.outline.center_px[0] for one in alike(plain, completed)] == [90.0, 100.0]
+    assert [one and one.outline.center_px[0] for one in alike(completed, completed)] == [104.0, 104.0]
+    assert alike(completed, seen(90.0, ball))[0] is completed
+    assert alike(completed, None) == (completed, None)
