@@ -51,7 +51,8 @@ class PassingParams:
 class PassingMap:
     """What n taxels have learned: `touched`, `missed` (n,) counts of trials, the prior's half each included;
     displacement of all paths `middle` (n, 3) and of touched from missed ones `difference` (n, 3), m, NaN where
-    nothing came near; `trials` (n,) behind that difference; `precision` (3, 3), 1/m²."""
+    nothing came near; `trials` (n,) behind that difference; `precision` (3, 3), 1/m².  Of each trial's displacement
+    from the mean of the taxels: `usual` (3,) and `usual_var` (3,), mean and variance, of `seen` trials."""
 
     touched: Array
     missed: Array
@@ -59,6 +60,9 @@ class PassingMap:
     difference: Array
     trials: Array
     precision: Array
+    usual: Array
+    usual_var: Array
+    seen: int
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,27 @@ def foretell(params: PassingParams, learned: PassingMap, trials: tuple[Trial, ..
     return _expect(params, learned, passing(params, trials))
 
 
+def foretell_session(params: PassingParams, learned: PassingMap, trials: tuple[Trial, ...]) -> Foretold:
+    """What a map expects of the trials, in their order, of another session, whose kinematics and cameras are off by
+    something else.
+
+    By how much is learned from the paths alone, a trial's own and those before it: the difference of their mean to
+    the usual one, as far as `offset_m` and the paths' own variance let it be believed.
+    """
+    u = passing(params, trials)
+    return _expect(params, learned, u - _shifts(params, learned, u)[:, None])
+
+
+def _shifts(params: PassingParams, learned: PassingMap, u: Array) -> Array:
+    """(trials, 3) m by which a session is displaced, as known by each of its trials; zeros before any came near."""
+    near: Mask = np.asarray(np.isfinite(u[..., 0]).all(axis=1))  # the mean of some taxels only is another place's
+    aside = np.where(near[:, None], u.mean(axis=1) - learned.usual, 0.0)
+    n = np.maximum(np.cumsum(near), 1)[:, None]
+    doubt = learned.usual_var * (1 / n + 1 / max(learned.seen, 1))
+    shifts: Array = params.offset_m**2 / (params.offset_m**2 + doubt) * np.cumsum(aside, axis=0) / n
+    return shifts if learned.seen > 1 else np.zeros_like(shifts)
+
+
 def leave_one_out(params: PassingParams, trials: tuple[Trial, ...]) -> Foretold:
     """Each trial foretold by a map of all the others."""
     u, touched = passing(params, trials), np.array([trial.touched for trial in trials])
@@ -139,7 +164,12 @@ def _fit(params: PassingParams, u: Array, touched: Mask) -> PassingMap:
     freedom = max(int(np.maximum(n[0] - 1, 0).sum() + np.maximum(n[1] - 1, 0).sum()), 1)
     scatter = np.einsum("tk,tki,tkj->ij", seen, rest, rest) / freedom + params.offset_m**2 * np.eye(3)
     behind = paired[:, 0] + params.prior_trials
-    return PassingMap(positive, negative, middle, difference, behind, np.linalg.inv(scatter))
+    of_all = at[seen.all(axis=1)].mean(axis=1)
+    usual = of_all.mean(axis=0) if len(of_all) else np.zeros(3)
+    usual_var = of_all.var(axis=0, ddof=1) if len(of_all) > 1 else np.zeros(3)
+    return PassingMap(
+        positive, negative, middle, difference, behind, np.linalg.inv(scatter), usual, usual_var, len(of_all)
+    )
 
 
 def _expect(params: PassingParams, learned: PassingMap, u: Array) -> Foretold:

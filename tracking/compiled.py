@@ -77,8 +77,10 @@ def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
                 within[x] -= leaving[x]
         if y < 0:
             continue
-        columns[:band], columns[band + width :] = within[0], within[width - 1]
-        count[:] = 0
+        for k in range(band):
+            columns[k], columns[band + width + k] = within[0], within[width - 1]
+        for x in range(width):
+            count[x] = 0
         for k in range(2 * band + 1):
             shifted = columns[k : k + width]
             for x in range(width):
@@ -103,7 +105,8 @@ def _color_sums(patch: Image, kind: NDArray[np.uint8]) -> NDArray[np.int32]:
     sums = np.zeros((height + 1, width + 1, 8), np.int32)
     row = np.empty(8, np.int32)
     for y in range(height):
-        row[:] = 0
+        for channel in range(8):
+            row[channel] = 0
         for x in range(width):
             if kind[y, x] != _EDGE:
                 first = 0 if kind[y, x] == _INNER else 4
@@ -239,10 +242,11 @@ def marker(
     top, bottom = max(y0 - pad, 0), min(y1 + pad, image.shape[0])
     left, right = max(x0 - pad, 0), min(x1 + pad, image.shape[1])
     mask, count = np.zeros((bottom - top, right - left), np.bool_), 0
-    for row, start, end, root, _ in runs[:n]:
-        if root == one:
-            mask[row - top, start - left : end - left] = True
-            count += end - start
+    for k in range(one, n):
+        if runs[k, 3] == one:
+            for x in range(runs[k, 1], runs[k, 2]):
+                mask[runs[k, 0] - top, x - left] = True
+                count += 1
     if holes:
         _fill(mask)
     alpha, variance = covered(image[top:bottom, left:right].copy(), mask, 2 if count > 60 else 1)

@@ -301,8 +301,11 @@ def _whole_state(
     be elsewhere, `light_error` along the image's vertical there: at `ahead` (3,) of the head, `size` being the
     object's radius (m) in focal lengths (px)."""
     whole, whole_cov = np.zeros((4, 3)), np.zeros((12, 12))
-    whole[: len(mean)], whole_cov[: len(cov), : len(cov)] = mean, cov
-    x, y, z = ahead
+    for i in range(len(cov)):
+        whole[i // 3, i % 3] = mean[i // 3, i % 3]
+        for j in range(len(cov)):
+            whole_cov[i, j] = cov[i, j]
+    x, y, z = ahead[0], ahead[1], ahead[2]
     along = light * math.sqrt((x * x + y * y) / (x * x + y * y + z * z) ** 1.5)
     shift = -x * z * along, -y * z * along, (x * x + y * y) * along
     for i in range(3):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from learning.passing import Foretold, PassingParams, foretell, learn_passing
+from learning.passing import Foretold, PassingParams, foretell_session, learn_passing
 from learning.scores import auroc, brier
 from learning.trials import Trial, load_trials, touch_rates
 from pps_vision.recordings.outputs import whole_file
@@ -23,7 +23,8 @@ class Trials:
 
     Writes a row per trial and taxel, both counted from 0: trial,taxel,activation,lower,upper,outcome.  Activation is
     the probability of touch, lower and upper the ends of its 90 % credible interval, outcome 1 (touched) or 0.
-    Of each trial, to learn from or to foretell, only samples up to --horizon-s before its end are used.
+    Of each trial, to learn from or to foretell, only samples up to --horizon-s before its end are used.  How far
+    the session to foretell is displaced as a whole, each trial tells for itself and those after it.
     Prints AUROC, over all and within each taxel, and Brier score beside those of each taxel's rate of touch.
     """
 
@@ -42,7 +43,7 @@ class Trials:
         train, test = load_trials(self.train), load_trials(self.test)
         _refuse_what_teaches_nothing(self.train, train, self.test, test)
         with whole_file(self.out) as partial:
-            foretold = foretell(params, learn_passing(params, train), test)
+            foretold = foretell_session(params, learn_passing(params, train), test)
             touched = np.array([trial.touched for trial in test])
             write_table(partial, COLUMNS, _rows(foretold, touched))
         for path, trials in ((self.train, train), (self.test, test)):

@@ -165,19 +165,23 @@ def _slopes(eye: Measured, at: tuple[float, float], depth: float) -> tuple[Vecto
 @njit(cache=True, error_model="numpy")
 def _inverse(a: Vector, b: Vector, c: Vector, d: Vector) -> tuple[float, float, float, float, float, float]:
     """The upper half, row by row, of the inverse of aaᵀ + bbᵀ + ccᵀ + ddᵀ."""
-    xx, xy, xz = _sum(a, b, c, d, 0, 0), _sum(a, b, c, d, 0, 1), _sum(a, b, c, d, 0, 2)
-    yy, yz, zz = _sum(a, b, c, d, 1, 1), _sum(a, b, c, d, 1, 2), _sum(a, b, c, d, 2, 2)
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = a, b, c, d
+    xx, xy, xz = (
+        ax * ax + bx * bx + cx * cx + dx * dx,
+        ax * ay + bx * by + cx * cy + dx * dy,
+        ax * az + bx * bz + cx * cz + dx * dz,
+    )
+    yy, yz, zz = (
+        ay * ay + by * by + cy * cy + dy * dy,
+        ay * az + by * bz + cy * cz + dy * dz,
+        az * az + bz * bz + cz * cz + dz * dz,
+    )
     X, Y, Z = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     det = xx * X + xy * Y + xz * Z
     return (
         *(X / det, Y / det, Z / det),
         *((xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det, (xx * yy - xy * xy) / det),
     )
-
-
-@njit(cache=True, error_model="numpy")
-def _sum(a: Vector, b: Vector, c: Vector, d: Vector, i: int, j: int) -> float:
-    return a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + d[i] * d[j]
 
 
 @njit(cache=True, error_model="numpy")

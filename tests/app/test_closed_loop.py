@@ -23,7 +23,7 @@ def world() -> Iterator[World]:
 
 @pytest.fixture(scope="module")
 def memory(world: World) -> PPSMemory:
-    return teach(world, SchoolParams(trials=16))
+    return teach(world, SchoolParams(trials=8))
 
 
 def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:

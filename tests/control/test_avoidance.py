@@ -151,9 +151,11 @@ class Encounter:
         aside = np.cross(normals[taxel], rng.normal(size=3))
         cosine = rng.uniform(np.cos(45 * DEG), 1)
         self.way = cosine * normals[taxel] + np.sqrt(1 - cosine**2) * aside / np.linalg.norm(aside)
-        far = np.linspace(0.3, 0.03, 3000)
-        touching = [touched_taxels(positions, self.aim + s * self.way, BALL_M).any() for s in far]
-        self.nearest = far[np.argmax(touching)] - 5e-4
+        before = (positions - self.aim) @ self.way  # where on the way each taxel is passed, and how far aside
+        aside2 = np.sum((positions - self.aim) ** 2, axis=1) - before**2
+        within = aside2 < (BALL_M + TOUCH_RADIUS_M) ** 2
+        self.nearest = (before + np.sqrt(np.where(within, (BALL_M + TOUCH_RADIUS_M) ** 2 - aside2, 0)))[within].max()
+        self.nearest -= 5e-4
 
     def ball(self, t: float) -> tuple[Array, Array]:
         """Center (3,) and velocity (3,)."""
@@ -196,7 +198,7 @@ def test_no_ball_ever_touches_an_arm_that_is_warned(
 ) -> None:
     skin = icub_skin((f"{side}_forearm",))  # type: ignore[arg-type]
     params = AvoidanceParams(PARAMS.home_arm_rad, side=side)  # type: ignore[arg-type]
-    for taxel in list(range(12)) * 2:
+    for taxel in range(12):
         encounter = Encounter(robot, skin, taxel, rng, rng.uniform(0.05, 0.15))
         assert not encounter.touches(params, lead_s=1.2, relative=relative)
 
@@ -209,7 +211,7 @@ def test_the_same_ball_touches_an_arm_that_is_not_warned(robot: Robot, rng: np.r
 def test_two_control_periods_of_warning_are_enough(robot: Robot, rng: np.random.Generator) -> None:
     """The smallest time to contact that still saves the arm, printed."""
     saved = {}
-    for lead_s in (0.05, 0.1, 0.2, 0.4):
+    for lead_s in (0.1, 0.2, 0.4):
         encounters = [Encounter(robot, FOREARM, taxel, rng, rng.uniform(0.05, 0.15)) for taxel in range(12)]
         saved[lead_s] = sum(not encounter.touches(PARAMS, lead_s) for encounter in encounters)
     print(f"\navoided of 12 by warning time: {saved}")

@@ -8,7 +8,14 @@ from data import SEED
 from scipy.stats import multivariate_normal
 from trials_made_up import approach, session
 
-from learning.passing import PassingParams, foretell, landing_gap, learn_passing, leave_one_out
+from learning.passing import (
+    PassingParams,
+    foretell,
+    foretell_session,
+    landing_gap,
+    learn_passing,
+    leave_one_out,
+)
 from learning.scores import auroc
 from learning.trials import Trial, touch_rates
 
@@ -190,3 +197,44 @@ def test_intervals_cover_the_truth(n):
 def test_impossible_parameters_are_refused(bad):
     with pytest.raises(ValueError, match="expected"):
         PassingParams(**bad)
+
+
+def moved(trials: tuple[Trial, ...], by_m: float) -> tuple[Trial, ...]:
+    return tuple(replace(trial, d_m=trial.d_m + np.array([by_m, 0, 0])) for trial in trials)
+
+
+def test_another_session_is_foretold_in_spite_of_its_offset():
+    """Taxels 3 cm apart, frames displaced by as much: paths to one pass where those to the other did.  Alone that is
+    hopeless; from their paths' mean it is undone, bit by bit: never more than was wrong, in the end nearly all."""
+    rng = np.random.default_rng(SEED)
+    learned, other = learn_passing(PARAMS, session(rng, 24)), session(rng, 40)
+    touched = np.array([trial.touched for trial in other])[:, :2]
+    wrong = foretell(PARAMS, learned, moved(other, 0.03)).probability[:, :2]
+    found = foretell_session(PARAMS, learned, moved(other, 0.03)).probability[:, :2]
+    assert auroc(touched, wrong) < 0.9
+    assert auroc(touched[20:], found[20:]) > 0.99
+
+
+def test_a_session_without_an_offset_is_foretold_about_as_well():
+    rng = np.random.default_rng(SEED)
+    learned, other = learn_passing(PARAMS, session(rng, 24)), session(rng, 40)
+    touched = np.array([trial.touched for trial in other])[:, :2]
+    assert auroc(touched, foretell_session(PARAMS, learned, other).probability[:, :2]) > 0.99
+
+
+def test_what_comes_later_in_a_session_changes_nothing_before():
+    rng = np.random.default_rng(SEED)
+    learned, other = learn_passing(PARAMS, session(rng, 12)), session(rng, 6)
+    far = moved(other, 0.5)  # out of reach: says nothing of the session
+    whole = foretell_session(PARAMS, learned, (far[0], *other[:3], *moved(other[3:], 0.02)))
+    first = foretell_session(PARAMS, learned, (far[0], *other[:3]))
+    np.testing.assert_array_equal(whole.probability[:4], first.probability)
+    np.testing.assert_array_equal(whole.probability[:1], foretell(PARAMS, learned, far[:1]).probability)
+
+
+def test_a_session_after_one_trial_is_foretold_as_it_is():
+    rng = np.random.default_rng(SEED)
+    learned, other = learn_passing(PARAMS, session(rng, 1)), session(rng, 4)
+    np.testing.assert_array_equal(
+        foretell_session(PARAMS, learned, other).probability, foretell(PARAMS, learned, other).probability
+    )

@@ -181,7 +181,7 @@ def test_outside_the_limits_is_said_so(learned):
 def test_a_wider_gaze_and_fewer_labels():
     """With the eyes' tilt the gaze goes down to −80°, where the home hand is (FACTS §5)."""
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
-    params = MapParams(gaze_limits=wide, n_labels=1200, round_labels=400, n_babble=20_000)
+    params = MapParams(gaze_limits=wide, n_labels=1200, round_labels=400, n_babble=20_000, lattice=0.08)
     learned = train_reachable_map(ROBOT, "left", np.random.default_rng(1), params)
     hand = gaze_for_points(ROBOT, [[-0.30, -0.20, 0.05]], wide)
     assert learned.query(hand).reachable[0]
@@ -309,7 +309,7 @@ def test_params_that_make_no_sense(changes, message):
 
 def test_it_stops_when_sure_enough_and_goes_on_when_asked():
     """Half the error asked for takes more labels; going on from a map is as good as having learned it at once."""
-    rough = MapParams(n_labels=6000, round_labels=300, n_babble=20_000, max_error=0.03)
+    rough = MapParams(n_labels=6000, round_labels=300, n_babble=20_000, max_error=0.03, lattice=0.08)
     first = train_reachable_map(ROBOT, "right", np.random.default_rng(11), rough)
     assert 600 <= len(first.labels.gaze_rad) + first.unanswered < 3000
     assert first.expected_error <= 0.03

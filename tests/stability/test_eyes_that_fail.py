@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pps_vision.types import Image, Status, StereoFrame
 
 FAILS_S, LOST_WITHIN_S = 1.5, 0.6
 Fault = Callable[[StereoFrame, StereoFrame], StereoFrame]  # present frame, last good frame → what is seen
+Met = Callable[[str], EncounterLog]
 
 
 class FaultyEyes:
@@ -79,9 +81,15 @@ def meet(world: World, fault: Fault, recovers_s: float = np.inf) -> EncounterLog
     return meeting.log()
 
 
+@pytest.fixture(scope="module")
+def met(world: World) -> Met:
+    """What comes of each fault that does not pass, met once."""
+    return cache(lambda fault: meet(world, FAULTS[fault]))
+
+
 @pytest.mark.parametrize("fault", FAULTS, ids=str)
-def test_the_object_is_given_up_and_nothing_is_commanded_on_a_lost_track(world: World, fault: str) -> None:
-    log = meet(world, FAULTS[fault])
+def test_the_object_is_given_up_and_nothing_is_commanded_on_a_lost_track(world: World, met: Met, fault: str) -> None:
+    log = met(fault)
     before = log.stamps_s < FAILS_S
     assert Status.TRACKING in np.array(log.status)[before]
     late = log.stamps_s > FAILS_S + LOST_WITHIN_S
@@ -91,9 +99,9 @@ def test_the_object_is_given_up_and_nothing_is_commanded_on_a_lost_track(world: 
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
 
 
-def test_the_head_does_not_spin_after_a_frozen_image(world: World) -> None:
+def test_the_head_does_not_spin_after_a_frozen_image(world: World, met: Met) -> None:
     """What rests in a frozen image seems to turn with the head: whoever believes it turns on for ever."""
-    log = meet(world, FAULTS["both eyes frozen"])
+    log = met("both eyes frozen")
     gaze = np.rad2deg(log.q_rad[:, world.robot.indices(world.robot.names.gaze_joints)])
     before = gaze[np.searchsorted(log.stamps_s, FAILS_S) - 1]
     until_lost = gaze[(log.stamps_s >= FAILS_S) & (log.stamps_s <= FAILS_S + LOST_WITHIN_S)]
@@ -101,8 +109,8 @@ def test_the_head_does_not_spin_after_a_frozen_image(world: World) -> None:
     assert np.abs(gaze - before).max() < 60, "nor does the search go round"
 
 
-def test_uncertainty_grows_while_nothing_is_seen(world: World) -> None:
-    log = meet(world, FAULTS["both eyes black"])
+def test_uncertainty_grows_while_nothing_is_seen(met: Met) -> None:
+    log = met("both eyes black")
     coasting = np.array([status == Status.COASTING for status in log.status])
     std = log.track_std_m[coasting].max(axis=1)
     assert len(std) >= 5

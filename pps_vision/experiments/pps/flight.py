@@ -14,9 +14,11 @@ from pps_vision.app.encounter import REACH_M, STEP_S, at_taxel
 from pps_vision.app.in_view import can_follow
 from pps_vision.experiments.pps.errors import Belief
 from pps_vision.robot.icub import HOME_ARM_RAD, home
-from pps_vision.robot.skin import Skin, touched_taxels
+from pps_vision.robot.skin import Skin, icub_skin, touched_taxels
 from pps_vision.types import Array, Mask
 from rendering.motions import Approach, make_approach
+
+_ARM = next(part.frame for part in icub_skin().parts if part.name == "left_forearm")
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,11 @@ class Fleeing:
     belief: Belief
     skin: Skin
     memory: PPSMemory
+    aside_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """What is taken off what is seen, in the frame of the left forearm."""
+    track_m: float = 0.0
+    track_m_s: float = 0.0
+    """Standard deviations of the tracker's position and velocity, each axis."""
     field: ReceptiveField = ReceptiveField()
     params: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
 
@@ -68,9 +75,11 @@ class Fleeing:
             if touched_taxels(self.skin.at(robot.at(q))[0], p, radius_m).any():
                 return Flight(True, motion.contact_s - moved_s)
             posture = self.belief.robot.at(self.belief.joints(q, slack))
-            seen_p, seen_v = self.belief.locate(p[None], v[None], q[None], slack, sees=True)
+            seen_p, seen_v = (a[0] for a in self.belief.locate(p[None], v[None], q[None], slack, sees=True))
+            seen_p = seen_p + self.track_m * rng.standard_normal(3) - posture.T_root(_ARM)[:3, :3] @ self.aside_m
+            seen_v = seen_v + self.track_m_s * rng.standard_normal(3)
             positions, normals = self.belief.skin.at(posture)
-            felt = self._activations(positions, normals, seen_p[0], seen_v[0], (positions - before) / STEP_S)
+            felt = self._activations(positions, normals, seen_p, seen_v, (positions - before) / STEP_S)
             before = positions
             arm, of_arm = self._of_arm
             state, command, _ = avoidance.step(self.params, state, posture, arm, felt[of_arm], float(t))
@@ -81,8 +90,9 @@ class Fleeing:
 
     def _activations(self, positions: Array, normals: Array, p: Array, v: Array, moving: Array) -> Array:
         """As the pipeline does: the sooner of what the object does to a taxel at rest and as it moves."""
-        D, at_rest = perceive(self.field, positions, normals, p, v)
-        _, as_moves = perceive(self.field, positions, normals, p, v, taxel_velocities_root=moving)
+        cov = self.track_m_s**2 * np.eye(3)
+        D, at_rest = perceive(self.field, positions, normals, p, v, cov_v=cov)
+        _, as_moves = perceive(self.field, positions, normals, p, v, cov_v=cov, taxel_velocities_root=moving)
         both = (at_rest >= 0) & (as_moves >= 0)
         ttc = np.where(both, np.minimum(at_rest, as_moves), np.where(at_rest >= 0, at_rest, as_moves))
         return activation(self.memory, D, ttc)

@@ -19,6 +19,7 @@ few choices:
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.passing import PassingParams, foretell, learn_passing, leave_one_out
+from learning.passing import Foretold, PassingParams, foretell, foretell_session, learn_passing, leave_one_out
 from learning.scores import auroc, brier, expected_calibration_error, log_loss, reliability
 from learning.trials import Trial, load_trials, touch_rates
 from pps_vision.experiments.experiment import DATA
@@ -94,7 +95,13 @@ class RealTrials:
             },
             "another_session": {name: _split_scores(method, trials, splits) for name, method in METHODS.items()},
             "in_quarters": {name: _in_quarters(METHODS[name], trials) for name in ("base rate", OURS)},
-            "another_offset": _another_offset(trials, splits[:60]),
+            "another_offset": {
+                name: _another_offset(how, trials, splits[:60]) for name, how in _OF_ANOTHER_SESSION.items()
+            },
+            "simulated_sessions": {
+                name: _simulated(changed(), _pairs(self.pairs, self.seed), how)
+                for name, how in _OF_ANOTHER_SESSION.items()
+            },
             "choices": _our_choices(trials, self.pairs, self.seed),
             "choices_of_the_map": _map_choices(trials),
             "nested": _nested(trials, splits[:60]),
@@ -163,24 +170,29 @@ def _in_quarters(method: Method, trials: tuple[Trial, ...]) -> dict[str, float]:
     return {"auroc": auroc(touched, p), "brier": brier(touched, p)}
 
 
-def _another_offset(trials: tuple[Trial, ...], splits: list[list[Numbers]]) -> list[dict[str, float]]:
+_OF_ANOTHER_SESSION = {"as it is": foretell, "its offset learned": foretell_session}
+
+
+def _another_offset(
+    how: Callable[..., Foretold], trials: tuple[Trial, ...], splits: list[list[Numbers]]
+) -> list[dict[str, float]]:
     """The trials to foretell displaced all alike, as by another calibration; mean over six directions."""
     rows = []
     for size in OFFSETS_M:
         scores = []
         for shift in size * np.concatenate([np.eye(3), -np.eye(3)]):
             moved = tuple(replace(trial, d_m=trial.d_m + shift) for trial in trials)
-            scores.append(_against_base(_shifted(trials, moved), trials, splits))
+            scores.append(_against_base(_shifted(how, trials, moved), trials, splits))
         rows.append({"offset_m": size} | {key: float(np.mean([s[key] for s in scores])) for key in scores[0]})
     return rows
 
 
-def _shifted(trials: tuple[Trial, ...], moved: tuple[Trial, ...]) -> Predictor:
+def _shifted(how: Callable[..., Foretold], trials: tuple[Trial, ...], moved: tuple[Trial, ...]) -> Predictor:
     params = changed()
 
     def predict(train: Numbers, test: Numbers) -> Array:
         learned = learn_passing(params, tuple(trials[i] for i in train))
-        return foretell(params, learned, tuple(moved[i] for i in test)).probability
+        return how(params, learned, tuple(moved[i] for i in test)).probability
 
     return predict
 
@@ -188,7 +200,7 @@ def _shifted(trials: tuple[Trial, ...], moved: tuple[Trial, ...]) -> Predictor:
 def _our_choices(trials: tuple[Trial, ...], n_pairs: int, seed: int) -> list[dict[str, Any]]:
     """One parameter changed at a time: on the real trials, and on simulated sessions foretold from another."""
     touched, default = np.array([trial.touched for trial in trials]), changed()
-    pairs = [two_sessions(np.random.default_rng((seed, k))) for k in range(n_pairs)]
+    pairs = _pairs(n_pairs, seed)
     rows = []
     for name, values in CHOICES.items():
         for value in values:
@@ -200,10 +212,18 @@ def _our_choices(trials: tuple[Trial, ...], n_pairs: int, seed: int) -> list[dic
     return rows
 
 
-def _simulated(params: PassingParams, pairs: list[tuple[tuple[Trial, ...], tuple[Trial, ...]]]) -> dict[str, float]:
+def _pairs(n: int, seed: int) -> list[tuple[tuple[Trial, ...], tuple[Trial, ...]]]:
+    return [two_sessions(np.random.default_rng((seed, k))) for k in range(n)]
+
+
+def _simulated(
+    params: PassingParams,
+    pairs: list[tuple[tuple[Trial, ...], tuple[Trial, ...]]],
+    how: Callable[..., Foretold] = foretell,
+) -> dict[str, float]:
     rows = []
     for train, test in pairs:
-        p, now = foretell(params, learn_passing(params, train), test).probability, np.array([t.touched for t in test])
+        p, now = how(params, learn_passing(params, train), test).probability, np.array([t.touched for t in test])
         rate = np.tile(touch_rates(train), (len(test), 1))
         rows.append((auroc(now, p), brier(now, p), auroc(now, rate), brier(now, rate)))
     return _means(np.array(rows))

@@ -12,6 +12,7 @@ from pps_vision.experiments.pps.authors_counts import AuthorsCounts
 from pps_vision.experiments.pps.calibration import Calibration
 from pps_vision.experiments.pps.compensation import Compensation
 from pps_vision.experiments.pps.double_touches import DoubleTouches
+from pps_vision.experiments.pps.errors_fled import ErrorsFled
 from pps_vision.experiments.pps.failures import PpsFailures
 from pps_vision.experiments.pps.forgetting import Forgetting
 from pps_vision.experiments.pps.hyper_parameters import HyperParameters
@@ -48,6 +49,7 @@ FigureName = Literal[
     "calibration",
     "invariance",
     "compensation",
+    "errors_fled",
 ]
 
 
@@ -90,5 +92,6 @@ class Pps:
             "calibration": lambda: Calibration(self.seed, self.trials),
             "invariance": lambda: Invariance(self.seed, trials=self.trials),
             "compensation": lambda: Compensation(seed=self.seed),
+            "errors_fled": lambda: ErrorsFled(seed=self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}

@@ -18,6 +18,7 @@ from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array
 
 _N_TRAIN, _BREAKS_DEG = 1500, 3.0
+_LEAST_DEG = 1e-3  # what is less is drawn as that
 _COLORS = ("tab:blue", "tab:green", "tab:orange")
 _ELBOW, _STUCK_RAD = 3, np.deg2rad(60)
 
@@ -125,7 +126,7 @@ class BabblingFailures:
         for axis, (name, case) in zip(axes, numbers["cases"].items(), strict=True):
             places = np.arange(len(case["severities"]))
             for color, (method, found) in zip(_COLORS, case["methods"].items(), strict=True):
-                error = np.array(found["rmse_deg"], dtype=float)
+                error = np.maximum(np.array(found["rmse_deg"], dtype=float), _LEAST_DEG)
                 axis.plot(places, error, "o-", color=color, ms=4, label=method)
                 if found["breaks_at"] is not None:
                     k = case["severities"].index(found["breaks_at"])
@@ -133,10 +134,10 @@ class BabblingFailures:
             axis.axhline(_BREAKS_DEG, color="0.4", lw=0.8, ls="--")
             axis.set_xticks(places, [f"{value:g}" for value in case["severities"]])
             axis.set_yscale("log")
-            axis.set_ylim(1e-3, 60)
+            axis.set_ylim(0.7 * _LEAST_DEG, 60)
             axis.set_xlabel(case["axis"], fontsize=9)
             axis.set_title(name, fontsize=10)
             axis.grid(alpha=0.25)
-        axes[0].set_ylabel("gaze RMSE (°)")
+        axes[0].set_ylabel(f"gaze RMSE (°; {_LEAST_DEG:g}: that or less)")
         axes[0].legend(fontsize=7)
         return figure

@@ -286,6 +286,6 @@ def _panel(axis: Axes, name: str, case: dict[str, Any]) -> None:
     axis.axhline(_BREAKS, color="0.4", lw=0.9, ls="--", label=f"breaks: {_BREAKS} %, J's own figure (× first beyond)")
     axis.axhline(19, color="0.4", lw=0.9, ls=":", label="nothing called reachable")
     axis.set_xticks(places, [f"{value:g}" for value in case["severities"]])
-    axis.set(yscale="log", ylim=(0.2, 60), xlabel=case["axis"])
+    axis.set(yscale="log", ylim=(0.3, 80), xlabel=case["axis"])
     axis.set_title(name, fontsize=10)
     axis.grid(alpha=0.25)

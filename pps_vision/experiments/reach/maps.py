@@ -142,6 +142,7 @@ def _thresholds(numbers: dict[str, Any]) -> Figure:
     strict.plot(asked, asked, "--", color="0.4", lw=1, label="as asked")
     strict.set(xscale="log", yscale="symlog", xlabel="asked by --max-fp (%)", ylabel="misjudged (%)")
     strict.set_yscale("symlog", linthresh=0.01)
+    strict.set_ylim(0, None)
     strict.legend(fontsize=8)
     strict.grid(alpha=0.25)
     reliable = numbers["calibration"]["reliability"]

@@ -31,11 +31,12 @@ def gaps(movement: Movement) -> np.ndarray:
 def test_a_trial_ends_in_the_touch_it_reports(made, name):
     for movement in made[name]:
         assert movement.aimed.startswith(PARTS[name])
-        np.testing.assert_array_equal(gaps(movement)[-1] <= TOUCH_RADIUS_M, movement.touched)
+        gap = gaps(movement)
+        np.testing.assert_array_equal(gap[-1] <= TOUCH_RADIUS_M, movement.touched)
         assert any(SKIN.taxel_ids[i].startswith(PARTS[name]) for i in np.flatnonzero(movement.touched))
-        assert gaps(movement).min() > -0.006  # nothing passes through the skin
+        assert gap.min() > -0.006  # nothing passes through the skin
         part = [taxel.startswith(PARTS[name]) for taxel in SKIN.taxel_ids]
-        assert gaps(movement)[0, part].min() > 0.10  # and it comes from beyond most of the receptive field
+        assert gap[0, part].min() > 0.10  # and it comes from beyond most of the receptive field
 
 
 @pytest.mark.parametrize("name", PARTS)

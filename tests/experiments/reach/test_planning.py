@@ -1,12 +1,17 @@
 """Planning with the torso, briefly: what the full bench says of many objects, said of few."""
 
+from functools import partial
+
 import pytest
 from data import SEED
 
+from learning.reachable_training import MapParams
+from pps_vision.experiments.reach import planning_world
 from pps_vision.experiments.reach.planning import Planning
 
 
-def test_what_can_be_brought_into_reach_is_touched():
+def test_what_can_be_brought_into_reach_is_touched(monkeypatch):
+    monkeypatch.setattr(planning_world, "MapParams", partial(MapParams, lattice=0.08, n_babble=10_000))
     experiment = Planning(SEED, n=3, n_labels=1000, turns=(40,))
     numbers = experiment.run()
     can = numbers["within_reach_of_some_torso_posture"]
