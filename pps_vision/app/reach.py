@@ -33,7 +33,7 @@ class Train:
     """Where to write the map (.npz)."""
     max_error: float = 0.0
     """Stop as soon as no more than this share of all gaze postures is expected to be misjudged."""
-    ik_budget: int = 12_000
+    ik_budget: int = 24_000
     """At most so many inverse-kinematics problems an arm."""
     end_point: str = "palm"
     """What is to get there: palm, or a taxel of the arm, such as left_forearm:27."""

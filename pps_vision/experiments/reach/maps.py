@@ -24,7 +24,7 @@ from pps_vision.types import Array, Mask
 
 _PAPER = {"labels": 52_000, "je": 1.3, "fn": 4.7, "fp": 0.4, "degree_rmse": 0.022}
 _OURS = "ours: where the border is"
-_DEFAULT_LABELS = 12_000
+_DEFAULT_LABELS = 24_000
 
 
 @dataclass(frozen=True)

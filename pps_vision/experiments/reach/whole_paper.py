@@ -42,7 +42,7 @@ class WholePaper:
 
     seed: int = 0
     """Seed of the babbling and of the labels; what is judged on has another."""
-    labels: tuple[int, ...] = (12_000,)
+    labels: tuple[int, ...] = (24_000,)
     """Inverse-kinematics solutions our map is learned with."""
     labels_as_j: int = 52_000
     """And the map as J has it; 0 leaves it out."""
