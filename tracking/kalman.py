@@ -32,7 +32,8 @@ class KalmanParams:
     frame to frame, so no filtering averages it out.  `gate_chi2` is the squared Mahalanobis distance
     (3 degrees of freedom) above which a measurement is no longer taken for the motion going on, `jump_chi2` that
     above which it is no sudden change of motion either but an outlier (a hundred thousandth of those `prior_std`
-    expects); after `max_rejections` outliers in a row the filter starts again from the newest.
+    expects); after `max_rejections` outliers in a row the filter starts again from the newest.  What is not measured
+    any more is expected to stop accelerating, with `rest_s` as time constant: what hands move does not go on to.
     """
 
     order: int = 3
@@ -43,6 +44,7 @@ class KalmanParams:
     gate_chi2: float = 14.0
     jump_chi2: float = 26.0
     max_rejections: int = 3
+    rest_s: float = 0.15
 
     def __post_init__(self) -> None:
         if self.order not in NOISE_DENSITY:
@@ -54,6 +56,8 @@ class KalmanParams:
             )
         if not 0 < self.white_share <= 1:
             raise ValueError(f"white share {self.white_share}; expected more than 0 and at most 1")
+        if not self.rest_s > 0:
+            raise ValueError(f"rest after {self.rest_s} s; expected more than 0")
         if not 0 <= self.unrest_rate <= 1:
             raise ValueError(f"unrest rate {self.unrest_rate}; expected 0 to 1")
 
@@ -121,18 +125,22 @@ def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> 
 
 def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
     """The belief at a later stamp; ValueError for an earlier one."""
+    if belief.updated_s < belief.stamp_s:
+        rest = math.exp(-max(stamp_s - belief.stamp_s, 0.0) / params.rest_s)
+        belief = belief._replace(mean=np.vstack([belief.mean[:2], belief.mean[2:] * rest]))
     return forecast(params, belief, stamp_s)[0]
 
 
 def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Belief, Array]:
-    """The same, and the covariance (3·order, 3·order) of the state now with the state then (for smoothing)."""
+    """The same with nothing coming to rest, and the covariance (3·order, 3·order) of the state now with the state then
+    (for smoothing)."""
     dt = stamp_s - belief.stamp_s
     if not dt >= 0:
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
     if dt == 0:
         return belief, belief.cov
-    mean, P, cross = _moved(belief.mean, belief.cov, dt, belief.unrest * params.noise_density)
     b = belief
+    mean, P, cross = _moved(b.mean, b.cov, dt, b.unrest * params.noise_density)
     return Belief(stamp_s, mean, P, b.lasting, b.updated_s, b.rejections, b.nis, b.unrest), cross
 
 

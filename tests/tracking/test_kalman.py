@@ -8,6 +8,7 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.stats import chi2
 
+from rendering.motions import make_motion
 from tracking.kalman import KalmanParams, predict, process_noise, scaled, start, transition, update
 
 # Tests against an exact model set `unrest_rate=0`: the model's process noise is known there and constant, while a
@@ -225,6 +226,25 @@ def test_bad_input_is_named() -> None:
         KalmanParams(jump_chi2=0.0)
     with pytest.raises(ValueError, match="unrest rate 2"):
         KalmanParams(unrest_rate=2.0)
+    with pytest.raises(ValueError, match="rest after 0"):
+        KalmanParams(rest_s=0.0)
     belief = start(KalmanParams(), 1.0, np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"0\.5.*before 1\.0"):
         predict(KalmanParams(), belief, 0.5)
+
+
+def test_what_is_unseen_is_not_taken_to_accelerate_for_ever(rng: np.random.Generator) -> None:
+    """Turning hands, lost from sight for half a second: nearer than where their acceleration would take them."""
+    off_m: dict[float, list[float]] = {KalmanParams().rest_s: [], 1e9: []}
+    for _ in range(40):
+        motion = make_motion("jerk", rng, (-0.3, 0.0, 0.1), rng.uniform(0.1, 0.3))
+        for rest_s, errors in off_m.items():
+            params = scaled(KalmanParams(rest_s=rest_s), 0.35)
+            belief = start(params, 0.0, motion(0.0)[0], 1e-7 * np.eye(3))
+            for k in range(1, 26):
+                belief = predict(params, belief, 0.05 * k)
+                if k <= 15:
+                    belief = update(params, belief, motion(0.05 * k)[0], 1e-7 * np.eye(3))
+            errors.append(float(np.linalg.norm(belief.mean[0] - motion(1.25)[0])))
+    rests, goes_on = (np.sqrt(np.mean(np.square(errors))) for errors in off_m.values())
+    assert rests < 0.85 * goes_on

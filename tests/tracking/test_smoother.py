@@ -80,8 +80,9 @@ def test_a_filter_that_began_again_is_smoothed_in_two_parts() -> None:
 
 
 def _steps(rng: np.random.Generator) -> tuple[list[TrackerStep], list[np.ndarray]]:
-    """As a tracker would return them: two sightings unconfirmed, a gap, lost at last; and the truth."""
-    params, cov, steps, truth = KalmanParams(), np.diag([4e-6, 4e-6, 1e-5]), [], []
+    """As a tracker would return them: two sightings unconfirmed, a gap (in which nothing comes to rest, as smoothing
+    has it), lost at last; and the truth."""
+    params, cov, steps, truth = KalmanParams(rest_s=np.inf), np.diag([4e-6, 4e-6, 1e-5]), [], []
     belief = None
     for k in range(40):
         t, true = 0.05 * k, np.array([0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0])
