@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from pps_vision.geometry.camera import StereoView
+from pps_vision.geometry.camera import StereoView, View
+from pps_vision.geometry.compiled import Vector
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Outline
@@ -70,16 +72,21 @@ class Association:
         if shift_px is not None:
             left_px, right_px = left_px + shift_px[0], right_px + shift_px[1]
         found = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
-        if found is not None and any(hidden := self._hidden_px2(view, left, right, found.p_root)):
+        if found is None:
+            return None
+        sizes = _size(left, view.left, found.p_root), _size(right, view.right, found.p_root)
+        if any(hidden := self._hidden_px2(view, sizes)):
             cov_left, cov_right = left.cov_px + hidden[0] * np.eye(2), right.cov_px + hidden[1] * np.eye(2)
             found = triangulate(view, left_px, right_px, cov_left, cov_right, self.error_px**2)
-        if found is None or 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
+            if found is None:
+                return None
+            sizes = _size(left, view.left, found.p_root), _size(right, view.right, found.p_root)
+        if 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
-        eye = view.left.center.tolist()
-        baseline, distance = math.dist(view.right.center.tolist(), eye), math.dist(found.p_root.tolist(), eye)
-        if not p.distance_range[0] * baseline <= distance <= p.distance_range[1] * baseline:
+        baseline = math.dist(view.right.place, view.left.place)
+        if not p.distance_range[0] * baseline <= sizes[0].distance <= p.distance_range[1] * baseline:
             return None
-        radius, radius_var = self._radius(view, left, right, found.p_root, found.cov_root)
+        radius, radius_var = self._radius(sizes, found.cov_root)
         return Observation3D(stamp_s, found.p_root, found.cov_root, radius, radius_var, found.residual_px)
 
     def learn(self, observation: Observation3D, left: Outline, right: Outline) -> None:
@@ -95,36 +102,54 @@ class Association:
         self._pairs = min(self._pairs + 1, self.params.memory)
         self._error_var = (mean + (excess - mean) / self._pairs) * (1 + 3 / self._pairs)
 
-    def _hidden_px2(self, view: StereoView, left: Outline, right: Outline, p: Array) -> tuple[float, float]:
+    def _hidden_px2(self, view: StereoView, sizes: "tuple[_Size, _Size]") -> tuple[float, float]:
         """Variance of a centre whose eye sees the thing surely smaller than the other does: what hides a strip of
         a disc moves its centre by as much as it takes from its radius."""
-        radii, variances, scales = [], [], []
-        for one, eye in ((left, view.left), (right, view.right)):
-            distance, sine = math.dist(p.tolist(), eye.center.tolist()), math.sin(one.angular_radius_rad)
-            radii.append(distance * sine)
-            variances.append(
-                distance**2 * one.angular_radius_var + (self.params.radius_error * one.oddness * radii[-1]) ** 2
-            )
-            scales.append(eye.camera.focal_px / distance)
-        gap = radii[0] - radii[1]
-        if gap * gap <= self.params.hidden_sigma**2 * sum(variances):
+        left, right = sizes
+        gap = left.radius - right.radius
+        if gap * gap <= self.params.hidden_sigma**2 * (self._seen_var(left) + self._seen_var(right)):
             return 0.0, 0.0
-        return (0.0, (gap * scales[1]) ** 2) if gap > 0 else ((gap * scales[0]) ** 2, 0.0)
+        if gap > 0:
+            return 0.0, (gap * view.right.camera.focal_px / right.distance) ** 2
+        return (gap * view.left.camera.focal_px / left.distance) ** 2, 0.0
 
-    def _radius(self, view: StereoView, left: Outline, right: Outline, p: Array, cov: Array) -> tuple[float, float]:
+    def _seen_var(self, one: "_Size") -> float:
+        """Of the radius, m², were the distance known."""
+        return one.distance**2 * one.shape.angular_radius_var + self._odd_var(one)
+
+    def _odd_var(self, one: "_Size") -> float:
+        return (self.params.radius_error * one.shape.oddness * one.radius) ** 2
+
+    def _radius(self, sizes: "tuple[_Size, _Size]", cov: Array) -> tuple[float, float]:
         """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""
         total, most, sum_of_weights = 0.0, 0.0, 0.0
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = cov.tolist()
-        for one, eye in ((left, view.left), (right, view.right)):
-            x, y, z = (p - eye.center).tolist()
-            distance2 = x * x + y * y + z * z
+        for one in sizes:
+            (x, y, z), distance2, sine2 = one.away, one.distance**2, one.sine**2
             along = x * x * xx + y * y * yy + z * z * zz + 2 * (x * y * xy + x * z * xz + y * z * yz)
-            sine = math.sin(one.angular_radius_rad)
-            radius = math.sqrt(distance2) * sine
-            var = distance2 * (1 - sine**2) * one.angular_radius_var + sine**2 * along / distance2
-            weight = 1 / (var + (self.params.radius_error * one.oddness * radius) ** 2)
-            total, most, sum_of_weights = total + weight * radius, max(most, weight), sum_of_weights + weight
+            var = distance2 * (1 - sine2) * one.shape.angular_radius_var + sine2 * along / distance2
+            weight = 1 / (var + self._odd_var(one))
+            total, most, sum_of_weights = total + weight * one.radius, max(most, weight), sum_of_weights + weight
         return total / sum_of_weights, 1 / most
+
+
+class _Size(NamedTuple):
+    """How large one eye sees a thing that is so far away: vector (m) and its length, sine of the apparent radius,
+    radius (m)."""
+
+    shape: Outline
+    away: Vector
+    distance: float
+    sine: float
+    radius: float
+
+
+def _size(shape: Outline, eye: View, p: Array) -> _Size:
+    """The size of what is at `p` (3,)."""
+    (x, y, z), (u, v, w) = p.tolist(), eye.place
+    x, y, z = x - u, y - v, z - w
+    distance, sine = math.sqrt(x * x + y * y + z * z), math.sin(shape.angular_radius_rad)
+    return _Size(shape, (x, y, z), distance, sine, distance * sine)
 
 
 def _own_var(left: Outline, right: Outline) -> float:

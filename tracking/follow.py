@@ -88,7 +88,7 @@ class Follower:
             return None
         cov = now.cov[:3, :3].tolist()
         std = math.sqrt(_variance(of_u, cov) + _variance(of_v, cov))
-        eye = look.view.center.tolist()
+        eye = look.view.place
         growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
         return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
 

@@ -47,7 +47,7 @@ class Pipeline:
         """By pipeline: ms a pair, 3D RMS in mm, median relative TTC error, share of pairs with a track."""
         if self.n < 1:
             raise ValueError(f"bench pipeline: --n {self.n}; expected at least 1")
-        logs: dict[str, _Log] = {}
+        of: dict[StimulusName, dict[str, _Log]] = {"ball": {}, "marker": {}}
         speeds = np.geomspace(*_SPEEDS_M_S, self.n) if self.n > 1 else np.array([0.15])
         for k in tqdm(range(2 * self.n), desc="pipeline", unit="approach", disable=None):
             stimulus: StimulusName = "marker" if k % 2 else "ball"
@@ -56,12 +56,17 @@ class Pipeline:
             what = Render(
                 stimulus, "approach", Path(), seconds=length_s, speed=speed, noise=self.noise, seed=self.seed + k
             )
-            compare(rendered(what), _HUES_DEG[stimulus], self.seed, logs)
+            compare(rendered(what), _HUES_DEG[stimulus], self.seed, of[stimulus])
+        logs = {name: log + of["marker"][name] for name, log in of["ball"].items()}
         numbers = {name: log.summary(name) for name, log in logs.items()}
         csrt = float(np.median(logs["two CSRT"].ms))
         return {
             "pipelines": numbers,
             "faster_than_two_csrt": {name: csrt / float(np.median(logs[name].ms)) for name in _OURS},
+            "median_ms_by_stimulus": {
+                stimulus: {name: round(float(np.median(log.ms)), 3) for name, log in own.items()}
+                for stimulus, own in of.items()
+            },
         }
 
     def chart(self, numbers: Mapping[str, Any]) -> Figure:
@@ -98,6 +103,9 @@ class _Log:
     off_m: list[float] = field(default_factory=list)
     known: list[bool] = field(default_factory=list)
     ttc: list[float] = field(default_factory=list)
+
+    def __add__(self, other: "_Log") -> "_Log":
+        return _Log(self.ms + other.ms, self.off_m + other.off_m, self.known + other.known, self.ttc + other.ttc)
 
     def summary(self, name: str) -> dict[str, object]:
         """Errors over the pairs with a track; a time to contact that is missing is wholly wrong."""

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pps_vision.geometry.compiled import Lens, Linearised, Pose, projected, projected_from
+from pps_vision.geometry.compiled import Lens, Linearised, Pose, Vector, projected, projected_from
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.types import Array, StereoFrame
 
@@ -163,6 +163,12 @@ class View:
     def center(self) -> Array:
         """(3,) the optical centre in the root frame."""
         return self.T_root_camera[:3, 3]
+
+    @property
+    def place(self) -> Vector:
+        """The same in plain floats."""
+        pose = self.pose
+        return pose[3], pose[7], pose[11]
 
     def project(self, points_root: ArrayLike) -> Array:
         """Pixels (…, 2) of root-frame points (…, 3); NaN where they cannot be seen."""

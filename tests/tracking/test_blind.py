@@ -36,6 +36,16 @@ def test_a_buffer_that_is_filled_anew_is_not_blind(rng: np.random.Generator) -> 
     assert not blindness.step(pair(left, right, 0.1))
 
 
+def test_something_small_that_moves_is_seen_wherever_it_is_though_there_is_no_noise(rng: np.random.Generator) -> None:
+    scene = picture(rng)
+    for row in range(0, 44, 2):
+        blindness, moved = Blindness(), [scene.copy(), scene.copy()]
+        for column, image in enumerate(moved):
+            image[row : row + 2, 10 + column : 12 + column] = 255
+        assert not blindness.step(pair(moved[0], moved[0], 0.0))
+        assert not blindness.step(pair(moved[1], moved[1], 0.1))
+
+
 def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng: np.random.Generator) -> None:
     dark = np.clip(np.rint(2.0 * rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
     assert Blindness().step(pair(picture(rng), dark, 0.0))
