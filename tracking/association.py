@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from pps_vision.geometry.camera import StereoView, View
-from pps_vision.geometry.compiled import Vector
-from pps_vision.geometry.triangulation import triangulate
+from pps_vision.geometry.camera import StereoView
+from pps_vision.geometry.triangulation import Triangulation, triangulate
 from pps_vision.types import Array, Observation3D
 from tracking.outline import Outline
 
@@ -74,20 +74,20 @@ class Association:
         found = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
         if found is None:
             return None
-        sizes = _size(left, view.left, found.p_root), _size(right, view.right, found.p_root)
-        if any(hidden := self._hidden_px2(view, sizes)):
+        size = self._size(view, left, right, found)
+        if size.gap**2 > p.hidden_sigma**2 * size.gap_var:
+            hidden = self._hidden_px2(view, size)
             cov_left, cov_right = left.cov_px + hidden[0] * np.eye(2), right.cov_px + hidden[1] * np.eye(2)
             found = triangulate(view, left_px, right_px, cov_left, cov_right, self.error_px**2)
             if found is None:
                 return None
-            sizes = _size(left, view.left, found.p_root), _size(right, view.right, found.p_root)
+            size = self._size(view, left, right, found)
         if 4 * found.residual_px**2 > p.gate_sigma**2 * (_own_var(left, right) + self._gate_var):
             return None
         baseline = math.dist(view.right.place, view.left.place)
-        if not p.distance_range[0] * baseline <= sizes[0].distance <= p.distance_range[1] * baseline:
+        if not p.distance_range[0] * baseline <= size.from_left <= p.distance_range[1] * baseline:
             return None
-        radius, radius_var = self._radius(sizes, found.cov_root)
-        return Observation3D(stamp_s, found.p_root, found.cov_root, radius, radius_var, found.residual_px)
+        return Observation3D(stamp_s, found.p_root, found.cov_root, size.radius, size.radius_var, found.residual_px)
 
     def learn(self, observation: Observation3D, left: Outline, right: Outline) -> None:
         """Take an accepted pair's residual in.  Four coordinates leave one degree of freedom, so
@@ -102,54 +102,58 @@ class Association:
         self._pairs = min(self._pairs + 1, self.params.memory)
         self._error_var = (mean + (excess - mean) / self._pairs) * (1 + 3 / self._pairs)
 
-    def _hidden_px2(self, view: StereoView, sizes: "tuple[_Size, _Size]") -> tuple[float, float]:
-        """Variance of a centre whose eye sees the thing surely smaller than the other does: what hides a strip of
-        a disc moves its centre by as much as it takes from its radius."""
-        left, right = sizes
-        gap = left.radius - right.radius
-        if gap * gap <= self.params.hidden_sigma**2 * (self._seen_var(left) + self._seen_var(right)):
-            return 0.0, 0.0
-        if gap > 0:
-            return 0.0, (gap * view.right.camera.focal_px / right.distance) ** 2
-        return (gap * view.left.camera.focal_px / left.distance) ** 2, 0.0
+    def _size(self, view: StereoView, left: Outline, right: Outline, found: Triangulation) -> "_Size":
+        """The size of what both see there."""
+        odd_left, odd_right = self.params.radius_error * left.oddness, self.params.radius_error * right.oddness
+        return _Size(
+            *_sizes(
+                *(found.p_root, found.cov_root),
+                (*view.left.place, left.angular_radius_rad, left.angular_radius_var, odd_left),
+                (*view.right.place, right.angular_radius_rad, right.angular_radius_var, odd_right),
+            )
+        )
 
-    def _seen_var(self, one: "_Size") -> float:
-        """Of the radius, m², were the distance known."""
-        return one.distance**2 * one.shape.angular_radius_var + self._odd_var(one)
-
-    def _odd_var(self, one: "_Size") -> float:
-        return (self.params.radius_error * one.shape.oddness * one.radius) ** 2
-
-    def _radius(self, sizes: "tuple[_Size, _Size]", cov: Array) -> tuple[float, float]:
-        """Radius (m) and variance (m²) from both apparent radii at the triangulated distance."""
-        total, most, sum_of_weights = 0.0, 0.0, 0.0
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = cov.tolist()
-        for one in sizes:
-            (x, y, z), distance2, sine2 = one.away, one.distance**2, one.sine**2
-            along = x * x * xx + y * y * yy + z * z * zz + 2 * (x * y * xy + x * z * xz + y * z * yz)
-            var = distance2 * (1 - sine2) * one.shape.angular_radius_var + sine2 * along / distance2
-            weight = 1 / (var + self._odd_var(one))
-            total, most, sum_of_weights = total + weight * one.radius, max(most, weight), sum_of_weights + weight
-        return total / sum_of_weights, 1 / most
+    def _hidden_px2(self, view: StereoView, size: "_Size") -> tuple[float, float]:
+        """Variance of a centre whose eye sees the thing smaller than the other does: what hides a strip of a disc
+        moves its centre by as much as it takes from its radius."""
+        if size.gap > 0:
+            return 0.0, (size.gap * view.right.camera.focal_px / size.from_right) ** 2
+        return (size.gap * view.left.camera.focal_px / size.from_left) ** 2, 0.0
 
 
 class _Size(NamedTuple):
-    """How large one eye sees a thing that is so far away: vector (m) and its length, sine of the apparent radius,
-    radius (m)."""
+    """Radius (m) and its variance; by how much the left eye sees it larger than the right, and the variance of that
+    were the distance known; distances from either eye."""
 
-    shape: Outline
-    away: Vector
-    distance: float
-    sine: float
     radius: float
+    radius_var: float
+    gap: float
+    gap_var: float
+    from_left: float
+    from_right: float
 
 
-def _size(shape: Outline, eye: View, p: Array) -> _Size:
-    """The size of what is at `p` (3,)."""
-    (x, y, z), (u, v, w) = p.tolist(), eye.place
-    x, y, z = x - u, y - v, z - w
-    distance, sine = math.sqrt(x * x + y * y + z * z), math.sin(shape.angular_radius_rad)
-    return _Size(shape, (x, y, z), distance, sine, distance * sine)
+Seen = tuple[float, float, float, float, float, float]
+"""Where an eye is, the angular radius (rad) it sees and its variance, and the radius's relative error by shape."""
+
+
+@njit(cache=True, error_model="numpy")
+def _sizes(p: Array, cov: Array, left: Seen, right: Seen) -> tuple[float, float, float, float, float, float]:
+    """The numbers of a `_Size` at p (3,) with cov (3, 3)."""
+    total = most = sum_of_weights = gap = gap_var = 0.0
+    far = (0.0, 0.0)
+    for sign, eye in ((1.0, left), (-1.0, right)):
+        u, v, w, angle, angle_var, odd = eye
+        x, y, z = p[0] - u, p[1] - v, p[2] - w
+        far2, sine = x * x + y * y + z * z, math.sin(angle)
+        radius = math.sqrt(far2) * sine
+        along = x * x * cov[0, 0] + y * y * cov[1, 1] + z * z * cov[2, 2]
+        along += 2 * (x * y * cov[0, 1] + x * z * cov[0, 2] + y * z * cov[1, 2])
+        odd_var = (odd * radius) ** 2
+        weight = 1 / (far2 * (1 - sine**2) * angle_var + sine**2 * along / far2 + odd_var)
+        total, most, sum_of_weights = total + weight * radius, max(most, weight), sum_of_weights + weight
+        gap, gap_var, far = gap + sign * radius, gap_var + far2 * angle_var + odd_var, (far[1], math.sqrt(far2))
+    return total / sum_of_weights, 1 / most, gap, gap_var, far[0], far[1]
 
 
 def _own_var(left: Outline, right: Outline) -> float:

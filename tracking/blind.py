@@ -6,8 +6,8 @@ and what rests in the image goes through the world with them.  Such an image is 
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
+from numba import njit
 
 from pps_vision.types import Image, StereoFrame
 
@@ -16,39 +16,50 @@ _LEAST_SPREAD = 2.0  # grey levels (a standard deviation): a dark sensor's noise
 
 
 class Blindness:
-    """Tells of each pair whether one of its eyes is blind; remembers the last pair, and some of its pixels."""
+    """Tells of each pair whether one of its eyes is blind; remembers the last pair."""
 
     def __init__(self) -> None:
         self._last: tuple[_Seen, _Seen] | None = None
 
     def step(self, frame: StereoFrame) -> bool:
         """Whether either eye shows what it showed before, to the last bit, or nothing at all."""
-        before, self._last = self._last, (_Seen.of(frame.left), _Seen.of(frame.right))
-        repeated = before is not None and any(map(_Seen.is_again, self._last, before))
-        return repeated or any(_is_dark(image[::_STRIDE]) for image in (frame.left, frame.right))
+        before = self._last
+        self._last = now = _Seen(frame.left, _sums(frame.left)), _Seen(frame.right, _sums(frame.right))
+        if before is not None and (now[0].is_again(before[0]) or now[1].is_again(before[1])):
+            return True
+        return now[0].is_dark or now[1].is_dark
+
+
+Sums = tuple[float, float, float, float, float, float, float]
 
 
 class _Seen(NamedTuple):
-    """An image, and some of its rows as they were: a camera's driver may fill the same image anew."""
+    """An image, and what some of its rows added up to: a camera's driver may fill the same image anew."""
 
     image: Image
-    rows: bytes
+    sums: Sums
 
-    @classmethod
-    def of(cls, image: Image) -> "_Seen":
-        return cls(image, image[::_STRIDE].tobytes())
+    @property
+    def is_dark(self) -> bool:
+        """Whether nothing stands out in any colour."""
+        n, *of = self.sums
+        colors = zip(of[:3], of[3:], strict=True)
+        return all(n * squares - total**2 < (n * _LEAST_SPREAD) ** 2 for total, squares in colors)
 
     def is_again(self, before: "_Seen") -> bool:
         """Whether all of it is the same; without noise what moves may do so between the rows."""
-        return self.rows == before.rows and np.array_equal(self.image, before.image)
+        return self.sums == before.sums and np.array_equal(self.image, before.image)
 
 
-def _is_dark(rows: Image) -> bool:
-    """Whether nothing stands out; where a quarter of the rows spread twice as much as the least, all do enough."""
-    return _spread(rows[::4]) < 2 * _LEAST_SPREAD and _spread(rows) < _LEAST_SPREAD
-
-
-def _spread(rows: Image) -> float:
-    """The largest standard deviation of a colour, grey levels."""
-    (red,), (green,), (blue,) = cv2.meanStdDev(rows)[1].tolist()
-    return max(red, green, blue)
+@njit(cache=True, error_model="numpy")
+def _sums(image: Image) -> Sums:
+    """Of some rows: the number of their pixels, and their red, green and blue and the squares of these added up."""
+    a = b = c = d = e = f = n = 0.0
+    for y in range(0, len(image), _STRIDE):
+        row = image[y]
+        for x in range(len(row)):
+            red, green, blue = float(row[x, 0]), float(row[x, 1]), float(row[x, 2])
+            a, b, c = a + red, b + green, c + blue
+            d, e, f = d + red * red, e + green * green, f + blue * blue
+        n += len(row)
+    return n, a, b, c, d, e, f

@@ -28,6 +28,7 @@ _PER_SPREAD = np.rint((180 << _SHIFT) / (6 * np.maximum(np.arange(256), 1))).ast
 Map = NDArray[np.float32]
 Runs = NDArray[np.int64]  # (n, 5), as `_runs` has them
 Color = tuple[float, float, float]
+Upper = tuple[float, float, float, float, float, float, float, float, float, float]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
 
 
@@ -161,7 +162,7 @@ class Moments(NamedTuple):
 
     direction: Color
     omega: float
-    cov: tuple[float, float, float, float, float, float, float, float, float, float]
+    cov: Upper
     area: float
     outside: float
     box: tuple[int, int, int, int]

@@ -4,9 +4,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from pps_vision.geometry.compiled import Vector
-from pps_vision.types import CameraName, Detection2D, Image
+from pps_vision.types import Array, CameraName, Detection2D, Image
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.eye import EyeParams, EyeTracker, Sighting
@@ -86,8 +87,7 @@ class Follower:
         center = u + self._offset_px[0], v + self._offset_px[1]
         if not self.optics.camera.contains(center, margin_px=-0.5 * self._size_px):
             return None
-        cov = now.cov[:3, :3].tolist()
-        std = math.sqrt(_variance(of_u, cov) + _variance(of_v, cov))
+        std = _std_px(now.cov, of_u, of_v)
         eye = look.view.place
         growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
         return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
@@ -124,10 +124,14 @@ class Follower:
         return None if shape is None else Sighting(shape, shape.box_px, 1.0)
 
 
-def _variance(slope: Vector, cov: list[list[float]]) -> float:
-    """Of what has that slope by a vector of covariance (3, 3)."""
-    (a, b, c), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = slope, cov
-    return a * a * xx + b * b * yy + c * c * zz + 2 * (a * (b * xy + c * xz) + b * c * yz)
+@njit(cache=True, error_model="numpy")
+def _std_px(cov: Array, of_u: Vector, of_v: Vector) -> float:
+    """Of the image of a point whose covariance is the first three rows and columns; ∂u and ∂v by it."""
+    var = 0.0
+    for i in range(3):
+        for j in range(3):
+            var += cov[i, j] * (of_u[i] * of_u[j] + of_v[i] * of_v[j])
+    return math.sqrt(var)
 
 
 def _nearest(found: list[Outline], prior: Prior) -> Outline | None:

@@ -6,18 +6,18 @@ solid angle 2π(1 − cos θ) its angular radius θ: neither perspective nor the
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array, Image, Mask
-from tracking.compiled import Moments, covered, moments
+from tracking.compiled import Moments, Upper, covered, moments
 from tracking.ego_motion import Box
 
 # What an outline's centre errs by however sharp its edge is (FACTS §7), over the radius (px) to the power 3/4: the
@@ -121,35 +121,31 @@ def outline_of(seen: Moments, coverage: Coverage, optics: Optics) -> Outline | N
     u, v, of_u, of_v = camera.project_linearised(*direction)
     if math.isnan(u):
         return None
-    radius, focal_px, x, y = _angle(seen.omega), camera.focal_px, left + x, top + y
-    odd_px = _SHAPE_BIAS * radius * focal_px * abs(1 - area / (math.pi / 4 * width * height))
-    radius_px = math.sqrt(area / math.pi)
-    own, light = _LEAST_PX**2 / radius_px**1.5 + odd_px**2, _LIGHT_PX**2 / radius_px
-    cov_u, cov_v = _turned(seen.cov, of_u), _turned(seen.cov, of_v)
-    uu, uv, vv = _CORRELATION * _dot(cov_u, of_u), _CORRELATION * _dot(cov_u, of_v), _CORRELATION * _dot(cov_v, of_v)
-    cov = np.array(((uu + own, uv), (uv, vv + own + light)))
-    omega_var = _CORRELATION * seen.cov[-1]
-    radius_var = omega_var / (2 * math.pi * math.sin(radius)) ** 2 + (_MIN_RADIUS_PX / focal_px) ** 2
+    x, y = left + x, top + y
+    fill = area / (math.pi / 4 * width * height)
+    radius, radius_var, uu, uv, vv = _stated(seen.cov, seen.omega, area, fill, camera.focal_px, of_u, of_v)
+    cov = np.array(((uu, uv), (uv, vv)))
     at_border = x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height
     box_px = (float(x), float(y), float(width), float(height))
     return Outline(np.array((u, v)), cov, radius, radius_var, box_px, area, at_border, departure)
 
 
-def _angle(omega: float) -> float:
-    """Half the angle (rad) of the cone of a solid angle (sr)."""
-    return math.acos(1 - min(omega / (2 * math.pi), 1.0))
-
-
-def _turned(cov: Sequence[float], slope: Vector) -> Vector:
-    """The product of the first three rows and columns of a symmetric matrix (4, 4), of which the upper half is given
-    row by row, with a vector."""
-    a, b, c, _, d, e, _, f, _, _ = cov
-    x, y, z = slope
-    return a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
-
-
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+@njit(cache=True, error_model="numpy")
+def _stated(
+    cov: Upper, omega: float, area: float, fill: float, focal_px: float, of_u: Vector, of_v: Vector
+) -> tuple[float, float, float, float, float]:
+    """The angular radius of a cone of solid angle `omega` (rad, sr), its variance, and the variances uu, uv, vv of its
+    centre's pixel; `cov` as in `Moments`, `fill` the share of its box's ellipse, ∂u and ∂v by its direction."""
+    radius = math.acos(1 - min(omega / (2 * math.pi), 1.0))
+    odd_px, radius_px = _SHAPE_BIAS * radius * focal_px * abs(1 - fill), math.sqrt(area / math.pi)
+    own, light = _LEAST_PX**2 / radius_px**1.5 + odd_px**2, _LIGHT_PX**2 / radius_px
+    xx, xy, xz, _, yy, yz, _, zz, _, oo = cov
+    (a, b, c), (d, e, f) = of_u, of_v
+    ux, uy, uz = xx * a + xy * b + xz * c, xy * a + yy * b + yz * c, xz * a + yz * b + zz * c
+    vx, vy, vz = xx * d + xy * e + xz * f, xy * d + yy * e + yz * f, xz * d + yz * e + zz * f
+    uu, uv, vv = ux * a + uy * b + uz * c, ux * d + uy * e + uz * f, vx * d + vy * e + vz * f
+    radius_var = _CORRELATION * oo / (2 * math.pi * math.sin(radius)) ** 2 + (_MIN_RADIUS_PX / focal_px) ** 2
+    return radius, radius_var, _CORRELATION * uu + own, _CORRELATION * uv, _CORRELATION * vv + own + light
 
 
 def _thickness(alpha: NDArray[np.float32]) -> NDArray[np.float32]:

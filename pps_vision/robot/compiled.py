@@ -44,3 +44,29 @@ def positions(screws: Array, order: Array, point: Array, q: Array) -> tuple[Arra
             slopes[row, 2, i] = vz + wx * y - wy * x
         places[row, 0], places[row, 1], places[row, 2] = x, y, z
     return places, slopes
+
+
+@njit(cache=True, error_model="numpy")
+def pose(screws: Array, joints: Array, T_root_frame: Array, q: Array) -> Array:
+    """(4, 4) where a frame, `T_root_frame` with the joints at zero, is at configuration q (n,); the `joints` (k,) of it
+    that move the frame, from root to tip, have the `screws` (k, 6), (v, ω)."""
+    T = T_root_frame.copy()
+    for i in range(len(joints) - 1, -1, -1):
+        vx, vy, vz, wx, wy, wz = screws[i, 0], screws[i, 1], screws[i, 2], screws[i, 3], screws[i, 4], screws[i, 5]
+        angle = q[joints[i]]
+        sine, versine = sin(angle), 1 - cos(angle)
+        slides = wx == 0 and wy == 0 and wz == 0
+        along = angle if slides else (wx * vx + wy * vy + wz * vz) * (angle - sine)
+        for column in range(4):
+            x, y, z = T[0, column], T[1, column], T[2, column]
+            ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+            if column == 3 and not slides:
+                ux, uy, uz = ux + vx, uy + vy, uz + vz
+            x += sine * ux + versine * (wy * uz - wz * uy)
+            y += sine * uy + versine * (wz * ux - wx * uz)
+            z += sine * uz + versine * (wx * uy - wy * ux)
+            if column == 3:
+                ax, ay, az = (vx, vy, vz) if slides else (wx, wy, wz)
+                x, y, z = x + along * ax, y + along * ay, z + along * az
+            T[0, column], T[1, column], T[2, column] = x, y, z
+    return T

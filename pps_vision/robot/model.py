@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.se3 import move_points
+from pps_vision.robot import compiled
 from pps_vision.types import Array
 
 _ARM = (
@@ -107,21 +108,22 @@ class Robot:
         """(T_root_left, T_root_right), the form `StereoRig` asks for."""
         if q_rad is None:
             raise ValueError("the frame carries no joints, but this robot's eyes move with them")
-        model, data, indices, left, right = self._eyes
-        pin.forwardKinematics(model, data, self._checked(q_rad)[indices])
-        T_root_left = pin.updateFramePlacement(model, data, left).homogeneous
-        return T_root_left, pin.updateFramePlacement(model, data, right).homogeneous
+        q, (left, right) = self._checked(q_rad), self._eyes
+        return compiled.pose(*left, q), compiled.pose(*right, q)
 
     @cached_property
-    def _eyes(self) -> tuple[Any, Any, list[int], int, int]:
-        """A model of the joints alone that move the eyes, with room for an evaluation, their places in the
-        configuration, and the eyes' frames."""
-        frames = [self.model.frames[self.frame_ids[name]] for name in (self.names.left_eye, self.names.right_eye)]
-        moving = sorted({joint for frame in frames for joint in self.model.supports[frame.parentJoint]} - {0})
-        others = [joint for joint in range(1, self.model.njoints) if joint not in moving]
-        model = pin.buildReducedModel(self.model, others, pin.neutral(self.model))
-        left, right = (model.getFrameId(frame.name, frame.type) for frame in frames)
-        return model, model.createData(), [self.model.joints[joint].idx_q for joint in moving], left, right
+    def _eyes(self) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+        """Of each eye, what `compiled.pose` wants: the joints that move it, their screws, and where it is at zero."""
+        data, zero = self.model.createData(), np.zeros(self.n_joints)
+        pin.framesForwardKinematics(self.model, data, zero)
+        found = []
+        for name in (self.names.left_eye, self.names.right_eye):
+            frame = self.frame_ids[name]
+            T_root_eye = np.ascontiguousarray(data.oMf[frame].homogeneous)
+            screws = pin.computeFrameJacobian(self.model, data, zero, frame, pin.ReferenceFrame.WORLD).T
+            joints = np.array([j - 1 for j in self.model.supports[self.model.frames[frame].parentJoint] if j])
+            found.append((np.ascontiguousarray(screws[joints]), joints, T_root_eye))
+        return found[0], found[1]
 
     def _checked(self, q_rad: ArrayLike) -> Array:
         """A copy of a configuration; ValueError where it is none."""

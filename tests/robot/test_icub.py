@@ -130,8 +130,8 @@ def test_baseline_is_68_mm_and_cameras_look_forward(robot: Robot) -> None:
 def test_the_rigs_cameras_are_the_robots_eyes(robot: Robot) -> None:
     q = icub.home(robot)
     view = icub.icub_rig(robot).view(q)
-    np.testing.assert_array_equal(view.left.T_root_camera, robot.at(q).T_root("left_eye"))
-    np.testing.assert_array_equal(view.right.T_root_camera, robot.at(q).T_root("right_eye"))
+    np.testing.assert_allclose(view.left.T_root_camera, robot.at(q).T_root("left_eye"), atol=1e-12)
+    np.testing.assert_allclose(view.right.T_root_camera, robot.at(q).T_root("right_eye"), atol=1e-12)
 
 
 def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
