@@ -141,25 +141,34 @@ def _nearest(found: list[Outline], prior: Prior) -> Outline | None:
 
 
 def find_both(
-    eyes: tuple[Follower, Follower], looks: Looks, last: Belief, now: Belief, grey: bool
+    eyes: tuple[Follower, Follower], looks: Looks, last: Belief, now: Belief, grey: bool, odd: bool
 ) -> tuple[Sighting | None, Sighting | None]:
-    """The object in both eyes, near where the track, whose belief was `last` and is `now`, puts it."""
+    """The object in both eyes, near where the track, whose belief was `last` and is `now`, puts it; `odd`: it is no
+    ball."""
     (left, right), (in_left, in_right) = eyes, looks
     a, b = left.prior(in_left, last, now), right.prior(in_right, last, now)
     both = left.clear_marker(in_left, a), right.clear_marker(in_right, b)
     if None not in both:
         return both
-    return alike(left.find(in_left, a, grey), right.find(in_right, b, grey))
+    return alike(left.find(in_left, a, grey), right.find(in_right, b, grey), odd)
 
 
-def alike(left: Sighting | None, right: Sighting | None) -> tuple[Sighting | None, Sighting | None]:
+def alike(left: Sighting | None, right: Sighting | None, odd: bool) -> tuple[Sighting | None, Sighting | None]:
     """Both as they show where one eye only completes what is no sphere: the middle of what shows and that of the
-    whole are two things, and no point of the object is in between."""
+    whole are two things, and no point of the object is in between.  What has been `odd` all along is no ball now,
+    though some cone may fit what shows."""
+    if odd:
+        left, right = (as_shown(one) if one and one.outline.oddness == 0 else one for one in (left, right))
     if left is None or right is None:
         return left, right
     one, other = left.outline, right.outline
-    if one.shown is not None and other.shown is None and other.oddness > 0:
-        left = replace(left, outline=one.shown)
-    elif other.shown is not None and one.shown is None and one.oddness > 0:
-        right = replace(right, outline=other.shown)
+    if one.shown is not None and one.oddness > 0 and other.shown is None and other.oddness > 0:
+        return as_shown(left), right
+    if other.shown is not None and other.oddness > 0 and one.shown is None and one.oddness > 0:
+        return left, as_shown(right)
     return left, right
+
+
+def as_shown(seen: Sighting) -> Sighting:
+    """Nothing of it completed."""
+    return seen if seen.outline.shown is None else replace(seen, outline=seen.outline.shown)

@@ -63,7 +63,7 @@ class Outline:
     area_px: float
     at_border: bool
     departure: float
-    shown: "Outline | None" = None  # what shows of what is no sphere, where this stands for the whole of it
+    shown: "Outline | None" = None  # what shows of it, where this stands for the whole
 
     @property
     def oddness(self) -> float:

@@ -66,7 +66,7 @@ def see(
     whole = complete(shape, coverage, optics, expected)
     if whole is None or whole.area_px > expected / _WHOLE**2 * (2.0 if expected_area_px is None else 1.0):
         return shown
-    return replace(whole, shown=shown if whole.departure > 0 else None)
+    return replace(whole, shown=shown)
 
 
 def complete(shape: Outline, coverage: Coverage, optics: Optics, expected_area_px: float) -> Outline | None:

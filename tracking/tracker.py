@@ -144,7 +144,7 @@ class Tracker:
             sightings = None, None
         else:
             with self.stages("image"):
-                sightings = find_both(self._eyes, looks, last, self._belief, grey)
+                sightings = find_both(self._eyes, looks, last, self._belief, grey, self._oddness > 0.5)
             if None in sightings and self._hits >= self.params.confirm_frames and not grey:
                 sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
                 if sightings[0] is not None:
