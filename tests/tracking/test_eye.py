@@ -1,5 +1,7 @@
 """One eye finds its object where it hardly knows where to look."""
 
+from dataclasses import replace
+
 import numpy as np
 from raycast import Sphere, look
 
@@ -38,8 +40,23 @@ def test_what_only_one_eye_completes_is_measured_as_it_shows_in_both() -> None:
 
     part, odd, ball = seen(100.0, 0.1).outline, 0.1, 0.0
     completed, plain = seen(104.0, odd, part), seen(90.0, odd)
-    assert [one and one.outline.center_px[0] for one in alike(completed, plain)] == [100.0, 90.0]
-    assert [one and one.outline.center_px[0] for one in alike(plain, completed)] == [90.0, 100.0]
-    assert [one and one.outline.center_px[0] for one in alike(completed, completed)] == [104.0, 104.0]
-    assert alike(completed, seen(90.0, ball))[0] is completed
-    assert alike(completed, None) == (completed, None)
+    assert [one and one.outline.center_px[0] for one in alike(completed, plain, odd=False)] == [100.0, 90.0]
+    assert [one and one.outline.center_px[0] for one in alike(plain, completed, odd=False)] == [90.0, 100.0]
+    assert [one and one.outline.center_px[0] for one in alike(completed, completed, odd=False)] == [104.0, 104.0]
+    assert alike(completed, seen(90.0, ball), odd=False)[0] is completed
+    assert alike(completed, None, odd=False) == (completed, None)
+
+
+def test_what_has_been_no_ball_all_along_is_none_because_one_eyes_rim_fits_a_cone() -> None:
+    """And a ball that has been one, half hidden now, is completed in either eye."""
+    shown = Outline(np.array([100.0, 80.0]), np.eye(2), 0.1, 1e-6, (90.0, 70.0, 20.0, 20.0), 300.0, False, 0.1)
+    ball = replace(shown, center_px=np.array([106.0, 80.0]), departure=0.0, shown=shown)
+    left, right = (Sighting(one, one.box_px, 1.0) for one in (ball, shown))
+    for odd, x in ((True, 100.0), (False, 106.0)):
+        found = alike(left, right, odd)
+        assert found[0] is not None
+        assert found[1] is not None
+        assert (found[0].outline.center_px[0], found[1].outline.center_px[0]) == (x, 100.0)
+    alone = alike(left, None, odd=True)[0]
+    assert alone is not None
+    assert alone.outline is shown
