@@ -1,6 +1,7 @@
 """One eye's image tracker: colour (or difference) likelihood → particles → mask → sub-pixel outline."""
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -41,8 +42,7 @@ class EyeParams:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
+class Sighting(NamedTuple):
     """The object in one image: its outline, its box (x, y, width, height px) with the size smoothed
     over time, and how well appearance and area fit, 0–1."""
 

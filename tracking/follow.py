@@ -1,7 +1,6 @@
 """While something is tracked: where one eye should see it now, and where it does."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numba import njit
@@ -171,4 +170,4 @@ def alike(left: Sighting | None, right: Sighting | None, odd: bool) -> tuple[Sig
 
 def as_shown(seen: Sighting) -> Sighting:
     """Nothing of it completed."""
-    return seen if seen.outline.shown is None else replace(seen, outline=seen.outline.shown)
+    return seen if seen.outline.shown is None else seen._replace(outline=seen.outline.shown)

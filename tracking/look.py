@@ -1,13 +1,12 @@
 """One eye's share of a stereo frame."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.types import Array, Image, StereoFrame
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
+class Look(NamedTuple):
     """What one eye saw, from where and when, and the robot's joints then (None: no robot)."""
 
     image: Image

@@ -1,6 +1,6 @@
 """Where two eyes' image points meet, and how well that is known."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +12,7 @@ from pps_vision.types import Array
 _PARALLEL = 1e-10  # squared sine of the angle between rays that do not meet
 
 
-@dataclass(frozen=True, slots=True)
-class Triangulation:
+class Triangulation(NamedTuple):
     """`p_root` (3,) m, `cov_root` (3, 3) m² (the Cramér–Rao bound for the given pixel noise),
     `residual_px` the RMS reprojection error over the four image coordinates, and
     `mahalanobis` its size in units of the pixel noise (χ² with one degree of freedom)."""
