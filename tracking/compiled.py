@@ -20,6 +20,8 @@ UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: in this unit a + b is as sur
 _LEVEL_VAR = 1.0  # grey levels²: of rounding and the like
 _LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
 _EDGE, _INNER, _OUTER = 0, 1, 2
+_BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
+_SMALL_PX = 60  # up to this area it is half as wide
 
 _SHIFT, _HALF = 12, 1 << 11  # OpenCV's fixed point for hue and saturation
 _PER_VALUE = np.rint((255 << _SHIFT) / np.maximum(np.arange(256), 1)).astype(np.int64)
@@ -30,6 +32,12 @@ Runs = NDArray[np.int64]  # (n, 5), as `_runs` has them
 Color = tuple[float, float, float]
 Upper = tuple[float, float, float, float, float, float, float, float, float, float]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
+
+
+@njit(cache=True, error_model="numpy")
+def band_of(area_px: int) -> int:
+    """How far off a hard mask's edge a pixel may be partly covered."""
+    return _BAND if area_px > _SMALL_PX else 1
 
 
 @njit(cache=True, error_model="numpy")
@@ -250,7 +258,7 @@ def marker(
                 count += 1
     if holes:
         _fill(mask)
-    alpha, variance = covered(image[top:bottom, left:right].copy(), mask, 2 if count > 60 else 1)
+    alpha, variance = covered(image[top:bottom, left:right].copy(), mask, band_of(count))
     return True, alpha, variance, (top, bottom, left, right), moments(alpha, variance, weights, left, top)
 
 

@@ -7,9 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pps_vision.types import Array, Mask
+from tracking.compiled import Map
 from tracking.ego_motion import Box
-
-Map = NDArray[np.float32]
 
 
 @njit(cache=True, error_model="numpy")

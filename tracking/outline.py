@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array, Image, Mask
-from tracking.compiled import Moments, Upper, covered, moments
+from tracking.compiled import Moments, Upper, band_of, covered, moments
 from tracking.ego_motion import Box
 
 # What an outline's centre errs by however sharp its edge is (FACTS §7), over the radius (px) to the power 3/4: the
@@ -33,9 +33,6 @@ ROUND = 0.015  # departure from a disc up to which nothing is but a disc
 _LIMBS_FROM, _LIMBS_TO = 0.08, 0.16  # share of limbs between which they come to count less than the trunk
 _SHAPE_BIAS = 0.04  # of its size: how far the middle of an image that is no disc is from the object's centre
 _CORRELATION = 2.0  # neighbouring pixels err together: this many are worth one
-
-_BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
-_SMALL_PX = 60  # up to this area it is half as wide
 
 
 @dataclass(frozen=True)
@@ -98,7 +95,7 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     round object.  What is left over says how well that explains the pixel.
     """
     x0, y0, x1, y1 = box
-    band = _BAND if np.count_nonzero(mask) > _SMALL_PX else 1
+    band = band_of(int(np.count_nonzero(mask)))
     return Coverage(*covered(image[y0:y1, x0:x1].copy(), mask.copy(), band), box)
 
 

@@ -21,7 +21,7 @@ Measured = tuple[Pose, Lens, float, float, float, float, float]
 
 _ROUNDS = 20  # two are usual; a strong lens takes more, for it is undone along the way
 _SETTLED = 1e-5  # a round that moves the rays so far (rad) leaves about 1e-11, for what is left goes by the square
-_PARALLEL = 1e-10  # squared sine of the angle between rays that do not meet
+PARALLEL = 1e-10  # squared sine of the angle between rays that do not meet
 _UNDONE = 5  # rounds in which a lens is undone, before
 
 
@@ -91,7 +91,7 @@ def met(
     a, b = _turned(p, x[0], x[1], 1.0), _turned(q, y[0], y[1], 1.0)
     normal = _cross(a, b)
     sine2 = _dot(normal, normal)
-    if not (settled and sine2 > _PARALLEL * _dot(a, a) * _dot(b, b)):
+    if not (settled and sine2 > PARALLEL * _dot(a, a) * _dot(b, b)):
         return nothing
     depth_left, depth_right = _dot(_cross(gap, b), normal) / sine2, _dot(_cross(gap, a), normal) / sine2
     if not (depth_left > 0 and depth_right > 0):

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import StereoView, View
-from pps_vision.geometry.compiled import Measured, met
+from pps_vision.geometry.compiled import PARALLEL, Measured, met
 from pps_vision.types import Array
-
-_PARALLEL = 1e-10  # squared sine of the angle between rays that do not meet
 
 
 class Triangulation(NamedTuple):
@@ -29,7 +27,7 @@ def midpoint(center_a: Array, ray_a: Array, center_b: Array, ray_b: Array) -> Ar
     gap = center_b - center_a
     cosine = float(ray_a @ ray_b)
     denominator = 1 - cosine**2
-    if denominator < _PARALLEL:
+    if denominator < PARALLEL:
         return None
     along_a = (gap @ ray_a - cosine * (gap @ ray_b)) / denominator
     along_b = (cosine * (gap @ ray_a) - gap @ ray_b) / denominator
