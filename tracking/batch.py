@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from tracking.compiled import UNIT
+from tracking.compiled import BAND, SMALL_PX, UNIT
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Coverage, Optics, Outline, outline
 
@@ -120,8 +120,8 @@ def _grown(mask: Tensor, radius: int) -> Tensor:
 def _cover(patch: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
     """Coverage and its variance (n, side, side), as `cover` has them; `patch` (n, 3, side, side)."""
     alpha, variance = torch.zeros_like(patch[:, 0]), torch.zeros_like(patch[:, 0])
-    large = mask.sum(dim=(1, 2)) > 60
-    for band, these in ((1, ~large), (2, large)):
+    large = mask.sum(dim=(1, 2)) > SMALL_PX
+    for band, these in ((1, ~large), (BAND, large)):
         which = these.nonzero()[:, 0]
         if len(which):
             alpha[which], variance[which] = _cover_band(patch[which], mask[which], band)

@@ -20,8 +20,8 @@ UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: in this unit a + b is as sur
 _LEVEL_VAR = 1.0  # grey levels²: of rounding and the like
 _LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
 _EDGE, _INNER, _OUTER = 0, 1, 2
-_BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
-_SMALL_PX = 60  # up to this area it is half as wide
+BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
+SMALL_PX = 60  # up to this area it is half as wide
 
 _SHIFT, _HALF = 12, 1 << 11  # OpenCV's fixed point for hue and saturation
 _PER_VALUE = np.rint((255 << _SHIFT) / np.maximum(np.arange(256), 1)).astype(np.int64)
@@ -37,7 +37,7 @@ Box = tuple[int, int, int, int]  # top, bottom, left, right
 @njit(cache=True, error_model="numpy")
 def band_of(area_px: int) -> int:
     """How far off a hard mask's edge a pixel may be partly covered."""
-    return _BAND if area_px > _SMALL_PX else 1
+    return BAND if area_px > SMALL_PX else 1
 
 
 @njit(cache=True, error_model="numpy")
