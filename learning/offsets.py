@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from learning.memory import PPSMemory
-from pps_vision.types import Array, Mask
+from pps_vision.types import Array
 
 
 @dataclass(frozen=True)
@@ -60,20 +60,3 @@ def offsets(memory: PPSMemory, weights: Array | None = None) -> Array:
     of_taxel = memory.counts[..., 0] if weights is None else weights
     lines = [orthogonal_line(x, y, w) for w in of_taxel]
     return np.array([np.nan if line is None else line.offset for line in lines])
-
-
-def seen_aside(seen_m: Array, taxels_m: Array, normals: Array, touched: Mask, radius_m: Array) -> Array:
-    """(3,) m by which objects are seen beside where they are, in the frame of a body part, from k touches.
-
-    `seen_m` (k, 3) where the centre of each was seen as it touched, `radius_m` (k,) its radius; `taxels_m`, `normals`
-    (n, 3) of the part, `touched` (k, n).  There it must have been: a radius above the middle of the taxels it
-    touched.  The median, as surely as k touches say against one of no offset; touches of other parts, and what was not
-    seen, say nothing.
-    """
-    known = touched.any(axis=1) & np.isfinite(seen_m).all(axis=1) & np.isfinite(radius_m)
-    if not known.any():
-        return np.zeros(3)
-    shares = touched[known] / touched[known].sum(axis=1, keepdims=True)
-    aside = seen_m[known] - shares @ taxels_m - radius_m[known, None] * (shares @ normals)
-    offset: Array = np.median(aside, axis=0) * len(aside) / (len(aside) + 1)
-    return offset

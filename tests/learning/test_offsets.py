@@ -6,7 +6,7 @@ from data import SEED
 from scipy.optimize import minimize
 
 from learning.memory import MemoryParams, PPSMemory, count_samples
-from learning.offsets import offsets, orthogonal_line, seen_aside
+from learning.offsets import offsets, orthogonal_line
 
 
 @pytest.fixture
@@ -61,21 +61,3 @@ def test_the_offset_of_what_comes_at_many_speeds_is_found(offset_m: float, rng: 
     found = offsets(memory)
     assert abs(found[0] - offset_m) < 0.003
     assert np.isnan(found[1])
-
-
-def test_where_touches_were_seen_tells_what_is_seen_aside():
-    """Balls of two sizes lie on a plane's taxels; all are seen 2, −3, 1 cm aside, one of them wildly wrong, one
-    never, and one touches nothing."""
-    rng = np.random.default_rng(SEED)
-    taxels = np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0]])
-    touched = np.eye(3, dtype=bool)[rng.integers(0, 3, 60)]
-    radius = rng.choice([0.02, 0.035], 60)
-    seen = touched @ taxels + radius[:, None] * [0, 0, 1] + [0.02, -0.03, 0.01] + rng.normal(0, 0.002, (60, 3))
-    seen[0] += 1.0
-    seen[1] = np.nan
-    seen[2], touched[2] = [1.0, 1.0, 1.0], False
-    normals = np.tile([0.0, 0.0, 1.0], (3, 1))
-    np.testing.assert_allclose(seen_aside(seen, taxels, normals, touched, radius), [0.02, -0.03, 0.01], atol=2e-3)
-    one = seen_aside(seen[3:4], taxels, normals, touched[3:4], radius[3:4])
-    np.testing.assert_allclose(one, [0.01, -0.015, 0.005], atol=4e-3, err_msg="one touch is half believed")
-    np.testing.assert_array_equal(seen_aside(seen[1:3], taxels, normals, touched[1:3], radius[1:3]), 0)

@@ -83,6 +83,10 @@ class Belief:
             sources.slack_rad,
         )
 
+    def corrected(self, offsets_rad: Array) -> "Belief":
+        """The same robot once it adds offsets (n_joints,) to what its encoders say."""
+        return replace(self, joint_offsets_rad=self.joint_offsets_rad + offsets_rad)
+
     def slack(self, rng: np.random.Generator) -> Array:
         """What play and elasticity make of the joints (n_joints,) in one trial, rad."""
         return self.slack_rad * rng.standard_normal(self.true_robot.n_joints)

@@ -1,10 +1,10 @@
 """What the robot's errors cost an arm that flees, and what learning with them gives back (R: "the learned
 representations automatically compensate").
 
-What comes slowly, and stops where the skin was, touches no arm that moves at all, errors or not (`compensation.py`).
-So what is fled here comes at 25 to 60 cm/s and presses on for up to 3 cm; half of the robots err as R's sources say,
-half twice as much.  R's map cannot hold an error across the approach: beside it a map of what is seen less an
-offset, that is told by where objects were seen as they touched (`learning/offsets.py`).
+What comes slowly, and stops where the skin was, touches no arm that moves at all, errors or not.  So what is fled here
+comes at 25 to 60 cm/s and presses on for up to 3 cm; half of the robots err as R's sources say, half twice as much.
+R's map expects a touch wherever in a taxel's cone something comes, so errors cost what they move out of the cone, and
+that no map learned inside it gives back; encoders whose offsets touches tell (`learning/joint_offsets.py`) may.
 """
 
 from dataclasses import dataclass, replace
@@ -18,13 +18,11 @@ from scipy.stats import binomtest
 from tqdm import tqdm
 
 from learning.memory import MemoryParams, PPSMemory
-from learning.offsets import seen_aside
 from learning.touch_trial import TouchTrial
-from pps_vision.experiments.pps.compensation import CASES, PART, TRIALS, Case, Told
 from pps_vision.experiments.pps.errors import Belief, ErrorSources, only
 from pps_vision.experiments.pps.flight import Fleeing
-from pps_vision.experiments.pps.held_out import approaches, known_trials, learned, of_part
-from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.experiments.pps.held_out import approaches, known_trials, learned
+from pps_vision.experiments.pps.lives import CASES, COLORS, PART, TRIALS, Case, Life, calibrated, error_mm, live
 from pps_vision.robot.icub import home
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, icub_skin
 from pps_vision.types import Array
@@ -35,8 +33,6 @@ TRACK_M, TRACK_M_S = 0.004, 0.02
 rendered trials of seed 9100: 2.3, 2.1, 5.7 mm and 1.5, 1.3, 2.8 cm/s, of which it claims 1.9; balls a tenth)."""
 SPEED_M_S, PRESS_M, BESIDE_M_S = (0.25, 0.6), (0.0, 0.03), 0.25
 TWICE = ErrorSources(**{name: 2 * value for name, value in vars(ErrorSources()).items()})
-WAYS = {"D and TTC (R)": False, "D and TTC, offset learned": True}
-"""Whether an offset is learned, by way."""
 _RADIUS_M = 0.035
 _PASSES_M = 0.04  # how far from where the skin is touched what passes beside stays
 _RESAMPLED = 2000
@@ -44,53 +40,46 @@ _RESAMPLED = 2000
 
 @dataclass(frozen=True)
 class ErrorsFled:
-    """Arms that flee: without errors; with errors, by what a robot without has learned; by what it has itself."""
+    """Arms that flee: of a robot without errors, and of robots that err, before and after learning."""
 
-    robots: int = 10
+    robots: int = 20
     """Robots that err, each in its own way; the second half twice as much."""
-    approaches: int = 10
-    """Paths that each robot is to flee in each case."""
+    approaches: int = 5
+    """Paths that each robot is to flee, the same in each case."""
     seed: int = 0
     """Seed of trials, errors and approaches."""
 
     def run(self) -> dict[str, Any]:
-        """By way and case touches, and what passed beside but was fled; what errors cost and learning changes."""
+        """By case touches, and what passed beside but was fled; what errors cost and learning gives back."""
         if self.robots < 2 or self.approaches < 1:
             raise ValueError(f"--robots {self.robots}, --approaches {self.approaches}; expected at least 2 and 1")
-        rng = np.random.default_rng(self.seed)
-        perfect = self._lessons(only(), rng)
+        perfect = self._life(Belief.draw(only(), icub_skin(), np.random.default_rng(self.seed)), self.robots)
+        known = _map(perfect)
         sources = [ErrorSources()] * (self.robots // 2) + [TWICE] * (self.robots - self.robots // 2)
-        erring = [self._lessons(of, np.random.default_rng((self.seed, k))) for k, of in enumerate(sources)]
-        motions = self._motions(perfect[0])
-        met: dict[str, dict[Case, list[Array]]] = {way: {case: [] for case in CASES} for way in WAYS}
-        for way, corrects in WAYS.items():
-            known = _taught(perfect, corrects)
-            for number, told in enumerate(tqdm(erring, desc="fleeing", unit="robot", disable=None)):
-                own = _taught(told, corrects)
-                for case, belief, taught in zip(
-                    CASES, (perfect[0], told[0], told[0]), (known, known, own), strict=True
-                ):
-                    met[way][case].append(self._flights(_fleeing(belief, *taught), motions, number))
-        return {
-            "seed": self.seed,
-            "aside_mm": [(1000 * (_aside(told) - _aside(perfect))).round(1).tolist() for told in erring],
-            "ways": {
-                way: _summary({case: np.array(rows) for case, rows in of_way.items()}) for way, of_way in met.items()
-            },
-        }
+        met: dict[Case, list[Array]] = {case: [] for case in CASES}
+        off_mm = []
+        for k, of in enumerate(tqdm(sources, desc="fleeing", unit="robot", disable=None)):
+            erring = self._life(Belief.draw(of, icub_skin(), np.random.default_rng((self.seed, k))), k)
+            better = self._life(calibrated(erring), k)
+            off_mm.append([error_mm(perfect, life) for life in (erring, better)])
+            motions = self._motions(perfect[0], k)
+            robots = ((perfect, known), (erring, known), (erring, _map(erring)), (better, _map(better)))
+            for case, ((belief, _), memory) in zip(CASES, robots, strict=True):
+                met[case].append(self._flights(_fleeing(belief, memory), motions, k))
+        return {"seed": self.seed, "off_mm": off_mm, **_summary({case: np.array(of) for case, of in met.items()})}
 
-    def _lessons(self, sources: ErrorSources, rng: np.random.Generator) -> Told:
+    def _life(self, belief: Belief, k: int) -> Life:
         """What a robot has of the trials to learn from."""
-        belief = Belief.draw(sources, icub_skin(), rng)
-        trials = (belief.tells(trial, True, rng) for trial in known_trials("inner", TRIALS, self.seed))
+        rng = np.random.default_rng((self.seed, k, 1))
+        _, trials = live(belief, known_trials("inner", TRIALS, self.seed), rng)
         return belief, tuple(_tracked(trial, rng) for trial in trials)
 
-    def _motions(self, belief: Belief) -> list[tuple[Approach, Approach]]:
-        """What each robot is to flee, and what passes beside, by path."""
+    def _motions(self, belief: Belief, number: int) -> list[tuple[Approach, Approach]]:
+        """What a robot is to flee, and what passes beside, by path."""
         whole, found = icub_skin(), []
-        fleeing = Fleeing(belief, whole, PPSMemory.empty(whole))
+        fleeing = _fleeing(belief, PPSMemory.empty(whole))
         taxels, _ = whole.at(belief.true_robot.at(home(belief.true_robot)))
-        for k in range(self.approaches):
+        for k in range(number * self.approaches, (number + 1) * self.approaches):
             rng = np.random.default_rng((self.seed, k))
             path = fleeing.approach(f"{PART}:{INNER_FOREARM[k % len(INNER_FOREARM)]}", _RADIUS_M, 0.1, rng)
             beside = pressing(passing_beside(path, taxels, _RADIUS_M, PRESS_M[1], rng), BESIDE_M_S, PRESS_M[1])
@@ -109,12 +98,11 @@ class ErrorsFled:
         return np.array(rows, dtype=float)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """By way the touches, robot by robot; and all flights together."""
-        figure, axes = plt.subplots(1, 3, figsize=(14.5, 4.8), layout="constrained")
-        for axis, (way, of) in zip(axes, numbers["ways"].items(), strict=False):
-            _touches(axis, of, np.linalg.norm(numbers["aside_mm"], axis=1) / 10, way)
-        _together(axes[2], numbers["ways"])
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=9)
+        """Touches, robot by robot; all flights together."""
+        figure, axes = plt.subplots(1, 2, figsize=(11.5, 4.6), layout="constrained", width_ratios=(1.3, 1))
+        _by_robot(axes[0], numbers)
+        _together(axes[1], numbers)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=len(CASES), fontsize=9)
         return figure
 
 
@@ -149,33 +137,19 @@ def _tracked(trial: TouchTrial, rng: np.random.Generator) -> TouchTrial:
     )
 
 
-def _taught(told: Told, corrects: bool) -> tuple[PPSMemory, Array]:
-    """R's map of lessons, and the offset (3,) that is taken off first."""
-    (belief, trials), aside = told, _aside(told) if corrects else np.zeros(3)
-    frame = of_part(belief.skin, PART).parts[0].frame
-    shifts = (np.array([belief.robot.at(q).T_root(frame)[:3, :3] @ aside for q in t.joints_rad]) for t in trials)
-    lessons = [replace(t, positions=t.positions - shift) for t, shift in zip(trials, shifts, strict=True)]
-    return learned(belief.skin, MemoryParams(), approaches(lessons, belief.robot, belief.skin, belief.skin)), aside
+def _map(life: Life) -> PPSMemory:
+    """R's map of a robot's trials."""
+    belief, trials = life
+    return learned(belief.skin, MemoryParams(), approaches(trials, belief.robot, belief.skin, belief.skin))
 
 
-def _fleeing(belief: Belief, memory: PPSMemory, aside_m: Array) -> Fleeing:
-    x, y, z = map(float, aside_m)
-    return Fleeing(belief, icub_skin(), memory, (x, y, z), TRACK_M, TRACK_M_S)
-
-
-def _aside(told: Told) -> Array:
-    """(3,) what touches say that the robot sees beside itself, in the frame of the part."""
-    belief, trials = told
-    part = of_part(belief.skin, PART).parts[0]
-    here = np.isin(belief.skin.taxel_ids, [f"{PART}:{i}" for i in part.ids])
-    ends = [move_points(inverse(belief.robot.at(t.joints_rad[-1]).T_root(part.frame)), t.positions[-1]) for t in trials]
-    touched, radii = np.array([t.touched[here] for t in trials]), np.array([t.radius_m[-1] for t in trials])
-    return seen_aside(np.array(ends), part.positions_m, part.normals, touched, radii)
+def _fleeing(belief: Belief, memory: PPSMemory) -> Fleeing:
+    return Fleeing(belief, icub_skin(), memory, TRACK_M, TRACK_M_S)
 
 
 def _summary(met: dict[Case, Array]) -> dict[str, Any]:
-    """Of flights (robots, paths, 3) by case; 95 % intervals of changes over robots."""
-    found: dict[str, Any] = {
+    """Of flights (robots, paths, 3) by case; what changes, with 95 % intervals over robots."""
+    by_case = {
         case: {
             "touched": _share(of[..., 0]),
             "touched_by_robot": of[..., 0].mean(axis=1).tolist(),
@@ -185,9 +159,8 @@ def _summary(met: dict[Case, Array]) -> dict[str, Any]:
         for case, of in met.items()
     }
     names = {"touched": 0, "moved_before_s": 1, "fled_beside": 2}
-    return found | {
-        name: _cost({case: of[..., k].mean(axis=1) for case, of in met.items()}) for name, k in names.items()
-    }
+    changes = {name: _changes({case: of[..., k].mean(axis=1) for case, of in met.items()}) for name, k in names.items()}
+    return {"cases": by_case, "changes": changes}
 
 
 def _share(happened: Array) -> dict[str, Any]:
@@ -197,53 +170,53 @@ def _share(happened: Array) -> dict[str, Any]:
     return {"n": n, "of": of, "share_95": [float(share.low), float(share.high)]}
 
 
-def _cost(by_case: dict[Case, Array]) -> dict[str, Any]:
-    """What errors cost and what learning gives back of it, of a score by robot (robots,); 95 % intervals over robots
-    drawn with replacement."""
-    none, before, after = (by_case[case] for case in CASES)
+def _changes(by_case: dict[Case, Array]) -> dict[str, Any]:
+    """What errors cost and learning changes, of a score by robot (robots,); 95 % intervals over robots drawn with
+    replacement."""
+    none, before, anew, joints = (by_case[case] for case in CASES)
     drawn = np.random.default_rng(0).integers(0, len(none), (_RESAMPLED, len(none)))
+    changes = {"errors": before - none, "map learned anew": anew - before, "joints learned too": joints - before}
     return {
         name: {"mean": float(of.mean()), "interval_95": np.percentile(of[drawn].mean(axis=1), (2.5, 97.5)).tolist()}
-        for name, of in {"errors_cost": before - none, "learning_changes": after - before}.items()
+        for name, of in changes.items()
     }
 
 
-_COLORS: dict[str, str] = dict(zip(CASES, ("0.55", "tab:orange", "tab:blue"), strict=True))
-
-
-def _touches(axis: Axes, of: dict[str, Any], off_cm: Array, way: str) -> None:
-    """Robot by robot, over how far beside itself it sees things."""
+def _by_robot(axis: Axes, numbers: dict[str, Any]) -> None:
+    """Touches over how far off a robot sees things, before and after its encoders are known."""
+    before, after = np.array(numbers["off_mm"]).T / 10
     for case in CASES:
-        share = 100 * np.array(of[case]["touched_by_robot"])
-        axis.plot(off_cm, share, "o", color=_COLORS[case], alpha=0.6, ms=6, label=case)
-        axis.axhline(share.mean(), color=_COLORS[case], lw=1.2, ls="--")
+        share = 100 * np.array(numbers["cases"][case]["touched_by_robot"])
+        off_cm = after if case == "joints learned too" else 0 * before if case == "no errors" else before
+        axis.plot(off_cm, share, "o", color=COLORS[case], alpha=0.6, ms=6, label=case)
+        axis.axhline(share.mean(), color=COLORS[case], lw=1.2, ls="--")
     axis.set_ylim(-3, 103)
-    axis.set_title(f"{way}\n{_said(of['touched'])}", fontsize=10)
-    axis.set_xlabel("a robot sees what touches it this far off (cm)")
+    axis.set_title(_said(numbers["changes"]["touched"]), fontsize=9)
+    axis.set_xlabel("how far off a robot sees things from its skin (cm, median)")
     axis.set_ylabel("touches the fleeing arm (%; dashed: mean)")
     axis.grid(alpha=0.25)
 
 
-def _together(axis: Axes, ways: dict[str, Any]) -> None:
-    """All flights by way and case: touched, and fled though it passed beside."""
-    kinds = {"touched": "touched", "fled_beside": "passes beside,\nfled"}
-    for y, (kind, way) in enumerate((kind, way) for kind in kinds for way in ways):
-        for shift, case in zip((-0.22, 0.0, 0.22), CASES, strict=True):
-            row = ways[way][case][kind]
-            axis.plot(100 * np.array(row["share_95"]), [y + shift] * 2, color=_COLORS[case], lw=2, alpha=0.6)
-            axis.plot(100 * row["n"] / row["of"], y + shift, "o", color=_COLORS[case])
-    axis.set_yticks(range(4), [f"{label}\n{way}" for label in kinds.values() for way in ways], fontsize=8)
+def _together(axis: Axes, numbers: dict[str, Any]) -> None:
+    """All flights: touched, and fled though it passed beside."""
+    kinds = {"touched": "touched", "fled_beside": "passes 4 cm\nbeside, fled"}
+    for y, kind in enumerate(kinds):
+        for shift, case in zip(np.linspace(-0.24, 0.24, len(CASES)), CASES, strict=True):
+            row = numbers["cases"][case][kind]
+            axis.plot(100 * np.array(row["share_95"]), [y + shift] * 2, color=COLORS[case], lw=2, alpha=0.6)
+            axis.plot(100 * row["n"] / row["of"], y + shift, "o", color=COLORS[case])
+    axis.set_yticks(range(len(kinds)), list(kinds.values()))
     axis.invert_yaxis()
     axis.set_xlim(-2, 102)
-    axis.set_title("All flights together (bar: Wilson's 95 %)", fontsize=10)
+    axis.set_title("All flights together (bar: Wilson's 95 %)", fontsize=9)
     axis.set_xlabel("share of flights (%)")
     axis.grid(alpha=0.25, axis="x")
 
 
-def _said(of: dict[str, Any]) -> str:
+def _said(changes: dict[str, Any]) -> str:
     """What errors cost and learning changes, in a line."""
     parts = []
-    for label, key in (("errors", "errors_cost"), ("learning", "learning_changes")):
-        low, high = (100 * bound for bound in of[key]["interval_95"])
-        parts.append(f"{label} {100 * of[key]['mean']:+.0f} points [{low:+.0f}, {high:+.0f}]")
-    return ", ".join(parts)
+    for label, of in changes.items():
+        low, high = (100 * bound for bound in of["interval_95"])
+        parts.append(f"{label} {100 * of['mean']:+.0f} [{low:+.0f}, {high:+.0f}]")
+    return "points: " + ", ".join(parts)

@@ -14,11 +14,9 @@ from pps_vision.app.encounter import REACH_M, STEP_S, at_taxel
 from pps_vision.app.in_view import can_follow
 from pps_vision.experiments.pps.errors import Belief
 from pps_vision.robot.icub import HOME_ARM_RAD, home
-from pps_vision.robot.skin import Skin, icub_skin, touched_taxels
+from pps_vision.robot.skin import Skin, touched_taxels
 from pps_vision.types import Array, Mask
 from rendering.motions import Approach, make_approach
-
-_ARM = next(part.frame for part in icub_skin().parts if part.name == "left_forearm")
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,6 @@ class Fleeing:
     belief: Belief
     skin: Skin
     memory: PPSMemory
-    aside_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """What is taken off what is seen, in the frame of the left forearm."""
     track_m: float = 0.0
     track_m_s: float = 0.0
     """Standard deviations of the tracker's position and velocity, each axis."""
@@ -76,7 +72,7 @@ class Fleeing:
                 return Flight(True, motion.contact_s - moved_s)
             posture = self.belief.robot.at(self.belief.joints(q, slack))
             seen_p, seen_v = (a[0] for a in self.belief.locate(p[None], v[None], q[None], slack, sees=True))
-            seen_p = seen_p + self.track_m * rng.standard_normal(3) - posture.T_root(_ARM)[:3, :3] @ self.aside_m
+            seen_p = seen_p + self.track_m * rng.standard_normal(3)
             seen_v = seen_v + self.track_m_s * rng.standard_normal(3)
             positions, normals = self.belief.skin.at(posture)
             felt = self._activations(positions, normals, seen_p, seen_v, (positions - before) / STEP_S)

@@ -6,9 +6,10 @@ from data import SEED
 
 from learning.memory import MemoryParams, PPSMemory
 from pps_vision.experiments.pps import compensation
-from pps_vision.experiments.pps.compensation import CASES, WAYS, Compensation
+from pps_vision.experiments.pps.compensation import WAYS, Compensation
 from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
-from pps_vision.experiments.pps.flight import Fleeing, Flight
+from pps_vision.experiments.pps.flight import Fleeing
+from pps_vision.experiments.pps.lives import CASES
 from pps_vision.robot.skin import icub_skin
 
 SKIN = icub_skin()
@@ -31,21 +32,20 @@ def test_who_expects_a_touch_flees_it(sources: ErrorSources, expecting: bool) ->
 
 
 def test_each_case_learns_from_and_meets_its_own() -> None:
-    perfect, erring = ("taught without", "tested without"), ("taught with", "tested with")
-    found = {case: compensation._of(case, perfect, erring) for case in CASES}  # type: ignore[arg-type]
-    assert found == {
-        "no errors": perfect,
+    lives = ("taught without", "tested without"), ("taught with", "tested with"), ("taught better", "tested better")
+    assert compensation._by_case(*lives) == {  # type: ignore[arg-type]
+        "no errors": lives[0],
         "before learning": ("taught without", "tested with"),
-        "after learning": erring,
+        "map learned anew": lives[1],
+        "joints learned too": lives[2],
     }
 
 
-def test_flights_are_counted_and_drawn() -> None:
-    counted = compensation._avoidance([Flight(True, np.nan), Flight(False, 1.0), Flight(False, 0.5)])
-    assert counted == {"approaches": 3, "touched": 1, "never_moved": 1, "moved_before_s": 0.5}
+def test_scores_are_drawn() -> None:
     score = {case: {"auroc": 0.9, "brier": 0.1} for case in CASES}
-    prediction = {name: {"error_mm": 10.0, **dict.fromkeys(WAYS, score)} for name in (*SOURCES, "all")}
-    assert Compensation().chart({"prediction": prediction, "avoidance": dict.fromkeys(CASES, counted)}).axes
+    off = {"error_mm": 10.0, "error_left_mm": 5.0}
+    prediction = {name: {**off, **dict.fromkeys(WAYS, score)} for name in (*SOURCES, "all")}
+    assert len(Compensation().chart({"prediction": prediction}).axes) == len(WAYS)
 
 
 def test_no_robots_are_refused() -> None:

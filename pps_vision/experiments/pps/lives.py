@@ -1,0 +1,44 @@
+"""What robots live through: the same trials as each of them takes them, and what it may make of them."""
+
+from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
+
+from learning.joint_offsets import JointOffsetParams, joint_offsets
+from learning.touch_trial import TouchTrial
+from pps_vision.experiments.pps.errors import Belief
+from pps_vision.experiments.pps.held_out import displaced, of_part
+
+Case = Literal["no errors", "before learning", "map learned anew", "joints learned too"]
+"""A robot without errors; one that errs, with that one's map; with a map of its own; and with its encoders' offsets
+learned from the same touches beforehand."""
+CASES: tuple[Case, ...] = ("no errors", "before learning", "map learned anew", "joints learned too")
+COLORS: dict[str, str] = dict(zip(CASES, ("0.55", "tab:orange", "tab:purple", "tab:blue"), strict=True))
+
+PART = "left_forearm"
+"""What is touched, on its inner side."""
+TRIALS = 53
+
+Life = tuple[Belief, tuple[TouchTrial, ...]]
+"""Trials as a robot took them."""
+
+
+def live(belief: Belief, trials: Iterable[TouchTrial], rng: np.random.Generator) -> Life:
+    """True trials, seen by the eyes of a robot."""
+    return belief, tuple(belief.tells(trial, True, rng) for trial in trials)
+
+
+def calibrated(life: Life) -> Belief:
+    """The robot with what its touches say of its encoders."""
+    belief, trials = life
+    return belief.corrected(joint_offsets(JointOffsetParams(), belief.robot, belief.rig, belief.skin, trials))
+
+
+def error_mm(true: Life, taken: Life) -> float:
+    """Median distance, over all samples and taxels, of where an object is seen from a taxel to where it is."""
+    seen = (
+        np.concatenate([t.d_m for t in displaced(trials, belief.robot, of_part(belief.skin, PART), belief.skin)])
+        for belief, trials in (true, taken)
+    )
+    return 1000 * float(np.nanmedian(np.linalg.norm(np.subtract(*seen), axis=-1)))
