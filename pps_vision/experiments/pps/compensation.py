@@ -124,7 +124,8 @@ def _sources(axis: Axes, prediction: dict[str, Any], way: str) -> None:
             axis.plot(score, y, "o", color=COLORS[case], ms=7, label=case if y == 0 else None)
     labels = (f"{n}\n({prediction[n]['error_mm']:.0f} → {prediction[n]['error_left_mm']:.0f} mm off)" for n in names)
     axis.set_yticks(range(len(names)), list(labels))
-    axis.set_xlim(right=1)
+    every = [prediction[name][w][case]["auroc"] for name in names for w in WAYS for case in CASES]
+    axis.set_xlim(min(every) - 0.01, max(every) + 0.01)
     axis.set_title(way, fontsize=10)
     axis.set_xlabel("AUROC on trials held out, 0.15 s before the end")
     axis.grid(alpha=0.25, axis="x")

@@ -98,7 +98,7 @@ class ErrorsFled:
         return np.array(rows, dtype=float)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Touches, robot by robot; all flights together."""
+        """How early robots move; all flights together."""
         figure, axes = plt.subplots(1, 2, figsize=(11.5, 4.6), layout="constrained", width_ratios=(1.3, 1))
         _by_robot(axes[0], numbers)
         _together(axes[1], numbers)
@@ -152,8 +152,8 @@ def _summary(met: dict[Case, Array]) -> dict[str, Any]:
     by_case = {
         case: {
             "touched": _share(of[..., 0]),
-            "touched_by_robot": of[..., 0].mean(axis=1).tolist(),
             "moved_before_s": float(np.median(of[..., 1])),
+            "moved_before_s_by_robot": of[..., 1].mean(axis=1).tolist(),
             "fled_beside": _share(of[..., 2]),
         }
         for case, of in met.items()
@@ -183,17 +183,19 @@ def _changes(by_case: dict[Case, Array]) -> dict[str, Any]:
 
 
 def _by_robot(axis: Axes, numbers: dict[str, Any]) -> None:
-    """Touches over how far off a robot sees things, before and after its encoders are known."""
-    before, after = np.array(numbers["off_mm"]).T / 10
-    for case in CASES:
-        share = 100 * np.array(numbers["cases"][case]["touched_by_robot"])
-        off_cm = after if case == "joints learned too" else 0 * before if case == "no errors" else before
-        axis.plot(off_cm, share, "o", color=COLORS[case], alpha=0.6, ms=6, label=case)
-        axis.axhline(share.mean(), color=COLORS[case], lw=1.2, ls="--")
-    axis.set_ylim(-3, 103)
-    axis.set_title(_said(numbers["changes"]["touched"]), fontsize=9)
-    axis.set_xlabel("how far off a robot sees things from its skin (cm, median)")
-    axis.set_ylabel("touches the fleeing arm (%; dashed: mean)")
+    """How early each robot moves, over how far off it sees things before it has learned by how much."""
+    off_cm = np.array(numbers["off_mm"])[:, 0] / 10
+    early = {case: np.array(numbers["cases"][case]["moved_before_s_by_robot"]) for case in CASES}
+    axis.vlines(off_cm, early["before learning"], early["joints learned too"], color="0.85", lw=2, zorder=1)
+    for case, of in early.items():
+        axis.plot(off_cm, of, "o", color=COLORS[case], alpha=0.7, ms=6, label=case)
+        axis.axhline(of.mean(), color=COLORS[case], lw=1.2, ls="--", zorder=1)
+    axis.set_xscale("log")
+    axis.set_xticks([2, 3, 5, 10, 20, 30], ["2", "3", "5", "10", "20", "30"])
+    axis.minorticks_off()
+    axis.set_title("Robot by robot (dashed: mean)", fontsize=9)
+    axis.set_xlabel("how far off it sees things from its skin before learning (cm, median)")
+    axis.set_ylabel("the arm moves before the would-be touch (s)")
     axis.grid(alpha=0.25)
 
 
@@ -208,15 +210,15 @@ def _together(axis: Axes, numbers: dict[str, Any]) -> None:
     axis.set_yticks(range(len(kinds)), list(kinds.values()))
     axis.invert_yaxis()
     axis.set_xlim(-2, 102)
-    axis.set_title("All flights together (bar: Wilson's 95 %)", fontsize=9)
-    axis.set_xlabel("share of flights (%)")
+    axis.set_title(_said(numbers["changes"]["touched"]), fontsize=9)
+    axis.set_xlabel("share of flights (%, bar: Wilson's 95 %)")
     axis.grid(alpha=0.25, axis="x")
 
 
 def _said(changes: dict[str, Any]) -> str:
-    """What errors cost and learning changes, in a line."""
+    """What errors cost in touches and learning changes, in a line."""
     parts = []
     for label, of in changes.items():
         low, high = (100 * bound for bound in of["interval_95"])
         parts.append(f"{label} {100 * of['mean']:+.0f} [{low:+.0f}, {high:+.0f}]")
-    return "points: " + ", ".join(parts)
+    return f"Touched, in points: {parts[0]}\n{', '.join(parts[1:])}"

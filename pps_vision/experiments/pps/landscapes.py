@@ -9,12 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.memory import MemoryParams, PPSMemory
+from learning.memory import Counts, MemoryParams, PPSMemory
 from pps_vision.app.figures import draw_landscape, landscape
-from pps_vision.experiments.pps.held_out import learned
+from pps_vision.experiments.pps.errors import Belief, ErrorSources
+from pps_vision.experiments.pps.held_out import known_trials, learned
+from pps_vision.experiments.pps.lives import live
 from pps_vision.experiments.pps.monte_carlo import ridge_width
-from pps_vision.experiments.pps.sessions import Session, session
+from pps_vision.experiments.pps.sessions import Session, session, session_of
 from pps_vision.experiments.pps.touch_movements import Condition
+from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array
 
 NAMES: dict[Condition, str] = {
@@ -33,7 +36,8 @@ class Landscapes:
 
     The taxel is the one with the most samples, as R's.  The ridge's width is the standard deviation of the positive
     samples' D about their line in (D, TTC), all taxels of the session together; its spread is that over
-    sessions drawn from the trials with replacement.
+    sessions drawn from the trials with replacement.  Robots that err as R's sources say (`errors.py`) live through the
+    same sessions, the objects known to their eyes but for that.
     """
 
     seed: int = 0
@@ -44,12 +48,18 @@ class Landscapes:
     """Rendered and tracked; off: the objects known exactly, in a tenth of the time."""
     resampled: int = 200
     """Sessions drawn for the spread."""
+    robots: int = 8
+    """Robots that err, each in its own way."""
 
     def run(self) -> dict[str, Any]:
-        """By condition: the taxel shown, its samples and landscape; the ridge's width with its 95 % range."""
-        return {name: self._measured(session(name, self.seed, self.seen, self.trials)) for name in NAMES}
+        """By condition: the taxel shown, its samples and landscape; the ridge's width with its 95 % range, and that of
+        each robot that errs."""
+        beliefs = [
+            Belief.draw(ErrorSources(), icub_skin(), np.random.default_rng((self.seed, k))) for k in range(self.robots)
+        ]
+        return {name: self._measured(session(name, self.seed, self.seen, self.trials), beliefs) for name in NAMES}
 
-    def _measured(self, made: Session) -> dict[str, Any]:
+    def _measured(self, made: Session, beliefs: list[Belief]) -> dict[str, Any]:
         memory = made.memory()
         shown = made.taxel_with_most_samples(memory)
         width = self._width(made)
@@ -60,19 +70,28 @@ class Landscapes:
             "activation": np.round(landscape(memory, shown), 3).tolist(),
             "ridge_width_cm": round(100 * float(width[0]), 2),
             "ridge_width_95_cm": [round(100 * float(w), 2) for w in np.percentile(width[1:], (2.5, 97.5))],
+            "ridge_widths_of_erring_cm": [round(100 * self._erring(made, belief), 2) for belief in beliefs],
         }
+
+    def _erring(self, made: Session, belief: Belief) -> float:
+        """The width of a session's ridge, m, as a robot that errs takes the same trials."""
+        truth = known_trials(made.condition, len(made.trials), self.seed)
+        _, trials = live(belief, truth, np.random.default_rng(self.seed), sees=made.condition != "motor")
+        its = session_of(made.condition, trials, belief.robot, belief.skin)
+        return ridge_width(self._all_taxels(its, its.memory(_FINE).counts))
 
     def _width(self, made: Session) -> Array:
         """(1 + resampled,) m: the width of the session, and of sessions drawn from its trials."""
-        one_each = [learned(made.skin, _FINE, [one]) for one in made.approaches]
-        counts = np.array([memory.counts[list(made.aimed)].sum(axis=0) for memory in one_each])
+        counts = np.array([learned(made.skin, _FINE, [one]).counts for one in made.approaches])
         rng = np.random.default_rng(self.seed)
         times = rng.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), self.resampled)
-        memories = (
-            PPSMemory(("all",), np.zeros(1, np.intp), np.tensordot(drawn, counts, 1)[None], _FINE)
-            for drawn in np.vstack([np.ones_like(times[:1]), times])
-        )
-        return np.array([ridge_width(memory) for memory in memories])
+        drawn = (np.tensordot(of, counts, 1) for of in np.vstack([np.ones_like(times[:1]), times]))
+        return np.array([ridge_width(self._all_taxels(made, of)) for of in drawn])
+
+    def _all_taxels(self, made: Session, counts: Counts) -> PPSMemory:
+        """The taxels that a session aims at as one."""
+        together = counts[list(made.aimed)].sum(axis=0)[None]
+        return PPSMemory(("all",), np.zeros(1, np.intp), together, _FINE)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """The landscapes, and the widths of their ridges."""
@@ -92,9 +111,14 @@ class Landscapes:
         for row, name in enumerate(NAMES):
             of = numbers[name]
             axis.plot(of["ridge_width_95_cm"], [row, row], color="tab:blue", lw=2, alpha=0.5)
-            axis.plot(of["ridge_width_cm"], row, "o", color="tab:blue")
+            axis.plot(of["ridge_width_cm"], row, "o", color="tab:blue", label="knows itself" if row == 0 else None)
+            erring = of["ridge_widths_of_erring_cm"]
+            axis.plot(erring, [row + 0.25] * len(erring), "o", color="tab:orange", ms=3, alpha=0.5)
+            label = "errs as R's sources\n(each robot; mean)" if row == 0 else None
+            axis.plot(np.mean(erring), row + 0.25, "D", color="tab:orange", label=label)
         axis.set_yticks(range(len(NAMES)), NAMES, fontsize=8)
         axis.invert_yaxis()
         axis.set_xlim(left=0)
+        axis.legend(fontsize=7, loc="lower left")
         axis.set_xlabel("ridge's width: SD of D about its line (cm)\nbar: 95 % of resampled sessions", fontsize=8)
         axis.grid(alpha=0.25)

@@ -24,9 +24,9 @@ Life = tuple[Belief, tuple[TouchTrial, ...]]
 """Trials as a robot took them."""
 
 
-def live(belief: Belief, trials: Iterable[TouchTrial], rng: np.random.Generator) -> Life:
-    """True trials, seen by the eyes of a robot."""
-    return belief, tuple(belief.tells(trial, True, rng) for trial in trials)
+def live(belief: Belief, trials: Iterable[TouchTrial], rng: np.random.Generator, sees: bool = True) -> Life:
+    """True trials as a robot's eyes see them, or as it knows of its own finger by its joints."""
+    return belief, tuple(belief.tells(trial, sees, rng) for trial in trials)
 
 
 def calibrated(life: Life) -> Belief:

@@ -12,6 +12,7 @@ from pps_vision.experiments.pps.held_out import Approach, approaches, known_tria
 from pps_vision.experiments.pps.touch_movements import TRIALS, Condition
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.robot.icub import load_icub
+from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, Skin, icub_skin
 
 TRAINED: dict[Condition, tuple[str, tuple[int, ...]]] = {
@@ -53,12 +54,14 @@ def session(condition: Condition, seed: int, seen: bool, folder: Path) -> Sessio
     )
 
 
-def session_of(condition: Condition, trials: Sequence[TouchTrial]) -> Session:
-    """What the part that a condition aims at perceived of trials."""
-    whole = icub_skin()
+def session_of(
+    condition: Condition, trials: Sequence[TouchTrial], robot: Robot | None = None, whole: Skin | None = None
+) -> Session:
+    """What the part that a condition aims at perceived of trials, by a robot and its skin (default: the iCub)."""
+    robot, whole = robot or load_icub(), whole or icub_skin()
     part, ids = TRAINED[condition]
     skin = of_part(whole, part)
-    perceived = approaches(trials, load_icub(), skin, whole)
+    perceived = approaches(trials, robot, skin, whole)
     return Session(condition, skin, tuple(skin.index(f"{part}:{i}") for i in ids), tuple(trials), perceived)
 
 

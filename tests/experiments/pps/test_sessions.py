@@ -38,7 +38,7 @@ def test_samples_are_the_steps_in_which_some_taxel_perceives(tmp_path):
 
 
 def test_landscapes_of_all_five_sessions(tmp_path):
-    experiment = Landscapes(seed=SEED, trials=tmp_path, seen=False, resampled=20)
+    experiment = Landscapes(seed=SEED, trials=tmp_path, seen=False, resampled=20, robots=2)
     numbers = experiment.run()
     assert list(numbers) == list(NAMES)
     for name, of in numbers.items():
@@ -48,6 +48,8 @@ def test_landscapes_of_all_five_sessions(tmp_path):
         low, high = of["ridge_width_95_cm"]
         assert 0 <= low <= high
         assert of["ridge_width_cm"] < 8
+        assert len(of["ridge_widths_of_erring_cm"]) == 2
+        assert set(of["ridge_widths_of_erring_cm"]) != {of["ridge_width_cm"]}
     assert max(np.max(of["activation"]) for of in numbers.values()) > 0.1
     assert len(experiment.chart(numbers).axes) == 7
 
