@@ -11,6 +11,7 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from pps_vision.app.bench import Bench
 from pps_vision.app.convert_taxels import ConvertTaxels
 from pps_vision.app.demo import Demo
+from pps_vision.app.joints import Joints
 from pps_vision.app.learn import Learn, Show
 from pps_vision.app.reach import Reach
 from pps_vision.app.render import Render
@@ -23,6 +24,7 @@ Command = (
     | Annotated[Track, subcommand("track")]
     | Annotated[Track2d, subcommand("track2d")]
     | Annotated[Learn, subcommand("learn")]
+    | Annotated[Joints, subcommand("joints")]
     | Annotated[Trials, subcommand("trials")]
     | Annotated[Show, subcommand("show")]
     | Annotated[ConvertTaxels, subcommand("convert-taxels")]

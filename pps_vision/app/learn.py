@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from learning.memory import PPSMemory, load_memory, save_memory
 from pps_vision.app import figures
+from pps_vision.app.each_recording import each_recording
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import Mode, tracker_for
+from pps_vision.recordings.joint_table import read_joint_offsets
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.recording import Touch
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
@@ -21,7 +22,7 @@ from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin, icub_skin
-from pps_vision.types import Mask
+from pps_vision.types import Array, Mask
 from tracking.tracker import TrackerParams
 
 
@@ -39,6 +40,8 @@ class Learn:
     """icubEyes.ini for recordings without their own."""
     taxels: Path | None = None
     """The robot's taxels*.ini, for recordings of its own skin events: it says what virtual taxels they touch."""
+    joints: Path | None = None
+    """What to add to the encoders, as `pps-vision joints` writes it."""
     mode: Mode = "generic"
     """How the object is tracked."""
     max_skew_s: float = 0.02
@@ -48,8 +51,6 @@ class Learn:
 
     def run(self) -> None:
         """Learn from each recording in turn; one that cannot be read is reported and does not stop the others."""
-        if not self.recordings:
-            raise ValueError("learn: no recording given; expected one folder or more")
         robot, skin = load_icub(), icub_skin()
         memory = load_memory(self.into) if self.into else PPSMemory.empty(skin)
         if memory.taxel_ids != skin.taxel_ids:
@@ -57,21 +58,16 @@ class Learn:
                 f"{self.into}: knows {len(memory.taxel_ids)} other taxels; expected this robot's {len(skin.taxel_ids)}"
             )
         virtual = representatives(read_taxels(self.taxels)) if self.taxels else None
-        failed = []
+        offsets = read_joint_offsets(self.joints, robot.joint_names) if self.joints else np.zeros(robot.n_joints)
+
+        def learn_from(folder: Path) -> None:
+            nonlocal memory
+            memory = self._learn_from(folder, robot, skin, memory, virtual, offsets)
+
         with whole_file(self.out) as partial:
-            for folder in tqdm(self.recordings, desc="learn", unit="recording", disable=None):
-                try:
-                    memory = self._learn_from(folder, robot, skin, memory, virtual)
-                except ValueError as error:
-                    failed.append(error)
-                    if len(self.recordings) > 1:
-                        print(f"skipped: {error}", file=sys.stderr)
-            if len(failed) == len(self.recordings):
-                raise (
-                    failed[-1] if len(failed) == 1 else ValueError(f"learn: none of {len(failed)} recordings is usable")
-                )
+            used = each_recording("learn", self.recordings, learn_from)
             save_memory(partial, memory)
-        print(f"{len(self.recordings) - len(failed)} of {len(self.recordings)} recordings learned → {self.out}")
+        print(f"{used} of {len(self.recordings)} recordings learned → {self.out}")
 
     def _learn_from(
         self,
@@ -80,9 +76,10 @@ class Learn:
         skin: Skin,
         memory: PPSMemory,
         virtual: Mapping[str, tuple[int, ...]] | None,
+        offsets_rad: Array,
     ) -> PPSMemory:
         """The memory after a recording; what was skipped in it is printed, whatever happens."""
-        recording = open_yarp(folder, self.max_skew_s, virtual)
+        recording = open_yarp(folder, self.max_skew_s, virtual, offsets_rad)
         tracker = tracker_for(recording, TrackerParams(mode=self.mode), self.seed, Stopwatch(), self.calib)
         pipeline = Pipeline(PipelineParams(), robot, skin, tracker, memory, np.random.default_rng(self.seed))
         try:

@@ -85,7 +85,7 @@ class Pipeline:
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
         """One frame, and the taxels (n,) the skin reports touched with it."""
-        posture = self.robot.at(0.5 * (_joints(frame.joints_left_rad) + _joints(frame.joints_right_rad)))
+        posture = self.robot.at(joints_of(frame))
         tracking = self.tracker.step(frame)
         events = self._perceive(posture, tracking.track, touched)
         self._learner = learner.step(self.params.learning, self._learner, events)
@@ -152,10 +152,12 @@ class Pipeline:
         return JointVelocity(track.stamp_s, np.zeros(self.robot.n_joints))
 
 
-def _joints(joints_rad: Array | None) -> Array:
-    if joints_rad is None:
+def joints_of(frame: StereoFrame) -> Array:
+    """(n_joints,) rad, half-way between the images; ValueError where the frame knows of none."""
+    if frame.joints_left_rad is None or frame.joints_right_rad is None:
         raise ValueError("a frame without joints: the skin's place is unknown; expected a robot's recording")
-    return joints_rad
+    joints: Array = 0.5 * (frame.joints_left_rad + frame.joints_right_rad)
+    return joints
 
 
 def _sooner(a: Array, b: Array) -> Array:

@@ -17,6 +17,7 @@ from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.calibration import read_icub_eyes
 from pps_vision.recordings.images import open_stereo_images
+from pps_vision.recordings.joint_table import read_joint_offsets
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.outputs import whole_folder
 from pps_vision.recordings.problems import BadInput, count_by_kind
@@ -54,6 +55,8 @@ class Track:
     """Right images, paired with the left ones by the last number in their names."""
     calib: tuple[Path, ...] = ()
     """Calibration: OpenCV files (one for all, or left, right and stereo), or icubEyes.ini for a REC without its own."""
+    joints: Path | None = None
+    """What to add to the encoders of REC, as `pps-vision joints` writes it."""
     fps: float = 30.0
     """Frames per second of --left/--right."""
     unit_m: float = 1.0
@@ -121,8 +124,12 @@ class Track:
         if self.rec is not None:
             if len(self.calib) > 1:
                 raise ValueError(f"track: {len(self.calib)} files after --calib; expected one icubEyes.ini with REC")
-            recording = open_yarp(self.rec, self.max_skew_s)
+            names = load_icub().joint_names
+            offsets = read_joint_offsets(self.joints, names) if self.joints else np.zeros(len(names))
+            recording = open_yarp(self.rec, self.max_skew_s, joint_offsets_rad=offsets)
             return recording, lambda params: tracker_for(recording, params, self.seed, stopwatch, *self.calib)
+        if self.joints:
+            raise ValueError(f"track: --joints {self.joints} with --left and --right; expected it with REC")
         if not (self.left and self.right and self.calib):
             raise ValueError("track: --left, --right and --calib go together; one is missing")
         recording = open_stereo_images(self.left, self.right, self.fps)
@@ -157,6 +164,7 @@ class Track:
     ) -> dict[str, object]:
         summary: dict[str, object] = {
             "source": recording.name,
+            "joints": str(self.joints) if self.joints else None,
             "mode": params.mode,
             "depth": params.depth,
             "device": self.device,

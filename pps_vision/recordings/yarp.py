@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path, PurePath
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.pairing import pair_by_stamp
@@ -29,9 +30,13 @@ _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
 
 def open_yarp(
-    folder: Path, max_skew_s: float = 0.02, representatives: Mapping[str, tuple[int, ...]] | None = None
+    folder: Path,
+    max_skew_s: float = 0.02,
+    representatives: Mapping[str, tuple[int, ...]] | None = None,
+    joint_offsets_rad: ArrayLike = 0.0,
 ) -> Recording:
-    """The recording in `folder`: pairs of images within `max_skew_s`, joints (rad) at each image's stamp.
+    """The recording in `folder`: pairs of images within `max_skew_s`, joints (rad) at each image's stamp, with
+    `joint_offsets_rad` (n_joints,) added.
 
     Touches are read from a log of virtual taxels, as ours are, or of the robot's contacts; for these
     `representatives` says by body part which virtual taxel each physical one belongs to (`touches_of`).
@@ -52,7 +57,7 @@ def open_yarp(
     touches = _read_touches(ports["skin"], representatives, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], max_skew_s, problems)
-    posed = _with_joints(pairs, joints, problems)
+    posed = _with_joints(pairs, joints, problems, np.asarray(joint_offsets_rad))
     calibration, truth = folder / "icubEyes.ini", folder / "truth.csv"
     return Recording(
         name=str(folder),
@@ -129,7 +134,7 @@ def _is_taxel(word: str) -> bool:
 
 
 def _with_joints(
-    pairs: tuple[Pair, ...], joints: dict[str, tuple[Array, Array]], problems: list[Problem]
+    pairs: tuple[Pair, ...], joints: dict[str, tuple[Array, Array]], problems: list[Problem], offsets_rad: Array
 ) -> tuple[Pair, ...]:
     """Every pair with the joints at each eye's stamp; what the joint logs do not cover is noted and left out."""
     robot = load_icub()
@@ -146,7 +151,7 @@ def _with_joints(
         if not missing:
             readings = [{port: _at(*log, file.stamp_s) for port, log in joints.items()} for file in pair]
             left, right = (
-                replace(file, joints_rad=q_from_encoders(robot, **reading))
+                replace(file, joints_rad=q_from_encoders(robot, **reading) + offsets_rad)
                 for file, reading in zip(pair, readings, strict=True)
             )
             posed.append((left, right))

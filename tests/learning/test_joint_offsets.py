@@ -60,7 +60,7 @@ def miss_mm(belief: Belief, trials: list[TouchTrial]) -> float:
 
 
 def learned(belief: Belief, trials: list[TouchTrial]) -> Array:
-    return joint_offsets(PARAMS, belief.robot, belief.rig, belief.skin, trials)
+    return joint_offsets(PARAMS, belief.robot, belief.rig, belief.skin, trials).offsets_rad
 
 
 def test_a_touch_says_where_a_ball_is() -> None:
@@ -69,17 +69,21 @@ def test_a_touch_says_where_a_ball_is() -> None:
     positions = np.column_stack([apart, np.zeros(16)])
     plane = SkinPart("plane", "frame", tuple(range(16)), positions, np.tile([0.0, 0.0, 1.0], (16, 1)))
     alone = SkinPart("alone", "frame", (0,), positions[5:6], plane.normals[5:6])
-    x, y, z = touching(alone, np.ones(1, bool), RADIUS_M)
+    (x, y, z), cov = touching(alone, np.ones(1, bool), RADIUS_M)
     np.testing.assert_allclose([x, y], positions[5, :2], atol=0.003)
     assert RADIUS_M / 2 < z < RADIUS_M + TOUCH_RADIUS_M
-    between = touching(plane, np.isin(np.arange(16), (5, 6)), 0.005)
+    assert cov[0, 0] == pytest.approx(cov[1, 1], rel=0.1)
+    assert 0.012**2 < cov[2, 2] < cov[0, 0] < 0.05**2, "it may be further aside than off the plane"
+    between, _ = touching(plane, np.isin(np.arange(16), (5, 6)), 0.005)
     np.testing.assert_allclose(between[:2], positions[5:7, :2].mean(axis=0), atol=0.003)
-    rng, missed = np.random.default_rng(SEED), []
+    rng, missed, sigmas = np.random.default_rng(SEED), [], []
     for _ in range(40):
         ball = np.append(rng.uniform(0, 0.06, 2), RADIUS_M + rng.uniform(0, 0.015))
-        missed.append(touching(plane, touched_taxels(positions, ball, RADIUS_M), RADIUS_M) - ball)
+        mean, cov = touching(plane, touched_taxels(positions, ball, RADIUS_M), RADIUS_M)
+        missed.append(mean - ball)
+        sigmas.append(np.sqrt(missed[-1] @ np.linalg.solve(cov + 0.002**2 * np.eye(3), missed[-1])))
     assert np.median(np.linalg.norm(missed, axis=1)) < 0.015
-    assert np.linalg.norm(missed, axis=1).max() < 0.035
+    assert 1.0 < np.median(sigmas) < 2.2  # of three standard normal numbers: 1.5
 
 
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
@@ -117,7 +121,9 @@ def test_who_errs_in_nothing_learns_little_and_who_was_never_touched_nothing() -
     unseen = [replace(trial, positions=np.full((1, 3), np.nan)) for trial in trials]
     of_no_size = [replace(trial, radius_m=np.full(1, np.nan)) for trial in trials]
     for nothing in ([], untouched, unseen, of_no_size):
-        np.testing.assert_array_equal(joint_offsets(PARAMS, ROBOT, icub_rig(ROBOT), SKIN, nothing), 0)
+        found = joint_offsets(PARAMS, ROBOT, icub_rig(ROBOT), SKIN, nothing)
+        np.testing.assert_array_equal(found.offsets_rad, 0)
+        assert len(found.before_m) == len(found.after_m) == 0
 
 
 def test_few_touches_do_more_good_than_harm() -> None:
@@ -127,7 +133,7 @@ def test_few_touches_do_more_good_than_harm() -> None:
         assert miss_mm(off.corrected(learned(off, seen(off, lying(n, SEED)))), others) < miss_mm(off, others)
 
 
-@pytest.mark.parametrize("wrong", [{"joint_rad": 0.0}, {"touch_m": -0.01}, {"outlier_sigmas": np.nan}])
+@pytest.mark.parametrize("wrong", [{"joint_rad": 0.0}, {"taxel_m": -0.01}, {"outlier_sigmas": np.nan}])
 def test_beliefs_that_are_none_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="standard deviations above 0"):
         JointOffsetParams(**wrong)

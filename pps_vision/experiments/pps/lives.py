@@ -32,7 +32,8 @@ def live(belief: Belief, trials: Iterable[TouchTrial], rng: np.random.Generator,
 def calibrated(life: Life) -> Belief:
     """The robot with what its touches say of its encoders."""
     belief, trials = life
-    return belief.corrected(joint_offsets(JointOffsetParams(), belief.robot, belief.rig, belief.skin, trials))
+    learned = joint_offsets(JointOffsetParams(), belief.robot, belief.rig, belief.skin, trials)
+    return belief.corrected(learned.offsets_rad)
 
 
 def error_mm(true: Life, taken: Life) -> float:

@@ -10,7 +10,7 @@ from pps_vision.robot.skin import icub_skin
 
 
 def test_touches_tell_a_robot_what_its_encoders_leave_out() -> None:
-    trials = known_trials("inner", 12, SEED)
+    trials = known_trials("inner", 8, SEED)
 
     def life(belief: Belief) -> Life:
         return live(belief, trials, np.random.default_rng(SEED))

@@ -1,0 +1,73 @@
+"""A recording whose eyes are read wrongly: what `joints` learns from its touch, and what `track` makes of that."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pps_vision.app.cli import main
+from pps_vision.recordings.joint_table import read_joint_offsets
+from pps_vision.robot.icub import load_icub
+
+JOINTS = load_icub().joint_names
+PANS = [JOINTS.index("left_eye_pan"), JOINTS.index("right_eye_pan")]
+
+
+@pytest.fixture(scope="module")
+def misread(approach: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The eyes' encoders say that they converge 3° less than they do."""
+    rec = tmp_path_factory.mktemp("misread") / "rec"
+    shutil.copytree(approach, rec)
+    log = next(rec.rglob("head/data.log"))
+    rows = [row.split() for row in log.read_text().splitlines()]
+    log.write_text("".join(f"{' '.join(row[:-1])} {float(row[-1]) - 3.0}\n" for row in rows))
+    return rec
+
+
+def position_rms_mm(rec: Path, out: Path, *more: str) -> float:
+    main(["track", str(rec), "--out", str(out), *more])
+    return float(json.loads((out / "summary.json").read_text())["errors"]["position_rms_mm"])
+
+
+def test_a_touch_tells_what_the_eyes_misread(misread: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "joints.csv"
+    main(["joints", str(misread), str(tmp_path / "gone"), "--out", str(table)])
+    captured = capsys.readouterr()
+    assert captured.out.startswith("1 touches seen ")
+    assert "gone" in captured.err
+    offsets = np.rad2deg(read_joint_offsets(table, JOINTS))
+    assert 1.0 < offsets[PANS[0]] - offsets[PANS[1]] < 4.0  # part of it is laid to the arm: one touch is one posture
+    without = position_rms_mm(misread, tmp_path / "without")
+    known = position_rms_mm(misread, tmp_path / "with", "--joints", str(table))
+    assert without > 30
+    assert known < 0.5 * without
+    assert json.loads((tmp_path / "with" / "summary.json").read_text())["joints"] == str(table)
+
+
+def test_learning_takes_offsets_too(misread: Path, approach: Path, tmp_path: Path) -> None:
+    """With the true offset the misread recording teaches what the right one does."""
+    table = tmp_path / "true.csv"
+    table.write_text("joint,offset_deg\nleft_eye_pan,1.5\nright_eye_pan,-1.5\n")
+    main(["learn", str(approach), "--out", str(tmp_path / "right.npz")])
+    main(["learn", str(misread), "--joints", str(table), "--out", str(tmp_path / "mended.npz")])
+    main(["learn", str(misread), "--out", str(tmp_path / "misread.npz")])
+    right, mended, wrong = (np.load(tmp_path / f"{name}.npz")["counts"] for name in ("right", "mended", "misread"))
+    assert np.abs(mended - right).sum() <= 0.02 * right.sum()
+    assert np.abs(wrong - right).sum() > 0.2 * right.sum()
+
+
+def test_no_touch_is_refused_and_nothing_is_written(approach: Path, tmp_path: Path, refused) -> None:
+    rec = tmp_path / "untouched"
+    shutil.copytree(approach, rec)
+    shutil.rmtree(next(rec.rglob("skin")))
+    out = tmp_path / "joints.csv"
+    assert f"no touch by what was tracked in {rec}" in refused("joints", rec, "--out", out)
+    assert not out.exists()
+
+
+def test_offsets_are_for_recordings_of_a_robot(tmp_path: Path, refused) -> None:
+    images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
+    line = refused("track", *images, "--joints", "joints.csv", "--out", tmp_path / "out")
+    assert "--joints joints.csv with --left and --right" in line
