@@ -12,6 +12,8 @@ from pps_vision.robot.model import Posture
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, JointVelocity
 
+_ARM_JOINTS = 7
+
 Mode = Literal["idle", "avoid", "reach", "return"]
 
 
@@ -37,6 +39,16 @@ class AvoidanceParams:
     ease_in_s: float = 0.3
     at_home_rad: float = np.deg2rad(0.2)
     arm: ArmParams = field(default_factory=ArmParams)
+
+    def __post_init__(self) -> None:
+        if self.side not in ("left", "right") or self.behaviour not in ("avoid", "reach"):
+            raise ValueError(f"{self.behaviour!r} by the {self.side!r} arm; expected avoid or reach, left or right")
+        if len(self.home_arm_rad) != _ARM_JOINTS or not np.isfinite(self.home_arm_rad).all():
+            raise ValueError(f"home_arm_rad {self.home_arm_rad}; expected {_ARM_JOINTS} angles")
+        times = self.confirm_s, self.persist_s, self.ease_in_s
+        above_0 = self.threshold, self.speed_m_s, self.radius_m, self.return_per_s, self.at_home_rad
+        if not (all(time >= 0 for time in times) and all(value > 0 for value in above_0) and self.threshold <= 1):
+            raise ValueError(f"{self}; expected no time below 0, the rest above, a threshold of at most 1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +109,8 @@ def control_point(
     if activations.shape != (len(skin.taxel_ids),) or np.any(np.isnan(activations)):
         raise ValueError(f"activations {activations}: expected {len(skin.taxel_ids)} numbers, one a taxel, none NaN")
     weights = np.where(activations > threshold, activations, 0.0)
+    if not skin.parts:
+        return None
     by_part = np.bincount(skin.part_index, weights, len(skin.parts))
     part = int(np.argmax(by_part))
     if by_part[part] == 0:

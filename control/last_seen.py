@@ -16,6 +16,10 @@ class LastSeenParams:
     most_std_m: float = 0.01
     rest_m_s: float = 0.02
 
+    def __post_init__(self) -> None:
+        if not all(limit >= 0 for limit in (self.longest_s, self.most_std_m, self.rest_m_s)):  # NaN is not
+            raise ValueError(f"{self}; expected no limit below 0")
+
 
 def step(
     params: LastSeenParams, last: Track3D | None, track: Track3D, hidden: bool

@@ -49,13 +49,16 @@ class PassingParams:
 
 @dataclass(frozen=True)
 class PassingMap:
-    """What n taxels have learned: `touched`, `missed` (n,) counts of trials, the prior's half each included;
-    displacement of all paths `middle` (n, 3) and of touched from missed ones `difference` (n, 3), m, NaN where
-    nothing came near; `trials` (n,) behind that difference; `precision` (3, 3), 1/m².  Of each trial's displacement
-    from the mean of the taxels: `usual` (3,) and `usual_var` (3,), mean and variance, of `seen` trials."""
+    """What n taxels have learned: `touched`, `missed` (n,) counts of trials that came near, `any_touched`, `any_missed`
+    of all, the prior's half each included; displacement of all paths `middle` (n, 3) and of touched from missed ones
+    `difference` (n, 3), m, NaN where nothing came near; `trials` (n,) behind that difference; `precision` (3, 3), 1/m².
+    Of each trial's displacement from the mean of the taxels: `usual` (3,) and `usual_var` (3,), mean and variance, of
+    `seen` trials."""
 
     touched: Array
     missed: Array
+    any_touched: Array
+    any_missed: Array
     middle: Array
     difference: Array
     trials: Array
@@ -67,8 +70,8 @@ class PassingMap:
 
 @dataclass(frozen=True)
 class Foretold:
-    """(trials, taxels) each: probability of touch, its credible interval, and whether the path was in
-    reach in time; where it was not, the probability is the taxel's rate of touch."""
+    """(trials, taxels) each: probability of touch, its credible interval, and whether the path was in reach in time, as
+    some that were learned from; where not, the probability is the taxel's rate of touch over all trials."""
 
     probability: Array
     lower: Array
@@ -145,20 +148,20 @@ def leave_one_out(params: PassingParams, trials: tuple[Trial, ...]) -> Foretold:
 
 
 def _fit(params: PassingParams, u: Array, touched: Mask) -> PassingMap:
-    positive, negative = touched.sum(axis=0) + 0.5, (~touched).sum(axis=0) + 0.5
     seen: Mask = ~np.isnan(u[..., 0])
     at = np.where(seen[..., None], u, 0.0)
     kinds = touched & seen, ~touched & seen
     n = [kind.sum(axis=0) for kind in kinds]
     means = [np.einsum("tk,tkc->kc", kind, at) / np.maximum(m, 1)[:, None] for kind, m in zip(kinds, n, strict=True)]
     total = n[0] + n[1]
+    positive, negative = n[0] + 0.5, n[1] + 0.5
     middle = (n[0][:, None] * means[0] + n[1][:, None] * means[1]) / np.where(total > 0, total, np.nan)[:, None]
     # Where touches happen at all, seen from each taxel: what lies on its side of that is more likely to be its own.
     near = total > 0
     rate = np.where(near, positive / (positive + negative), 0.0)
-    usual = rate @ np.where(near[:, None], middle, 0.0) / max(rate.sum(), 1e-9)
+    touching = rate @ np.where(near[:, None], middle, 0.0) / max(rate.sum(), 1e-9)
     paired = (n[0] * n[1] / np.maximum(total, 1))[:, None]  # so many trials the difference of two means is worth
-    believed = params.toward * (usual - middle)
+    believed = params.toward * (touching - middle)
     difference = (paired * (means[0] - means[1]) + params.prior_trials * believed) / (paired + params.prior_trials)
     rest = at - np.where(touched[..., None], *means)
     freedom = max(int(np.maximum(n[0] - 1, 0).sum() + np.maximum(n[1] - 1, 0).sum()), 1)
@@ -167,21 +170,22 @@ def _fit(params: PassingParams, u: Array, touched: Mask) -> PassingMap:
     of_all = at[seen.all(axis=1)].mean(axis=1)
     usual = of_all.mean(axis=0) if len(of_all) else np.zeros(3)
     usual_var = of_all.var(axis=0, ddof=1) if len(of_all) > 1 else np.zeros(3)
-    return PassingMap(
-        positive, negative, middle, difference, behind, np.linalg.inv(scatter), usual, usual_var, len(of_all)
-    )
+    of_any = touched.sum(axis=0) + 0.5, (~touched).sum(axis=0) + 0.5
+    precision = np.linalg.inv(scatter)
+    return PassingMap(positive, negative, *of_any, middle, difference, behind, precision, usual, usual_var, len(of_all))
 
 
 def _expect(params: PassingParams, learned: PassingMap, u: Array) -> Foretold:
-    positive, negative, precision = learned.touched, learned.missed, learned.precision
-    lean = 0.5 * (negative - positive) / (negative + positive)
+    lean = 0.5 * (learned.missed - learned.touched) / (learned.missed + learned.touched)
     aside = u - (learned.middle + lean[:, None] * learned.difference)  # from half-way between touched and missed
     in_reach: Mask = ~np.isnan(aside[..., 0])
     aside = np.where(in_reach[..., None], aside, 0.0)
-    sigmas = np.sqrt(np.einsum("tki,ij,tkj->tk", aside, precision, aside))
+    positive = np.where(in_reach, learned.touched, learned.any_touched)
+    negative = np.where(in_reach, learned.missed, learned.any_missed)
+    sigmas = np.sqrt(np.einsum("tki,ij,tkj->tk", aside, learned.precision, aside))
     kept = np.minimum(1.0, params.outlier_sigmas / np.maximum(sigmas, 1e-9))
     difference = np.where(np.isfinite(learned.difference), learned.difference, 0.0)
-    odds = np.log(positive / negative) + kept * np.einsum("tki,ij,kj->tk", aside, precision, difference)
+    odds = np.log(positive / negative) + kept * np.einsum("tki,ij,kj->tk", aside, learned.precision, difference)
     probability = expit(odds)
     rate = positive / (positive + negative)
     variance = 1 / (positive * (1 - rate)) + (kept * sigmas) ** 2 / learned.trials  # of the log-odds

@@ -86,6 +86,8 @@ class MapParams:
                 f"{self.n_labels} labels in rounds of {self.round_labels}: expected at least two rounds, "
                 "of which the later ones test what the earlier ones learned"
             )
+        if self.n_babble < _NEAR:
+            raise ValueError(f"{self.n_babble} random arm postures: expected at least {_NEAR}")
         if not 0 <= self.max_error < 1:
             raise ValueError(f"a share of {self.max_error} misjudged: expected at least 0 and below 1")
 

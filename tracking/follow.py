@@ -13,7 +13,7 @@ from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief
 from tracking.look import Look, Looks
 from tracking.marker import CLEAR, MarkerParams, find_clear, find_markers
-from tracking.marker_color import narrowed
+from tracking.marker_color import middle_of, narrowed
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
 
@@ -39,7 +39,7 @@ class Follower:
         self.background = Background(EgoMotion(optics.camera), background_memory_s)
         self._offset_px = (0.0, 0.0)  # of the outline from the track's projection: calibration error
         self._size_px = 0.0
-        self._whole: tuple[Image, Outline] | None = None  # a marker's last image that nothing hid
+        self._whole: tuple[Image, Outline] | None = None  # a marker's middle and outline when nothing hid it
 
     def find(self, look: Look, prior: Prior | None, grey: bool) -> Sighting | None:
         """The object near where it should be."""
@@ -52,11 +52,11 @@ class Follower:
 
     def remember(self, look: Look, shape: Outline, belief: Belief) -> None:
         """Where the object is relative to the track, and how large."""
-        (u, v), (x, y) = look.view.pixel(*belief.mean[0].tolist()), shape.center_px.tolist()
+        (u, v), (x, y) = look.view.pixel(*_place(belief, look.stamp_s)), shape.center_px.tolist()
         self._offset_px = x - u, y - v
         size_px = self._size_of(shape)
         if self.marker is not None and self._whole is None:
-            self._whole = look.image, shape
+            self._whole = middle_of(look.image, shape.box_px), shape
         elif self.marker is not None and shape.oddness >= 0.5:  # partly hidden, or it was
             size_px = self._size_px * (size_px / self._size_px) ** _SIZE_RATE
         self._size_px = size_px
@@ -78,10 +78,7 @@ class Follower:
 
     def prior(self, look: Look, last: Belief, now: Belief) -> Prior | None:
         """Where the track says this eye sees the object; None where it cannot."""
-        (x, y, z), *rates = now.mean.tolist()
-        if rates:
-            dt, (vx, vy, vz) = look.stamp_s - now.stamp_s, rates[0]
-            x, y, z = x + vx * dt, y + vy * dt, z + vz * dt
+        x, y, z = _place(now, look.stamp_s)
         u, v, of_u, of_v = look.view.project_linearised(x, y, z)
         center = u + self._offset_px[0], v + self._offset_px[1]
         if not self.optics.camera.contains(center, margin_px=-0.5 * self._size_px):
@@ -103,7 +100,7 @@ class Follower:
         expected_px = prior.growth * self._size_px
         if shape is None or abs(self._size_of(shape) / expected_px - 1) >= _SAME_SIZE or shape.oddness >= 0.5:
             return None
-        self._whole = look.image, shape
+        self._whole = middle_of(look.image, shape.box_px), shape
         return Sighting(shape, shape.box_px, 1.0)
 
     def _nearest_marker(self, params: MarkerParams, look: Look, prior: Prior) -> Sighting | None:
@@ -116,11 +113,20 @@ class Follower:
             return whole_seen
         self._size_px *= prior.growth
         if self._whole is not None:
-            image, whole = self._whole
+            middle, whole = self._whole
             expected_area = whole.area_px * (self._size_px / self._size_of(whole)) ** 2
-            own = narrowed(params, image, whole.box_px)
+            own = narrowed(params, middle)
             shape = _nearest(find_markers(own, look.image, self.optics, near, expected_area), prior)
         return None if shape is None else Sighting(shape, shape.box_px, 1.0)
+
+
+def _place(belief: Belief, stamp_s: float) -> Vector:
+    """Where the object is when an eye's image is taken, which may not be when the pair's is."""
+    (x, y, z), *rates = belief.mean.tolist()
+    if not rates:
+        return x, y, z
+    dt, (vx, vy, vz) = stamp_s - belief.stamp_s, rates[0]
+    return x + vx * dt, y + vy * dt, z + vz * dt
 
 
 @njit(cache=True, error_model="numpy")

@@ -120,11 +120,12 @@ class Tracker:
         self._stamps = (-np.inf, -np.inf)
 
     def step(self, frame: StereoFrame, shapes: Shapes | None = None) -> TrackerStep:
-        """The track after this frame; ValueError for a stamp that does not lie after the last one.
+        """The track after this frame; ValueError for a stamp that does not lie after the last one, or images that are
+        not the cameras'; nothing has changed then.
 
         `shapes` are what left and right eye see of the object, where that is known already (`batch`).
         """
-        self._check_stamps(frame)
+        self._check(frame)
         view = self.rig.view_of(frame)
         looks = looks_of(frame, view)
         regions: Regions = ([], [])
@@ -146,9 +147,9 @@ class Tracker:
             with self.stages("image"):
                 sightings = find_both(self._eyes, looks, last, self._belief, grey, self._oddness > 0.5)
             if None in sightings and self._hits >= self.params.confirm_frames and not grey:
-                sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
-                if sightings[0] is not None:
-                    self._belief = None  # it is elsewhere: what was known of its motion is void
+                elsewhere, regions = self._begin(looks, view, frame.stamp_s, grey)
+                if elsewhere[0] is not None:  # what was known of its motion is void
+                    sightings, self._belief = elsewhere, None
         self._head = 0.5 * (view.left.center + view.right.center)
         with self.stages("triangulation"):
             observation = self._pose.widen(self._observe(view, looks, sightings, frame.stamp_s), view, frame.stamp_s)
@@ -160,11 +161,14 @@ class Tracker:
         detections = tuple(eye.detection(look, one) for eye, look, one in seen if one is not None)
         return TrackerStep(track, detections, observation, regions, self._head)
 
-    def _check_stamps(self, frame: StereoFrame) -> None:
-        stamps = (frame.stamp_left_s, frame.stamp_right_s)
-        for name, new, old in zip(("left", "right"), stamps, self._stamps, strict=True):
-            if not new > old:
-                raise ValueError(f"{name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
+    def _check(self, frame: StereoFrame) -> None:
+        stamps, images = (frame.stamp_left_s, frame.stamp_right_s), (frame.left, frame.right)
+        for eye, new, old, image in zip(self._eyes, stamps, self._stamps, images, strict=True):
+            if not old < new < np.inf:
+                raise ValueError(f"{eye.name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
+            expected = eye.optics.camera.height, eye.optics.camera.width, 3
+            if image.shape != expected or image.dtype != np.uint8:
+                raise ValueError(f"{eye.name} image {image.shape} {image.dtype}; expected {expected} uint8")
         self._stamps = stamps
 
     def _begin(self, looks: Looks, view: StereoView, stamp_s: float, grey: bool) -> tuple[Sightings, Regions]:
@@ -298,8 +302,8 @@ def _whole_state(
 ) -> tuple[Array, Array]:
     """The state (4, 3) with what a filter does not model at zero, and its covariance (12, 12); to its position comes
     what is `lasting` (3, 3), what its shape does in all directions (m²), and, since what is lit from above seems to
-    be elsewhere, `light_error` along the image's vertical there: at `ahead` (3,) of the head, `size` being the
-    object's radius (m) in focal lengths (px)."""
+    be elsewhere, along the image's vertical there, at `ahead` (3,) of the head, `light` (m^-½: `light_error` over the
+    root of focal length in px cubed times radius)."""
     whole, whole_cov = np.zeros((4, 3)), np.zeros((12, 12))
     for i in range(len(cov)):
         whole[i // 3, i % 3] = mean[i // 3, i % 3]

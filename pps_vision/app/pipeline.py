@@ -75,7 +75,7 @@ class Pipeline:
         self._of_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
         self._arm = avoidance.AvoidanceState()
         self._search: search.SearchState | None = None
-        self._lost_s = -np.inf
+        self._known_s = -np.inf
         self._last: tuple[float, Array] | None = None  # stamp, taxel positions
 
     @property
@@ -84,7 +84,10 @@ class Pipeline:
         return self._learner.memory
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
-        """One frame, and the taxels (n,) the skin reports touched with it."""
+        """One frame, and the taxels (n,) the skin reports touched with it; ValueError, and nothing has changed, if
+        these are not the robot's cameras or skin."""
+        if touched is not None and touched.shape != (len(self.skin.taxel_ids),):
+            raise ValueError(f"touched {touched.shape}; expected the skin's {len(self.skin.taxel_ids)} taxels")
         posture = self.robot.at(joints_of(frame))
         tracking = self.tracker.step(frame)
         events = self._perceive(posture, tracking.track, touched)
@@ -138,12 +141,12 @@ class Pipeline:
     def _gaze(self, posture: Posture, track: Track3D) -> JointVelocity:
         """Fixate what is tracked, look around for what was just lost, else keep still."""
         if track.is_known:
-            self._search, self._lost_s = None, track.stamp_s
+            self._search, self._known_s = None, track.stamp_s
             ahead = track.position + track.velocity * self.params.period_s
             return fixation.step(
                 self.params.fixation, posture, ahead, track.velocity, self.params.period_s, track.stamp_s
             )
-        if track.stamp_s - self._lost_s < self.params.search_for_s:
+        if track.stamp_s - self._known_s < self.params.search_for_s:
             state = self._search or search.SearchState(gaze_of(posture))
             self._search, command = search.step(
                 self.params.search, state, posture, self.params.period_s, self._rng, track.stamp_s

@@ -44,7 +44,9 @@ class FrameNames:
     right_arm: tuple[str, ...] = tuple(f"right_{joint}" for joint in _ARM)
 
     def arm(self, side: str) -> tuple[str, ...]:
-        """The joint names of the "left" or "right" arm, shoulder first."""
+        """The joint names of the "left" or "right" arm, shoulder first; ValueError for any other."""
+        if side not in ("left", "right"):
+            raise ValueError(f"side {side!r}: expected left or right")
         return self.left_arm if side == "left" else self.right_arm
 
 

@@ -34,6 +34,22 @@ def test_a_touch_by_what_nobody_saw_is_counted() -> None:
     assert memory.counts.sum() == 0
 
 
+def test_a_message_of_another_skin_is_refused_and_the_next_is_heard() -> None:
+    one = pipeline(("left_forearm",), ("left_forearm",))
+    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
+    frame = StereoFrame(black, black, 0.0, 0.0, q, q)
+    with pytest.raises(ValueError, match=r"touched \(5,\); expected the skin's 12 taxels"):
+        one.step(frame, np.ones(5, bool))
+    assert not one.step(frame, np.zeros(12, bool)).events.touched.any()
+
+
+def test_a_skin_that_the_avoiding_arm_does_not_carry_moves_nothing() -> None:
+    one = pipeline(("right_forearm",), ("right_forearm",))
+    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
+    step = one.step(StereoFrame(black, black, 0.0, 0.0, q, q), np.ones(12, bool))
+    assert not step.command.dq_rad_s.any()
+
+
 @pytest.mark.parametrize("bimodal", [False, True])
 def test_an_arm_touched_in_the_dark_withdraws_if_it_also_feels(bimodal: bool) -> None:
     one = pipeline(("left_forearm",), ("left_forearm",), PipelineParams(bimodal=bimodal))

@@ -1,6 +1,7 @@
 """R eq. 6 by hand, and a ball that never touches the arm (pure kinematics, 20 Hz)."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -135,6 +136,24 @@ def test_a_lasting_threat_drives_the_palm_no_further_than_its_sphere(robot: Robo
 def test_activations_that_are_not_one_number_a_taxel_are_refused(robot: Robot, activations: Array) -> None:
     with pytest.raises(ValueError, match="expected 12 numbers, one a taxel, none NaN"):
         step(PARAMS, AvoidanceState(), robot.at(home(robot)), FOREARM, activations, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"threshold": np.nan}, "a threshold of at most 1"),
+        ({"threshold": 1.1}, "a threshold of at most 1"),
+        ({"speed_m_s": -0.1}, "the rest above"),
+        ({"confirm_s": -0.1}, "no time below 0"),
+        ({"home_arm_rad": (0.0,) * 5}, "expected 7 angles"),
+        ({"home_arm_rad": (np.nan,) * 7}, "expected 7 angles"),
+        ({"side": "Left"}, "'Left' arm; expected"),
+        ({"behaviour": "flee"}, "'flee' by"),
+    ],
+)
+def test_an_arm_that_could_not_answer_is_refused(changes: dict[str, object], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        replace(PARAMS, **changes)  # type: ignore[arg-type]
 
 
 class Encounter:

@@ -70,6 +70,12 @@ def test_what_goes_away_unseen_is_not_chased_for_longer_than_the_bound():
     assert "there" not in {mode for _, mode, _ in told}
 
 
+@pytest.mark.parametrize("wrong", [{"rest_m_s": np.nan}, {"longest_s": -1.0}, {"most_std_m": -0.01}])
+def test_limits_that_are_none_are_refused(wrong):
+    with pytest.raises(ValueError, match="expected no limit below 0"):
+        LastSeenParams(**wrong)
+
+
 @pytest.mark.parametrize(
     ("seen", "lasts_s"),
     [

@@ -73,6 +73,17 @@ def test_a_trial_out_of_reach_is_given_the_rate_and_said_to_be():
     np.testing.assert_allclose(nothing.probability[0], [2.5 / 3, 0.5 / 3, 0.5 / 3])
 
 
+def test_what_never_came_near_says_nothing_of_what_does():
+    """Paths that end on a taxel half of the time, foretold by a map that has also seen hundreds pass far away."""
+    rng = np.random.default_rng(SEED)
+    near = tuple(approach(rng, i % 2) for i in range(60))
+    far = tuple(replace(one, d_m=one.d_m + np.array([0, 0, 1.0]), touched=np.zeros(3, bool)) for one in near * 5)
+    alone, among = (foretell(PARAMS, learn_passing(PARAMS, of), near[:20]) for of in (near, (*near, *far)))
+    np.testing.assert_allclose(among.probability, alone.probability)
+    away = foretell(PARAMS, learn_passing(PARAMS, (*near, *far)), far[:1])
+    np.testing.assert_allclose(away.probability[0, :2], 30.5 / 361)
+
+
 @pytest.mark.parametrize("horizon_s", [0.15, 0.4])
 def test_nothing_later_than_the_horizon_is_used(horizon_s):
     params = PassingParams(horizon_s=horizon_s)

@@ -262,6 +262,35 @@ def test_eyes_that_look_one_after_the_other(world: World, rng: np.random.Generat
     assert _rms(np.array(errors)) < 0.004
 
 
+def test_a_frame_that_cannot_be_is_refused_and_the_next_is_taken(world: World, rng: np.random.Generator) -> None:
+    tracker, good = Tracker(TrackerParams(), world.rig, rng), world.frame(0, rng)
+    small = np.zeros((120, 160, 3), np.uint8)
+    for changes, says in (
+        ({"right": small}, r"right image \(120, 160, 3\) uint8; expected \(240, 320, 3\) uint8"),
+        ({"left": good.left.astype(float)}, r"left image \(240, 320, 3\) float64"),
+        ({"left": good.left[..., 0]}, r"left image \(240, 320\) uint8"),
+        ({"stamp_left_s": np.inf}, "left stamp inf s after -inf s"),
+        ({"stamp_right_s": np.nan}, "right stamp nan s"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            tracker.step(replace(good, **changes))  # type: ignore[arg-type]
+    assert tracker.step(good).track.status is Status.SEARCHING
+
+
+@pytest.mark.parametrize("mode", ["generic", "marker"])
+def test_what_one_eye_alone_sees_is_still_reported(robot: Robot, rig: StereoRig, mode: str) -> None:
+    """From frame 20 the right eye no longer sees the ball."""
+    rng, world = np.random.default_rng(5), World(robot, rig, color=GREEN)
+    tracker = Tracker(TrackerParams(mode=mode), rig, rng)  # type: ignore[arg-type]
+    for k in range(24):
+        hidden = world.frame(k, rng, visible=False).right
+        step = tracker.step(replace(world.frame(k, rng), **({"right": hidden} if k >= 20 else {})))
+    assert step.track.status is Status.COASTING
+    assert [seen.camera for seen in step.detections] == ["left"]
+    truth = rig.view(world.q(DT * 23)).left.project(world.position(DT * 23))
+    np.testing.assert_allclose(step.detections[0].center_px, truth, atol=1.0)
+
+
 def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     tracker.step(world.frame(3, rng, visible=False))

@@ -14,7 +14,7 @@ from learning.memory import MemoryParams, PPSMemory, activation
 from learning.scores import auroc, brier, expected_calibration_error
 from learning.touch_trial import TouchTrial
 from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, known_trials, learned, of_part
-from pps_vision.robot.icub import load_icub
+from pps_vision.robot.icub import HOME_ARM_RAD, load_icub
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array, Mask
 
@@ -27,7 +27,7 @@ STEPS = (1, 2, 4, 8, 16, 32, 53, 80, 106)
 CLOSE_TO_FINAL = 0.05  # mean difference of activations at which a map counts as converged
 PART = "left_forearm"
 _STANDS_S = 2.0
-_THRESHOLD, _CONFIRM_S = AvoidanceParams((0.0,)).threshold, AvoidanceParams((0.0,)).confirm_s
+_THRESHOLD, _CONFIRM_S = AvoidanceParams(HOME_ARM_RAD).threshold, AvoidanceParams(HOME_ARM_RAD).confirm_s
 
 
 @dataclass(frozen=True)
