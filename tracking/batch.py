@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from tracking.compiled import BAND, SMALL_PX, UNIT
+from tracking.compiled import BAND, LEAST_DET, LEVEL_VAR, SMALL_PX, UNIT
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Coverage, Optics, Outline, outline
 
@@ -137,11 +137,11 @@ def _cover_band(patch: Tensor, mask: Tensor, band: int) -> tuple[Tensor, Tensor]
     pixels, bound = patch[image, :, row, column], UNIT**2
     ff, bb, fb = (F * F).sum(1) + bound, (B * B).sum(1) + bound, (F * B).sum(1) + bound
     fi, bi = (F * pixels).sum(1) + bound, (B * pixels).sum(1) + bound
-    det = (ff * bb - fb * fb).clamp(min=1e-3)
+    det = (ff * bb - fb * fb).clamp(min=LEAST_DET)
     a, b = ((bb * fi - fb * bi) / det).clamp(min=0), ((ff * bi - fb * fi) / det).clamp(min=0)
     rest = (pixels - a[:, None] * F - b[:, None] * B).square().mean(dim=1)
     total = torch.zeros(len(patch), device=patch.device).index_add_(0, image, rest)
-    noise = total / torch.bincount(image, minlength=len(patch)).clamp(min=1) + 1.0
+    noise = total / torch.bincount(image, minlength=len(patch)).clamp(min=1) + LEVEL_VAR
     contrast = (F - B).square().sum(dim=1).clamp(min=1.0)
     alpha, variance = inner.float(), torch.zeros_like(patch[:, 0])
     alpha[image, row, column] = a / (a + b).clamp(min=1e-6)

@@ -17,8 +17,8 @@ from pps_vision.types import Image, Mask
 _SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: in this unit a + b is as sure to be 1 as a pixel its level
-_LEVEL_VAR = 1.0  # grey levels²: of rounding and the like
-_LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
+LEVEL_VAR = 1.0  # grey levels²: of rounding and the like
+LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
 _EDGE, _INNER, _OUTER = 0, 1, 2
 BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
 SMALL_PX = 60  # up to this area it is half as wide
@@ -61,7 +61,7 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
                 alpha[y, x], variance[y, x] = a / max(a + b, 1e-6), contrast
                 misfit += rest
                 edge += 1
-    noise = misfit / max(3 * edge, 1) + _LEVEL_VAR
+    noise = misfit / max(3 * edge, 1) + LEVEL_VAR
     for y in range(height):
         for x in range(width):
             if kind[y, x] == _EDGE:
@@ -156,7 +156,7 @@ def _unmixed(pixel: Color, inner: Color, outer: Color) -> tuple[float, float, fl
     ff, bb = f0 * f0 + f1 * f1 + f2 * f2 + one, b0 * b0 + b1 * b1 + b2 * b2 + one
     fb = f0 * b0 + f1 * b1 + f2 * b2 + one
     fi, bi = f0 * i0 + f1 * i1 + f2 * i2 + one, b0 * i0 + b1 * i1 + b2 * i2 + one
-    det = max(ff * bb - fb * fb, _LEAST_DET)  # Cramer's rule
+    det = max(ff * bb - fb * fb, LEAST_DET)  # Cramer's rule
     a, b = max(bb * fi - fb * bi, 0.0) / det, max(ff * bi - fb * fi, 0.0) / det
     r0, r1, r2 = i0 - a * f0 - b * b0, i1 - a * f1 - b * b1, i2 - a * f2 - b * b2
     return a, b, r0 * r0 + r1 * r1 + r2 * r2, ff + bb - 2 * fb

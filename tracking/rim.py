@@ -15,7 +15,7 @@ import numpy as np
 from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array, Image, Mask
 from tracking.compiled_masks import hollowness
-from tracking.cones import consensus, crossings, fitted, on_sides
+from tracking.cones import consensus, crossings, fitted, on_sides, scale_of
 from tracking.ego_motion import Box
 from tracking.outline import Coverage, Optics, Outline, cover, outline
 
@@ -119,8 +119,7 @@ def rim_rays(coverage: Coverage, optics: Optics) -> Array:
 
 def _residual_px(rays: Array, axis: Array, optics: Optics) -> Array:
     """(n,) how far each ray is from the cone b·axis = 1, as an angle, in pixels."""
-    length2 = max(float(axis @ axis), 1 + 1e-9)
-    off: Array = (rays @ axis - 1) * (optics.camera.focal_px / math.sqrt(length2 - 1))
+    off: Array = (rays @ axis - 1) * scale_of(tuple(axis.tolist()), optics.camera.focal_px)
     return off
 
 
