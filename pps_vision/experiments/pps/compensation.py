@@ -21,8 +21,8 @@ from learning.passing import PassingParams, foretell, learn_passing
 from learning.representations import Counts
 from learning.scores import auroc, brier
 from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
-from pps_vision.experiments.pps.held_out import approaches, at_horizon, displaced, known_trials, of_part, samples
-from pps_vision.experiments.pps.lives import CASES, COLORS, PART, TRIALS, Case, Life, calibrated, error_mm, live
+from pps_vision.experiments.pps.held_out import at_horizon, known_trials, samples
+from pps_vision.experiments.pps.lives import CASES, COLORS, TRIALS, Case, Life, calibrated, error_mm, live
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, Mask
 
@@ -78,20 +78,15 @@ def _by_case(perfect: Lives, erring: Lives, better: Lives) -> dict[Case, Lives]:
 
 def _by_distance_and_ttc(lessons: Life, tests: Life) -> tuple[Mask, Array]:
     """R's map: outcomes and expectations (trials, taxels) 0.15 s before the end."""
-    taught, tested = (
-        approaches(trials, belief.robot, of_part(belief.skin, PART), belief.skin) for belief, trials in (lessons, tests)
-    )
-    D, TTC, touched = at_horizon(tested)
-    return touched, Counts(MemoryParams()).fit(*samples(taught), np.random.default_rng(0))(D, TTC)
+    D, TTC, touched = at_horizon(tests.approaches)
+    return touched, Counts(MemoryParams()).fit(*samples(lessons.approaches), np.random.default_rng(0))(D, TTC)
 
 
 def _by_displacement(lessons: Life, tests: Life) -> tuple[Mask, Array]:
     """The same by where paths pass."""
     params = PassingParams()
-    taught, tested = (
-        displaced(trials, belief.robot, of_part(belief.skin, PART), belief.skin) for belief, trials in (lessons, tests)
-    )
-    return np.array([t.touched for t in tested]), foretell(params, learn_passing(params, taught), tested).probability
+    found = foretell(params, learn_passing(params, lessons.displaced), tests.displaced)
+    return np.array([trial.touched for trial in tests.displaced]), found.probability
 
 
 WAYS: dict[str, Callable[[Life, Life], tuple[Mask, Array]]] = {

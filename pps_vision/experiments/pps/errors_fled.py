@@ -62,17 +62,17 @@ class ErrorsFled:
             erring = self._life(Belief.draw(of, icub_skin(), np.random.default_rng((self.seed, k))), k)
             better = self._life(calibrated(erring), k)
             off_mm.append([error_mm(perfect, life) for life in (erring, better)])
-            motions = self._motions(perfect[0], k)
+            motions = self._motions(perfect.belief, k)
             robots = ((perfect, known), (erring, known), (erring, _map(erring)), (better, _map(better)))
-            for case, ((belief, _), memory) in zip(CASES, robots, strict=True):
-                met[case].append(self._flights(_fleeing(belief, memory), motions, k))
+            for case, (life, memory) in zip(CASES, robots, strict=True):
+                met[case].append(self._flights(_fleeing(life.belief, memory), motions, k))
         return {"seed": self.seed, "off_mm": off_mm, **_summary({case: np.array(of) for case, of in met.items()})}
 
     def _life(self, belief: Belief, k: int) -> Life:
         """What a robot has of the trials to learn from."""
         rng = np.random.default_rng((self.seed, k, 1))
-        _, trials = live(belief, known_trials("inner", TRIALS, self.seed), rng)
-        return belief, tuple(_tracked(trial, rng) for trial in trials)
+        seen = live(belief, known_trials("inner", TRIALS, self.seed), rng)
+        return replace(seen, trials=tuple(_tracked(trial, rng) for trial in seen.trials))
 
     def _motions(self, belief: Belief, number: int) -> list[tuple[Approach, Approach]]:
         """What a robot is to flee, and what passes beside, by path."""
@@ -139,8 +139,8 @@ def _tracked(trial: TouchTrial, rng: np.random.Generator) -> TouchTrial:
 
 def _map(life: Life) -> PPSMemory:
     """R's map of a robot's trials."""
-    belief, trials = life
-    return learned(belief.skin, MemoryParams(), approaches(trials, belief.robot, belief.skin, belief.skin))
+    skin = life.belief.skin
+    return learned(skin, MemoryParams(), approaches(life.trials, life.belief.robot, skin, skin))
 
 
 def _fleeing(belief: Belief, memory: PPSMemory) -> Fleeing:

@@ -76,8 +76,8 @@ class Landscapes:
     def _erring(self, made: Session, belief: Belief) -> float:
         """The width of a session's ridge, m, as a robot that errs takes the same trials."""
         truth = known_trials(made.condition, len(made.trials), self.seed)
-        _, trials = live(belief, truth, np.random.default_rng(self.seed), sees=made.condition != "motor")
-        its = session_of(made.condition, trials, belief.robot, belief.skin)
+        life = live(belief, truth, np.random.default_rng(self.seed), sees=made.condition != "motor")
+        its = session_of(made.condition, life.trials, belief.robot, belief.skin)
         return ridge_width(self._all_taxels(its, its.memory(_FINE).counts))
 
     def _width(self, made: Session) -> Array:
