@@ -8,6 +8,8 @@ import numpy as np
 
 from pps_vision.types import Array, Image
 
+_LARGEST = 255.0  # grey levels; of anything, more is none
+
 
 @dataclass(frozen=True)
 class Sensor:
@@ -26,8 +28,8 @@ class Sensor:
     def __post_init__(self) -> None:
         for name in ("noise_sigma", "shot", "exposure", "blur_s"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"sensor {name} = {value}; expected a number ≥ 0")
+            if not 0 <= value <= _LARGEST:
+                raise ValueError(f"sensor {name} = {value}; expected a number from 0 to {_LARGEST:.0f}")
 
     @property
     def is_noisy(self) -> bool:

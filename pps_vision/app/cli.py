@@ -39,12 +39,13 @@ _WHAT = "Stereo vision for robots that feel what is about to touch them."
 
 def main(args: list[str] | None = None) -> None:
     """Run one command; exit code 2 and one line on the error stream for bad input."""
-    signal.signal(signal.SIGTERM, _end)
+    for ended in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ended, _end)
     try:
         _refuse_python_control()
         command = tyro.cli(Command, config=(OmitSubcommandPrefixes,), prog="pps-vision", description=_WHAT, args=args)
         command.run()
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, OverflowError) as error:
         first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         print(f"pps-vision: {first_line}", file=sys.stderr)
         sys.exit(2)

@@ -77,16 +77,17 @@ class ConvertTaxels:
         if unknown:
             raise BadInput(self.input, f"no {unknown[0]}; expected one of {', '.join(part.name for part in maps)}")
         memory = from_maps([part for part in maps if not self.parts or part.name in self.parts], self.input)
-        found = memory.taxel_ids
         if self.own_skin:
-            memory = onto(memory, icub_skin())
+            found, memory = memory.taxel_ids, onto(memory, icub_skin())
             common = len(set(found) & set(memory.taxel_ids))
             print(
-                f"{common} of {len(found)} taxels are on this skin; {len(memory.taxel_ids) - common} of its stay empty"
+                f"{common} of {len(found)} taxels are on this skin, the others left out; "
+                f"{len(memory.taxel_ids) - common} of its stay empty"
             )
         with whole_file(self.out) as partial:
             save_memory(partial, memory)
-        print(f"{len(found)} taxels on {', '.join(dict.fromkeys(name.split(':')[0] for name in found))} → {self.out}")
+        names = memory.taxel_ids
+        print(f"{len(names)} taxels on {', '.join(dict.fromkeys(name.split(':')[0] for name in names))} → {self.out}")
 
 
 def from_maps(maps: Sequence[PartMap], file: Path) -> PPSMemory:

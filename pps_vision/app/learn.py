@@ -64,9 +64,12 @@ class Learn:
             nonlocal memory
             memory = self._learn_from(folder, robot, skin, memory, virtual, offsets)
 
+        before = memory
         with whole_file(self.out) as partial:
             used = each_recording("learn", self.recordings, learn_from)
             save_memory(partial, memory)
+        if memory is before:
+            print("nothing learned: no recording has a touch, with its images, by what was tracked", file=sys.stderr)
         print(f"{used} of {len(self.recordings)} recordings learned → {self.out}")
 
     def _learn_from(

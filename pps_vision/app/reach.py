@@ -18,6 +18,8 @@ from pps_vision.recordings.outputs import whole_file
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 
+_LEAST_BUDGET = 200  # labels, below which what is left to test with says nothing of the error
+
 
 @dataclass(frozen=True)
 class Train:
@@ -49,6 +51,10 @@ class Train:
         """Learn, and say how much was asked and how sure the map is."""
         if self.arm == "both" and self.into is not None:
             raise ValueError(f"--into {self.into} with --arm both; expected one arm, whose map can be gone on with")
+        if self.ik_budget < _LEAST_BUDGET:
+            raise ValueError(
+                f"--ik-budget {self.ik_budget}; expected at least {_LEAST_BUDGET}, to say how sure the map is"
+            )
         rounds = min(MapParams().round_labels, self.ik_budget // 2)
         params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
         into = self._earlier()

@@ -30,6 +30,8 @@ from rendering.stimuli import StimulusName, make_stimulus
 _SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own motion
 _SWAY_HZ = np.array([0.31, 0.23])
 
+_LARGEST_M = 0.3  # radius of what is still held before the eyes
+
 
 @dataclass(frozen=True)
 class Render:
@@ -82,6 +84,8 @@ class Render:
         """Render; returns how many pairs there are, and in how many the skin is touched."""
         if not (0 < self.seconds < math.inf and 0 < self.fps < math.inf):
             raise ValueError(f"render: --seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
+        if self.radius is not None and not 0 < self.radius <= _LARGEST_M:
+            raise ValueError(f"render: --radius {self.radius} m; expected above 0 and at most {_LARGEST_M}")
         if self.center is not None and not np.all(np.isfinite(self.center)):
             raise ValueError(f"render: --center {self.center}; expected three numbers in metres")
         rng = np.random.default_rng(self.seed)

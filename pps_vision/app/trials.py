@@ -65,6 +65,8 @@ def _refuse_what_teaches_nothing(
     n, n_test = len(train[0].touched), len(test[0].touched)
     if n != n_test:
         raise ValueError(f"{test_path}: {n_test} taxels; expected the {n} of {train_path}")
+    if not any(np.isfinite(trial.d_m).all(axis=-1).any() for trial in train):
+        raise ValueError(f"{train_path}: no position is finite; expected metres from each taxel")
     rates = touch_rates(train)
     if rates.max() == 0 or rates.min() == 1:
         raise ValueError(f"{train_path}: outcome is {1 if rates.max() else -1} throughout; expected both 1 and -1")

@@ -16,7 +16,7 @@ COLUMNS = ("yaw_deg", "pitch_deg", "vergence_deg")
 def read_gaze(file: Path) -> Array:
     """(N, 3) rad; further columns are ignored.  BadInput names the line and the value that is no number."""
     try:
-        with file.open(newline="") as stream:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise BadInput(file, f"cannot be read: {first_line(error)}; expected a table of gaze postures") from error

@@ -21,7 +21,7 @@ def write_joint_offsets(file: Path, joints: tuple[str, ...], offsets_rad: Array)
 def read_joint_offsets(file: Path, joints: tuple[str, ...]) -> Array:
     """(n,) rad for these joints, 0 for those without a line.  BadInput names the line and what is wrong with it."""
     try:
-        with file.open(newline="") as stream:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise BadInput(file, f"cannot be read: {first_line(error)}; expected a table of joint offsets") from error

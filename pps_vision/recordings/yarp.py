@@ -25,6 +25,7 @@ JOINT_PORTS = {
     "right_arm": ARM_PORT_JOINTS,
 }
 MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
+MAX_BEYOND_S = 0.025  # from an image to the end of a log: a head moves on
 _STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts seconds since 1970
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
@@ -144,7 +145,7 @@ def _with_joints(
         problems += [
             Problem(
                 *(ProblemKind.JOINTS, file.cited, file.line),
-                f"{file.path.name} has no {port} joints; expected samples within {MAX_JOINT_GAP_S} s around its stamp",
+                f"{file.path.name} has no {port} joints; expected samples around its stamp, within {MAX_JOINT_GAP_S} s",
             )
             for file, port in missing
         ]
@@ -164,7 +165,8 @@ def _covers(stamps: Array, stamp_s: float) -> bool:
     after = stamps[min(int(np.searchsorted(stamps, stamp_s, "left")), len(stamps) - 1)]  # itself if a sample is there
     nearest_s = min(abs(stamp_s - before), abs(after - stamp_s)) - _STAMP_RESOLUTION_S
     between_s = after - before - _STAMP_RESOLUTION_S
-    return bool(nearest_s <= MAX_JOINT_GAP_S and between_s <= 2 * MAX_JOINT_GAP_S)
+    most_s = MAX_JOINT_GAP_S if stamps[0] <= stamp_s <= stamps[-1] else MAX_BEYOND_S
+    return bool(nearest_s <= most_s and between_s <= 2 * MAX_JOINT_GAP_S)
 
 
 def _at(stamps: Array, samples: Array, stamp_s: float) -> Array:

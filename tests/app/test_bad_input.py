@@ -1,5 +1,6 @@
 """Bad input ends in one line that names what is wrong, exit code 2, and nothing half-written."""
 
+import shutil
 import signal
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -73,6 +74,8 @@ def test_an_output_that_is_not_empty_is_not_overwritten_by_a_recording(refused, 
         ("--noise -2", "noise"),
         ("--speed 0", "speed"),
         ("--radius -1", "radius"),
+        ("--radius 30", "--radius 30.0 m; expected above 0 and at most 0.3"),
+        ("--noise 1e300", "noise_sigma = 1e+300; expected a number from 0 to 255"),
         ("--target left_forearm:4711", "left_forearm:4711"),
         ("--center 5 5 5", "in view"),
     ],
@@ -125,6 +128,20 @@ def test_a_figure_of_an_unknown_format(refused, approach: Path, tmp_path: Path) 
     main(["learn", str(approach), "--out", str(tmp_path / "m.npz")])
     assert "xyz" in refused("show", tmp_path / "m.npz", "--out", tmp_path / "f.xyz")
     assert [p.name for p in tmp_path.iterdir()] == ["m.npz"]
+
+
+def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach: Path, tmp_path: Path) -> None:
+    shutil.copytree(approach / "cam" / "left", tmp_path / "frames")
+    first = min((tmp_path / "frames").glob("*.p*m"))
+    first.write_bytes(b"")
+    line = refused("track2d", tmp_path / "frames", "--init", 100, 100, 20, 20, "--out", tmp_path / "boxes.csv")
+    assert first.name in line
+    assert "--init is the box in that image" in line
+
+
+def test_too_few_problems_to_say_how_sure_a_map_is(refused, tmp_path: Path) -> None:
+    line = refused("reach", "train", "--arm", "left", "--ik-budget", 2, "--out", tmp_path / "map.npz")
+    assert "--ik-budget 2; expected at least 200" in line
 
 
 def test_nothing_to_learn_from(refused, tmp_path: Path) -> None:

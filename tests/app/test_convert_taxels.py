@@ -80,7 +80,9 @@ def test_a_robots_map_is_put_on_our_skin(like: Path, tmp_path: Path, capsys: pyt
     assert memory.taxel_ids == icub_skin().taxel_ids
     assert memory.counts.sum() == 15
     np.testing.assert_array_equal(memory.counts[icub_skin().index("left_forearm:27"), 0, 0], [7, 8])
-    assert "1 of 2 taxels are on this skin; 31 of its stay empty" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "1 of 2 taxels are on this skin, the others left out; 31 of its stay empty" in said
+    assert "32 taxels on left_forearm" in said
 
 
 def test_parts_of_different_form_are_converted_one_by_one(refused, like: Path, tmp_path: Path) -> None:

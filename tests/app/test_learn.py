@@ -71,6 +71,14 @@ def test_the_robots_own_skin_events_teach_the_same(
     assert not load_memory(tmp_path / "none.npz").counts.any()
 
 
+def test_nothing_learned_is_said(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rec = tmp_path / "rec"
+    shutil.copytree(approach, rec)
+    shutil.rmtree(next(rec.rglob("skin")))
+    main(["learn", str(rec), "--out", str(tmp_path / "none.npz")])
+    assert "nothing learned" in capsys.readouterr().err
+
+
 def test_show_draws_a_picture(memory_file: Path, tmp_path: Path) -> None:
     main(["show", str(memory_file), "--out", str(tmp_path / "landscape.png")])
     picture = matplotlib.image.imread(tmp_path / "landscape.png")

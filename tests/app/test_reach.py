@@ -93,7 +93,9 @@ def test_what_cannot_be_learned(refused, learned: Path, tmp_path: Path) -> None:
     line = refused("reach", "train", "--arm", "left", *out, "--end-point", "left_forearm:4")
     assert "'left_forearm:4'" in line
     assert "left_forearm:27" in line
-    assert "two rounds" in refused("reach", "train", "--arm", "left", *out, "--ik-budget", "1")
+    assert "--ik-budget 1; expected at least 200" in refused(
+        "reach", "train", "--arm", "left", *out, "--ik-budget", "1"
+    )
     assert "below 1" in refused("reach", "train", "--arm", "left", *out, "--max-error", "2")
     assert "gaze.csv" in refused("reach", "query", learned, tmp_path / "gaze.csv", "--out", tmp_path / "o.csv")
     assert list(tmp_path.iterdir()) == []

@@ -290,7 +290,7 @@ def test_a_bad_file_is_refused_by_name(learned, tmp_path, changes, message):
 
 def test_there_is_a_left_and_a_right_arm():
     with pytest.raises(ValueError, match="side 'third': expected left or right"):
-        ReachOracle(ROBOT, "third", replace(MapParams(), n_babble=10), np.random.default_rng(0))
+        ReachOracle(ROBOT, "third", replace(MapParams(), n_babble=100), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(

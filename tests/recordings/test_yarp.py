@@ -97,15 +97,22 @@ def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, va
 
 
 def test_frames_that_the_joints_do_not_span(rec: Written) -> None:
-    # head samples of the first frame only: 50 ms and 100 ms on it still holds, 150 ms on it does not
+    # head samples of the first frame only: 20 ms on the last still holds, 50 ms on it does not
     log = rec.folder / "head/data.log"
-    log.write_text("\n".join(log.read_text().splitlines()[:2]))
+    first, last = log.read_text().splitlines()[:2]
+    log.write_text(f"{first}\n{last}\n")
     problems, numbers = problems_of(rec.folder)
-    assert problems == [(ProblemKind.JOINTS, f"cam/{side}/data.log", 4) for side in ("left", "right")]
-    assert numbers == [0, 1, 2]
-    frames = dict(open_yarp(rec.folder).numbered())
+    assert problems == [
+        (ProblemKind.JOINTS, f"cam/{side}/data.log", line) for line in (2, 3, 4) for side in ("left", "right")
+    ]
+    assert numbers == [0]
+    words = last.split()
+    words[1] = f"{START_S + 0.03:.6f}"
+    log.write_text(f"{first}\n{' '.join(words)}\n")
+    assert problems_of(rec.folder)[1] == [0, 1]
     neck = ROBOT.indices(("neck_yaw",))[0]
-    assert frames[2].joints_left_rad[neck] == pytest.approx(rec.frames[0].joints_right_rad[neck], abs=1e-8)
+    held = dict(open_yarp(rec.folder).numbered())[1].joints_left_rad[neck]
+    assert held == pytest.approx(rec.frames[0].joints_right_rad[neck], abs=1e-8)
 
 
 @pytest.mark.parametrize(
