@@ -1,9 +1,9 @@
 """`pps-vision joints`: by how much an iCub's encoders are off, from recordings in which its skin is touched."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tyro
@@ -65,7 +65,7 @@ class Joints:
             f"{after:.0f} → {self.out}"
         )
 
-    def _touches(self, folder: Path, skin: Skin, virtual: Any) -> list[TouchTrial]:
+    def _touches(self, folder: Path, skin: Skin, virtual: Mapping[str, tuple[int, ...]] | None) -> list[TouchTrial]:
         """Of each contact in a recording the first moment at which what touches is tracked."""
         recording = open_yarp(folder, self.max_skew_s, virtual)
         tracker = tracker_for(recording, TrackerParams(mode=self.mode), self.seed, Stopwatch(), self.calib)

@@ -1,13 +1,12 @@
 """Gaze postures as a table: yaw, pitch and vergence in degrees, a posture a line."""
 
-import csv
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, first_line
-from pps_vision.recordings.tables import write_table
+from pps_vision.recordings.problems import BadInput
+from pps_vision.recordings.tables import read_table, write_table
 from pps_vision.types import Array
 
 COLUMNS = ("yaw_deg", "pitch_deg", "vergence_deg")
@@ -15,11 +14,7 @@ COLUMNS = ("yaw_deg", "pitch_deg", "vergence_deg")
 
 def read_gaze(file: Path) -> Array:
     """(N, 3) rad; further columns are ignored.  BadInput names the line and the value that is no number."""
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a table of gaze postures") from error
+    rows = read_table(file, "gaze postures")
     header = [name.strip() for name in rows[0]] if rows else []
     if missing := [name for name in COLUMNS if name not in header]:
         raise BadInput(file, f"without {', '.join(missing)}; expected the columns {', '.join(COLUMNS)}", 1)

@@ -1,12 +1,11 @@
 """Offsets of a robot's encoders as a table: joint and offset_deg, a joint a line."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, first_line
-from pps_vision.recordings.tables import write_table
+from pps_vision.recordings.problems import BadInput
+from pps_vision.recordings.tables import read_table, write_table
 from pps_vision.types import Array
 
 COLUMNS = ("joint", "offset_deg")
@@ -20,11 +19,7 @@ def write_joint_offsets(file: Path, joints: tuple[str, ...], offsets_rad: Array)
 
 def read_joint_offsets(file: Path, joints: tuple[str, ...]) -> Array:
     """(n,) rad for these joints, 0 for those without a line.  BadInput names the line and what is wrong with it."""
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a table of joint offsets") from error
+    rows = read_table(file, "joint offsets")
     if not rows or tuple(name.strip() for name in rows[0]) != COLUMNS:
         raise BadInput(file, f"header {','.join(rows[0]) if rows else ''!r}; expected {','.join(COLUMNS)}", 1)
     offsets: dict[str, float] = {}

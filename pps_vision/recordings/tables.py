@@ -1,4 +1,4 @@
-"""Numbers to text: CSV with full precision, NaN and "none" as an empty field."""
+"""Tables as CSV: fields as text, and numbers to text with full precision, NaN and "none" as an empty field."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -6,12 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
+from pps_vision.recordings.problems import BadInput, first_line
+
 
 def cell(value: object) -> str:
     """One field: a float with all its digits, NaN empty, a truth value as 0 or 1."""
     if isinstance(value, float | np.floating):
         return "" if np.isnan(value) else repr(float(value))
     return str(int(value)) if isinstance(value, bool | np.bool_) else str(value)
+
+
+def read_table(file: Path, of: str) -> list[list[str]]:
+    """The fields of every line, the header first, a byte-order mark left out; BadInput where there is no table."""
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            return list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a table of {of}") from error
 
 
 def write_table(file: Path, columns: Sequence[str], rows: Iterable[Iterable[object]]) -> None:

@@ -78,20 +78,15 @@ class Landscapes:
         truth = known_trials(made.condition, len(made.trials), self.seed)
         life = live(belief, truth, np.random.default_rng(self.seed), sees=made.condition != "motor")
         its = session_of(made.condition, life.trials, belief.robot, belief.skin)
-        return ridge_width(self._all_taxels(its, its.memory(_FINE).counts))
+        return _ridge_width(_together(its, its.memory(_FINE)))
 
     def _width(self, made: Session) -> Array:
         """(1 + resampled,) m: the width of the session, and of sessions drawn from its trials."""
-        counts = np.array([learned(made.skin, _FINE, [one]).counts for one in made.approaches])
+        counts = np.array([_together(made, learned(made.skin, _FINE, [one])) for one in made.approaches])
         rng = np.random.default_rng(self.seed)
         times = rng.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), self.resampled)
-        drawn = (np.tensordot(of, counts, 1) for of in np.vstack([np.ones_like(times[:1]), times]))
-        return np.array([ridge_width(self._all_taxels(made, of)) for of in drawn])
-
-    def _all_taxels(self, made: Session, counts: Counts) -> PPSMemory:
-        """The taxels that a session aims at as one."""
-        together = counts[list(made.aimed)].sum(axis=0)[None]
-        return PPSMemory(("all",), np.zeros(1, np.intp), together, _FINE)
+        drawn = np.vstack([np.ones_like(times[:1]), times])
+        return np.array([_ridge_width(np.tensordot(of, counts, 1)) for of in drawn])
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """The landscapes, and the widths of their ridges."""
@@ -122,3 +117,14 @@ class Landscapes:
         axis.legend(fontsize=7, loc="lower left")
         axis.set_xlabel("ridge's width: SD of D about its line (cm)\nbar: 95 % of resampled sessions", fontsize=8)
         axis.grid(alpha=0.25)
+
+
+def _together(made: Session, memory: PPSMemory) -> Counts:
+    """(D bins, TTC bins, 2) what the taxels that a session aims at counted, all as one."""
+    together: Counts = memory.counts[list(made.aimed)].sum(axis=0)
+    return together
+
+
+def _ridge_width(counts: Counts) -> float:
+    """Of one taxel's fine counts (D bins, TTC bins, 2), m."""
+    return ridge_width(PPSMemory(("all",), np.zeros(1, np.intp), counts[None], _FINE))
