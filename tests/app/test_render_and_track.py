@@ -140,13 +140,6 @@ def test_numbers_on_fresh_seeds(stimulus: str, tmp_path: Path) -> None:
     assert max(rms) <= (2 if stimulus == "marker" else 5)
 
 
-def test_tracking_time_stays_below_rendering_time(tracked: Path) -> None:
-    """Absolute times depend on the machine; a pair must not cost more than a tenth of a second anywhere."""
-    total = json.loads((tracked / "summary.json").read_text())["ms_per_pair"]["total"]["median_ms"]
-    print(f"generic object: median {total:.1f} ms a stereo pair")
-    assert total < 30
-
-
 def test_what_is_bad_in_one_frame_does_not_stop_the_others(
     approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
