@@ -8,8 +8,8 @@ import numpy as np
 import tyro
 
 from learning.memory import MemoryParams, PPSMemory, load_memory, save_memory
+from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.problems import BadInput
 from pps_vision.recordings.taxels_ini import OUR_NAMES, PartMap, read_taxels, write_taxels
 from pps_vision.robot.skin import Skin, icub_skin
 
@@ -75,7 +75,7 @@ class ConvertTaxels:
         maps = read_taxels(self.input)
         unknown = [name for name in self.parts if name not in {part.name for part in maps}]
         if unknown:
-            raise BadInput(self.input, f"no {unknown[0]}; expected one of {', '.join(part.name for part in maps)}")
+            raise InputError(self.input, f"no {unknown[0]}; expected one of {', '.join(part.name for part in maps)}")
         memory = from_maps([part for part in maps if not self.parts or part.name in self.parts], self.input)
         if self.own_skin:
             found, memory = memory.taxel_ids, onto(memory, icub_skin())
@@ -91,12 +91,12 @@ class ConvertTaxels:
 
 
 def from_maps(maps: Sequence[PartMap], file: Path) -> PPSMemory:
-    """The memory of a robot's maps, taxels named "part:id"; BadInput if parts differ in ranges or bins."""
+    """The memory of a robot's maps, taxels named "part:id"; InputError if parts differ in ranges or bins."""
     first = maps[0]
     for part in maps:
         if (part.extent, part.bins) != (first.extent, first.bins):
             forms = (f"{p.name} has ext {p.extent}, bins {p.bins}" for p in (first, part))
-            raise BadInput(file, f"{', '.join(forms)}; expected one form for a memory: choose with --parts")
+            raise InputError(file, f"{', '.join(forms)}; expected one form for a memory: choose with --parts")
     low, high, *ttc = first.extent
     ttc_range = (ttc[0], ttc[1]) if ttc else (-np.inf, np.inf)
     return PPSMemory(
@@ -119,9 +119,9 @@ def onto(memory: PPSMemory, skin: Skin) -> PPSMemory:
 
 
 def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Path) -> tuple[PartMap, ...]:
-    """The robot's maps of a memory, physical taxels assigned as in `like`; BadInput for what the form cannot hold."""
+    """The robot's maps of a memory, physical taxels assigned as in `like`; InputError for what the form cannot hold."""
     if not np.array_equal(memory.counts, np.round(memory.counts)):
-        raise BadInput(
+        raise InputError(
             source, "has fractions of samples, since it forgets; expected whole numbers, which the .ini holds"
         )
     params = memory.params
@@ -129,16 +129,18 @@ def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Pat
     extent = (*params.distance_range_m, *(params.ttc_range_s if knows_ttc else ()))
     if not np.all(np.isfinite(extent)) or not (knows_ttc or params.ttc_range_s == (-np.inf, np.inf)):
         found = f"ranges D {params.distance_range_m} m, TTC {params.ttc_range_s} s"
-        raise BadInput(source, f"{found}; expected finite ones, or all TTC in one bin, which the .ini can hold")
+        raise InputError(source, f"{found}; expected finite ones, or all TTC in one bin, which the .ini can hold")
     theirs = {part.name: part for part in like}
     taken: dict[str, dict[int, int]] = {}
     for i, name in enumerate(memory.taxel_ids):
         ours, _, taxel = name.rpartition(":")
         part = _ROBOTS_NAME.get(ours, ours)
         if part not in theirs:
-            raise BadInput(model, f"has no {part}, on which taxel {name} is; expected a map with all parts of {source}")
+            raise InputError(
+                model, f"has no {part}, on which taxel {name} is; expected a map with all parts of {source}"
+            )
         if not taxel.isdecimal() or int(taxel) not in theirs[part].mapping:
-            raise BadInput(model, f"[{part}] knows no taxel {taxel}; expected a Mapping with all taxels of {source}")
+            raise InputError(model, f"[{part}] knows no taxel {taxel}; expected a Mapping with all taxels of {source}")
         taken.setdefault(part, {})[int(taxel)] = i
     counts = memory.counts.astype(np.int64)
     return tuple(

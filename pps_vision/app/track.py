@@ -14,13 +14,14 @@ from tqdm import tqdm
 from pps_vision.app.budget import Choice, cheapest
 from pps_vision.app.overlay import VideoFile, draw_pair
 from pps_vision.app.stopwatch import Stopwatch
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.calibration import read_icub_eyes
 from pps_vision.recordings.images import open_stereo_images
 from pps_vision.recordings.joint_table import read_joint_offsets
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.outputs import whole_folder
-from pps_vision.recordings.problems import BadInput, count_by_kind
+from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.results import write_detections, write_summary, write_trajectory
 from pps_vision.recordings.yarp import open_yarp
@@ -102,7 +103,7 @@ class Track:
                     if self.video:
                         film.add(draw_pair(frame, tracker.rig.view_of(frame), step.track, step.detections))
             if not steps:
-                raise BadInput(recording.name, "no usable frame; expected at least one readable stereo pair")
+                raise InputError(recording.name, "no usable frame; expected at least one readable stereo pair")
             tracks = smoothed_tracks(params.kalman, steps) if self.smooth else [step.track for step in steps]
             write_detections(folder / "detections.csv", detections)
             write_trajectory(folder / "trajectory.csv", tracks)
@@ -205,7 +206,7 @@ def tracker_for(
     """A tracker for an iCub's recording, with its own calibration unless another is given."""
     eyes = calibration or recording.calibration
     if eyes is None:
-        raise BadInput(recording.name, "holds no icubEyes.ini; expected a calibration there or by --calib")
+        raise InputError(recording.name, "holds no icubEyes.ini; expected a calibration there or by --calib")
     robot = load_icub()
     rig = icub_rig(robot, *read_icub_eyes(eyes, recording.image_size))
     return Tracker(params, rig, np.random.default_rng(seed), own_body=Silhouette(robot), stages=stopwatch)

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
-from pps_vision.recordings.problems import BadInput, first_line
+from pps_vision.recordings.problems import first_line
 
 _KEYS = ("w", "h", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 _SECTIONS = {"left": "CAMERA_CALIBRATION_LEFT", "right": "CAMERA_CALIBRATION_RIGHT"}
@@ -16,12 +17,12 @@ Entry = tuple[str, int]  # the text after a key, and its line
 def read_icub_eyes(file: Path, image_size: tuple[int, int] | None = None) -> tuple[Camera, Camera]:
     """Left and right camera from an icubEyes.ini; for images of `image_size` (width, height) if given.
 
-    BadInput if the file, a section, a key or a number is missing, or the images have other proportions.
+    InputError if the file, a section, a key or a number is missing, or the images have other proportions.
     """
     try:
         lines = file.read_text(errors="replace").splitlines()
     except OSError as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a calibration of both eyes") from error
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected a calibration of both eyes") from error
     sections: dict[str, tuple[int, dict[str, Entry]]] = {}
     entries: dict[str, Entry] = {}
     for number, text in enumerate(lines, start=1):
@@ -38,23 +39,23 @@ def read_icub_eyes(file: Path, image_size: tuple[int, int] | None = None) -> tup
 def _icub_camera(file: Path, section: str, sections: Mapping[str, tuple[int, dict[str, Entry]]]) -> Camera:
     """The camera one section describes."""
     if section not in sections:
-        raise BadInput(file, f"no section [{section}]; expected one for each eye")
+        raise InputError(file, f"no section [{section}]; expected one for each eye")
     start, entries = sections[section]
     values = {}
     for key in _KEYS:
         if key not in entries:
-            raise BadInput(file, f"[{section}] has no {key}; expected {', '.join(_KEYS)}", start)
+            raise InputError(file, f"[{section}] has no {key}; expected {', '.join(_KEYS)}", start)
         text, line = entries[key]
         try:
             values[key] = float(text)
         except ValueError as error:
-            raise BadInput(file, f"{key} {text}; expected a number", line) from error
+            raise InputError(file, f"{key} {text}; expected a number", line) from error
         if not abs(values[key]) < float("inf"):
-            raise BadInput(file, f"{key} {text}; expected a finite number", line)
+            raise InputError(file, f"{key} {text}; expected a finite number", line)
         if key in ("fx", "fy") and not values[key] > 0:
-            raise BadInput(file, f"{key} {text}; expected a positive number", line)
+            raise InputError(file, f"{key} {text}; expected a positive number", line)
         if key in ("w", "h") and not (values[key] >= 1 and values[key].is_integer()):
-            raise BadInput(file, f"{key} {text}; expected a whole number of pixels", line)
+            raise InputError(file, f"{key} {text}; expected a whole number of pixels", line)
     w, h, fx, fy, cx, cy, k1, k2, p1, p2 = (values[key] for key in _KEYS)
     return Camera(int(w), int(h), fx, fy, cx, cy, (k1, k2, p1, p2, 0.0))
 
@@ -75,19 +76,19 @@ def write_icub_eyes(file: Path, left: Camera, right: Camera) -> None:
 def fit_to_images(camera: Camera, image_size: tuple[int, int] | None, file: Path) -> Camera:
     """The camera for images of another resolution (width, height).
 
-    BadInput if their proportions differ, or the camera has no bearing for every pixel.
+    InputError if their proportions differ, or the camera has no bearing for every pixel.
     """
     if not camera.is_usable():
         numbers = f"fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}"
         found = f"{camera.width}×{camera.height} pixels, {numbers}, distortion {camera.distortion}"
-        raise BadInput(file, f"{found}; expected a camera whose pixels can be traced back to distinct directions")
+        raise InputError(file, f"{found}; expected a camera whose pixels can be traced back to distinct directions")
     if image_size is None or image_size == (camera.width, camera.height):
         return camera
     width, height = image_size
     sx, sy = width / camera.width, height / camera.height
     if abs(sx * camera.height - height) > 1:  # a pixel of rounding
         found = f"calibrated for {camera.width}×{camera.height} pixels, images are {width}×{height}"
-        raise BadInput(file, f"{found}; expected the same proportions")
+        raise InputError(file, f"{found}; expected the same proportions")
     return replace(
         camera,
         width=width,

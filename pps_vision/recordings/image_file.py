@@ -10,7 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import Problem, ProblemKind, first_line
 from pps_vision.types import Array, Image
 
 # An orientation tag would turn the image away from its calibration: pixels are taken as recorded.
@@ -75,11 +76,11 @@ def _silence() -> Iterator[None]:
 
 
 def check_size(file: ImageFile, image: Image, expected: tuple[int, int]) -> None:
-    """BadInput unless the image is `expected` (width, height) pixels."""
+    """InputError unless the image is `expected` (width, height) pixels."""
     height, width = image.shape[:2]
     if (width, height) != expected:
         wanted = f"{expected[0]}×{expected[1]} like the first image"
-        raise BadInput(file.cited, f"{file.path.name} is {width}×{height} pixels; expected {wanted}", file.line)
+        raise InputError(file.cited, f"{file.path.name} is {width}×{height} pixels; expected {wanted}", file.line)
 
 
 def _bad(file: ImageFile, why: str) -> Problem:

@@ -8,9 +8,10 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median_low
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile, check_size, decode, number_in
 from pps_vision.recordings.pairing import note_unpaired
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind
+from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import Recording, size_of_first
 from pps_vision.types import Image
 
@@ -21,7 +22,7 @@ def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fp
     """Two sequences of one stereo camera, paired by the last number in each file's name.
 
     The number counts frames, so a missing one leaves a gap in the stamps.  Unpaired images are
-    noted in `problems`.  BadInput if a pattern matches nothing, or one number comes twice.
+    noted in `problems`.  InputError if a pattern matches nothing, or one number comes twice.
     """
     if not 0 < fps < float("inf"):
         raise ValueError(f"fps {fps}: expected a positive number of frames a second")
@@ -49,7 +50,7 @@ def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Pa
     matched = {Path(name).absolute(): Path(name) for pattern in patterns for name in glob(pattern, recursive=True)}
     paths = [path for path in matched.values() if path.is_file()]
     if not paths:
-        raise BadInput(_briefly(patterns), "matches no file; expected a pattern of image files, such as 'left/*.png'")
+        raise InputError(_briefly(patterns), "matches no file; expected a pattern of image files, such as 'left/*.png'")
     numbered: dict[int, Path] = {}
     for path in sorted(paths, key=natural_order):
         number = number_in(path)
@@ -57,7 +58,7 @@ def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Pa
             found = "no number in its name; expected one to pair it by"
             problems.append(Problem(ProblemKind.UNPAIRED, path, None, found))
         elif number in numbered:
-            raise BadInput(path, f"number {number} again; expected each once, and {numbered[number]} has it")
+            raise InputError(path, f"number {number} again; expected each once, and {numbered[number]} has it")
         else:
             numbered[number] = path
     return numbered
@@ -80,7 +81,7 @@ class ImageSequence:
         return len(self.files)
 
     def __iter__(self) -> Iterator[tuple[int, Image]]:
-        """BadInput if an image has another size than the first."""
+        """InputError if an image has another size than the first."""
         for frame, file in enumerate(self.files, start=1):
             image = decode(file)
             if not isinstance(image, Problem):
@@ -91,14 +92,14 @@ class ImageSequence:
 
 
 def open_frames(folder: Path) -> ImageSequence:
-    """The images of a folder in natural order; BadInput if there is none that can be read."""
+    """The images of a folder in natural order; InputError if there is none that can be read."""
     if not folder.is_dir():
-        raise BadInput(folder, "no such folder; expected one with the frames of a sequence")
+        raise InputError(folder, "no such folder; expected one with the frames of a sequence")
     paths = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()]
     files = tuple(ImageFile(path, 0.0) for path in sorted(paths, key=natural_order))
     first = next((image for image in map(decode, files) if not isinstance(image, Problem)), None)
     if first is None:
-        raise BadInput(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")
+        raise InputError(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")
     return ImageSequence(files, (first.shape[1], first.shape[0]), [])
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput
+from pps_vision.errors import InputError
 from pps_vision.recordings.tables import read_table, write_table
 from pps_vision.types import Array
 
@@ -18,16 +18,16 @@ def write_joint_offsets(file: Path, joints: tuple[str, ...], offsets_rad: Array)
 
 
 def read_joint_offsets(file: Path, joints: tuple[str, ...]) -> Array:
-    """(n,) rad for these joints, 0 for those without a line.  BadInput names the line and what is wrong with it."""
+    """(n,) rad for these joints, 0 for those without a line.  InputError names the line and what is wrong with it."""
     rows = read_table(file, "joint offsets")
     if not rows or tuple(name.strip() for name in rows[0]) != COLUMNS:
-        raise BadInput(file, f"header {','.join(rows[0]) if rows else ''!r}; expected {','.join(COLUMNS)}", 1)
+        raise InputError(file, f"header {','.join(rows[0]) if rows else ''!r}; expected {','.join(COLUMNS)}", 1)
     offsets: dict[str, float] = {}
     for line, row in enumerate(rows[1:], start=2):
         if row:
             joint, degrees = _offset(file, line, row, joints)
             if joint in offsets:
-                raise BadInput(file, f"{joint} again; expected each joint once", line)
+                raise InputError(file, f"{joint} again; expected each joint once", line)
             offsets[joint] = degrees
     return np.deg2rad([offsets.get(joint, 0.0) for joint in joints])
 
@@ -36,11 +36,11 @@ def _offset(file: Path, line: int, row: list[str], joints: tuple[str, ...]) -> t
     """A joint and its degrees."""
     joint, text = row[0].strip(), row[1].strip() if len(row) > 1 else ""
     if joint not in joints:
-        raise BadInput(file, f"joint {joint!r}; expected one of {', '.join(joints)}", line)
+        raise InputError(file, f"joint {joint!r}; expected one of {', '.join(joints)}", line)
     try:
         degrees = float(text)
     except ValueError:
         degrees = np.nan
     if not abs(degrees) <= _LARGEST_DEG:
-        raise BadInput(file, f"{joint} {text!r}; expected an offset within ±{_LARGEST_DEG:.0f} degrees", line)
+        raise InputError(file, f"{joint} {text!r}; expected an offset within ±{_LARGEST_DEG:.0f} degrees", line)
     return joint, degrees

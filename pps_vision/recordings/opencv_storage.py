@@ -9,7 +9,8 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import first_line
 from pps_vision.types import Array
 
 Side = Literal["left", "right"]
@@ -64,11 +65,11 @@ class Entry:
 
 
 def read_entries(file: Path) -> list[Entry]:
-    """All entries of a file whose names say what they are; BadInput if it cannot be read or has none."""
+    """All entries of a file whose names say what they are; InputError if it cannot be read or has none."""
     try:
         text = file.read_bytes().decode("utf-8-sig", errors="replace")
     except OSError as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected an OpenCV calibration") from error
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected an OpenCV calibration") from error
     # YAML from elsewhere (ROS) lacks the first lines that OpenCV insists on
     added = "" if text.lstrip().startswith(("%YAML", "<", "{")) else "%YAML:1.0\n---\n"
     storage = cv2.FileStorage()
@@ -82,7 +83,7 @@ def read_entries(file: Path) -> list[Entry]:
         raise _unreadable(file, error, added.count("\n")) from error
     if not entries:
         expected = "camera_matrix, distortion_coefficients, R, T or the like"
-        raise BadInput(file, f"holds no calibration that can be recognised; expected {expected}")
+        raise InputError(file, f"holds no calibration that can be recognised; expected {expected}")
     return entries
 
 
@@ -110,11 +111,11 @@ def _numbers(file: Path, key: str, node: cv2.FileNode) -> Array:
         return np.concatenate([np.zeros(0), *(_numbers(file, key, node.at(i)) for i in range(node.size()))])
     if node.isInt() or node.isReal():
         return np.array([node.real()])
-    raise BadInput(file, f"{key} is not made of numbers; expected a matrix")
+    raise InputError(file, f"{key} is not made of numbers; expected a matrix")
 
 
-def _unreadable(file: Path, error: cv2.error, lines_added: int) -> BadInput:
+def _unreadable(file: Path, error: cv2.error, lines_added: int) -> InputError:
     """OpenCV's parsing error as ours, with the line if it names one."""
     place = re.findall(r"\((\d+)\): ([^\n]+)", str(error))
     why, line = (place[-1][1].rstrip("'"), int(place[-1][0]) - lines_added) if place else (f"{error.err}", None)
-    return BadInput(file, f"cannot be parsed: {why}; expected OpenCV's XML, YAML or JSON", line)
+    return InputError(file, f"cannot be parsed: {why}; expected OpenCV's XML, YAML or JSON", line)

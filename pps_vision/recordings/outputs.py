@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pps_vision.recordings.problems import BadInput, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import first_line
 
 
 @contextmanager
@@ -16,24 +17,24 @@ def whole_folder(folder: Path, results: Collection[str] = ()) -> Iterator[Path]:
     `results` names the files a run may write: where `folder` exists, an earlier run's are replaced
     or removed and everything else in it stays.  Without names it must be new or empty.
     An existing folder is never replaced: a shell may stand in it, or a disk be mounted there.
-    Entering is the check: BadInput if the place cannot be written.
+    Entering is the check: InputError if the place cannot be written.
     """
     final = folder.resolve()
     if final.exists() and not final.is_dir():
-        raise BadInput(folder, "is a file; expected a folder to write to")
+        raise InputError(folder, "is a file; expected a folder to write to")
     exists = final.exists()
     partial = _beside(final / "out" if exists else final, "partial")
     try:
         present = sorted(os.listdir(final)) if exists else []
         partial.mkdir(parents=True)
     except OSError as error:
-        raise BadInput(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
+        raise InputError(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
     try:
         if present and not results:
-            raise BadInput(folder, f"already holds {present[0]}; expected a new or empty folder to write to")
+            raise InputError(folder, f"already holds {present[0]}; expected a new or empty folder to write to")
         for name in results:
             if (final / name).is_dir():
-                raise BadInput(final / name, "is a folder; expected none where a file is to be written")
+                raise InputError(final / name, "is a folder; expected none where a file is to be written")
         yield partial
         if not exists:
             partial.replace(final)
@@ -51,17 +52,17 @@ def whole_folder(folder: Path, results: Collection[str] = ()) -> Iterator[Path]:
 def whole_file(file: Path) -> Iterator[Path]:
     """A temporary file that becomes `file` when the block ends, and vanishes if it fails.
 
-    Entering is the check: BadInput if the place cannot be written.  An older file is replaced.
+    Entering is the check: InputError if the place cannot be written.  An older file is replaced.
     """
     final = file.resolve()
     if final.is_dir():
-        raise BadInput(file, "is a folder; expected a file to write to")
+        raise InputError(file, "is a folder; expected a file to write to")
     partial = _beside(final, "partial").with_suffix(final.suffix)  # writers choose a format by suffix
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         partial.touch(exist_ok=False)
     except OSError as error:
-        raise BadInput(file, f"cannot be written: {first_line(error)}; expected a writable place") from error
+        raise InputError(file, f"cannot be written: {first_line(error)}; expected a writable place") from error
     try:
         yield partial
         partial.replace(final)

@@ -6,16 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-
-class BadInput(ValueError):
-    """Input that nothing can be made of: "FILE:LINE: what was found; what was expected", one line."""
-
-    def __init__(self, file: Path | str, message: str, line: int | None = None) -> None:
-        super().__init__(file, message, line)
-
-    def __str__(self) -> str:
-        file, message, line = self.args
-        return _cite(file, line, message)
+from pps_vision.errors import cite
 
 
 class ProblemKind(StrEnum):
@@ -39,7 +30,7 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        return _cite(self.file, self.line, self.message)
+        return cite(self.file, self.line, self.message)
 
 
 def count_by_kind(problems: Iterable[Problem]) -> dict[str, int]:
@@ -52,8 +43,3 @@ def first_line(error: Exception) -> str:
     """What an exception says, on one line: the system's own words for an OSError."""
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return " ".join(text.split())
-
-
-def _cite(file: Path | str, line: int | None, message: str) -> str:
-    where = f"{file}" if line is None else f"{file}:{line}"
-    return " ".join(f"{where}: {message}".splitlines())

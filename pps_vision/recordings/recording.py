@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile, check_size, decode
-from pps_vision.recordings.problems import BadInput, Problem
+from pps_vision.recordings.problems import Problem
 from pps_vision.types import Image, StereoFrame, Truth
 
 Pair = tuple[ImageFile, ImageFile]
@@ -44,7 +45,7 @@ class Recording:
 
     def numbered(self) -> Iterator[tuple[int, StereoFrame]]:
         """(frame, pair): the number in the left image's file name (its place where it has none),
-        so that a frame keeps its number when others are skipped.  BadInput if an image has
+        so that a frame keeps its number when others are skipped.  InputError if an image has
         another size than the first."""
         for place, (left, right) in enumerate(self.pairs):
             images = decode_pair(left, right, self.problems)
@@ -68,10 +69,10 @@ def decode_pair(left: ImageFile, right: ImageFile, problems: list[Problem]) -> t
 
 
 def size_of_first(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:
-    """(width, height) of the first readable pair's left image; BadInput if no pair is readable."""
+    """(width, height) of the first readable pair's left image; InputError if no pair is readable."""
     for left, right in pairs:
         images = decode_pair(left, right, problems)
         if images is not None:
             return images[0].shape[1], images[0].shape[0]
     why = f"; {problems[0]}" if problems else ""
-    raise BadInput(source, f"no usable frame; expected at least one readable pair of left and right images{why}")
+    raise InputError(source, f"no usable frame; expected at least one readable pair of left and right images{why}")

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import Problem, ProblemKind, first_line
 from pps_vision.recordings.recording import Touch
 
 Vector = tuple[float, float, float]
@@ -60,12 +61,12 @@ def holds_contacts(log: Path) -> bool:
 def read_skin_events(log: Path, problems: list[Problem]) -> tuple[SkinEvent, ...]:
     """The events of a log in its order; a row that cannot be read is noted with its line and skipped.
 
-    BadInput if the log cannot be opened, or holds rows but no readable one.
+    InputError if the log cannot be opened, or holds rows but no readable one.
     """
     try:
         lines = log.read_text(errors="replace").splitlines()
     except OSError as error:
-        raise BadInput(log, f"cannot be read: {first_line(error)}; expected rows of {_EXPECTED}") from error
+        raise InputError(log, f"cannot be read: {first_line(error)}; expected rows of {_EXPECTED}") from error
     events, bad = [], []
     for line, text in enumerate(lines, start=1):
         try:
@@ -75,7 +76,7 @@ def read_skin_events(log: Path, problems: list[Problem]) -> tuple[SkinEvent, ...
             found = f"'{' '.join(text.split())[:60]}' ({first_line(error)}); expected {_EXPECTED}"
             bad.append(Problem(ProblemKind.ROW, log, line, found))
     if bad and not events:
-        raise BadInput(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
+        raise InputError(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
     problems += bad
     return tuple(events)
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import first_line
 from pps_vision.types import Array, Mask
 
 _KEYS = ("name", "spatial_sampling", "taxel2Repr")
@@ -33,11 +34,11 @@ class SkinPositions:
 
 
 def read_skin_positions(file: Path) -> SkinPositions:
-    """All a skin position file holds but its white space; BadInput names the file, the line and the value."""
+    """All a skin position file holds but its white space; InputError names the file, the line and the value."""
     try:
         lines = file.read_text(errors="replace").splitlines()
     except OSError as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a skin position file") from error
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected a skin position file") from error
     head: dict[str, tuple[str, int]] = {}
     rows: list[list[float]] | None = None
     for number, text in enumerate(lines, start=1):
@@ -51,10 +52,10 @@ def read_skin_positions(file: Path) -> SkinPositions:
         elif words[0] in _KEYS and words[0] not in head:
             head[words[0]] = (text.strip().removeprefix(words[0]).strip(), number)
         else:
-            raise BadInput(file, f"'{text[:40]}'; expected each of {', '.join(_KEYS)} once, {_CALIBRATION}", number)
+            raise InputError(file, f"'{text[:40]}'; expected each of {', '.join(_KEYS)} once, {_CALIBRATION}", number)
     missing = [key for key in _KEYS if key not in head] + [_CALIBRATION] * (not rows)
     if missing:
-        raise BadInput(file, f"no {missing[0]}; expected {', '.join(_KEYS)}, and rows after {_CALIBRATION}")
+        raise InputError(file, f"no {missing[0]}; expected {', '.join(_KEYS)}, and rows after {_CALIBRATION}")
     mapping = _mapping(file, *head["taxel2Repr"], n=len(rows or ()))
     table = np.array(rows)
     return SkinPositions(head["name"][0], head["spatial_sampling"][0], mapping, table[:, :3], table[:, 3:])
@@ -64,9 +65,9 @@ def _row(file: Path, line: int, words: list[str]) -> list[float]:
     try:
         row = [float(word) for word in words]
     except ValueError as error:
-        raise BadInput(file, f"'{' '.join(words)[:60]}'; expected x y z nx ny nz", line) from error
+        raise InputError(file, f"'{' '.join(words)[:60]}'; expected x y z nx ny nz", line) from error
     if len(row) != 6 or not np.all(np.isfinite(row)):
-        raise BadInput(file, f"'{' '.join(words)[:60]}'; expected x y z nx ny nz, all finite", line)
+        raise InputError(file, f"'{' '.join(words)[:60]}'; expected x y z nx ny nz, all finite", line)
     return row
 
 
@@ -75,9 +76,9 @@ def _mapping(file: Path, text: str, line: int, n: int) -> tuple[int, ...]:
     try:
         mapping = tuple(int(word) for word in words)
     except ValueError as error:
-        raise BadInput(file, f"taxel2Repr {text[:40]}; expected whole numbers in brackets", line) from error
+        raise InputError(file, f"taxel2Repr {text[:40]}; expected whole numbers in brackets", line) from error
     if len(mapping) != n:
-        raise BadInput(file, f"taxel2Repr has {len(mapping)} numbers; expected {n}, one for each row", line)
+        raise InputError(file, f"taxel2Repr has {len(mapping)} numbers; expected {n}, one for each row", line)
     return mapping
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import first_line
 
 
 def cell(value: object) -> str:
@@ -17,12 +18,12 @@ def cell(value: object) -> str:
 
 
 def read_table(file: Path, of: str) -> list[list[str]]:
-    """The fields of every line, the header first, a byte-order mark left out; BadInput where there is no table."""
+    """The fields of every line, the header first, a byte-order mark left out; InputError where there is no table."""
     try:
         with file.open(newline="", encoding="utf-8-sig") as stream:
             return list(csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a table of {of}") from error
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected a table of {of}") from error
 
 
 def write_table(file: Path, columns: Sequence[str], rows: Iterable[Iterable[object]]) -> None:

@@ -12,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.recordings.problems import BadInput, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import first_line
 
 _KEYS = ("modality", "size", "nTaxels", "ext", "binsNum", "Mapping")
 _LIMITS = {"1D": 2, "2D": 4}  # numbers in ext
@@ -56,12 +57,12 @@ class PartMap:
 def read_taxels(file: Path) -> tuple[PartMap, ...]:
     """The maps of a taxels*.ini, one a body part; all it holds but its white space.
 
-    BadInput names the file, the line and the value, and what was expected.
+    InputError names the file, the line and the value, and what was expected.
     """
     try:
         lines = file.read_text(errors="replace").splitlines()
     except OSError as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a taxels*.ini") from error
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected a taxels*.ini") from error
     sections: dict[str, tuple[int, dict[str, Entry]]] = {}
     entries: dict[str, Entry] | None = None
     for number, text in enumerate(lines, start=1):
@@ -71,15 +72,15 @@ def read_taxels(file: Path) -> tuple[PartMap, ...]:
         if key.startswith("["):
             name = text.strip().strip("[]").strip()
             if not name or name in sections:
-                raise BadInput(file, f"section {text.strip()}; expected each body part once, by its name", number)
+                raise InputError(file, f"section {text.strip()}; expected each body part once, by its name", number)
             sections[name] = number, (entries := {})
         elif entries is None or key in entries or not (key in _KEYS or _is_whole(key)):
             expected = f"expected a [body part], then each of {', '.join(_KEYS)} and each taxel's number once"
-            raise BadInput(file, f"'{text.strip()[:40]}'; {expected}", number)
+            raise InputError(file, f"'{text.strip()[:40]}'; {expected}", number)
         else:
             entries[key] = (value.strip(), number)
     if not sections:
-        raise BadInput(file, "no section; expected one [body part] or more")
+        raise InputError(file, "no section; expected one [body part] or more")
     return tuple(_part(file, name, *section) for name, section in sections.items())
 
 
@@ -92,27 +93,29 @@ def _part(file: Path, name: str, start: int, entries: dict[str, Entry]) -> PartM
     """The map that one section holds."""
     for key in _KEYS:
         if key not in entries:
-            raise BadInput(file, f"[{name}] has no {key}; expected {', '.join(_KEYS)}", start)
+            raise InputError(file, f"[{name}] has no {key}; expected {', '.join(_KEYS)}", start)
     modality, line = entries["modality"]
     if modality not in _LIMITS:
-        raise BadInput(file, f"modality {modality}; expected {' or '.join(_LIMITS)}", line)
+        raise InputError(file, f"modality {modality}; expected {' or '.join(_LIMITS)}", line)
     (size,) = _numbers(file, "size", entries["size"], int, 1)
     (n_taxels,) = _numbers(file, "nTaxels", entries["nTaxels"], int, 1)
     (extent,) = _lists(file, "ext", entries["ext"], float, _LIMITS[modality])
     (bins,) = _lists(file, "binsNum", entries["binsNum"], int, 2)
     (mapping,) = _lists(file, "Mapping", entries["Mapping"], int, size)
     if any(low >= high for low, high in zip(extent[::2], extent[1::2], strict=True)):
-        raise BadInput(file, f"ext {entries['ext'][0]}; expected ranges from low to high", entries["ext"][1])
+        raise InputError(file, f"ext {entries['ext'][0]}; expected ranges from low to high", entries["ext"][1])
     if min(bins) < 1 or (modality == "1D" and bins[1] != 1):
-        raise BadInput(file, f"binsNum {entries['binsNum'][0]}; expected bins, in 1D one of TTC", entries["binsNum"][1])
+        raise InputError(
+            file, f"binsNum {entries['binsNum'][0]}; expected bins, in 1D one of TTC", entries["binsNum"][1]
+        )
     counts = {}
     for key in entries.keys() - set(_KEYS):
         both = _lists(file, f"taxel {key}", entries[key], int, bins[0] * bins[1], 2)
         if not 0 <= min(map(min, both)) <= max(map(max, both)) <= _LARGEST:
-            raise BadInput(file, f"taxel {key} has a count below 0 or past 2^63; expected neither", entries[key][1])
+            raise InputError(file, f"taxel {key} has a count below 0 or past 2^63; expected neither", entries[key][1])
         counts[int(key)] = np.stack([np.array(one, np.int64).reshape(bins) for one in both], axis=-1)
     if len(counts) != n_taxels:
-        raise BadInput(file, f"nTaxels {n_taxels}; expected {len(counts)}, as many as follow", entries["nTaxels"][1])
+        raise InputError(file, f"nTaxels {n_taxels}; expected {len(counts)}, as many as follow", entries["nTaxels"][1])
     in_order = {taxel: counts[taxel] for taxel in (int(key) for key in entries if key not in _KEYS)}
     return PartMap(name, extent, (bins[0], bins[1]), mapping, in_order)
 
@@ -124,7 +127,7 @@ def _lists(
     text, line = entry
     lists = re.findall(r"\(([^()]*)\)", text)
     if len(lists) != count or re.sub(r"\([^()]*\)", "", text).strip():
-        raise BadInput(file, f"{what} {text[:40]}; expected {count} in brackets: {'(…) ' * count}".rstrip(), line)
+        raise InputError(file, f"{what} {text[:40]}; expected {count} in brackets: {'(…) ' * count}".rstrip(), line)
     return [_numbers(file, what, (inside, line), kind, n) for inside in lists]
 
 
@@ -136,11 +139,11 @@ def _numbers(file: Path, what: str, entry: Entry, kind: Callable[[str], Number],
         try:
             found.append(kind(word))
         except ValueError as error:
-            raise BadInput(file, f"{what} {word}; expected numbers", line) from error
+            raise InputError(file, f"{what} {word}; expected numbers", line) from error
         if not abs(found[-1]) < float("inf"):
-            raise BadInput(file, f"{what} {word}; expected finite numbers", line)
+            raise InputError(file, f"{what} {word}; expected finite numbers", line)
     if len(found) != n:
-        raise BadInput(file, f"{what} has {len(found)} numbers; expected {n}", line)
+        raise InputError(file, f"{what} has {len(found)} numbers; expected {n}", line)
     return tuple(found)
 
 

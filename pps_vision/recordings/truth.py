@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import Problem, ProblemKind, first_line
 from pps_vision.recordings.tables import write_table
 from pps_vision.types import Truth
 
@@ -29,13 +30,13 @@ def _cells(row: Truth) -> tuple[object, ...]:
 
 
 def read_truth(file: Path, problems: list[Problem]) -> tuple[Truth, ...]:
-    """The rows of truth.csv; a bad row is noted in `problems` and skipped, another header is BadInput."""
+    """The rows of truth.csv; a bad row is noted in `problems` and skipped, another header is InputError."""
     try:
         lines = file.read_text(errors="replace").splitlines()
     except OSError as error:
-        raise BadInput(file, f"cannot be read: {first_line(error)}; expected a table of the true path") from error
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected a table of the true path") from error
     if not lines or lines[0] != ",".join(COLUMNS):
-        raise BadInput(file, f"other columns than expected: {','.join(COLUMNS)}", 1)
+        raise InputError(file, f"other columns than expected: {','.join(COLUMNS)}", 1)
     rows = []
     for line, text in enumerate(lines[1:], start=2):
         try:

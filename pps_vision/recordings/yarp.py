@@ -7,9 +7,10 @@ from pathlib import Path, PurePath
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.pairing import pair_by_stamp
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind
+from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import Pair, Recording, Touch, size_of_first
 from pps_vision.recordings.skin_events import holds_contacts, read_skin_events, touches_of
 from pps_vision.recordings.truth import read_truth
@@ -44,16 +45,16 @@ def open_yarp(
 
     Ports are found by what their folders are called, wherever they lie.  A joint port that was
     not recorded reads 0; the head must be there.  Bad rows, unpaired images and images without
-    joints go to `problems`.  BadInput if no frame remains or a log cannot be read at all.
+    joints go to `problems`.  InputError if no frame remains or a log cannot be read at all.
     """
     if not folder.is_dir():
-        raise BadInput(folder, "no such folder; expected a yarpdatadumper recording")
+        raise InputError(folder, "no such folder; expected a yarpdatadumper recording")
     problems: list[Problem] = []
     ports = find_ports(folder)
     for port in ("left", "right", "head"):
         if port not in ports:
             what = "head joints" if port == "head" else f"{port} images"
-            raise BadInput(folder, f"no {what}; expected a folder '{port}' with a data.log")
+            raise InputError(folder, f"no {what}; expected a folder '{port}' with a data.log")
     joints = {port: _read_joints(ports[port], n, problems) for port, n in JOINT_PORTS.items() if port in ports}
     touches = _read_touches(ports["skin"], representatives, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
@@ -72,7 +73,7 @@ def open_yarp(
 
 
 def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
-    """The images a log names; BadInput if it names none, or one that is not within its folder."""
+    """The images a log names; InputError if it names none, or one that is not within its folder."""
     files = []
     for row in read_log(log, None, problems, distinct_stamps=True):
         if not row.words or len(row.words) > 2:  # the second is the pixel code, "[rgb]"
@@ -81,11 +82,11 @@ def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
             continue
         name = PurePath(row.words[0])
         if name.is_absolute() or ".." in name.parts:
-            raise BadInput(log, f"file name '{name}' points outside; expected a file beside the log", row.line)
+            raise InputError(log, f"file name '{name}' points outside; expected a file beside the log", row.line)
         files.append(ImageFile(log.parent / name, row.stamp_s, log=log, line=row.line))
     if not files:
         why = f"; {problems[-1]}" if problems and problems[-1].file == log else ""
-        raise BadInput(log, f"names no image; expected rows of index, stamp and the name of an image{why}")
+        raise InputError(log, f"names no image; expected rows of index, stamp and the name of an image{why}")
     return files
 
 
@@ -101,7 +102,7 @@ def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Arr
             found = f"joint reads {row.words[int(np.argmin(np.abs(sample) < _LARGEST_DEG))]}"
             problems.append(Problem(ProblemKind.JOINTS, log, row.line, f"{found}; expected degrees"))
     if not stamps:
-        raise BadInput(log, f"no readable sample; expected rows of index, stamp and {n_joints} joints in degrees")
+        raise InputError(log, f"no readable sample; expected rows of index, stamp and {n_joints} joints in degrees")
     return np.array(stamps), np.array(samples)
 
 
@@ -124,7 +125,7 @@ def _read_touches(
         else:
             touches.append(Touch(row.stamp_s, row.words))
     if foreign_rows and not touches:
-        raise BadInput(log, f"{foreign_rows[0].message}; no row can be read", foreign_rows[0].line)
+        raise InputError(log, f"{foreign_rows[0].message}; no row can be read", foreign_rows[0].line)
     problems += foreign_rows
     return tuple(touches)
 

@@ -7,7 +7,8 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import Problem, ProblemKind, first_line
 
 _STAMP_LIMIT_S = 1e12  # beyond any clock; keeps differences of stamps finite
 
@@ -26,13 +27,13 @@ def read_log(log: Path, n_numbers: int | None, problems: list[Problem], distinct
 
     `n_numbers` is the count of numbers a payload has; None where it begins with a word.  A row
     that cannot be read or whose stamp goes backwards (or, with `distinct_stamps`, comes again) is
-    noted and skipped.  BadInput if the log cannot be opened, or holds rows but no readable one.
+    noted and skipped.  InputError if the log cannot be opened, or holds rows but no readable one.
     """
     expected = "index, stamp and " + ("words" if n_numbers is None else f"{n_numbers} numbers")
     try:
         lines = log.read_bytes().decode(errors="replace").split("\n")
     except OSError as error:
-        raise BadInput(log, f"cannot be read: {first_line(error)}; expected rows of {expected}") from error
+        raise InputError(log, f"cannot be read: {first_line(error)}; expected rows of {expected}") from error
     rows, bad = [], []
     for number, text in enumerate(lines, start=1):
         words = text.split()
@@ -42,7 +43,7 @@ def read_log(log: Path, n_numbers: int | None, problems: list[Problem], distinct
         elif words:
             bad.append(Problem(ProblemKind.ROW, log, number, f"'{' '.join(words)[:60]}'; expected {expected}"))
     if bad and not rows:
-        raise BadInput(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
+        raise InputError(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
     problems += bad
     return _in_order(log, rows, problems, distinct_stamps)
 

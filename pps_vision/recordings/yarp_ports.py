@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pps_vision.recordings.problems import BadInput
+from pps_vision.errors import InputError
 
 _JOINTS_AND_SKIN = {
     "torso": "torso",
@@ -18,14 +18,14 @@ def find_ports(folder: Path) -> dict[str, Path]:
     """The data.log of every port: "left" and "right" (images), torso, head, left_arm, right_arm, skin.
 
     Joints and skin lie in a folder called so (`rightArm`, `right_arm/state:o`), images below one
-    whose name holds left or right.  BadInput if two logs claim one port.
+    whose name holds left or right.  InputError if two logs claim one port.
     """
     ports: dict[str, Path] = {}
     logs = sorted(folder.rglob("data.log"))
     for log in logs:
         port = _port(log.parent.relative_to(folder), log)
         if port in ports:
-            raise BadInput(log, f"a second log for {port}; expected one, and {ports[port]} is there")
+            raise InputError(log, f"a second log for {port}; expected one, and {ports[port]} is there")
         if port is not None:
             ports[port] = log
     for log in logs:

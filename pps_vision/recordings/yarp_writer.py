@@ -31,7 +31,7 @@ _PORTS = {
 class YarpWriter:
     """A recording being written; as a context manager it appears under its name when all went well.
 
-    Entering raises BadInput if `folder` cannot be written or is not empty.  Every kind of row
+    Entering raises InputError if `folder` cannot be written or is not empty.  Every kind of row
     may come at its own rate; joints must span the frames' stamps.
     """
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.recordings.calibration import fit_to_images, read_icub_eyes, write_icub_eyes
-from pps_vision.recordings.problems import BadInput
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 
@@ -51,12 +51,12 @@ def test_tabs_comments_and_foreign_keys_are_taken(ini: Path) -> None:
 def test_what_is_missing_is_named(ini: Path, old: str, new: str, message: str) -> None:
     assert old in ini.read_text()
     ini.write_text(ini.read_text().replace(old, new))
-    with pytest.raises(BadInput, match=message):
+    with pytest.raises(InputError, match=message):
         read_icub_eyes(ini)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"none\.ini: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"none\.ini: cannot be read: No such file"):
         read_icub_eyes(tmp_path / "none.ini")
 
 
@@ -79,5 +79,5 @@ def test_a_resized_image_shows_the_same_point_at_the_resized_camera(ini: Path) -
 
 
 def test_other_proportions_are_refused() -> None:
-    with pytest.raises(BadInput, match=r"a\.ini: calibrated for 320×240 pixels, images are 640×360"):
+    with pytest.raises(InputError, match=r"a\.ini: calibrated for 320×240 pixels, images are 640×360"):
         fit_to_images(LEFT_EYE, (640, 360), Path("a.ini"))

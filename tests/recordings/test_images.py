@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.images import natural_order, open_frames, open_stereo_images
-from pps_vision.recordings.problems import BadInput, ProblemKind
+from pps_vision.recordings.problems import ProblemKind
 
 
 def write(file: Path, value: int, size: tuple[int, int] = (8, 6)) -> None:
@@ -67,17 +68,17 @@ def test_a_name_without_a_number_is_named(tmp_path: Path) -> None:
 def test_images_of_two_sizes_are_refused(tmp_path: Path) -> None:
     patterns = stereo(tmp_path, [1, 2], [1, 2])
     write(tmp_path / "1R2.png", 0, size=(4, 3))
-    with pytest.raises(BadInput, match=r"1R2\.png is 4×3 pixels; expected 8×6 like the first image"):
+    with pytest.raises(InputError, match=r"1R2\.png is 4×3 pixels; expected 8×6 like the first image"):
         list(open_stereo_images(*patterns, fps=10))
 
 
 def test_no_usable_pair_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no usable frame"):
+    with pytest.raises(InputError, match="no usable frame"):
         open_stereo_images(*stereo(tmp_path, [1, 2], [3, 4]), fps=10)
-    with pytest.raises(BadInput, match=r"x\*\.png: matches no file"):
+    with pytest.raises(InputError, match=r"x\*\.png: matches no file"):
         open_stereo_images([str(tmp_path / "x*.png")], [str(tmp_path / "1R*.png")], fps=10)
     gone = [str(tmp_path / f"gone{i}.png") for i in range(40)]
-    with pytest.raises(BadInput, match=r"gone0\.png \(and 39 more\): matches no file"):
+    with pytest.raises(InputError, match=r"gone0\.png \(and 39 more\): matches no file"):
         open_stereo_images(gone, [str(tmp_path / "1R*.png")], fps=10)
 
 
@@ -92,7 +93,7 @@ def test_files_that_are_given_twice_count_once(tmp_path: Path, monkeypatch: pyte
 def test_a_number_that_comes_twice_is_refused(tmp_path: Path) -> None:
     _, right = stereo(tmp_path, [1], [1])
     write(tmp_path / "2L1.png", 0)
-    with pytest.raises(BadInput, match=r"2L1\.png: number 1 again"):
+    with pytest.raises(InputError, match=r"2L1\.png: number 1 again"):
         open_stereo_images([str(tmp_path / "*L1.png")], right, fps=10)
 
 
@@ -122,13 +123,13 @@ def test_a_bad_frame_keeps_the_numbers_of_the_others(tmp_path: Path) -> None:
 
 
 def test_frames_of_two_sizes_or_none_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no usable frame among 0 images"):
+    with pytest.raises(InputError, match="no usable frame among 0 images"):
         open_frames(tmp_path)
-    with pytest.raises(BadInput, match="no such folder"):
+    with pytest.raises(InputError, match="no such folder"):
         open_frames(tmp_path / "none")
     write(tmp_path / "1.png", 0)
     write(tmp_path / "2.png", 0, size=(6, 8))
-    with pytest.raises(BadInput, match=r"2\.png is 6×8 pixels; expected 8×6"):
+    with pytest.raises(InputError, match=r"2\.png is 6×8 pixels; expected 8×6"):
         list(open_frames(tmp_path))
 
 

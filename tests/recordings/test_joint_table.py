@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.joint_table import read_joint_offsets, write_joint_offsets
-from pps_vision.recordings.problems import BadInput
 
 JOINTS = ("neck_pitch", "eyes_tilt", "left_elbow")
 
@@ -38,12 +38,12 @@ def test_joints_without_a_line_are_right(tmp_path: Path) -> None:
 )
 def test_what_is_no_table_is_refused(tmp_path: Path, text: str, says: str) -> None:
     (tmp_path / "joints.csv").write_text(text)
-    with pytest.raises(BadInput) as refusal:
+    with pytest.raises(InputError) as refusal:
         read_joint_offsets(tmp_path / "joints.csv", JOINTS)
     assert says in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
 def test_a_table_that_is_gone_is_named(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"gone\.csv: cannot be read"):
+    with pytest.raises(InputError, match=r"gone\.csv: cannot be read"):
         read_joint_offsets(tmp_path / "gone.csv", JOINTS)

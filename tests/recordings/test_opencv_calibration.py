@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
-from pps_vision.recordings.problems import BadInput
 
 SIZE = (640, 480)
 K1 = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])
@@ -125,7 +125,7 @@ def test_images_of_another_resolution_scale_the_camera(tmp_path: Path) -> None:
     assert (left.width, left.height, left.fx, left.cx) == (640, 480, 250.0, (320 + 0.5) / 2 - 0.5)
     listed = store(tmp_path / "size.yml", image_size=np.array([1280, 960]))
     assert read_stereo_calibration([stereo(tmp_path / "b.yml"), listed], SIZE)[0] == left
-    with pytest.raises(BadInput, match=r"a\.yml: calibrated for 1280×960 pixels, images are 640×360"):
+    with pytest.raises(InputError, match=r"a\.yml: calibrated for 1280×960 pixels, images are 640×360"):
         read_stereo_calibration([sized], (640, 360))
 
 
@@ -162,7 +162,7 @@ def test_trailing_zero_coefficients_are_none(tmp_path: Path) -> None:
 )
 def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, np.ndarray | None], message: str) -> None:
     file = stereo(tmp_path / "stereo.xml", **changes)
-    with pytest.raises(BadInput, match=f"stereo.xml: {message}"):
+    with pytest.raises(InputError, match=f"stereo.xml: {message}"):
         read_stereo_calibration([file], SIZE)
 
 
@@ -186,16 +186,16 @@ def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, np.ndarray | 
 )
 def test_a_file_that_is_no_calibration_is_named(tmp_path: Path, name: str, text: str, message: str) -> None:
     (tmp_path / name).write_text(text)
-    with pytest.raises(BadInput, match=message) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         read_stereo_calibration([tmp_path / name], SIZE)
     assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_missing_file_and_too_many_cameras_are_named(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"none\.xml: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"none\.xml: cannot be read: No such file"):
         read_stereo_calibration([tmp_path / "none.xml"], SIZE)
     files = [store(tmp_path / f"{name}.xml", camera_matrix=K1) for name in "abc"]
-    with pytest.raises(BadInput, match=r"c\.xml: is one camera more than two"):
+    with pytest.raises(InputError, match=r"c\.xml: is one camera more than two"):
         read_stereo_calibration(files, SIZE)
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import whole_file, whole_folder
-from pps_vision.recordings.problems import BadInput
 
 
 def test_a_folder_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path: Path) -> None
     target.mkdir()
     with whole_folder(target) as folder:
         (folder / "mine").write_text("1")
-    with pytest.raises(BadInput, match="already holds mine"), whole_folder(target):
+    with pytest.raises(InputError, match="already holds mine"), whole_folder(target):
         pass
     assert (target / "mine").read_text() == "1"
 
@@ -50,7 +50,7 @@ def test_a_previous_run_is_replaced_and_everything_else_stays(tmp_path: Path) ->
         (folder / "report.html").write_text("new")
     assert {p.name: p.read_text() for p in target.iterdir()} == {"report.html": "new", "thesis.txt": "mine"}
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
-    with pytest.raises(BadInput, match=r"already holds report\.html"), whole_folder(target):
+    with pytest.raises(InputError, match=r"already holds report\.html"), whole_folder(target):
         pass
 
 
@@ -78,7 +78,7 @@ def test_folders_are_moved_into_an_empty_one(tmp_path: Path) -> None:
 
 def test_a_folder_in_the_place_of_a_result_is_refused_on_entering(tmp_path: Path) -> None:
     (tmp_path / "b.csv" / "mine").mkdir(parents=True)
-    with pytest.raises(BadInput, match=r"b\.csv: is a folder"), whole_folder(tmp_path, ("a.csv", "b.csv")):
+    with pytest.raises(InputError, match=r"b\.csv: is a folder"), whole_folder(tmp_path, ("a.csv", "b.csv")):
         pytest.fail("entered")
     assert [p.name for p in tmp_path.rglob("*")] == ["b.csv", "mine"]
 
@@ -95,15 +95,15 @@ def test_a_failed_second_run_keeps_the_first(tmp_path: Path) -> None:
 @pytest.mark.parametrize("whole", [whole_folder, whole_file])
 def test_an_unwritable_place_is_refused_on_entering(tmp_path: Path, whole) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(BadInput, match="cannot be written"), whole(tmp_path / "file" / "out"):
+    with pytest.raises(InputError, match="cannot be written"), whole(tmp_path / "file" / "out"):
         pytest.fail("entered")
 
 
 def test_a_file_where_a_folder_is_asked_for_and_the_reverse(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(BadInput, match="is a file"), whole_folder(tmp_path / "file"):
+    with pytest.raises(InputError, match="is a file"), whole_folder(tmp_path / "file"):
         pass
-    with pytest.raises(BadInput, match="is a folder"), whole_file(tmp_path):
+    with pytest.raises(InputError, match="is a folder"), whole_file(tmp_path):
         pass
 
 

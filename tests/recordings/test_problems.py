@@ -5,21 +5,22 @@ from pathlib import Path
 
 import pytest
 
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind, count_by_kind, first_line
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import Problem, ProblemKind, count_by_kind, first_line
 
 
 def test_a_fatal_line_names_file_line_and_what_was_expected() -> None:
-    assert str(BadInput(Path("a.log"), "x; expected y", 3)) == "a.log:3: x; expected y"
-    assert str(BadInput(Path("a.log"), "x; expected y")) == "a.log: x; expected y"
+    assert str(InputError(Path("a.log"), "x; expected y", 3)) == "a.log:3: x; expected y"
+    assert str(InputError(Path("a.log"), "x; expected y")) == "a.log: x; expected y"
 
 
 def test_a_message_stays_one_line_whatever_it_quotes() -> None:
-    assert str(BadInput("a\nb", "two\nlines\r\n")).splitlines() == ["a b: two lines"]
+    assert str(InputError("a\nb", "two\nlines\r\n")).splitlines() == ["a b: two lines"]
     assert str(Problem(ProblemKind.ROW, Path("a"), 1, "two\nlines")) == "a:1: two lines"
 
 
 def test_a_fatal_error_survives_copying_as_worker_processes_need() -> None:
-    assert str(copy.copy(BadInput("a", "b", 2))) == "a:2: b"
+    assert str(copy.copy(InputError("a", "b", 2))) == "a:2: b"
 
 
 def test_counts_name_every_kind() -> None:

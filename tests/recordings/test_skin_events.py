@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pps_vision.recordings.problems import BadInput, Problem
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.skin_events import SkinContact, read_skin_events, touches_of, write_skin_events
 
 ONE = "((12 3 4 2) (0.06 -0.029 0.00005) (-0.46 0.0 -0.0) (0.0 0.0 0.0) (0.06 -0.029 0.009) (1.0 0.0 0.0) (4 0 9) 9.3)"
@@ -60,12 +61,12 @@ def test_a_row_that_cannot_be_read_is_skipped_and_named(tmp_path: Path, bad: str
     assert [e.index for e in read_skin_events(log, problems)] == [7, 9]
     assert len(problems) == 1
     assert str(problems[0]).startswith(f"{log}:2: '{bad[:20].split()[0]}")
-    with pytest.raises(BadInput, match=r"data\.log:1: .*none of 2 rows"):
+    with pytest.raises(InputError, match=r"data\.log:1: .*none of 2 rows"):
         read_skin_events(log_of(tmp_path, [bad, bad]), [])
 
 
 def test_no_log(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"gone\.log: cannot be read"):
+    with pytest.raises(InputError, match=r"gone\.log: cannot be read"):
         read_skin_events(tmp_path / "gone.log", [])
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pps_vision.recordings.problems import BadInput
+from pps_vision.errors import InputError
 from pps_vision.recordings.skin_positions import read_skin_positions, write_skin_positions
 
 HAND = """name    l_forearm
@@ -54,15 +54,15 @@ def test_what_a_file_says_is_read_and_written_again(hand: Path, tmp_path: Path) 
 )
 def test_what_is_wrong_is_named_with_its_line(hand: Path, old: str, new: str, where: str, says: str) -> None:
     hand.write_text(HAND.replace(old, new, 1))
-    with pytest.raises(BadInput) as error:
+    with pytest.raises(InputError) as error:
         read_skin_positions(hand)
     assert str(error.value).startswith(f"{hand}{where}: ")
     assert says in str(error.value)
 
 
 def test_no_file_and_no_rows(hand: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"gone\.txt: cannot be read"):
+    with pytest.raises(InputError, match=r"gone\.txt: cannot be read"):
         read_skin_positions(tmp_path / "gone.txt")
     hand.write_text("\n".join(HAND.splitlines()[:4]))
-    with pytest.raises(BadInput, match="rows after"):
+    with pytest.raises(InputError, match="rows after"):
         read_skin_positions(hand)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pps_vision.recordings.problems import BadInput
+from pps_vision.errors import InputError
 from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
 
 HAND = """[l_hand]
@@ -85,17 +85,17 @@ def _without_white_space(file: Path) -> list[list[str]]:
 )
 def test_what_is_wrong_is_named_with_its_line(hand: Path, old: str, new: str, where: int, says: str) -> None:
     hand.write_text(HAND.replace(old, new, 1))
-    with pytest.raises(BadInput) as error:
+    with pytest.raises(InputError) as error:
         read_taxels(hand)
     assert str(error.value).startswith(f"{hand}:{where}: ")
     assert says in str(error.value)
 
 
 def test_no_file_and_no_section(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"gone\.ini: cannot be read"):
+    with pytest.raises(InputError, match=r"gone\.ini: cannot be read"):
         read_taxels(tmp_path / "gone.ini")
     (tmp_path / "empty.ini").write_text("\n")
-    with pytest.raises(BadInput, match=r"empty\.ini: no section"):
+    with pytest.raises(InputError, match=r"empty\.ini: no section"):
         read_taxels(tmp_path / "empty.ini")
 
 

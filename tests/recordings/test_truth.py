@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pps_vision.recordings.problems import BadInput, ProblemKind
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import ProblemKind
 from pps_vision.recordings.truth import read_truth, write_truth
 from pps_vision.types import Truth
 
@@ -53,7 +54,7 @@ def test_a_bad_row_is_named_and_skipped(tmp_path: Path, row: str, message: str) 
 
 def test_other_columns_are_refused(tmp_path: Path) -> None:
     (tmp_path / "truth.csv").write_text("t,x,y,z\n1,2,3,4\n")
-    with pytest.raises(BadInput, match=r"truth\.csv:1: .*expected: stamp_s"):
+    with pytest.raises(InputError, match=r"truth\.csv:1: .*expected: stamp_s"):
         read_truth(tmp_path / "truth.csv", [])
-    with pytest.raises(BadInput, match="cannot be read: No such file"):
+    with pytest.raises(InputError, match="cannot be read: No such file"):
         read_truth(tmp_path / "none.csv", [])

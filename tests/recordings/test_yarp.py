@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recordings.recorded import ROBOT, START_S, Written, write_recording
 
-from pps_vision.recordings.problems import BadInput, ProblemKind
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import ProblemKind
 from pps_vision.recordings.yarp import open_yarp
 
 
@@ -192,7 +193,7 @@ def test_without_truth_touches_and_calibration(rec: Written) -> None:
 @pytest.mark.parametrize("name", ["../../secret.ppm", "/etc/passwd", "a/../../b.ppm"])
 def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> None:
     change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} {name}")
-    with pytest.raises(BadInput, match=r"cam/left/data\.log:2: file name .* points outside"):
+    with pytest.raises(InputError, match=r"cam/left/data\.log:2: file name .* points outside"):
         open_yarp(rec.folder)
 
 
@@ -213,14 +214,14 @@ def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> 
 )
 def test_what_cannot_be_read_at_all_is_refused(rec: Written, log: str, text: str, message: str) -> None:
     (rec.folder / log / "data.log").write_text(text)
-    with pytest.raises(BadInput, match=message):
+    with pytest.raises(InputError, match=message):
         open_yarp(rec.folder)
 
 
 def test_an_empty_log_is_named_even_if_nothing_says_what_it_holds(rec: Written) -> None:
     (rec.folder / "cam/left/info.log").unlink()
     (rec.folder / "cam/left/data.log").write_text("")
-    with pytest.raises(BadInput, match=r"cam/left/data\.log: names no image"):
+    with pytest.raises(InputError, match=r"cam/left/data\.log: names no image"):
         open_yarp(rec.folder)
 
 
@@ -232,28 +233,28 @@ def test_a_recording_is_called_as_it_was_given(rec: Written, monkeypatch: pytest
 @pytest.mark.parametrize(("port", "message"), [("cam/left", "no left images"), ("head", "no head joints")])
 def test_a_missing_port_is_named(rec: Written, port: str, message: str) -> None:
     shutil.rmtree(rec.folder / port)
-    with pytest.raises(BadInput, match=message):
+    with pytest.raises(InputError, match=message):
         open_yarp(rec.folder)
 
 
 def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None:
-    with pytest.raises(BadInput, match="none: no such folder"):
+    with pytest.raises(InputError, match="none: no such folder"):
         open_yarp(rec.folder / "none")
     shutil.copytree(rec.folder / "head", rec.folder / "old" / "head")
-    with pytest.raises(BadInput, match=r"a second log for head; expected one, and .*head/data\.log is there"):
+    with pytest.raises(InputError, match=r"a second log for head; expected one, and .*head/data\.log is there"):
         open_yarp(rec.folder)
 
 
 def test_a_log_that_is_no_file_is_named(rec: Written) -> None:
     shutil.rmtree(rec.folder / "head")
     (rec.folder / "head/data.log").mkdir(parents=True)
-    with pytest.raises(BadInput, match=r"head/data\.log: cannot be read: Is a directory"):
+    with pytest.raises(InputError, match=r"head/data\.log: cannot be read: Is a directory"):
         open_yarp(rec.folder)
 
 
 def test_images_of_two_sizes_are_refused(rec: Written) -> None:
     (rec.folder / "cam/right/00000001.ppm").write_bytes(b"P6 2 1 255\nabcdef")
-    with pytest.raises(BadInput, match=r"cam/right/data\.log:2: 00000001\.ppm is 2×1 pixels; expected 8×6"):
+    with pytest.raises(InputError, match=r"cam/right/data\.log:2: 00000001\.ppm is 2×1 pixels; expected 8×6"):
         list(open_yarp(rec.folder))
 
 
@@ -280,7 +281,7 @@ def test_no_content_of_a_log_breaks_the_reader(rec: Written, port: str, content:
     refusal, joints = str(rec.folder), []
     try:
         joints = [frame.joints_left_rad for frame in open_yarp(rec.folder)]
-    except BadInput as error:
+    except InputError as error:
         refusal = str(error)
     finally:
         log.write_bytes(sound)

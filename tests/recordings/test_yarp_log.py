@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pps_vision.recordings.problems import BadInput, Problem, ProblemKind
+from pps_vision.errors import InputError
+from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.yarp_log import read_log
 
 
@@ -76,9 +77,9 @@ def test_stamps_that_must_differ(log: Path, stamps: tuple[float, ...], skipped: 
 
 
 def test_a_log_of_which_nothing_can_be_read_is_refused(log: Path) -> None:
-    with pytest.raises(BadInput, match=r"data\.log:2: 'what is this'; expected .* none of 2 rows can be read"):
+    with pytest.raises(InputError, match=r"data\.log:2: 'what is this'; expected .* none of 2 rows can be read"):
         read(log, "\nwhat is this\nor that\n", 3)
-    with pytest.raises(BadInput, match="cannot be read: No such file"):
+    with pytest.raises(InputError, match="cannot be read: No such file"):
         read_log(log.with_name("none.log"), None, [])
 
 
@@ -96,7 +97,7 @@ def test_no_content_breaks_it(tmp_path_factory: pytest.TempPathFactory, content:
     rows, refusal = [], ""
     try:
         rows = read_log(log, n_numbers, problems)
-    except BadInput as error:
+    except InputError as error:
         refusal = str(error)
     filled = [i for i, line in enumerate(content.decode(errors="replace").split("\n"), start=1) if line.split()]
     if refusal:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from recordings.recorded import ROBOT, random_joints, write_recording
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.calibration import read_icub_eyes
-from pps_vision.recordings.problems import BadInput
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
@@ -82,12 +82,12 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 def test_a_used_or_unwritable_folder_is_refused(tmp_path: Path) -> None:
     write_recording(tmp_path / "rec", n=1)
     with (
-        pytest.raises(BadInput, match="rec: already holds cam"),
+        pytest.raises(InputError, match="rec: already holds cam"),
         YarpWriter(tmp_path / "rec", ROBOT, LEFT_EYE, RIGHT_EYE),
     ):
         pass
     place = tmp_path / "rec" / "truth.csv" / "out"
-    with pytest.raises(BadInput, match="cannot be written"), YarpWriter(place, ROBOT, LEFT_EYE, RIGHT_EYE):
+    with pytest.raises(InputError, match="cannot be written"), YarpWriter(place, ROBOT, LEFT_EYE, RIGHT_EYE):
         pass
 
 

@@ -1,0 +1,26 @@
+"""The one exception for bad input; any package may raise it."""
+
+from pathlib import Path
+
+
+class InputError(ValueError):
+    """Input that cannot be used.  Its message is one line, "SOURCE:LINE: what was found; what was expected".
+
+    Args:
+        source: The file, folder or command that the input came from.
+        message: What was found and what was expected.
+        line: The line of the file, from 1.
+    """
+
+    def __init__(self, source: Path | str, message: str, line: int | None = None) -> None:
+        super().__init__(source, message, line)
+
+    def __str__(self) -> str:
+        source, message, line = self.args
+        return cite(source, line, message)
+
+
+def cite(source: Path | str, line: int | None, message: str) -> str:
+    """Return "SOURCE:LINE: message" on one line."""
+    where = f"{source}" if line is None else f"{source}:{line}"
+    return " ".join(f"{where}: {message}".splitlines())
