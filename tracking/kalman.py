@@ -113,13 +113,33 @@ def process_noise(order: int, dt_s: float, density: float) -> Array:
     return Q
 
 
-def start(params: KalmanParams, stamp_s: float, position: Array, cov: Array) -> Belief:
-    """The belief after the first measurement: `position` (3,) m with `cov` (3, 3) m²."""
+def start(
+    params: KalmanParams,
+    stamp_s: float,
+    position: Array,
+    cov: Array,
+    velocity: Array | None = None,
+    velocity_cov: Array | None = None,
+) -> Belief:
+    """The belief after the first measurement.
+
+    Args:
+        position: (3,) m, with `cov` (3, 3) m².
+        velocity: (3,) m/s, if it was measured too, with `velocity_cov` (3, 3) m²/s²; else the prior of `prior_std`
+            holds.  An order of 1 has no velocity to set.
+
+    Raises:
+        ValueError: A velocity without a covariance, or the reverse.
+    """
+    if (velocity is None) != (velocity_cov is None):
+        raise ValueError("velocity and velocity_cov: one is missing; expected both or neither")
     mean = np.zeros((params.order, 3))
     mean[0] = position
     prior = np.array([0.0, *params.prior_std[: params.order - 1]])
     P = np.kron(np.diag(prior**2), np.eye(3))
     P[:3, :3] = params.white_share * cov
+    if velocity is not None and params.order > 1:
+        mean[1], P[3:6, 3:6] = velocity, velocity_cov
     return Belief(stamp_s, mean, P, (1 - params.white_share) * cov, stamp_s)
 
 

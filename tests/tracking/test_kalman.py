@@ -75,6 +75,28 @@ def test_steps_are_those_of_the_textbook(order: int, rng: np.random.Generator) -
         assert np.array_equal(belief.cov, belief.cov.T)
 
 
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_a_measured_velocity_counts_as_a_measurement_of_it(order: int) -> None:
+    """The next position against Gauss's combination of what the start predicts and what is measured."""
+    params = replace(KalmanParams.of_order(order), white_share=1.0, unrest_rate=0, gate_chi2=1e9)
+    R, V = np.diag([1e-6, 4e-6, 9e-6]), np.array([[4e-4, 1e-4, 0], [1e-4, 9e-4, 2e-4], [0, 2e-4, 1e-4]])
+    p, v, dt = np.array([0.1, 0.2, 0.3]), np.array([0.2, -0.1, 0.05]), 0.05
+    belief = predict(params, start(params, 1.0, p, R, v, V), 1.0 + dt)
+    P = R + process_noise(order, dt, params.noise_density)[0, 0] * np.eye(3)
+    if order > 1:
+        P += dt**2 * V
+    for k, std in enumerate(params.prior_std[1 : order - 1], start=2):
+        P += (transition(order, dt)[0, k] * std) ** 2 * np.eye(3)
+    ahead = p + (order > 1) * dt * v
+    np.testing.assert_allclose(belief.mean[0], ahead, rtol=1e-12)
+    np.testing.assert_allclose(belief.cov[:3, :3], P, rtol=1e-9, atol=1e-15)
+    z = np.array([0.111, 0.194, 0.304])
+    expected = np.linalg.solve(np.linalg.inv(P) + np.linalg.inv(R), np.linalg.solve(P, ahead) + np.linalg.solve(R, z))
+    np.testing.assert_allclose(update(params, belief, z, R).mean[0], expected, rtol=1e-9)
+    with pytest.raises(ValueError, match="velocity_cov: one is missing"):
+        start(params, 1.0, p, R, v)
+
+
 def test_errors_have_the_covariance_it_claims(rng: np.random.Generator) -> None:
     params = KalmanParams(3, 2.0, (0.3, 0.5, 2.0), white_share=1.0, unrest_rate=0, gate_chi2=1e9)
     R = np.diag([4e-6, 1e-6, 9e-6])
