@@ -2,17 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
+from learning.names import MeasureName
 from learning.reachable_training import HandModel, MapParams
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import Approach, FarFromLimits, Manipulability, Measure
 from pps_vision.types import Array
 
-MeasureName = Literal["joint-limits", "manipulability", "isotropy", "approach"]
 _N_SAMPLED = 20_000  # postures among which the greatest manipulability is looked for
 
 

@@ -1,15 +1,14 @@
 """What holds the object: nothing, a stick, or an experimenter's hand."""
 
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array
+from rendering.names import CarrierName
 from rendering.shapes import Color, Part, sides_of, sphere, tube
-
-CarrierName = Literal["none", "stick", "hand"]
 
 WOOD: Color = (0.42, 0.31, 0.22)
 SKIN: Color = (0.86, 0.64, 0.52)

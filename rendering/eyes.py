@@ -9,9 +9,9 @@ import numpy as np
 from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image, StereoFrame, Truth
-from rendering.carriers import CarrierName
 from rendering.fidelity import Fidelity
 from rendering.lens import Lens
+from rendering.names import CarrierName
 from rendering.offscreen import offscreen
 from rendering.scene import SceneState, Stage
 from rendering.sensor import Sensor, expose

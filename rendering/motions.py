@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol, get_args
+from typing import Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,8 +11,7 @@ from scipy.optimize import brentq
 
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array
-
-MotionName = Literal["approach", "recede", "static", "circle", "figure8", "linear", "jerk"]
+from rendering.names import MotionName
 
 START_M = (0.25, 0.30)  # how far from the taxel an approach starts (FACTS §3)
 START_ANGLE = np.deg2rad(45.0)  # and how far from its normal

@@ -9,10 +9,11 @@ from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
-from rendering.carriers import CarrierName, carrier_parts, carrier_pose
+from rendering.carriers import carrier_parts, carrier_pose
 from rendering.fidelity import Fidelity
 from rendering.lens import Lens
 from rendering.meshes import mesh_of
+from rendering.names import CarrierName
 from rendering.offscreen import Node
 from rendering.room import room_meshes
 from rendering.shapes import Part, body_part

@@ -1,15 +1,14 @@
 """The things that are shown to the robot."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 import trimesh
 
 from pps_vision.geometry.se3 import transform
+from rendering.names import StimulusName
 from rendering.shapes import Color, Part, sides_of, sphere, tube
-
-StimulusName = Literal["marker", "ball", "cube", "octopus"]
 
 GREEN: Color = (0.05, 0.95, 0.15)
 RED: Color = (0.95, 0.06, 0.08)

@@ -1,7 +1,7 @@
-"""`pps-vision demo`: the robot learns what touches feel like, then meets something it has never seen."""
+"""The robot learns what touches feel like, then meets something it has never seen."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -15,7 +15,8 @@ from learning.reachable_training import MapParams, train_reachable_map
 from pps_vision.app import figures, report
 from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
 from pps_vision.app.overlay import VideoFile, draw_pair
-from pps_vision.app.school import SchoolParams, fresh_pipeline, open_world, teach
+from pps_vision.app.school import fresh_pipeline, open_world, teach
+from pps_vision.app.school_params import SchoolParams
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.recordings.outputs import whole_folder
 from pps_vision.recordings.results import write_summary
@@ -31,52 +32,38 @@ THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))
 
 
-@dataclass(frozen=True)
-class Demo:
-    """Close the loop: learn the left forearm from rendered approaches, then meet the octopus.
-
-    With avoidance off, with avoidance on, receding, and standing still; everything in report.html.
-    """
-
-    out: Path = Path("demo")
-    """Folder for report.html, demo.mp4, memory.npz, reach.npz and summary.json."""
-    trials: int = 24
-    """Approaches of ball and cube to learn from."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of everything left to chance."""
-
-    def run(self) -> None:
-        """Learn, meet, and write the report."""
-        school = SchoolParams(self.trials, self.noise)
-        with whole_folder(self.out, _FILES) as folder, open_world(self.noise, self.seed) as world:
-            memory = teach(world, school)
-            save_memory(folder / "memory.npz", memory)
-            stopwatch = Stopwatch()
-            with VideoFile(folder / "demo.mp4", fps=20) as film:
-                logs = list(_meet_all(world, memory, film, stopwatch, self.seed))
-            reachable_map = _train_map(world, self.seed)
-            save_map(folder / "reach.npz", reachable_map)
-            verdicts = [judged(world.robot, reachable_map, log) for log in logs]
-            numbers = [_numbers(log) | _reach(verdict) for log, verdict in zip(logs, verdicts, strict=True)]
-            write_summary(
-                folder / "summary.json",
-                {
-                    "seed": self.seed,
-                    "trials": self.trials,
-                    "noise_grey_levels": self.noise,
-                    "ms_per_pair": stopwatch.summary(),
-                    "encounters": {log.title: n for log, n in zip(logs, numbers, strict=True)},
-                },
-            )
-            (folder / "report.html").write_text(_page(self, folder, memory, logs, verdicts, numbers, stopwatch))
-        for log in logs:
-            print(
-                f"{log.title:42s} {'touched' if log.was_touched else 'not touched':12s} "
-                f"{'arm moved' if log.was_commanded else 'arm still'}"
-            )
-        print(f"→ {self.out / 'report.html'}")
+def demo(out: Path, trials: int, noise: float, seed: int) -> None:
+    """Learn, meet, and write the report; the arguments are those of `pps-vision demo`."""
+    school = SchoolParams(trials, noise)
+    with whole_folder(out, _FILES) as folder, open_world(noise, seed) as world:
+        memory = teach(world, school)
+        save_memory(folder / "memory.npz", memory)
+        stopwatch = Stopwatch()
+        with VideoFile(folder / "demo.mp4", fps=20) as film:
+            logs = list(_meet_all(world, memory, film, stopwatch, seed))
+        reachable_map = _train_map(world, seed)
+        save_map(folder / "reach.npz", reachable_map)
+        verdicts = [judged(world.robot, reachable_map, log) for log in logs]
+        numbers = [_numbers(log) | _reach(verdict) for log, verdict in zip(logs, verdicts, strict=True)]
+        write_summary(
+            folder / "summary.json",
+            {
+                "seed": seed,
+                "trials": trials,
+                "noise_grey_levels": noise,
+                "ms_per_pair": stopwatch.summary(),
+                "encounters": {log.title: n for log, n in zip(logs, numbers, strict=True)},
+            },
+        )
+        (folder / "report.html").write_text(
+            _page(trials, noise, seed, folder, memory, logs, verdicts, numbers, stopwatch)
+        )
+    for log in logs:
+        print(
+            f"{log.title:42s} {'touched' if log.was_touched else 'not touched':12s} "
+            f"{'arm moved' if log.was_commanded else 'arm still'}"
+        )
+    print(f"→ {out / 'report.html'}")
 
 
 def _meet_all(
@@ -175,7 +162,9 @@ def _cell(value: object) -> str:
 
 
 def _page(
-    demo: Demo,
+    trials: int,
+    noise: float,
+    seed: int,
     folder: Path,
     memory: PPSMemory,
     logs: list[EncounterLog],
@@ -205,7 +194,7 @@ def _page(
         ),
         report.Section(
             "What the skin learned",
-            f"After {demo.trials} rendered approaches of a ball and a cube: how likely a stimulus at this distance and "
+            f"After {trials} rendered approaches of a ball and a cube: how likely a stimulus at this distance and "
             "time to contact is to touch the taxel.",
             report.image(figures.landscapes(memory, stimulated)),
         ),
@@ -220,7 +209,7 @@ def _page(
     )
     return report.page(
         "Eyes see, skin predicts, the arm gets out of the way",
-        f"A simulated iCub, eyes rendered at 320×240 with pixel noise σ = {demo.noise:g}/255, seed {demo.seed}. It has "
+        f"A simulated iCub, eyes rendered at 320×240 with pixel noise σ = {noise:g}/255, seed {seed}. It has "
         "been touched by a ball and a cube; it has never seen the octopus.",
         report.video(folder / "demo.mp4"),
         sections,

@@ -20,8 +20,9 @@ from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, touched_taxels
 from pps_vision.types import Array, Mask, Status, StereoFrame
 from rendering.eyes import Eyes
 from rendering.motions import Motion, Recede, Target, make_approach
+from rendering.names import StimulusName
 from rendering.scene import SceneState
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.stimuli import make_stimulus
 
 Kind = Literal["approach", "recede", "static", "own_arm"]
 STEP_S = 0.05

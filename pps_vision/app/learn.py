@@ -1,104 +1,74 @@
-"""`pps-vision learn` and `show`: PPS maps from recordings with touches, and pictures of them."""
+"""Learn PPS maps from recordings in which the skin is touched: `pps_vision.learn`."""
 
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tyro
 
-from learning.memory import PPSMemory, load_memory, save_memory
-from pps_vision.app import figures
-from pps_vision.app.each_recording import each_recording
+from learning.memory import PPSMemory
+from pps_vision.app.open_recording import open_recording
 from pps_vision.app.pipeline import Pipeline, PipelineParams
-from pps_vision.app.stopwatch import Stopwatch
-from pps_vision.app.track import Mode, tracker_for
-from pps_vision.recordings.joint_table import read_joint_offsets
-from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.recording import Touch
-from pps_vision.recordings.taxels_ini import read_taxels, representatives
-from pps_vision.recordings.yarp import open_yarp
-from pps_vision.robot.icub import load_icub
-from pps_vision.robot.model import Robot
+from pps_vision.app.track import tracker_for
+from pps_vision.errors import InputError
+from pps_vision.recordings.recording import Recording, Touch
 from pps_vision.robot.skin import Skin, icub_skin
-from pps_vision.types import Array, Mask
+from pps_vision.types import Mask
+from tracking.names import Mode
 from tracking.tracker import TrackerParams
 
 
 @dataclass(frozen=True)
-class Learn:
-    """Learn PPS maps from recordings of an iCub in which its skin is touched."""
+class Learned:
+    """What one recording added: the memory after it, the number of new samples, and how many were rejected, by
+    reason."""
 
-    recordings: tyro.conf.Positional[tuple[Path, ...]]
-    """Recording folders REC …, in the order to learn from them."""
-    out: Path
-    """Where to write the memory (.npz)."""
-    into: Path | None = None
-    """An earlier memory to go on from; default: an empty one."""
-    calib: Path | None = None
-    """icubEyes.ini for recordings without their own."""
-    taxels: Path | None = None
-    """The robot's taxels*.ini, for recordings of its own skin events: it says what virtual taxels they touch."""
-    joints: Path | None = None
-    """What to add to the encoders, as `pps-vision joints` writes it."""
-    mode: Mode = "generic"
-    """How the object is tracked."""
-    max_skew_s: float = 0.02
-    """Left and right images further apart in time are no pair."""
-    seed: int = 0
-    """Seed of the particles."""
+    memory: PPSMemory
+    samples: int
+    rejected: dict[str, int]
 
-    def run(self) -> None:
-        """Learn from each recording in turn; one that cannot be read is reported and does not stop the others."""
-        robot, skin = load_icub(), icub_skin()
-        memory = load_memory(self.into) if self.into else PPSMemory.empty(skin)
-        if memory.taxel_ids != skin.taxel_ids:
-            raise ValueError(
-                f"{self.into}: knows {len(memory.taxel_ids)} other taxels; expected this robot's {len(skin.taxel_ids)}"
-            )
-        virtual = representatives(read_taxels(self.taxels)) if self.taxels else None
-        offsets = read_joint_offsets(self.joints, robot.joint_names) if self.joints else np.zeros(robot.n_joints)
 
-        def learn_from(folder: Path) -> None:
-            nonlocal memory
-            memory = self._learn_from(folder, robot, skin, memory, virtual, offsets)
+def learn(
+    recordings: Iterable[Recording | Path | str],
+    into: PPSMemory | None = None,
+    mode: Mode = "generic",
+    seed: int = 0,
+) -> PPSMemory:
+    """Learn PPS maps from recordings of an iCub in which its skin is touched.
 
-        before = memory
-        with whole_file(self.out) as partial:
-            used = each_recording("learn", self.recordings, learn_from)
-            save_memory(partial, memory)
-        if memory is before:
-            print("nothing learned: no recording has a touch, with its images, by what was tracked", file=sys.stderr)
-        print(f"{used} of {len(self.recordings)} recordings learned → {self.out}")
+    Args:
+        recordings: Recordings, or their folders, in the order to learn from them.
+        into: An earlier memory to continue from; None: an empty one.
+        mode: How the object is tracked.
+        seed: Seed of the particles.
 
-    def _learn_from(
-        self,
-        folder: Path,
-        robot: Robot,
-        skin: Skin,
-        memory: PPSMemory,
-        virtual: Mapping[str, tuple[int, ...]] | None,
-        offsets_rad: Array,
-    ) -> PPSMemory:
-        """The memory after a recording; what was skipped in it is printed, whatever happens."""
-        recording = open_yarp(folder, self.max_skew_s, virtual, offsets_rad)
-        tracker = tracker_for(recording, TrackerParams(mode=self.mode), self.seed, Stopwatch(), self.calib)
-        pipeline = Pipeline(PipelineParams(), robot, skin, tracker, memory, np.random.default_rng(self.seed))
-        try:
-            for frame in recording:
-                pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
-        finally:
-            for problem in recording.problems:
-                print(f"skipped: {problem}", file=sys.stderr)
-        learned = pipeline.finish()
-        gained = int(learned.counts.sum() - memory.counts.sum())
-        rejected = ", ".join(f"{n} {what}" for what, n in pipeline.rejected.items() if n)
-        print(
-            f"{folder}: {gained} samples learned, {len(recording.problems)} problems skipped"
-            + (f"; rejected: {rejected}" if rejected else "")
-        )
-        return learned
+    Returns:
+        The memory: counts of touch and no touch by distance and time to contact, for every taxel of the skin.
+
+    Raises:
+        InputError: A recording cannot be read or is not of a robot, or `into` has other taxels than the skin.
+    """
+    memory = PPSMemory.empty(icub_skin()) if into is None else into
+    for recording in recordings:
+        opened = recording if isinstance(recording, Recording) else open_recording(recording)
+        memory = learn_from(opened, memory, mode, seed).memory
+    return memory
+
+
+def learn_from(recording: Recording, memory: PPSMemory, mode: Mode = "generic", seed: int = 0) -> Learned:
+    """Continue `memory` with one recording; arguments and errors as in `learn`."""
+    skin = icub_skin()
+    if memory.taxel_ids != skin.taxel_ids:
+        n, m = len(memory.taxel_ids), len(skin.taxel_ids)
+        raise InputError("learn", f"memory has {n} other taxels; expected the {m} of this robot's skin")
+    if recording.robot is None:
+        raise InputError(recording.name, "has no joints; expected the recording of a robot")
+    tracker = tracker_for(recording, TrackerParams(mode=mode), seed)
+    pipeline = Pipeline(PipelineParams(), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
+    for frame in recording:
+        pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
+    after = pipeline.finish()
+    return Learned(after, int(after.counts.sum() - memory.counts.sum()), pipeline.rejected)
 
 
 def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin, max_age_s: float = 0.06) -> Mask:
@@ -111,22 +81,3 @@ def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin, max_age_s
     if latest < 0 or stamp_s - stamps[latest] > max_age_s:
         return np.zeros(len(skin.taxel_ids), dtype=bool)
     return np.isin(skin.taxel_ids, touches[latest].taxel_ids)
-
-
-@dataclass(frozen=True)
-class Show:
-    """Draw the landscapes a memory holds: probability of touch over distance and time to contact."""
-
-    memory: tyro.conf.Positional[Path]
-    """The memory (.npz)."""
-    out: Path
-    """The figure to write (.png, .svg or .pdf)."""
-
-    def run(self) -> None:
-        """Draw every taxel that has ever been stimulated; all of them if none has."""
-        memory = load_memory(self.memory)
-        stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
-        figure = figures.landscapes(memory, stimulated or None)
-        with whole_file(self.out) as partial:
-            figures.save(figure, partial)
-        print(f"{len(stimulated)} of {len(memory.taxel_ids)} taxels were stimulated → {self.out}")

@@ -1,10 +1,9 @@
 """`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal
+from typing import ParamSpec
 
 import numpy as np
 from tqdm import tqdm
@@ -13,19 +12,22 @@ from control import fixation
 from pps_vision.app.encounter import REACH_M, at_taxel
 from pps_vision.app.finger import RightFinger
 from pps_vision.app.in_view import can_follow
+from pps_vision.app.render_params import RenderParams
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.yarp import open_yarp
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
-from rendering.carriers import CarrierName
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity, cheapest
-from rendering.motions import Motion, MotionName, make_motion
+from rendering.motions import Motion, make_motion
+from rendering.names import CarrierName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.stimuli import make_stimulus
 
 _SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own motion
 _SWAY_HZ = np.array([0.31, 0.23])
@@ -33,45 +35,8 @@ _SWAY_HZ = np.array([0.31, 0.23])
 _LARGEST_M = 0.3  # radius of what is still held before the eyes
 
 
-@dataclass(frozen=True)
-class Render:
-    """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
-
-    stimulus: StimulusName
-    """What is shown."""
-    motion: MotionName
-    """How it moves; approach and recede are about --target, the others about --center."""
-    out: Path
-    """Recording folder to write; must be new or empty."""
-    target: str = "left_forearm:27"
-    """Taxel that an approach is aimed at."""
-    center: tuple[float, float, float] | None = None
-    """Where the other motions happen, root frame, m; default: random, 0.33 to 0.52 m before the eyes."""
-    seconds: float = 5.0
-    """Length of the recording."""
-    fps: float = 20.0
-    """Stereo pairs a second."""
-    speed: float | None = None
-    """Speed of the object, m/s; default: random, 0.05 to 0.15."""
-    radius: float | None = None
-    """Radius of the object, m; default: its usual one."""
-    noise: float = 0.0
-    """Standard deviation of the pixel noise, grey levels of 255."""
-    shot: float = 0.0
-    """Variance of the shot noise per grey level."""
-    exposure: float = 1.0
-    """Gain; 2 is overexposed, 0.5 underexposed."""
-    blur_s: float = 0.0
-    """How long the shutter is open, s: motion blur."""
-    carrier: CarrierName | Literal["finger"] = "none"
-    """Who holds the object; finger: the robot itself, on the tip of its right index finger."""
-    head: Literal["follow", "sway", "still"] = "follow"
-    """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
-    max_image_error: float | None = None
-    """How far the object may be from its finest rendering, RMS grey levels of 255: the cheapest way to draw it that
-    was measured to stay within; default: what serves tracking as well as the finest."""
-    seed: int = 0
-    """Seed of the motion and the noise."""
+class Render(RenderParams):
+    """Renders what its parameters ask for."""
 
     def run(self) -> None:
         """Render, and report what was written."""
@@ -168,3 +133,32 @@ def _before_the_eyes(rng: np.random.Generator) -> Array:
     distance = rng.uniform(0.33, 0.52)
     ahead = np.array([-np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     return np.array([-0.063, 0.0, 0.341]) + distance * ahead
+
+
+_P = ParamSpec("_P")
+
+
+def _as_function(options: Callable[_P, RenderParams]) -> Callable[_P, Recording]:
+    """Return a function that takes what `RenderParams` takes."""
+
+    def render(*args: _P.args, **kwargs: _P.kwargs) -> Recording:
+        """Render a recording of an iCub that watches a moving object, and open it.
+
+        Args:
+            stimulus: What is shown.
+            motion: How it moves.
+            out: Folder to write; must be new or empty.
+            options: As in `pps-vision render --help`: seconds, fps, speed, radius, noise, carrier, head, seed, ….
+
+        Returns:
+            The recording, with its calibration, joints, touches and true path.
+        """
+        asked = options(*args, **kwargs)
+        out = Path(asked.out)
+        Render(**{**vars(asked), "out": out}).record()
+        return open_yarp(out)
+
+    return render
+
+
+render = _as_function(RenderParams)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
@@ -10,29 +9,18 @@ from tqdm import tqdm
 from learning.memory import PPSMemory
 from pps_vision.app.encounter import World, make_encounter
 from pps_vision.app.pipeline import Pipeline, PipelineParams
+from pps_vision.app.school_params import SchoolParams
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import INNER_FOREARM, icub_skin
 from rendering.eyes import Eyes
 from rendering.sensor import Sensor
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.stimuli import make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
 SPEED_M_S = (0.05, 0.15)
 _CONTACT_FRAMES = 14  # by then the object lies on the skin; its withdrawal teaches nothing
-
-
-@dataclass(frozen=True)
-class SchoolParams:
-    """What the skin is taught with, and how noisy the eyes are."""
-
-    trials: int = 24
-    """Approaches that end in a touch."""
-    noise_sigma: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    objects: tuple[StimulusName, ...] = ("ball", "cube")
-    """What touches, in turn."""
 
 
 @contextmanager

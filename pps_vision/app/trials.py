@@ -1,11 +1,9 @@
-"""`pps-vision trials`: learn from one session of recorded trials and foretell the touches of another."""
+"""Learn from one session of recorded trials and foretell the touches of another."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 from learning.passing import Foretold, PassingParams, foretell_session, learn_passing
 from learning.scores import auroc, brier
@@ -17,46 +15,26 @@ from pps_vision.types import Array, Mask
 COLUMNS = ("trial", "taxel", "activation", "lower", "upper", "outcome")
 
 
-@dataclass(frozen=True)
-class Trials:
-    """Learn from recorded trials of a robot which taxels an approach will touch, and foretell those of others.
-
-    Writes a row per trial and taxel, both counted from 0: trial,taxel,activation,lower,upper,outcome.  Activation is
-    the probability of touch, lower and upper the ends of its 90 % credible interval, outcome 1 (touched) or 0.
-    Of each trial, to learn from or to foretell, only samples up to --horizon-s before its end are used.  How far
-    the session to foretell is displaced as a whole, each trial tells for itself and those after it.
-    Prints AUROC, over all and within each taxel, and Brier score beside those of each taxel's rate of touch.
-    """
-
-    train: tyro.conf.Positional[Path]
-    """Trials to learn from (.npz: position_m, velocity_m_s, offsets, outcome)."""
-    test: tyro.conf.Positional[Path]
-    """Trials to foretell, of the same taxels."""
-    out: Path
-    """Where to write the predictions (.csv)."""
-    horizon_s: float = 0.15
-    """How long before its end a trial is foretold; nothing later is used."""
-
-    def run(self) -> None:
-        """Learn, foretell, write, and say how good it was."""
-        params = PassingParams(horizon_s=self.horizon_s)
-        train, test = load_trials(self.train), load_trials(self.test)
-        _refuse_what_teaches_nothing(self.train, train, self.test, test)
-        with whole_file(self.out) as partial:
-            foretold = foretell_session(params, learn_passing(params, train), test)
-            touched = np.array([trial.touched for trial in test])
-            write_table(partial, COLUMNS, _rows(foretold, touched))
-        for path, trials in ((self.train, train), (self.test, test)):
-            _report_unknown(path, trials)
-        late = int((~foretold.in_reach).sum())
-        if late:
-            print(
-                f"{self.test}: {late} of {touched.size} pairs of trial and taxel have no sample in reach "
-                f"{self.horizon_s:g} s before the end: given the taxel's rate of touch",
-                file=sys.stderr,
-            )
-        _print_scores(foretold.probability, touch_rates(train), touched)
-        print(f"{len(test)} trials, {self.horizon_s:g} s ahead → {self.out}")
+def trials(train_path: Path, test_path: Path, out: Path, horizon_s: float) -> None:
+    """Learn, foretell, write, and say how good it was; the arguments are those of `pps-vision trials`."""
+    params = PassingParams(horizon_s=horizon_s)
+    train, test = load_trials(train_path), load_trials(test_path)
+    _refuse_what_teaches_nothing(train_path, train, test_path, test)
+    with whole_file(out) as partial:
+        foretold = foretell_session(params, learn_passing(params, train), test)
+        touched = np.array([trial.touched for trial in test])
+        write_table(partial, COLUMNS, _rows(foretold, touched))
+    for path, session in ((train_path, train), (test_path, test)):
+        _report_unknown(path, session)
+    late = int((~foretold.in_reach).sum())
+    if late:
+        print(
+            f"{test_path}: {late} of {touched.size} pairs of trial and taxel have no sample in reach "
+            f"{horizon_s:g} s before the end: given the taxel's rate of touch",
+            file=sys.stderr,
+        )
+    _print_scores(foretold.probability, touch_rates(train), touched)
+    print(f"{len(test)} trials, {horizon_s:g} s ahead → {out}")
 
 
 def _refuse_what_teaches_nothing(

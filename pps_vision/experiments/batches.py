@@ -1,7 +1,6 @@
 """Frame by frame or in batches on a device: when does it pay to look for the marker in many frames at once?"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,6 +9,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.render import Render
 from pps_vision.app.track import chunks, marker_batches
+from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import panels, timed
 from pps_vision.experiments.rendered import Rendered, rendered
 from pps_vision.types import Array
@@ -18,19 +18,8 @@ from tracking.tracker import Tracker, TrackerParams
 SIZES = (1, 4, 16, 64)
 
 
-@dataclass(frozen=True)
-class Batches:
-    """A rendered marker followed frame by frame and by `track --device`: pairs per second against the size of
-    the batch, on the CPU and, where there is one, on a CUDA device; and how far the paths are apart."""
-
-    n: int = 64
-    """Stereo pairs of the recording."""
-    repeats: int = 3
-    """Runs over the recording of every way, in turn."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the motion, the noise and the tracker."""
+class Batches(parameters.Batches):
+    """The study of these parameters."""
 
     def run(self) -> dict[str, object]:
         """Pairs per second (median of the runs) by device and size of batch, and the paths' largest distance in mm."""

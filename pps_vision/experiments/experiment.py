@@ -2,9 +2,10 @@
 
 import os
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from matplotlib.figure import Figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DATA = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
 """Folder of the real data (default of every `--data`)."""
@@ -23,7 +24,7 @@ class Experiment(Protocol):
 class Charted(Protocol):
     """An experiment that draws the numbers it measured."""
 
-    def chart(self, numbers: dict[str, Any]) -> Figure | dict[str, Figure]:
+    def chart(self, numbers: dict[str, Any]) -> "Figure | dict[str, Figure]":
         """The chart of what `run` returned, or several by their names."""
         ...
 

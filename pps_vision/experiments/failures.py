@@ -1,6 +1,6 @@
 """Where tracking breaks: one disturbance at a time, from mild to hopeless, ours beside the peers."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from pps_vision.experiments import parameters
 from pps_vision.experiments.failure_cases import CASES, Case, Group
 from pps_vision.experiments.failure_methods import OURS, PEERS, Peers, judge, track_ours
 from pps_vision.experiments.failure_scenes import Scenes, stage_props
@@ -31,17 +32,8 @@ _COLUMNS = 5
 METHODS = (*OURS, *PEERS)
 
 
-@dataclass(frozen=True)
-class Failures:
-    """A red ball before a robot that looks at it, and everything that can go wrong, each alone and from mild to
-    hopeless.  Ours has to find the ball; the peers are given its true boxes in the first frame."""
-
-    n: int = 1
-    """Recordings of every severity."""
-    seed: int = 0
-    """Seed of the first; the others count up."""
-    csrt: bool = True
-    """Whether CSRT is put on them too, on the first recordings only: it takes more time than all the rest."""
+class Failures(parameters.Failures):
+    """The study of these parameters."""
 
     def run(self) -> dict[str, object]:
         """By disturbance, by method: success, error and wrongness at each severity, and where it breaks."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.app.render import Render
+from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, speed_against_error
 from pps_vision.experiments.fidelity_images import compare, draws_of, place_of
 from pps_vision.experiments.pyrender_peer import is_installed
@@ -19,9 +20,9 @@ from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, StereoFrame
 from rendering.fidelity import Fidelity as Drawn
+from rendering.names import StimulusName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor, expose
-from rendering.stimuli import StimulusName
 from tracking.tracker import Tracker, TrackerParams
 
 REFERENCE = Drawn(supersample=8, fineness=5, shadows=True)
@@ -53,19 +54,8 @@ _TICKS_MS = (5, 10, 20, 50, 100, 200, 500)
 _MODE: dict[StimulusName, Any] = {"ball": "generic", "marker": "marker"}
 
 
-@dataclass(frozen=True)
-class Fidelity:
-    """Rendered balls and markers, drawn in many ways, beside the finest: image error and tracking error.
-
-    pyrender is skipped where it is not installed.
-    """
-
-    n: int = 4
-    """Scenes of each object whose images are compared."""
-    seconds: float = 3.0
-    """Length of the recording of each object that is tracked, 20 pairs a second, pixel noise 2 of 255."""
-    seed: int = 0
-    """Seed of the first scene; the others count up."""
+class Fidelity(parameters.Fidelity):
+    """The study of these parameters."""
 
     def run(self) -> dict[str, object]:
         """By object: each way's ms per pair (clock; processors), image error (RMS grey levels over the object and 2 px

@@ -17,9 +17,10 @@ from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import Array, Image, StereoFrame
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity as Drawn
+from rendering.names import StimulusName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.stimuli import make_stimulus
 
 Draw = Callable[[SceneState, float], tuple[StereoFrame, float, float]]  # a pair, ms of the clock and of processors
 

@@ -15,8 +15,7 @@ from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Mask, Status, Truth
-from rendering.motions import MotionName
-from rendering.stimuli import StimulusName
+from rendering.names import MotionName, StimulusName
 from tracking.kalman import KalmanParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 

@@ -1,32 +1,24 @@
 """How fast and how well the eyes fixate: points that stand still and points that move (J IV.1)."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
 from control.fixation import FixationParams, fixation_error, gaze_at, step
+from pps_vision.experiments import parameters
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
-from rendering.motions import MotionName, make_motion
+from rendering.motions import make_motion
+from rendering.names import MotionName
 
 _DT_S = 0.05
 
 
-@dataclass(frozen=True)
-class Fixation:
-    """Fixation at 20 Hz: how soon a static point is within 0.5°, how far 15 cm/s at 0.4 m gets away.
-
-    The controller is told where the point truly was one frame ago: this measures control, not sight.
-    """
-
-    n: int = 100
-    """Points of each kind."""
-    seed: int = 0
-    """Seed of the points."""
+class Fixation(parameters.Fixation):
+    """The study of these parameters."""
 
     def run(self) -> dict[str, object]:
         """Degrees and seconds: medians and worst."""

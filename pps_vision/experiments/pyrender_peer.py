@@ -22,10 +22,11 @@ from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import Array, Image, StereoFrame
 from rendering.fidelity import Fidelity
 from rendering.lens import Lens
+from rendering.names import StimulusName
 from rendering.offscreen import LAMPS, STRENGTHS, Node, ambient_light
 from rendering.room import atlas, room_meshes
 from rendering.scene import SceneState, Stage
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.stimuli import make_stimulus
 
 _NEAR_M, _FAR_M = 0.02, 8.0
 _TURNED = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera looks along −z, y up

@@ -8,9 +8,7 @@ from pps_vision.app.render import Render
 from pps_vision.errors import InputError
 from pps_vision.experiments.peers import BoxPx, sphere_box
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.calibration import read_icub_eyes
 from pps_vision.recordings.yarp import open_yarp
-from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.types import StereoFrame, Truth
 
@@ -33,10 +31,9 @@ def rendered(what: Render) -> Rendered:
         folder = Path(place) / "recording"
         Render(**{**vars(what), "out": folder}).record()
         recording = open_yarp(folder)
-        robot = load_icub()
-        if recording.calibration is None:
+        robot, rig = recording.robot, recording.rig
+        if robot is None or rig is None:
             raise InputError(folder, "holds no icubEyes.ini; expected the one that was written with it")
-        rig = icub_rig(robot, *read_icub_eyes(recording.calibration, recording.image_size))
         frames = tuple(recording)
     boxes = tuple(_boxes(rig, frame, row) for frame, row in zip(frames, recording.truth, strict=True))
     return Rendered(frames, recording.truth, robot, rig, boxes)

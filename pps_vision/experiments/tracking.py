@@ -1,6 +1,5 @@
 """How accurately, how surely and how fast a rendered object is tracked while the head moves."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -9,27 +8,18 @@ from tqdm import tqdm
 
 from pps_vision.app.render import Render
 from pps_vision.app.stopwatch import Stopwatch
-from pps_vision.app.track import Mode, errors_against, tracker_for
+from pps_vision.app.track import errors_against, tracker_for
+from pps_vision.experiments import parameters
 from pps_vision.recordings.yarp import open_yarp
-from rendering.motions import MotionName
-from rendering.stimuli import StimulusName
+from rendering.names import MotionName, StimulusName
+from tracking.names import Mode
 from tracking.tracker import TrackerParams
 
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk", "approach")
 
 
-@dataclass(frozen=True)
-class Tracking:
-    """Rendered balls (generic tracker) and markers (marker tracker) at 5–15 cm/s while the head moves."""
-
-    n: int = 10
-    """Recordings of each, their motions in turn."""
-    seconds: float = 5.0
-    """Length of each."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first; the others count up."""
+class Tracking(parameters.Tracking):
+    """The study of these parameters."""
 
     def run(self) -> dict[str, object]:
         """Medians and worst over the recordings, by object."""

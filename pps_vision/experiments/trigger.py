@@ -1,16 +1,14 @@
 """How soon, how quietly and at what cost a motion trigger says that something moves by itself."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, speed_against_error
-from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.footage import Studio, open_studio
 from pps_vision.experiments.motion_peers import PEERS
 from pps_vision.experiments.trigger_scenes import FPS, STARTS, quiet, starting
@@ -40,24 +38,8 @@ _CALIBRATION_S = 3.0
 _TOO_MANY = 60.0  # frames with a false alarm per minute, above which a delay says nothing
 
 
-@dataclass(frozen=True)
-class Trigger:
-    """Head still or turning at up to 20°/s, arms in view: time per image, frames until a ball or marker that
-    starts to move is found, false alarms; flow error on rubberwhale.  Ours has one setting; each peer gets, for
-    either head, its best level: the lowest without a false alarm in another scene."""
-
-    n: int = 3
-    """Scenes of each kind, each in both eyes."""
-    seconds: float = 10.0
-    """How long nothing moves, with the head still and again with the head moving."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of places, motions and noise."""
-    peers: bool = True
-    """With --no-peers only ours, for long runs."""
-    data: Path = DATA
-    """Folder that holds rubberwhale (default: PPS_VISION_DATA, else ../shared/data)."""
+class Trigger(parameters.Trigger):
+    """The study of these parameters."""
 
     def run(self) -> dict[str, object]:
         """Numbers by head and variant."""

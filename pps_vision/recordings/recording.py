@@ -4,9 +4,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from pps_vision.errors import InputError
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.image_file import ImageFile, check_size, decode
 from pps_vision.recordings.problems import Problem
+from pps_vision.robot.model import Robot
 from pps_vision.types import Image, StereoFrame, Truth
 
 Pair = tuple[ImageFile, ImageFile]
@@ -26,19 +30,27 @@ class Recording:
 
     `len` counts the pairs, those included whose image turns out to be unreadable: they are
     skipped and added to `problems`, which holds all that was skipped so far.  `name` is the
-    source as it was given.
+    source as it was given; `robot` whose joints the frames carry, and `rig` its cameras, where known.
     """
 
     name: str
     pairs: tuple[Pair, ...]
     image_size: tuple[int, int]  # width, height
     problems: list[Problem]
-    calibration: Path | None = None
+    robot: Robot | None = None
+    rig: StereoRig | None = None
     touches: tuple[Touch, ...] = ()
     truth: tuple[Truth, ...] = ()
 
     def __len__(self) -> int:
         return len(self.pairs)
+
+    @property
+    def fps(self) -> float:
+        """Stereo pairs per second, by the median interval; 20 where there is none."""
+        steps = np.diff([left.stamp_s for left, _ in self.pairs])
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        return 1 / usual if usual > 0 else 20.0
 
     def __iter__(self) -> Iterator[StereoFrame]:
         return (frame for _, frame in self.numbered())

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.errors import InputError
+from pps_vision.recordings.calibration import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.pairing import pair_by_stamp
 from pps_vision.recordings.problems import Problem, ProblemKind
@@ -16,7 +17,8 @@ from pps_vision.recordings.skin_events import holds_contacts, read_skin_events, 
 from pps_vision.recordings.truth import read_truth
 from pps_vision.recordings.yarp_log import read_log
 from pps_vision.recordings.yarp_ports import find_ports
-from pps_vision.robot.icub import ARM_PORT_JOINTS, HEAD_PORT, TORSO_PORT, load_icub, q_from_encoders
+from pps_vision.robot.icub import ARM_PORT_JOINTS, HEAD_PORT, TORSO_PORT, icub_rig, load_icub, q_from_encoders
+from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
 JOINT_PORTS = {
@@ -36,6 +38,7 @@ def open_yarp(
     max_skew_s: float = 0.02,
     representatives: Mapping[str, tuple[int, ...]] | None = None,
     joint_offsets_rad: ArrayLike = 0.0,
+    calibration: Path | None = None,
 ) -> Recording:
     """The recording in `folder`: pairs of images within `max_skew_s`, joints (rad) at each image's stamp, with
     `joint_offsets_rad` (n_joints,) added.
@@ -45,7 +48,8 @@ def open_yarp(
 
     Ports are found by what their folders are called, wherever they lie.  A joint port that was
     not recorded reads 0; the head must be there.  Bad rows, unpaired images and images without
-    joints go to `problems`.  InputError if no frame remains or a log cannot be read at all.
+    joints go to `problems`.  The cameras are those of `calibration`, an icubEyes.ini (default: the one in the
+    folder).  InputError if no frame remains, or a log or the calibration cannot be read at all.
     """
     if not folder.is_dir():
         raise InputError(folder, "no such folder; expected a yarpdatadumper recording")
@@ -59,14 +63,18 @@ def open_yarp(
     touches = _read_touches(ports["skin"], representatives, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], max_skew_s, problems)
-    posed = _with_joints(pairs, joints, problems, np.asarray(joint_offsets_rad))
-    calibration, truth = folder / "icubEyes.ini", folder / "truth.csv"
+    robot = load_icub()
+    posed = _with_joints(pairs, joints, problems, robot, np.asarray(joint_offsets_rad))
+    image_size = size_of_first(folder, posed, problems)
+    own, truth = folder / "icubEyes.ini", folder / "truth.csv"
+    eyes_file = calibration or (own if own.exists() else None)
     return Recording(
         name=str(folder),
         pairs=posed,
-        image_size=size_of_first(folder, posed, problems),
+        image_size=image_size,
         problems=problems,
-        calibration=calibration if calibration.exists() else None,
+        robot=robot,
+        rig=icub_rig(robot, *read_icub_eyes(eyes_file, image_size)) if eyes_file else None,
         touches=touches,
         truth=read_truth(truth, problems) if truth.exists() else (),
     )
@@ -136,10 +144,13 @@ def _is_taxel(word: str) -> bool:
 
 
 def _with_joints(
-    pairs: tuple[Pair, ...], joints: dict[str, tuple[Array, Array]], problems: list[Problem], offsets_rad: Array
+    pairs: tuple[Pair, ...],
+    joints: dict[str, tuple[Array, Array]],
+    problems: list[Problem],
+    robot: Robot,
+    offsets_rad: Array,
 ) -> tuple[Pair, ...]:
     """Every pair with the joints at each eye's stamp; what the joint logs do not cover is noted and left out."""
-    robot = load_icub()
     posed = []
     for pair in pairs:
         missing = [(file, port) for file in pair for port, log in joints.items() if not _covers(log[0], file.stamp_s)]

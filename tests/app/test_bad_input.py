@@ -2,13 +2,11 @@
 
 import shutil
 import signal
-from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pps_vision.app import cli
 from pps_vision.app.cli import main
 from pps_vision.recordings.outputs import whole_file
 
@@ -41,7 +39,7 @@ def test_nothing_is_learned_from_unreadable_recordings(refused, refused_with, tm
 def test_neither_or_both_kinds_of_input(refused, tmp_path: Path) -> None:
     assert "REC" in refused("track", "--out", tmp_path / "out")
     assert "REC" in refused("track", tmp_path, "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
-    assert "--calib" in refused("track", "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
+    assert "calib" in refused("track", "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
 
 
 def test_an_unreadable_calibration_is_named_with_its_line(refused, approach: Path, tmp_path: Path) -> None:
@@ -150,12 +148,8 @@ def test_nothing_to_learn_from(refused, tmp_path: Path) -> None:
 
 
 def test_python_control_beside_us_is_refused(refused, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def found(name: str) -> object:
-        if name == "control":
-            return object()
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr(cli, "distribution", found)
+    (tmp_path / "control-0.10.2.dist-info").mkdir()
+    monkeypatch.syspath_prepend(str(tmp_path))
     assert "python-control" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pps_vision.app import bench
-from pps_vision.app.bench import Bench
+from pps_vision.app.cli.bench import Bench
 from pps_vision.experiments.experiment import Experiment
 
 runs: list[int] = []

@@ -8,7 +8,8 @@ from data import SEED
 
 from learning.memory import PPSMemory
 from pps_vision.app.encounter import World, first_contact
-from pps_vision.app.school import SchoolParams, open_world, teach
+from pps_vision.app.school import open_world, teach
+from pps_vision.app.school_params import SchoolParams
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 

@@ -28,8 +28,8 @@ def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
 
 def test_what_it_cannot_do_is_refused(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     out = ("--out", tmp_path / "out")
-    assert "--mode marker" in refused("track", approach, "--device", "cpu", *out)
-    assert "--batch 0" in refused("track", approach, "--mode", "marker", "--device", "cpu", "--batch", 0, *out)
+    assert "expected mode marker" in refused("track", approach, "--device", "cpu", *out)
+    assert "batch 0" in refused("track", approach, "--mode", "marker", "--device", "cpu", "--batch", 0, *out)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="a CUDA device is there")

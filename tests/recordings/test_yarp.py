@@ -187,7 +187,7 @@ def test_without_truth_touches_and_calibration(rec: Written) -> None:
     (rec.folder / "icubEyes.ini").unlink()
     shutil.rmtree(rec.folder / "skin")
     recording = open_yarp(rec.folder)
-    assert (recording.truth, recording.touches, recording.calibration) == ((), (), None)
+    assert (recording.truth, recording.touches, recording.rig) == ((), (), None)
 
 
 @pytest.mark.parametrize("name", ["../../secret.ppm", "/etc/passwd", "a/../../b.ppm"])

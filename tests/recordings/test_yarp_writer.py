@@ -7,7 +7,7 @@ import pytest
 from recordings.recorded import ROBOT, random_joints, write_recording
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.calibration import read_icub_eyes
+from pps_vision.recordings.calibration import fit_to_images, read_icub_eyes
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
@@ -27,8 +27,9 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         np.testing.assert_allclose(back.joints_right_rad, frame.joints_right_rad, atol=1e-8)
     assert [(touch.stamp_s, touch.taxel_ids) for touch in recording.touches] == written.touches
     assert [row.stamp_s for row in recording.truth] == [row.stamp_s for row in written.truth]
-    assert recording.calibration is not None
-    assert read_icub_eyes(recording.calibration) == (LEFT_EYE, RIGHT_EYE)
+    assert read_icub_eyes(tmp_path / "rec" / "icubEyes.ini") == (LEFT_EYE, RIGHT_EYE)
+    assert recording.rig is not None
+    assert recording.rig.left == fit_to_images(LEFT_EYE, (8, 6), tmp_path)
 
 
 def test_the_layout_is_yarpdatadumpers(tmp_path: Path) -> None:

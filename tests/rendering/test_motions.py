@@ -5,7 +5,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rendering.motions import Approach, Jerk, Motion, MotionName, Recede, Target, make_motion
+from rendering.motions import Approach, Jerk, Motion, Recede, Target, make_motion
+from rendering.names import MotionName
 
 CENTER = np.array([-0.3, -0.1, 0.12])
 POINT, NORMAL = np.array([-0.25, -0.2, 0.05]), np.array([0.6, 0.0, 0.8])

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from pps_vision.types import Array
 from rendering.carriers import carrier_parts, carrier_pose
+from rendering.names import StimulusName
 from rendering.shapes import tube
-from rendering.stimuli import Stimulus, StimulusName, make_stimulus
+from rendering.stimuli import Stimulus, make_stimulus
 
 
 def silhouettes(stimulus: Stimulus, n: int = 60) -> tuple[float, Array]:

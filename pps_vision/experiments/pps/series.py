@@ -8,26 +8,6 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import DATA, Experiment
-from pps_vision.experiments.pps.authors_counts import AuthorsCounts
-from pps_vision.experiments.pps.calibration import Calibration
-from pps_vision.experiments.pps.compensation import Compensation
-from pps_vision.experiments.pps.double_touches import DoubleTouches
-from pps_vision.experiments.pps.errors_fled import ErrorsFled
-from pps_vision.experiments.pps.failures import PpsFailures
-from pps_vision.experiments.pps.forgetting import Forgetting
-from pps_vision.experiments.pps.hyper_parameters import HyperParameters
-from pps_vision.experiments.pps.invariance import Invariance
-from pps_vision.experiments.pps.landscapes import Landscapes
-from pps_vision.experiments.pps.monte_carlo import MonteCarlo
-from pps_vision.experiments.pps.offsets import Offsets
-from pps_vision.experiments.pps.one_trial import OneTrial
-from pps_vision.experiments.pps.progress import Progress
-from pps_vision.experiments.pps.real_trials import RealTrials
-from pps_vision.experiments.pps.representations import Representations
-from pps_vision.experiments.pps.table5 import Table5
-from pps_vision.experiments.pps.uncertain_tracks import UncertainTracks
-from pps_vision.experiments.pps.whole_skin import WholeSkin
-from pps_vision.experiments.pps.without_ttc import WithoutTtc
 
 FigureName = Literal[
     "monte_carlo",
@@ -72,6 +52,27 @@ class Pps:
 
     def parts(self) -> dict[str, Experiment]:
         """The experiments asked for, by name."""
+        from pps_vision.experiments.pps.authors_counts import AuthorsCounts
+        from pps_vision.experiments.pps.calibration import Calibration
+        from pps_vision.experiments.pps.compensation import Compensation
+        from pps_vision.experiments.pps.double_touches import DoubleTouches
+        from pps_vision.experiments.pps.errors_fled import ErrorsFled
+        from pps_vision.experiments.pps.failures import PpsFailures
+        from pps_vision.experiments.pps.forgetting import Forgetting
+        from pps_vision.experiments.pps.hyper_parameters import HyperParameters
+        from pps_vision.experiments.pps.invariance import Invariance
+        from pps_vision.experiments.pps.landscapes import Landscapes
+        from pps_vision.experiments.pps.monte_carlo import MonteCarlo
+        from pps_vision.experiments.pps.offsets import Offsets
+        from pps_vision.experiments.pps.one_trial import OneTrial
+        from pps_vision.experiments.pps.progress import Progress
+        from pps_vision.experiments.pps.real_trials import RealTrials
+        from pps_vision.experiments.pps.representations import Representations
+        from pps_vision.experiments.pps.table5 import Table5
+        from pps_vision.experiments.pps.uncertain_tracks import UncertainTracks
+        from pps_vision.experiments.pps.whole_skin import WholeSkin
+        from pps_vision.experiments.pps.without_ttc import WithoutTtc
+
         makers: Mapping[str, Callable[[], Experiment]] = {
             "monte_carlo": lambda: MonteCarlo(self.seed),
             "authors_counts": lambda: AuthorsCounts(self.data),

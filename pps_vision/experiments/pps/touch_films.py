@@ -25,8 +25,8 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array, Track3D
-from rendering.carriers import CarrierName
 from rendering.eyes import Eyes
+from rendering.names import CarrierName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus

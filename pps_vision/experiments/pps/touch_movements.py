@@ -17,7 +17,8 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, Skin, icub_skin, taxel_frame, touched_taxels
 from pps_vision.types import Array, Mask
 from rendering.motions import make_reach
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.names import StimulusName
+from rendering.stimuli import make_stimulus
 
 Condition = Literal["motor", "visual", "inner", "outer", "palm"]
 TRIALS = {"motor": 82, "visual": 45, "inner": 53, "outer": 34, "palm": 77}

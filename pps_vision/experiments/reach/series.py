@@ -7,19 +7,6 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional
 
 from pps_vision.experiments.experiment import Experiment
-from pps_vision.experiments.reach.failures import BabblingFailures
-from pps_vision.experiments.reach.forward_model import ForwardModelError
-from pps_vision.experiments.reach.lwpr import CrossFunction
-from pps_vision.experiments.reach.map_failures import MapFailures
-from pps_vision.experiments.reach.maps import Maps
-from pps_vision.experiments.reach.measures import Measures
-from pps_vision.experiments.reach.planning import Planning
-from pps_vision.experiments.reach.planning_rendered import PlanningRendered
-from pps_vision.experiments.reach.regressors import Regressors
-from pps_vision.experiments.reach.seen_babbling import SeenBabbling
-from pps_vision.experiments.reach.seen_box import SeenBox
-from pps_vision.experiments.reach.solvers import Solvers
-from pps_vision.experiments.reach.whole_paper import WholePaper
 
 FigureName = Literal[
     "lwpr",
@@ -53,6 +40,20 @@ class Reach:
 
     def parts(self) -> dict[str, Experiment]:
         """The experiments asked for, by name."""
+        from pps_vision.experiments.reach.failures import BabblingFailures
+        from pps_vision.experiments.reach.forward_model import ForwardModelError
+        from pps_vision.experiments.reach.lwpr import CrossFunction
+        from pps_vision.experiments.reach.map_failures import MapFailures
+        from pps_vision.experiments.reach.maps import Maps
+        from pps_vision.experiments.reach.measures import Measures
+        from pps_vision.experiments.reach.planning import Planning
+        from pps_vision.experiments.reach.planning_rendered import PlanningRendered
+        from pps_vision.experiments.reach.regressors import Regressors
+        from pps_vision.experiments.reach.seen_babbling import SeenBabbling
+        from pps_vision.experiments.reach.seen_box import SeenBox
+        from pps_vision.experiments.reach.solvers import Solvers
+        from pps_vision.experiments.reach.whole_paper import WholePaper
+
         makers: Mapping[str, Callable[[], Experiment]] = {
             "lwpr": lambda: CrossFunction(self.seed),
             "forward_model": lambda: ForwardModelError(self.seed),

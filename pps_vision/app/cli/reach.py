@@ -2,21 +2,16 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
-from tqdm import tqdm
 from tyro.conf import Positional, subcommand
 
-from learning.reachable import ReachableMap, both, load_map, save_map
-from learning.reachable_measures import MeasureName, hand_and_params
-from learning.reachable_training import MapParams, train_reachable_map
-from pps_vision.app import figures
-from pps_vision.app.reach_figure import slices
-from pps_vision.recordings.gaze_table import read_gaze, write_reachability
-from pps_vision.recordings.outputs import whole_file
-from pps_vision.robot.icub import load_icub
-from pps_vision.robot.model import Robot
+from learning.names import MeasureName
+
+if TYPE_CHECKING:
+    from learning.reachable import ReachableMap
+    from learning.reachable_training import MapParams
+    from pps_vision.robot.model import Robot
 
 _LEAST_BUDGET = 200  # labels, below which what is left to test with says nothing of the error
 
@@ -49,6 +44,13 @@ class Train:
 
     def run(self) -> None:
         """Learn, and say how much was asked and how sure the map is."""
+        from tqdm import tqdm
+
+        from learning.reachable import both, save_map
+        from learning.reachable_training import MapParams
+        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.robot.icub import load_icub
+
         if self.arm == "both" and self.into is not None:
             raise ValueError(f"--into {self.into} with --arm both; expected one arm, whose map can be gone on with")
         if self.ik_budget < _LEAST_BUDGET:
@@ -75,8 +77,10 @@ class Train:
         if learned.expected_error > self.max_error > 0:
             print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")
 
-    def _earlier(self) -> ReachableMap | None:
+    def _earlier(self) -> "ReachableMap | None":
         """The map to go on from, if it is one of the same."""
+        from learning.reachable import load_map
+
         if self.into is None:
             return None
         into = load_map(self.into)
@@ -85,7 +89,12 @@ class Train:
                 raise ValueError(f"--into {self.into}: a map of {there}; expected one of {asked}, to go on from")
         return into
 
-    def _learn(self, robot: Robot, side: str, params: MapParams, into: ReachableMap | None) -> ReachableMap:
+    def _learn(self, robot: "Robot", side: str, params: "MapParams", into: "ReachableMap | None") -> "ReachableMap":
+        import numpy as np
+
+        from learning.reachable_measures import hand_and_params
+        from learning.reachable_training import train_reachable_map
+
         hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
         learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
         return replace(learned, end_point=self.end_point, measure=self.measure)
@@ -106,6 +115,12 @@ class Query:
 
     def run(self) -> None:
         """Answer every line."""
+        import numpy as np
+
+        from learning.reachable import load_map
+        from pps_vision.recordings.gaze_table import read_gaze, write_reachability
+        from pps_vision.recordings.outputs import whole_file
+
         reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)
         verdict = reachable_map.query(gaze, 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp))
         columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
@@ -126,7 +141,12 @@ class Show:
 
     def run(self) -> None:
         """Draw it."""
-        reachable_map: ReachableMap = load_map(self.map)
+        from learning.reachable import load_map
+        from pps_vision.app import figures
+        from pps_vision.app.reach_figure import slices
+        from pps_vision.recordings.outputs import whole_file
+
+        reachable_map = load_map(self.map)
         figure = slices(reachable_map)
         with whole_file(self.out) as partial:
             figures.save(figure, partial)

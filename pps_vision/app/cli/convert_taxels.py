@@ -1,0 +1,92 @@
+"""`pps-vision convert-taxels`: our memory to the robot's own map of peripersonal space, and back."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+
+@dataclass(frozen=True)
+class ConvertTaxels:
+    """Convert between our memory (.npz) and the robot's map (taxels*.ini); the suffixes say which way.
+
+    Counts, ranges, bins and taxels are carried exactly.  The .ini has no place for the width of the Parzen
+    window and for forgetting: the robot has its own, and a memory read from it gets the paper's.  The robot
+    takes D to the surface of what it tracks, not to its centre (ReceptiveField.subtract_radius here).
+    """
+
+    input: Positional[Path]
+    """IN, .npz or .ini."""
+    out: Positional[Path]
+    """OUT, the other."""
+    like: Path | None = None
+    """To .ini: a map of the same robot, whose assignment of physical to virtual taxels is taken over."""
+    parts: tuple[str, ...] = ()
+    """From .ini: only these body parts, such as l_forearm (default: all, which must have the same bins)."""
+    own_skin: bool = False
+    """From .ini: exactly the taxels of the skin here, as `learn --into` wants them; others are left out, and
+    those the file does not know stay empty."""
+
+    def run(self) -> None:
+        """Convert and say what was carried."""
+        way = (self.input.suffix.lower(), self.out.suffix.lower())
+        if way == (".npz", ".ini"):
+            self._to_robot()
+        elif way == (".ini", ".npz"):
+            self._from_robot()
+        else:
+            raise ValueError(f"convert-taxels {self.input} {self.out}: expected a .npz and a .ini, in either order")
+
+    def _to_robot(self) -> None:
+        from learning.memory import MemoryParams, load_memory
+        from pps_vision.app.convert_taxels import to_maps
+        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
+
+        if self.like is None:
+            raise ValueError(f"{self.input}: knows no physical taxels; expected --like TAXELS.ini, a map of this robot")
+        if self.parts or self.own_skin:
+            raise ValueError("--parts, --own-skin: expected only where a .ini is converted")
+        memory = load_memory(self.input)
+        maps = to_maps(memory, read_taxels(self.like), self.input, self.like)
+        with whole_file(self.out) as partial:
+            write_taxels(partial, maps)
+        print(f"{len(memory.taxel_ids)} taxels on {', '.join(part.name for part in maps)} → {self.out}")
+        paper = MemoryParams()
+        for name, mine, usual in (
+            ("a window", f"{memory.params.sigma_bins:g} bins wide", f"{paper.sigma_bins:g} bins wide"),
+            (
+                "a half life",
+                f"of {memory.params.half_life_touches:g} touches",
+                f"of {paper.half_life_touches:g} touches",
+            ),
+        ):
+            if mine != usual:
+                print(f"not carried: {name} {mine}; the robot's form has no place for it")
+
+    def _from_robot(self) -> None:
+        from learning.memory import save_memory
+        from pps_vision.app.convert_taxels import from_maps, onto
+        from pps_vision.errors import InputError
+        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.taxels_ini import read_taxels
+        from pps_vision.robot.skin import icub_skin
+
+        if self.like is not None:
+            raise ValueError("--like: expected only where a .npz is converted")
+        maps = read_taxels(self.input)
+        unknown = [name for name in self.parts if name not in {part.name for part in maps}]
+        if unknown:
+            raise InputError(self.input, f"no {unknown[0]}; expected one of {', '.join(part.name for part in maps)}")
+        memory = from_maps([part for part in maps if not self.parts or part.name in self.parts], self.input)
+        if self.own_skin:
+            found, memory = memory.taxel_ids, onto(memory, icub_skin())
+            common = len(set(found) & set(memory.taxel_ids))
+            print(
+                f"{common} of {len(found)} taxels are on this skin, the others left out; "
+                f"{len(memory.taxel_ids) - common} of its stay empty"
+            )
+        with whole_file(self.out) as partial:
+            save_memory(partial, memory)
+        names = memory.taxel_ids
+        print(f"{len(names)} taxels on {', '.join(dict.fromkeys(name.split(':')[0] for name in names))} → {self.out}")

@@ -1,0 +1,27 @@
+"""`pps-vision demo`: the robot learns what touches feel like, then meets something it has never seen."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Close the loop: learn the left forearm from rendered approaches, then meet the octopus.
+
+    With avoidance off, with avoidance on, receding, and standing still; everything in report.html.
+    """
+
+    out: Path = Path("demo")
+    """Folder for report.html, demo.mp4, memory.npz, reach.npz and summary.json."""
+    trials: int = 24
+    """Approaches of ball and cube to learn from."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of everything left to chance."""
+
+    def run(self) -> None:
+        """Learn, meet, and write the report."""
+        from pps_vision.app.demo import demo
+
+        demo(self.out, self.trials, self.noise, self.seed)

@@ -1,0 +1,16 @@
+"""`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
+
+from dataclasses import dataclass
+
+from pps_vision.app.render_params import RenderParams
+
+
+@dataclass(frozen=True)
+class Render(RenderParams):
+    """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
+
+    def run(self) -> None:
+        """Render, and report what was written."""
+        from pps_vision.app import render
+
+        render.Render(**vars(self)).run()

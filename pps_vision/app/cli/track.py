@@ -1,0 +1,151 @@
+"""`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
+
+import sys
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Literal
+
+from tyro import MISSING
+from tyro.conf import Positional
+
+from tracking.names import Depth, Mode
+
+if TYPE_CHECKING:
+    from pps_vision.app.track import TrackedRecording
+    from pps_vision.types import Track3D
+
+_FILES = ("detections.csv", "trajectory.csv", "summary.json", "overlay.mp4")
+
+
+@dataclass(frozen=True)
+class Track:
+    """Follow a moving object (or a green marker) in both eyes and write its 3D path.
+
+    Either a recording folder REC of an iCub (yarpdatadumper layout, as `render` writes it), or
+    --left, --right, --calib and --fps for any stereo images; the root frame is then the left camera.
+    """
+
+    rec: Positional[Path | None] = None
+    """Recording folder."""
+    out: Path = MISSING
+    """Folder for detections.csv, trajectory.csv, summary.json (and overlay.mp4)."""
+    left: tuple[str, ...] = ()
+    """Left images: a pattern in quotes such as 'seq/left*.png', or the files themselves."""
+    right: tuple[str, ...] = ()
+    """Right images, paired with the left ones by the last number in their names."""
+    calib: tuple[Path, ...] = ()
+    """Calibration: OpenCV files (one for all, or left, right and stereo), or icubEyes.ini for a REC without its own."""
+    joints: Path | None = None
+    """What to add to the encoders of REC, as `pps-vision joints` writes it."""
+    fps: float = 30.0
+    """Frames per second of --left/--right."""
+    unit_m: float = 1.0
+    """Metres per length unit of the OpenCV calibration (0.01 if its board was measured in cm)."""
+    mode: Mode = "generic"
+    """generic: whatever moves; marker: a green marker, the cheaper road."""
+    depth: Depth = "centroid"
+    """centroid: where both eyes see the centre; disparity: matching inside the region, for textured objects."""
+    max_error_mm: float | None = None
+    """Instead of --mode and --depth: the cheapest way whose 3D RMS error is within this; summary.json says which and
+    why."""
+    device: Literal["cpu", "cuda"] | None = None
+    """Look for the marker in batches of frames with torch on this device, for long recordings; default: frame by
+    frame, without torch."""
+    batch: int = 32
+    """Frames a batch of --device."""
+    smooth: bool = False
+    """Let what is seen later correct what was seen before (RTS smoothing): trajectory.csv and the errors are those of
+    the smoothed path; the video shows the path as it was known then."""
+    max_skew_s: float = 0.02
+    """Left and right images further apart in time are no pair."""
+    video: bool = False
+    """Also write overlay.mp4."""
+    seed: int = 0
+    """Seed of the particles."""
+
+    def run(self) -> None:
+        """Read, track, and write everything at once; what had to be skipped is reported."""
+        from tqdm import tqdm
+
+        from pps_vision.app.open_recording import open_recording
+        from pps_vision.app.overlay import VideoFile, draw_pair
+        from pps_vision.app.track import track
+        from pps_vision.recordings.outputs import whole_folder
+        from pps_vision.recordings.results import write_detections, write_summary, write_trajectory
+
+        recording = open_recording(
+            self.rec,
+            left=self.left,
+            right=self.right,
+            calib=self.calib,
+            fps=self.fps,
+            unit_m=self.unit_m,
+            joints=self.joints,
+            max_skew_s=self.max_skew_s,
+        )
+        run = track(
+            recording,
+            self.mode,
+            self.depth,
+            max_error_mm=self.max_error_mm,
+            device=self.device,
+            batch=self.batch,
+            seed=self.seed,
+        )
+        detections, steps = [], []
+        with whole_folder(self.out, _FILES) as folder:
+            with VideoFile(folder / "overlay.mp4", recording.fps) as film:
+                for number, frame, step in tqdm(
+                    run.numbered(), total=len(run), desc="track", unit="pair", disable=None
+                ):
+                    steps.append(step)
+                    detections += [(number, seen, step.track.status) for seen in step.detections]
+                    if self.video and recording.rig is not None:
+                        film.add(draw_pair(frame, recording.rig.view_of(frame), step.track, step.detections))
+            tracks = run.path(steps, self.smooth)
+            write_detections(folder / "detections.csv", detections)
+            write_trajectory(folder / "trajectory.csv", tracks)
+            write_summary(folder / "summary.json", self._summary(run, tracks))
+        for problem in recording.problems:
+            print(f"skipped: {problem}", file=sys.stderr)
+        print(_headline(run, tracks), f"→ {self.out}")
+
+    def _summary(self, run: "TrackedRecording", tracks: "list[Track3D]") -> dict[str, object]:
+        from pps_vision.app.track import errors_against
+        from pps_vision.recordings.problems import count_by_kind
+        from pps_vision.types import Status
+
+        summary: dict[str, object] = {
+            "source": run.recording.name,
+            "joints": str(self.joints) if self.joints else None,
+            "mode": run.params.mode,
+            "depth": run.params.depth,
+            "device": self.device,
+            "smoothed": self.smooth,
+            "seed": self.seed,
+            "pairs": len(run),
+            "frames": len(tracks),
+            "status": {status.value: sum(track.status == status for track in tracks) for status in Status},
+            "ms_per_pair": run.stopwatch.summary(),
+            "skipped": count_by_kind(run.recording.problems),
+        }
+        if run.choice:
+            summary["max_error"] = {"asked_mm": self.max_error_mm, **run.choice.summary()}
+        if run.recording.truth:
+            summary["errors"] = errors_against(run.recording.truth, tracks)
+        return summary
+
+
+def _headline(run: "TrackedRecording", tracks: "list[Track3D]") -> str:
+    from pps_vision.app.track import errors_against
+    from pps_vision.types import Status
+
+    tracked = sum(track.status == Status.TRACKING for track in tracks)
+    line = f"{tracked} of {len(tracks)} pairs tracked, median {median(run.stopwatch.ms['total']):.1f} ms a pair"
+    if run.recording.truth:
+        rms_mm = errors_against(run.recording.truth, tracks)["position_rms_mm"]
+        line += f", 3D RMS {rms_mm:.2f} mm" if isfinite(rms_mm) else ""
+    skipped = len(run.recording.problems)
+    return line + (f", {skipped} problems skipped" if skipped else "")

@@ -1,0 +1,37 @@
+"""`pps-vision track2d`: follow a coloured object in one view."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+
+@dataclass(frozen=True)
+class Track2d:
+    """Follow a coloured object through the images of a folder, given its box in the first."""
+
+    frames_dir: Positional[Path]
+    """Folder of images, taken in the natural order of their names; the first is frame 1."""
+    init: tuple[float, float, float, float]
+    """X Y W H of the object in the first image: top-left corner and size, pixels."""
+    out: Path
+    """Where to write frame,x,y,w,h,score."""
+    seed: int = 0
+    """Seed of the particles."""
+
+    def run(self) -> None:
+        """Track through all frames; what could not be read is reported and left out."""
+        from pps_vision.app.track2d import follow
+        from pps_vision.recordings.images import open_frames
+        from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.results import write_boxes
+
+        sequence = open_frames(self.frames_dir)
+        with whole_file(self.out) as partial:
+            rows = follow(sequence, self.init, self.seed)
+            write_boxes(partial, rows)
+        for problem in sequence.problems:
+            print(f"skipped: {problem}", file=sys.stderr)
+        found = sum(score > 0 for _, _, score in rows)
+        print(f"seen in {found} of {len(rows)} frames → {self.out}")

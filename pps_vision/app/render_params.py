@@ -1,0 +1,48 @@
+"""What is rendered: the options of `pps-vision render` and of `pps_vision.render`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from rendering.names import CarrierName, MotionName, StimulusName
+
+
+@dataclass(frozen=True)
+class RenderParams:
+    """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
+
+    stimulus: StimulusName
+    """What is shown."""
+    motion: MotionName
+    """How it moves; approach and recede are about --target, the others about --center."""
+    out: Path
+    """Recording folder to write; must be new or empty."""
+    target: str = "left_forearm:27"
+    """Taxel that an approach is aimed at."""
+    center: tuple[float, float, float] | None = None
+    """Where the other motions happen, root frame, m; default: random, 0.33 to 0.52 m before the eyes."""
+    seconds: float = 5.0
+    """Length of the recording."""
+    fps: float = 20.0
+    """Stereo pairs a second."""
+    speed: float | None = None
+    """Speed of the object, m/s; default: random, 0.05 to 0.15."""
+    radius: float | None = None
+    """Radius of the object, m; default: its usual one."""
+    noise: float = 0.0
+    """Standard deviation of the pixel noise, grey levels of 255."""
+    shot: float = 0.0
+    """Variance of the shot noise per grey level."""
+    exposure: float = 1.0
+    """Gain; 2 is overexposed, 0.5 underexposed."""
+    blur_s: float = 0.0
+    """How long the shutter is open, s: motion blur."""
+    carrier: CarrierName | Literal["finger"] = "none"
+    """Who holds the object; finger: the robot itself, on the tip of its right index finger."""
+    head: Literal["follow", "sway", "still"] = "follow"
+    """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
+    max_image_error: float | None = None
+    """How far the object may be from its finest rendering, RMS grey levels of 255: the cheapest way to draw it that
+    was measured to stay within; default: what serves tracking as well as the finest."""
+    seed: int = 0
+    """Seed of the motion and the noise."""

@@ -1,0 +1,7 @@
+"""The names that a user chooses from; importing them loads nothing else."""
+
+from typing import Literal
+
+StimulusName = Literal["marker", "ball", "cube", "octopus"]
+MotionName = Literal["approach", "recede", "static", "circle", "figure8", "linear", "jerk"]
+CarrierName = Literal["none", "stick", "hand"]
