@@ -27,6 +27,7 @@ from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D, Truth
+from tracking.kalman import DEFAULT_ORDER, KalmanParams
 from tracking.outline import Optics
 from tracking.smoother import smoothed_tracks
 from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
@@ -65,9 +66,11 @@ class Track:
     """generic: whatever moves; marker: a green marker, the cheaper road."""
     depth: Depth = "centroid"
     """centroid: where both eyes see the centre; disparity: matching inside the region, for textured objects."""
+    order: int = DEFAULT_ORDER
+    """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
     max_error_mm: float | None = None
-    """Instead of --mode and --depth: the cheapest way whose 3D RMS error is within this; summary.json says which and
-    why."""
+    """Instead of --mode, --depth and --order: the cheapest way whose 3D RMS error is within this; summary.json says
+    which and why."""
     device: Literal["cpu", "cuda"] | None = None
     """Look for the marker in batches of frames with torch on this device, for long recordings; default: frame by
     frame, without torch."""
@@ -88,7 +91,7 @@ class Track:
         stopwatch = Stopwatch()
         recording, make_tracker = self._open(stopwatch)
         choice = None if self.max_error_mm is None else cheapest(recording, self.max_error_mm, make_tracker)
-        params = choice.configuration.params if choice else TrackerParams(mode=self.mode, depth=self.depth)
+        params = choice.configuration.params if choice else self._params()
         stopwatch.ms.clear()
         tracker = make_tracker(params)
         detections: list[tuple[int, Detection2D, Status]] = []
@@ -111,9 +114,14 @@ class Track:
             print(f"skipped: {problem}", file=sys.stderr)
         print(_headline(tracks, recording, stopwatch), f"→ {self.out}")
 
+    def _params(self) -> TrackerParams:
+        return TrackerParams(mode=self.mode, depth=self.depth, kalman=KalmanParams.of_order(self.order))
+
     def _open(self, stopwatch: Stopwatch) -> tuple[Recording, Callable[[TrackerParams], Tracker]]:
-        if self.max_error_mm is not None and (self.mode, self.depth) != ("generic", "centroid"):
-            raise ValueError("track: --max-error-mm chooses the mode and the depth itself; expected no --mode, --depth")
+        if self.max_error_mm is not None and self._params() != TrackerParams():
+            raise ValueError(
+                "track: --max-error-mm chooses mode, depth and order itself; expected no --mode, --depth, --order"
+            )
         if self.device is not None and (self.mode != "marker" or self.batch < 1):
             raise ValueError(
                 f"track: --device with --mode {self.mode}, --batch {self.batch}; expected --mode marker (what the "

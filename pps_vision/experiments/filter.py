@@ -22,9 +22,10 @@ from pps_vision.experiments.filter_scenes import (
     rendered_sequences,
 )
 from pps_vision.types import Array, Mask
+from tracking.kalman import DEFAULT_ORDER
 
 SPEEDS_M_S = (0.05, 0.1, 0.2, 0.3)
-DEFAULT = "order 3"
+DEFAULT = f"order {DEFAULT_ORDER}"
 PEERS = ("cv2", "filterpy", "filterpy, RTS")
 _ORDERS = (1, 2, 3, 4)
 Online = Callable[[Sequence], methods.Filter]
