@@ -5,19 +5,21 @@ from scipy.linalg import expm
 
 from tracking.kalman import KalmanParams
 
+Decay = tuple[float, float]
 
-def system(order: int, decay_s: float) -> np.ndarray:
-    """(order, order) A of ẋ = A x + G w: the acceleration's equation is (d/dt + r)^(order − 2) a = w, r = 1/decay_s."""
-    r = 1 / decay_s
+
+def system(order: int, decay_s: Decay) -> np.ndarray:
+    """A of ẋ = A x + G w; with r, s = 1/decay_s, order 3: ȧ = −r a + w, 4: (d/dt + r)(d/dt + s) a = w."""
+    r, s = 1 / decay_s[0], 1 / decay_s[1]
     A = np.eye(order, k=1)
     if order == 3:
-        A[2, 2] = -r  # ȧ = −r a + w
+        A[2, 2] = -r
     if order == 4:
-        A[3, 2:] = -(r**2), -2 * r  # ä = −r² a − 2 r ȧ + w
+        A[3, 2:] = -r * s, -(r + s)
     return A
 
 
-def discretised(order: int, dt_s: float, decay_s: float) -> tuple[np.ndarray, np.ndarray]:
+def discretised(order: int, dt_s: float, decay_s: Decay) -> tuple[np.ndarray, np.ndarray]:
     """F and Q (order, order) for unit density by Van Loan (1978), from one exponential of twice the size."""
     unit = dt_s ** -np.arange(order, dtype=float)  # of each derivative: in units of the step rounding stays small
     A, G = dt_s * system(order, decay_s) * np.outer(1 / unit, unit), np.zeros((order, order))
