@@ -15,11 +15,11 @@ from pps_vision.types import Array
 
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _TERMS = 16  # of a power series
-_UNREST = (0.025, 3.0)  # straight at constant speed; the sharpest turns of what a hand moves
+_UNREST = (0.025, 30.0)  # straight at constant speed; back and forth once a second
 # Chosen on training recordings (bench filter, seeds 8300 and 8310: 36 rendered balls and markers at 5–30 cm/s; every
 # second flight of tt3d): no error of order 3 and 4 larger than without decay, coverage of velocity nearest to 68 and
 # 95 %.
-NOISE_DENSITY = {1: 4e-3, 2: 1.5e-3, 3: 0.2, 4: 500.0}
+NOISE_DENSITY = {1: 4e-3, 2: 1.5e-3, 3: 0.2, 4: 270.0}
 DEFAULT_ORDER = 4
 
 
@@ -50,7 +50,7 @@ class KalmanParams:
     gate_chi2: float = 14.0
     jump_chi2: float = 26.0
     max_rejections: int = 3
-    decay_s: tuple[float, float] = (0.4, 0.02)
+    decay_s: tuple[float, float] = (0.4, 0.03)
 
     def __post_init__(self) -> None:
         if self.order not in NOISE_DENSITY:

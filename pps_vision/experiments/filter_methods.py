@@ -57,7 +57,7 @@ class Automatic:
     """Filters of all orders in parallel, so quiet that each fits only where its model holds; the lowest whose
     innovations were consistent of late speaks, the default's if none."""
 
-    QUIET = (1e-7, 1e-3, 0.2, 500.0)  # noise densities of orders 1–4
+    QUIET = (1e-7, 1e-3, 0.2, 270.0)  # noise densities of orders 1–4
     MEMORY, MOST_NIS = 6.0, 4.5
 
     def __init__(self, sequence: Sequence) -> None:

@@ -160,7 +160,7 @@ def test_errors_have_the_covariance_it_claims(order: int, rng: np.random.Generat
     assert low < np.mean(nis) < high
 
 
-@pytest.mark.parametrize("scale", [0.1, 2.0])
+@pytest.mark.parametrize("scale", [0.1, 8.0])
 def test_process_noise_follows_the_motion(scale: float, rng: np.random.Generator) -> None:
     """Paths drawn with another density than the parameters': over time the filter takes theirs, on average."""
     params, R = KalmanParams(white_share=1.0, gate_chi2=1e9), 1e-8 * np.eye(3)
@@ -227,7 +227,7 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
         mean, cov, nis = corrected(x, P, z, 0.5 * R)
         _close(after, mean, cov, 1e-8)
         assert (after.nis, after.rejections) == (pytest.approx(nis), 0)
-        assert after.unrest == pytest.approx(np.clip(unrest * math.exp(0.2 * (nis / 3 - 1)), 0.025, 3.0))
+        assert after.unrest == pytest.approx(np.clip(unrest * math.exp(0.2 * (nis / 3 - 1)), 0.025, 30.0))
         assert (after.updated_s, after.stamp_s) == (ahead.stamp_s, ahead.stamp_s)
         np.testing.assert_allclose(after.lasting, 0.5 * R)
     outside = update(params, ahead, at(16.01, loose), R)
