@@ -133,7 +133,7 @@ def test_what_is_found_through_a_lens_that_folds_back_is_seen_where_it_was_measu
         turned = Rotation.from_euler("y", rng.uniform(-0.2, 0.2)).as_matrix()
         view = StereoRig.fixed(camera, camera, transform(turned, (0.068, 0.0, 0.0))).view()
         left, cov = rng.uniform((-20, -20), (340, 260)), 10 ** rng.uniform(-4, 1) * np.array([[1.0, 0.3], [0.3, 1.0]])
-        right = left + (rng.uniform(-60, 0), np.sqrt(cov[1, 1]) * rng.standard_normal())
+        right = left + np.array([rng.uniform(-60, 0), np.sqrt(cov[1, 1]) * rng.standard_normal()])
         if k % 2:
             p = rng.uniform((-0.2, -0.2, 0.15), (0.2, 0.2, 0.6))
             left, right = view.left.project(p), view.right.project(p)

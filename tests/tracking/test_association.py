@@ -72,7 +72,9 @@ def test_who_sees_less_of_it_is_believed_less(hidden_eye: str) -> None:
         eyes = {"left": seen(VIEW.left), "right": seen(VIEW.right)}
         part = eyes[hidden_eye]
         eyes[hidden_eye] = replace(
-            part, center_px=part.center_px + [px, 0.0], angular_radius_rad=part.angular_radius_rad - px / 400.0
+            part,
+            center_px=part.center_px + np.array([px, 0.0]),
+            angular_radius_rad=part.angular_radius_rad - px / 400.0,
         )
         found = Association(AssociationParams(unknown_error=1e-4), 320).observe(VIEW, eyes["left"], eyes["right"], 0.0)
         assert found is not None
@@ -139,7 +141,9 @@ def test_what_cannot_be_one_thing_is_no_pair() -> None:
 
     def pair(association: Association, up_px: float, larger: float = 1.0) -> Observation3D | None:
         other = replace(
-            right, center_px=right.center_px + [0, up_px], angular_radius_rad=larger * right.angular_radius_rad
+            right,
+            center_px=right.center_px + np.array([0, up_px]),
+            angular_radius_rad=larger * right.angular_radius_rad,
         )
         return association.observe(VIEW, left, other, 0.0)
 

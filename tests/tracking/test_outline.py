@@ -1,7 +1,5 @@
 """Where a sphere's centre is, from its image: against the projection of the true centre."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
