@@ -178,6 +178,30 @@ def test_a_ball_half_hidden_is_completed(optics: Optics, rng: np.random.Generato
     assert np.linalg.norm(shape.center_px - true) < 0.7
 
 
+@pytest.mark.parametrize("kind", ["half hidden", "cut by the border"])
+def test_what_is_stated_of_a_completed_ball_is_what_it_errs_by(kind: str, rng: np.random.Generator) -> None:
+    """Mean squared normalised errors of centre and radius; the straight edge that hides it pulls at both."""
+    camera, radius, n = Camera(120, 120, 220.0, 220.0, 59.5, 59.5), 0.03, 40
+    optics, squared = Optics(camera), np.empty((n, 2))
+    for k in range(n):
+        center = np.array([*rng.uniform(-0.01, 0.01, 2), 0.35]) - [0.085 * (kind == "cut by the border"), 0, 0]
+        sphere = Sphere(center, radius, RED)
+        image, hard = look(View(camera, np.eye(4)), [sphere], rng), _hard(camera, sphere)
+        if kind == "half hidden":
+            u = int(camera.project(center)[0]) + rng.integers(0, 8)
+            image[:, u:], hard[:, u:] = (60, 90, 140), False
+        shape = see(image, hard, (0, 0, 120, 120), optics, np.pi * (radius / 0.35 * 220) ** 2)
+        assert shape is not None
+        assert shape.departure == 0
+        error = shape.center_px - camera.project(center)
+        angle = np.arcsin(radius / np.linalg.norm(center))
+        squared[k, 0] = error @ np.linalg.solve(shape.cov_px, error) / 2
+        squared[k, 1] = (shape.angular_radius_rad - angle) ** 2 / shape.angular_radius_var
+    of_center, of_radius = squared.mean(axis=0)
+    assert 0.4 < of_center < 2.0
+    assert 0.4 < of_radius < 4.0
+
+
 @pytest.mark.parametrize("fingers", [(-9,), (-9, 2, 12)])
 def test_a_ball_held_by_fingers_is_completed_though_it_was_never_seen_whole(
     optics: Optics, rng: np.random.Generator, fingers: tuple[int, ...]
