@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from tqdm import tqdm
@@ -25,7 +25,8 @@ from rendering.fidelity import Fidelity, cheapest
 from rendering.motions import Motion, MotionName, make_motion
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
-from rendering.stimuli import StimulusName, make_stimulus
+from rendering.stimuli import Stimulus, StimulusName, make_stimulus
+from rendering.stimulus_file import SUFFIXES, Unit, load_stimulus
 
 _SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own motion
 _SWAY_HZ = np.array([0.31, 0.23])
@@ -37,8 +38,8 @@ _LARGEST_M = 0.3  # radius of what is still held before the eyes
 class Render:
     """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
 
-    stimulus: StimulusName
-    """What is shown."""
+    stimulus: StimulusName | Path
+    """What is shown; or a mesh file, .stl, .obj or .ply."""
     motion: MotionName
     """How it moves; approach and recede are about --target, the others about --center."""
     out: Path
@@ -54,7 +55,9 @@ class Render:
     speed: float | None = None
     """Speed of the object, m/s; default: random, 0.05 to 0.15."""
     radius: float | None = None
-    """Radius of the object, m; default: its usual one."""
+    """Radius of the object, m; default: its usual one, or the mesh's own (that of its hull's mean silhouette)."""
+    unit: Unit = "m"
+    """Unit of a mesh file's coordinates."""
     noise: float = 0.0
     """Standard deviation of the pixel noise, grey levels of 255."""
     shot: float = 0.0
@@ -92,7 +95,7 @@ class Render:
         robot, skin = load_icub(), icub_skin()
         rig = icub_rig(robot)
         fidelity = self.fidelity()
-        stimulus = make_stimulus(self.stimulus, self.radius, fidelity.fineness)
+        stimulus = self.object(fidelity.fineness)
         sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
         carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
         states, touches = list(self.scene(robot, rig, rng)), 0
@@ -114,10 +117,19 @@ class Render:
         """How the scene is drawn."""
         return Fidelity() if self.max_image_error is None else cheapest(self.max_image_error).fidelity
 
+    def object(self, fineness: int) -> Stimulus:
+        """What is shown; ValueError and OSError name a mesh file that cannot be shown."""
+        if isinstance(self.stimulus, Path):
+            if self.stimulus.suffix.lower() not in SUFFIXES:
+                names = ", ".join((*get_args(StimulusName), *(f"FILE{suffix}" for suffix in SUFFIXES)))
+                raise ValueError(f"render: --stimulus {self.stimulus}; expected one of {names}")
+            return load_stimulus(self.stimulus, self.unit, self.radius)
+        return make_stimulus(self.stimulus, self.radius, fineness)
+
     def scene(self, robot: Robot, rig: StereoRig, rng: np.random.Generator) -> Iterator[tuple[float, SceneState]]:
         """Stamp and state of each frame."""
         finger = RightFinger(robot) if self.carrier == "finger" else None
-        q, motion = self._begin(robot, rig, rng, make_stimulus(self.stimulus, self.radius, 0).radius_m, finger)
+        q, motion = self._begin(robot, rig, rng, self.object(0).radius_m, finger)
         dt = 1 / self.fps
         for k in range(max(1, round(self.seconds * self.fps))):
             t = k * dt
