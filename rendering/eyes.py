@@ -100,12 +100,14 @@ class Eyes:
         )
 
     def _is_first(self, view: View, sight_root: Array) -> bool:
-        """Whether the stimulus is the first thing in a direction from an eye."""
+        """Whether nothing is before the stimulus on the line of sight to its centre: before its surface, or before the
+        centre itself where that line passes through a hole in it."""
         x, y, z = view.T_root_camera[:3, :3].T @ sight_root
         f = view.camera.focal_px
         pixel = View(Camera(1, 1, f, f, -f * x / z, -f * y / z), view.T_root_camera)
-        nodes = self._stage.in_view(view, (x / z, y / z, x / z, y / z))
-        return self._renderer.is_first(self._stage.object, nodes, pixel)
+        shown = self._stage.object
+        others = [node for node in self._stage.in_view(view, (x / z, y / z, x / z, y / z)) if node is not shown]
+        return min(self._renderer.depth([shown], pixel), z) <= self._renderer.depth(others, pixel)
 
     def _views(self, state: SceneState) -> tuple[View, View]:
         stereo = self._rig.view(state.q_rad)

@@ -7,7 +7,7 @@ releases them.
 
 import atexit
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -88,13 +88,11 @@ class Renderer:
         image, _ = self._screen.render(self._scene, flags=mode)
         return np.ascontiguousarray(image)
 
-    def is_first(self, node: Node, nodes: Sequence[Node], view: View) -> bool:
-        """Whether a node is what the middle of an image shows of all `nodes`, by a segmentation pass."""
+    def depth(self, nodes: Iterable[Node], view: View) -> float:
+        """Distance along the optical axis of the first surface in the middle of an image, m; inf if there is none."""
         self._arrange(nodes, view, "baked")
-        labels = {self._uploaded[other].node: 255 if other is node else 0 for other in nodes}
-        image, _ = self._screen.render(self._scene, flags=self._api.RenderFlags.SEG, seg_node_map=labels)
-        height, width = image.shape[:2]
-        return bool(image[height // 2, width // 2, 0] > 127)
+        depth = self._screen.render(self._scene, flags=self._api.RenderFlags.DEPTH_ONLY)
+        return float(depth[depth.shape[0] // 2, depth.shape[1] // 2]) or np.inf
 
     def release(self, nodes: Iterable[Node]) -> None:
         """Give the graphics memory of nodes back, before the next image is drawn; drawing them again uploads anew."""

@@ -36,6 +36,20 @@ def test_one_renderer_a_process() -> None:
     assert shared_renderer() is shared_renderer()
 
 
+def test_depth_is_the_distance_along_the_axis() -> None:
+    node = Node(surface_of([sphere(0.1, (1, 0, 0), fineness=5)]), transform(translation=(0, 0, 0.5)))
+
+    def depth(u: int, v: int) -> float:
+        return shared_renderer().depth([node], View(Camera(1, 1, 100, 100, 50 - u, 40 - v), np.eye(4)))
+
+    assert depth(50, 40) == pytest.approx(0.4, abs=5e-4)
+    assert depth(0, 0) == np.inf
+    # off the axis: the first root of |t·ray − center| = r, times the ray's z
+    ray = np.array([10 / 100, 5 / 100, 1.0])
+    b, c = ray @ [0, 0, 0.5], 0.25 - 0.01
+    assert depth(60, 45) == pytest.approx((b - np.sqrt(b * b - ray @ ray * c)) / (ray @ ray), abs=1e-3)
+
+
 def test_what_is_closed_or_forgotten_is_given_back(robot: Robot, rig: StereoRig, q: Array) -> None:
     with Eyes(robot, rig, make_stimulus("ball")) as lasting:
         lasting.render(SceneState(q, PLACE), 0.0)

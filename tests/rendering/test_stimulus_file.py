@@ -8,9 +8,12 @@ import pytest
 import trimesh
 
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.model import Robot
+from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.scene import SceneState
+from rendering.scene import Placed, SceneState
+from rendering.shapes import board
 from rendering.stimulus_file import load_stimulus
 
 PLACE = np.array([-0.36, -0.06, 0.12])
@@ -23,7 +26,7 @@ def wedge() -> trimesh.Trimesh:
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
 def test_a_mesh_covers_the_hull_of_its_projected_corners(
-    robot: Robot, rig: StereoRig, q: np.ndarray, tmp_path: Path, suffix: str
+    robot: Robot, rig: StereoRig, q: Array, tmp_path: Path, suffix: str
 ) -> None:
     """In millimetres and far from its origin; the silhouette against OpenCV's projection and convex hull."""
     file = tmp_path / f"wedge.{suffix}"
@@ -57,6 +60,18 @@ def test_the_radius_is_that_of_the_sphere_with_the_mean_silhouette(tmp_path: Pat
     scaled = load_stimulus(ring, "m", radius_m=0.02)
     assert scaled.radius_m == 0.02
     assert scaled.parts[0].mesh.extents[0] == pytest.approx(0.1 * 0.02 / load_stimulus(ring).radius_m)
+
+
+def test_a_ring_is_hidden_by_what_stands_before_its_hole_only(
+    robot: Robot, rig: StereoRig, q: Array, tmp_path: Path
+) -> None:
+    trimesh.creation.annulus(0.03, 0.04, 0.01).export(tmp_path / "ring.stl")
+    eye = rig.view(q).left
+    facing = rotation_to(eye.center - PLACE)
+    with Eyes(robot, rig, load_stimulus(tmp_path / "ring.stl"), props=((board(0.02, 0.02),),)) as eyes:
+        for share, visible in ((0.2, False), (-0.2, True)):
+            props = (Placed(PLACE + share * (eye.center - PLACE), rotation=facing),)
+            assert eyes.truth(SceneState(q, PLACE, rotation=facing, props=props), 0.0).visible_left == visible
 
 
 def test_a_file_s_colour_is_shown(tmp_path: Path) -> None:
