@@ -82,5 +82,5 @@ def test_other_proportions_are_refused() -> None:
     with pytest.raises(InputError, match=r"a\.ini: calibrated for 320×240 pixels, images are 640×360"):
         fit_to_images(LEFT_EYE, (640, 360), Path("a.ini"))
     assert fit_to_images(LEFT_EYE, (640, 481), Path("a.ini")).height == 481  # a pixel of rounding
-    with pytest.raises(BadInput, match="expected the same proportions"):
+    with pytest.raises(InputError, match="expected the same proportions"):
         fit_to_images(LEFT_EYE, (640, 482), Path("a.ini"))
