@@ -149,3 +149,24 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator)
     last = known[-2]
     np.testing.assert_allclose(tracks[known[-1]].mean, steps[known[-1]].track.mean, rtol=1e-9)
     assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
+
+
+def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Generator) -> None:
+    """Added to every track's position it is added to every smoothed one's; where a track says less than the filter
+    that is run again (its own had begun anew), only the error that its measurements share comes on top."""
+    steps, _ = _steps(rng)
+
+    def smoothed(change: np.ndarray, factor: float = 1.0) -> list[np.ndarray]:
+        other = []
+        for step in steps:
+            cov = factor * step.track.cov
+            cov[:3, :3] += change
+            other.append(replace(step, track=replace(step.track, cov=cov)))
+        return [t.cov[:3, :3] for t in smoothed_tracks(KalmanParams(), other) if t.is_known]
+
+    more = np.diag([5e-6, 6e-6, 7e-6])
+    for plain, wider, narrow in zip(
+        smoothed(np.zeros((3, 3))), smoothed(more), smoothed(np.zeros((3, 3)), 0.01), strict=True
+    ):
+        np.testing.assert_allclose(wider - plain, more, atol=1e-12)
+        np.testing.assert_allclose(plain - narrow, 1e-6 * np.eye(3), atol=1e-12)  # an error of shape, in `_tracked`
