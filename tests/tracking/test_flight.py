@@ -110,6 +110,15 @@ def test_the_predicted_noise_is_that_of_samples(height: float, rng: np.random.Ge
     np.testing.assert_allclose(ahead.cov / scale, np.cov(then.T) / scale, atol=0.12)
 
 
+def test_where_spin_and_speed_go_together_the_mean_is_pushed() -> None:
+    """E[lift × v] = E[lift] × E[v] + the covariance of the two, here of what turns about y with what falls."""
+    P = np.diag([1e-12] * 3 + [9.0] * 3 + [0.25] * 3)
+    P[5, 7] = P[7, 5] = 0.9 * 3.0 * 0.5
+    ahead = forecast(STILL_AIR, Belief(0.0, np.zeros((3, 3)), P, np.zeros((3, 3)), 0.0), 0.02)[0]
+    assert ahead.mean[1, 0] == pytest.approx(0.02 * P[5, 7], rel=0.03)
+    assert ahead.mean[1, 1] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_flight_begins_with_the_spread_of_what_is_thrown() -> None:
     params, cov = FlightParams(speed_std=5.0, lift_std=(0.4, 0.2)), np.diag([1e-4, 2e-4, 3e-4])
     belief = start(params, 1.5, np.array([1.0, 2.0, 3.0]), cov)

@@ -14,8 +14,9 @@ from tracking.tracker import TrackerStep
 R = np.diag([1e-5, 4e-6, 9e-6])
 
 
-def _batch(params: KalmanParams, stamps: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Mean state (n, order) of one axis at every stamp by one big weighted least squares; NaN: not seen."""
+def _batch(params: KalmanParams, stamps: np.ndarray, z: np.ndarray, jump: int | None = None) -> np.ndarray:
+    """Mean state (n, order) of one axis at every stamp by one big weighted least squares; NaN: not seen.  On the step
+    to the `jump` the derivatives may change by their prior spread."""
     n, order = len(stamps), params.order
     rows, targets = [], []
 
@@ -34,7 +35,10 @@ def _batch(params: KalmanParams, stamps: np.ndarray, z: np.ndarray) -> np.ndarra
         if k:
             dt = stamps[k] - stamps[k - 1]
             F, Q = discretised(order, dt, params.decay_s)
-            add({k: np.eye(order), k - 1: -F}, np.zeros(order), params.noise_density * Q)
+            Q = params.noise_density * Q
+            if k == jump:
+                Q = Q + F @ np.diag([0.0, *params.prior_std[: order - 1]]) ** 2 @ F.T
+            add({k: np.eye(order), k - 1: -F}, np.zeros(order), Q)
     return np.linalg.lstsq(np.vstack(rows), np.concatenate(targets))[0].reshape(n, order)
 
 
@@ -50,6 +54,19 @@ def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Gene
     path = smooth(follow(params, start(params, stamps[0], z[0], R), measured[1:]))
     expected = _batch(params, stamps, z[:, 0])
     np.testing.assert_allclose([b.mean[:, 0] for b in path], expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_a_sudden_change_of_motion_is_smoothed_as_one(order: int) -> None:
+    """At rest, and from the tenth measurement on at 0.6 m/s."""
+    params = replace(KalmanParams.of_order(order), white_share=1.0, unrest_rate=0)
+    stamps = 0.05 * np.arange(15)
+    z = 0.6 * np.maximum(stamps - stamps[9], 0.0)[:, None] * np.array([1.0, 0.0, 0.0])
+    passages = follow(
+        params, start(params, 0.0, z[0], R), [Measured(t, p, R) for t, p in zip(stamps, z, strict=True)][1:]
+    )
+    expected = _batch(params, stamps, z[:, 0], jump=10)
+    np.testing.assert_allclose([b.mean[:, 0] for b in smooth(passages)], expected, rtol=1e-5, atol=1e-6)
 
 
 def test_what_it_claims_is_what_it_errs(rng: np.random.Generator) -> None:
@@ -132,3 +149,24 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator)
     last = known[-2]
     np.testing.assert_allclose(tracks[known[-1]].mean, steps[known[-1]].track.mean, rtol=1e-9)
     assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
+
+
+def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Generator) -> None:
+    """Added to every track's position it is added to every smoothed one's; where a track says less than the filter
+    that is run again (its own had begun anew), only the error that its measurements share comes on top."""
+    steps, _ = _steps(rng)
+
+    def smoothed(change: np.ndarray, factor: float = 1.0) -> list[np.ndarray]:
+        other = []
+        for step in steps:
+            cov = factor * step.track.cov
+            cov[:3, :3] += change
+            other.append(replace(step, track=replace(step.track, cov=cov)))
+        return [t.cov[:3, :3] for t in smoothed_tracks(KalmanParams(), other) if t.is_known]
+
+    more = np.diag([5e-6, 6e-6, 7e-6])
+    for plain, wider, narrow in zip(
+        smoothed(np.zeros((3, 3))), smoothed(more), smoothed(np.zeros((3, 3)), 0.01), strict=True
+    ):
+        np.testing.assert_allclose(wider - plain, more, atol=1e-12)
+        np.testing.assert_allclose(plain - narrow, 1e-6 * np.eye(3), atol=1e-12)  # an error of shape, in `_tracked`
