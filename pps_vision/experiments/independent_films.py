@@ -83,11 +83,11 @@ class IndependentScene:
     """Whether the tracker is told the pose of a rotating or shaking rig; else the rig is declared fixed."""
     rotation_deg: float = 1.0
     """Amplitude of the rotating rig."""
-    rotation_hz: float = 0.3
+    rotation_hz: float = 0.5
     """Its frequency."""
     shake_deg: float = 0.1
     """Standard deviation of the shaking rig about each axis."""
-    head_deg: float = 4.0
+    head_deg: float = 8.0
     """Amplitude of the neck's yaw; the other joints of neck and eyes move less."""
     stale_s: float = 0.0
     """Age of the joints that come with an image."""
