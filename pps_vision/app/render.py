@@ -1,10 +1,10 @@
 """`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from tqdm import tqdm
@@ -80,8 +80,11 @@ class Render:
         pairs, touches = self.record()
         print(f"{pairs} pairs, skin touched in {touches} → {self.out}")
 
-    def record(self) -> tuple[int, int]:
-        """Render; returns how many pairs there are, and in how many the skin is touched."""
+    def record(self, make_eyes: Callable[..., Any] = Eyes) -> tuple[int, int]:
+        """Render; returns how many pairs there are, and in how many the skin is touched.
+
+        `make_eyes` draws the views; called like `Eyes`.
+        """
         if not (0 < self.seconds < math.inf and 0 < self.fps < math.inf):
             raise ValueError(f"render: --seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
         if self.radius is not None and not 0 < self.radius <= _LARGEST_M:
@@ -98,7 +101,7 @@ class Render:
         states, touches = list(self.scene(robot, rig, rng)), 0
         with (
             YarpWriter(self.out, robot, rig.left, rig.right) as writer,
-            Eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
+            make_eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
         ):
             for t, state in tqdm(states, desc="render", unit="pair", disable=None):
                 truth = eyes.truth(state, t)

@@ -20,6 +20,7 @@ from pps_vision.experiments.filter_scenes import (
     rendered_sequences,
     tracking_steps,
 )
+from pps_vision.experiments.scene_sources import Scenes, SceneSource, by_source
 from pps_vision.types import Array
 from tracking.contact import Contact, time_to_contact
 from tracking.kalman import KalmanParams, scaled, start
@@ -48,6 +49,8 @@ class Consistency:
     """Pixel noise, grey levels of 255."""
     seed: int = 0
     """Seed of the first recordings; the others count up."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, object]:
         """By motion and over all: mean NEES (position and velocity, 6 expected) and NIS (3) with the 95 % bands of
@@ -55,8 +58,11 @@ class Consistency:
         coverage in percent; and by speed the errors of the time to contact."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench consistency: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
-        in_the_air = rendered_sequences(self.n, self.seconds, self.noise, self.seed)
-        onto_skin = approach_sequences(self.n, SPEEDS_M_S, self.noise, self.seed)
+        return by_source(self.scenes, self._measure)
+
+    def _measure(self, source: SceneSource) -> dict[str, Any]:
+        in_the_air = rendered_sequences(self.n, self.seconds, self.noise, self.seed, source)
+        onto_skin = approach_sequences(self.n, SPEEDS_M_S, self.noise, self.seed, source)
         return {
             "consistency": {
                 "all": consistency(in_the_air),
