@@ -52,6 +52,7 @@ class Independent:
         for case in tqdm(chosen, desc="independent scenes", unit="case", disable=None):
             films = [measure(case, k, self.seed + k, self.data) for k in range(self.n)]
             found[case.name] = {"films": films, **mean_score(films)}
+            tqdm.write(f"{case.name}: right {found[case.name]['right_percent']:.0f} %")
         absent = [name for name in PHOTOS if not (self.data / name).exists()]
         return {"cases": found, "procedural_instead_of": absent}
 

@@ -13,7 +13,6 @@ from pps_vision.experiments.chart import Variant, legend, speed_against_error
 from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.footage import Studio, open_studio
 from pps_vision.experiments.motion_peers import PEERS
-from pps_vision.experiments.scene_sources import Scenes, SceneSource, by_source
 from pps_vision.experiments.trigger_scenes import FPS, STARTS, quiet, starting
 from pps_vision.experiments.trigger_trial import (
     MISSED,
@@ -59,25 +58,18 @@ class Trigger:
     """With --no-peers only ours, for long runs."""
     data: Path = DATA
     """Folder that holds rubberwhale (default: PPS_VISION_DATA, else ../shared/data)."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones (which do not show the robot's arms), or both."""
 
     def run(self) -> dict[str, object]:
         """Numbers by head and variant."""
         if self.n < 1 or self.seconds * FPS <= STARTS:
             raise ValueError(f"bench trigger: --n {self.n}, --seconds {self.seconds}; expected 1 or more, over 1 s")
-        numbers = by_source(self.scenes, self._heads)
-        return {**numbers, "flow": flow_errors(self.data / "rubberwhale") if self.peers else "not asked for"}
-
-    def _heads(self, source: SceneSource) -> dict[str, Any]:
-        with open_studio({}, source, self.seed) as studio:
-            return {
-                "heads": {name: self._measure(studio, k, np.deg2rad(v)) for k, (name, v) in enumerate(HEADS.items())}
-            }
+        with open_studio({}) as studio:
+            heads = {name: self._measure(studio, k, np.deg2rad(v)) for k, (name, v) in enumerate(HEADS.items())}
+        return {"heads": heads, "flow": flow_errors(self.data / "rubberwhale") if self.peers else "not asked for"}
 
     def _measure(self, studio: Studio, head: int, speed_rad_s: float) -> dict[str, object]:
         """What each variant is worth with one kind of head."""
-        rng, silhouette = np.random.default_rng((self.seed, head)), studio.own_body
+        rng, silhouette = np.random.default_rng((self.seed, head)), Silhouette(studio.robot)
         levels = {}
         if self.peers:
             calm = quiet(studio, rng, _CALIBRATION_S, speed_rad_s, self.noise)[0]

@@ -10,6 +10,7 @@ from pps_vision.experiments.footage import Footage, Posing, Studio
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
+from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Image, Mask
 from rendering.stimuli import make_stimulus
 
@@ -109,7 +110,7 @@ def _place(rng: np.random.Generator) -> Array:
 
 def _eyes(studio: Studio, footage: Footage, shown: bool) -> list[Scene]:
     """The footage as each eye's own scene."""
-    silhouette = studio.own_body
+    silhouette = Silhouette(studio.robot)
     views = [studio.rig.view_of(frame) for frame in footage.frames]
     sides = (
         [(f.left, v.left) for f, v in zip(footage.frames, views, strict=True)],
