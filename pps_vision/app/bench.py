@@ -37,8 +37,7 @@ def _measure(name: str, experiment: Experiment, out: Path, png: Path, again: boo
         return
     with whole_file(out) as partial:
         numbers = experiment.run()
-        charts = experiment.chart(numbers) if isinstance(experiment, Charted) else {}
-        for part, figure in {"": charts}.items() if isinstance(charts, Figure) else charts.items():
+        for part, figure in _charts(experiment, numbers).items():
             file = png.with_stem(f"{png.stem}_{part}" if part else png.stem)
             with whole_file(file) as drawing:
                 save(figure, drawing)
@@ -46,6 +45,19 @@ def _measure(name: str, experiment: Experiment, out: Path, png: Path, again: boo
         write_summary(partial, {**setting, **numbers})
         print(partial.read_text(), end="")
     print(f"→ {out}")
+
+
+def _charts(experiment: Experiment, numbers: dict[str, Any]) -> dict[str, Figure]:
+    """By what is appended to their names; those of independent scenes apart, where both kinds were measured."""
+    if not isinstance(experiment, Charted):
+        return {}
+    drawn = experiment.chart(numbers)
+    charts = {"": drawn} if isinstance(drawn, Figure) else dict(drawn)
+    if isinstance(other := numbers.get("independent"), dict):
+        rest = {key: value for key, value in numbers.items() if key != "independent"}
+        for part, figure in _charts(experiment, {**rest, **other}).items():
+            charts[f"{part}_independent".lstrip("_")] = figure
+    return charts
 
 
 def _is_measured(out: Path, setting: dict[str, Any]) -> bool:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import ParamSpec, get_args
+from typing import Any, ParamSpec, get_args
 
 import numpy as np
 from tqdm import tqdm
@@ -46,8 +46,11 @@ class Render(RenderParams):
         pairs, touches = self.record()
         print(f"{pairs} pairs, skin touched in {touches} → {self.out}")
 
-    def record(self) -> tuple[int, int]:
-        """Render; returns how many pairs there are, and in how many the skin is touched."""
+    def record(self, make_eyes: Callable[..., Any] = Eyes) -> tuple[int, int]:
+        """Render; returns how many pairs there are, and in how many the skin is touched.
+
+        `make_eyes` draws the views; called like `Eyes`.
+        """
         if not (0 < self.seconds < math.inf and 0 < self.fps < math.inf):
             raise ValueError(f"render: --seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
         if self.radius is not None and not 0 < self.radius <= _LARGEST_M:
@@ -64,7 +67,7 @@ class Render(RenderParams):
         states, touches = list(self.scene(robot, rig, rng)), 0
         with (
             YarpWriter(self.out, robot, rig.left, rig.right) as writer,
-            Eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
+            make_eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
         ):
             for t, state in tqdm(states, desc="render", unit="pair", disable=None):
                 truth = eyes.truth(state, t)

@@ -10,6 +10,7 @@ from scipy.stats import chi2, norm
 
 from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import panels
+from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.filter_methods import measured
 from pps_vision.experiments.filter_scenes import (
     MOTIONS,
@@ -20,6 +21,7 @@ from pps_vision.experiments.filter_scenes import (
     rendered_sequences,
     tracking_steps,
 )
+from pps_vision.experiments.scene_sources import by_source
 from pps_vision.types import Array
 from tracking.contact import Contact, time_to_contact
 from tracking.kalman import KalmanParams, scaled, start
@@ -41,8 +43,11 @@ class Consistency(parameters.Consistency):
         coverage in percent; and by speed the errors of the time to contact."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench consistency: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
-        in_the_air = rendered_sequences(self.n, self.seconds, self.noise, self.seed)
-        onto_skin = approach_sequences(self.n, SPEEDS_M_S, self.noise, self.seed)
+        return by_source(self.scenes, self._measure)
+
+    def _measure(self, source: SceneSource) -> dict[str, Any]:
+        in_the_air = rendered_sequences(self.n, self.seconds, self.noise, self.seed, source)
+        onto_skin = approach_sequences(self.n, SPEEDS_M_S, self.noise, self.seed, source)
         return {
             "consistency": {
                 "all": consistency(in_the_air),

@@ -2,13 +2,16 @@
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DATA = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
 """Folder of the real data (default of every `--data`)."""
+
+SceneSource = Literal["rendered", "independent"]
+Scenes = Literal["rendered", "independent", "both"]
 
 
 @runtime_checkable

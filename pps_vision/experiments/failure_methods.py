@@ -9,8 +9,6 @@ from pps_vision.experiments.footage import EYES_M, Footage
 from pps_vision.experiments.peers import BoxPx, ImagePeerName, image_peer
 from pps_vision.experiments.stereo_peers import FilteredPeer, meet
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.icub import load_icub
-from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Image, StereoFrame, Track3D
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
@@ -63,7 +61,7 @@ def judge(footage: Footage, tracks: list[Track3D], settle_s: float = SETTLE_S) -
 
 def track_ours(params: TrackerParams, footage: Footage, seed: int) -> list[Track3D]:
     """The tracks of all frames; nothing is given."""
-    tracker = Tracker(params, footage.rig, np.random.default_rng(seed), own_body=Silhouette(load_icub()))
+    tracker = Tracker(params, footage.rig, np.random.default_rng(seed), own_body=footage.own_body)
     return [tracker.step(frame).track for frame in footage.frames]
 
 

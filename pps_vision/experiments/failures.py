@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.experiments import parameters
+from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.failure_cases import CASES, Case, Group
 from pps_vision.experiments.failure_methods import OURS, PEERS, Peers, judge, track_ours
 from pps_vision.experiments.failure_scenes import Scenes, stage_props
 from pps_vision.experiments.footage import Footage, open_studio
+from pps_vision.experiments.scene_sources import by_source
 
 BREAKS_BELOW, DEGRADES_ABOVE = 0.9, 3.0
 CRITERION = (
@@ -39,16 +41,20 @@ class Failures(parameters.Failures):
         """By disturbance, by method: success, error and wrongness at each severity, and where it breaks."""
         if self.n < 1:
             raise ValueError(f"bench failures: --n {self.n}; expected at least 1")
-        scores: dict[str, list[Any]] = {case.name: [] for case in CASES}
-        with open_studio(stage_props()) as studio:
+        return by_source(self.scenes, self._measure)
+
+    def _measure(self, source: SceneSource) -> dict[str, Any]:
+        cases = [case for case in CASES if source == "rendered" or case.name != "own arm moves"]
+        scores: dict[str, list[Any]] = {case.name: [] for case in cases}
+        with open_studio(stage_props(), source, self.seed) as studio:
             for k in range(self.n):
                 scenes, peers = Scenes(studio, self.seed + k), Peers()
-                for case in tqdm(CASES, desc=f"recording {k + 1} of {self.n}", unit="disturbance", disable=None):
+                for case in tqdm(cases, desc=f"recording {k + 1} of {self.n}", unit="disturbance", disable=None):
                     shown = (case.show(scenes, severity) for severity in case.severities)
                     scores[case.name].append(
                         [_scores(footage, peers, self.seed + k, self.csrt and k == 0) for footage in shown]
                     )
-        return {"criterion": CRITERION, "cases": {case.name: summary(case, scores[case.name]) for case in CASES}}
+        return {"criterion": CRITERION, "cases": {case.name: summary(case, scores[case.name]) for case in cases}}
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """One figure a group of disturbances: above success, below error."""

@@ -10,6 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pps_vision.app.render import Render
+from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.rendered import Rendered, rendered
 from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, rotation_to, transform
@@ -57,23 +58,27 @@ class Sequence:
         return (self.ttc_s <= _LOOK_BACK_S) & (self.ttc_s > 0.02)
 
 
-def rendered_sequences(n: int, seconds: float, noise: float, seed: int) -> list[Sequence]:
+def rendered_sequences(
+    n: int, seconds: float, noise: float, seed: int, source: SceneSource = "rendered"
+) -> list[Sequence]:
     """Balls (generic tracker) and markers (marker tracker), `n` of each on every motion, the head moving."""
     places = [(s, mode, motion, k) for k in range(n) for s, mode in TRACKED for motion in MOTIONS]
     found = []
     for s, mode, motion, k in tqdm(places, desc="render and track", unit="recording", disable=None):
         what = Render(s, motion, Path(), seconds=seconds, noise=noise, seed=seed + k)
-        found.append(tracked(f"{s} {motion}", rendered(what), mode, seed + k))
+        found.append(tracked(f"{s} {motion}", rendered(what, source), mode, seed + k))
     return found
 
 
-def approach_sequences(n: int, speeds_m_s: tuple[float, ...], noise: float, seed: int) -> list[Sequence]:
+def approach_sequences(
+    n: int, speeds_m_s: tuple[float, ...], noise: float, seed: int, source: SceneSource = "rendered"
+) -> list[Sequence]:
     """Balls and markers that approach the skin at given speeds, `n` of each, until they touch."""
     places = [(s, mode, speed, k) for k in range(n) for s, mode in TRACKED for speed in speeds_m_s]
     found = []
     for s, mode, speed, k in tqdm(places, desc="render approaches", unit="recording", disable=None):
         what = Render(s, "approach", Path(), seconds=0.31 / speed + 0.2, noise=noise, speed=speed, seed=seed + k)
-        found.append(tracked(f"{s} {100 * speed:g} cm/s", rendered(what), mode, seed + k))
+        found.append(tracked(f"{s} {100 * speed:g} cm/s", rendered(what, source), mode, seed + k))
     return found
 
 

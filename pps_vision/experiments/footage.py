@@ -3,16 +3,19 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from control.fixation import gaze_at
+from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.peers import BoxPx, sphere_box
+from pps_vision.experiments.scene_sources import eyes_of, own_body_of
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
+from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame
-from rendering.eyes import Eyes
 from rendering.motions import Motion
 from rendering.scene import Placed, SceneState
 from rendering.shapes import Part
@@ -28,7 +31,8 @@ _SWAY_RAD, _SWAY_HZ = np.deg2rad([4.0, 2.5]), np.array([0.31, 0.23])  # the head
 class Footage:
     """`frames` (n), the true `position` (n, 3) m of an object of `radius_m` in the root frame at each, `seen`
     (n,) whether both eyes can see it, its true `boxes` in the first frame, and the `rig` as the tracker is told;
-    (n,) which frames are `asked` about, if not all, and where an equally good object is (`or_position`), if any."""
+    (n,) which frames are `asked` about, if not all, and where an equally good object is (`or_position`), if any;
+    and where the robot sees itself."""
 
     frames: tuple[StereoFrame, ...]
     position: Array
@@ -36,6 +40,7 @@ class Footage:
     boxes: tuple[BoxPx, BoxPx]
     radius_m: float
     rig: StereoRig
+    own_body: Silhouette
     asked: Mask | None = None
     or_position: Array | None = None
 
@@ -56,8 +61,9 @@ class Footage:
 class Studio:
     """Films a robot's view of an object, and of `props` by their names; made by `open_studio`."""
 
-    def __init__(self, robot: Robot, rig: StereoRig, eyes: Eyes, props: tuple[str, ...]) -> None:
+    def __init__(self, robot: Robot, rig: StereoRig, eyes: Any, props: tuple[str, ...], own_body: Silhouette) -> None:
         self.robot, self.rig, self._eyes, self._props = robot, rig, eyes, props
+        self.own_body = own_body
 
     def film(
         self,
@@ -85,7 +91,9 @@ class Studio:
         left, right = (sphere_box(eye, path[0], stimulus.radius_m) for eye in (first.left, first.right))
         if left is None or right is None:
             raise ValueError(f"footage begins at {path[0]}, out of an eye's view; expected both to see it there")
-        return Footage(tuple(frames), np.array(path), np.array(seen), (left, right), stimulus.radius_m, self.rig)
+        return Footage(
+            tuple(frames), np.array(path), np.array(seen), (left, right), stimulus.radius_m, self.rig, self.own_body
+        )
 
     def _is_seen(self, state: SceneState, p: Array, something_may_hide_it: bool) -> bool:
         if something_may_hide_it:
@@ -108,9 +116,11 @@ class Studio:
 
 
 @contextmanager
-def open_studio(props: Mapping[str, tuple[Part, ...]]) -> Iterator[Studio]:
-    """A studio with its props; leaving gives the graphics memory back."""
+def open_studio(
+    props: Mapping[str, tuple[Part, ...]], source: SceneSource = "rendered", photo: int = 0
+) -> Iterator[Studio]:
+    """A studio with its props; leaving gives the graphics memory back.  `photo` is behind independent scenes."""
     robot = load_icub()
     rig = icub_rig(robot)
-    with Eyes(robot, rig, make_stimulus("ball"), props=tuple(props.values())) as eyes:
-        yield Studio(robot, rig, eyes, tuple(props))
+    with eyes_of(source, photo)(robot, rig, make_stimulus("ball"), props=tuple(props.values())) as eyes:
+        yield Studio(robot, rig, eyes, tuple(props), own_body_of(source, robot))

@@ -13,9 +13,10 @@ from tqdm import tqdm
 from pps_vision.app.render import Render
 from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
+from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.rendered import Rendered, rendered
+from pps_vision.experiments.scene_sources import by_source
 from pps_vision.experiments.stereo_peers import FilteredPeer, StereoPeerName, stereo_peer
-from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, StereoFrame, Track3D
 from rendering.names import StimulusName
 from tracking.marker import MarkerParams
@@ -36,6 +37,9 @@ class Pipeline(parameters.Pipeline):
         """By pipeline: ms a pair, 3D RMS in mm, median relative TTC error, share of pairs with a track."""
         if self.n < 1:
             raise ValueError(f"bench pipeline: --n {self.n}; expected at least 1")
+        return by_source(self.scenes, self._measure)
+
+    def _measure(self, source: SceneSource) -> dict[str, Any]:
         of: dict[StimulusName, dict[str, _Log]] = {"ball": {}, "marker": {}}
         speeds = np.geomspace(*_SPEEDS_M_S, self.n) if self.n > 1 else np.array([0.15])
         for k in tqdm(range(2 * self.n), desc="pipeline", unit="approach", disable=None):
@@ -45,7 +49,7 @@ class Pipeline(parameters.Pipeline):
             what = Render(
                 stimulus, "approach", Path(), seconds=length_s, speed=speed, noise=self.noise, seed=self.seed + k
             )
-            compare(rendered(what), _HUES_DEG[stimulus], self.seed, of[stimulus])
+            compare(rendered(what, source), _HUES_DEG[stimulus], self.seed, of[stimulus])
         logs = {name: log + of["marker"][name] for name, log in of["ball"].items()}
         numbers = {name: log.summary(name) for name, log in logs.items()}
         csrt = float(np.median(logs["two CSRT"].ms))
@@ -118,7 +122,7 @@ def pipelines(film: Rendered, hue_deg: float, seed: int) -> tuple[int, dict[str,
     ours = {"ours, generic": TrackerParams(), "ours, marker": TrackerParams("marker", marker=MarkerParams(hue_deg))}
     found: dict[str, Callable[[StereoFrame], Track3D]] = {}
     for name, params in ours.items():
-        tracker = Tracker(params, film.rig, np.random.default_rng(seed), own_body=Silhouette(film.robot))
+        tracker = Tracker(params, film.rig, np.random.default_rng(seed), own_body=film.own_body)
         tracker.step(film.frames[first])
         found[name] = lambda frame, tracker=tracker: tracker.step(frame).track  # type: ignore[misc]
     for peer in get_args(StereoPeerName):

@@ -1,19 +1,21 @@
 """How accurately, how surely and how fast a rendered object is tracked while the head moves."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from pps_vision.app.render import Render
 from pps_vision.app.stopwatch import Stopwatch
-from pps_vision.app.track import errors_against, tracker_for
+from pps_vision.app.track import errors_against
 from pps_vision.experiments import parameters
-from pps_vision.recordings.yarp import open_yarp
+from pps_vision.experiments.experiment import SceneSource
+from pps_vision.experiments.rendered import rendered
+from pps_vision.experiments.scene_sources import by_source
 from rendering.names import MotionName, StimulusName
 from tracking.names import Mode
-from tracking.tracker import TrackerParams
+from tracking.tracker import Tracker, TrackerParams
 
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk", "approach")
 
@@ -25,28 +27,27 @@ class Tracking(parameters.Tracking):
         """Medians and worst over the recordings, by object."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench tracking: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
-        return {"ball": self._measure("ball", "generic"), "marker": self._measure("marker", "marker")}
+        return by_source(
+            self.scenes,
+            lambda source: {
+                "ball": self._measure("ball", "generic", source),
+                "marker": self._measure("marker", "marker", source),
+            },
+        )
 
-    def _measure(self, stimulus: StimulusName, mode: Mode) -> dict[str, object]:
+    def _measure(self, stimulus: StimulusName, mode: Mode, source: SceneSource) -> dict[str, Any]:
         errors, stopwatch = [], Stopwatch()
-        with TemporaryDirectory() as place:
-            for k in tqdm(range(self.n), desc=f"tracking a {stimulus}", unit="recording", disable=None):
-                folder = Path(place) / str(k)
-                Render(
-                    stimulus,
-                    MOTIONS[k % len(MOTIONS)],
-                    folder,
-                    seconds=self.seconds,
-                    noise=self.noise,
-                    seed=self.seed + k,
-                ).record()
-                recording = open_yarp(folder)
-                tracker = tracker_for(recording, TrackerParams(mode=mode), self.seed + k, stopwatch)
-                tracks = []
-                for frame in recording:
-                    with stopwatch("total"):
-                        tracks.append(tracker.step(frame).track)
-                errors.append(errors_against(recording.truth, tracks))
+        for k in tqdm(range(self.n), desc=f"{source} scenes, {stimulus}", unit="recording", disable=None):
+            motion, seed = MOTIONS[k % len(MOTIONS)], self.seed + k
+            what = Render(stimulus, motion, Path(), seconds=self.seconds, noise=self.noise, seed=seed)
+            film = rendered(what, source)
+            rng = np.random.default_rng(seed)
+            tracker = Tracker(TrackerParams(mode=mode), film.rig, rng, film.own_body, stopwatch)
+            tracks = []
+            for frame in film.frames:
+                with stopwatch("total"):
+                    tracks.append(tracker.step(frame).track)
+            errors.append(errors_against(film.truth, tracks))
         rms = np.array([e["position_rms_mm"] for e in errors])
         return {
             "recordings": [{"motion": MOTIONS[k % len(MOTIONS)], **e} for k, e in enumerate(errors)],

@@ -34,6 +34,7 @@ class Bench:
         | Annotated[parameters.Soak, subcommand("soak")]
         | Annotated[parameters.Filter, subcommand("filter")]
         | Annotated[parameters.Consistency, subcommand("consistency")]
+        | Annotated[parameters.Independent, subcommand("independent")]
         | Annotated[Pps, subcommand("pps")]
         | Annotated[Reach, subcommand("reach")]
     )

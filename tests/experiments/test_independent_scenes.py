@@ -1,0 +1,280 @@
+"""The ray caster and its films against closed forms, OpenCV and the robot's published geometry."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from data import shared_data
+
+from pps_vision.experiments.independent import score
+from pps_vision.experiments.independent_cases import CASES
+from pps_vision.experiments.independent_films import (
+    EYES_AT_REST,
+    Film,
+    IndependentScene,
+    head_pose,
+    lenses,
+)
+from pps_vision.experiments.independent_scenes import (
+    AMBIENT,
+    LIGHT,
+    PHOTOS,
+    Ball,
+    Caster,
+    Lens,
+    Panel,
+    Room,
+    SensorChain,
+    Surface,
+    World,
+    noise_tape,
+    photograph,
+    visible_share,
+)
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Status, Track3D
+
+NOWHERE = Path("no such folder")  # every photograph a procedural texture
+BENT = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])
+LENS = Lens(160, 120, np.array([[140.0, 0, 78.2], [0, 141.0, 61.3], [0, 0, 1]]), BENT)
+WHITE = Surface((255.0, 255.0, 255.0))
+HERE = np.eye(4)
+
+
+def coverage(lens: Lens, things: World) -> np.ndarray:
+    """(h, w) share of each pixel that lies on black things before a lit room."""
+    room = Caster(lens, Room(), NOWHERE)
+    black = Surface((0.0, 0.0, 0.0))
+    balls = tuple(replace(ball, surface=black) for ball in things.balls)
+    panels = tuple(replace(panel, surface=black) for panel in things.panels)
+    room._walls = np.full_like(room._walls, 255.0)
+    return 1 - room.light([HERE], [World(balls, panels)])[..., 0] / 255
+
+
+def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
+    """Without distortion the silhouette is a conic: p Q p = 0 with Q = K⁻ᵀ(c cᵀ − (|c|² − r²)I)K⁻¹."""
+    lens, c, r = replace(LENS, distortion=np.zeros(5)), np.array([0.09, -0.05, 0.5]), 0.06
+    inverse = np.linalg.inv(lens.K)
+    Q = inverse.T @ (np.outer(c, c) - (c @ c - r * r) * np.eye(3)) @ inverse
+    A, b = Q[:2, :2], Q[:2, 2]
+    middle = -np.linalg.solve(A, b)
+    area = np.pi * (Q[2, 2] + b @ middle) / np.sqrt(np.linalg.det(A)) * -np.sign(np.trace(A))
+    share = coverage(lens, World((Ball(c, r, WHITE),)))
+    v, u = np.mgrid[: lens.height, : lens.width]
+    assert share.sum() == pytest.approx(area, rel=2e-3)
+    found = np.array([(u * share).sum(), (v * share).sum()]) / share.sum()
+    np.testing.assert_allclose(found, middle, atol=0.02)
+    assert np.linalg.norm(middle - (lens.K @ c / c[2])[:2]) > 0.1  # which is not where the centre projects
+
+
+def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
+    """Through a distorting lens, to the area of the quadrilateral with bent edges."""
+    panel = Panel(np.array([0.05, 0.02, 0.6]), np.array([0.1, 0.01, 0.05]), np.array([-0.007, 0.07, 0.0]), WHITE)
+    s = np.linspace(-1, 1, 200)[:, None]
+    edge = [(s, -1 + 0 * s), (1 + 0 * s, s), (-s, 1 + 0 * s), (-1 + 0 * s, -s)]
+    rim = np.concatenate([panel.center + a * panel.right + b * panel.down for a, b in edge])
+    pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), LENS.K, BENT)[0].astype(np.float32)
+    share = coverage(LENS, World((), (panel,)))
+    assert share.sum() == pytest.approx(cv2.contourArea(pixels), rel=2e-3)
+    moments = cv2.moments(pixels)
+    v, u = np.mgrid[: LENS.height, : LENS.width]
+    found = np.array([(u * share).sum(), (v * share).sum()]) / share.sum()
+    np.testing.assert_allclose(found, [moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]], atol=0.02)
+
+
+def test_truth_is_what_opencv_projects() -> None:
+    """Of both eyes of a fixed rig, root frame the left eye."""
+    scene = IndependentScene(seconds=0.2, start="moving")
+    film = Film(scene, 3, NOWHERE)
+    for row in film.truth:
+        for lens, shift, pixel in zip(lenses(scene), (0.0, -0.12), (row.left_px, row.right_px), strict=True):
+            p = row.position + np.array([shift, 0, 0])
+            exact = cv2.projectPoints(p, np.zeros(3), np.zeros(3), lens.K, lens.distortion)[0].ravel()
+            np.testing.assert_allclose(pixel, exact, atol=1e-6)
+    np.testing.assert_allclose(
+        (film.truth[2].position - film.truth[0].position) * scene.fps / 2, film.truth[1].velocity, atol=2e-3
+    )
+
+
+def test_what_is_nearer_hides_what_is_behind() -> None:
+    far, near = Ball(np.array([0, 0, 0.8]), 0.08, WHITE), Ball(np.array([0.05, 0, 0.4]), 0.05, Surface((255.0, 0, 0)))
+    image = Caster(LENS, Room(), NOWHERE).light([HERE], [World((near, far))])
+    swapped = Caster(LENS, Room(), NOWHERE).light([HERE], [World((far, near))])
+    np.testing.assert_array_equal(image, swapped)
+    u, v = np.rint(LENS.project(HERE, near.center)[0]).astype(int)
+    assert image[v, u, 0] > 100
+    assert image[v, u, 1] == 0
+    board = Panel(np.array([-0.5, 0, 0.5]), np.array([0.5, 0, 0]), np.array([0, 1.0, 0]), WHITE)  # up to x = 0
+    assert visible_share(LENS, HERE, World((far,)), far, (board,)) == pytest.approx(0.5, abs=0.02)
+    assert visible_share(LENS, HERE, World((far,)), far, ()) == 1.0
+    assert visible_share(LENS, HERE, World((replace(far, center=np.array([3.0, 0, 0.8])),)), far, ()) == 1.0
+
+
+def test_shading_is_lambert_s() -> None:
+    ball = Ball(np.array([0, 0, 0.5]), 0.1, Surface((200.0, 100.0, 50.0)))
+    image = Caster(LENS, Room(), NOWHERE).light([HERE], [World((ball,))])
+    u, v = np.rint(LENS.project(HERE, ball.center)[0]).astype(int)
+    expected = np.array([200, 100, 50]) * (AMBIENT + (1 - AMBIENT) * max(-LIGHT[2], 0))
+    np.testing.assert_allclose(image[v, u], expected, rtol=0.02)
+
+
+def test_motion_blur_is_as_long_as_the_way_in_the_exposure() -> None:
+    """A disc's variance along its motion grows by way²/12, its centre stays; nothing happens across."""
+    way_m = np.linspace(-0.5, 0.5, 16) * 0.1 * 15 / 16
+    lens = replace(LENS, distortion=np.zeros(5))
+    caster = Caster(lens, Room(), NOWHERE)
+    caster._walls = np.zeros_like(caster._walls)
+    worlds = [World((Ball(np.array([x, 0, 0.5]), 0.04, WHITE),)) for x in way_m]
+    light = caster.light([HERE] * 16, worlds)[..., 0]
+    sharp = caster.light([HERE], [World((Ball(np.array([0, 0, 0.5]), 0.04, WHITE),))])[..., 0]
+    v, u = np.mgrid[: lens.height, : lens.width]
+
+    def moments(image: np.ndarray) -> tuple[float, float, float]:
+        w = image / image.sum()
+        x, y = (w * u).sum(), (w * v).sum()
+        return x, (w * (u - x) ** 2).sum(), (w * (v - y) ** 2).sum()
+
+    (x, along, across), (x0, along0, across0) = moments(light), moments(sharp)
+    assert x == pytest.approx(x0, abs=0.06)
+    assert along - along0 == pytest.approx((0.1 / 0.5 * 140) ** 2 / 12, rel=0.03)
+    assert across == pytest.approx(across0, rel=0.01)
+
+
+def test_noise_has_the_variance_of_its_levels() -> None:
+    rng = np.random.default_rng(0)
+    light = np.broadcast_to(np.array([40.0, 100.0, 160.0], np.float32), (200, 300, 3)).copy()
+    frames = [SensorChain(read_noise=3.0, shot=0.25).expose(light, 1.2, rng, noise_tape(rng)) for _ in range(2)]
+    for channel, level in enumerate((48.0, 120.0, 192.0)):
+        one = frames[0][..., channel].astype(float)
+        assert one.mean() == pytest.approx(level, abs=0.1)
+        assert one.var() == pytest.approx(9 + 0.25 * level + 1 / 12, rel=0.03)
+        assert abs(np.corrcoef(one.ravel(), frames[1][..., channel].ravel())[0, 1]) < 0.02
+        assert abs(np.corrcoef(one[:-1].ravel(), one[1:].ravel())[0, 1]) < 0.02
+
+
+def test_sensor_stages_do_what_they_are_named_after() -> None:
+    rng = np.random.default_rng(1)
+    tape, quiet = noise_tape(rng), SensorChain(read_noise=0.0)
+    edge = np.zeros((60, 80, 3), np.float32)
+    edge[:, 40:] = 200.0
+    blurred = replace(quiet, defocus_px=3.0).expose(edge, 1.0, rng, tape)[30, :, 1].astype(float)
+    slope = np.diff(blurred) / 200
+    at = np.arange(len(slope)) + 0.5
+    assert ((slope * (at - (slope * at).sum()) ** 2).sum()) ** 0.5 == pytest.approx(3.0, rel=0.05)
+    flat = np.broadcast_to(np.array([200.0, 90.0, 30.0], np.float32), (60, 80, 3)).copy()
+    np.testing.assert_array_equal(replace(quiet, bayer=True).expose(flat, 1.0, rng, tape)[10, 10], [200, 90, 30])
+    grey = replace(quiet, grey=True).expose(flat, 1.0, rng, tape)
+    assert np.ptp(grey, axis=2).max() == 0
+    coded = replace(quiet, jpeg=40).expose(photograph(NOWHERE, 0, 80), 1.0, rng, tape)
+    plain = quiet.expose(photograph(NOWHERE, 0, 80), 1.0, rng, tape)
+    assert 0.5 < np.std(coded.astype(float) - plain) < 20
+
+
+def test_the_head_is_the_icub_s() -> None:
+    """Heights and fixation point of FACTS, and the project's own model in a random posture."""
+    left, right = head_pose({}, "left"), head_pose({}, "right")
+    assert left[2, 3] == pytest.approx(0.3408, abs=1e-6)
+    np.testing.assert_allclose(right[:3, 3] - left[:3, 3], [0, 0.068, 0], atol=1e-9)
+    np.testing.assert_allclose(0.5 * (left + right)[:3, 3], EYES_AT_REST, atol=1e-6)
+    half = np.deg2rad(10)
+    left, right = head_pose({"left_eye_pan": half}, "left"), head_pose({"right_eye_pan": -half}, "right")
+    s = np.linalg.lstsq(np.stack([left[:3, 2], -right[:3, 2]], axis=1), right[:3, 3] - left[:3, 3], rcond=None)[0]
+    np.testing.assert_allclose(left[:3, 3] + s[0] * left[:3, 2], [-0.2556, 0, 0.3408], atol=1e-4)
+    robot = load_icub()
+    q = np.random.default_rng(2).uniform(-0.4, 0.4, robot.n_joints)
+    joints = dict(zip(robot.joint_names, q, strict=True))
+    for ours, theirs in zip((head_pose(joints, "left"), head_pose(joints, "right")), robot.eye_poses(q), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+def test_stale_poses_are_as_old_as_asked_and_the_images_are_not() -> None:
+    fresh = Film(IndependentScene(rig="head", seconds=0.2, width=64, height=48), 5, NOWHERE)
+    stale = Film(replace(fresh.scene, stale_s=0.02), 5, NOWHERE)
+    for one, other in zip(fresh, stale, strict=True):
+        np.testing.assert_array_equal(one.left, other.left)
+        assert other.joints_left_rad is not None
+        np.testing.assert_allclose(other.joints_left_rad, fresh.joints(one.stamp_s - 0.02), atol=1e-12)
+    view = fresh.rig.view(fresh.joints(0.1))
+    for row in (row for row in fresh.truth if row.stamp_s == pytest.approx(0.1)):
+        np.testing.assert_allclose(view.left.project(row.position), row.left_px, atol=1e-3)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_rotating_rig_is_told_only_where_it_is_known(known: bool) -> None:
+    film = Film(IndependentScene(rig="rotating", rig_known=known, seconds=1.0, start="moving"), 6, NOWHERE)
+    row = film.truth[15]  # a quarter of the period: turned by 1°
+    off = np.linalg.norm(film.rig.view(film.joints(row.stamp_s)).left.project(row.position) - row.left_px)
+    assert off < 1e-3 if known else off > 5
+
+
+def test_films_depend_on_the_seed_and_on_nothing_else() -> None:
+    scene = IndependentScene(seconds=0.1, width=64, height=48, sensor=SensorChain(shot=0.1, bayer=True))
+    film = Film(scene, 1, NOWHERE)
+    for one, again, other in zip(film, film, Film(scene, 2, NOWHERE), strict=True):
+        np.testing.assert_array_equal(one.right, again.right)
+        assert np.any(one.right != other.right)
+
+
+@pytest.mark.parametrize("motion", ["straight", "stop_and_go", "reversal", "circle"])
+@pytest.mark.parametrize("start", ["moving", "rest", "entering"])
+def test_motions_keep_their_speed_and_begin_as_asked(motion: str, start: str) -> None:
+    scene = IndependentScene(motion=motion, start=start, seconds=7, fps=20)  # type: ignore[arg-type]
+    film = Film(scene, 4, NOWHERE)
+    speed = np.array([np.linalg.norm(row.velocity) for row in film.truth])
+    assert np.all(np.isclose(speed, 0) | np.isclose(speed, 0.3))
+    path = np.array([row.position for row in film.truth])
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.3 / 20 + 1e-9  # no jumps
+    moved = np.linalg.norm(path[:-1] - path[1:], axis=1).sum()
+    rests = (1.0 if start == "rest" else 0.0) + (2.0 if motion == "stop_and_go" else 0.0)
+    assert speed.sum() / 20 == pytest.approx(0.3 * (7 - rests), rel=0.02)
+    assert 0.9 * speed.sum() / 20 < moved <= speed.sum() / 20  # chords cut the corners
+    assert film.truth[0].visible_left != (start == "entering" or motion == "straight")
+
+
+def test_every_case_shows_its_object() -> None:
+    assert len({case.name for case in CASES}) == len(CASES) >= 25
+    for case in CASES:
+        film = Film(replace(case.scene(0), fps=4.0), 1, NOWHERE)
+        both = film.share.min(axis=1) >= 0.5
+        assert both[film.stamps_s >= 1].mean() > 0.3, case.name
+    assert {case.scene(k).background for case in CASES[:1] for k in range(6)} == set(range(len(PHOTOS)))
+
+
+def test_scores_count_what_they_say() -> None:
+    film = Film(IndependentScene(start="moving", seconds=2.0, fps=10.0), 1, NOWHERE)
+
+    def track(k: int, off_m: float, status: Status = Status.TRACKING) -> Track3D:
+        mean = np.zeros((4, 3))
+        mean[0] = film.truth[k].position + np.array([off_m, 0, 0])
+        return Track3D(film.truth[k].stamp_s, mean, 1e-4 * np.eye(12), 0.03, 0.0, status)
+
+    tracks = [track(k, 0.01) for k in range(20)]
+    tracks[12], tracks[13] = track(12, 0.04), track(13, 0.06)
+    tracks[14], tracks[15] = track(14, 0.001, Status.COASTING), Track3D.unknown(1.5)
+    found = score(tracks, film.truth)
+    assert found["judged"] == 10
+    assert found["right_percent"] == 60  # neither too far off nor without the claim
+    assert found["false_percent"] == 5  # of all frames
+    assert found["median_mm"] == pytest.approx(10)
+    assert found["covered_percent"] == 75  # of the eight claimed: two are 4 and 6 σ off
+    nothing = score([Track3D.unknown(row.stamp_s) for row in film.truth], film.truth)
+    assert nothing["right_percent"] == nothing["false_percent"] == 0
+    assert np.isnan(nothing["median_mm"])
+
+
+def test_bad_use_is_named() -> None:
+    with pytest.raises(ValueError, match="10×10"):
+        IndependentScene(width=10, height=10)
+    with pytest.raises(ValueError, match="rig_known with the head"):
+        IndependentScene(rig="head", rig_known=True)
+    with pytest.raises(ValueError, match="3 poses, 1 worlds"):
+        Caster(LENS, Room(), NOWHERE).light([HERE] * 3, [World()])
+
+
+def test_photographs_are_read_where_they_are() -> None:
+    data = shared_data(PHOTOS[0]).parents[1]
+    image = cv2.cvtColor(cv2.imread(str(data / PHOTOS[0])), cv2.COLOR_BGR2RGB)
+    np.testing.assert_allclose(photograph(data, 0, 97).mean(axis=(0, 1)), image.mean(axis=(0, 1)), atol=1)
+    assert abs(photograph(NOWHERE, 0, 97).mean() - image.mean()) > 2

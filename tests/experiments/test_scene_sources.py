@@ -1,0 +1,100 @@
+"""Independent eyes beside the rendered ones: the same states, the same truth, nearly the same pixels covered."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from control.fixation import gaze_at
+from pps_vision.app.bench import _charts
+from pps_vision.app.render import Render
+from pps_vision.experiments.rendered import rendered
+from pps_vision.experiments.scene_sources import IndependentEyes, by_source, eyes_of, own_body_of
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from rendering.eyes import Eyes
+from rendering.scene import Placed, SceneState
+from rendering.sensor import Sensor
+from rendering.shapes import board, sphere
+from rendering.stimuli import BLUE, make_stimulus
+from tracking.tracker import Tracker, TrackerParams
+
+FACING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def is_red(image: np.ndarray) -> np.ndarray:
+    return (image[..., 0] > 60) & (image[..., 0] > 3.0 * image[..., 1]) & (image[..., 0] > 3.0 * image[..., 2])
+
+
+def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
+    """A ball half hidden by a board, a second ball beside it; the pixels of the first differ at its rim only."""
+    robot = load_icub()
+    rig, p = icub_rig(robot), np.array([-0.45, 0.02, 0.36])
+    q = gaze_at(robot, home(robot), p)
+    props = ((board(0.2, 0.2),), (sphere(0.02, BLUE),))
+    nearer = Placed(p + np.array([0.06, 0.1, 0.0]), rotation=FACING), Placed(p + np.array([0.0, -0.06, 0.0]))
+    state, ball = SceneState(q, p, props=nearer), make_stimulus("ball")
+    with Eyes(robot, rig, ball, props=props) as eyes:
+        theirs, their_truth = eyes.render(state, 0.0), eyes.truth(state, 0.0)
+    ours = IndependentEyes(robot, rig, ball, props=props, data=Path("no such folder"))
+    frame, truth = ours.render(state, 0.0), ours.truth(state, 0.0)
+    np.testing.assert_allclose(truth.left_px, their_truth.left_px, atol=1e-3)
+    np.testing.assert_allclose(truth.right_px, their_truth.right_px, atol=1e-3)
+    assert (truth.visible_left, truth.visible_right) == (their_truth.visible_left, their_truth.visible_right)
+    u, v = np.rint(truth.left_px).astype(int)
+    window = np.s_[v - 30 : v + 30, u - 30 : u + 30]
+    one, other = is_red(frame.left[window]), is_red(theirs.left[window])
+    assert other.sum() > 300
+    assert (one ^ other).sum() < 0.12 * other.sum()
+    hidden = SceneState(q, p, props=(Placed(p + np.array([0.06, 0.0, 0.0]), rotation=FACING),))
+    assert not ours.truth(hidden, 0.0).visible_left
+    assert np.isnan(ours.truth(SceneState(q), 0.0).left_px).all()
+
+
+def test_the_tracker_follows_what_the_independent_eyes_saw() -> None:
+    """A recording by either source, through the same studies' function; truth and tracker agree to a millimetre."""
+    film = rendered(Render("ball", "circle", Path(), seconds=1.5, noise=2.0, seed=3), "independent")
+    tracker = Tracker(TrackerParams(), film.rig, np.random.default_rng(0), film.own_body)
+    tracks = [tracker.step(frame).track for frame in film.frames]
+    error = [np.linalg.norm(t.position - row.position) for t, row in zip(tracks, film.truth, strict=True)]
+    assert np.median(error[12:]) < 0.003
+    assert not film.own_body(np.zeros(23), film.rig.view_of(film.frames[0]).left).any()
+
+
+def test_numbers_are_kept_apart_by_source() -> None:
+    def measure(source: str) -> dict[str, str]:
+        return {"of": source}
+
+    assert by_source("both", measure) == {"of": "rendered", "independent": {"of": "independent"}}
+    assert by_source("independent", measure) == {"of": "independent"}
+    assert eyes_of("rendered") is Eyes
+    assert own_body_of("rendered", load_icub()).margin_px == 4
+
+
+def test_charts_of_both_sources_have_names_of_their_own() -> None:
+    class Study:
+        def run(self) -> dict[str, float]:
+            return {}
+
+        def chart(self, numbers: dict[str, float]) -> Figure:
+            figure = Figure()
+            figure.suptitle(f"{numbers['error']} of {numbers['unit']}")
+            return figure
+
+    charts = _charts(Study(), {"error": 1.0, "unit": "mm", "independent": {"error": 2.0}})
+    titles = {name: figure.get_suptitle() for name, figure in charts.items()}
+    assert titles == {"": "1.0 of mm", "independent": "2.0 of mm"}
+
+
+def test_what_it_cannot_show_is_refused() -> None:
+    robot = load_icub()
+    rig, ball = icub_rig(robot), make_stimulus("ball")
+    with pytest.raises(ValueError, match="cube"):
+        IndependentEyes(robot, rig, make_stimulus("cube"))
+    with pytest.raises(ValueError, match="carrier 'hand'"):
+        IndependentEyes(robot, rig, ball, "hand")
+    eyes = IndependentEyes(robot, rig, ball, sensor=Sensor(noise_sigma=1.0))
+    with pytest.raises(ValueError, match="random generator"):
+        eyes.render(SceneState(np.zeros(robot.n_joints)), 0.0)
+    with pytest.raises(ValueError, match="1 props; there are 0"):
+        eyes.render(SceneState(np.zeros(robot.n_joints), props=(Placed(np.zeros(3)),)), 0.0)
