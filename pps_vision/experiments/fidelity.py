@@ -59,7 +59,7 @@ class Fidelity(parameters.Fidelity):
             numbers[stimulus] = {"image": images, "tracking": self._track(stimulus)}
         fast = [_in_flight(*scene) for scene in (next(self.scenes("ball", k, 1.0)) for k in range(self.n))]
         numbers["blur"] = compare(
-            "ball", fast, BLURRED, Sensor(blur_s=_BLUR_S), margin_px=_BLUR_PX, samples=2, instants=8
+            "ball", fast, BLURRED, Sensor(blur_s=_BLUR_S), margin_px=_BLUR_PX, samples=1, fine_samples=3, instants=8
         )
         return numbers
 

@@ -8,7 +8,7 @@ import numpy as np
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import inverse, move_points, transform
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 from rendering.light import diffuse_light
 from rendering.room import atlas, room_surface
 from rendering.scene import SceneState
@@ -25,18 +25,28 @@ class Solid:
     color: Color
 
 
-def ray_cast(robot: Robot, view: View, state: SceneState, radius_m: float, color: Color, samples: int = 4) -> Array:
-    """(height, width, 3) light, grey levels of 255, of the room, the robot and a ball; samples² rays a pixel."""
+def ray_cast(
+    robot: Robot,
+    view: View,
+    state: SceneState,
+    radius_m: float,
+    color: Color,
+    samples: int = 4,
+    where: Mask | None = None,
+) -> Array:
+    """(height, width, 3) light, grey levels of 255, of the room, the robot and a ball; samples² rays a pixel, and none
+    outside of `where` (height, width)."""
     c = view.camera
-    v, u = np.mgrid[: c.height, : c.width]
+    seen = np.ones((c.height, c.width), bool) if where is None else where
+    v, u = np.nonzero(seen)
     solids = list(_solids(robot, state, radius_m, color))
-    total = np.zeros((c.height * c.width, 3))
+    total = np.zeros((c.height, c.width, 3))
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
     for du in offsets:
         for dv in offsets:
-            rays = view.rays(np.stack([u + du, v + dv], axis=-1).reshape(-1, 2))
-            total += _light_along(view.center, rays, solids)
-    return total.reshape(c.height, c.width, 3) / samples**2
+            rays = view.rays(np.column_stack([u + du, v + dv]))
+            total[seen] += _light_along(view.center, rays, solids)
+    return total / samples**2
 
 
 def _solids(robot: Robot, state: SceneState, radius_m: float, color: Color) -> Iterator[Solid]:
