@@ -45,7 +45,7 @@ class Filter(parameters.Filter):
             "tt3d": compare(flights(folder), *flight_filters(), settled=0)
             if folder.exists()
             else f"skipped: no {folder}",
-            "filterpy": "compared" if find_spec("filterpy") else "skipped: not installed (extra: bench)",
+            "filterpy": "compared" if find_spec("filterpy") else "skipped: not installed (extra: test)",
         }
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
