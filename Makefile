@@ -10,14 +10,14 @@ setup: libraries .venv/.installed
 PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pps_vision needs Python 3.11 or newer; $(PYTHON) is older (set PYTHON=...)" >&2; exit 1; }
-	@echo "installing into .venv: @RUN@ (torch for processors; its CUDA build adds several GB)"
+	@echo "installing into .venv: about 550 MB to download, 2.3 GB on disk (with torch for processors; its CUDA build is several GB more)"
 	$(PYTHON) -m venv .venv
 	$(PIP) torch==2.13.0
 	$(PIP) -e .
 	@touch $@
 
 .venv/.installed-test: .venv/.installed
-	@echo "installing what testing needs: @TEST@"
+	@echo "installing what testing needs: about 125 MB to download, 0.4 GB on disk"
 	$(PIP) -e '.[test]'
 	@touch $@
 
