@@ -2,4 +2,6 @@
 
 import os
 
+# pyrender and pyglet read these when they are imported: draw off screen, ask for no display
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ.setdefault("PYGLET_HEADLESS", "true")

@@ -1,22 +1,23 @@
 """The robot's rendered eyes: a scene's state in, a stereo pair out."""
 
+import weakref
 from types import TracebackType
 from typing import Self
 
 import cv2
 import numpy as np
 
-from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image, StereoFrame, Truth
 from rendering.fidelity import Fidelity
-from rendering.lens import Lens
+from rendering.lens import Lens, pinholes
 from rendering.names import CarrierName
-from rendering.offscreen import offscreen
+from rendering.renderer import shared_renderer
 from rendering.scene import SceneState, Stage
 from rendering.sensor import Sensor, expose
 from rendering.shapes import Part
-from rendering.shutter import instants, sample_offsets_px
+from rendering.shutter import instants
 from rendering.stimuli import Stimulus
 
 
@@ -43,8 +44,11 @@ class Eyes:
         self._robot, self._rig, self._stimulus = robot, rig, stimulus
         self._sensor, self._fidelity = sensor or Sensor(), fidelity or Fidelity()
         self._lenses = (Lens(rig.left), Lens(rig.right))
-        self._stage = Stage(robot, stimulus, carrier, props, self._fidelity, undrawn)
-        self._screen = offscreen()
+        self._pinholes = pinholes(self._lenses, self._fidelity.scale)
+        self._maps = [lens.map_to(pinhole) for lens, pinhole in zip(self._lenses, self._pinholes, strict=True)]
+        self._renderer = shared_renderer()
+        self._stage = Stage(robot, stimulus, carrier, props, self._renderer.room, self._fidelity.fineness, undrawn)
+        self._release = weakref.finalize(self, self._renderer.release, self._stage.held)
 
     def __enter__(self) -> Self:
         """Itself."""
@@ -54,11 +58,11 @@ class Eyes:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Give the graphics memory back."""
-        self._stage.free()
+        self._renderer.release(self._stage.held)
 
     def set_stimulus(self, stimulus: Stimulus) -> None:
         """Show another stimulus from now on."""
-        self._stage.free()
+        self._renderer.release(self._stage.held)
         self._stimulus = stimulus
         self._stage.set_stimulus(stimulus)
 
@@ -66,43 +70,44 @@ class Eyes:
         """Both eyes' images at one stamp; `rng` drives the sensor's noise."""
         exposure = instants(self._robot, self._rig, state, self._sensor.blur_s, self._fidelity)
         light = [np.zeros((lens.camera.height, lens.camera.width, 3), np.float32) for lens in self._lenses]
-        offsets = self._fidelity.pixel_spread * sample_offsets_px(len(exposure))
-        for instant, offset_px in zip(exposure, offsets, strict=True):
-            for one, image in zip(light, self._look(instant, offset_px), strict=True):
+        for instant in exposure:
+            for one, image in zip(light, self._images(instant), strict=True):
                 cv2.accumulate(image, one)
         left, right = (expose(self._sensor, one / len(exposure), rng) for one in light)
         q_rad = state.q_rad.copy()
         return StereoFrame(left, right, stamp_s, stamp_s, q_rad, q_rad)
 
-    def _look(self, state: SceneState, offset_px: Array) -> list[Image]:
+    def _images(self, state: SceneState) -> list[Image]:
         """What each eye sees at one instant."""
         self._stage.arrange(state)
-        if self._fidelity.shadows:
-            self._screen.cast_shadows(self._stage.there)
-        return [
-            self._screen.color(self._stage.in_view(view, lens), lens, view, self._fidelity, offset_px)
-            for lens, view in zip(self._lenses, self._views(state), strict=True)
-        ]
+        lighting, images = self._fidelity.lighting, []
+        for lens, pinhole, maps, view in zip(self._lenses, self._pinholes, self._maps, self._views(state), strict=True):
+            # what casts a shadow may be out of view
+            nodes = self._stage.there if lighting == "shadows" else self._stage.in_view(view, lens.slopes)
+            drawn = self._renderer.color(nodes, View(pinhole, view.T_root_camera), lighting)
+            images.append(np.asarray(cv2.remap(drawn, *maps, cv2.INTER_LINEAR), np.uint8))
+        return images
 
     def truth(self, state: SceneState, stamp_s: float) -> Truth:
         """Where the stimulus really is and appears; NaN and not visible where there is none."""
         position = np.full(3, np.nan) if state.position is None else state.position
         left, right = self._views(state)
         self._stage.arrange(state)
-        visible = [
-            view.sees(position) and self._is_first(lens, view, view.project(position))
-            for lens, view in zip(self._lenses, (left, right), strict=True)
-        ]
+        visible = [view.sees(position) and self._is_first(view, position - view.center) for view in (left, right)]
         left_px, right_px = left.project(position), right.project(position)
         return Truth(
             stamp_s, position, state.velocity, self._stimulus.radius_m, left_px, right_px, visible[0], visible[1]
         )
 
-    def _is_first(self, lens: Lens, view: View, pixel: Array) -> bool:
-        """Whether the stimulus is the first thing that an eye meets at a pixel."""
-        u, v = np.rint(pixel).astype(int)
-        first = self._screen.depth_at(self._stage.in_view(view, lens), lens, view, u, v)
-        return self._screen.depth_at([self._stage.object], lens, view, u, v) <= first
+    def _is_first(self, view: View, sight_root: Array) -> bool:
+        """Whether nothing is before the stimulus on the line of sight to its centre: before its surface, or before the
+        centre itself where that line passes through a hole in it."""
+        x, y, z = view.T_root_camera[:3, :3].T @ sight_root
+        f = view.camera.focal_px
+        pixel = View(Camera(1, 1, f, f, -f * x / z, -f * y / z), view.T_root_camera)
+        shown = self._stage.object
+        others = [node for node in self._stage.in_view(view, (x / z, y / z, x / z, y / z)) if node is not shown]
+        return min(self._renderer.depth([shown], pixel), z) <= self._renderer.depth(others, pixel)
 
     def _views(self, state: SceneState) -> tuple[View, View]:
         stereo = self._rig.view(state.q_rad)

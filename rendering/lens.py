@@ -1,10 +1,11 @@
-"""What the graphics side is told of an eye's lens: vertices are drawn where the lens bends them to."""
+"""A lens behind a renderer without distortion: a pinhole image that covers its view, and the map between the two."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Array
@@ -36,17 +37,28 @@ class Lens:
         (left, top), (right, bottom) = xy.min(axis=0), xy.max(axis=0)
         return left - 1 / c.fx, top - 1 / c.fy, right + 1 / c.fx, bottom + 1 / c.fy
 
-    @cached_property
-    def _r2_max(self) -> float:
-        """Largest x² + y² of any pixel's ray at z = 1."""
-        return float((self._slopes_of_pixels**2).sum(axis=-1).max())
+    def map_to(self, pinhole: Camera) -> tuple[Array, Array]:
+        """Where in the image of a pinhole camera at the same place each pixel's ray is, as `cv2.remap` takes it."""
+        x, y = np.moveaxis(self._slopes_of_pixels, -1, 0)
+        u, v = pinhole.fx * x + pinhole.cx, pinhole.fy * y + pinhole.cy
+        maps = cv2.convertMaps(u.astype(np.float32), v.astype(np.float32), cv2.CV_16SC2)
+        return np.asarray(maps[0]), np.asarray(maps[1])
 
-    def uniform(self, offset_px: Array) -> NDArray[np.float32]:
-        """(10,) what the vertex shader calls `lens`; pixels are sampled `offset_px` from their centres."""
-        c = self.camera
-        k1, k2, p1, p2, k3 = c.distortion
-        size = np.array([c.width, c.height])
-        f = 2 * np.array([c.fx, c.fy]) / size
-        # OpenGL counts from the image's corner, we from the first pixel's centre: half a pixel between
-        center = 2 * (np.array([c.cx, c.cy]) + 0.5 - offset_px) / size - 1
-        return np.array([*f, *center, k1, k2, p1, p2, k3, self._r2_max], np.float32)
+
+def pinholes(lenses: Sequence[Lens], scale: float) -> list[Camera]:
+    """Pinhole cameras that see all that the lenses see, with `scale` times their focal lengths and images of one size.
+
+    At scale 1 their pixels coincide with those of a camera without distortion.
+    """
+    fitted = [_pinhole(lens, scale) for lens in lenses]
+    width, height = (max(camera.width for camera in fitted), max(camera.height for camera in fitted))
+    return [Camera(width, height, camera.fx, camera.fy, camera.cx, camera.cy) for camera in fitted]
+
+
+def _pinhole(lens: Lens, scale: float) -> Camera:
+    c, (left, top, right, bottom) = lens.camera, lens.slopes
+    fx, fy = scale * c.fx, scale * c.fy
+    cx, cy = scale * (c.cx + 0.5) - 0.5, scale * (c.cy + 0.5) - 0.5  # pixel centres are integers, edges half integers
+    first_u, first_v = np.floor(left * fx + cx), np.floor(top * fy + cy)
+    last_u, last_v = np.ceil(right * fx + cx), np.ceil(bottom * fy + cy)
+    return Camera(int(last_u - first_u) + 1, int(last_v - first_v) + 1, fx, fy, cx - first_u, cy - first_v)

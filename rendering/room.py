@@ -4,7 +4,6 @@ Muted colours, so that a stimulus stands out, but none of them grey; detail from
 down to single pixels, so that optical flow finds hold wherever the eyes look.
 """
 
-import math
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
@@ -13,8 +12,7 @@ import cv2
 import numpy as np
 
 from pps_vision.types import Array, Image
-from rendering.meshes import Mesh
-from rendering.offscreen import offscreen
+from rendering.shapes import Surface
 
 _TILE = 512  # texels along each side of a surface's picture
 _PER_ROW = 4
@@ -136,31 +134,26 @@ def atlas() -> Image:
 
 
 @cache
-def room_meshes(edge_m: float) -> tuple[Mesh, ...]:
-    """The room's surfaces, cut into pieces of at most `edge_m` on the table and four times that on the walls, which
-    are as much farther away; once for the process."""
-    offscreen().set_atlas(atlas())
-    return tuple(
-        _surface(i, corners, edge_m if paint is _tabletop else 4 * edge_m)
-        for i, (paint, corners) in enumerate(_SURFACES)
-    )
+def room_surface() -> Surface:
+    """The room's walls and its table, facing inward; the table from below as well."""
+    corners = [corners for _, corners in _SURFACES]
+    quads = [_quad(k, c) for k, c in enumerate(corners)]
+    below = corners[-1][[1, 0]]  # mirrored: what faced up faces down
+    quads.append(_quad(len(corners) - 1, np.vstack([below, below[0] + corners[-1][2] - corners[-1][0]])))
+    positions, normals, texture_uv = (np.vstack(some) for some in zip(*quads, strict=True))
+    faces = np.array([[0, 3, 1], [0, 2, 3]]) + 4 * np.arange(len(quads))[:, None, None]
+    return Surface(positions, normals, faces.reshape(-1, 3), np.ones_like(positions), texture_uv)
 
 
-def _surface(i: int, corners: Array, edge_m: float) -> Mesh:
-    """A grid of triangles under the atlas's picture `i`, facing inward."""
+def _quad(picture: int, corners: Array) -> tuple[Array, Array, Array]:
+    """Corners, normals (4, 3) and places in the atlas (4, 2) of a rectangle under one of its pictures."""
     top_left, top_right, bottom_left = corners
+    along = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
     sides = np.stack([top_right - top_left, bottom_left - top_left])
-    across, down = (math.ceil(length / edge_m) for length in np.linalg.norm(sides, axis=1))
-    y, x = np.mgrid[: down + 1, : across + 1]
-    along = np.column_stack([x.ravel() / across, y.ravel() / down])
-    k = (y[:-1, :-1] * (across + 1) + x[:-1, :-1]).ravel()
-    faces = np.column_stack([k, k + 1, k + across + 2, k, k + across + 2, k + across + 1]).reshape(-1, 3)
     inward = np.cross(sides[1], sides[0])
-    row, column = divmod(i, _PER_ROW)
+    row, column = divmod(picture, _PER_ROW)
     inset = 4 / _TILE  # keeps coarser texture levels from mixing in the neighbouring picture
-    u, v = (np.array([column, row]) + inset + along * (1 - 2 * inset)).T / [
-        [_PER_ROW],
-        [-(-len(_SURFACES) // _PER_ROW)],
-    ]
-    normals = np.tile(inward / np.linalg.norm(inward), (len(along), 1))
-    return Mesh(top_left + along @ sides, normals, np.column_stack([u, v, 0 * u]), faces, textured=True)
+    in_atlas = np.array([column, row]) + inset + along * (1 - 2 * inset)
+    u, v = (in_atlas / [_PER_ROW, -(-len(_SURFACES) // _PER_ROW)]).T
+    normals = np.tile(inward / np.linalg.norm(inward), (4, 1))
+    return top_left + along @ sides, normals, np.column_stack([u, 1 - v])  # texture coordinates count from the bottom

@@ -1,6 +1,5 @@
 """What is where at one moment, and the drawable stage that is arranged to show it."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,13 +9,9 @@ from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 from rendering.carriers import carrier_parts, carrier_pose
-from rendering.fidelity import Fidelity
-from rendering.lens import Lens
-from rendering.meshes import mesh_of
 from rendering.names import CarrierName
-from rendering.offscreen import Node
-from rendering.room import room_meshes
-from rendering.shapes import Part, body_part
+from rendering.renderer import Node
+from rendering.shapes import Part, body_part, surface_of
 from rendering.stimuli import Stimulus
 
 TOWARDS_EXPERIMENTER = (-0.75, 0.25, 0.61)  # who stands before the robot, holding things from behind and above
@@ -69,7 +64,10 @@ class SceneState:
 
 
 class Stage:
-    """Nodes of which only the poses change: arms, props, stimulus and its carrier, room."""
+    """Nodes of which only the poses change: arms, props, stimulus and its carrier, room.
+
+    `held` lists all but the room, which is the renderer's.
+    """
 
     def __init__(
         self,
@@ -77,28 +75,26 @@ class Stage:
         stimulus: Stimulus,
         carrier: CarrierName,
         props: tuple[tuple[Part, ...], ...],
-        fidelity: Fidelity,
+        room: Node,
+        fineness: int,
         undrawn: tuple[str, ...] = (),
     ) -> None:
-        self._robot, self._carrier_name, self._fidelity = robot, carrier, fidelity
+        self._robot, self._carrier_name, self._room, self._fineness = robot, carrier, room, fineness
         frames = dict.fromkeys(body.frame for body in robot.bodies if body.frame not in undrawn)
         self._bodies = {
-            frame: self._node(body_part(b, fidelity.fineness) for b in robot.bodies if b.frame == frame)
+            frame: Node(surface_of(body_part(b, fineness) for b in robot.bodies if b.frame == frame))
             for frame in frames
         }
-        self._props = [self._node(parts) for parts in props]
-        self._room = [Node(mesh, casts_shadow=False) for mesh in room_meshes(fidelity.edge_m)]
+        self._props = [Node(surface_of(parts)) for parts in props]
+        self.held: list[Node] = []
         self.set_stimulus(stimulus)
-
-    def _node(self, parts: Iterable[Part]) -> Node:
-        return Node(mesh_of(parts, self._fidelity.edge_m))
 
     def set_stimulus(self, stimulus: Stimulus) -> None:
         """Put another stimulus, and a carrier of its size, in place of the present one."""
-        self.object = self._node(stimulus.parts)
-        parts = carrier_parts(self._carrier_name, stimulus.radius_m, self._fidelity.fineness)
-        self._carrier = [self._node(parts)] if parts else []
-        self._movable = [*self._bodies.values(), *self._props, self.object, *self._carrier]
+        self.object = Node(surface_of(stimulus.parts))
+        parts = carrier_parts(self._carrier_name, stimulus.radius_m, self._fineness)
+        self._carrier = [Node(surface_of(parts))] if parts else []
+        self.held[:] = [*self._bodies.values(), *self._props, self.object, *self._carrier]
 
     def arrange(self, state: SceneState) -> None:
         """Put everything where the state says it is; ValueError where it places more props than there are."""
@@ -106,34 +102,28 @@ class Stage:
             raise ValueError(f"the scene's state places {len(state.props)} props; there are {len(self._props)}")
         posture = self._robot.at(state.q_rad)
         for frame, node in self._bodies.items():
-            node.T_root_mesh = posture.T_root(frame)
-        self.there = [*self._bodies.values(), *self._room]
+            node.T_root_node = posture.T_root(frame)
+        self.there = [*self._bodies.values(), self._room]
         if state.position is not None:
-            self.object.T_root_mesh = transform(state.rotation, state.position)
+            self.object.T_root_node = transform(state.rotation, state.position)
             for node in self._carrier:
-                node.T_root_mesh = carrier_pose(state.position, state.carrier_direction)
+                node.T_root_node = carrier_pose(state.position, state.carrier_direction)
             self.there += [self.object, *self._carrier]
         for prop, node in zip(state.props, self._props, strict=False):
             if prop is not None:
-                node.T_root_mesh = transform(prop.rotation, prop.position)
+                node.T_root_node = transform(prop.rotation, prop.position)
                 self.there.append(node)
         self._boxes_root = np.array([node.box_root for node in self.there])
 
-    def in_view(self, view: View, lens: Lens) -> list[Node]:
-        """All that reaches into a view, and no more."""
-        return [
-            node for node, is_in in zip(self.there, _reach_into(view, lens, self._boxes_root), strict=True) if is_in
-        ]
-
-    def free(self) -> None:
-        """Give the graphics memory back; drawing again uploads anew.  The room stays for the next stage."""
-        for node in self._movable:
-            node.mesh.free()
+    def in_view(self, view: View, slopes: tuple[float, float, float, float]) -> list[Node]:
+        """All that reaches between the least x/z and y/z and the greatest of a view, and little more."""
+        is_in = _reach_into(view, slopes, self._boxes_root)
+        return [node for node, inside in zip(self.there, is_in, strict=True) if inside]
 
 
-def _reach_into(view: View, lens: Lens, boxes_root: Array) -> Mask:
+def _reach_into(view: View, slopes: tuple[float, float, float, float], boxes_root: Array) -> Mask:
     """(n,) which boxes (n, 8, 3) reach into a view; it may err towards yes."""
-    left, top, right, bottom = lens.slopes
+    left, top, right, bottom = slopes
     x, y, z = np.moveaxis(move_points(view.T_camera_root, boxes_root), -1, 0)
     beside = np.array([x < left * z, x > right * z, y < top * z, y > bottom * z, z < 0])
     return np.asarray(~beside.all(axis=-1).any(axis=0))

@@ -1,16 +1,18 @@
 """Coloured solids to draw, and the few ways to make them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pps_vision.robot.model import Body
 from pps_vision.types import Array
 
 Color = tuple[float, float, float]  # RGB, 0–1, proportional to light
+_SHARP = np.deg2rad(50)  # edges sharper than this stay so
 
 
 @dataclass(frozen=True)
@@ -19,6 +21,36 @@ class Part:
 
     mesh: Any
     color: Color
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles as they are drawn: positions (n, 3) m, unit normals (n, 3), faces (m, 3), and colours (n, 3) or
+    places in the room's texture (n, 2)."""
+
+    positions: Array
+    normals: Array
+    faces: NDArray[np.integer[Any]]
+    colors: Array
+    texture_uv: Array | None = None
+
+    @property
+    def bounds(self) -> Array:
+        """(2, 3) least and greatest coordinates."""
+        return np.array([self.positions.min(axis=0), self.positions.max(axis=0)])
+
+
+def surface_of(parts: Iterable[Part]) -> Surface:
+    """All parts as one surface, drawn in one go, smoothly shaded up to sharp edges."""
+    positions, normals, colors, faces, count = [], [], [], [], 0
+    for part in parts:
+        shaded = trimesh.graph.smooth_shade(part.mesh, angle=_SHARP)
+        positions.append(shaded.vertices)
+        normals.append(shaded.vertex_normals)
+        colors.append(np.tile(part.color, (len(shaded.vertices), 1)))
+        faces.append(shaded.faces + count)
+        count += len(shaded.vertices)
+    return Surface(np.vstack(positions), np.vstack(normals), np.vstack(faces), np.vstack(colors))
 
 
 def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fineness: int = 3) -> Part:

@@ -26,16 +26,6 @@ def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float, fid
     return [state.moved((k - 0.5 * (n - 1)) * apart_s) for k in range(n)]
 
 
-def sample_offsets_px(n: int) -> Array:
-    """(n, 2) where in the pixel each of n successive images is sampled: spread evenly over it.
-
-    Zero in the mean and uncorrelated with time, so that a blur keeps its centre and its length.
-    """
-    spread = np.outer(np.arange(n), (0.7548776662466927, 0.5698402909980532)) % 1.0  # the R2 sequence
-    trend = np.column_stack([np.ones(n), np.arange(n)])
-    return spread - trend @ np.linalg.lstsq(trend, spread, rcond=None)[0]
-
-
 def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> float:
     """How far anything in view moves in an image while the shutter is open, px."""
     before, after = state.moved(-blur_s / 2), state.moved(blur_s / 2)

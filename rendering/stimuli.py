@@ -27,7 +27,7 @@ class Stimulus:
     """`parts` in the object's frame, whose origin is its centre; `radius_m` is the radius of the
     sphere that stands for it: the one whose silhouette is, over all directions, as large."""
 
-    name: StimulusName
+    name: str
     radius_m: float
     parts: tuple[Part, ...]
 

@@ -56,7 +56,8 @@ class FlightParams:
     def filter(self) -> KalmanParams:
         """How measurements are taken in: as by a Kalman filter of order 3."""
         std = (self.speed_std, self.lift_std[0], 1.0)
-        return KalmanParams(3, self.noise_density, std, white_share=1.0, gate_chi2=self.gate_chi2)
+        never = (np.inf, np.inf)
+        return KalmanParams(3, self.noise_density, std, 1.0, gate_chi2=self.gate_chi2, decay_s=never)
 
 
 def start(params: FlightParams, stamp_s: float, position: Array, cov: Array) -> Belief:
@@ -80,7 +81,7 @@ def forecast(params: FlightParams, belief: Belief, stamp_s: float) -> tuple[Beli
     neighbours = then[:-1] - then[-1]
     mean = then[-1] + 0.5 * neighbours.sum(axis=0)
     P = 0.5 * neighbours.T @ neighbours
-    P[:6, :6] += np.kron(kalman.process_noise(2, dt, params.noise_density), np.eye(3))
+    P[:6, :6] += params.noise_density * np.kron(kalman.discretise(2, dt, params.filter.decay_s)[1], np.eye(3))
     share = float(np.mean(since > 0))
     if share > 0:
         P += share * _bounce_noise(params, mean[3:5], float(since.sum()) / np.count_nonzero(since))

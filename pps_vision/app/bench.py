@@ -58,7 +58,7 @@ def _is_measured(out: Path, setting: dict[str, Any]) -> bool:
 
 def _machine() -> dict[str, str]:
     """What the numbers were measured with and on."""
-    packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "PyOpenGL")
+    packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
     return {
         "processor": platform.processor() or platform.machine(),
         "python": platform.python_version(),

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import ParamSpec
+from typing import ParamSpec, get_args
 
 import numpy as np
 from tqdm import tqdm
@@ -24,10 +24,11 @@ from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity, cheapest
 from rendering.motions import Motion, make_motion
-from rendering.names import CarrierName
+from rendering.names import MESH_SUFFIXES, CarrierName, StimulusName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
-from rendering.stimuli import make_stimulus
+from rendering.stimuli import Stimulus, make_stimulus
+from rendering.stimulus_file import load_stimulus
 
 _SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own motion
 _SWAY_HZ = np.array([0.31, 0.23])
@@ -57,7 +58,7 @@ class Render(RenderParams):
         robot, skin = load_icub(), icub_skin()
         rig = icub_rig(robot)
         fidelity = self.fidelity()
-        stimulus = make_stimulus(self.stimulus, self.radius, fidelity.fineness)
+        stimulus = self.object(fidelity.fineness)
         sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
         carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
         states, touches = list(self.scene(robot, rig, rng)), 0
@@ -79,10 +80,19 @@ class Render(RenderParams):
         """How the scene is drawn."""
         return Fidelity() if self.max_image_error is None else cheapest(self.max_image_error).fidelity
 
+    def object(self, fineness: int) -> Stimulus:
+        """What is shown; ValueError and OSError name a mesh file that cannot be shown."""
+        if isinstance(self.stimulus, Path):
+            if self.stimulus.suffix.lower() not in MESH_SUFFIXES:
+                names = ", ".join((*get_args(StimulusName), *(f"FILE{suffix}" for suffix in MESH_SUFFIXES)))
+                raise ValueError(f"render: --stimulus {self.stimulus}; expected one of {names}")
+            return load_stimulus(self.stimulus, self.unit, self.radius)
+        return make_stimulus(self.stimulus, self.radius, fineness)
+
     def scene(self, robot: Robot, rig: StereoRig, rng: np.random.Generator) -> Iterator[tuple[float, SceneState]]:
         """Stamp and state of each frame."""
         finger = RightFinger(robot) if self.carrier == "finger" else None
-        q, motion = self._begin(robot, rig, rng, make_stimulus(self.stimulus, self.radius, 0).radius_m, finger)
+        q, motion = self._begin(robot, rig, rng, self.object(0).radius_m, finger)
         dt = 1 / self.fps
         for k in range(max(1, round(self.seconds * self.fps))):
             t = k * dt

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rendering.names import CarrierName, MotionName, StimulusName
+from rendering.names import CarrierName, MotionName, StimulusName, Unit
 
 
 @dataclass(frozen=True)
 class RenderParams:
     """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
 
-    stimulus: StimulusName
-    """What is shown."""
+    stimulus: StimulusName | Path
+    """What is shown; or a mesh file, .stl, .obj or .ply."""
     motion: MotionName
     """How it moves; approach and recede are about --target, the others about --center."""
     out: Path
@@ -28,7 +28,9 @@ class RenderParams:
     speed: float | None = None
     """Speed of the object, m/s; default: random, 0.05 to 0.15."""
     radius: float | None = None
-    """Radius of the object, m; default: its usual one."""
+    """Radius of the object, m; default: its usual one, or the mesh's own (that of its hull's mean silhouette)."""
+    unit: Unit = "m"
+    """Unit of a mesh file's coordinates."""
     noise: float = 0.0
     """Standard deviation of the pixel noise, grey levels of 255."""
     shot: float = 0.0

@@ -16,7 +16,8 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.recording import Recording
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
-from tracking.names import Depth, Mode
+from tracking.kalman import KalmanParams
+from tracking.names import DEFAULT_ORDER, Depth, Mode
 from tracking.outline import Optics
 from tracking.search import Stages
 from tracking.smoother import smoothed_tracks
@@ -123,6 +124,7 @@ def track(
     recording: Recording | Path | str,
     mode: Mode = "generic",
     depth: Depth = "centroid",
+    order: int = DEFAULT_ORDER,
     *,
     params: TrackerParams | None = None,
     max_error_mm: float | None = None,
@@ -139,9 +141,10 @@ def track(
         recording: A recording, or the folder of an iCub's recording.
         mode: "generic" tracks whatever moves, "marker" a green marker.
         depth: "centroid" triangulates the object's centre, "disparity" matches textured regions.
-        params: All parameters of the tracker, instead of `mode` and `depth`.
+        order: Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk.
+        params: All parameters of the tracker, instead of `mode`, `depth` and `order`.
         max_error_mm: Choose the fastest configuration whose 3D RMS error is expected to be below this, instead of
-            `mode` and `depth`.
+            `mode`, `depth` and `order`.
         device: Detect the marker in batches of frames with torch on this device; None: frame by frame, without torch.
         batch: Frames in a batch of `device`.
         seed: Seed of the particles.
@@ -151,11 +154,10 @@ def track(
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
-    chosen = params is not None or (mode, depth) != ("generic", "centroid")
-    if max_error_mm is not None and chosen:
-        raise InputError("track", "max_error_mm chooses the mode and the depth itself; expected no mode, depth")
+    params = params or TrackerParams(mode=mode, depth=depth, kalman=KalmanParams.of_order(order))
+    if max_error_mm is not None and params != TrackerParams():
+        raise InputError("track", "max_error_mm chooses mode, depth and order itself; expected no mode, depth, order")
     if max_error_mm is None:
-        params = params or TrackerParams(mode=mode, depth=depth)
         return TrackedRecording(recording, params, seed, device, batch)
     choice = cheapest(recording, max_error_mm, lambda tried: tracker_for(recording, tried, seed))
     return TrackedRecording(recording, choice.configuration.params, seed, device, batch, choice)

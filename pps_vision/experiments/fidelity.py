@@ -1,4 +1,4 @@
-"""How faithfully a scene must be drawn, and by whom: time against the image's error and against the tracking's."""
+"""How faithfully a scene must be drawn: time against the image's error and against the tracking's."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -14,8 +14,7 @@ from tqdm import tqdm
 from pps_vision.app.render import Render
 from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, speed_against_error
-from pps_vision.experiments.fidelity_images import compare, draws_of, place_of
-from pps_vision.experiments.pyrender_peer import is_installed
+from pps_vision.experiments.fidelity_images import compare, eyes_of, place_of
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, StereoFrame
@@ -25,32 +24,22 @@ from rendering.scene import SceneState
 from rendering.sensor import Sensor, expose
 from tracking.tracker import Tracker, TrackerParams
 
-REFERENCE = Drawn(supersample=8, fineness=5, shadows=True)
-BLUR_REFERENCE = Drawn(supersample=2, fineness=4, blur_step_px=0.4)
 SHARP = {
-    "bare": Drawn(multisample=False, fineness=1, lights=0),
-    "1 sample, coarse": Drawn(multisample=False, fineness=1),
-    "1 sample, fineness 2": Drawn(multisample=False, fineness=2),
-    "1 sample": Drawn(multisample=False),
-    "fineness 2": Drawn(fineness=2),
-    "default": Drawn(),
-    "fineness 4": Drawn(fineness=4),
-    "no lamp": Drawn(lights=0),
-    "1 lamp": Drawn(lights=1),
-    "shadows": Drawn(shadows=True),
-    "2×2": Drawn(supersample=2, multisample=False),
-    "2×2×4": Drawn(supersample=2),
-    "2×2×4, fineness 4, shadows": Drawn(supersample=2, fineness=4, shadows=True),
-    "4×4×4, fineness 4": Drawn(supersample=4, fineness=4),
+    "scale 1, fineness 1": Drawn(fineness=1),
+    "scale 1, fineness 2": Drawn(fineness=2),
+    "scale 1": Drawn(scale=1.0),
+    "scale 1, fineness 4": Drawn(fineness=4),
+    "scale 1.25": Drawn(scale=1.25),
+    "scale 1.5": Drawn(scale=1.5),
+    "scale 2": Drawn(scale=2.0),
+    "scale 2, fineness 4": Drawn(scale=2.0, fineness=4),
+    "scale 1, lights": Drawn(lighting="lights"),
+    "scale 1, shadows": Drawn(lighting="shadows"),
 }
-PEERS = {f"pyrender, pinhole image ×{scale:g}": scale for scale in (1.0, 1.5, 2.0)}
-BLURRED = {
-    f"{step:g} px{'' if multisample else ', 1 sample'}": Drawn(multisample=multisample, blur_step_px=step)
-    for multisample in (True, False)
-    for step in (1.0, 1.7, 2.5, 5.0)
-}
+BLURRED = {f"{step:g} px": Drawn(blur_step_px=step) for step in (1.0, 1.7, 2.5, 5.0)}
 _BLUR_S, _BLUR_PX = 0.02, 6.0
-_TICKS_MS = (5, 10, 20, 50, 100, 200, 500)
+_TICKS_MS = (20, 50, 100, 200, 500)
+DEFAULT = "scale 1"
 _MODE: dict[StimulusName, Any] = {"ball": "generic", "marker": "marker"}
 
 
@@ -58,20 +47,20 @@ class Fidelity(parameters.Fidelity):
     """The study of these parameters."""
 
     def run(self) -> dict[str, object]:
-        """By object: each way's ms per pair (clock; processors), image error (RMS grey levels over the object and 2 px
+        """By object: each way's ms of processor time a pair, image error (RMS grey levels over the object and 2 px
         around it, over 1.5 px to both sides of its rim, over the whole image; structural similarity), tracking
         error (mm)."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench fidelity: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
-        found = is_installed()
-        numbers: dict[str, object] = {"pyrender": "compared" if found else "skipped: not installed (extra: bench)"}
-        peers = PEERS if found else {}
+        numbers: dict[str, object] = {}
         for stimulus in _MODE:
             scenes = [next(self.scenes(stimulus, k, 1.0)) for k in range(self.n)]
-            images = compare(stimulus, scenes, SHARP, REFERENCE, Sensor(), peers=peers)
-            numbers[stimulus] = {"image": images, "tracking": self._track(stimulus, peers)}
+            images = compare(stimulus, scenes, SHARP, Sensor())
+            numbers[stimulus] = {"image": images, "tracking": self._track(stimulus)}
         fast = [_in_flight(*scene) for scene in (next(self.scenes("ball", k, 1.0)) for k in range(self.n))]
-        numbers["blur"] = compare("ball", fast, BLURRED, BLUR_REFERENCE, Sensor(blur_s=_BLUR_S), margin_px=_BLUR_PX)
+        numbers["blur"] = compare(
+            "ball", fast, BLURRED, Sensor(blur_s=_BLUR_S), margin_px=_BLUR_PX, samples=2, instants=8
+        )
         return numbers
 
     def scenes(self, stimulus: StimulusName, k: int, seconds: float) -> Iterator[tuple[float, SceneState]]:
@@ -81,19 +70,19 @@ class Fidelity(parameters.Fidelity):
         robot = load_icub()
         return render.scene(robot, icub_rig(robot), np.random.default_rng(seed))
 
-    def _track(self, stimulus: StimulusName, peers: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    def _track(self, stimulus: StimulusName) -> dict[str, dict[str, float]]:
         """3D error of each pair's triangulation, and its mean along the line of sight (away is positive)."""
         robot = load_icub()
         rig = icub_rig(robot)
-        errors: dict[str, list[tuple[float, float]]] = {name: [] for name in (*SHARP, *peers)}
+        errors: dict[str, list[tuple[float, float]]] = {name: [] for name in SHARP}
         params, body = TrackerParams(mode=_MODE[stimulus]), Silhouette(robot)
         trackers = {name: Tracker(params, rig, np.random.default_rng(self.seed), own_body=body) for name in errors}
         scenes = list(self.scenes(stimulus, 0, self.seconds))
         with ExitStack() as stack:
-            draws = draws_of(stack, stimulus, SHARP, peers, Sensor())
+            eyes = {name: stack.enter_context(eyes_of(stimulus, drawn, Sensor())) for name, drawn in SHARP.items()}
             for k, (t, state) in enumerate(tqdm(scenes, desc=f"tracking a {stimulus}", unit="pair", disable=None)):
                 for name, tracker in trackers.items():
-                    frame = _noisy(draws[name](state, t)[0], np.random.default_rng((self.seed, k)))
+                    frame = _noisy(eyes[name].render(state, t), np.random.default_rng((self.seed, k)))
                     seen = tracker.step(frame).observation
                     if seen is not None:
                         view, off = rig.view(state.q_rad), seen.p_root - place_of(state)
@@ -106,9 +95,8 @@ class Fidelity(parameters.Fidelity):
         figure, axes = plt.subplots(2, 3, figsize=(13, 8.5), width_ratios=(3, 3, 1.6), layout="constrained")
         sharp, blur = numbers["ball"]["image"], numbers["blur"]
         worse = {k: max(numbers[o]["image"][k]["error"] for o in _MODE) for k in sharp}
-        what = "drawn pair"
+        what = "drawn pair, of processors"
         speed_against_error(axes[0, 0], _variants(sharp, worse), what, "image error, ball or marker (grey levels)")
-        axes[0, 0].set_yscale("log")
         for axis, stimulus in zip((axes[0, 1], axes[1, 0]), _MODE, strict=True):
             errors = {k: v["rms_mm"] for k, v in numbers[stimulus]["tracking"].items()}
             speed_against_error(axis, _variants(sharp, errors), what, f"3D RMS error of a tracked {stimulus} (mm)")
@@ -116,7 +104,7 @@ class Fidelity(parameters.Fidelity):
         smeared = {k: v["error"] for k, v in blur.items()}
         title = f"image error of a ball that moves {_BLUR_PX:g} px (grey levels)"
         speed_against_error(axes[1, 1], _variants(blur, smeared, "2.5 px"), what, title)
-        usual = "sharp: 4 samples, fineness 3,\n3 lamps, no shadows unless said"
+        usual = "sharp: fineness 3,\nbaked light unless said"
         for axis, about, names in ((axes[0, 2], usual, sharp), (axes[1, 2], "blurred: one image every", BLURRED)):
             key = "\n".join(f"{k + 1}  {name}" for k, name in enumerate(names))
             axis.axis("off")
@@ -157,14 +145,13 @@ def _summary(errors: Array, pairs: int) -> dict[str, float]:
     }
 
 
-def _variants(times: Mapping[str, Any], errors: Mapping[str, float], default: str = "default") -> list[Variant]:
+def _variants(times: Mapping[str, Any], errors: Mapping[str, float], default: str = DEFAULT) -> list[Variant]:
     """For the chart: time quartiles of each way with an error, by its number in the key."""
     return [
         Variant(
             str(k + 1),
             np.array([times[name][q] for q in ("q25_ms", "median_ms", "q75_ms")]),
             error,
-            ours=name not in PEERS,
             default=name == default,
         )
         for k, (name, error) in enumerate(errors.items())

@@ -18,11 +18,13 @@ from pps_vision.experiments.filter_scenes import (
     approach_sequences,
     flights,
     rendered_sequences,
+    simulated_sequences,
 )
 from pps_vision.types import Array, Mask
+from tracking.names import DEFAULT_ORDER
 
 SPEEDS_M_S = (0.05, 0.1, 0.2, 0.3)
-DEFAULT = "order 3"
+DEFAULT = f"order {DEFAULT_ORDER}"
 PEERS = ("cv2", "filterpy", "filterpy, RTS")
 _ORDERS = (1, 2, 3, 4)
 Online = Callable[[Sequence], methods.Filter]
@@ -34,7 +36,7 @@ class Filter(parameters.Filter):
 
     def run(self) -> dict[str, object]:
         """By data and filter: milliseconds an update, RMS errors of position and velocity, median error of the
-        time to contact in the last half second before a touch."""
+        time to contact in the last half second before a touch; of fast simulated motion the orders' velocity only."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench filter: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
         in_the_air = rendered_sequences(self.n, self.seconds, self.noise, self.seed)
@@ -45,6 +47,7 @@ class Filter(parameters.Filter):
             "tt3d": compare(flights(folder), *flight_filters(), settled=0)
             if folder.exists()
             else f"skipped: no {folder}",
+            "simulated": {f"{fps} images/s": simulated(20, fps, self.seed) for fps in (20, 60)},
             "filterpy": "compared" if find_spec("filterpy") else "skipped: not installed (extra: test)",
         }
 
@@ -61,6 +64,16 @@ class Filter(parameters.Filter):
                 [(numbers["tt3d"], "position_rms_mm", label + also, bool(also)) for also in ("", ", smoothed")]
             )
         return figures
+
+
+def simulated(n: int, fps: float, seed: int) -> dict[str, dict[str, float]]:
+    """Velocity error, mm/s RMS, by fast motion and order."""
+    sequences, found = simulated_sequences(n, fps, seed), {}
+    online = {f"order {order}": partial(methods.Ours, order) for order in _ORDERS[1:]}
+    for name in {sequence.name: None for sequence in sequences}:
+        errors = compare([one for one in sequences if one.name == name], online, {}, settled=SETTLED)
+        found[name] = {order: errors[order]["velocity_rms_mm_s"] for order in online}
+    return found
 
 
 def rendered_filters() -> tuple[dict[str, Online], dict[str, Smoothed]]:

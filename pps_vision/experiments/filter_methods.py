@@ -11,7 +11,8 @@ from pps_vision.experiments.filter_scenes import Sequence
 from pps_vision.types import Array
 from tracking import flight, kalman
 from tracking.flight import FlightParams
-from tracking.kalman import Belief, KalmanParams, process_noise, scaled, transition
+from tracking.kalman import Belief, KalmanParams, discretise, scaled
+from tracking.names import DEFAULT_ORDER
 from tracking.smoother import Measured, Passage, follow, smooth
 
 State = Array  # (order, 3) position, velocity, …
@@ -55,9 +56,9 @@ class Flight:
 
 class Automatic:
     """Filters of all orders in parallel, so quiet that each fits only where its model holds; the lowest whose
-    innovations were consistent of late speaks, order 3 if none."""
+    innovations were consistent of late speaks, the default's if none."""
 
-    QUIET = (1e-7, 1e-3, 0.2, 30.0)  # noise densities of orders 1–4
+    QUIET = (1e-7, 1e-3, 0.2, 270.0)  # noise densities of orders 1–4
     MEMORY, MOST_NIS = 6.0, 4.5
 
     def __init__(self, sequence: Sequence) -> None:
@@ -75,19 +76,19 @@ class Automatic:
             self.nis[k] += (surprise - self.nis[k]) / self.MEMORY
             self.beliefs[k] = kalman.update(params, ahead, position, cov)
         fits = np.flatnonzero(self.nis <= self.MOST_NIS)
-        return self.beliefs[int(fits[0]) if len(fits) else 2].mean
+        return self.beliefs[int(fits[0]) if len(fits) else DEFAULT_ORDER - 1].mean
 
 
 class Steady:
-    """Order 3 with the gain that the Riccati equation settles at, for the sequence's usual variance and step (which
-    it alone is told beforehand): an α-β-γ filter; no covariance is carried, nothing is gated."""
+    """The default's model with the gain that the Riccati equation settles at, for the sequence's usual variance and
+    step (which it alone is told beforehand); no covariance is carried, nothing is gated."""
 
     def __init__(self, sequence: Sequence) -> None:
         params = _params(sequence)
         n, dt = params.order, float(np.median(np.diff(sequence.stamps_s)))
-        self.A, Q = transition(n, dt), process_noise(n, dt, params.noise_density)
+        self.decay_s, (self.A, Q) = params.decay_s, discretise(n, dt, params.decay_s)
         R = params.white_share * float(np.median(np.trace(sequence.covs, axis1=1, axis2=2))) / 3
-        ahead = solve_discrete_are(self.A.T, np.eye(n)[:, :1], Q, np.array([[R]]))
+        ahead = solve_discrete_are(self.A.T, np.eye(n)[:, :1], params.noise_density * Q, np.array([[R]]))
         self.gain = ahead[:, :1] / (ahead[0, 0] + R)
         self.back = (ahead - self.gain @ ahead[:1]) @ self.A.T @ np.linalg.inv(ahead)  # of the smoother
         self.mean = _first(params, sequence).mean
@@ -97,19 +98,20 @@ class Steady:
         """Predict and update; an unusual step has its own transition but the usual gain."""
         dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
         usual = abs(dt - self.dt_s) < 1e-4
-        ahead = (self.A if usual else transition(len(self.A), dt)) @ self.mean
+        ahead = (self.A if usual else discretise(len(self.A), dt, self.decay_s)[0]) @ self.mean
         self.mean = ahead + self.gain * (position - ahead[0])
         return self.mean
 
 
 class _Clock:
-    """Order 3's matrices for each step, made anew only where its length changes."""
+    """The default's matrices for each step, made anew only where its length changes."""
 
     def __init__(self, params: KalmanParams, stamp_s: float) -> None:
         self.params, self.stamp_s, self.dt_s = params, stamp_s, np.nan
 
     def advance(self, stamp_s: float) -> tuple[Array, Array] | None:
-        """Transition and process noise (9, 9) of the step to a stamp; None where they are those of the last one."""
+        """Transition and process noise (3·order, 3·order) of the step to a stamp; None where they are the last
+        one's."""
         dt, self.stamp_s = stamp_s - self.stamp_s, stamp_s
         if abs(dt - self.dt_s) <= 1e-6:
             return None
@@ -118,14 +120,15 @@ class _Clock:
 
 
 class OpenCV:
-    """cv2.KalmanFilter with order 3's matrices."""
+    """cv2.KalmanFilter with the default's matrices."""
 
     def __init__(self, sequence: Sequence) -> None:
         self.params = _params(sequence)
         belief = _first(self.params, sequence)
-        self.kf = cv2.KalmanFilter(9, 3, 0, cv2.CV_64F)
-        self.kf.measurementMatrix = np.eye(3, 9)
-        self.kf.statePost, self.kf.errorCovPost = belief.mean.reshape(9, 1), belief.cov
+        n = belief.mean.size
+        self.kf = cv2.KalmanFilter(n, 3, 0, cv2.CV_64F)
+        self.kf.measurementMatrix = np.eye(3, n)
+        self.kf.statePost, self.kf.errorCovPost = belief.mean.reshape(n, 1), belief.cov
         self.clock = _Clock(self.params, belief.stamp_s)
 
     def step(self, stamp_s: float, position: Array, cov: Array) -> State:
@@ -134,19 +137,20 @@ class OpenCV:
             self.kf.transitionMatrix, self.kf.processNoiseCov = changed
         self.kf.measurementNoiseCov = self.params.white_share * cov
         self.kf.predict()
-        return np.asarray(self.kf.correct(position.reshape(3, 1)), dtype=float).reshape(3, 3)
+        return np.asarray(self.kf.correct(position.reshape(3, 1)), dtype=float).reshape(-1, 3)
 
 
 class FilterPy:
-    """filterpy's KalmanFilter with order 3's matrices; only made where filterpy is installed."""
+    """filterpy's KalmanFilter with the default's matrices; only made where filterpy is installed."""
 
     def __init__(self, sequence: Sequence) -> None:
         from filterpy.kalman import KalmanFilter
 
         self.params = _params(sequence)
         belief = _first(self.params, sequence)
-        self.kf = KalmanFilter(dim_x=9, dim_z=3)
-        self.kf.H, self.kf.x, self.kf.P = np.eye(3, 9), belief.mean.reshape(9, 1), belief.cov.copy()
+        n = belief.mean.size
+        self.kf = KalmanFilter(dim_x=n, dim_z=3)
+        self.kf.H, self.kf.x, self.kf.P = np.eye(3, n), belief.mean.reshape(n, 1), belief.cov.copy()
         self.clock = _Clock(self.params, belief.stamp_s)
 
     def step(self, stamp_s: float, position: Array, cov: Array) -> State:
@@ -155,7 +159,7 @@ class FilterPy:
             self.kf.F, self.kf.Q = changed
         self.kf.predict()
         self.kf.update(position.reshape(3, 1), R=self.params.white_share * cov)
-        return np.asarray(self.kf.x, dtype=float).reshape(3, 3)
+        return np.asarray(self.kf.x, dtype=float).reshape(-1, 3)
 
 
 def smoothed_ours(order: int, sequence: Sequence) -> list[State]:
@@ -186,14 +190,14 @@ def smoothed_steady(sequence: Sequence) -> list[State]:
 def smoothed_filterpy(sequence: Sequence) -> list[State]:
     """filterpy's `batch_filter` and `rts_smoother`."""
     peer = FilterPy(sequence)
-    peer.kf.x, dts = peer.kf.x.reshape(9), np.diff(sequence.stamps_s)
+    peer.kf.x, dts = peer.kf.x.ravel(), np.diff(sequence.stamps_s)
     Fs, Qs = (list(of) for of in zip(*(_matrices(peer.params, dt) for dt in dts), strict=True))
     zs, Rs = list(sequence.positions[1:]), [peer.params.white_share * cov for cov in sequence.covs[1:]]
     first, P = peer.kf.x.copy(), peer.kf.P.copy()
     xs, Ps, _, _ = peer.kf.batch_filter(zs, Fs=Fs, Qs=Qs, Rs=Rs)
     xs, Ps = np.concatenate([first[None], xs]), np.concatenate([P[None], Ps])
     path = peer.kf.rts_smoother(xs, Ps, Fs=[*Fs, Fs[-1]], Qs=[*Qs, Qs[-1]])[0]
-    return [x.reshape(3, 3) for x in path]
+    return [x.reshape(-1, 3) for x in path]
 
 
 def measured(sequence: Sequence) -> list[Measured]:
@@ -202,7 +206,7 @@ def measured(sequence: Sequence) -> list[Measured]:
     return [Measured(float(stamp_s), position, cov) for stamp_s, position, cov in rows]
 
 
-def _params(sequence: Sequence, order: int = KalmanParams().order, density: float | None = None) -> KalmanParams:
+def _params(sequence: Sequence, order: int = DEFAULT_ORDER, density: float | None = None) -> KalmanParams:
     params = KalmanParams.of_order(order)
     own = replace(params, white_share=sequence.white_share, noise_density=density or params.noise_density)
     return scaled(own, sequence.distance_m)
@@ -217,5 +221,5 @@ def _means(passages: list[Passage]) -> list[State]:
 
 
 def _matrices(params: KalmanParams, dt_s: float) -> tuple[Array, Array]:
-    A, Q = transition(params.order, dt_s), process_noise(params.order, dt_s, params.noise_density)
-    return np.kron(A, np.eye(3)), np.kron(Q, np.eye(3))
+    F, Q = discretise(params.order, dt_s, params.decay_s)
+    return np.kron(F, np.eye(3)), np.kron(params.noise_density * Q, np.eye(3))

@@ -88,10 +88,7 @@ class Trigger:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Rendered balls and markers, drawn in many ways, beside the finest: image error and tracking error.
-
-    pyrender is skipped where it is not installed.
-    """
+    """Rendered balls and markers, drawn in many ways, beside ray-cast images: image error and tracking error."""
 
     n: int = 4
     """Scenes of each object whose images are compared."""

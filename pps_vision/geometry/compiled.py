@@ -81,8 +81,6 @@ def met(
         off_left, var_left, pull_left = _look(left, x, _cross(b, gap))
         off_right, var_right, pull_right = _look(right, y, plane)
         off, var = _dot(b, plane) + off_left + off_right, var_left + var_right
-        if not var > 0:
-            return nothing
         x, far_left, moved2_left = _moved(x, pull_left, off / var)
         y, far_right, moved2_right = _moved(y, pull_right, off / var)
         if far_left + far_right < _SETTLED:
@@ -126,9 +124,7 @@ def _look(
     and how far noise takes it (variance); NaN where the lens folds back.  And what `_moved` wants."""
     pose, lens, at_u, at_v, uu, uv, vv = eye
     u, v, ux, uy, vx, vy = distorted(lens, x[0], x[1])
-    det = ux * vy - uy * vx
-    if not det > 0:
-        det = math.nan
+    det = ux * vy - uy * vx if x[0] * x[0] + x[1] * x[1] < lens[9] else math.nan
     du, dv = at_u - u, at_v - v
     gx = pose[0] * slope[0] + pose[4] * slope[1] + pose[8] * slope[2]
     gy = pose[1] * slope[0] + pose[5] * slope[1] + pose[9] * slope[2]

@@ -170,3 +170,10 @@ def test_what_is_ended_from_outside_leaves_nothing_half_written(tmp_path: Path) 
         signal.signal(signal.SIGTERM, before)
     assert end.value.code == 128 + signal.SIGTERM
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stimulus_that_is_neither_known_nor_a_mesh(refused, tmp_path: Path) -> None:
+    (tmp_path / "half.ply").write_text("ply\n")
+    for stimulus, named in (("whale", "marker, ball, cube, octopus, FILE.stl"), (tmp_path / "half.ply", "half.ply: ")):
+        assert named in refused("render", "--stimulus", stimulus, "--motion", "circle", "--out", tmp_path / "out")
+        assert not (tmp_path / "out").exists()

@@ -88,8 +88,10 @@ def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen() -> No
     """With k1 = −.374 alone the image of a ray turns back at tan² = 1/(3·.374), 43° aside."""
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (-0.374, 0.0, 0.0, 0.0, 0.0))
     angles = np.deg2rad(np.linspace(0, 80, 801))
-    u = camera.project(np.column_stack([np.sin(angles), np.zeros(801), np.cos(angles)]))[:, 0]
+    points = np.column_stack([np.sin(angles), np.zeros(801), np.cos(angles)])
+    u = camera.project(points)[:, 0]
     seen = np.isfinite(u)
+    np.testing.assert_allclose([camera.pixel(*point)[0] for point in points.tolist()], u, atol=1e-9)
     assert angles[seen].max() == pytest.approx(np.arctan(np.sqrt(1 / (3 * 0.374))), abs=0.003)
     assert np.all(np.diff(u[seen]) > 0)
 
@@ -154,6 +156,7 @@ def test_each_eye_is_placed_by_the_joints_of_its_own_stamp() -> None:
 @CAMERAS
 def test_a_real_camera_is_usable(camera: Camera) -> None:
     assert camera.is_usable()
+    assert replace(PINHOLE, distortion=(-0.5666, 0.1991, -0.028, 0.0076, 0.1772)).is_usable()  # inverted to 0.2 px
 
 
 @pytest.mark.parametrize(
@@ -164,6 +167,7 @@ def test_a_real_camera_is_usable(camera: Camera) -> None:
         {"cx": 1e9},
         {"distortion": (1e9, 0.0, 0.0, 0.0, 0.0)},
         {"distortion": (0.0, 0.0, 0.0, 0.0, 1e308)},
+        {"distortion": (-0.1892, 0.1864, 0.0435, 0.0185, -0.0796)},  # inverted to 5 px
         {"distortion": (-1.0, 0.0, 0.0, 0.0, 0.0)},  # folds back at tan² = 1/3; the corner is at tan² = 0.82
     ],
 )

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
@@ -59,23 +60,29 @@ def test_noisy_images_agree_with_opencvs_linear_method_within_the_noise(
         assert np.linalg.norm(found.p_root - opencv_linear(view, left, right)) < 0.2 * sigma
 
 
-def test_covariance_and_residual_are_what_monte_carlo_finds(view: StereoView, rng: np.random.Generator) -> None:
-    p = point_ahead(view, rng)
-    cov_left, cov_right = np.array([[0.04, 0.01], [0.01, 0.02]]), np.array([[0.01, 0.0], [0.0, 0.05]])
-    exact = triangulate(view, view.left.project(p), view.right.project(p), cov_left, cov_right)
+@pytest.mark.parametrize("more_px2", [0.0, 0.03])
+def test_covariance_and_residual_are_what_sampling_finds(
+    view: StereoView, rng: np.random.Generator, more_px2: float
+) -> None:
+    """Pixels drawn from the stated covariances: the points' covariance entry by entry, within five standard errors."""
+    p, n = point_ahead(view, rng), 1500
+    covs = np.array([[0.04, 0.012], [0.012, 0.02]]), np.array([[0.01, -0.01], [-0.01, 0.05]])
+    eyes = view.left, view.right
+    pixels = [
+        eye.project(p) + rng.multivariate_normal(np.zeros(2), cov + more_px2 * np.eye(2), n)
+        for eye, cov in zip(eyes, covs, strict=True)
+    ]
+    exact = triangulate(view, *(eye.project(p) for eye in eyes), *covs, more_px2)
     assert exact is not None
-    n = 1500
-    noise = [rng.multivariate_normal(np.zeros(2), cov, n) for cov in (cov_left, cov_right)]
-    errors, chi2 = np.empty((n, 3)), np.empty(n)
+    points, chi2 = np.empty((n, 3)), np.empty(n)
     for i in range(n):
-        found = triangulate(
-            view, view.left.project(p) + noise[0][i], view.right.project(p) + noise[1][i], cov_left, cov_right
-        )
+        found = triangulate(view, pixels[0][i], pixels[1][i], *covs, more_px2)
         assert found is not None
-        errors[i], chi2[i] = found.p_root - p, found.mahalanobis
-    whitened = np.linalg.inv(np.linalg.cholesky(exact.cov_root))
-    np.testing.assert_allclose(whitened @ np.cov(errors.T) @ whitened.T, np.eye(3), atol=0.15)
-    assert chi2.mean() == pytest.approx(1.0, abs=0.15)  # four numbers measured, three estimated
+        points[i], chi2[i] = found.p_root, found.mahalanobis
+    variance = np.diag(exact.cov_root)
+    standard_error = np.sqrt((np.outer(variance, variance) + exact.cov_root**2) / (n - 1))
+    np.testing.assert_array_less(np.abs(np.cov(points.T) - exact.cov_root), 5 * standard_error)
+    assert chi2.mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))  # four numbers measured, three estimated
 
 
 def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Generator) -> None:
@@ -112,6 +119,35 @@ def test_a_pixel_that_no_ray_reaches_gives_none() -> None:
     assert triangulate(view, (319.0, 119.5), (259.5, 119.5), ONE_PX, ONE_PX) is None
 
 
+@pytest.mark.parametrize(
+    "lens", [(-0.4, 0, 0, 0, 0), (-1.0, 0, 0, 0, 0), (0, 0, 0, 0, -0.1)], ids=["k1", "large k1", "k3"]
+)
+def test_what_is_found_through_a_lens_that_folds_back_is_seen_where_it_was_measured(
+    lens: tuple[float, float, float, float, float], rng: np.random.Generator
+) -> None:
+    """Any pixels: a point is given only if both eyes see it, as far from the pixels as is said; of points that both
+    eyes do see, nearly all are found."""
+    camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, lens)
+    n, found, seen = 600, 0, 0
+    for k in range(n):
+        turned = Rotation.from_euler("y", rng.uniform(-0.2, 0.2)).as_matrix()
+        view = StereoRig.fixed(camera, camera, transform(turned, (0.068, 0.0, 0.0))).view()
+        left, cov = rng.uniform((-20, -20), (340, 260)), 10 ** rng.uniform(-4, 1) * np.array([[1.0, 0.3], [0.3, 1.0]])
+        right = left + np.array([rng.uniform(-60, 0), np.sqrt(cov[1, 1]) * rng.standard_normal()])
+        if k % 2:
+            p = rng.uniform((-0.2, -0.2, 0.15), (0.2, 0.2, 0.6))
+            left, right = view.left.project(p), view.right.project(p)
+        both = bool(k % 2 and np.isfinite([left, right]).all())
+        one = triangulate(view, left, right, cov, ONE_PX)
+        seen += both
+        if one is not None:
+            found += both
+            off_px = np.array([view.left.project(one.p_root) - left, view.right.project(one.p_root) - right])
+            assert one.residual_px == pytest.approx(np.sqrt(np.mean(off_px**2)), abs=1e-4)
+    assert seen > 0.1 * n
+    assert found > 0.95 * seen
+
+
 def test_depth_noise_of_parallel_eyes_is_the_textbooks() -> None:
     """σ_z = z²·σ_disparity/(f·b)."""
     camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
@@ -128,10 +164,29 @@ def test_rays_that_cannot_meet_give_none(view: StereoView) -> None:
     center = (159.5, 119.5)
     assert triangulate(ahead, center, center, ONE_PX, ONE_PX) is None  # at infinity
     assert triangulate(ahead, (100.0, 119.5), (200.0, 119.5), ONE_PX, ONE_PX) is None  # behind the eyes
+    assert triangulate(ahead, center, (159.499, 119.5), ONE_PX, ONE_PX) is None  # 15 km away
+    assert triangulate(ahead, center, (159.49, 119.5), ONE_PX, ONE_PX) is not None
     assert triangulate(view, (np.nan, np.nan), (160.0, 120.0), ONE_PX, ONE_PX) is None  # seen by one eye only
+
+
+@pytest.mark.parametrize("p", [(0.02, 0.0, -0.02), (0.1, 0.0, 0.05)], ids=["left", "right"])
+def test_rays_that_meet_behind_one_eye_only_give_none(p: tuple[float, float, float]) -> None:
+    """The right eye looks along the baseline towards the left one; a line through a pixel runs on behind the eye."""
+    camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
+    turned = np.column_stack([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    view = StereoRig.fixed(camera, camera, transform(turned, (0.068, 0.0, 0.0))).view()
+    in_eyes = (T @ [*p, 1.0] for T in (view.left.T_camera_root, view.right.T_camera_root))
+    left, right = (np.array([220 * x / z + 159.5, 220 * y / z + 119.5]) for x, y, z, _ in in_eyes)
+    assert triangulate(view, left, right, ONE_PX, ONE_PX) is None
+    before = view.left.T_root_camera[:3, :3] @ [0.02, 0.0, 0.02]
+    assert triangulate(view, view.left.project(before), view.right.project(before), ONE_PX, ONE_PX) is not None
 
 
 def test_midpoint_halves_the_gap_of_skew_rays() -> None:
     x, y, z = np.eye(3)
     np.testing.assert_allclose(midpoint(-x, x, 0.2 * z - y, y), [0.0, 0.0, 0.1])
     assert midpoint(-x, -x, 0.2 * z - y, y) is None
+    assert midpoint(-x, x, 0.2 * z - y, -y) is None
+    assert midpoint(-x, x, y, x) is None
+    almost = np.array([1.0, -1e-6, 0.0])  # they meet 1000 km away
+    assert midpoint(-x, x, y - x, almost / np.linalg.norm(almost)) is None

@@ -81,3 +81,6 @@ def test_a_resized_image_shows_the_same_point_at_the_resized_camera(ini: Path) -
 def test_other_proportions_are_refused() -> None:
     with pytest.raises(InputError, match=r"a\.ini: calibrated for 320×240 pixels, images are 640×360"):
         fit_to_images(LEFT_EYE, (640, 360), Path("a.ini"))
+    assert fit_to_images(LEFT_EYE, (640, 481), Path("a.ini")).height == 481  # a pixel of rounding
+    with pytest.raises(InputError, match="expected the same proportions"):
+        fit_to_images(LEFT_EYE, (640, 482), Path("a.ini"))

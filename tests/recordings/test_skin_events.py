@@ -77,3 +77,6 @@ def test_contacts_become_touches_of_virtual_taxels(tmp_path: Path) -> None:
     assert [t.taxel_ids for t in touches] == [(), ("left_forearm:3",), ("left_forearm:3",)]
     assert [t.taxel_ids for t in touches_of(events, {"left_palm": (3,)})] == [(), (), ()]
     assert [t.taxel_ids for t in touches_of(events, {"left_forearm": (-1, 0, 0, 0, 27)})][1] == ("left_forearm:27",)
+    below = read_skin_events(log_of(tmp_path, [ROWS[1].replace("(4 0 9)", "(-1 4)")]), [])
+    assert touches_of(below, {"left_forearm": (3, 3, 3, 3, 15)})[0].taxel_ids == ("left_forearm:15",)
+    assert touches_of(below, {"left_forearm": (3, 3, 3, 15)})[0].taxel_ids == ()

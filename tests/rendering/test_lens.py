@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from pps_vision.geometry.camera import Camera, StereoRig
-from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.lens import Lens
+from rendering.lens import Lens, pinholes
 from rendering.scene import SceneState
 from rendering.stimuli import make_stimulus
 
@@ -29,6 +29,34 @@ def test_the_slopes_hold_all_that_projects_into_the_image() -> None:
     assert right - 0.03 < x.max() < right
     assert top < y.min() < top + 0.03
     assert bottom - 0.03 < y.max() < bottom
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.5])
+def test_a_pinhole_image_holds_every_pixel_where_opencv_projects_from(scale: float) -> None:
+    """Points of the pinhole image, projected by OpenCV, land on the pixels that the map takes from there."""
+    lenses = [Lens(LEFT_EYE), Lens(RIGHT_EYE)]
+    for lens, pinhole in zip(lenses, pinholes(lenses, scale), strict=True):
+        whole, fraction = lens.map_to(pinhole)
+        uv = whole + np.stack([fraction % 32, fraction // 32], axis=-1) / 32.0  # OpenCV's fixed point
+        assert uv.min() >= 0
+        assert uv[..., 0].max() <= pinhole.width - 1
+        assert uv[..., 1].max() <= pinhole.height - 1
+        xy = (uv - [pinhole.cx, pinhole.cy]) / [pinhole.fx, pinhole.fy]
+        points = np.concatenate([xy.reshape(-1, 2), np.ones((uv[..., 0].size, 1))], axis=1)
+        c = lens.camera
+        px = cv2.projectPoints(points, np.zeros(3), np.zeros(3), c.K, np.array(c.distortion))[0].reshape(240, 320, 2)
+        v, u = np.mgrid[:240, :320]
+        assert np.abs(px - np.stack([u, v], axis=-1)).max() < 0.03
+    assert len({(p.width, p.height) for p in pinholes(lenses, scale)}) == 1
+
+
+def test_without_distortion_the_pinhole_image_is_only_cut_out() -> None:
+    lens = Lens(Camera(32, 24, 30.0, 31.0, 15.3, 11.2))
+    (pinhole,) = pinholes([lens], 1.0)
+    image = np.random.default_rng(0).integers(0, 255, (pinhole.height, pinhole.width), np.uint8)
+    du, dv = round(pinhole.cx - 15.3), round(pinhole.cy - 11.2)
+    out = cv2.remap(image, *lens.map_to(pinhole), cv2.INTER_LINEAR)
+    assert np.array_equal(out, image[dv : dv + 24, du : du + 32])
 
 
 def test_everything_is_where_the_lens_bends_it_to(

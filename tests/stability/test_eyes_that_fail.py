@@ -1,4 +1,7 @@
-"""What must hold in the closed loop when an eye fails in the middle of an approach."""
+"""What must hold in the closed loop when an eye fails for a while in the middle of an approach.
+
+What the tracker alone owes is in `test_past_the_break`; here a head and an arm move by what it says.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -13,16 +16,16 @@ from pps_vision.app.encounter import EncounterLog, World, make_encounter
 from pps_vision.app.school import fresh_pipeline, open_world
 from pps_vision.types import Image, Status, StereoFrame
 
-FAILS_S, LOST_WITHIN_S = 1.5, 0.6
+FAILS_S, RECOVERS_S, LOST_WITHIN_S = 1.5, 2.65, 0.6
 Fault = Callable[[StereoFrame, StereoFrame], StereoFrame]  # present frame, last good frame → what is seen
 Met = Callable[[str], EncounterLog]
 
 
 class FaultyEyes:
-    """Eyes that work until `FAILS_S`."""
+    """Eyes that do not work from `FAILS_S` to `RECOVERS_S`."""
 
-    def __init__(self, eyes, fault: Fault, recovers_s: float = np.inf) -> None:
-        self.eyes, self.fault, self.recovers_s = eyes, fault, recovers_s
+    def __init__(self, eyes, fault: Fault) -> None:
+        self.eyes, self.fault = eyes, fault
         self.good: StereoFrame | None = None
 
     def set_stimulus(self, stimulus) -> None:
@@ -30,7 +33,7 @@ class FaultyEyes:
 
     def render(self, state, stamp_s: float, rng) -> StereoFrame:
         frame = self.eyes.render(state, stamp_s, rng)
-        if stamp_s < FAILS_S or stamp_s >= self.recovers_s:
+        if stamp_s < FAILS_S or stamp_s >= RECOVERS_S:
             self.good = frame
             return frame
         return self.fault(frame, self.good)
@@ -41,10 +44,7 @@ def black(image: Image) -> Image:
 
 
 FAULTS: dict[str, Fault] = {
-    "one eye black": lambda now, good: replace(now, left=black(now.left)),
     "both eyes black": lambda now, good: replace(now, left=black(now.left), right=black(now.right)),
-    "both eyes white": lambda now, good: replace(now, left=~black(now.left), right=~black(now.right)),
-    "one eye frozen": lambda now, good: replace(now, right=good.right),
     "both eyes frozen": lambda now, good: replace(now, left=good.left, right=good.right),
     "one eye sees noise": lambda now, good: replace(
         now, right=np.random.default_rng(int(1000 * now.stamp_s)).integers(0, 256, now.right.shape, dtype=np.uint8)
@@ -66,8 +66,8 @@ def anxious(world: World) -> PPSMemory:
     return replace(memory, counts=counts)
 
 
-def meet(world: World, fault: Fault, recovers_s: float = np.inf) -> EncounterLog:
-    faulty = World(world.robot, world.rig, world.skin, FaultyEyes(world.eyes, fault, recovers_s), world.rng)
+def meet(world: World, fault: Fault) -> EncounterLog:
+    faulty = World(world.robot, world.rig, world.skin, FaultyEyes(world.eyes, fault), world.rng)
     rng = np.random.default_rng(SEED)
     encounter = make_encounter("approach", faulty, "left_forearm:3", "ball", rng, speed_m_s=0.05)
     meeting = faulty.meet(replace(encounter, seconds=3.5), fresh_pipeline(faulty, anxious(faulty)), avoid=True)
@@ -83,18 +83,22 @@ def meet(world: World, fault: Fault, recovers_s: float = np.inf) -> EncounterLog
 
 @pytest.fixture(scope="module")
 def met(world: World) -> Met:
-    """What comes of each fault that does not pass, met once."""
+    """What comes of each fault, met once."""
     return cache(lambda fault: meet(world, FAULTS[fault]))
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=str)
-def test_the_object_is_given_up_and_nothing_is_commanded_on_a_lost_track(world: World, met: Met, fault: str) -> None:
+def test_the_object_is_given_up_found_again_and_nothing_is_commanded_in_between(
+    world: World, met: Met, fault: str
+) -> None:
     log = met(fault)
-    before = log.stamps_s < FAILS_S
-    assert Status.TRACKING in np.array(log.status)[before]
-    late = log.stamps_s > FAILS_S + LOST_WITHIN_S
-    assert not np.isin(np.array(log.status)[late], ["tracking", "coasting"]).any()
-    assert log.speed_m_s[log.stamps_s > FAILS_S + LOST_WITHIN_S + 0.35].max() == 0
+    status, error = np.array(log.status), np.linalg.norm(log.track_m - log.truth_m, axis=1)
+    for seen in ((log.stamps_s > FAILS_S - 0.3) & (log.stamps_s < FAILS_S), log.stamps_s > RECOVERS_S + 0.6):
+        assert (status[seen] == Status.TRACKING).all()
+        assert error[seen].max() < 0.01
+    lost = (log.stamps_s > FAILS_S + LOST_WITHIN_S) & (log.stamps_s < RECOVERS_S)
+    assert not np.isin(status[lost], ["tracking", "coasting"]).any()
+    assert log.speed_m_s[lost & (log.stamps_s > FAILS_S + LOST_WITHIN_S + 0.35)].max() == 0
     limits = world.robot.lower_rad - 1e-9, world.robot.upper_rad + 1e-9
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
 
@@ -106,22 +110,4 @@ def test_the_head_does_not_spin_after_a_frozen_image(world: World, met: Met) -> 
     before = gaze[np.searchsorted(log.stamps_s, FAILS_S) - 1]
     until_lost = gaze[(log.stamps_s >= FAILS_S) & (log.stamps_s <= FAILS_S + LOST_WITHIN_S)]
     assert np.abs(until_lost - before).max() < 10
-    assert np.abs(gaze - before).max() < 60, "nor does the search go round"
-
-
-def test_uncertainty_grows_while_nothing_is_seen(met: Met) -> None:
-    log = met("both eyes black")
-    coasting = np.array([status == Status.COASTING for status in log.status])
-    std = log.track_std_m[coasting].max(axis=1)
-    assert len(std) >= 5
-    assert (np.diff(std) > 0).all()
-    assert std[-1] > 2 * log.track_std_m[np.flatnonzero(coasting)[0] - 1].max()
-
-
-def test_it_finds_the_object_again(world: World) -> None:
-    log = meet(world, FAULTS["both eyes black"], recovers_s=FAILS_S + 0.8)
-    again = [
-        s for s, status in zip(log.stamps_s, log.status, strict=True) if status == Status.TRACKING and s > FAILS_S + 0.8
-    ]
-    assert again, "never tracked again"
-    assert again[0] - (FAILS_S + 0.8) <= 0.6
+    assert np.abs(gaze[log.stamps_s < RECOVERS_S] - before).max() < 60, "nor does the search go round"

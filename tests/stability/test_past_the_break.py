@@ -1,112 +1,138 @@
-"""What must hold where tracking breaks: every disturbance of the failure map, worse than anything bears."""
+"""What must hold where tracking breaks: worse than anything bears, for 0.8 s, of an object tracked before and after."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
 from data import SEED
+from films import EVERY, FPS, ROBOT, circle, during, each, film, held, right_black, swaying, without
+from judge import HONEST, Demand, check, whole
+from raycast import Sphere
 
 from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.failure_methods import OURS
-from pps_vision.experiments.footage import EYES_M, Footage, Studio, open_studio
+from pps_vision.experiments.footage import Footage
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Status, StereoFrame, Track3D
-from rendering.motions import Circle
-from tracking.tracker import Tracker
+from pps_vision.types import Array, Image, Mask, Status, Track3D
+from tracking.tracker import Tracker, TrackerParams
 
-EVERY, FROM_S, LOST_S, FOUND_S = 2, 1.0, 0.55, 0.5  # lost_after_s and one frame more; then as long to be found again
-CENTER = EYES_M + np.array([-0.42, 0.02, -0.06])
-CIRCLE = Circle(CENTER, np.array([[0.5, 0.8, 0.33], [-0.85, 0.53, 0.0]]), 0.05, 0.12)
-
-
-@pytest.fixture(scope="module")
-def studio() -> Iterator[Studio]:
-    with open_studio({}) as studio:
-        yield studio
-
-
-@pytest.fixture(scope="module")
-def fine(studio: Studio) -> Footage:
-    """2.4 s at 40 frames a second of a ball that circles, eyes that follow, and a head that sways."""
-    return d.noisy(studio.film(CIRCLE, 2.4, studio.follow, fps=20 * EVERY), 2.0, np.random.default_rng(SEED))
+FROM_S, TO_S, SECONDS = 1.0, 1.8, 2.8
 
 
 def rng() -> np.random.Generator:
     return np.random.default_rng(SEED)
 
 
-def tracker_of(footage: Footage, studio: Studio, mode: str) -> Tracker:
-    return Tracker(OURS[mode], footage.rig, rng(), own_body=Silhouette(studio.robot))
+@cache
+def fine() -> Footage:
+    """At twice the rate, so that images of other moments are at hand."""
+    return film(SECONDS, fps=FPS * EVERY)
 
 
-def promised(tracks: list[Track3D]) -> None:
-    """No NaN in what is known, a covariance that is one, and one that grows while nothing is seen."""
-    for before, track in zip([tracks[0], *tracks], tracks, strict=False):
-        if not track.is_known:
-            assert np.isnan(track.mean).all()
-            continue
-        assert np.all(np.isfinite(track.mean))
-        assert np.all(np.isfinite(track.cov))
-        np.testing.assert_allclose(track.cov, track.cov.T, atol=1e-12)
-        std = np.linalg.eigvalsh(track.cov[:3, :3])
-        assert std[0] > 0
-        if track.status == before.status == Status.COASTING:
-            assert std[-1] > np.linalg.eigvalsh(before.cov[:3, :3])[-1]
+@cache
+def usual() -> Footage:
+    return d.at_rate(fine(), EVERY)
 
 
-HOPELESS: dict[str, Callable[[Footage], Footage]] = {
-    "noise": lambda f: d.noisy(d.at_rate(f, EVERY), 120.0, rng()),
-    "darkness": lambda f: d.exposed(d.at_rate(f, EVERY), lambda t: -6.0 if t > FROM_S else 0.0),
-    "glare": lambda f: d.exposed(d.at_rate(f, EVERY), lambda t: 6.0 if t > FROM_S else 0.0),
-    "flicker": lambda f: d.exposed(d.at_rate(f, EVERY), lambda t: 4.0 * np.sign(np.sin(20 * np.pi * t + 0.1))),
-    "blur": lambda f: d.blurred(f, EVERY, 2 * EVERY),
-    "grey": lambda f: d.desaturated(d.at_rate(f, EVERY), 0.0),
-    "missing pairs": lambda f: d.dropped(d.at_rate(f, EVERY), 0.9, rng()),
-    "repeated pairs": lambda f: d.repeated(d.at_rate(f, EVERY), 0.9, rng()),
-    "stamp jitter": lambda f: d.jittered(f, EVERY, 0.05, rng()),
-    "right eye late": lambda f: d.right_late(f, EVERY, 0.25, stamped=False),
-    "right eye late, stamped": lambda f: d.right_late(f, EVERY, 0.25, stamped=True),
-    "stale head pose": lambda f: d.stale_joints(f, EVERY, 0.25),
-    "right eye flickers": lambda f: d.right_flickers(d.at_rate(f, EVERY), 0.9, rng()),
-    "intrinsics": lambda f: d.miscalibrated(d.at_rate(f, EVERY), 0.2, rng()),
+def now_and_then(missing: Callable[[Footage, Mask], Footage]) -> Footage:
+    """Nothing new but every sixth frame."""
+    k = np.arange(len(usual().frames))
+    stamps = usual().stamps_s
+    return missing(usual(), (stamps > FROM_S - 1e-6) & (stamps < TO_S - 1e-6) & (k % 6 != 0))
+
+
+def random(image: Image) -> Image:
+    return np.random.default_rng(int(image.sum()) % 2**32).integers(0, 256, image.shape, dtype=np.uint8)
+
+
+def passing(t_s: float) -> list[Sphere]:
+    """A grey ball that passes before the red one, between it and the eyes."""
+    view = usual().rig.view(swaying(t_s))
+    eyes, aside = 0.5 * (view.left.center + view.right.center), view.left.T_root_camera[:3, 0]
+    return [Sphere(eyes + 0.6 * (circle(t_s) - eyes) + 0.25 * (t_s - 1.4) * aside, 0.06, (110.0, 115.0, 105.0))]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    footage: Callable[[], Footage]  # of which what lies in between is taken
+    demand: Demand = Demand(from_s=FROM_S, to_s=TO_S)
+    stamp_error_s: float = 0.0
+
+
+def eyes(kind: d.EyeFault, both: bool) -> Disturbance:
+    return Disturbance(lambda: d.eyes_fail(usual(), kind, FROM_S, TO_S, both))
+
+
+DEGRADED = Demand("degraded", FROM_S, TO_S)
+DISTURBANCES: dict[str, Disturbance] = {
+    "noise": Disturbance(lambda: d.noisy(usual(), 120.0, rng())),
+    "darkness": Disturbance(lambda: d.exposed(usual(), lambda t: -6.0)),
+    "glare": Disturbance(lambda: d.exposed(usual(), lambda t: 6.0)),
+    "flicker": Disturbance(lambda: d.exposed(usual(), lambda t: 4.0 * (-1) ** round(FPS * t))),
+    "blur": Disturbance(lambda: d.blurred(fine(), EVERY, 2 * EVERY + 1), DEGRADED),
+    "grey": Disturbance(lambda: d.desaturated(usual(), 0.0)),
+    "missing pairs": Disturbance(lambda: now_and_then(without), DEGRADED),
+    "repeated pairs": Disturbance(lambda: now_and_then(held), DEGRADED),
+    "stamp jitter": Disturbance(lambda: d.jittered(fine(), EVERY, 0.05, rng()), DEGRADED),
+    "right eye late": Disturbance(lambda: d.right_late(fine(), EVERY, 0.25, stamped=False), DEGRADED),
+    "stale head pose": Disturbance(lambda: d.stale_joints(fine(), EVERY, 0.25), DEGRADED),
+    "stale head pose, said so": Disturbance(
+        lambda: d.stale_joints(fine(), EVERY, 0.25), replace(DEGRADED, accuracy_m=0.01), 0.25
+    ),
+    "occluder": Disturbance(lambda: film(SECONDS, others=passing), DEGRADED),
+    "right eye flickers": Disturbance(lambda: now_and_then(right_black), DEGRADED),
+    "right eye knocked": Disturbance(lambda: each(usual(), lambda f: replace(f, right=np.roll(f.right, -30, axis=0)))),
+    "right eye sees noise": Disturbance(lambda: each(usual(), lambda f: replace(f, right=random(f.right)))),
+    "one eye black": eyes("black", both=False),
+    "both eyes black": eyes("black", both=True),
+    "one eye frozen": eyes("frozen", both=False),
+    "both eyes frozen": eyes("frozen", both=True),
+}
+GENERIC, MARKER = OURS
+FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly (χ² of 3 degrees of freedom)
+    ("noise", MARKER): "measures blobs of noise: 595 mm off, χ² 3609",
+    ("blur", GENERIC): "does not know of an exposure as long as 2.5 frames: 3 mm off, χ² 52",
+    ("stamp jitter", GENERIC): "does not know that stamps are off: 74 mm off, χ² 8864",
+    ("stamp jitter", MARKER): "does not know that stamps are off: 1 mm off, χ² 1696",
+    ("right eye late", GENERIC): "takes the two eyes' images for simultaneous: 728 mm off, χ² 325000",
+    ("right eye late", MARKER): "takes the two eyes' images for simultaneous: 724 mm off, χ² 345119",
+    ("stale head pose", GENERIC): "does not know that the joints are old: 8 mm off, χ² 105900",
+    ("stale head pose", MARKER): "does not know that the joints are old: 8 mm off, χ² 106068",
+    ("stale head pose, said so", GENERIC): "widens by the head's last speed only: 9 mm off, χ² 9573",
+    ("stale head pose, said so", MARKER): "widens by the head's last speed only: 9 mm off, χ² 9616",
+    ("occluder", GENERIC): "coasts on a velocity that the hiding edge gave it: 110 mm off, χ² 3453",
+    ("occluder", MARKER): "coasts on a velocity that the hiding edge gave it: 124 mm off, χ² 3521",
 }
 
 
-@pytest.mark.parametrize("mode", OURS)
-@pytest.mark.parametrize("how", HOPELESS)
-def test_what_is_hopeless_is_borne(fine: Footage, studio: Studio, how: str, mode: str) -> None:
-    footage = HOPELESS[how](fine)
-    tracker = tracker_of(footage, studio, mode)
-    promised([tracker.step(frame).track for frame in footage.frames])
+@cache
+def disturbed(how: str) -> Footage:
+    return during(usual(), DISTURBANCES[how].footage(), FROM_S, TO_S)
 
 
-@pytest.mark.parametrize("mode", OURS)
-@pytest.mark.parametrize("kind", ["black", "frozen"])
-@pytest.mark.parametrize("both", [False, True], ids=["one eye", "both eyes"])
-def test_a_failing_eye_is_lost_in_time_and_found_again_in_time(
-    fine: Footage, studio: Studio, kind: d.EyeFault, both: bool, mode: str
-) -> None:
-    footage = d.eyes_fail(d.at_rate(fine, EVERY), kind, FROM_S, FROM_S + 0.8, both)
-    tracker = tracker_of(footage, studio, mode)
-    tracks = [tracker.step(frame).track for frame in footage.frames]
-    promised(tracks)
-    status, stamps = np.array([track.status for track in tracks]), footage.stamps_s
-    assert (status[(stamps > FROM_S - 0.3) & (stamps < FROM_S)] == Status.TRACKING).all()
-    failing = (stamps >= FROM_S) & (stamps < FROM_S + 0.8)
-    assert not (status[failing] == Status.TRACKING).any(), "a frozen image is no measurement"
-    lost = stamps[status == Status.LOST]
-    assert len(lost) == 1, "said once"
-    assert FROM_S < lost[0] <= FROM_S + LOST_S
-    assert (status[stamps >= FROM_S + 0.8 + FOUND_S] == Status.TRACKING).all()
-    error = [np.linalg.norm(t.position - p) for t, p in zip(tracks, footage.position, strict=True)]
-    assert max(np.array(error)[stamps >= FROM_S + 0.8 + FOUND_S]) < 0.01
+def tracked(footage: Footage, params: TrackerParams) -> list[Track3D]:
+    tracker = Tracker(params, footage.rig, rng(), own_body=Silhouette(ROBOT))
+    return [tracker.step(frame).track for frame in footage.frames]
 
 
-def test_frames_out_of_order_are_refused_and_change_nothing(fine: Footage, studio: Studio) -> None:
-    frames = d.at_rate(fine, EVERY).frames
-    tracker, undisturbed = tracker_of(fine, studio, "ours"), tracker_of(fine, studio, "ours")
-    for k, frame in enumerate(frames[:30]):
+def _case(how: str, mode: str) -> object:
+    reason = FALSE.get((how, mode))
+    return pytest.param(how, mode, marks=[pytest.mark.xfail(strict=True, reason=reason)] if reason else [])
+
+
+@pytest.mark.parametrize(("how", "mode"), [_case(how, mode) for how in DISTURBANCES for mode in OURS])
+def test_what_breaks_it_is_owned_to_and_got_over(how: str, mode: str) -> None:
+    footage, disturbance = disturbed(how), DISTURBANCES[how]
+    tracks = tracked(footage, replace(OURS[mode], stamp_error_s=disturbance.stamp_error_s))
+    check(disturbance.demand, tracks, footage.position)
+
+
+def test_frames_out_of_order_are_refused_and_change_nothing() -> None:
+    frames, params = usual().frames, OURS["ours"]
+    tracker, undisturbed = (Tracker(params, usual().rig, rng()) for _ in range(2))
+    for k, frame in enumerate(frames[:24]):
         if k > 3:
             for wrong in (frames[k - 1], frames[k - 3], replace(frame, stamp_right_s=frames[k - 2].stamp_right_s)):
                 with pytest.raises(ValueError, match="expected rising stamps"):
@@ -116,33 +142,51 @@ def test_frames_out_of_order_are_refused_and_change_nothing(fine: Footage, studi
         np.testing.assert_array_equal(ours.mean, theirs.mean)
         np.testing.assert_array_equal(ours.cov, theirs.cov)
     assert ours.status == Status.TRACKING
+    assert np.linalg.norm(ours.position - usual().position[23]) < 0.003
 
 
-def test_a_leap_is_caught_in_four_frames(fine: Footage, studio: Studio) -> None:
-    """A ball that is suddenly elsewhere: before there was a look everywhere it took 0.5 s to give up the old place."""
-
-    def motion(t_s: float) -> tuple[np.ndarray, np.ndarray]:
-        position, velocity = CIRCLE(t_s)
-        return position + (np.array([0.0, 0.2, 0.0]) if t_s > FROM_S else np.zeros(3)), velocity
-
-    film = studio.film(motion, 1.5, studio.stare_at(CENTER + np.array([0.0, 0.1, 0.0])))
-    footage = d.noisy(film, 2.0, rng())
-    tracker = tracker_of(footage, studio, "ours")
-    tracks = [tracker.step(frame).track for frame in footage.frames]
-    promised(tracks)
-    late = footage.stamps_s > FROM_S + 4.5 * 0.05
-    error = np.array([np.linalg.norm(t.position - p) for t, p in zip(tracks, footage.position, strict=True)])
-    assert error[late].max() < 0.01
+LEAP = Demand("degraded", FROM_S, FROM_S + 0.225, excused_s=0.075, recovered_s=0.0)
 
 
-def test_stamps_said_to_be_off_widen_what_is_known_by_as_much(fine: Footage, studio: Studio) -> None:
+def leaping(t_s: float) -> Array:
+    return circle(t_s) + np.array([0.0, 0.12 if t_s > FROM_S - 1e-6 else 0.0, 0.0])
+
+
+def test_a_leap_is_caught_in_four_frames() -> None:
+    """A ball that is suddenly elsewhere: not measured where it was, and found where it is."""
+    footage = film(1.5, lambda _: swaying(0.0), leaping)
+    check(LEAP, tracked(footage, OURS["ours"]), footage.position)
+
+
+GREY = Demand("lost", 1.65, 2.4, recovered_s=1.2, accuracy_m=0.04)
+
+
+@cache
+def grey() -> tuple[list[Track3D], Array]:
+    """Images without colour: only motion tells an object, and a head that turns for a while makes everything move."""
+    footage = d.desaturated(film(3.9, lambda t: swaying(np.clip(t, 1.6, GREY.to_s) - 1.6)), 0.0)
+    return tracked(footage, OURS["ours"]), footage.position
+
+
+@pytest.mark.xfail(strict=True, reason="1.2 s after the head has stopped it is 56 mm off, or lost again (other seeds)")
+def test_grey_eyes_that_move_are_not_believed() -> None:
+    check(GREY, *grey())
+
+
+@pytest.mark.xfail(strict=True, reason="begins on part of the ball's motion: for 0.4 s up to 133 mm off, χ² 70")
+def test_grey_eyes_claim_nothing_wrong() -> None:
+    tracks, truth = grey()
+    known = [(t.position - p, t.cov[:3, :3]) for t, p in zip(tracks, truth, strict=True) if t.is_known]
+    assert len(known) > 30
+    assert max(e @ np.linalg.solve(cov, e) for e, cov in known) < HONEST
+
+
+def test_stamps_said_to_be_off_widen_what_is_known_by_as_much() -> None:
     """A head pose 25 ms old: trusted, the track is surely wrong; told of 25 ms, its 3σ hold the truth."""
-    footage = d.stale_joints(fine, EVERY, 0.025)
+    footage = d.stale_joints(fine(), EVERY, 0.025)
     inside = []
     for stamp_error_s in (0.0, 0.025):
-        params = replace(OURS["ours"], stamp_error_s=stamp_error_s)
-        tracker = Tracker(params, footage.rig, rng(), own_body=Silhouette(studio.robot))
-        tracks = [tracker.step(frame).track for frame in footage.frames][15:]
+        tracks = tracked(footage, replace(OURS["ours"], stamp_error_s=stamp_error_s))[15:]
         off = [t.position - p for t, p in zip(tracks, footage.position[15:], strict=True)]
         nees = [e @ np.linalg.solve(t.cov[:3, :3], e) for t, e in zip(tracks, off, strict=True)]
         inside.append(np.mean(np.array(nees) < 14.2))  # χ², 3 degrees of freedom, 3σ
@@ -150,13 +194,13 @@ def test_stamps_said_to_be_off_widen_what_is_known_by_as_much(fine: Footage, stu
     assert inside[1] > 0.8
 
 
-def test_a_sensor_without_noise_may_stand_still_for_a_moment(studio: Studio) -> None:
-    """Rendered images without noise repeat while nothing moves: unseen, but not lost before its time."""
-    film = studio.film(CIRCLE, 1.0, studio.stare_at(CENTER))
-    last = film.frames[-1]
-    still = [replace(last, stamp_left_s=1.0 + 0.05 * k, stamp_right_s=1.0 + 0.05 * k) for k in range(8)]
-    tracker = tracker_of(film, studio, "ours")
-    frames: list[StereoFrame] = [*film.frames, *still]
-    status = [tracker.step(frame).track.status for frame in frames]
-    assert status[-9] == Status.TRACKING
-    assert set(status[-8:]) == {Status.COASTING}
+def test_a_sensor_without_noise_may_stand_still_for_a_moment() -> None:
+    """Images without noise repeat while nothing moves: unseen, but not lost before its time."""
+    moving = film(0.8, lambda _: swaying(0.0), noise=False)
+    last = moving.frames[-1]
+    still = [replace(last, stamp_left_s=0.8 + 0.05 * k, stamp_right_s=0.8 + 0.05 * k) for k in range(8)]
+    tracks = tracked(replace(moving, frames=(*moving.frames, *still)), OURS["ours"])
+    whole(tracks)
+    assert tracks[-9].status == Status.TRACKING
+    assert np.linalg.norm(tracks[-9].position - moving.position[-1]) < 0.003
+    assert {track.status for track in tracks[-8:]} == {Status.COASTING}

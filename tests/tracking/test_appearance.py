@@ -28,6 +28,11 @@ def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
     assert agree > 0.96 * bins.size  # the rest lies on the edges, where 8-bit hues round
 
 
+def test_what_is_too_dark_has_no_hue(rng: np.random.Generator) -> None:
+    image = rng.integers(0, 24, (40, 40, 3), dtype=np.uint8)
+    np.testing.assert_array_equal(color_bins(image), 100)
+
+
 def test_a_color_only_the_object_has_is_the_object() -> None:
     red, blue = np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8, 3), np.uint8)
     red[..., 0], blue[..., 2] = 200, 200
@@ -37,8 +42,11 @@ def test_a_color_only_the_object_has_is_the_object() -> None:
     assert table[color_bins(blue)[0, 0]] == 0
     assert model.similarity(model.object) == pytest.approx(1)
     assert model.similarity(model.background) == 0
-    half = model.blend(ColorModel(model.background, model.background), 0.5, 0.0)
+    half = model.blend(ColorModel(model.background, model.object), 0.5, 0.25)
     assert half.similarity(model.object) == pytest.approx(np.sqrt(0.5))
+    np.testing.assert_allclose(half.background, 0.75 * model.background + 0.25 * model.object)
+    rare = ColorModel(0.999 * model.object + 0.001 * model.background, np.zeros(N_BINS))
+    assert rare.table()[color_bins(blue)[0, 0]] < 0.5  # one pixel in a thousand of the object, none elsewhere
     assert histogram(np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)).sum() == pytest.approx(1)
     assert len(table) == N_BINS
 
@@ -58,6 +66,8 @@ def test_the_cloud_finds_a_bright_box_and_follows_a_prior(rng: np.random.Generat
     cloud = propagate(params, spawn(params, np.array([84.0, 55.0]), 20.0, 6.0, rng), None, rng)
     weights = weigh(params, cloud, integral, (0, 0), (1.0, 1.0))
     assert np.linalg.norm(weights @ cloud.now[:, :2] - [89.5, 59.5]) < 1.5
+    on = propagate(params, Cloud(cloud.now, cloud.now - [4.0, -7.0, 0.0]), None, rng)
+    assert np.linalg.norm(on.now[:, :2].mean(axis=0) - cloud.now[:, :2].mean(axis=0) - [4, -7]) < 1  # as it went
     moved = propagate(params, cloud, Prior(np.array([30.0, 40.0]), 1.0, 1.1), rng)
     assert np.linalg.norm(moved.now[:, :2].mean(axis=0) - [30, 40]) < 0.5
     assert moved.now[:, 2].mean() == pytest.approx(1.1 * cloud.now[:, 2].mean(), rel=0.02)

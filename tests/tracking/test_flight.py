@@ -72,6 +72,52 @@ def test_the_predicted_spread_is_that_of_samples(height: float, rng: np.random.G
     np.testing.assert_allclose(cross / scale, sampled / scale, atol=0.12)
 
 
+def _simulated(params: FlightParams, states: np.ndarray, dt: float, rng: np.random.Generator) -> np.ndarray:
+    """States (n, 9) after `dt`, every one with its own noise, in small steps."""
+    p, v, lift = (states[:, 3 * k : 3 * k + 3].copy() for k in range(3))
+    h = dt / 200
+    for _ in range(200):
+        a = np.array([0, 0, -9.81]) - params.drag_per_m * np.linalg.norm(v, axis=1)[:, None] * v + np.cross(lift, v)
+        v += h * a + np.sqrt(params.noise_density * h) * rng.standard_normal(v.shape)
+        p += h * v
+        hit = (p[:, 2] < params.floor_m) & (v[:, 2] < 0)
+        x, y, z = v[hit].T
+        spin = lift[hit]
+        out = np.stack([params.grip * x, params.grip * y, -params.restitution * z], axis=1)
+        out[:, 0] += params.drive_m * spin[:, 1]  # what turns about y drives along x
+        out[:, 1] -= params.drive_m * spin[:, 0]
+        along = out[:, :2] / np.linalg.norm(out[:, :2], axis=1)[:, None]
+        noise = rng.standard_normal(out.shape) * params.bounce_std
+        out[:, :2] += noise[:, :1] * along + noise[:, 1:2] * np.stack([-along[:, 1], along[:, 0]], axis=1)
+        out[:, 2] += noise[:, 2]
+        v[hit] = out
+        lift[hit] = params.spin_kept * spin + params.bounce_lift_std * rng.standard_normal(spin.shape)
+    return np.hstack([p, v, lift])
+
+
+@pytest.mark.parametrize("height", [0.5, 0.06])
+def test_the_predicted_noise_is_that_of_samples(height: float, rng: np.random.Generator) -> None:
+    """Of the air, and of a bounce: mean, spread and correlations of balls that each have their own."""
+    params = FlightParams(noise_density=0.5, bounce_std=(0.3, 0.1, 0.2), bounce_lift_std=0.12, floor_m=0.016)
+    mean = np.array([[0, 0, height], [4.0, -3.0, -2.5], [0.3, 0.2, -0.1]])
+    std = np.array([0.001] * 3 + [0.02] * 3 + [0.05] * 3)
+    ahead, _ = forecast(params, Belief(0.0, mean, np.diag(std**2), np.zeros((3, 3)), 0.0), 0.04)
+    then = _simulated(params, mean.ravel() + std * rng.standard_normal((4000, 9)), 0.04, rng)
+    spread = then.std(axis=0)
+    np.testing.assert_allclose(ahead.mean.ravel() / spread, then.mean(axis=0) / spread, atol=0.12)
+    np.testing.assert_allclose(np.sqrt(np.diag(ahead.cov)), spread, rtol=0.06)
+    scale = np.outer(spread, spread)
+    np.testing.assert_allclose(ahead.cov / scale, np.cov(then.T) / scale, atol=0.12)
+
+
+def test_flight_begins_with_the_spread_of_what_is_thrown() -> None:
+    params, cov = FlightParams(speed_std=5.0, lift_std=(0.4, 0.2)), np.diag([1e-4, 2e-4, 3e-4])
+    belief = start(params, 1.5, np.array([1.0, 2.0, 3.0]), cov)
+    np.testing.assert_array_equal(belief.mean, [[1, 2, 3], [0, 0, 0], [0, 0, 0]])
+    np.testing.assert_allclose(belief.cov, np.diag([1e-4, 2e-4, 3e-4, 25, 25, 25, 0.16, 0.16, 0.04]))
+    assert np.array_equal(belief.lasting, np.zeros((3, 3)))
+
+
 def test_a_bouncing_ball_is_followed(rng: np.random.Generator) -> None:
     """Truth from fine steps of a model with other constants than the filter's; measured with 15 mm."""
     cov, dt, x = np.diag([15e-3] * 3) ** 2, 1e-4, np.array([0, 1.3, 0.3, 0.2, -6.0, 0.5])

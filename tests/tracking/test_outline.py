@@ -4,13 +4,15 @@ import cv2
 import numpy as np
 import pytest
 from raycast import Sphere, look
+from scipy.spatial.transform import Rotation
 
 from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
 from tracking.compiled_masks import hollowness
 from tracking.cones import consensus, fitted
 from tracking.marker import MarkerParams, find_clear, threshold
-from tracking.outline import Optics, cover, outline
+from tracking.outline import Coverage, Optics, cover, outline
 from tracking.rim import see
 
 RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
@@ -45,6 +47,79 @@ def test_center_and_size_are_sub_pixel_and_covered(
         assert np.linalg.eigvalsh(shape.cov_px).min() > 0
     assert np.sqrt(np.mean(np.square(errors))) < rms_px
     assert np.mean(sizes) == pytest.approx(1, abs=0.03)
+
+
+def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.Generator) -> None:
+    """Balls of 5–30 px lit from above: mean squared normalised errors of centre and radius.
+
+    Across, the stated variance is that of the errors.  Down the image half as much again is left to what light does to
+    both eyes alike (`TrackerParams.light_error`), and the radius is stated half as uncertain again as it is.
+    """
+    camera = Camera(100, 100, 220.0, 220.0, 49.5, 49.5)
+    optics, n = Optics(camera), 160
+    down = np.column_stack([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # camera axes in the root frame, whose z is up
+    view = View(camera, transform(down))
+    squared = np.empty((n, 3))
+    for k in range(n):
+        angular = rng.uniform(5, 30) / camera.focal_px
+        in_camera = np.array([*rng.uniform(-0.03, 0.03, 2), 0.5])
+        sphere = Sphere(down @ in_camera, float(np.linalg.norm(in_camera) * np.sin(angular)), GREEN)
+        image = look(view, [sphere], rng)
+        mask = threshold(MarkerParams(), image) > 0
+        shape = outline(cover(image, mask, (0, 0, camera.width, camera.height)), optics)
+        assert shape is not None
+        squared[k, :2] = (shape.center_px - camera.project(in_camera)) ** 2 / np.diag(shape.cov_px)
+        squared[k, 2] = (shape.angular_radius_rad - angular) ** 2 / shape.angular_radius_var
+    across, down_image, radius = squared.mean(axis=0)
+    assert 0.65 < across < 1.3
+    assert 1.0 < down_image < 2.3
+    assert 0.25 < radius < 0.9
+
+
+def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng: np.random.Generator) -> None:
+    """Pixels that err two and two alike, in two opposite quarters of a disc's edge: entry by entry."""
+    camera = Camera(60, 60, 220.0, 220.0, 29.5, 29.5)
+    optics, box, n = Optics(camera), (0, 0, 60, 60), 1500
+    y, x = np.mgrid[:60, :60] - 29.5
+    alpha = np.clip(16.2 - np.hypot(x, y), 0, 1).astype(np.float32)
+    edge = (alpha > 0) & (alpha < 1)
+    variance = np.where(edge & (x * y > 0), 0.05, np.where(edge, 0.01, 0)).astype(np.float32)
+    stated = outline(Coverage(alpha, variance, box), optics)
+    plain = outline(Coverage(alpha, 0 * variance, box), optics)
+    assert stated is not None
+    assert plain is not None
+    found = np.empty((n, 3))
+    for k in range(n):
+        noise = np.sqrt(variance) * rng.standard_normal(alpha.shape)
+        shape = outline(Coverage((alpha + noise).astype(np.float32), 0 * variance, box), optics)
+        assert shape is not None
+        found[k] = *shape.center_px, shape.angular_radius_rad
+    sampled = 2 * np.cov(found.T)  # two pixels that err alike are worth one
+    bound = 5 * np.sqrt((np.outer(np.diag(sampled), np.diag(sampled)) + sampled**2) / (n - 1))
+    np.testing.assert_array_less(np.abs(stated.cov_px - plain.cov_px - sampled[:2, :2]), bound[:2, :2])
+    assert stated.angular_radius_var - plain.angular_radius_var == pytest.approx(sampled[2, 2], abs=bound[2, 2])
+    assert abs(sampled[0, 1]) > 2 * bound[0, 1]  # or the test could not tell
+
+
+def test_the_middle_of_a_cube_is_stated_to_be_off(rng: np.random.Generator) -> None:
+    """Cubes in any orientation: most of the error stays for many frames and is `TrackerParams.shape_error`'s; the
+    outline itself states at least a quarter of its standard deviation, and no more than all of it."""
+    camera, fine = Camera(80, 80, 220.0, 220.0, 39.5, 39.5), 3
+    optics = Optics(camera)
+    v, u = np.mgrid[: 80 * fine, : 80 * fine]
+    rays = camera.bearings((np.stack([u, v], axis=-1) + 0.5) / fine - 0.5)
+    squared, stated = [], []
+    for _ in range(60):
+        half, center = rng.uniform(0.012, 0.03), np.array([*rng.uniform(-0.01, 0.01, 2), 0.4])
+        R = Rotation.random(rng=rng).as_matrix()
+        slabs = (np.array([[-half], [half]]) + R.T @ center)[:, None, None] / (rays @ R)
+        hit = slabs.min(axis=0).max(axis=-1) < slabs.max(axis=0).min(axis=-1)
+        alpha = hit.reshape(80, fine, 80, fine).mean(axis=(1, 3)).astype(np.float32)
+        shape = outline(Coverage(alpha, 0 * alpha, (0, 0, 80, 80)), optics)
+        assert shape is not None
+        squared.append(np.sum((shape.center_px - camera.project(center)) ** 2))
+        stated.append(np.trace(shape.cov_px))
+    assert 0.25 < np.sqrt(np.mean(stated) / np.mean(squared)) < 1
 
 
 def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
@@ -101,6 +176,30 @@ def test_a_ball_half_hidden_is_completed(optics: Optics, rng: np.random.Generato
     shape = see(image, hard, FULL, optics, whole)
     assert shape is not None
     assert np.linalg.norm(shape.center_px - true) < 0.7
+
+
+@pytest.mark.parametrize("kind", ["half hidden", "cut by the border"])
+def test_what_is_stated_of_a_completed_ball_is_what_it_errs_by(kind: str, rng: np.random.Generator) -> None:
+    """Mean squared normalised errors of centre and radius; the straight edge that hides it pulls at both."""
+    camera, radius, n = Camera(120, 120, 220.0, 220.0, 59.5, 59.5), 0.03, 40
+    optics, squared = Optics(camera), np.empty((n, 2))
+    for k in range(n):
+        center = np.array([*rng.uniform(-0.01, 0.01, 2), 0.35]) - [0.085 * (kind == "cut by the border"), 0, 0]
+        sphere = Sphere(center, radius, RED)
+        image, hard = look(View(camera, np.eye(4)), [sphere], rng), _hard(camera, sphere)
+        if kind == "half hidden":
+            u = int(camera.project(center)[0]) + rng.integers(0, 8)
+            image[:, u:], hard[:, u:] = (60, 90, 140), False
+        shape = see(image, hard, (0, 0, 120, 120), optics, np.pi * (radius / 0.35 * 220) ** 2)
+        assert shape is not None
+        assert shape.departure == 0
+        error = shape.center_px - camera.project(center)
+        angle = np.arcsin(radius / np.linalg.norm(center))
+        squared[k, 0] = error @ np.linalg.solve(shape.cov_px, error) / 2
+        squared[k, 1] = (shape.angular_radius_rad - angle) ** 2 / shape.angular_radius_var
+    of_center, of_radius = squared.mean(axis=0)
+    assert 0.4 < of_center < 2.0
+    assert 0.4 < of_radius < 4.0
 
 
 @pytest.mark.parametrize("fingers", [(-9,), (-9, 2, 12)])

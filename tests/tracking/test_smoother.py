@@ -1,10 +1,13 @@
 """Smoothing against least squares over the whole path, and through the tracker's own steps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from linear_model import discretised
 
 from pps_vision.types import Observation3D, Status, Track3D
-from tracking.kalman import Belief, KalmanParams, predict, process_noise, scaled, start, transition, update
+from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.smoother import Measured, follow, smooth, smoothed_tracks
 from tracking.tracker import TrackerStep
 
@@ -30,14 +33,14 @@ def _batch(params: KalmanParams, stamps: np.ndarray, z: np.ndarray) -> np.ndarra
             add({k: np.eye(order)[:1]}, z[k : k + 1], R[:1, :1])
         if k:
             dt = stamps[k] - stamps[k - 1]
-            Q = process_noise(order, dt, params.noise_density)
-            add({k: np.eye(order), k - 1: -transition(order, dt)}, np.zeros(order), Q)
+            F, Q = discretised(order, dt, params.decay_s)
+            add({k: np.eye(order), k - 1: -F}, np.zeros(order), params.noise_density * Q)
     return np.linalg.lstsq(np.vstack(rows), np.concatenate(targets))[0].reshape(n, order)
 
 
-@pytest.mark.parametrize("order", [2, 3])
+@pytest.mark.parametrize("order", [2, 3, 4])
 def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Generator) -> None:
-    params = KalmanParams(order=order, noise_density=0.5, gate_chi2=1e9, white_share=1.0, unrest_rate=0)
+    params = replace(KalmanParams.of_order(order), gate_chi2=1e9, white_share=1.0, unrest_rate=0)
     stamps = np.cumsum(rng.uniform(0.03, 0.08, 15)).round(6)
     z = 0.05 * np.sin(3 * stamps)[:, None] + rng.standard_normal((15, 3)) * np.sqrt(np.diag(R))
     z[6:9] = np.nan  # not seen for a while
@@ -52,7 +55,8 @@ def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Gene
 def test_what_it_claims_is_what_it_errs(rng: np.random.Generator) -> None:
     """Paths drawn from the model itself: the smoothed state's squared Mahalanobis distance has its mean, 6."""
     params = KalmanParams(order=2, noise_density=0.02, gate_chi2=1e9, white_share=1.0, unrest_rate=0)
-    A, root = transition(2, 0.05), np.linalg.cholesky(process_noise(2, 0.05, 0.02))
+    A, Q = discretised(2, 0.05, params.decay_s)
+    root = np.linalg.cholesky(0.02 * Q)
     nees, gain = [], []
     for _ in range(60):
         true = [np.vstack([np.zeros(3), 0.3 * rng.standard_normal(3)])]
@@ -80,9 +84,8 @@ def test_a_filter_that_began_again_is_smoothed_in_two_parts() -> None:
 
 
 def _steps(rng: np.random.Generator) -> tuple[list[TrackerStep], list[np.ndarray]]:
-    """As a tracker would return them: two sightings unconfirmed, a gap (in which nothing comes to rest, as smoothing
-    has it), lost at last; and the truth."""
-    params, cov, steps, truth = KalmanParams(rest_s=np.inf), np.diag([4e-6, 4e-6, 1e-5]), [], []
+    """As a tracker would return them: two sightings unconfirmed, a gap, lost at last; and the truth."""
+    params, cov, steps, truth = KalmanParams(), np.diag([4e-6, 4e-6, 1e-5]), [], []
     belief = None
     for k in range(40):
         t, true = 0.05 * k, np.array([0.4 + 0.004 * k, 0.1 * np.sin(k / 10), 0.0])
@@ -110,7 +113,7 @@ def _tracked(
         belief = predict(params, belief, t)
         belief = belief if z is None else update(params, belief, z, cov)
     mean, P = np.zeros((4, 3)), np.zeros((12, 12))
-    mean[:3], P[:9, :9] = belief.mean, belief.cov
+    mean[:], P[:] = belief.mean, belief.cov
     P[:3, :3] += belief.lasting + 1e-6 * np.eye(3)
     return belief, Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
 
@@ -125,7 +128,7 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator)
     assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(before**2))
     for k in known:
         assert np.trace(tracks[k].cov[:3, :3]) <= np.trace(steps[k].track.cov[:3, :3]) * (1 + 1e-9)
-        assert np.linalg.eigvalsh(tracks[k].cov[:9, :9]).min() > 0
+        assert np.linalg.eigvalsh(tracks[k].cov).min() > 0
     last = known[-2]
     np.testing.assert_allclose(tracks[known[-1]].mean, steps[known[-1]].track.mean, rtol=1e-9)
     assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro import MISSING
 from tyro.conf import Positional
 
-from tracking.names import Depth, Mode
+from tracking.names import DEFAULT_ORDER, Depth, Mode
 
 if TYPE_CHECKING:
     from pps_vision.app.track import TrackedRecording
@@ -47,9 +47,11 @@ class Track:
     """generic: whatever moves; marker: a green marker, the cheaper road."""
     depth: Depth = "centroid"
     """centroid: where both eyes see the centre; disparity: matching inside the region, for textured objects."""
+    order: int = DEFAULT_ORDER
+    """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
     max_error_mm: float | None = None
-    """Instead of --mode and --depth: the cheapest way whose 3D RMS error is within this; summary.json says which and
-    why."""
+    """Instead of --mode, --depth and --order: the fastest configuration whose 3D RMS error is within this; summary.json
+    says which and why."""
     device: Literal["cpu", "cuda"] | None = None
     """Look for the marker in batches of frames with torch on this device, for long recordings; default: frame by
     frame, without torch."""
@@ -89,6 +91,7 @@ class Track:
             recording,
             self.mode,
             self.depth,
+            self.order,
             max_error_mm=self.max_error_mm,
             device=self.device,
             batch=self.batch,

@@ -119,7 +119,7 @@ def _digest(movement: Movement) -> str:
 def _code() -> bytes:
     """All that decides how a movement is drawn, tracked and followed."""
     rooms = [Path(str(package.__file__)).parent for package in (rendering, tracking, geometry)]
-    files = [file for room in rooms for file in room.rglob("*") if file.suffix in (".py", ".vert", ".frag")]
+    files = [file for room in rooms for file in room.rglob("*") if file.suffix == ".py"]
     files += [Path(str(module.__file__)) for module in (fixation, head, rates)]
     files += [*Path(str(robot.__file__)).parent.glob("*.urdf"), Path(__file__)]
     return b"".join(file.read_bytes() for file in sorted(files))

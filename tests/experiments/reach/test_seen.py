@@ -26,7 +26,7 @@ AHEAD = set_gaze(ROBOT, np.zeros(ROBOT.n_joints), vergence=np.deg2rad(20))
 
 @pytest.fixture(scope="module")
 def eyes() -> Iterator[Eyes]:
-    coarse = Fidelity(multisample=False, fineness=1)
+    coarse = Fidelity(fineness=1)
     with Eyes(ROBOT, RIG, make_stimulus("marker", 0.02), sensor=Sensor(noise_sigma=2.0), fidelity=coarse) as eyes:
         yield eyes
 

@@ -1,0 +1,185 @@
+"""pyrender behind one small class: draws nodes as a pinhole camera sees them.
+
+pyrender keeps its meshes with one scene in one OpenGL context, and deleting an `OffscreenRenderer` ends the display
+of all others in the process.  So a process has one `Renderer`, `shared_renderer()`; each `Eyes` owns its nodes and
+releases them.
+"""
+
+import atexit
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from pps_vision.geometry.camera import View
+from pps_vision.geometry.se3 import move_points, rotation_to, transform
+from pps_vision.types import Array, Image
+from rendering.fidelity import Lighting
+from rendering.light import AMBIENT, LAMPS, STRENGTHS, diffuse_light
+from rendering.room import atlas, room_surface
+from rendering.shapes import Surface
+
+_NEAR_M, _FAR_M = 0.02, 8.0
+_T_CAMERA_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera looks along −z, y up
+_GAMMA = 2.2  # of pyrender's shading
+_BAKED_STEP = 1 / 512  # of the rotation matrices that light is baked for: less than 0.3 of 255 grey levels
+
+
+@dataclass(eq=False)
+class Node:
+    """A surface and where it is."""
+
+    surface: Surface
+    T_root_node: Array = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def box_root(self) -> Array:
+        """(8, 3) corners of the box around it."""
+        low, high = self.surface.bounds
+        corners = [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        return move_points(self.T_root_node, corners)
+
+
+@dataclass(eq=False)
+class _Uploaded:
+    """pyrender's node of one of ours, and the light and orientation its vertex colours were computed for."""
+
+    node: Any
+    key: bytes
+
+
+class Renderer:
+    """A pyrender scene and the off-screen renderer that draws it; holds the meshes of all nodes drawn before."""
+
+    def __init__(self) -> None:
+        self._api = _pyrender()
+        try:
+            self._screen = self._api.OffscreenRenderer(1, 1)
+        except Exception as error:  # EGL errors, assertions and index errors, by what is missing
+            reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            device = os.environ.get("EGL_DEVICE_ID", "0")
+            raise OSError(
+                f"no OpenGL 4.1 context on EGL device {device} ({reason}); install a driver and Debian's libegl1 and "
+                "libgl1, or choose another device by EGL_DEVICE_ID"
+            ) from error
+        self._scene = self._api.Scene(bg_color=(0, 0, 0, 1), ambient_light=(AMBIENT**_GAMMA,) * 3)
+        self._camera = self._api.IntrinsicsCamera(1, 1, 0, 0, _NEAR_M, _FAR_M)
+        self._camera_node = self._scene.add(self._camera)
+        for lamp, strength in zip(LAMPS, STRENGTHS, strict=True):
+            # diffuse reflection of a light of intensity π is 0.96 of the surface's colour; the image is gamma encoded
+            intensity = np.pi * ((AMBIENT + strength) ** _GAMMA - AMBIENT**_GAMMA)
+            self._scene.add(self._api.DirectionalLight(intensity=intensity), pose=transform(rotation_to(lamp)))
+        self._uploaded: dict[Node, _Uploaded] = {}
+        self._released: list[Node] = []
+        self._visible: list[Any] = []
+        sampler = self._api.Sampler(minFilter=self._api.GLTF.LINEAR_MIPMAP_NEAREST)
+        self._atlas = self._api.Texture(sampler=sampler, source=atlas(), source_channels="RGB")
+        self.room = Node(room_surface())
+
+    def color(self, nodes: Iterable[Node], view: View, lighting: Lighting = "baked") -> Image:
+        """(height, width, 3) RGB of the nodes; `view` is that of a camera without distortion."""
+        flags = self._api.RenderFlags
+        mode = {"baked": flags.FLAT, "lights": flags.NONE, "shadows": flags.SHADOWS_DIRECTIONAL}[lighting]
+        self._arrange(nodes, view, lighting)
+        image, _ = self._screen.render(self._scene, flags=mode)
+        return np.ascontiguousarray(image)
+
+    def depth(self, nodes: Iterable[Node], view: View) -> float:
+        """Distance along the optical axis of the first surface in the middle of an image, m; inf if there is none."""
+        self._arrange(nodes, view, "baked")
+        depth = self._screen.render(self._scene, flags=self._api.RenderFlags.DEPTH_ONLY)
+        return float(depth[depth.shape[0] // 2, depth.shape[1] // 2]) or np.inf
+
+    def release(self, nodes: Iterable[Node]) -> None:
+        """Give the graphics memory of nodes back, before the next image is drawn; drawing them again uploads anew."""
+        self._released += nodes  # a finaliser may call this at any time, so nothing else happens here
+
+    @property
+    def n_uploaded(self) -> int:
+        """How many nodes the graphics memory holds."""
+        return len(self._uploaded)
+
+    def delete(self) -> None:
+        """Give everything back; nothing can be drawn afterwards."""
+        self._screen.delete()
+
+    def _arrange(self, nodes: Iterable[Node], view: View, lighting: Lighting) -> None:
+        """Make the scene show `nodes` and nothing else, from `view`."""
+        self._remove_released()
+        for shown in self._visible:
+            shown.mesh.is_visible = False
+        self._visible = [self._place(node, lighting) for node in nodes]
+        for shown in self._visible:
+            shown.mesh.is_visible = True
+        c = view.camera
+        self._screen.viewport_width, self._screen.viewport_height = c.width, c.height
+        # pyrender's image starts at the first pixel's corner, ours at its centre
+        self._camera.fx, self._camera.fy, self._camera.cx, self._camera.cy = c.fx, c.fy, c.cx + 0.5, c.cy + 0.5
+        self._scene.set_pose(self._camera_node, view.T_root_camera @ _T_CAMERA_OPENGL)
+
+    def _place(self, node: Node, lighting: Lighting) -> Any:
+        """pyrender's node for one of ours, at its pose and under its light."""
+        baked = lighting == "baked"
+        rotation = _BAKED_STEP * np.rint(node.T_root_node[:3, :3] / _BAKED_STEP)
+        key = rotation.tobytes() if baked else b""
+        uploaded = self._uploaded.get(node)
+        if uploaded is None or uploaded.key != key:
+            if uploaded is not None:
+                self._scene.remove_node(uploaded.node)
+            light = diffuse_light(node.surface.normals @ rotation.T) if baked else None
+            uploaded = _Uploaded(self._scene.add(self._mesh(node.surface, light)), key)
+            self._uploaded[node] = uploaded
+        self._scene.set_pose(uploaded.node, node.T_root_node @ transform(translation=_center(node.surface)))
+        return uploaded.node
+
+    def _remove_released(self) -> None:
+        while self._released:
+            uploaded = self._uploaded.pop(self._released.pop(), None)
+            if uploaded is not None:
+                self._scene.remove_node(uploaded.node)
+                self._visible = [shown for shown in self._visible if shown is not uploaded.node]
+
+    def _mesh(self, surface: Surface, light: Array | None) -> Any:
+        """pyrender's mesh with `light` (n,) in its vertex colours; without, for pyrender's own shading."""
+        is_textured = surface.texture_uv is not None
+        color = np.ones_like(surface.positions) if is_textured else surface.colors
+        color = color**_GAMMA if light is None else color * light[:, None]
+        material = self._api.MetallicRoughnessMaterial(
+            metallicFactor=0.0, roughnessFactor=1.0, baseColorTexture=self._atlas if is_textured else None
+        )
+        primitive = self._api.Primitive(
+            positions=surface.positions - _center(surface),
+            normals=surface.normals,
+            texcoord_0=surface.texture_uv,
+            color_0=color,
+            indices=surface.faces,
+            material=material,
+        )
+        return self._api.Mesh([primitive])
+
+
+def _center(surface: Surface) -> Array:
+    """(3,) origin of pyrender's node in ours.  pyrender draws nodes by their origins' distances from the camera, and in
+    no defined order where two are equal, as those of an object and the hand around it would be."""
+    center: Array = surface.bounds.mean(axis=0)
+    return center
+
+
+def _pyrender() -> Any:
+    """The library; ImportError in one line where the system's OpenGL is missing."""
+    try:
+        return import_module("pyrender")
+    except (ImportError, AttributeError, OSError) as error:
+        raise ImportError(f"rendering needs OpenGL on EGL ({error}); install Debian's libegl1 and libgl1") from error
+
+
+@cache
+def shared_renderer() -> Renderer:
+    """The process's renderer."""
+    renderer = Renderer()
+    atexit.register(renderer.delete)
+    return renderer

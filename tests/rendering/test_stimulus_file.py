@@ -1,0 +1,116 @@
+"""Mesh files as stimuli: where and how large they appear, and files that hold no object."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.se3 import rotation_to
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array
+from rendering.eyes import Eyes
+from rendering.scene import Placed, SceneState
+from rendering.shapes import board
+from rendering.stimulus_file import load_stimulus
+
+PLACE = np.array([-0.36, -0.06, 0.12])
+WEDGE = np.array([[0, 0, 0], [80, 0, 0], [0, 50, 0], [80, 50, 0], [0, 0, 60], [0, 50, 60.0]])  # mm
+
+
+def wedge() -> trimesh.Trimesh:
+    return trimesh.convex.convex_hull(WEDGE + np.array([1000.0, 0, 0]))
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
+def test_a_mesh_covers_the_hull_of_its_projected_corners(
+    robot: Robot, rig: StereoRig, q: Array, tmp_path: Path, suffix: str
+) -> None:
+    """In millimetres and far from its origin; the silhouette against OpenCV's projection and convex hull."""
+    file = tmp_path / f"wedge.{suffix}"
+    wedge().export(file)
+    R = cv2.Rodrigues(np.array([0.4, -0.7, 0.3]))[0]
+    with Eyes(robot, rig, load_stimulus(file, "mm")) as eyes:
+        empty = eyes.render(SceneState(q), 0.0)
+        frame = eyes.render(SceneState(q, PLACE, rotation=R), 0.0)
+    # a prism over a right triangle: its centroid is a third along each leg and half way between the triangles
+    corners = PLACE + 0.001 * (WEDGE - [80 / 3, 25, 20]) @ R.T
+    for side in ("left", "right"):
+        view = getattr(rig.view(q), side)
+        rvec, c = cv2.Rodrigues(view.T_camera_root[:3, :3])[0], view.camera
+        px = cv2.projectPoints(corners, rvec, view.T_camera_root[:3, 3], c.K, np.array(c.distortion))[0]
+        expected = np.zeros((240, 320), np.uint8)
+        cv2.fillConvexPoly(expected, cv2.convexHull(np.rint(16 * px).astype(np.int32)), 1, shift=4)
+        changed = np.abs(getattr(frame, side).astype(int) - getattr(empty, side)).max(axis=2) > 20
+        assert expected.sum() > 600
+        assert (changed & (expected == 0)).sum() + (~changed & (expected == 1)).sum() < 0.06 * expected.sum()
+        assert not (changed & (cv2.dilate(expected, np.ones((3, 3))) == 0)).any()
+
+
+def test_the_radius_is_that_of_the_sphere_with_the_mean_silhouette(tmp_path: Path) -> None:
+    """By Cauchy's theorem a quarter of the hull's surface; of a sphere its own, of a ring that of the disc it spans."""
+    ball, ring = tmp_path / "ball.stl", tmp_path / "ring.stl"
+    trimesh.creation.icosphere(4, 0.03).export(ball)
+    trimesh.creation.annulus(0.02, 0.05, 0.03, sections=128).export(ring)
+    assert load_stimulus(ball).radius_m == pytest.approx(0.03, rel=0.003)
+    disc_m2 = 2 * np.pi * 0.05**2 + 2 * np.pi * 0.05 * 0.03
+    assert load_stimulus(ring).radius_m == pytest.approx(np.sqrt(disc_m2 / (4 * np.pi)), rel=0.003)
+    scaled = load_stimulus(ring, "m", radius_m=0.02)
+    assert scaled.radius_m == 0.02
+    assert scaled.parts[0].mesh.extents[0] == pytest.approx(0.1 * 0.02 / load_stimulus(ring).radius_m)
+
+
+def test_a_ring_is_hidden_by_what_stands_before_its_hole_only(
+    robot: Robot, rig: StereoRig, q: Array, tmp_path: Path
+) -> None:
+    trimesh.creation.annulus(0.03, 0.04, 0.01).export(tmp_path / "ring.stl")
+    eye = rig.view(q).left
+    facing = rotation_to(eye.center - PLACE)
+    with Eyes(robot, rig, load_stimulus(tmp_path / "ring.stl"), props=((board(0.02, 0.02),),)) as eyes:
+        for share, visible in ((0.2, False), (-0.2, True)):
+            props = (Placed(PLACE + share * (eye.center - PLACE), rotation=facing),)
+            assert eyes.truth(SceneState(q, PLACE, rotation=facing, props=props), 0.0).visible_left == visible
+
+
+def test_a_file_s_colour_is_shown(tmp_path: Path) -> None:
+    mesh = wedge()
+    mesh.visual.vertex_colors = [51, 204, 102, 255]
+    mesh.export(tmp_path / "wedge.ply")
+    assert load_stimulus(tmp_path / "wedge.ply", "mm").parts[0].color == pytest.approx((0.2, 0.8, 0.4))
+
+
+def test_an_open_mesh_can_be_looked_into(tmp_path: Path) -> None:
+    mesh = wedge()
+    mesh.update_faces(np.arange(len(mesh.faces)) > 1)
+    mesh.export(tmp_path / "open.stl")
+    one, other = (part.mesh.face_normals.sum(axis=0) for part in load_stimulus(tmp_path / "open.stl", "mm").parts)
+    assert np.linalg.norm(one) > 0.1
+    assert one == pytest.approx(-other)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("empty.stl", "", "is empty"),
+        ("words.obj", "hello\n", "holds no triangles"),
+        ("cut.ply", "ply\n", "cannot be read as PLY"),
+        ("index.obj", "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 9\n", "cannot be read as OBJ"),
+        ("nan.obj", "v 0 0 nan\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n", "not finite"),
+        ("flat.obj", "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n", "lie in a plane"),
+        ("model.gltf", "{}", "expected a mesh file"),
+    ],
+)
+def test_a_file_without_an_object_is_named_in_one_line(tmp_path: Path, name: str, text: str, message: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=message) as error:
+        load_stimulus(tmp_path / name)
+    assert str(error.value).startswith(str(tmp_path / name))
+    assert "\n" not in str(error.value)
+
+
+def test_a_size_in_the_wrong_unit_is_refused(tmp_path: Path) -> None:
+    wedge().export(tmp_path / "wedge.stl")
+    with pytest.raises(ValueError, match=r"wedge.stl: 80 m across if its unit is m; expected 0.002 to 0.6 m"):
+        load_stimulus(tmp_path / "wedge.stl")

@@ -1,0 +1,87 @@
+"""Films of a ball that circles before a swaying head, cast ray by ray, and what may befall them for a while."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from data import SEED
+from raycast import Sphere, frame
+
+from pps_vision.experiments.footage import Footage
+from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
+from pps_vision.types import Array, Mask, StereoFrame
+
+RED, RADIUS_M, FPS, EVERY = (210.0, 45.0, 40.0), 0.035, 20, 2
+ROBOT = load_icub()
+RIG = icub_rig(ROBOT)
+
+
+def swaying(t_s: float) -> Array:
+    """A configuration whose neck turns by up to 5°/s."""
+    yaw, pitch = 0.06 * np.sin(1.5 * t_s), -0.2 + 0.04 * np.sin(1.1 * t_s)
+    return set_gaze(ROBOT, home(ROBOT), yaw=yaw, pitch=pitch, vergence=0.16)
+
+
+_AHEAD = RIG.view(swaying(0.0)).left.T_root_camera
+
+
+def circle(t_s: float) -> Array:
+    """(3,) m: about 13 cm/s, 0.4 m ahead."""
+    in_eye = [0.04 + 0.06 * np.sin(2.4 * t_s), 0.05 * np.cos(2.4 * t_s), 0.42 - 0.02 * t_s, 1.0]
+    return (_AHEAD @ np.array(in_eye))[:3]
+
+
+def film(
+    seconds: float,
+    pose: Callable[[float], Array] = swaying,
+    position: Callable[[float], Array] = circle,
+    others: Callable[[float], list[Sphere]] = lambda _: [],
+    fps: int = FPS,
+    noise: bool = True,
+) -> Footage:
+    """A red ball, and other spheres, with pixel noise of 2/255."""
+    rng = np.random.default_rng(SEED) if noise else None
+    stamps = np.arange(round(seconds * fps)) / fps
+    frames = [frame(RIG, pose(t), [Sphere(position(t), RADIUS_M, RED), *others(t)], t, rng) for t in stamps]
+    path, nowhere = np.array([position(t) for t in stamps]), (0.0, 0.0, 1.0, 1.0)
+    return Footage(tuple(frames), path, np.ones(len(frames), bool), (nowhere, nowhere), RADIUS_M, RIG)
+
+
+def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Footage:
+    """The usual film, but for what is disturbed from one moment to another."""
+    # a disturbed stamp may be some ms off its place
+    parts = (usual, disturbed), (0.0, 0.5 / FPS)
+    picked = [
+        (one, p)
+        for footage, slack, inside in zip(*parts, (False, True), strict=True)
+        for one, p in zip(footage.frames, footage.position, strict=True)
+        if (from_s - 1e-6 - slack <= one.stamp_s < to_s - 1e-6 - slack) == inside
+    ]
+    picked.sort(key=lambda one: one[0].stamp_s)
+    frames, position = tuple(one for one, _ in picked), np.array([p for _, p in picked])
+    return replace(usual, frames=frames, position=position, seen=np.ones(len(frames), bool))
+
+
+def each(footage: Footage, change: Callable[[StereoFrame], StereoFrame]) -> Footage:
+    """Every frame changed."""
+    return replace(footage, frames=tuple(change(one) for one in footage.frames))
+
+
+def held(footage: Footage, stale: Mask) -> Footage:
+    """Both images shown again, under the new stamp and joints, in the frames (n,) that are `stale`."""
+    frames = [footage.frames[0]]
+    for one, again in zip(footage.frames[1:], stale[1:], strict=True):
+        frames.append(replace(one, left=frames[-1].left, right=frames[-1].right) if again else one)
+    return replace(footage, frames=tuple(frames))
+
+
+def right_black(footage: Footage, out: Mask) -> Footage:
+    """The right eye black in the frames (n,) where it is `out`."""
+    pairs = zip(footage.frames, out, strict=True)
+    return replace(footage, frames=tuple(replace(f, right=0 * f.right) if dark else f for f, dark in pairs))
+
+
+def without(footage: Footage, gone: Mask) -> Footage:
+    """Only the frames that are not `gone` (n,)."""
+    frames = tuple(f for f, missing in zip(footage.frames, gone, strict=True) if not missing)
+    return replace(footage, frames=frames, position=footage.position[~gone], seen=footage.seen[~gone])

@@ -1,0 +1,91 @@
+"""Trackers that answer the same whatever they see do not pass for stable."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from films import circle
+from judge import Demand, check
+from test_past_the_break import DISTURBANCES, GREY, LEAP, leaping
+
+from pps_vision.types import Array, Status, Track3D
+
+STAMPS = np.arange(80) / 20
+Position = Callable[[float], Array]
+
+
+def track(stamp_s: float, position: Array, std_m: float = 0.0005, status: Status = Status.TRACKING) -> Track3D:
+    mean = np.zeros((4, 3))
+    mean[0] = position
+    return Track3D(stamp_s, mean, std_m**2 * np.eye(12), 0.035, 1e-8, status)
+
+
+def unknown(demand: Demand, position: Position) -> list[Track3D]:
+    return [Track3D.unknown(t) for t in STAMPS]
+
+
+def last_known(demand: Demand, position: Position) -> list[Track3D]:
+    """Right before and after."""
+    last = max(t for t in STAMPS if t < demand.from_s - 1e-6)
+    return [track(t, position(last if demand.from_s - 1e-6 < t < demand.to_s - 1e-6 else t)) for t in STAMPS]
+
+
+def as_sure_as_ever(demand: Demand, position: Position) -> list[Track3D]:
+    """Right all the time."""
+    return [track(t, position(t)) for t in STAMPS]
+
+
+def honest(demand: Demand, position: Position) -> list[Track3D]:
+    """Coasts, and gives up in time."""
+    tracks = []
+    for t in STAMPS:
+        since = t - demand.from_s + 0.05
+        if not 0.01 < since < demand.to_s - demand.from_s + 0.04:
+            tracks.append(track(t, position(t)))
+        elif since < 0.51 or demand.during == "degraded":
+            tracks.append(track(t, position(t), 0.002 + 0.01 * since, Status.COASTING))
+        else:
+            tracks.append(Track3D.unknown(t, Status.LOST if since < 0.56 else Status.SEARCHING))
+    return tracks
+
+
+DEMANDS = {name: (one.demand, circle) for name, one in DISTURBANCES.items()} | {
+    "leap": (LEAP, leaping),
+    "grey": (GREY, circle),
+}
+
+
+@pytest.mark.parametrize("name", DEMANDS)
+def test_only_an_honest_tracker_passes(name: str) -> None:
+    demand, position = DEMANDS[name]
+    truth = np.array([position(t) for t in STAMPS])
+    check(demand, honest(demand, position), truth)
+    for fake in (unknown, last_known, as_sure_as_ever):
+        with pytest.raises(AssertionError):
+            check(demand, fake(demand, position), truth)
+
+
+def test_each_demand_is_one_of_its_own() -> None:
+    """An honest run spoiled in one way fails."""
+    demand, truth = Demand(), np.array([circle(t) for t in STAMPS])
+    good = honest(demand, circle)
+
+    def spoiled(k: int, one: Track3D) -> list[Track3D]:
+        return [*good[:k], one, *good[k + 1 :]]
+
+    t = STAMPS
+    for k, one, says in (
+        (18, track(t[18], truth[18] + 0.006, 0.003), "before it 0.01"),
+        (18, track(t[18], truth[18], 0.01), "before it .* 0.0100 m stated"),
+        (18, track(t[18], truth[18] + 0.002, 0.0003), "before it χ²"),
+        (18, track(t[18], truth[18], status=Status.COASTING), "not tracked before"),
+        (24, track(t[24], truth[24], 0.01), "tracked what cannot be measured"),
+        (24, track(t[24], truth[24] + 0.1, 0.0045, Status.COASTING), "mm off"),
+        (30, Track3D.unknown(t[30]), "lost 0 times"),
+        (33, Track3D.unknown(t[33], Status.LOST), "lost 2 times"),
+        (33, track(t[33], truth[33], 0.02, Status.COASTING), "known again"),
+        (50, track(t[50], truth[50] + 0.006, 0.003), "after it 0.01"),
+        (50, Track3D.unknown(t[50]), "not tracked after"),
+    ):
+        with pytest.raises(AssertionError, match=says):
+            check(demand, spoiled(k, one), truth)

@@ -1,0 +1,95 @@
+"""What the tracker makes of outlines that are given: exact, one-sided, jumping, of odd shape, at different stamps."""
+
+import numpy as np
+
+from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.se3 import rotation_to, transform
+from pps_vision.types import Array, Status, StereoFrame, Track3D
+from tracking.outline import Outline
+from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
+
+CAMERA = Camera(64, 48, 220.0, 220.0, 31.5, 23.5)
+LOOKING = rotation_to([-1.0, 0.0, 0.0])  # level, the root frame's x pointing backward
+LEFT, RIGHT = (View(CAMERA, transform(LOOKING, 0.034 * sign * LOOKING[:, 0])) for sign in (-1, 1))
+RIG = StereoRig(CAMERA, CAMERA, lambda _: (LEFT.T_root_camera, RIGHT.T_root_camera))
+P, RADIUS_M, DT = np.array([-0.5, 0.0, 0.0]), 0.02, 0.05
+STD_PX, RADIUS_VAR = 0.05, (0.05 / 220) ** 2
+
+
+def seen(eye: View, p: Array, radius_m: float = RADIUS_M, departure: float = 0.0) -> Outline:
+    x, y = eye.project(p)
+    angle = float(np.arcsin(radius_m / np.linalg.norm(p - eye.center)))
+    cov = STD_PX**2 * np.eye(2)
+    return Outline(np.array([x, y]), cov, angle, RADIUS_VAR, (x - 9, y - 9, 18.0, 18.0), 254.0, False, departure)
+
+
+def both(p: Array = P, **of_outline: float) -> Shapes:
+    return seen(LEFT, p, **of_outline), seen(RIGHT, p, **of_outline)
+
+
+def tracks(shapes: list[Shapes], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[Track3D]:
+    return [step.track for step in steps(shapes, params, right_later_s)]
+
+
+def steps(shapes: list[Shapes], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[TrackerStep]:
+    """Of images that never repeat, in which nothing is looked for."""
+    rng = np.random.default_rng(3)
+    tracker = Tracker(params or TrackerParams(), RIG, rng)
+    found = []
+    for k, pair in enumerate(shapes):
+        images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
+        found.append(tracker.step(StereoFrame(*images, DT * k, DT * k + right_later_s), pair))
+    return found
+
+
+def test_only_what_is_seen_three_times_in_a_row_is_tracked() -> None:
+    nothing: Shapes = (None, None)
+    status = [t.status for t in tracks([both(), both(), nothing, both(), (both()[0], None), both(), both(), both()])]
+    assert status[:-1] == [Status.SEARCHING] * 7
+    assert status[-1] == Status.TRACKING
+
+
+def test_a_single_wild_pair_is_not_taken() -> None:
+    """15 cm farther for one frame; 2 px more of disparity than there is room for."""
+    wild = [both()] * 20 + [both(P - [0.15, 0, 0])] + [both()] * 3
+    found = tracks(wild)
+    assert [t.status for t in found[19:22]] == [Status.TRACKING, Status.COASTING, Status.TRACKING]
+    assert np.linalg.norm([t.position - P for t in found[19:]], axis=1).max() < 0.002
+
+
+def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean() -> None:
+    """At 0.2 m/s aside, 20 ms between the eyes would be 4 mm and 29 mm too near or too far."""
+    v, later = np.array([0.0, 0.2, 0.0]), 0.02
+    start = P - 0.5 * 30 * DT * v
+    shapes: list[Shapes] = [
+        (seen(LEFT, start + DT * k * v), seen(RIGHT, start + (DT * k + later) * v)) for k in range(30)
+    ]
+    last = tracks(shapes, right_later_s=later)[-1]
+    assert np.linalg.norm(last.position - (start + last.stamp_s * v)) < 0.001
+
+
+def test_what_errs_alike_in_every_frame_does_not_average_out() -> None:
+    """Most of an outline's error stays as long as the object does: ten seconds at rest leave at least half of one
+    frame's variance, of place and of radius, and no more than all of it."""
+    last = steps([both()] * 200, TrackerParams(light_error=0.0))[-1]
+    assert last.observation is not None
+    ratio = np.diag(last.track.cov)[:3] / np.diag(last.observation.cov_root)
+    assert ((ratio > 0.5) & (ratio < 1)).all()
+    assert 0.5 < last.track.radius_var_m2 / last.observation.radius_var_m2 < 1
+
+
+def test_a_size_that_changes_is_followed() -> None:
+    shapes = [both()] * 100 + [both(radius_m=1.1 * RADIUS_M)] * 100
+    assert abs(tracks(shapes)[-1].radius_m / RADIUS_M - 1.1) < 0.01
+
+
+def test_what_is_no_ball_is_stated_to_be_off_by_a_share_of_its_radius_in_all_directions() -> None:
+    with_it, without = (
+        tracks([both(departure=0.1)] * 40, TrackerParams(shape_error=error))[-1] for error in (0.09, 0.0)
+    )
+    np.testing.assert_allclose(
+        with_it.cov[:3, :3] - without.cov[:3, :3], (0.09 * RADIUS_M) ** 2 * np.eye(3), rtol=0.06, atol=1e-9
+    )
+    np.testing.assert_allclose(with_it.cov[3:, 3:], without.cov[3:, 3:])
+    ball, plain = (tracks([both()] * 12, TrackerParams(shape_error=error))[-1] for error in (0.09, 0.0))
+    np.testing.assert_allclose(ball.cov, plain.cov)
