@@ -1,5 +1,5 @@
-# make demo   sets everything up, runs the closed avoidance loop, writes demo/report.html
-# make test   sets everything up, runs linters, types and tests
+# make demo   installs what running needs, runs the closed avoidance loop, writes demo/report.html
+# make test   installs what testing needs too, runs linters, types and tests
 PYTHON ?= python3
 BIN := .venv/bin
 export PYOPENGL_PLATFORM := egl
@@ -7,11 +7,18 @@ export PYOPENGL_PLATFORM := egl
 .PHONY: setup libraries test demo clean
 setup: libraries .venv/.installed
 
+PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pps_vision needs Python 3.11 or newer; $(PYTHON) is older (set PYTHON=...)" >&2; exit 1; }
+	@echo "installing into .venv: about 550 MB to download, 2.3 GB on disk (with torch for processors; its CUDA build is several GB more)"
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt torch==2.13.0
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(PIP) torch==2.13.0
+	$(PIP) -e .
+	@touch $@
+
+.venv/.installed-test: .venv/.installed
+	@echo "installing what testing needs: about 125 MB to download, 0.4 GB on disk"
+	$(PIP) -e '.[test]'
 	@touch $@
 
 # What no wheel brings: rendering without a display (EGL), and the OpenMP run time that pinocchio links to.
@@ -25,7 +32,7 @@ libraries:
 	  { $$SUDO apt-get update -q && $$SUDO env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $(LIBRARIES); } >/dev/null 2>&1 \
 	  || { echo "$(WHAT_TO_INSTALL)" >&2; exit 1; }; }
 
-test: setup
+test: setup .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pps_vision.errors import InputError
+
 # What NumPy and the zip reader under it raise for a file that is damaged or no .npz at all.
 UNREADABLE = (
     *(OSError, ValueError, EOFError, AttributeError, TypeError, KeyError, RuntimeError, MemoryError),
@@ -29,19 +31,19 @@ def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLi
 
 
 def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
-    """The named arrays; ValueError that names the file and what is wrong with it."""
+    """The named arrays; InputError that names the file and what is wrong with it."""
     try:
         with np.load(path) as file:
             present = {name: file[name] for name in file.files}
     except FileNotFoundError:
-        raise ValueError(f"{path}: no such file; expected a {kind} (.npz)") from None
+        raise InputError(path, f"no such file; expected a {kind} (.npz)") from None
     except UNREADABLE as error:
-        raise ValueError(f"{path}: is not a readable .npz file; expected a {kind}") from error
+        raise InputError(path, f"is not a readable .npz file; expected a {kind}") from error
     if "kind" not in present or str(present["kind"]) != kind:
-        raise ValueError(f"{path}: is not a {kind}")
+        raise InputError(path, f"is not a {kind}")
     if "version" not in present or str(present["version"]) != str(version):
-        raise ValueError(f"{path}: {kind} of version {present.get('version', 'unknown')}; expected version {version}")
+        raise InputError(path, f"{kind} of version {present.get('version', 'unknown')}; expected version {version}")
     missing = [name for name in names if name not in present]
     if missing:
-        raise ValueError(f"{path}: {kind} without {', '.join(missing)}")
+        raise InputError(path, f"{kind} without {', '.join(missing)}")
     return {name: present[name] for name in names}

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from learning.archive import read_archive, write_archive
+from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
@@ -176,6 +177,15 @@ class ReachableMap:
         if not (self.softness > 0 and self.max_error_m > 0):
             raise ValueError(f"softness {self.softness}, largest error {self.max_error_m} m: expected both above 0")
 
+    @classmethod
+    def load(cls, path: Path | str) -> "ReachableMap":
+        """Read a map that `pps-vision reach train` or `save` wrote; InputError names the file and what is wrong."""
+        return load_map(Path(path))
+
+    def save(self, path: Path | str) -> None:
+        """Write the map as .npz, whole or not at all."""
+        save_map(Path(path), self)
+
     @cached_property
     def lattice(self) -> Lattice:
         """Where the values stand."""
@@ -290,7 +300,7 @@ def save_map(path: Path, reachable_map: ReachableMap) -> None:
 
 
 def load_map(path: Path) -> ReachableMap:
-    """Read a map; ValueError names the file and what is wrong with it."""
+    """Read a map; InputError names the file and what is wrong with it."""
     names = ("side", *_NAMES, "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
     data = read_archive(path, _KIND, _VERSION, names)
     try:
@@ -303,4 +313,4 @@ def load_map(path: Path) -> ReachableMap:
         values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
         return ReachableMap(str(data["side"]), limits, *values, *(str(data[name]) for name in _NAMES))
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error
+        raise InputError(path, f"{_KIND} that does not fit together: {error}") from error

@@ -1,1 +1,69 @@
-"""Stereo vision for robots that feel what is about to touch them."""
+"""Stereo vision for robots that feel what is about to touch them.
+
+    import pps_vision as pv
+
+    recording = pv.render("ball", "circle", "rec", seconds=2.0)   # or pv.open_recording("rec")
+    for step in pv.track(recording):
+        print(step.track.stamp_s, step.track.position, step.track.status)
+
+Names are imported when they are first used, so that `import pps_vision` takes no time.  docs/examples goes through all
+of them.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from learning.reachable import ReachableMap
+    from pps_vision.app.learn import learn
+    from pps_vision.app.open_recording import open_recording
+    from pps_vision.app.pipeline import Pipeline
+    from pps_vision.app.render import render
+    from pps_vision.app.track import track
+    from pps_vision.errors import InputError
+    from tracking.tracker import Tracker
+
+    __version__: str
+
+__all__ = [
+    "InputError",
+    "Pipeline",
+    "ReachableMap",
+    "Tracker",
+    "__version__",
+    "learn",
+    "open_recording",
+    "render",
+    "track",
+]
+
+_MODULES = {
+    "InputError": "pps_vision.errors",
+    "Pipeline": "pps_vision.app.pipeline",
+    "ReachableMap": "learning.reachable",
+    "Tracker": "tracking.tracker",
+    "learn": "pps_vision.app.learn",
+    "open_recording": "pps_vision.app.open_recording",
+    "render": "pps_vision.app.render",
+    "track": "pps_vision.app.track",
+}
+
+
+if not TYPE_CHECKING:  # a type checker would take any name to exist
+
+    def __getattr__(name: str) -> object:
+        """Import a public name at its first use (PEP 562)."""
+        if name == "__version__":
+            from importlib.metadata import version
+
+            value: object = version("pps-vision")
+        elif name in _MODULES:
+            value = getattr(import_module(_MODULES[name]), name)
+        else:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return __all__

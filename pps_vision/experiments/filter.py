@@ -48,7 +48,7 @@ class Filter(parameters.Filter):
             if folder.exists()
             else f"skipped: no {folder}",
             "simulated": {f"{fps} images/s": simulated(20, fps, self.seed) for fps in (20, 60)},
-            "filterpy": "compared" if find_spec("filterpy") else "skipped: not installed (extra: bench)",
+            "filterpy": "compared" if find_spec("filterpy") else "skipped: not installed (extra: test)",
         }
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:

@@ -1,6 +1,6 @@
 """Inverse kinematics in two stages (J): reach the target, then be the best of the postures that do.
 
-Three ways: all problems as one batch (here; NumPy or torch), or one by one with SciPy or with IPOPT (extra `ipopt`).
+Three ways: all problems as one batch (here; NumPy or torch), or one by one with SciPy or IPOPT (CasADi: extra `test`).
 """
 
 from collections.abc import Callable
@@ -12,6 +12,7 @@ import numpy as np
 from array_api_compat import array_namespace
 from scipy.optimize import least_squares, minimize
 
+from pps_vision.errors import InputError
 from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, IKSolution, length, solve_ik
 from pps_vision.robot.self_motion import FarFromLimits, Measure, WalkParams, walk
 from pps_vision.types import Array, Mask
@@ -146,7 +147,7 @@ def _ipopt(
     try:
         from pps_vision.robot.ipopt import Ipopt
     except ImportError:
-        raise ValueError("solver ipopt: CasADi is not installed; expected the extra pps-vision[ipopt]") from None
+        raise InputError("solver ipopt", "CasADi is not installed; expected the extra pps-vision[test]") from None
     if not isinstance(measure, FarFromLimits):
         raise ValueError(f"solver ipopt, {measure}: expected FarFromLimits, the one measure it has as an expression")
     solver = Ipopt(forward, np.asarray(lower), np.asarray(upper))

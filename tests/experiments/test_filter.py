@@ -41,7 +41,6 @@ def _approach(rng: np.random.Generator, noise: float = 1.0) -> Sequence:
 
 
 def test_peers_compute_what_ours_does(rng: np.random.Generator) -> None:
-    pytest.importorskip("filterpy")
     sequence = _approach(rng)
     ours = methods.Ours(4, sequence)
     ours.params = params = replace(ours.params, unrest_rate=0)  # theirs does not follow the innovations

@@ -64,8 +64,6 @@ def test_torch_says_the_same():
 def test_one_by_one(solver: Solver, learned: bool):
     """No posture is found where there is none, nor a better one than the best there is.  A learned model goes to IPOPT
     by another road than a chain."""
-    if solver == "ipopt":
-        pytest.importorskip("casadi")
     points, starts = problems(8, 2)
     forward = (lambda q: CHAIN.positions(q)) if learned else CHAIN.positions
     keep = sure(points)
@@ -79,8 +77,7 @@ def test_one_by_one(solver: Solver, learned: bool):
     np.testing.assert_allclose(found.good[both], EFFORT(found.q_rad[both], None), atol=1e-12)
 
 
-def test_what_ipopt_has_no_expression_for(monkeypatch):
-    pytest.importorskip("casadi")
+def test_what_ipopt_has_no_expression_for():
     points, starts = problems(2, 1)
     with pytest.raises(ValueError, match="FarFromLimits"):
         two_stage(CHAIN.positions, points, starts, LOWER, UPPER, lambda q, J: q[:, 0], solver="ipopt")
@@ -90,7 +87,7 @@ def test_without_casadi_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "casadi", None)
     monkeypatch.delitem(__import__("sys").modules, "pps_vision.robot.ipopt", raising=False)
     points, starts = problems(2, 1)
-    with pytest.raises(ValueError, match=r"pps-vision\[ipopt\]"):
+    with pytest.raises(ValueError, match=r"pps-vision\[test\]"):
         two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT, solver="ipopt")
 
 

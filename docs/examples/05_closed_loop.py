@@ -1,0 +1,37 @@
+"""Close the loop: the eyes see an approach, the skin predicts a touch, the arm moves away."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import pps_vision as pv
+from learning.memory import PPSMemory
+from pps_vision.app.encounter import make_encounter
+from pps_vision.app.pipeline import PipelineParams
+from pps_vision.app.school import open_world
+from pps_vision.robot.silhouette import Silhouette
+from tracking.tracker import TrackerParams
+
+
+def cautious(skin):
+    """A memory as if all that came within 12 cm of a taxel had touched it; pv.learn makes a real one."""
+    empty = PPSMemory.empty(skin)
+    counts = empty.counts.copy()
+    distance_m = np.linspace(*empty.params.distance_range_m, counts.shape[1], endpoint=False)
+    counts[:, (distance_m >= 0) & (distance_m < 0.12), :, 0] = 20
+    return replace(empty, counts=counts)
+
+
+with open_world(noise_sigma=2.0, seed=0) as world:
+    for avoid in (False, True):
+        rng = np.random.default_rng(5)
+        encounter = make_encounter("approach", world, "left_forearm:3", "ball", rng, speed_m_s=0.15)
+        tracker = pv.Tracker(TrackerParams(), world.rig, rng, own_body=Silhouette(world.robot))
+        pipeline = pv.Pipeline(PipelineParams(), world.robot, world.skin, tracker, cautious(world.skin), rng)
+        meeting = world.meet(replace(encounter, seconds=encounter.seconds / 2), pipeline, avoid)  # until it withdraws
+        for _, step in meeting:  # a PipelineStep: track, activation of every taxel, command
+            if step.events.touched.any():
+                break
+        log = meeting.log()
+        what = "touched" if log.was_touched else "not touched"
+        print(f"avoidance {'on' if avoid else 'off'}: {what}, smallest gap {100 * log.surface_gap_m.min():.1f} cm")

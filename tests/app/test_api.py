@@ -1,0 +1,78 @@
+"""`import pps_vision as pv`: the public names, and that they give what the commands write."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pps_vision as pv
+from pps_vision.app.cli import main
+
+NAMES = {"InputError", "Pipeline", "ReachableMap", "Tracker", "__version__", "learn", "open_recording", "render"}
+
+
+def test_the_names_are_there() -> None:
+    assert set(dir(pv)) == NAMES | {"track"}
+    assert all(getattr(pv, name) is not None for name in dir(pv))
+    assert issubclass(pv.InputError, ValueError)
+    with pytest.raises(AttributeError, match="no attribute 'tracks'"):
+        _ = pv.tracks  # type: ignore[attr-defined]
+
+
+def test_arrays_are_the_path_that_the_command_writes(approach: Path, tmp_path: Path) -> None:
+    main(["track", str(approach), "--out", str(tmp_path / "out"), "--seed", "3", "--smooth"])
+    rows = [line.split(",") for line in (tmp_path / "out" / "trajectory.csv").read_text().splitlines()[1:]]
+    written = np.array([[float(cell or "nan") for cell in row[:-1]] for row in rows])
+    path = pv.track(approach, seed=3).arrays(smooth=True)
+    found = np.column_stack([path.stamps_s, path.position, path.velocity])
+    np.testing.assert_allclose(found, written[:, :7], rtol=0, atol=1e-5, equal_nan=True)
+    upper = path.cov[:, :3, :3][:, *np.triu_indices(3)]
+    np.testing.assert_allclose(upper, written[:, 7:13], rtol=1e-3, atol=1e-12, equal_nan=True)
+    assert path.status.tolist() == [row[-1] for row in rows]
+
+
+def test_every_iteration_tracks_anew(approach: Path) -> None:
+    run = pv.track(pv.open_recording(approach))
+    first = [step.track.position for step, _ in zip(run, range(12), strict=False)]
+    again = [step.track.position for step, _ in zip(run, range(12), strict=False)]
+    np.testing.assert_array_equal(first, again)
+    assert np.isfinite(first[-1]).all()
+
+
+def test_a_recording_knows_its_robot_and_its_cameras(approach: Path) -> None:
+    recording = pv.open_recording(str(approach))
+    frame, truth = next(iter(recording)), recording.truth[0]
+    assert recording.robot is not None
+    assert recording.rig is not None
+    assert frame.joints_left_rad is not None
+    assert frame.joints_left_rad.shape == (recording.robot.n_joints,)
+    np.testing.assert_allclose(recording.rig.view_of(frame).right.project(truth.position), truth.right_px, atol=1e-3)
+    assert recording.touches
+    assert recording.fps == pytest.approx(20, rel=1e-3)
+
+
+def test_what_touches_is_learned_as_by_the_command(approach: Path, tmp_path: Path) -> None:
+    from learning.memory import load_memory
+
+    main(["learn", str(approach), "--out", str(tmp_path / "m.npz")])
+    memory = pv.learn([approach])
+    np.testing.assert_array_equal(memory.counts, load_memory(tmp_path / "m.npz").counts)
+    assert memory.counts[..., 0].sum() > 0
+    other = dataclasses.replace(memory, taxel_ids=tuple(f"{name}0" for name in memory.taxel_ids))
+    with pytest.raises(pv.InputError, match="other taxels"):
+        pv.learn([approach], into=other)
+
+
+def test_bad_input_has_one_exception(approach: Path, tmp_path: Path) -> None:
+    with pytest.raises(pv.InputError, match="nowhere"):
+        pv.open_recording(tmp_path / "nowhere")
+    with pytest.raises(pv.InputError, match="either a folder"):
+        pv.open_recording()
+    with pytest.raises(pv.InputError, match="max_error_mm"):
+        pv.track(approach, "marker", max_error_mm=5.0)
+    with pytest.raises(pv.InputError, match="mode marker"):
+        pv.track(approach, device="cpu")
+    (tmp_path / "map.npz").write_text("none")
+    with pytest.raises(pv.InputError, match=r"map\.npz"):
+        pv.ReachableMap.load(tmp_path / "map.npz")
