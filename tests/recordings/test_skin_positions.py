@@ -66,3 +66,8 @@ def test_no_file_and_no_rows(hand: Path, tmp_path: Path) -> None:
     hand.write_text("\n".join(HAND.splitlines()[:4]))
     with pytest.raises(InputError, match="rows after"):
         read_skin_positions(hand)
+
+
+def test_a_taxel_at_the_frames_origin_exists(hand: Path) -> None:
+    hand.write_text(HAND.replace(" 0.000  0.000  0.000 -0.000 -0.000 -0.000", "0 0 0 0 0 1"))
+    assert read_skin_positions(hand).exists.all()

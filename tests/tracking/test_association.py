@@ -53,7 +53,7 @@ def test_what_is_never_whole_tells_of_the_calibration_at_first(rng: np.random.Ge
 
 CAMERA = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
 VIEW = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.068, 0.0, 0.0))).view()
-P, RADIUS_M = np.array([0.02, 0.01, 0.4]), 0.02
+P, RADIUS_M = np.array([0.12, 0.08, 0.4]), 0.02
 
 
 def seen(eye: View, angular_var: float = 1e-9, **changes: Any) -> Outline:

@@ -59,7 +59,7 @@ def test_a_single_wild_pair_is_not_taken() -> None:
 
 def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean() -> None:
     """At 0.2 m/s aside, 20 ms between the eyes would be 4 mm and 29 mm too near or too far."""
-    v, later = np.array([0.0, 0.2, 0.0]), 0.02
+    v, later = 0.2 * LOOKING[:, 0], 0.02  # along the baseline
     start = P - 0.5 * 30 * DT * v
     shapes: list[Shapes] = [
         (seen(LEFT, start + DT * k * v), seen(RIGHT, start + (DT * k + later) * v)) for k in range(30)
