@@ -82,11 +82,12 @@ def test_an_image_that_was_only_remembered_is_compared_with(
     rig: StereoRig, robot: Robot, rng: np.random.Generator
 ) -> None:
     view = rig.view(home(robot)).left
-    trigger, center = Trigger(TriggerParams(), LEFT_EYE), (view.T_root_camera @ np.array([0.0, 0.0, 0.5, 1.0]))[:3]
-    empty, ball = look(view, [], rng), look(view, [Sphere(center, 0.03, RED)], rng)
+    trigger = Trigger(TriggerParams(), LEFT_EYE)
+    balls = [(view.T_root_camera @ np.array([0.01 * k, 0.0, 0.5, 1.0]))[:3] for k in range(2)]
+    empty, first, second = (look(view, [Sphere(p, 0.03, RED)] if p is not None else [], rng) for p in (None, *balls))
     assert trigger.step(empty, view, 0.0, look=False) == []
-    assert trigger.step(ball, view, DT, look=False) == []
-    assert len(trigger.step(ball, view, 2 * DT)) == 1
+    assert trigger.step(first, view, DT, look=False) == []
+    assert len(trigger.step(second, view, 2 * DT)) == 1
 
 
 def test_an_image_from_long_ago_is_forgotten(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
