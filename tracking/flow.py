@@ -20,6 +20,8 @@ from tracking.ego_motion import Box, EgoMotion
 Grey = NDArray[np.uint8]  # (H, W)
 _MIN_POINTS = 4  # fewer tell no median
 _SURROUND_PX = 4  # nearer to a region, a window still contains part of it
+JITTER_S = 0.005  # of stamps
+_CONTRADICTION = 3.0  # times the speed across the view, or the prior one: toward the eyes it is no single object's
 _SAME = 0.5, 0.15  # px, and share of the flow: by which the flows of one object's points differ
 
 
@@ -141,24 +143,29 @@ def velocity(
     flows: tuple[Flow2D | None, Flow2D | None], view: StereoView, position: Array, prior_std: float
 ) -> tuple[Array, Array] | None:
     """Velocity (3,) m/s of an object at `position` (3,) m from its flow in both eyes, or in one, and its covariance
-    (3, 3); None without flow.
+    (3, 3); None without flow, or where the eyes contradict each other.
 
     In each eye, J v Δt = π(q) − x: π(q) is where the older image would show the point q that is seen there now, were
-    it at rest, x where it did, J = ∂π/∂q.  Before that the velocity is 0 ± `prior_std` in every direction.
+    it at rest, x where it did, J = ∂π/∂q.  Before that the velocity is 0 ± `prior_std` in every direction.  What has
+    just begun to move has moved more slowly on average over a longer interval: of different intervals, the shorter.
     """
-    if flows == (None, None):
-        return None
+    known = [(flow, eye) for flow, eye in zip(flows, (view.left, view.right), strict=True) if flow is not None]
+    newest = [pair for pair in known if pair[0].interval_s < min(flow.interval_s for flow, _ in known) + JITTER_S]
     information, weighed = np.eye(3) / prior_std**2, np.zeros(3)
-    for flow, eye in zip(flows, (view.left, view.right), strict=True):
-        if flow is None:
-            continue
+    for flow, eye in newest:
         q = eye.center + float(np.linalg.norm(position - eye.center)) * eye.rays(flow.now_px)
         J = flow.then.project_jacobian(q)
         weights = J.T @ np.linalg.inv(flow.cov)
         information = information + weights @ J
         weighed = weighed + weights @ (flow.then.project(q) - flow.then_px) / flow.interval_s
     cov = np.linalg.inv(information)
-    return cov @ weighed, 0.5 * (cov + cov.T)
+    mean = cov @ weighed
+    ahead = position - 0.5 * (view.left.center + view.right.center)
+    toward = float(mean @ ahead / np.linalg.norm(ahead))
+    across = float(np.sqrt(max(mean @ mean - toward**2, 0.0)))
+    if not newest or abs(toward) > _CONTRADICTION * max(across, prior_std):
+        return None
+    return mean, 0.5 * (cov + cov.T)
 
 
 def _surroundings(boxes: list[Box], shape: tuple[int, ...]) -> Box:

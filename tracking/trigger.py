@@ -20,10 +20,8 @@ from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
-from tracking.flow import Flow2D, FlowParams, Match, Shot, match
+from tracking.flow import JITTER_S, Flow2D, FlowParams, Match, Shot, match
 from tracking.surprise import Comparison, Limits, Pixels
-
-_JITTER_S = 0.005  # of stamps
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,7 @@ class Trigger:
         other, what has been uncovered in between has none either.
         """
         newest = next(
-            (past for past in reversed(self._past) if now.stamp_s - past.stamp_s > params.interval_s - _JITTER_S), then
+            (past for past in reversed(self._past) if now.stamp_s - past.stamp_s > params.interval_s - JITTER_S), then
         )
         matches = self._matches(params, newest, now, regions[: params.max_regions])
         slow = [
