@@ -21,6 +21,7 @@ from pps_vision.experiments.fidelity import Fidelity
 from pps_vision.experiments.filter import Filter
 from pps_vision.experiments.fixation import Fixation
 from pps_vision.experiments.image_tracker import ImageTracker
+from pps_vision.experiments.independent import Independent
 from pps_vision.experiments.loop import Loop
 from pps_vision.experiments.pipeline import Pipeline
 from pps_vision.experiments.pps.series import Pps
@@ -56,6 +57,7 @@ class Bench:
         | Annotated[Soak, subcommand("soak")]
         | Annotated[Filter, subcommand("filter")]
         | Annotated[Consistency, subcommand("consistency")]
+        | Annotated[Independent, subcommand("independent")]
         | Annotated[Pps, subcommand("pps")]
         | Annotated[Reach, subcommand("reach")]
     )
