@@ -21,7 +21,6 @@ Grey = NDArray[np.uint8]  # (H, W)
 _MIN_POINTS = 4  # fewer tell no median
 _SURROUND_PX = 4  # nearer to a region, a window still contains part of it
 JITTER_S = 0.005  # of stamps
-_CONTRADICTION = 3.0  # times the speed across the view, or the prior one: toward the eyes it is no single object's
 _SAME = 0.5, 0.15  # px, and share of the flow: by which the flows of one object's points differ
 
 
@@ -47,7 +46,7 @@ class FlowParams:
     """At most so many points of a region, and of the surroundings."""
     max_regions: int = 8
     """Only the strongest are measured; the others count as not confirmed."""
-    error_px: float = 0.05
+    error_px: float = 0.1
     """Standard deviation of flow that all points of a region share."""
 
     def __post_init__(self) -> None:
@@ -142,30 +141,27 @@ def match(
 def velocity(
     flows: tuple[Flow2D | None, Flow2D | None], view: StereoView, position: Array, prior_std: float
 ) -> tuple[Array, Array] | None:
-    """Velocity (3,) m/s of an object at `position` (3,) m from its flow in both eyes, or in one, and its covariance
-    (3, 3); None without flow, or where the eyes contradict each other.
+    """Velocity (3,) m/s of an object at `position` (3,) m from its flow, and its covariance (3, 3); None without flow.
 
     In each eye, J v Δt = π(q) − x: π(q) is where the older image would show the point q that is seen there now, were
-    it at rest, x where it did, J = ∂π/∂q.  Before that the velocity is 0 ± `prior_std` in every direction.  What has
-    just begun to move has moved more slowly on average over a longer interval: of different intervals, the shorter.
+    it at rest, x where it did, J = ∂π/∂q.  The mean over both eyes tells the velocity across the view; toward the eyes
+    it stays 0 ± `prior_std`, for in so short a time positions tell more than a difference of flows.  Of different
+    intervals the shorter counts: what has just begun to move was slower on average in the longer.
     """
     known = [(flow, eye) for flow, eye in zip(flows, (view.left, view.right), strict=True) if flow is not None]
-    newest = [pair for pair in known if pair[0].interval_s < min(flow.interval_s for flow, _ in known) + JITTER_S]
-    information, weighed = np.eye(3) / prior_std**2, np.zeros(3)
-    for flow, eye in newest:
-        q = eye.center + float(np.linalg.norm(position - eye.center)) * eye.rays(flow.now_px)
-        J = flow.then.project_jacobian(q)
-        weights = J.T @ np.linalg.inv(flow.cov)
-        information = information + weights @ J
-        weighed = weighed + weights @ (flow.then.project(q) - flow.then_px) / flow.interval_s
-    cov = np.linalg.inv(information)
-    mean = cov @ weighed
-    ahead = position - 0.5 * (view.left.center + view.right.center)
-    toward = float(mean @ ahead / np.linalg.norm(ahead))
-    across = float(np.sqrt(max(mean @ mean - toward**2, 0.0)))
-    if not newest or abs(toward) > _CONTRADICTION * max(across, prior_std):
+    if not known:
         return None
-    return mean, 0.5 * (cov + cov.T)
+    shortest = min(flow.interval_s for flow, _ in known)
+    known = [pair for pair in known if pair[0].interval_s < shortest + JITTER_S]
+    J, rate, cov = np.zeros((2, 3)), np.zeros(2), np.zeros((2, 2))
+    for flow, eye in known:
+        q = eye.center + float(np.linalg.norm(position - eye.center)) * eye.rays(flow.now_px)
+        J += flow.then.project_jacobian(q) / len(known)
+        rate += (flow.then.project(q) - flow.then_px) / flow.interval_s / len(known)
+        cov += flow.cov / len(known) ** 2
+    weights = J.T @ np.linalg.inv(cov)
+    whole = np.linalg.inv(weights @ J + np.eye(3) / prior_std**2)
+    return whole @ weights @ rate, 0.5 * (whole + whole.T)
 
 
 def _surroundings(boxes: list[Box], shape: tuple[int, ...]) -> Box:
