@@ -53,7 +53,7 @@ def first_velocities(studio: Studio, data: Path, n: int, noise: float, seed: int
             )
             for name, first in _measure(film, k).items():
                 rows.setdefault(name, []).append(first)
-        result[kind] = {when: _paired(rows[f"{when}, without"], rows[f"{when}, with"], seed) for when in _CONFIRM}
+        result[kind] = {when: paired(rows[f"{when}, without"], rows[f"{when}, with"], seed) for when in _CONFIRM}
     return result
 
 
@@ -96,7 +96,7 @@ def _first(film: _Film, frame: StereoFrame, track: Track3D, k: int) -> First | N
     return First(k - STARTS + 1, float(np.linalg.norm(error)), float(np.mean([np.linalg.norm(one) for one in px])))
 
 
-def _paired(without: list[First | None], with_flow: list[First | None], seed: int) -> dict[str, object]:
+def paired(without: list[First | None], with_flow: list[First | None], seed: int) -> dict[str, object]:
     """Medians on the films that both found, and the mean of the paired differences (with less without; negative: flow
     is better) with a 95 % interval by resampling films."""
     both = np.array([(a, b) for a, b in zip(without, with_flow, strict=True) if a and b]).reshape(-1, 2, 3)
