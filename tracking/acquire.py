@@ -10,6 +10,7 @@ from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
 from tracking.ego_motion import Box
+from tracking.flow import Flow2D
 from tracking.outline import Optics, Outline
 from tracking.rim import see
 from tracking.trigger import Region2D
@@ -37,6 +38,7 @@ class Candidate:
     model: ColorModel
     evidence: float
     spread: float  # of its mask; see `masks.spread`
+    flow: Flow2D | None  # of the region that it was found by
 
     @property
     def vividness(self) -> float:
@@ -84,7 +86,9 @@ def acquire(
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None
     shape = _object_outline(params, image, mask, box, optics)
-    return None if shape is None else Candidate(shape, model, region.evidence * distinctness, masks.spread(mask))
+    if shape is None:
+        return None
+    return Candidate(shape, model, region.evidence * distinctness, masks.spread(mask), region.flow)
 
 
 def _object_outline(params: AcquireParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:

@@ -83,9 +83,11 @@ class EyeTracker:
         box: tuple[float, float, float, float],
         model: ColorModel | None = None,
         spread: float = 1.0,
+        shift_px: Array | None = None,
     ) -> None:
         """Learn the object that fills `box` (x, y, w, h px), or take its colours from another `model`;
-        `spread` is 1 for an ellipse, and more for what has corners or limbs."""
+        `spread` is 1 for an ellipse, and more for what has corners or limbs; `shift_px` (2,) is its motion from one
+        image to the next (None: at rest)."""
         x, y, w, h = box
         center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
         roi = self._region(center, 1.2 * w + 4, 1.2 * h + 4)
@@ -97,7 +99,7 @@ class EyeTracker:
         mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape, spread)
         whole = None if mask is None else see(image, mask, roi, self.optics, notched=self.params.notched)
         fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
-        cloud = spawn(self.params.particles, center, size, 0.5, self.rng)
+        cloud = spawn(self.params.particles, center, size, 0.5, self.rng, shift_px)
         self._state = _State(model, cloud, size, shape, fill, spread)
 
     def step(

@@ -66,13 +66,22 @@ class _Step:
 
 
 def spawn(
-    params: ParticleParams, center_px: Array, size_px: float, spread_px: float, rng: np.random.Generator
+    params: ParticleParams,
+    center_px: Array,
+    size_px: float,
+    spread_px: float,
+    rng: np.random.Generator,
+    shift_px: Array | None = None,
 ) -> Cloud:
-    """Particles at rest around a place; `spread_px` their standard deviation."""
+    """Particles around a place, which move by `shift_px` (2,) a frame (None: at rest); `spread_px` their standard
+    deviation."""
     now = np.ones((params.count, 3))
     now[:, :2] = center_px + spread_px * rng.standard_normal((params.count, 2))
     now[:, 2] = size_px
-    return Cloud(now, now.copy())
+    before = now.copy()
+    if shift_px is not None:
+        before[:, :2] -= shift_px
+    return Cloud(now, before)
 
 
 def propagate(params: ParticleParams, cloud: Cloud, prior: Prior | None, rng: np.random.Generator) -> Cloud:

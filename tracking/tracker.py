@@ -18,6 +18,7 @@ from tracking.blind import Blindness
 from tracking.color import ColorModel
 from tracking.disparity import DisparityParams, refine_distance
 from tracking.eye import EyeParams, Sighting
+from tracking.flow import velocity
 from tracking.follow import Follower, find_both
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.look import Looks, is_grey, looks_of
@@ -118,6 +119,7 @@ class Tracker:
         self._hits = 0
         self._seen_s = -np.inf
         self._stamps = (-np.inf, -np.inf)
+        self._period_s = np.inf
 
     def step(self, frame: StereoFrame, shapes: Shapes | None = None) -> TrackerStep:
         """The track after this frame; ValueError for a stamp that does not lie after the last one, or images that are
@@ -154,7 +156,7 @@ class Tracker:
         with self.stages("triangulation"):
             observation = self._pose.widen(self._observe(view, looks, sightings, frame.stamp_s), view, frame.stamp_s)
         with self.stages("filter"):
-            track = self._filter(observation, frame.stamp_s, blind)
+            track = self._filter(observation, view, frame.stamp_s, blind)
             if not blind:
                 self._after(looks, sightings, observation, grey)
         seen = zip(self._eyes, looks, sightings, strict=True)
@@ -169,6 +171,7 @@ class Tracker:
             expected = eye.optics.camera.height, eye.optics.camera.width, 3
             if image.shape != expected or image.dtype != np.uint8:
                 raise ValueError(f"{eye.name} image {image.shape} {image.dtype}; expected {expected} uint8")
+        self._period_s = stamps[0] - self._stamps[0]
         self._stamps = stamps
 
     def _begin(self, looks: Looks, view: StereoView, stamp_s: float, grey: bool) -> tuple[Sightings, Regions]:
@@ -187,7 +190,9 @@ class Tracker:
         self._found = pair
         with self.stages("image"):
             for eye, look, found in zip(self._eyes, looks, pair, strict=True):
-                eye.object.start(look.image, found.outline.box_px, found.model, found.spread)
+                flow = found.flow
+                shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * self._period_s
+                eye.object.start(look.image, found.outline.box_px, found.model, found.spread, shift_px)
         return _sightings((pair[0].outline, pair[1].outline)), regions
 
     def _is_carrier(self, looks: Looks) -> bool:
@@ -222,7 +227,7 @@ class Tracker:
             observation = refined or observation
         return observation
 
-    def _filter(self, observation: Observation3D | None, stamp_s: float, blind: bool) -> Track3D:
+    def _filter(self, observation: Observation3D | None, view: StereoView, stamp_s: float, blind: bool) -> Track3D:
         """Take the observation into the belief and decide what is known; blind eyes refute nothing for a while."""
         params = self._kalman
         seen = observation is not None
@@ -231,7 +236,7 @@ class Tracker:
                 self._kalman = params = scaled(
                     self.params.kalman, float(np.linalg.norm(observation.p_root - self._head))
                 )
-                self._belief = start(params, stamp_s, observation.p_root, observation.cov_root)
+                self._belief = self._start(observation, view, stamp_s)
             else:
                 self._belief = update(params, self._belief, observation.p_root, observation.cov_root)
                 seen = self._belief.rejections == 0
@@ -251,6 +256,13 @@ class Tracker:
         if self._hits < self.params.confirm_frames:
             return Track3D.unknown(stamp_s)
         return self._track(self._belief, Status.TRACKING if seen else Status.COASTING)
+
+    def _start(self, observation: Observation3D, view: StereoView, stamp_s: float) -> Belief:
+        """The belief after the first measurement; optical flow, where there is any, tells its velocity."""
+        found, params = self._found, self._kalman
+        flows = (found[0].flow, found[1].flow) if found else (None, None)
+        measured = velocity(flows, view, observation.p_root, params.prior_std[0]) or (None, None)
+        return start(params, stamp_s, observation.p_root, observation.cov_root, *measured)
 
     def _track(self, belief: Belief, status: Status) -> Track3D:
         """What an outline's centre is off the body's, and what hardly changes, no filter averages out."""
@@ -274,7 +286,7 @@ class Tracker:
         self._radius = value + gain * (observation.radius_m - value), (1 - gain) * var
 
     def _forget(self) -> None:
-        self._belief, self._hits, self._oddness = None, 0, 0.0
+        self._belief, self._found, self._hits, self._oddness = None, None, 0, 0.0
         self._association.forget()
         for eye in self._eyes:
             eye.forget()

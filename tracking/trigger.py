@@ -4,12 +4,13 @@ R uses the residual of pyramidal Lucas–Kanade flow on a grid (FACTS §4).  Her
 known from the joints, so an older image is warped to the present pose, and a pixel is on where it is
 brighter or darker than anything the older image had within the tolerated pose error, at whatever
 distance things may be.  A coarse grey look comes first, for it mostly says that nothing moves; only where
-it does not, and it is not the robot itself, all pixels and colours are compared.
+it does not, and it is not the robot itself, all pixels and colours are compared.  Optical flow confirms what that
+residual leaves, and measures how it moves.
 """
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
@@ -19,6 +20,7 @@ from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
+from tracking.flow import JITTER_S, Flow2D, FlowParams, Match, Shot, match
 from tracking.surprise import Comparison, Limits, Pixels
 
 
@@ -30,7 +32,8 @@ class TriggerParams:
     `tolerance_px` of pose error; `noise_factor` times the image noise, or at least `min_contrast` grey
     levels, switch a pixel on; `min_area_px` of them make a region; parts of one object may be
     `join_px` apart, and colour is looked at `color_margin_px` around them; `central` is the share of
-    the image's sides looked at, at first in pixels `coarse` times as large, where `coarse_contrast` will do."""
+    the image's sides looked at, at first in pixels `coarse` times as large, where `coarse_contrast` will do;
+    `flow` confirms and measures regions (None: they are reported as the residual leaves them)."""
 
     interval_s: float = 0.2
     slow_interval_s: float = 0.6
@@ -46,6 +49,7 @@ class TriggerParams:
     central: float = 0.92
     coarse: int = 2
     coarse_contrast: float = 6.0
+    flow: FlowParams | None = field(default_factory=FlowParams)
 
     def __post_init__(self) -> None:
         if not (
@@ -63,12 +67,13 @@ class TriggerParams:
 
 @dataclass(frozen=True, slots=True)
 class Region2D:
-    """A moving patch: box (x, y, width, height px), which pixels of it are on (height, width), and
-    their summed contrast."""
+    """A moving patch: box (x, y, width, height px), which pixels of it are on (height, width), their summed
+    contrast, and its optical flow; None where it moves too fast for that, or flow is off."""
 
     box_px: tuple[int, int, int, int]
     mask: Mask
     evidence: float
+    flow: Flow2D | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +99,11 @@ class _Past:
     def smooth(self) -> Pixels:
         """In colour, noise smoothed; before a warp, lest what the warp cannot see be smeared in."""
         return np.asarray(cv2.blur(self.image, (3, 3)), dtype=np.uint8)
+
+    @cached_property
+    def shot(self) -> Shot:
+        """In grey, as it is."""
+        return Shot(np.asarray(cv2.cvtColor(self.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8), self.view, self.stamp_s)
 
     @cached_property
     def _body(self) -> Mask | None:
@@ -123,8 +133,11 @@ class Trigger:
             self._past.popleft()  # from before something was tracked
         self._slow_turn = not self._slow_turn
         then = self._reference(present) if look else None
+        regions = self._regions(then, present) if then else []
+        if then and regions and self.params.flow:
+            regions = self._confirmed(self.params.flow, then, present, regions)
         self._past.append(present)
-        return self._regions(then, present) if then else []
+        return regions
 
     def _reference(self, now: _Past) -> _Past | None:
         """The image to compare with: as old as this turn wants and the head's motion allows."""
@@ -155,6 +168,33 @@ class Trigger:
         )
         found = self._comparison(then, now, 1).unexplained(then.smooth, now.smooth, box)
         return self._split(*found) if found else []
+
+    def _confirmed(self, params: FlowParams, then: _Past, now: _Past, regions: list[Region2D]) -> list[Region2D]:
+        """The regions that flow shows to move, with their flow.
+
+        It is measured since the newest image that is `interval_s` old; of what is too slow to move since then, since
+        the image that the residual was computed with.  Only in the former does a missing match tell of motion: in the
+        other, what has been uncovered in between has none either.
+        """
+        newest = next(
+            (past for past in reversed(self._past) if now.stamp_s - past.stamp_s > params.interval_s - JITTER_S), then
+        )
+        matches = self._matches(params, newest, now, regions[: params.max_regions])
+        slow = [
+            k
+            for k, one in enumerate(matches)
+            if one.moving < params.min_moving and one.unmatched < params.min_unmatched
+        ]
+        confirmed = {k: replace(regions[k], flow=one.flow) for k, one in enumerate(matches) if k not in slow}
+        if slow and newest is not then:
+            again = self._matches(params, then, now, [regions[k] for k in slow])
+            found = zip(slow, again, strict=True)
+            confirmed |= {k: replace(regions[k], flow=one.flow) for k, one in found if one.moving >= params.min_moving}
+        return [confirmed[k] for k in sorted(confirmed)]
+
+    def _matches(self, params: FlowParams, then: _Past, now: _Past, regions: list[Region2D]) -> list[Match]:
+        pairs = [(region.box_px, region.mask) for region in regions]
+        return match(params, self._ego, then.shot, now.shot, self.params.room_m, pairs)
 
     def _comparison(self, then: _Past, now: _Past, scale: int) -> Comparison:
         """In pixels `scale` times as large as the image's."""

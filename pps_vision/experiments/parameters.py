@@ -70,22 +70,25 @@ class Real:
 
 @dataclass(frozen=True)
 class Trigger:
-    """Head still or turning at up to 20°/s, arms in view: time per image, frames until a ball or marker that
-    starts to move is found, false alarms; flow error on rubberwhale.  Ours has one setting; each peer gets, for
-    either head, its best level: the lowest without a false alarm in another scene."""
+    """Head still or turning at up to 20°/s, the arms in view, and turning before photographs, with late joints and
+    changing light: time per image, false alarms, images until a ball or marker that starts to move is found; flow
+    error on RubberWhale; the velocity with which the tracker begins, with and without flow.  Ours has one setting;
+    each peer gets, for either setting, its best level: the lowest without a false alarm in another scene."""
 
     n: int = 3
     """Scenes of each kind, each in both eyes."""
     seconds: float = 10.0
-    """How long nothing moves, with the head still and again with the head moving."""
+    """How long nothing moves, in each of `n` scenes of the last setting and in one of the others."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
     seed: int = 0
     """Seed of places, motions and noise."""
     peers: bool = True
     """With --no-peers only ours, for long runs."""
+    films: int = 20
+    """Films of either source on which the tracker's first velocity is measured."""
     data: Path = DATA
-    """Folder that holds rubberwhale (default: PPS_VISION_DATA, else ../shared/data)."""
+    """Folder that holds rubberwhale and the photographs (default: PPS_VISION_DATA, else ../shared/data)."""
 
 
 @dataclass(frozen=True)

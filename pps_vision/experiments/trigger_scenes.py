@@ -1,12 +1,15 @@
 """What motion triggers are tried on: a head that is still or turns, and nothing, or a ball, that moves by itself."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from control.fixation import gaze_at
 from pps_vision.experiments.disturbances import noisy
 from pps_vision.experiments.footage import Footage, Posing, Studio
+from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.independent_scenes import SensorChain
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
@@ -18,6 +21,8 @@ FPS = 20.0
 STARTS = 20  # frame at which the ball begins to move: by then every method has a second behind it
 AFTER = 12  # frames that it moves
 _SWAY_HZ = (0.3, 0.6)
+_FILM_HEAD_RATE = 3.9  # 1/s: how fast a film's eyes turn at most, per amplitude
+_FILM_FOCAL = 0.86  # of a film, as a share of the width
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,13 @@ def starting(
     studio: Studio, rng: np.random.Generator, radius_m: float, px_per_frame: float, speed_rad_s: float, noise: float
 ) -> list[Scene]:
     """Both eyes of such a head, and a ball at rest that at frame `STARTS` begins to cross the view."""
+    return _eyes(studio, starting_footage(studio, rng, radius_m, px_per_frame, speed_rad_s, noise), shown=True)
+
+
+def starting_footage(
+    studio: Studio, rng: np.random.Generator, radius_m: float, px_per_frame: float, speed_rad_s: float, noise: float
+) -> Footage:
+    """The same as stereo frames."""
     p = _place(rng)
     pose = swaying(studio.robot, rng, p, speed_rad_s)
     view = studio.rig.view(pose(STARTS / FPS, home(studio.robot), p)).left
@@ -69,7 +81,68 @@ def starting(
     footage = studio.film(
         _Starting(p, velocity), (STARTS + AFTER) / FPS, pose, FPS, stimulus=make_stimulus("ball", radius_m)
     )
-    return _eyes(studio, noisy(footage, noise, rng), shown=True)
+    return noisy(footage, noise, rng)
+
+
+def independent_film(
+    rng: np.random.Generator,
+    data: Path,
+    seconds: float,
+    radius_m: float,
+    px_per_frame: float,
+    speed_deg_s: float,
+    noise: float,
+) -> Film:
+    """A film of another source (ray casting, photographs on the walls): the head sways at up to `speed_deg_s`, its
+    joints are 0–20 ms late, the light drifts and flickers; a ball starts to move at frame `STARTS`, or (0) rests."""
+    distance = float(rng.uniform(0.4, 0.7))
+    scene = IndependentScene(
+        width=320,
+        height=240,
+        fps=FPS,
+        seconds=seconds,
+        rig="head",
+        head_deg=speed_deg_s / _FILM_HEAD_RATE,
+        stale_s=float(rng.uniform(0, 0.02)),
+        radius_m=radius_m,
+        color=tuple(rng.uniform(20, 235, 3).tolist()),
+        motion="straight" if px_per_frame else "still",
+        start="rest",
+        rest_s=(STARTS - 1) / FPS,
+        speed_m_s=px_per_frame * FPS * distance / (_FILM_FOCAL * 320),
+        distance_m=distance,
+        background=int(rng.integers(0, 100)),
+        gain_drift=0.1,
+        flicker=0.03,
+        sensor=SensorChain(read_noise=noise, bayer=True),
+    )
+    return Film(scene, int(rng.integers(2**31)), data)
+
+
+def independent(film: Film) -> list[Scene]:
+    """The film as each eye's own scene; no robot is in view."""
+    frames, views = [], []
+    for frame in film:
+        frames.append(frame)
+        views.append(film.rig.view_of(frame))
+    nobody = np.zeros(frames[0].left.shape[:2], bool)
+    joints = [np.zeros(0) if frame.joints_left_rad is None else frame.joints_left_rad for frame in frames]
+    radius = film.rig.left.focal_px * film.scene.radius_m / film.scene.distance_m
+    sides = (
+        ([frame.left for frame in frames], [view.left for view in views], [one.left_px for one in film.truth]),
+        ([frame.right for frame in frames], [view.right for view in views], [one.right_px for one in film.truth]),
+    )
+    return [
+        Scene(
+            tuple(
+                Glimpse(image, view, float(stamp), q, nobody)
+                for image, view, stamp, q in zip(images, eye_views, film.stamps_s, joints, strict=True)
+            ),
+            np.array(centers),
+            radius,
+        )
+        for images, eye_views, centers in sides
+    ]
 
 
 def swaying(robot: Robot, rng: np.random.Generator, p: Array, speed_rad_s: float) -> Posing:

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from time import thread_time
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.experiments.chart import timed
-from pps_vision.experiments.motion_peers import FLOWS, PEERS, BoxPx, endpoint_error, grey_of
+from pps_vision.experiments.motion_peers import FLOWS, PEERS, BoxPx, dis, endpoint_error, grey_of
 from pps_vision.experiments.trigger_scenes import AFTER, STARTS, Glimpse, Scene
 from pps_vision.geometry.camera import Camera
 from pps_vision.robot.silhouette import Silhouette
@@ -23,12 +24,13 @@ _OWN_SHARE = 0.3  # of a peer's region on the robot itself, above which it is no
 _FLO_MAGIC = b"PIEH"
 
 
-def ours(params: TriggerParams, camera: Camera, silhouette: Silhouette) -> Watcher:
-    """Our trigger; what it takes to know where the robot is belongs to its time."""
+def ours(params: TriggerParams, camera: Camera, silhouette: Silhouette | None) -> Watcher:
+    """Our trigger; what it takes to know where the robot is belongs to its time (None: nowhere)."""
     trigger = Trigger(params, camera)
 
     def look(seen: Glimpse) -> list[BoxPx]:
-        found = trigger.step(seen.image, seen.view, seen.stamp_s, partial(silhouette, seen.joints_rad, seen.view))
+        own = partial(silhouette, seen.joints_rad, seen.view) if silhouette else None
+        found = trigger.step(seen.image, seen.view, seen.stamp_s, own)
         return [region.box_px for region in found]
 
     return look
@@ -41,17 +43,48 @@ def peer(name: str, camera: Camera, level: float) -> Watcher:
 
 
 def watch(watchers: Mapping[str, Watcher], scene: Scene) -> dict[str, tuple[list[list[BoxPx]], list[float]]]:
-    """Regions and milliseconds of each image, by variant; one image goes to all, each time in another order (what
-    comes after a method that fills the cache is slower), before the next comes.  Nobody is blamed for the robot's
-    own body."""
+    """Regions and milliseconds of processor time of each image, by variant.
+
+    One image goes to all, each time in another order (what comes after a method that fills the cache is slower),
+    before the next comes.  Nobody is blamed for the robot's own body.
+    """
     result: dict[str, tuple[list[list[BoxPx]], list[float]]] = {name: ([], []) for name in watchers}
     names = list(watchers)
     for k, seen in enumerate(scene.glimpses):
         for name in [names[i] for i in np.random.default_rng(k).permutation(len(names))]:
-            boxes, ms = timed(partial(watchers[name], seen))
+            boxes, ms = _processor_time(partial(watchers[name], seen))
             result[name][0].append([box for box in boxes if not _is_own(box, seen.own)])
             result[name][1].append(ms)
     return result
+
+
+def _processor_time(run: Callable[[], list[BoxPx]]) -> tuple[list[BoxPx], float]:
+    start = thread_time()
+    boxes = run()
+    return boxes, 1000 * (thread_time() - start)
+
+
+def references() -> dict[str, Watcher]:
+    """Flow alone, as a measure of time: DIS ultrafast, and Lucas–Kanade of 100 points; they report nothing."""
+    whole, sparse = dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST), np.zeros((100, 1, 2), np.float32)
+    last: dict[str, NDArray[np.uint8]] = {}
+
+    def dense(seen: Glimpse) -> list[BoxPx]:
+        now = grey_of(seen.image)
+        whole(now, last.get("dense", now))
+        last["dense"] = now
+        return []
+
+    def points(seen: Glimpse) -> list[BoxPx]:
+        now = grey_of(seen.image)
+        height, width = now.shape
+        x, y = np.meshgrid(np.linspace(0.1, 0.9, 10) * width, np.linspace(0.1, 0.9, 10) * height)
+        sparse[:, 0, 0], sparse[:, 0, 1] = x.ravel(), y.ravel()
+        cv2.calcOpticalFlowPyrLK(last.get("points", now), now, sparse, np.empty(0))
+        last["points"] = now
+        return []
+
+    return {"DIS ultrafast": dense, "LK, 100 points": points}
 
 
 def best_level(name: str, calm: Scene) -> float:

@@ -8,6 +8,7 @@ from pps_vision.experiments.motion_peers import PEERS, endpoint_error, regions
 from pps_vision.experiments.trigger import Trigger
 from pps_vision.experiments.trigger_scenes import AFTER, FPS, STARTS, Glimpse, Scene
 from pps_vision.experiments.trigger_trial import MISSED, best_level, delay, flow_errors, ours, peer, read_flow, watch
+from pps_vision.experiments.trigger_velocity import First, paired
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, load_icub
@@ -88,14 +89,28 @@ def test_flow_files_are_read_and_compared(tmp_path) -> None:
     assert "skipped" in str(flow_errors(tmp_path / "absent"))
 
 
-def test_the_chart_says_what_fires_all_the_time() -> None:
-    ball = {"ball": {"mean": 1.0, "within_3": 1.0, "missed": 0.0, "scenes": 2}}
+def test_the_chart_shows_alarms_and_what_is_found_in_time() -> None:
+    balls = {
+        "ball, 5 px a frame": {"mean": 1.0, "within_3": 0.5, "missed": 0.0, "scenes": 2},
+        "ball, 1 px a frame": {"mean": 1.0, "within_3": 0.0, "missed": 0.0, "scenes": 2},
+    }
     time = {"q25_ms": 0.9, "median_ms": 1.0, "q75_ms": 1.1}
-    good = {**time, "alarms_per_minute": 0.0, "mean_delay_frames": 1.5, "by_ball": ball}
+    good = {**time, "alarms_per_minute": 0.0, "mean_delay_frames": 1.5, "by_ball": balls}
     rows = {"variants": {"ours": good, "MOG2": {**good, "alarms_per_minute": 1200.0}}}
-    figure = Trigger().chart({"heads": {"still": rows, "moving": rows}, "flow": "skipped: no data"})
-    texts = [text.get_text() for text in figure.axes[1].texts]
-    assert "MOG2 (fails)" in texts
-    assert "ours" in texts
+    figure = Trigger().chart({"heads": {"independent": rows}})
+    assert {"ours", "MOG2"} <= {text.get_text() for text in figure.axes[0].texts}
+    assert [bar.get_width() for bar in figure.axes[1].patches] == [50.0, 50.0]
     with pytest.raises(ValueError, match="--n 0"):
         Trigger(n=0).run()
+
+
+def test_films_are_compared_in_pairs() -> None:
+    slow, quick = First(3, 0.4, 4.0), First(3, 0.1, 1.0)
+    result = paired([slow, slow, None, slow], [quick, quick, quick, None], seed=1)
+    assert (result["films"], result["paired"]) == (4, 2)
+    assert result["found"] == {"without": 3, "with": 3}
+    error = result["error_m_s"]
+    assert isinstance(error, dict)
+    assert error["mean_difference"] == pytest.approx(-0.3)
+    assert error["interval_95"] == pytest.approx([-0.3, -0.3])
+    assert error["flow_better_in"] == 2

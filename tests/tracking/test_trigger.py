@@ -1,13 +1,18 @@
 """The trigger on ray-cast scenes: quiet while only the head moves, quick when something else does."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 from raycast import ROOM_M, Sphere, look
 
-from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
 from tracking.ego_motion import EgoMotion
+from tracking.flow import FlowParams
 from tracking.trigger import Region2D, Trigger, TriggerParams
 
 RED = (210.0, 45.0, 40.0)
@@ -82,11 +87,12 @@ def test_an_image_that_was_only_remembered_is_compared_with(
     rig: StereoRig, robot: Robot, rng: np.random.Generator
 ) -> None:
     view = rig.view(home(robot)).left
-    trigger, center = Trigger(TriggerParams(), LEFT_EYE), (view.T_root_camera @ np.array([0.0, 0.0, 0.5, 1.0]))[:3]
-    empty, ball = look(view, [], rng), look(view, [Sphere(center, 0.03, RED)], rng)
+    trigger = Trigger(TriggerParams(), LEFT_EYE)
+    balls = [(view.T_root_camera @ np.array([0.01 * k, 0.0, 0.5, 1.0]))[:3] for k in range(2)]
+    empty, first, second = (look(view, [Sphere(p, 0.03, RED)] if p is not None else [], rng) for p in (None, *balls))
     assert trigger.step(empty, view, 0.0, look=False) == []
-    assert trigger.step(ball, view, DT, look=False) == []
-    assert len(trigger.step(ball, view, 2 * DT)) == 1
+    assert trigger.step(first, view, DT, look=False) == []
+    assert len(trigger.step(second, view, 2 * DT)) == 1
 
 
 def test_an_image_from_long_ago_is_forgotten(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
@@ -95,6 +101,183 @@ def test_an_image_from_long_ago_is_forgotten(rig: StereoRig, robot: Robot, rng: 
     trigger.step(look(view, [], rng), view, 0.0)
     center = (view.T_root_camera @ np.array([0.0, 0.0, 0.5, 1.0]))[:3]
     assert trigger.step(look(view, [Sphere(center, 0.03, RED)], rng), view, 10.0) == []
+
+
+# The gates, on drawn images: a still eye, a textured wall, patches (x, y, width, height, level).
+
+FIXED = View(LEFT_EYE, transform())
+GATE = TriggerParams(flow=None)
+Patch = tuple[float, float, int, int, float]
+
+
+def drawn(patches: list[Patch], rng: np.random.Generator, noise: float = 0.0) -> np.ndarray:
+    wall = 90 + 8 * np.sin(np.arange(320) / 9) + 8 * np.cos(np.arange(240) / 7)[:, None]
+    for x, y, w, h, level in patches:
+        patch = np.zeros((240, 320), np.float32)
+        patch[int(y) : int(y) + h, int(x) : int(x) + w] = 1
+        patch = cv2.warpAffine(patch, np.array([[1, 0, x % 1], [0, 1, y % 1]], float), (320, 240))
+        wall = wall + (level - 90) * patch
+    image = wall[..., None] + noise * rng.standard_normal((240, 320, 3))
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def seen(params: TriggerParams, films: list[list[Patch]], noise: float = 0.0) -> list[list[Region2D]]:
+    trigger, rng = Trigger(params, LEFT_EYE), np.random.default_rng(2)
+    return [trigger.step(drawn(patches, rng, noise), FIXED, DT * k) for k, patches in enumerate(films)]
+
+
+def moving(x: float, y: float, w: int, h: int, level: float, px: float = 5.0, frames: int = 8) -> list[list[Patch]]:
+    """At rest for five images, then to the right."""
+    return [[(x + px * max(k - 4, 0), y, w, h, level)] for k in range(frames)]
+
+
+def test_only_the_central_part_is_looked_at() -> None:
+    at_the_border = [[(280 - 5 * max(k - 4, 0), 233, 30, 7, 200.0)] for k in range(8)]
+    assert not any(seen(GATE, at_the_border))
+    assert any(seen(replace(GATE, central=1.0), at_the_border))
+
+
+def test_what_is_too_small_is_no_region() -> None:
+    film = moving(100, 100, 5, 5, 200.0)
+    assert any(seen(GATE, film))
+    assert not any(seen(replace(GATE, min_area_px=150), film))
+    assert not any(seen(GATE, moving(100, 100, 1, 1, 160.0)))
+
+
+def test_what_hardly_differs_is_no_region() -> None:
+    faint, plain = moving(100, 100, 20, 20, 94.0), moving(100, 100, 20, 20, 115.0)
+    assert not any(seen(GATE, faint))
+    assert any(seen(replace(GATE, min_contrast=2.0, coarse_contrast=2.0), faint))
+    assert any(seen(GATE, plain))
+
+
+def test_what_noise_may_do_is_no_region() -> None:
+    film = moving(100, 100, 20, 20, 102.0)
+    assert any(seen(GATE, film, 0.5))
+    assert not any(seen(GATE, film, 8.0))
+    assert any(seen(replace(GATE, noise_factor=1.0), film, 8.0))
+
+
+def test_darker_and_brighter_both_count() -> None:
+    for level in (20.0, 180.0):
+        assert len(seen(GATE, [[]] * 5 + [[(100, 100, 20, 20, level)]])[-1]) == 1
+
+
+def test_parts_of_one_object_are_joined_and_the_strongest_comes_first() -> None:
+    parts = [[]] * 5 + [[(100, 100, 20, 10, 130.0), (100, 116, 20, 10, 130.0), (200, 60, 12, 12, 200.0)]]
+    found = seen(GATE, parts)[-1]
+    assert len(found) == 2
+    assert found[0].evidence >= found[1].evidence > 0
+    assert len(seen(replace(GATE, join_px=1), parts)[-1]) == 3
+    bright = [[]] * 5 + [[(100, 100, 12, 12, 110.0), (200, 60, 12, 12, 200.0)]]
+    assert [region.box_px[0] > 150 for region in seen(GATE, bright)[-1]] == [True, False]
+
+
+def test_a_slow_object_is_found_in_the_turns_of_the_long_interval() -> None:
+    slow = moving(100, 100, 20, 20, 200.0, 0.14, 20)
+    found = seen(GATE, slow)
+    assert not any(found[:9])
+    assert any(found)
+    assert not any(seen(replace(GATE, slow_interval_s=GATE.interval_s), slow))
+    flows = [one[0].flow for one in seen(TriggerParams(), moving(100, 100, 20, 20, 200.0, 0.3, 18)) if one]
+    assert any(flow is not None and flow.interval_s > 0.5 for flow in flows)
+
+
+def test_with_each_interval_an_image_so_old_is_compared() -> None:
+    appeared = [bool(one) for one in seen(GATE, [[]] * 13 + [[(100, 100, 20, 20, 200.0)]] * 20)[13:]]
+    assert all(appeared[:4])
+    assert sum(appeared[4:12]) == 4  # the long interval only, every other image
+    assert not any(appeared[12:])
+
+
+def test_where_the_robot_was_is_no_stimulus_either() -> None:
+    rng = np.random.default_rng(2)
+    arm: Patch = (100, 100, 30, 30, 200.0)
+    mask = np.zeros((240, 320), bool)
+    mask[98:132, 98:132] = True
+    for own, expected in ((mask, 0), (np.zeros_like(mask), 1)):
+        trigger, found = Trigger(GATE, LEFT_EYE), []
+        for k in range(7):
+            there = k < 5
+            body = own if there else np.zeros_like(mask)
+            found = trigger.step(drawn([arm] if there else [], rng), FIXED, DT * k, lambda body=body: body)
+        assert len(found) == expected
+
+
+def test_something_near_at_rest_is_no_stimulus_for_an_eye_that_shifts() -> None:
+    rng = np.random.default_rng(4)
+    eyes = [View(LEFT_EYE, transform(translation=(0.003 * k, 0.0, 0.0))) for k in range(9)]
+    near = Sphere(np.array([0.0, 0.0, 0.3]), 0.03, RED)
+    found = {}
+    for name, params in (("default", GATE), ("any parallax", replace(GATE, max_parallax_px=1e3, near_m=1.0))):
+        trigger = Trigger(params, LEFT_EYE)
+        found[name] = [trigger.step(look(eye, [near], rng), eye, DT * k) for k, eye in enumerate(eyes)]
+    assert not any(found["default"])
+    assert any(found["any parallax"])
+
+
+def test_an_eye_that_shifts_fast_compares_a_younger_image() -> None:
+    rng = np.random.default_rng(4)
+    eyes = [View(LEFT_EYE, transform(translation=(0.004 * k, 0.0, 0.0))) for k in range(9)]  # 4 px an image at 0.22 m
+    for limit, expected in ((5.0, False), (100.0, True)):  # what appeared two images ago and rests
+        trigger, found = Trigger(replace(GATE, max_parallax_px=limit), LEFT_EYE), []
+        for k, eye in enumerate(eyes):
+            there = [Sphere(np.array([0.02, 0.0, 0.6]), 0.04, RED)] if k >= 6 else []
+            found.append(bool(trigger.step(look(eye, there, rng), eye, DT * k)))
+        assert found[6]
+        assert found[8] == expected
+
+
+# Flow confirms what the gates leave.
+
+
+def textured(rng: np.random.Generator, level: float = 100.0) -> np.ndarray:
+    return cv2.GaussianBlur(rng.uniform(level - 100, level + 100, (240, 320, 1)), (0, 0), 2.0)[..., None].repeat(
+        3, axis=2
+    )
+
+
+def test_what_the_object_uncovers_is_refuted_and_the_object_measured() -> None:
+    rng = np.random.default_rng(6)
+    wall, square = textured(rng), textured(rng, 150.0)[:24, :24]
+    for params, expected in ((GATE, 2), (TriggerParams(), 1)):
+        trigger, found = Trigger(params, LEFT_EYE), []
+        for k in range(12):
+            image, x = wall.copy(), 60 + 10 * max(k - 4, 0)
+            image[100:124, x : x + 24] = square
+            found.append(trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k))
+        assert max(len(one) for one in found[9:]) == expected
+    flow = found[11][0].flow
+    assert flow is not None
+    assert flow.interval_s == pytest.approx(DT)
+    np.testing.assert_allclose(flow.velocity_px_s, (200, 0), atol=8)
+    assert flow.now_px[0] > 110  # on the object, not where it was
+
+
+def test_what_moves_too_fast_for_flow_is_found_without_it() -> None:
+    rng = np.random.default_rng(6)
+    wall, square = textured(rng), textured(rng, 150.0)[:16, :16]
+    trigger, found = Trigger(TriggerParams(), LEFT_EYE), []
+    for k in range(6):
+        image, x = wall.copy(), 60 + 90 * max(k - 4, 0)
+        image[100:116, x : x + 16] = square
+        found = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
+    assert [one.flow for one in found if one.box_px[0] > 120] == [None]
+
+
+def test_only_the_strongest_regions_are_measured() -> None:
+    rng = np.random.default_rng(6)
+    wall, square = textured(rng), textured(rng, 150.0)[:20, :20]
+    for most in (2, 8):
+        trigger, found = Trigger(TriggerParams(flow=FlowParams(max_regions=most)), LEFT_EYE), []
+        for k in range(6):
+            image = wall.copy()
+            for y in (60, 110, 160):
+                for x in (60, 200):
+                    at = x + 6 * max(k - 4, 0)
+                    image[y : y + 20, at : at + 20] = square
+            found = trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
+        assert len(found) == min(most, 6)
 
 
 def test_bad_parameters_are_named() -> None:

@@ -1,0 +1,222 @@
+"""Flow of regions on drawn images whose motion is known, and the velocity that it starts a track with."""
+
+import cv2
+import numpy as np
+import pytest
+from raycast import Sphere, frame
+
+from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.geometry.se3 import transform
+from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
+from pps_vision.robot.model import Robot
+from tracking.ego_motion import EgoMotion
+from tracking.flow import Flow2D, FlowParams, Match, Shot, match, velocity
+from tracking.particles import ParticleParams, propagate, spawn
+from tracking.search import SearchParams
+from tracking.tracker import Tracker, TrackerParams
+from tracking.trigger import TriggerParams
+
+VIEW = View(LEFT_EYE, transform())
+DT = 0.05
+BOX = (150, 110, 30, 30)
+
+
+def texture(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return cv2.GaussianBlur(rng.uniform(0, 255, shape), (0, 0), 1.5).astype(np.uint8)
+
+
+def pair(rng: np.random.Generator, object_px: tuple[int, int], wall_px: tuple[int, int] = (0, 0)) -> list[np.ndarray]:
+    """A textured square before a textured wall, then both moved by whole pixels so that the square fills BOX."""
+    wall, square = texture(rng, (240, 320)), texture(rng, (30, 30))
+    images = [wall, np.roll(wall, wall_px[::-1], (0, 1))]
+    x, y = BOX[:2]
+    for image, (dx, dy) in zip(images, (object_px, (0, 0)), strict=True):
+        image[y - dy : y - dy + 30, x - dx : x - dx + 30] = square
+    return images
+
+
+def measured(images: list[np.ndarray], then: View = VIEW, params: FlowParams | None = None) -> Match:
+    old, new = Shot(images[0], then, 0.0), Shot(images[1], VIEW, DT)
+    return match(params or FlowParams(), EgoMotion(LEFT_EYE), old, new, 1.2, [(BOX, np.ones((30, 30), bool))])[0]
+
+
+@pytest.mark.parametrize("moved", [(3, -2), (-5, 1), (1, 0)])
+def test_flow_of_a_region_is_its_motion(rng: np.random.Generator, moved: tuple[int, int]) -> None:
+    found = measured(pair(rng, moved))
+    assert found.moving > 0.7
+    assert found.flow is not None
+    np.testing.assert_allclose(found.flow.velocity_px_s * DT, moved, atol=0.1)
+    np.testing.assert_allclose(found.flow.now_px - found.flow.then_px, moved, atol=0.1)
+    assert np.abs(found.flow.now_px - (164.5, 124.5)).max() < 4
+    std_px = np.sqrt(np.linalg.eigvalsh(found.flow.cov)) * DT
+    assert std_px.min() >= FlowParams().error_px
+    assert std_px.max() < 0.3
+
+
+def test_what_moves_with_its_surroundings_does_not_move(rng: np.random.Generator) -> None:
+    found = measured(pair(rng, (2, 1), (2, 1)))
+    assert found.moving == 0
+    assert found.unmatched < 0.2
+    relative = measured(pair(rng, (5, 1), (2, 1))).flow
+    assert relative is not None
+    np.testing.assert_allclose(relative.velocity_px_s * DT, (3, 0), atol=0.15)
+
+
+def test_little_motion_is_none(rng: np.random.Generator) -> None:
+    images = pair(rng, (0, 0))
+    x, y, w, h = BOX
+    shift = np.array([[1, 0, 0.3], [0, 1, 0]])
+    images[1][y : y + h, x : x + w] = cv2.warpAffine(images[0], shift, (320, 240))[y : y + h, x : x + w]
+    assert measured(images).moving == 0
+    assert measured(images, params=FlowParams(min_px=0.15)).moving > 0.5
+
+
+def test_among_surroundings_that_move_anyhow_a_little_motion_is_none(rng: np.random.Generator) -> None:
+    images = pair(rng, (2, 0))
+    assert measured(images).moving > 0.7
+    wall = images[0].copy()
+    for top in range(20, 200, 20):
+        for left in range(20, 280, 20):
+            if not (100 <= top <= 120 and 140 <= left <= 160):
+                dx, dy = rng.integers(-2, 3, 2)
+                images[1][top : top + 20, left : left + 20] = wall[top - dy : top - dy + 20, left - dx : left - dx + 20]
+    assert measured(images).moving == 0
+
+
+def test_what_is_new_has_no_match(rng: np.random.Generator) -> None:
+    images = pair(rng, (0, 0))
+    images[1][110:140, 150:180] = texture(rng, (30, 30))
+    found = measured(images)
+    assert found.unmatched > 0.75
+    assert found.moving < 0.25
+    assert measured(images, params=FlowParams(max_return_px=100.0)).unmatched < 0.2
+
+
+def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Generator) -> None:
+    turned = View(LEFT_EYE, transform(rotation=cv2.Rodrigues(np.array([0.0, 0.02, 0.0]))[0]))
+    images = pair(rng, (0, 0))
+    ego = EgoMotion(LEFT_EYE)
+    images[0] = ego.warp(images[1], VIEW, turned, 0.0)  # the same scene, far away, from the older pose
+    found = match(
+        FlowParams(),
+        ego,
+        Shot(images[0], turned, 0.0),
+        Shot(images[1], VIEW, DT),
+        1.2,
+        [(BOX, np.ones((30, 30), bool))],
+    )[0]
+    assert found.moving == 0
+    assert found.unmatched < 0.2
+    images[0] = ego.warp(pair(np.random.default_rng(9), (4, 0))[0], VIEW, turned, 0.0)
+    images[1] = pair(np.random.default_rng(9), (4, 0))[1]
+    flow = measured(images, turned).flow
+    assert flow is not None
+    np.testing.assert_allclose(flow.velocity_px_s * DT, (4, 0), atol=0.2)
+    way = turned.project(VIEW.center + 100 * VIEW.rays(flow.now_px - (4, 0)))
+    np.testing.assert_allclose(flow.then_px, way, atol=0.2)
+
+
+def test_surroundings_at_an_unknown_distance_make_flow_less_certain(rng: np.random.Generator) -> None:
+    images = pair(rng, (3, 0))
+    beside = View(LEFT_EYE, transform(translation=(0.02, 0.0, 0.0)))
+    still, moved = measured(images).flow, measured(images, beside).flow
+    assert still is not None
+    assert moved is not None
+    assert np.linalg.eigvalsh(moved.cov - still.cov).min() * DT**2 > 0.5 * (0.4 * 219 * 0.02 / 1.2) ** 2
+
+
+def flows_of(
+    rig: StereoRig, robot: Robot, p: np.ndarray, v: np.ndarray, std_px: float, interval_s: float = DT
+) -> tuple[Flow2D, Flow2D]:
+    """What exact flow would be, while the head turns."""
+    now, then = rig.view(home(robot)), rig.view(set_gaze(robot, home(robot), yaw=0.02, pitch=0.01))
+    left, right = (
+        Flow2D(
+            np.zeros(2),
+            (std_px / interval_s) ** 2 * np.eye(2),
+            b.project(p),
+            a.project(p - v * interval_s),
+            a,
+            interval_s,
+        )
+        for a, b in ((then.left, now.left), (then.right, now.right))
+    )
+    return left, right
+
+
+def test_velocity_across_the_view_follows_from_flow(rig: StereoRig, robot: Robot) -> None:
+    p, v = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15])
+    view = rig.view(home(robot))
+    flows = flows_of(rig, robot, p, v, 0.1)
+    for seen in (flows, (flows[0], None), (None, flows[1])):
+        found = velocity(seen, view, p, 0.3)
+        assert found is not None
+        np.testing.assert_allclose(found[0][1:], v[1:], atol=0.02)
+        assert abs(found[0][0]) < 0.05
+        assert 0.25 < np.sqrt(found[1][0, 0]) <= 0.3
+    both, one = velocity(flows, view, p, 0.3), velocity((flows[0], None), view, p, 0.3)
+    assert both is not None
+    assert one is not None
+    across = [np.linalg.eigvalsh(cov)[0] for _, cov in (both, one)]
+    assert across[0] == pytest.approx(0.5 * across[1], rel=0.15)
+    assert velocity((None, None), view, p, 0.3) is None
+
+
+def test_the_longer_of_two_intervals_does_not_count(rig: StereoRig, robot: Robot) -> None:
+    p, v = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15])
+    view = rig.view(home(robot))
+    left, _ = flows_of(rig, robot, p, v, 0.1)
+    _, slower = flows_of(rig, robot, p, 0.3 * v, 0.1, 0.2)
+    alone, both = velocity((left, None), view, p, 0.3), velocity((left, slower), view, p, 0.3)
+    assert alone is not None
+    assert both is not None
+    np.testing.assert_array_equal(both[0], alone[0])
+
+
+def test_the_covariance_of_the_velocity_by_sampling(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
+    p, view, errors, cov = np.array([-0.45, 0.02, 0.35]), rig.view(home(robot)), [], np.eye(3)
+    for v in 0.1 * rng.standard_normal((500, 3)):
+        left, right = (
+            Flow2D(one.velocity_px_s, one.cov, one.now_px, one.then_px + 0.3 * rng.standard_normal(2), one.then, DT)
+            for one in flows_of(rig, robot, p, v, 0.3)
+        )
+        found = velocity((left, right), view, p, 0.1)
+        assert found is not None
+        errors.append(found[0] - v)
+        cov = found[1]
+    whitened = np.array(errors) @ np.linalg.cholesky(np.linalg.inv(cov))
+    np.testing.assert_allclose(np.cov(whitened.T), np.eye(3), atol=0.25)
+
+
+def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Robot) -> None:
+    q = home(robot)
+    ahead, rng = rig.view(q).left.T_root_camera, np.random.default_rng(3)
+    tracks = {}
+    for name, trigger in (("flow", TriggerParams()), ("none", TriggerParams(flow=None))):
+        tracker = Tracker(
+            TrackerParams(confirm_frames=1, search=SearchParams(trigger=trigger)), rig, np.random.default_rng(1)
+        )
+        for k in range(8):
+            center = (ahead @ np.array([0.014 * max(k - 5, 0), 0.0, 0.5, 1.0]))[:3]
+            track = tracker.step(frame(rig, q, [Sphere(center, 0.03, (210, 45, 40))], DT * k, rng)).track
+            if track.is_known:
+                tracks[name] = track
+                break
+    v = ahead[:3, :3] @ np.array([0.28, 0, 0])
+    assert np.linalg.norm(tracks["none"].velocity - v) > 0.2
+    error = tracks["flow"].velocity - v
+    assert np.linalg.norm(error) < 0.06
+    assert error @ np.linalg.inv(tracks["flow"].cov[3:6, 3:6]) @ error < 16
+
+
+def test_particles_begin_with_the_image_motion(rng: np.random.Generator) -> None:
+    params = ParticleParams()
+    for shift in (None, np.array([12.0, -5.0])):
+        cloud = propagate(params, spawn(params, np.array([100.0, 80.0]), 10.0, 0.5, rng, shift), None, rng)
+        expected = np.array([100.0, 80.0]) + (0 if shift is None else shift)
+        np.testing.assert_allclose(cloud.now[:, :2].mean(axis=0), expected, atol=1.0)
+
+
+def test_bad_parameters_are_named() -> None:
+    with pytest.raises(ValueError, match=r"min_moving=0"):
+        FlowParams(min_moving=0.0)

@@ -1,0 +1,215 @@
+"""Optical flow of moving regions (pyramidal Lucas–Kanade, Bouguet 2001) on a motion-compensated image pair.
+
+A point is matched if flow leads from the present image to the older one and back to where it began.  It moves if its
+flow differs from the median flow of the region's surroundings, so that an error of the eye's pose, which moves
+everything alike, moves nothing.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.geometry.camera import StereoView, View
+from pps_vision.types import Array, Mask
+from tracking.ego_motion import Box, EgoMotion
+
+Grey = NDArray[np.uint8]  # (H, W)
+_MIN_POINTS = 4  # fewer tell no median
+_SURROUND_PX = 4  # nearer to a region, a window still contains part of it
+JITTER_S = 0.005  # of stamps
+_SAME = 0.5, 0.15  # px, and share of the flow: by which the flows of one object's points differ
+
+
+@dataclass(frozen=True)
+class FlowParams:
+    """How flow confirms and measures a moving region."""
+
+    interval_s: float = 0.05
+    """Age of the older image; the next older one is taken."""
+    min_px: float = 0.5
+    """Flow relative to the surroundings from which a point moves; at least 3 standard deviations of theirs."""
+    min_moving: float = 0.25
+    """Share of a region's points that must move alike for the region to move."""
+    min_unmatched: float = 0.75
+    """Share of points without a match from which a region moves too (R: the residual of Lucas–Kanade)."""
+    max_return_px: float = 0.5
+    """Distance between a point and the point that its flow, there and back, leads to."""
+    window_px: int = 9
+    """Side of Lucas–Kanade's window."""
+    levels: int = 4
+    """Levels of its image pyramid."""
+    points: int = 40
+    """At most so many points of a region, and of the surroundings."""
+    max_regions: int = 8
+    """Only the strongest are measured; the others count as not confirmed."""
+    error_px: float = 0.1
+    """Standard deviation of flow that all points of a region share."""
+
+    def __post_init__(self) -> None:
+        if not (
+            self.interval_s > 0
+            and self.min_px > 0
+            and 0 < self.min_moving <= 1
+            and 0 < self.min_unmatched <= 1
+            and self.max_return_px > 0
+            and self.window_px >= 3
+            and self.levels >= 1
+            and self.points >= _MIN_POINTS
+            and self.max_regions >= 1
+            and self.error_px > 0
+        ):
+            raise ValueError(f"{self}: expected positive numbers, shares of at most 1, a window of 3 px or more")
+
+
+@dataclass(frozen=True, slots=True)
+class Flow2D:
+    """Image velocity of a region relative to its static surroundings.
+
+    `velocity_px_s` (2,) with `cov` (2, 2) px²/s²: the spread of its points' flow, and their common error.  Without
+    motion compensation: what is at `now_px` (2,) was at `then_px` in the image taken from `then`, `interval_s` ago.
+    """
+
+    velocity_px_s: Array
+    cov: Array
+    now_px: Array
+    then_px: Array
+    then: View
+    interval_s: float
+
+
+class Match(NamedTuple):
+    """Of a region's points, the share that moves alike and the share without a match; the flow of the former."""
+
+    moving: float
+    unmatched: float
+    flow: Flow2D | None
+
+
+class Shot(NamedTuple):
+    """A grey image, the eye it was taken from, and when."""
+
+    image: Grey
+    view: View
+    stamp_s: float
+
+
+def match(
+    params: FlowParams, ego: EgoMotion, then: Shot, now: Shot, room_m: float, regions: Sequence[tuple[Box, Mask]]
+) -> list[Match]:
+    """Measure how far regions (x, y, width, height px; mask) of the present image have come since an older one.
+
+    The older image is compensated for the eye's own motion as if everything were `room_m` away.
+    """
+    box = _surroundings([box for box, _ in regions], now.image.shape)
+    old = _cut(then.image, box) if ego.is_still(then.view, now.view) else None
+    if old is None:
+        old = ego.warp(then.image, then.view, now.view, 1 / room_m, box)
+    new = _cut(now.image, box)
+    dt, outside, parts = now.stamp_s - then.stamp_s, np.ones(new.shape, bool), []
+    for (x, y, w, h), mask in regions:
+        top, left, m = y - box[1], x - box[0], _SURROUND_PX
+        outside[max(top - m, 0) : top + h + m, max(left - m, 0) : left + w + m] = False
+        parts.append(_grid(mask, params.points) + np.array([left, top]))
+    parts.append(_grid(outside, params.points))
+    points, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
+    flow, matched = _lucas_kanade(params, new, old, points.astype(np.float32))
+    around = flow[ends[-2] :][matched[ends[-2] :]]
+    static, spread = _typical(around)
+    threshold = max(params.min_px, 3 * spread)
+    parallax = ego.parallax_px_m(then.view, now.view) / room_m  # of surroundings that are elsewhere than `room_m`
+    result = []
+    for first, last in zip([0, *ends[:-2]], ends[:-1], strict=True):
+        relative, found = flow[first:last] - static, matched[first:last]
+        moving = found & (np.hypot(relative[:, 0], relative[:, 1]) > threshold)
+        alike = _alike(relative, moving)
+        count, size = np.count_nonzero(alike), last - first
+        measured = None
+        if count >= _MIN_POINTS:
+            mean = np.median(relative[alike], axis=0)
+            cov = np.cov(relative[alike].T) + (params.error_px**2 + (0.4 * parallax) ** 2) * np.eye(2)
+            at = points[first:last][alike].mean(axis=0) + box[:2]
+            whence = then.view.project(now.view.center + room_m * now.view.rays(at - mean))
+            measured = Flow2D(mean / dt, cov / dt**2, at, whence, then.view, dt)
+        result.append(Match(count / size, np.count_nonzero(~found) / size, measured))
+    return result
+
+
+def velocity(
+    flows: tuple[Flow2D | None, Flow2D | None], view: StereoView, position: Array, prior_std: float
+) -> tuple[Array, Array] | None:
+    """Velocity (3,) m/s of an object at `position` (3,) m from its flow, and its covariance (3, 3); None without flow.
+
+    In each eye, J v Δt = π(q) − x: π(q) is where the older image would show the point q that is seen there now, were
+    it at rest, x where it did, J = ∂π/∂q.  The mean over both eyes tells the velocity across the view; toward the eyes
+    it stays 0 ± `prior_std`, for in so short a time positions tell more than a difference of flows.  Of different
+    intervals the shorter counts: what has just begun to move was slower on average in the longer.
+    """
+    known = [(flow, eye) for flow, eye in zip(flows, (view.left, view.right), strict=True) if flow is not None]
+    if not known:
+        return None
+    shortest = min(flow.interval_s for flow, _ in known)
+    known = [pair for pair in known if pair[0].interval_s < shortest + JITTER_S]
+    J, rate, cov = np.zeros((2, 3)), np.zeros(2), np.zeros((2, 2))
+    for flow, eye in known:
+        q = eye.center + float(np.linalg.norm(position - eye.center)) * eye.rays(flow.now_px)
+        J += flow.then.project_jacobian(q) / len(known)
+        rate += (flow.then.project(q) - flow.then_px) / flow.interval_s / len(known)
+        cov += flow.cov / len(known) ** 2
+    weights = J.T @ np.linalg.inv(cov)
+    whole = np.linalg.inv(weights @ J + np.eye(3) / prior_std**2)
+    return whole @ weights @ rate, 0.5 * (whole + whole.T)
+
+
+def _surroundings(boxes: list[Box], shape: tuple[int, ...]) -> Box:
+    """x0, y0, x1, y1 around all boxes (x, y, width, height) with room for what surrounds them."""
+    x0, y0 = min(box[0] for box in boxes), min(box[1] for box in boxes)
+    x1, y1 = max(box[0] + box[2] for box in boxes), max(box[1] + box[3] for box in boxes)
+    m = max(20, max(x1 - x0, y1 - y0) // 2)
+    return max(x0 - m, 0), max(y0 - m, 0), min(x1 + m, shape[1]), min(y1 + m, shape[0])
+
+
+def _cut(image: Grey, box: Box) -> Grey:
+    return np.ascontiguousarray(image[box[1] : box[3], box[0] : box[2]])
+
+
+def _grid(mask: Mask, most: int) -> Array:
+    """(n, 2) pixels x, y of a mask, as many rows and columns apart as leaves about `most`."""
+    ys, xs = np.nonzero(mask)
+    step = max(int(np.ceil(np.sqrt(len(ys) / most))), 1)
+    kept = (ys % step == 0) & (xs % step == 0)
+    grid = np.stack([xs[kept], ys[kept]], axis=-1) if kept.any() else np.stack([xs, ys], axis=-1)[:most]
+    return grid.astype(float)
+
+
+def _lucas_kanade(params: FlowParams, new: Grey, old: Grey, points: NDArray[np.float32]) -> tuple[Array, Mask]:
+    """(n, 2) px that each point of `new` has come since `old`, and whether it is matched."""
+    window, top = (params.window_px, params.window_px), params.levels - 1
+    start = points.reshape(-1, 1, 2)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(new, old, start, np.empty(0), winSize=window, maxLevel=top)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(old, new, there, np.empty(0), winSize=window, maxLevel=top)
+    error = np.linalg.norm((back - start)[:, 0], axis=1)
+    matched = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error <= params.max_return_px)
+    return (start - there)[:, 0].astype(float), matched
+
+
+def _typical(flow: Array) -> tuple[Array, float]:
+    """Median flow (2,) and its standard deviation by the median absolute deviation; 0 where too few are known."""
+    if len(flow) < _MIN_POINTS:
+        return np.zeros(2), 0.0
+    median = np.median(flow, axis=0)
+    return median, 1.4826 * float(np.median(np.abs(flow - median)))
+
+
+def _alike(flow: Array, moving: Mask) -> Mask:
+    """The moving points whose flow is about that of the point with which most agree."""
+    if not moving.any():
+        return moving
+    candidates = flow[moving]
+    apart = np.linalg.norm(candidates[:, None] - flow[None], axis=-1)
+    near = (apart <= _SAME[0] + _SAME[1] * np.linalg.norm(candidates, axis=1)[:, None]) & moving
+    best: Mask = near[near.sum(axis=1).argmax()]
+    return best
