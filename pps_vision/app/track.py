@@ -11,8 +11,11 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from learning.reachable import load_map
+from learning.track_reachability import TrackReachability
 from pps_vision.app.budget import Choice, cheapest
 from pps_vision.app.overlay import VideoFile, draw_pair
+from pps_vision.app.pipeline import joints_of
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.calibration import read_icub_eyes
@@ -26,7 +29,7 @@ from pps_vision.recordings.results import write_detections, write_summary, write
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D, Truth
+from pps_vision.types import Array, Detection2D, Reachability, ReachStatus, Status, StereoFrame, Track3D, Truth
 from tracking.outline import Optics
 from tracking.smoother import smoothed_tracks
 from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
@@ -57,6 +60,13 @@ class Track:
     """Calibration: OpenCV files (one for all, or left, right and stereo), or icubEyes.ini for a REC without its own."""
     joints: Path | None = None
     """What to add to the encoders of REC, as `pps-vision joints` writes it."""
+    map: Path | None = None
+    """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze
+    that fixates the object (gaze_yaw_deg, gaze_pitch_deg, gaze_vergence_deg) and whether the hand can reach it
+    (reach_probability, reach_degree, reach_status: reachable, unreachable, not fixated by any gaze the map knows, or
+    unknown without a track)."""
+    max_fp: float = 1e-3
+    """Share of unreachable places that --map may call reachable."""
     fps: float = 30.0
     """Frames per second of --left/--right."""
     unit_m: float = 1.0
@@ -87,17 +97,21 @@ class Track:
         """Read, track, and write everything at once; what had to be skipped is reported."""
         stopwatch = Stopwatch()
         recording, make_tracker = self._open(stopwatch)
+        reach = TrackReachability(load_icub(), load_map(self.map), self.max_fp) if self.map else None
         choice = None if self.max_error_mm is None else cheapest(recording, self.max_error_mm, make_tracker)
         params = choice.configuration.params if choice else TrackerParams(mode=self.mode, depth=self.depth)
         stopwatch.ms.clear()
         tracker = make_tracker(params)
         detections: list[tuple[int, Detection2D, Status]] = []
         steps: list[TrackerStep] = []
+        joints: list[Array] = []
         with whole_folder(self.out, _FILES) as folder:
             with VideoFile(folder / "overlay.mp4", _rate(recording)) as film:
                 frames = tqdm(recording.numbered(), total=len(recording), desc="track", unit="pair", disable=None)
                 for number, frame, step in self._steps(frames, tracker, stopwatch):
                     steps.append(step)
+                    if reach:
+                        joints.append(joints_of(frame))
                     detections += [(number, seen, step.track.status) for seen in step.detections]
                     if self.video:
                         film.add(draw_pair(frame, tracker.rig.view_of(frame), step.track, step.detections))
@@ -105,8 +119,10 @@ class Track:
                 raise BadInput(recording.name, "no usable frame; expected at least one readable stereo pair")
             tracks = smoothed_tracks(params.kalman, steps) if self.smooth else [step.track for step in steps]
             write_detections(folder / "detections.csv", detections)
-            write_trajectory(folder / "trajectory.csv", tracks)
-            write_summary(folder / "summary.json", self._summary(recording, params, choice, tracks, stopwatch))
+            reachability = [reach(q, track) for q, track in zip(joints, tracks, strict=True)] if reach else []
+            write_trajectory(folder / "trajectory.csv", tracks, reachability)
+            summary = self._summary(recording, params, choice, tracks, reachability, stopwatch)
+            write_summary(folder / "summary.json", summary)
         for problem in recording.problems:
             print(f"skipped: {problem}", file=sys.stderr)
         print(_headline(tracks, recording, stopwatch), f"→ {self.out}")
@@ -128,8 +144,9 @@ class Track:
             offsets = read_joint_offsets(self.joints, names) if self.joints else np.zeros(len(names))
             recording = open_yarp(self.rec, self.max_skew_s, joint_offsets_rad=offsets)
             return recording, lambda params: tracker_for(recording, params, self.seed, stopwatch, *self.calib)
-        if self.joints:
-            raise ValueError(f"track: --joints {self.joints} with --left and --right; expected it with REC")
+        for option, file in (("joints", self.joints), ("map", self.map)):
+            if file:
+                raise ValueError(f"track: --{option} {file} with --left and --right; expected it with REC")
         if not (self.left and self.right and self.calib):
             raise ValueError("track: --left, --right and --calib go together; one is missing")
         recording = open_stereo_images(self.left, self.right, self.fps)
@@ -160,6 +177,7 @@ class Track:
         params: TrackerParams,
         choice: Choice | None,
         tracks: list[Track3D],
+        reachability: list[Reachability],
         stopwatch: Stopwatch,
     ) -> dict[str, object]:
         summary: dict[str, object] = {
@@ -175,7 +193,11 @@ class Track:
             "status": {status.value: sum(track.status == status for track in tracks) for status in Status},
             "ms_per_pair": stopwatch.summary(),
             "skipped": count_by_kind(recording.problems),
+            "map": str(self.map) if self.map else None,
         }
+        if reachability:
+            found = [reach.status for reach in reachability]
+            summary["reach"] = {"max_fp": self.max_fp, **{status.value: found.count(status) for status in ReachStatus}}
         if choice:
             summary["max_error"] = {"asked_mm": self.max_error_mm, **choice.summary()}
         if recording.truth:

@@ -41,7 +41,7 @@ def ball(radius: float) -> Learned:
     def keeps(gaze: Array, torso: Array, turns: Array) -> Array:
         point = FRAME.to_root(torso[None], fixation_points(ROBOT, gaze[None]))
         around = FRAME.from_upright(torso + turns, np.repeat(point, len(turns), axis=0))
-        return gaze_for_points(ROBOT, around, starts_rad=np.repeat(gaze[None], len(turns), axis=0))
+        return gaze_for_points(ROBOT, around)
 
     return Learned(judge, keeps, lambda _: (GOAL, 0.0))
 
