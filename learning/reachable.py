@@ -209,7 +209,7 @@ class ReachableMap:
         share = (1 - probability) * np.sin(self.lattice.gaze_rad[order, 2])
         wrong = np.cumsum(share[::-1])[::-1] / share.sum()  # if all from here on are called reachable
         first = int(np.searchsorted(-wrong, -max_false_positives))
-        return max(float(probability[min(first, len(probability) - 1)]), 0.5)
+        return max(float(probability[first - 1]), 0.5) if first else 0.5
 
     def query(self, gaze_rad: ArrayLike, threshold: float = 0.5) -> MapPrediction:
         """The verdict on gaze postures (N, 3): reachable above the `threshold` of probability."""
