@@ -174,6 +174,9 @@ def test_beyond_the_limits_is_nan_and_wider_limits_help():
     assert np.isnan(gaze[1:]).all()
 
 
-def test_limits_out_of_order_are_refused():
-    with pytest.raises(ValueError, match="lower below upper"):
-        GazeLimits(yaw_rad=(1.0, -1.0))
+@pytest.mark.parametrize(
+    "limits", [{"yaw_rad": (1.0, -1.0)}, {"pitch_rad": (0.2, 0.2)}, {"vergence_rad": (0.0, 1.0)}], ids=str
+)
+def test_limits_out_of_order_or_of_eyes_that_do_not_converge_are_refused(limits):
+    with pytest.raises(ValueError, match="lower below upper and vergence above 0"):
+        GazeLimits(**limits)

@@ -63,9 +63,11 @@ class InLoop:
                 meeting = world.meet(_crossing(world, np.random.default_rng((self.seed, k))), pipeline, avoid=False)
                 for _ in meeting:
                     pass
-                runs.append(_judged(world.robot, reach, meeting.log()))
+                log = meeting.log()
+                if any(one.status != ReachStatus.UNKNOWN for one in log.reachability):
+                    runs.append(_judged(world.robot, reach, log))
             times = _times(world.robot, reach, np.random.default_rng((self.seed, self.n)))
-        return {"n": self.n, **_shares(runs, np.random.default_rng(self.seed)), **times}
+        return {"n": self.n, "runs_tracked": len(runs), **_shares(runs, np.random.default_rng(self.seed)), **times}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time over error of the ways to the gaze; and of each run the share of frames in which the map is right."""
