@@ -122,18 +122,14 @@ class GazeModel:
 
         def forward(gaze: Array) -> tuple[Array, Array]:
             h = 1e-7
-            here, *there = self.points(np.concatenate([gaze, *(gaze + h * axis for axis in np.eye(3))])).reshape(
-                4, -1, 3
-            )
+            tried = np.concatenate([gaze, *(gaze + h * axis for axis in np.eye(3))])
+            here, *there = self.points(tried).reshape(4, -1, 3)
             return here, (np.stack(there, axis=2) - here[:, :, None]) / h
 
-        known = np.all(np.isfinite(points), axis=1)
-        starts = np.tile([0.0, 0.0, 20 * _DEG], (int(known.sum()), 1))
+        starts = np.tile([0.0, 0.0, 20 * _DEG], (1, len(points), 1))
         params = IKParams(tolerance=1e-8, max_steps=30)
-        solution = solve_ik(forward, points[known], starts[None], limits.lower, limits.upper, params)
-        gaze = np.full((len(points), 3), np.nan)
-        gaze[known] = np.where(solution.converged[:, None], solution.q_rad, np.nan)
-        return gaze
+        found = solve_ik(forward, points, starts, limits.lower, limits.upper, params)
+        return np.where(found.converged[:, None], found.q_rad, np.nan)
 
     def to_upright(self, q_rad: Array, p_root: Array) -> Array:
         """(3,) where a point (3,) of the root frame lies for the head and the arms if the torso, which carries both, is

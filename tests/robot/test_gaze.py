@@ -123,12 +123,14 @@ def test_the_gaze_that_stands_for_eyes_that_tilt_and_turn_aside():
     assert np.isnan(fixated_gaze(ROBOT.at(set_gaze(ROBOT, q, vergence=0.0)))).all()
 
 
-def pan_tilt_head(folder: Path) -> Robot:
-    """Yaw before pitch, no torso, eyes that look along x."""
+def head(folder: Path, yaw_first: bool) -> Robot:
+    """Two neck joints whose axes meet 10 cm beside the root, no torso, eyes that look along x."""
     eye = '<origin xyz="0.05 {y} 0.02" rpy="0 0 0"/><axis xyz="0 0 -1"/>'
+    axes = {"yaw": '<axis xyz="0 0 1"/>', "pitch": '<axis xyz="0 -1 0"/>'}
+    first, second = ("yaw", "pitch") if yaw_first else ("pitch", "yaw")
     joints = {
-        ("yaw", "base", "neck"): '<origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>',
-        ("pitch", "neck", "skull"): '<axis xyz="0 -1 0"/>',
+        (first, "base", "neck"): '<origin xyz="0 0.1 0.3"/>' + axes[first],
+        (second, "neck", "skull"): axes[second],
         ("tilt", "skull", "eyes"): '<axis xyz="0 -1 0"/>',
         ("pan_l", "eyes", "socket_l"): eye.format(y=0.03),
         ("pan_r", "eyes", "socket_r"): eye.format(y=-0.03),
@@ -149,12 +151,14 @@ def pan_tilt_head(folder: Path) -> Robot:
     return Robot(folder / "head.urdf", names)
 
 
-def test_a_head_of_another_geometry_is_solved_iteratively(tmp_path):
-    robot = pan_tilt_head(tmp_path)
+@pytest.mark.parametrize("yaw_first", [False, True])
+def test_a_head_is_solved_in_closed_form_if_its_neck_pitches_first_and_else_iteratively(tmp_path, yaw_first):
+    robot = head(tmp_path, yaw_first)
     model, gaze = GazeModel(robot), random_gaze(20)
-    assert not model.has_closed_form
+    assert model.has_closed_form != yaw_first
     points = model.points(gaze)
-    np.testing.assert_allclose(model.gaze(points), gaze, atol=1e-5)
+    np.testing.assert_allclose(model.gaze(points), gaze, atol=1e-5 if yaw_first else 1e-9)
+    assert np.isnan(model.gaze(np.array([[np.nan, 0, 0], [-1.0, 0.1, 0.3]]))).all()  # unknown, behind
     for (yaw, pitch, vergence), point in zip(gaze, points, strict=True):
         posture = robot.at(set_gaze(robot, np.zeros(5), yaw=yaw, pitch=pitch, vergence=vergence))
         for eye in ("left", "right"):
