@@ -32,6 +32,8 @@ _DEG = np.pi / 180
 _SECONDS, _SPEED_M_S, _LENGTH_M = 3.0, (0.05, 0.15), (0.10, 0.30)
 _LIMITS = GazeLimits(pitch_rad=(-80 * _DEG, 40 * _DEG))
 """J's, the pitch as far down as the eyes' tilt carries the gaze, as in the demo."""
+_SEEN = GazeLimits((-50 * _DEG, 50 * _DEG), (-75 * _DEG, 35 * _DEG), (5 * _DEG, 17 * _DEG))
+"""Where paths begin and end: nearer the eyes hardly follow."""
 _TIMED = 1000
 
 
@@ -41,7 +43,7 @@ class InLoop:
 
     seed: int = 0
     """Seed of the map, the paths and the images."""
-    n: int = 20
+    n: int = 10
     """Runs, each one path of a ball."""
     n_labels: int = 6000
     """Inverse-kinematics solutions the map is learned from."""
@@ -102,14 +104,16 @@ class _Run:
 
 
 def _crossing(world: World, rng: np.random.Generator) -> Encounter:
-    """A ball to and fro on a straight line anywhere within the gaze limits where both eyes see all of it."""
+    """A ball to and fro on a straight line anywhere where both eyes see all of it."""
     model = GazeModel(world.robot)
     while True:
-        begin = model.points(random_gaze(_LIMITS, 1, rng))[0]
+        begin = model.points(random_gaze(_SEEN, 1, rng))[0]
         way = rng.standard_normal(3)
         end = begin + rng.uniform(*_LENGTH_M) * way / np.linalg.norm(way)
         motion = Linear(begin, end, rng.uniform(*_SPEED_M_S))
-        if can_follow(world.robot, world.rig, world.home, motion, _SECONDS):
+        if np.isfinite(model.gaze(end[None], _SEEN)).all() and can_follow(
+            world.robot, world.rig, world.home, motion, _SECONDS
+        ):
             return Encounter("crossing", "ball", motion, _SECONDS)
 
 
