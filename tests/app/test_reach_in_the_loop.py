@@ -149,6 +149,20 @@ def test_stricter_about_false_positives_the_arm_gives_up_earlier(left: Reachable
     assert ends[0] > ends[1] > ends[2] > 0
 
 
+def test_a_torso_that_turns_with_the_object_changes_nothing(left: ReachableMap) -> None:
+    upright, black = home(ROBOT), np.zeros((2, 2, 3), np.uint8)
+    turned = upright.copy()
+    turned[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3, -0.1, 0.2
+    point = towards("left_palm:101", 0.1, 0.1)(0.0)[0]
+    carried = ROBOT.at(turned).T_root("chest") @ np.linalg.inv(ROBOT.at(upright).T_root("chest")) @ [*point, 1]
+    found = []
+    for q, p in ((upright, point), (turned, carried[:3])):
+        one = pipeline(lambda _, p=p: (p, np.zeros(3)), AVOID, left)
+        found.append(one.step(StereoFrame(black, black, 0.0, 0.0, q, q)).reachability)
+    np.testing.assert_allclose(found[1].gaze_rad, found[0].gaze_rad, atol=1e-9)
+    assert found[1].degree == pytest.approx(found[0].degree, abs=1e-9)
+
+
 def test_an_arm_that_is_to_reach_needs_its_own_map(left: ReachableMap) -> None:
     for reachable_map, of in ((None, "no arm"), (replace(left, side="right"), "right")):
         with pytest.raises(ValueError, match=f"a reachable-space map of {of} for the left arm"):
