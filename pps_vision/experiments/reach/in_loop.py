@@ -62,7 +62,9 @@ class InLoop:
             reach, runs = TrackReachability(world.robot, learned, self.max_fp), []
             for k in tqdm(range(self.n), desc="runs", unit="run", disable=None):
                 pipeline = fresh_pipeline(world, PPSMemory.empty(world.skin), reachable_map=learned)
-                meeting = world.meet(_crossing(world, np.random.default_rng((self.seed, k))), pipeline, avoid=False)
+                meeting = world.meet(
+                    _crossing(world, k % 2 == 0, np.random.default_rng((self.seed, k))), pipeline, avoid=False
+                )
                 for _ in meeting:
                     pass
                 log = meeting.log()
@@ -103,11 +105,19 @@ class _Run:
     fixable: Mask
 
 
-def _crossing(world: World, rng: np.random.Generator) -> Encounter:
-    """A ball to and fro on a straight line anywhere where both eyes see all of it."""
-    model = GazeModel(world.robot)
+def _arm(robot: Robot) -> SphericalArm:
+    """The left arm within J's limits, in closed form."""
+    chain = Chain.of(robot, robot.names.arm("left")[:4], robot.names.palms[0])
+    return SphericalArm.of(chain, ArmLimits().lower_rad, ArmLimits().upper_rad)
+
+
+def _crossing(world: World, in_reach: bool, rng: np.random.Generator) -> Encounter:
+    """A ball to and fro on a straight line from within or out of reach, where both eyes see all of it."""
+    model, arm = GazeModel(world.robot), _arm(world.robot)
     while True:
         begin = model.points(random_gaze(_SEEN, 1, rng))[0]
+        if np.isfinite(arm.solve(begin[None])[0, 0]) != in_reach:
+            continue
         way = rng.standard_normal(3)
         end = begin + rng.uniform(*_LENGTH_M) * way / np.linalg.norm(way)
         motion = Linear(begin, end, rng.uniform(*_SPEED_M_S))
@@ -118,15 +128,12 @@ def _crossing(world: World, rng: np.random.Generator) -> Encounter:
 
 
 def _judged(robot: Robot, reach: TrackReachability, log: EncounterLog) -> _Run:
-    arm_limits = ArmLimits()
-    chain = Chain.of(robot, robot.names.arm("left")[:4], robot.names.palms[0])
-    arm = SphericalArm.of(chain, arm_limits.lower_rad, arm_limits.upper_rad)
     tracked = np.array([one.status != ReachStatus.UNKNOWN for one in log.reachability])
     points = log.truth_m[tracked]
     gaze = GazeModel(robot).gaze_iteratively(points, _LIMITS)
     said = [one for one, known in zip(log.reachability, tracked, strict=True) if known]
     return _Run(
-        np.isfinite(arm.solve(points)[:, 0]),
+        np.isfinite(_arm(robot).solve(points)[:, 0]),
         np.array([one.probability for one in said]),
         np.array([one.is_reachable for one in said]),
         reach.map.query(gaze).probability,
