@@ -82,13 +82,15 @@ def step(
     skin: Skin,
     activations: ArrayLike,
     stamp_s: float,
+    may_reach: bool = False,
 ) -> tuple[AvoidanceState, JointVelocity, Response]:
     """One control step from the activations (n,) of `skin`, the taxels this arm carries.
 
-    ValueError, so that nothing moves, if an activation is NaN or there is not one a taxel.
+    An arm that reaches does so only while it may: while the reachable-space map calls the object reachable.  To avoid,
+    it always may.  ValueError, so that nothing moves, if an activation is NaN or there is not one a taxel.
     """
     felt = control_point(params.threshold, posture, skin, np.asarray(activations, dtype=float))
-    state = _next(params, state, posture, felt, stamp_s)
+    state = _next(params, state, posture, felt, stamp_s, may_reach or params.behaviour == "avoid")
     if state.mode in ("avoid", "reach"):
         dq = _answer(params, state, posture)
         response = Response(state.mode, state.velocity_root, posture.point(state.frame, state.point))
@@ -127,8 +129,10 @@ def _next(
     posture: Posture,
     felt: tuple[str, Array, Array] | None,
     stamp_s: float,
+    allowed: bool,
 ) -> AvoidanceState:
-    """Answer what is felt for sure, keep answering a while after, then return, then rest."""
+    """Answer what is felt for sure while that is allowed, keep answering a while after, then return, then rest."""
+    felt = felt if allowed else None
     state = replace(state, felt_since_s=np.inf if felt is None else min(state.felt_since_s, stamp_s))
     answering = state.mode in ("avoid", "reach")
     if felt is not None and (answering or stamp_s - state.felt_since_s > params.confirm_s - 1e-6):
@@ -136,7 +140,7 @@ def _next(
         velocity = normal * (params.speed_m_s if params.behaviour == "reach" else -params.speed_m_s)
         point = move_points(inverse(posture.T_root(frame)), p_root)
         return AvoidanceState(params.behaviour, stamp_s, state.felt_since_s, frame, point, velocity)
-    if answering and stamp_s - state.since_s > params.persist_s:
+    if answering and (not allowed or stamp_s - state.since_s > params.persist_s):
         return AvoidanceState("return", stamp_s, state.felt_since_s)
     if state.mode == "return" and np.abs(_away(params, posture)).max() < params.at_home_rad:
         return AvoidanceState("idle", stamp_s, state.felt_since_s)

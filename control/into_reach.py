@@ -55,7 +55,8 @@ class IntoReachParams:
     gaze and the map's limits.
     Verdicts are made on a gaze that has rested for `settle_s`.  The arm nears its goal at `arm_per_s` of what is left,
     no faster than `arm_rad_s`.  A gaze that changes by more than `moved_rad` meanwhile is another question.  A hand
-    that would be left more than `touch_m` off is not sent."""
+    that would be left more than `touch_m` off is not sent, and none is where the map's degree of reachability is not
+    above `min_degree`, or no longer."""
 
     side: Literal["left", "right"] = "right"
     torso_rad_s: float = 15 * _DEG
@@ -71,6 +72,7 @@ class IntoReachParams:
     arrived_rad: float = 0.2 * _DEG
     moved_rad: float = 2 * _DEG
     touch_m: float = 0.01
+    min_degree: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +137,7 @@ def best_turn(params: IntoReachParams, learned: Learned, robot: Robot, gaze: Arr
 
 def imagine(params: IntoReachParams, learned: Learned, robot: Robot, gaze: Array, torso: Array) -> Array | None:
     """The torso postures (T, 2) of a climb until the map calls what `gaze` fixates reachable, or the climb's end where
-    it is more likely reachable than not; else None.  Nothing moves: each gaze is what the learned relation expects."""
+    its degree still exceeds `min_degree`; else None.  Nothing moves: each gaze is what the learned relation expects."""
     path = [torso]
     for _ in range(int(params.most_turn_rad / params.ahead_rad)):
         here = learned.judge(gaze[None])
@@ -143,7 +145,7 @@ def imagine(params: IntoReachParams, learned: Learned, robot: Robot, gaze: Array
             return np.array(path)
         turn = best_turn(params, learned, robot, gaze, torso)
         if turn is None:
-            return np.array(path) if here.degree[0] > 0.5 else None
+            return np.array(path) if here.degree[0] > params.min_degree else None
         turn = params.ahead_rad * turn
         gaze, torso = learned.keeps(gaze, torso, turn[None])[0], torso + turn
         path.append(torso)
@@ -204,6 +206,8 @@ def _next(
             return replace(state, since_s=since)
         return _judged(params, learned, posture, gaze, stamp_s)
     if state.mode == "reaching" and state.arm_goal is not None:
+        if not learned.judge(gaze[None]).degree[0] > params.min_degree:
+            return IntoReachState("judging", stamp_s)
         _, away = _away(params, posture, state.arm_goal)
         if np.abs(away).max() < params.arrived_rad:
             return replace(state, mode="there", since_s=stamp_s)

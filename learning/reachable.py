@@ -67,8 +67,8 @@ class Labels:
 
 
 @dataclass(frozen=True)
-class Reachability:
-    """The verdict on N gaze postures.
+class MapPrediction:
+    """What a map predicts of N gaze postures.
 
     `within_limits`: the map knows this posture; elsewhere `reachable` is False, the rest NaN.
     `probability` of being reachable; `degree` R in [0, 1], above 0.5 where reachable (J IV.6–IV.7).
@@ -219,9 +219,9 @@ class ReachableMap:
         share = (1 - probability) * np.sin(self.lattice.gaze_rad[order, 2])
         wrong = np.cumsum(share[::-1])[::-1] / share.sum()  # if all from here on are called reachable
         first = int(np.searchsorted(-wrong, -max_false_positives))
-        return max(float(probability[min(first, len(probability) - 1)]), 0.5)
+        return max(float(probability[first - 1]), 0.5) if first else 0.5
 
-    def query(self, gaze_rad: ArrayLike, threshold: float = 0.5) -> Reachability:
+    def query(self, gaze_rad: ArrayLike, threshold: float = 0.5) -> MapPrediction:
         """The verdict on gaze postures (N, 3): reachable above the `threshold` of probability."""
         gaze = np.asarray(gaze_rad, dtype=float)
         if gaze.ndim != 2 or gaze.shape[1] != 3:
@@ -238,9 +238,9 @@ class ReachableMap:
         probability = expit(signed / self.softness)
         if not within.all():
             probability[~within] = degree[~within] = np.nan
-        return Reachability(within, within & (probability > threshold), probability, degree)
+        return MapPrediction(within, within & (probability > threshold), probability, degree)
 
-    def _query_one(self, gaze: list[float], threshold: float) -> Reachability:
+    def _query_one(self, gaze: list[float], threshold: float) -> MapPrediction:
         """The same on one posture, four times as fast."""
         yaw, pitch, vergence = gaze
         values, lattice, (y0, y1, p0, p1, v0, v1) = self._plain
@@ -257,7 +257,7 @@ class ReachableMap:
             probability = (1.0 if signed > 0 else odds) / (1 + odds)
         numbers = np.array([[probability], [degree]])
         yes = np.array([[within], [within and probability > threshold]])
-        return Reachability(yes[0], yes[1], numbers[0], numbers[1])
+        return MapPrediction(yes[0], yes[1], numbers[0], numbers[1])
 
 
 def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:

@@ -149,6 +149,41 @@ class TaxelEvents:
     touched: Mask
 
 
+class ReachStatus(StrEnum):
+    """What the reachable-space map says of the tracked object."""
+
+    REACHABLE = "reachable"
+    UNREACHABLE = "unreachable"
+    NOT_FIXATED = "not fixated"  # no gaze within the map's limits fixates it, so that the map says nothing
+    UNKNOWN = "unknown"  # nothing is tracked
+
+
+@dataclass(frozen=True, slots=True)
+class Reachability:
+    """Whether the hand can reach the tracked object, at one stamp.
+
+    `gaze_rad` (3,) is the gaze posture (neck yaw, neck pitch, vergence) that fixates it; `probability` that it is
+    reachable; `degree` R in [0, 1] how well, above 0.5 where reachable (J IV.6–IV.7).  All three are NaN where the
+    status is not fixated or unknown.
+    """
+
+    stamp_s: float
+    gaze_rad: Array
+    probability: float
+    degree: float
+    status: ReachStatus
+
+    @property
+    def is_reachable(self) -> bool:
+        """Whether the hand may be sent there."""
+        return self.status == ReachStatus.REACHABLE
+
+    @classmethod
+    def without_answer(cls, stamp_s: float, status: ReachStatus) -> "Reachability":
+        """Of an object that is not fixated or unknown."""
+        return cls(stamp_s, np.full(3, np.nan), np.nan, np.nan, status)
+
+
 @dataclass(frozen=True, slots=True)
 class JointVelocity:
     """A velocity command for the whole robot, rad/s in the model's joint order."""

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from control.avoidance import AvoidanceParams
 from learning.memory import PPSMemory, save_memory
-from learning.reachable import Reachability, ReachableMap, save_map
+from learning.reachable import ReachableMap, save_map
 from learning.reachable_training import MapParams, train_reachable_map
 from pps_vision.app import figures, report
 from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
@@ -20,10 +20,9 @@ from pps_vision.app.school_params import SchoolParams
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.recordings.outputs import whole_folder
 from pps_vision.recordings.results import write_summary
-from pps_vision.robot.gaze import GazeLimits, fixated_gaze
+from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
-from pps_vision.robot.model import Robot
-from pps_vision.types import Status
+from pps_vision.types import ReachStatus, Status
 
 _FILES = ("report.html", "demo.mp4", "memory.npz", "reach.npz", "summary.json")
 _TAXEL = "left_forearm:3"
@@ -38,13 +37,12 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
     with whole_folder(out, _FILES) as folder, open_world(noise, seed) as world:
         memory = teach(world, school)
         save_memory(folder / "memory.npz", memory)
-        stopwatch = Stopwatch()
-        with VideoFile(folder / "demo.mp4", fps=20) as film:
-            logs = list(_meet_all(world, memory, film, stopwatch, seed))
         reachable_map = _train_map(world, seed)
         save_map(folder / "reach.npz", reachable_map)
-        verdicts = [judged(world.robot, reachable_map, log) for log in logs]
-        numbers = [_numbers(log) | _reach(verdict) for log, verdict in zip(logs, verdicts, strict=True)]
+        stopwatch = Stopwatch()
+        with VideoFile(folder / "demo.mp4", fps=20) as film:
+            logs = list(_meet_all(world, memory, reachable_map, film, stopwatch, seed))
+        numbers = [_numbers(log) | _reach(log) for log in logs]
         write_summary(
             folder / "summary.json",
             {
@@ -55,9 +53,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
                 "encounters": {log.title: n for log, n in zip(logs, numbers, strict=True)},
             },
         )
-        (folder / "report.html").write_text(
-            _page(trials, noise, seed, folder, memory, logs, verdicts, numbers, stopwatch)
-        )
+        (folder / "report.html").write_text(_page(trials, noise, seed, folder, memory, logs, numbers, stopwatch))
     for log in logs:
         print(
             f"{log.title:42s} {'touched' if log.was_touched else 'not touched':12s} "
@@ -67,7 +63,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
 
 
 def _meet_all(
-    world: World, memory: PPSMemory, film: VideoFile, stopwatch: Stopwatch, seed: int
+    world: World, memory: PPSMemory, reachable_map: ReachableMap, film: VideoFile, stopwatch: Stopwatch, seed: int
 ) -> Iterator[EncounterLog]:
     """The four encounters with the octopus, filmed."""
     scenes: tuple[tuple[Kind, bool, str], ...] = (
@@ -81,7 +77,7 @@ def _meet_all(
         # the same seed for both approaches: the same path with and without avoidance
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
         encounter = replace(make_encounter(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
-        meeting = world.meet(encounter, fresh_pipeline(world, memory, stopwatch), avoid, start_s)
+        meeting = world.meet(encounter, fresh_pipeline(world, memory, stopwatch, reachable_map), avoid, start_s)
         for frame, step in meeting:
             view = world.rig.view_of(frame)
             taxels, _ = world.skin.at(step.posture)
@@ -106,22 +102,13 @@ def _train_map(world: World, seed: int) -> ReachableMap:
     return learned
 
 
-def judged(robot: Robot, reachable_map: ReachableMap, log: EncounterLog) -> Reachability:
-    """What the map says of every frame's fixation posture; nothing where nothing is tracked."""
-    tracked = np.isfinite(log.track_m[:, 0])
-    nothing = np.full(3, np.nan)
-    gaze = [fixated_gaze(robot.at(q), _GAZE) if t else nothing for q, t in zip(log.q_rad, tracked, strict=True)]
-    return reachable_map.query(np.array(gaze))
-
-
-def _reach(verdict: Reachability) -> dict[str, object]:
-    """Share of tracked frames whose fixation posture the map calls reachable, and the mean degree."""
-    known = verdict.within_limits
-    if not known.any():
-        return {"reachable_share": None, "degree_of_reach": None}
+def _reach(log: EncounterLog) -> dict[str, object]:
+    """Share of tracked frames in which the map calls the object reachable, and the mean degree where it knows it."""
+    tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
+    degrees = [reach.degree for reach in tracked if reach.status != ReachStatus.NOT_FIXATED]
     return {
-        "reachable_share": float(verdict.reachable[known].mean()),
-        "degree_of_reach": float(verdict.degree[known].mean()),
+        "reachable_share": float(np.mean([reach.is_reachable for reach in tracked])) if tracked else None,
+        "degree_of_reach": float(np.mean(degrees)) if degrees else None,
     }
 
 
@@ -168,7 +155,6 @@ def _page(
     folder: Path,
     memory: PPSMemory,
     logs: list[EncounterLog],
-    verdicts: list[Reachability],
     numbers: list[dict[str, object]],
     watch: Stopwatch,
 ) -> str:
@@ -181,7 +167,7 @@ def _page(
             "What happened",
             "A touch is the object's surface within 20 mm of a taxel's centre. The gap is the truth's, from the "
             "surface to the nearest taxel's centre. What stands still first moves 5 cm away from the skin, so that the "
-            "eyes have it. Reach is what the learned map says of the eyes' fixation posture for the left hand.",
+            "eyes have it. Reach is what the learned map says, for the left hand, of the gaze that fixates the object.",
             report.table(["encounter", *_COLUMNS.values()], rows),
         ),
         report.Section(
@@ -190,7 +176,7 @@ def _page(
             "0.15 s the arm moves away at 10 cm/s; a frame or two, as when something stops dead, do not count. Red "
             "shading is touch. Below, what the map says of the tracked object for the left hand: R above 0.5 (green) "
             "is within reach, and the better the higher; a gap means nothing tracked, or outside the map.",
-            report.image(figures.encounters(logs, THRESHOLD, verdicts)),
+            report.image(figures.encounters(logs, THRESHOLD)),
         ),
         report.Section(
             "What the skin learned",

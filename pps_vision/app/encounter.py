@@ -17,7 +17,7 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, touched_taxels
-from pps_vision.types import Array, Mask, Status, StereoFrame
+from pps_vision.types import Array, Mask, Reachability, Status, StereoFrame
 from rendering.eyes import Eyes
 from rendering.motions import Motion, Recede, Target, make_approach
 from rendering.names import StimulusName
@@ -58,6 +58,7 @@ class EncounterLog:
     arm_commanded: Mask  # the way home after an answer included
     touched: Mask
     q_rad: Array
+    reachability: tuple[Reachability, ...] = ()  # empty without a reachable-space map
 
     @property
     def was_touched(self) -> bool:
@@ -147,6 +148,7 @@ class Meeting:
             arm_commanded=np.array([self.avoid and bool(np.any(s.command.dq_rad_s[arm])) for s in steps]),
             touched=np.array(touched),
             q_rad=np.array([f.joints_left_rad for f in frames]),
+            reachability=tuple(s.reachability for s in steps if s.reachability),
         )
 
 

@@ -16,9 +16,8 @@ from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike
 
 from learning.memory import PPSMemory, activation
-from learning.reachable import Reachability
 from pps_vision.app.encounter import EncounterLog
-from pps_vision.types import Array
+from pps_vision.types import Array, Reachability, ReachStatus
 
 Range = tuple[float, float]
 
@@ -91,15 +90,15 @@ def _ranges(memory: PPSMemory) -> tuple[Range, Range]:
     return memory.params.distance_range_m, ttc if np.isfinite(ttc).all() else (0.0, 3.0)
 
 
-def encounters(logs: Sequence[EncounterLog], threshold: float, verdicts: Sequence[Reachability]) -> Figure:
+def encounters(logs: Sequence[EncounterLog], threshold: float) -> Figure:
     """In the manner of R Fig 10: distance and activation of every taxel, what the arm was told, and what the
-    reachable-space map said of each frame's fixation posture."""
+    reachable-space map said of the tracked object in each frame."""
     figure, axes = plt.subplots(
         4, len(logs), figsize=(3.4 * len(logs), 8.2), sharex="col", sharey="row", squeeze=False, layout="constrained"
     )
-    for column, (log, verdict) in enumerate(zip(logs, verdicts, strict=True)):
+    for column, log in enumerate(logs):
         t = log.stamps_s - log.stamps_s[0]
-        _degree(axes[3, column], t, verdict)
+        _degree(axes[3, column], t, log.reachability)
         colors = _TAXEL_COLORS(np.linspace(0, 0.9, len(log.taxel_ids)))
         for i, color in enumerate(colors):
             axes[0, column].plot(t, 100 * log.surface_gap_m[:, i], color=color, lw=1)
@@ -125,12 +124,21 @@ def encounters(logs: Sequence[EncounterLog], threshold: float, verdicts: Sequenc
     return figure
 
 
-def _degree(axis: Axes, t: Array, verdict: Reachability) -> None:
+def _degree(axis: Axes, t: Array, reachability: Sequence[Reachability]) -> None:
     """The degree of reachability over time, on green where reachable, on grey where not."""
-    axis.plot(t, verdict.degree, color=_INK, lw=1.4)
-    for where, color in ((verdict.reachable, "tab:green"), (verdict.within_limits & ~verdict.reachable, "0.6")):
+    axis.plot(t, [reach.degree for reach in reachability], color=_INK, lw=1.4)
+    status = [reach.status for reach in reachability]
+    for of, color in ((ReachStatus.REACHABLE, "tab:green"), (ReachStatus.UNREACHABLE, "0.6")):
         axis.fill_between(
-            t, 0, 1, where=where, step="mid", transform=axis.get_xaxis_transform(), color=color, alpha=0.2, lw=0
+            t,
+            0,
+            1,
+            where=[one == of for one in status],
+            step="mid",
+            transform=axis.get_xaxis_transform(),
+            color=color,
+            alpha=0.2,
+            lw=0,
         )
     axis.axhline(0.5, color=_INK, lw=1, ls="--")
 

@@ -1,4 +1,4 @@
-"""One frame through the whole robot: eyes → track → skin → arm and gaze.  Read this first.
+"""One frame through the whole robot: eyes → track → skin, reachable space → arm and gaze.  Read this first.
 
 The same steps run on rendered and on recorded frames; a recording just does not obey the commands.
 """
@@ -17,11 +17,13 @@ from learning.bimodal import bimodal_activation
 from learning.buffer import EventBuffer
 from learning.learner import LearnerParams
 from learning.memory import PPSMemory, activation
+from learning.reachable import ReachableMap
 from learning.receptive_field import ReceptiveField, perceive
+from learning.track_reachability import TrackReachability
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.skin import Skin
-from pps_vision.types import Array, JointVelocity, Mask, StereoFrame, TaxelEvents, Track3D
+from pps_vision.types import Array, JointVelocity, Mask, Reachability, StereoFrame, TaxelEvents, Track3D
 from tracking.tracker import Tracker, TrackerStep
 
 
@@ -32,6 +34,7 @@ class PipelineParams:
     period_s: float = 0.05
     search_for_s: float = 2.0  # how long the eyes look around for a lost object
     bimodal: bool = False  # a taxel that is touched is active too, seen or not (R's discussion)
+    max_false_positives: float = 1e-3  # share of the unreachable that the map may call reachable (J: few)
     receptive_field: ReceptiveField = ReceptiveField()
     learning: LearnerParams = LearnerParams()
     fixation: FixationParams = FixationParams()
@@ -41,12 +44,13 @@ class PipelineParams:
 
 @dataclass(frozen=True, slots=True)
 class PipelineStep:
-    """All that one frame led to; `activations` (n,) one a taxel."""
+    """All that one frame led to; `activations` (n,) one a taxel; no `reachability` without a map."""
 
     posture: Posture
     tracking: TrackerStep
     events: TaxelEvents
     activations: Array
+    reachability: Reachability | None
     response: avoidance.Response
     command: JointVelocity
 
@@ -54,7 +58,9 @@ class PipelineStep:
 class Pipeline:
     """Holds the robot's parameters and state; `step` takes a frame to the joint velocities it asks for.
 
-    It learns from every touch it is told of, so its `memory` grows as it runs.
+    It learns from every touch it is told of, so its `memory` grows as it runs.  With a reachable-space map
+    (`learning.reachable.load_map` reads what `pps-vision reach train` writes) every step says whether the tracked
+    object is within reach; without one there is no such answer, and an arm that is to reach is refused.
     """
 
     def __init__(
@@ -65,10 +71,14 @@ class Pipeline:
         tracker: Tracker,
         memory: PPSMemory,
         rng: np.random.Generator,
+        reachable_map: ReachableMap | None = None,
     ) -> None:
         if memory.taxel_ids != skin.taxel_ids:
             n, m = len(memory.taxel_ids), len(skin.taxel_ids)
             raise ValueError(f"a memory of {n} other taxels; expected the skin's {m}")
+        side, of = params.avoidance.side, reachable_map.side if reachable_map else "no arm"
+        if params.avoidance.behaviour == "reach" and of != side:
+            raise ValueError(f"a reachable-space map of {of} for the {side} arm, which is to reach; expected its own")
         self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
         self._learner = learner.LearnerState(memory, EventBuffer())
         self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(params.avoidance.side)))
@@ -77,6 +87,7 @@ class Pipeline:
         self._search: search.SearchState | None = None
         self._known_s = -np.inf
         self._last: tuple[float, Array] | None = None  # stamp, taxel positions
+        self._reachability = reachable_map and TrackReachability(robot, reachable_map, params.max_false_positives)
 
     @property
     def memory(self) -> PPSMemory:
@@ -95,12 +106,19 @@ class Pipeline:
         activations = activation(self.memory, events.distance_m, events.ttc_s)
         if self.params.bimodal:
             activations = bimodal_activation(activations, events.touched)
+        reachability = self._reachability(posture.q_rad, tracking.track) if self._reachability else None
         self._arm, arm, response = avoidance.step(
-            self.params.avoidance, self._arm, posture, self._arm_skin, activations[self._of_arm], frame.stamp_s
+            self.params.avoidance,
+            self._arm,
+            posture,
+            self._arm_skin,
+            activations[self._of_arm],
+            frame.stamp_s,
+            may_reach=reachability is not None and reachability.is_reachable,
         )
         gaze = self._gaze(posture, tracking.track)
         command = JointVelocity(frame.stamp_s, arm.dq_rad_s + gaze.dq_rad_s)
-        return PipelineStep(posture, tracking, events, activations, response, command)
+        return PipelineStep(posture, tracking, events, activations, reachability, response, command)
 
     @property
     def rejected(self) -> dict[str, int]:

@@ -7,6 +7,7 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.memory import PPSMemory
+from learning.reachable import ReachableMap
 from pps_vision.app.encounter import World, make_encounter
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.school_params import SchoolParams
@@ -33,11 +34,13 @@ def open_world(noise_sigma: float, seed: int) -> Iterator[World]:
         yield World(robot, rig, skin, eyes, np.random.default_rng(seed))
 
 
-def fresh_pipeline(world: World, memory: PPSMemory, stopwatch: Stopwatch | None = None) -> Pipeline:
+def fresh_pipeline(
+    world: World, memory: PPSMemory, stopwatch: Stopwatch | None = None, reachable_map: ReachableMap | None = None
+) -> Pipeline:
     """A pipeline that has seen nothing yet but remembers `memory`."""
     timing = {} if stopwatch is None else {"stages": stopwatch}
     tracker = Tracker(TrackerParams(), world.rig, world.rng, own_body=Silhouette(world.robot), **timing)
-    return Pipeline(PipelineParams(), world.robot, world.skin, tracker, memory, world.rng)
+    return Pipeline(PipelineParams(), world.robot, world.skin, tracker, memory, world.rng, reachable_map)
 
 
 def teach(world: World, params: SchoolParams) -> PPSMemory:

@@ -6,13 +6,13 @@ The functions write where they are told; `outputs` makes the whole appear at onc
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pps_vision.recordings.tables import write_table
-from pps_vision.types import Detection2D, Status, Track3D
+from pps_vision.types import Detection2D, Reachability, Status, Track3D
 
 Box = tuple[float, float, float, float]  # x, y of the top-left corner, width, height, px
 
@@ -22,6 +22,9 @@ DETECTION_COLUMNS = (
 TRAJECTORY_COLUMNS = (
     *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"),
     *("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2", "radius_m", "status"),
+)
+REACHABILITY_COLUMNS = (
+    *("gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg", "reach_probability", "reach_degree", "reach_status"),
 )
 BOX_COLUMNS = ("frame", "x", "y", "w", "h", "score")
 
@@ -37,13 +40,19 @@ def write_detections(file: Path, detections: Iterable[tuple[int, Detection2D, St
     write_table(file, DETECTION_COLUMNS, rows)
 
 
-def write_trajectory(file: Path, tracks: Iterable[Track3D]) -> None:
-    """trajectory.csv: position, velocity and the position's covariance in the root frame."""
-    rows = (
+def write_trajectory(file: Path, tracks: Iterable[Track3D], reachability: Sequence[Reachability] = ()) -> None:
+    """trajectory.csv: position, velocity and the position's covariance in the root frame; then, where given of each
+    track, its reachability, with the gaze that fixates it in degrees."""
+    rows: Iterable[tuple[object, ...]] = (
         (track.stamp_s, *track.position, *track.velocity, *track.cov[:3, :3][_UPPER], track.radius_m, track.status)
         for track in tracks
     )
-    write_table(file, TRAJECTORY_COLUMNS, rows)
+    if not reachability:
+        write_table(file, TRAJECTORY_COLUMNS, rows)
+        return
+    more = ((*np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status) for reach in reachability)
+    both = ((*row, *reach) for row, reach in zip(rows, more, strict=True))
+    write_table(file, TRAJECTORY_COLUMNS + REACHABILITY_COLUMNS, both)
 
 
 def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 from data import SEED
 
+from learning.reachable import Labels, Lattice, ReachableMap, isotropic, save_map
 from pps_vision.app.cli import main
 from pps_vision.recordings.yarp import open_yarp
+from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
+from pps_vision.robot.icub import load_icub
 
 
 def table(file: Path) -> dict[str, np.ndarray]:
@@ -76,6 +79,43 @@ def test_the_path_is_the_true_one(tracked: Path, approach: Path) -> None:
     late = known & (np.arange(len(known)) >= 10)
     again = np.sqrt((error[late[known]] ** 2).sum(axis=1).mean())
     assert said == pytest.approx(1000 * again, rel=1e-6)
+
+
+def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach: Path, tmp_path: Path) -> None:
+    """By this map it gets to what the eyes verge on by more than on the ball in frame 25 of 45, which comes nearer."""
+    shutil.copytree(approach, tmp_path / "rec")
+    for side in ("left", "right"):
+        log = tmp_path / "rec" / "cam" / side / "data.log"
+        log.write_text("\n".join(log.read_text().splitlines()[:45]))
+    lattice = Lattice(GazeLimits(pitch_rad=(-1.4, 0.7)), (3, 3, 9))
+    truth = table(approach / "truth.csv")
+    there = np.array([[float(truth[name][25]) for name in ("x_m", "y_m", "z_m")]])
+    border = gaze_for_points(load_icub(), there, lattice.limits)[0, 2]
+    signed = (isotropic(lattice.gaze_rad) - isotropic(np.array([0, 0, border])))[:, 2].reshape(lattice.shape)
+    none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    one = ReachableMap("left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 1e-4, 0.0, none)
+    save_map(tmp_path / "map.npz", one)
+    main(["track", str(tmp_path / "rec"), "--map", str(tmp_path / "map.npz"), "--out", str(tmp_path / "out")])
+    path = table(tmp_path / "out" / "trajectory.csv")
+    assert list(path)[15:] == [
+        "gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg", "reach_probability", "reach_degree", "reach_status",
+    ]  # fmt: skip
+    known = np.isin(path["status"], ["tracking", "coasting"])
+    assert (path["reach_status"][~known] == "unknown").all()
+    assert (path["gaze_yaw_deg"][~known] == "").all()
+    assert (path["reach_degree"][~known] == "").all()
+    gaze, xyz = (
+        np.stack([path[name][known].astype(float) for name in names], axis=1)
+        for names in (("gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg"), ("x_m", "y_m", "z_m"))
+    )
+    np.testing.assert_allclose(fixation_points(load_icub(), np.deg2rad(gaze)), xyz, atol=1e-6)
+    said = path["reach_status"][known]
+    assert (said == np.where(gaze[:, 2] > np.rad2deg(border), "reachable", "unreachable")).all()
+    assert set(said) == {"reachable", "unreachable"}
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["map"] == str(tmp_path / "map.npz")
+    assert summary["reach"]["reachable"] == int((said == "reachable").sum())
+    assert summary["reach"]["unknown"] == int((~known).sum())
 
 
 def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:

@@ -29,6 +29,8 @@ def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
 def test_what_it_cannot_do_is_refused(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     out = ("--out", tmp_path / "out")
     assert "expected mode marker" in refused("track", approach, "--device", "cpu", *out)
+    images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
+    assert "--map map.npz with --left" in refused("track", *images, "--map", "map.npz", *out)
     assert "batch 0" in refused("track", approach, "--mode", "marker", "--device", "cpu", "--batch", 0, *out)
 
 

@@ -34,7 +34,7 @@ def live(
     """Runs the arm through a list of activations; yields (q before, command, response)."""
     q, state = home(robot), AvoidanceState()
     for k, a in enumerate(activations):
-        state, command, response = step(params, state, robot.at(q), FOREARM, a, k * DT)
+        state, command, response = step(params, state, robot.at(q), FOREARM, a, k * DT, may_reach=True)
         yield q, command.dq_rad_s, response
         q = q + DT * command.dq_rad_s
         assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))

@@ -41,7 +41,7 @@ def ball(radius: float) -> Learned:
     def keeps(gaze: Array, torso: Array, turns: Array) -> Array:
         point = FRAME.to_root(torso[None], fixation_points(ROBOT, gaze[None]))
         around = FRAME.from_upright(torso + turns, np.repeat(point, len(turns), axis=0))
-        return gaze_for_points(ROBOT, around, starts_rad=np.repeat(gaze[None], len(turns), axis=0))
+        return gaze_for_points(ROBOT, around)
 
     return Learned(judge, keeps, lambda _: (GOAL, 0.0))
 
@@ -112,6 +112,16 @@ def test_what_moves_away_meanwhile_is_judged_again():
     state, command = into_reach.step(PARAMS, learned, reaching, posture, gaze + np.deg2rad(3), DT, 1.1)
     assert state.mode == "judging"
     assert not np.any(command.dq_rad_s)
+
+
+@pytest.mark.parametrize(("degree", "goes_on"), [(0.51, True), (0.5, False), (np.nan, False)])
+def test_a_hand_on_its_way_stops_when_the_map_no_longer_says_reachable(degree, goes_on):
+    learned, posture = ball(RADIUS), ROBOT.at(gaze_at(ROBOT, START, CENTER))
+    doubting = Learned(lambda gaze: Ball(np.array([False]), np.array([degree])), learned.keeps, learned.hand_to)
+    gaze = fixated_gaze(posture)
+    reaching = IntoReachState("reaching", 1.0, None, gaze, GOAL)
+    state, command = into_reach.step(PARAMS, doubting, reaching, posture, gaze, DT, 1.1)
+    assert (state.mode, bool(np.any(command.dq_rad_s))) == ("reaching" if goes_on else "judging", goes_on)
 
 
 def test_imagined_and_made_are_one_way():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from data import SEED
-from scipy.stats import multivariate_normal
+from scipy.stats import beta, multivariate_normal
 from trials_made_up import approach, session
 
 from learning.passing import (
@@ -15,6 +15,7 @@ from learning.passing import (
     landing_gap,
     learn_passing,
     leave_one_out,
+    passing,
 )
 from learning.scores import auroc
 from learning.trials import Trial, touch_rates
@@ -249,3 +250,44 @@ def test_a_session_after_one_trial_is_foretold_as_it_is():
     np.testing.assert_array_equal(
         foretell_session(PARAMS, learned, other).probability, foretell(PARAMS, learned, other).probability
     )
+
+
+def test_where_all_paths_are_alike_the_touches_alone_count():
+    """Three touches in seven equal trials: the beta distribution with Jeffreys' prior, its mean and its interval."""
+    path = approach(np.random.default_rng(SEED), 0)
+    one = replace(path, d_m=path.d_m[:, :1])
+    trials = tuple(replace(one, touched=np.array([k < 3])) for k in range(7))
+    found = foretell(PARAMS, learn_passing(PARAMS, trials), trials[:1])
+    assert found.probability[0, 0] == pytest.approx(3.5 / 8)
+    assert (found.lower[0, 0], found.upper[0, 0]) == pytest.approx(beta(3.5, 4.5).interval(PARAMS.level))
+
+
+def test_a_sessions_offset_is_its_posterior_mean():
+    """By linear Gaussian inference: the offset has the prior N(0, offset_m²); the usual mean is known from so many
+    trials of the first session; each path of the second is off that by the offset and a path's own variance."""
+    rng = np.random.default_rng(SEED)
+    first, other = session(rng, 9), moved(session(rng, 5), 0.02)
+    learned = learn_passing(PARAMS, first)
+    mean = passing(PARAMS, first).mean(axis=1)
+    paths = passing(PARAMS, other).mean(axis=1)
+    expected = []
+    for n, trial in enumerate(other, start=1):
+        offset = np.empty(3)
+        for k in range(3):
+            var, prior = mean[:, k].var(ddof=1), PARAMS.offset_m**2
+            H = np.column_stack([np.ones(n), np.ones(n)])  # offset, usual mean
+            information = np.diag([1 / prior, len(first) / var]) + H.T @ H / var
+            offset[k] = np.linalg.solve(
+                information, H.T @ paths[:n, k] / var + [0, len(first) / var * mean[:, k].mean()]
+            )[0]
+        expected.append(foretell(PARAMS, learned, (replace(trial, d_m=trial.d_m - offset),)).probability[0])
+    found = foretell_session(PARAMS, learned, other).probability
+    assert np.abs(found - foretell(PARAMS, learned, other).probability).max() > 0.01
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_a_session_after_trials_that_never_came_near_is_foretold_as_it_is():
+    rng = np.random.default_rng(SEED)
+    learned, other = learn_passing(PARAMS, moved(session(rng, 3), 0.5)), session(rng, 2)
+    found = foretell_session(PARAMS, learned, other)
+    np.testing.assert_array_equal(found.probability, foretell(PARAMS, learned, other).probability)

@@ -1,12 +1,17 @@
 """Fixation points and the gaze postures that reach them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from pps_vision.robot.gaze import GazeLimits, fixation_point, fixation_points, gaze_for_points
-from pps_vision.robot.icub import load_icub, set_gaze
+from pps_vision.robot.gaze import GazeLimits, GazeModel, fixated_gaze, fixation_point, fixation_points, gaze_for_points
+from pps_vision.robot.icub import home, load_icub, set_gaze
+from pps_vision.robot.model import FrameNames, Robot
 
 ROBOT = load_icub()
+MODEL = GazeModel(ROBOT)
+DEG = np.pi / 180
 ZERO = np.zeros(ROBOT.n_joints)
 
 
@@ -50,9 +55,117 @@ def test_eyes_that_do_not_converge_fixate_nothing(vergence_deg):
     assert np.isnan(fixation_points(ROBOT, [[0, 0, vergence]])).all()
 
 
-def test_there_and_back():
-    gaze = random_gaze(500)
-    np.testing.assert_allclose(gaze_for_points(ROBOT, fixation_points(ROBOT, gaze)), gaze, atol=1e-5)
+@pytest.mark.parametrize(("vergence", "meets"), [(1e-5, True), (1e-7, False)])
+def test_axes_that_are_nearly_parallel(vergence, meets):
+    """At 1e-5 rad they meet 6.8 km ahead; below, rounding would decide where."""
+    point = fixation_points(ROBOT, [[0, 0, vergence]])[0]
+    if meets:
+        np.testing.assert_allclose(-point[0], 0.068 / vergence, rtol=1e-3)
+    else:
+        assert np.isnan(point).all()
+
+
+@pytest.mark.parametrize("pans_deg", [(100, 5), (-5, -100)])
+def test_axes_that_cross_behind_one_eye_only_fixate_nothing(pans_deg):
+    """Eyes turned farther than the robot's can be: before one, behind the other."""
+    q = np.array(ZERO)
+    q[ROBOT.indices(("left_eye_pan", "right_eye_pan"))] = np.deg2rad(pans_deg)
+    assert fixation_point(ROBOT.at(q)) is None
+    q[ROBOT.indices(("left_eye_pan", "right_eye_pan"))] = 10 * DEG, -10 * DEG
+    assert fixation_point(ROBOT.at(q)) is not None
+
+
+@pytest.mark.parametrize("limits", [GazeLimits(), GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))])
+def test_there_and_back(limits):
+    gaze = random_gaze(500, limits)
+    np.testing.assert_allclose(gaze_for_points(ROBOT, fixation_points(ROBOT, gaze), limits), gaze, atol=1e-9)
+
+
+def test_the_corners_of_the_limits_are_within_them_and_just_beyond_is_not():
+    limits = GazeLimits()
+    corners = np.stack(np.meshgrid(*np.stack([limits.lower, limits.upper], axis=1), indexing="ij"), -1).reshape(-1, 3)
+    gaze = gaze_for_points(ROBOT, fixation_points(ROBOT, corners))
+    np.testing.assert_allclose(gaze, corners, atol=1e-9)
+    assert ((gaze >= limits.lower) & (gaze <= limits.upper)).all()
+    for axis in 1e-6 * np.eye(3):
+        outwards = np.where(corners == limits.lower, corners - axis, corners + axis)
+        assert np.isnan(gaze_for_points(ROBOT, fixation_points(ROBOT, outwards))).all()
+
+
+def test_closed_form_and_iteration_agree_everywhere_around_the_robot():
+    """Before, beside, behind, above and below the head, near and far; most cannot be fixated within J's limits."""
+    assert MODEL.has_closed_form
+    points = np.random.default_rng(1).uniform([-1.0, -0.5, -0.2], [0.3, 0.5, 0.9], (300, 3))
+    for limits in (GazeLimits(), GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))):
+        closed, iterated = MODEL.gaze(points, limits), MODEL.gaze_iteratively(points, limits)
+        assert 0.1 < np.isfinite(closed[:, 0]).mean() < 0.9
+        np.testing.assert_allclose(closed, iterated, atol=1e-6)
+
+
+def test_a_turned_torso_carries_what_the_head_and_the_arms_see():
+    """Pinocchio's chest, which all joints of the torso move, roll too, and no joint of the neck or an arm."""
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        q, point = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.uniform(-0.5, 0.5, 3)
+        in_chest = np.linalg.inv(ROBOT.at(ZERO).T_root("chest")) @ [*point, 1]
+        turned = (ROBOT.at(q).T_root("chest") @ in_chest)[:3]
+        np.testing.assert_allclose(MODEL.to_upright(ROBOT.at(q).q_rad, turned), point, atol=1e-12)
+
+
+def test_the_gaze_that_stands_for_eyes_that_tilt_and_turn_aside():
+    q = set_gaze(ROBOT, home(ROBOT), 0.2, -0.3, -0.2, 0.15, 0.35)
+    q[ROBOT.indices(("neck_roll",))] = 0.25
+    upright = fixation_point(ROBOT.at(q))
+    gaze = fixated_gaze(ROBOT.at(q))
+    np.testing.assert_allclose(fixation_points(ROBOT, gaze[None])[0], upright, atol=1e-9)
+    q[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3, -0.2, 0.4
+    np.testing.assert_allclose(fixated_gaze(ROBOT.at(q)), gaze, atol=1e-9)
+    assert np.isnan(fixated_gaze(ROBOT.at(set_gaze(ROBOT, q, vergence=0.0)))).all()
+
+
+def head(folder: Path, yaw_first: bool) -> Robot:
+    """Two neck joints whose axes meet 10 cm beside the root, no torso, eyes that look along x."""
+    eye = '<origin xyz="0.05 {y} 0.02" rpy="0 0 0"/><axis xyz="0 0 -1"/>'
+    axes = {"yaw": '<axis xyz="0 0 1"/>', "pitch": '<axis xyz="0 -1 0"/>'}
+    first, second = ("yaw", "pitch") if yaw_first else ("pitch", "yaw")
+    joints = {
+        (first, "base", "neck"): '<origin xyz="0 0.1 0.3"/>' + axes[first],
+        (second, "neck", "skull"): axes[second],
+        ("tilt", "skull", "eyes"): '<axis xyz="0 -1 0"/>',
+        ("pan_l", "eyes", "socket_l"): eye.format(y=0.03),
+        ("pan_r", "eyes", "socket_r"): eye.format(y=-0.03),
+    }
+    limit = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
+    links = ["base"] + [child for _, _, child in joints] + ["left", "right"]
+    text = "".join(f'<link name="{link}"/>' for link in links)
+    for (name, parent, child), rest in joints.items():
+        ends = f'<parent link="{parent}"/><child link="{child}"/>'
+        text += f'<joint name="{name}" type="revolute">{ends}{rest}{limit}</joint>'
+    for side in ("left", "right"):
+        text += (
+            f'<joint name="{side}_axis" type="fixed"><parent link="socket_{side[0]}"/><child link="{side}"/>'
+            '<origin rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint>'
+        )
+    (folder / "head.urdf").write_text(f'<robot name="head">{text}</robot>')
+    names = FrameNames("left", "right", gaze_joints=("yaw", "pitch", "tilt", "pan_l", "pan_r"))
+    return Robot(folder / "head.urdf", names)
+
+
+@pytest.mark.parametrize("yaw_first", [False, True])
+def test_a_head_is_solved_in_closed_form_if_its_neck_pitches_first_and_else_iteratively(tmp_path, yaw_first):
+    robot = head(tmp_path, yaw_first)
+    model, gaze = GazeModel(robot), random_gaze(20)
+    assert model.has_closed_form != yaw_first
+    points = model.points(gaze)
+    np.testing.assert_allclose(model.gaze(points), gaze, atol=1e-5 if yaw_first else 1e-9)
+    assert np.isnan(model.gaze(np.array([[np.nan, 0, 0], [-1.0, 0.1, 0.3]]))).all()  # unknown, behind
+    for (yaw, pitch, vergence), point in zip(gaze, points, strict=True):
+        posture = robot.at(set_gaze(robot, np.zeros(5), yaw=yaw, pitch=pitch, vergence=vergence))
+        for eye in ("left", "right"):
+            x, y, z = np.linalg.inv(posture.T_root(eye))[:3] @ [*point, 1]
+            assert np.hypot(x, y) < 1e-9
+            assert z > 0
+    np.testing.assert_array_equal(model.to_upright(np.ones(5), np.arange(3.0)), np.arange(3.0))  # nothing carries it
 
 
 def test_beyond_the_limits_is_nan_and_wider_limits_help():
@@ -65,6 +178,9 @@ def test_beyond_the_limits_is_nan_and_wider_limits_help():
     assert np.isnan(gaze[1:]).all()
 
 
-def test_limits_out_of_order_are_refused():
-    with pytest.raises(ValueError, match="lower below upper"):
-        GazeLimits(yaw_rad=(1.0, -1.0))
+@pytest.mark.parametrize(
+    "limits", [{"yaw_rad": (1.0, -1.0)}, {"pitch_rad": (0.2, 0.2)}, {"vergence_rad": (0.0, 1.0)}], ids=str
+)
+def test_limits_out_of_order_or_of_eyes_that_do_not_converge_are_refused(limits):
+    with pytest.raises(ValueError, match="lower below upper and vergence above 0"):
+        GazeLimits(**limits)

@@ -14,7 +14,7 @@ from tracking.names import DEFAULT_ORDER, Depth, Mode
 
 if TYPE_CHECKING:
     from pps_vision.app.track import TrackedRecording
-    from pps_vision.types import Track3D
+    from pps_vision.types import Reachability, Track3D
 
 _FILES = ("detections.csv", "trajectory.csv", "summary.json", "overlay.mp4")
 
@@ -39,6 +39,13 @@ class Track:
     """Calibration: OpenCV files (one for all, or left, right and stereo), or icubEyes.ini for a REC without its own."""
     joints: Path | None = None
     """What to add to the encoders of REC, as `pps-vision joints` writes it."""
+    map: Path | None = None
+    """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze
+    that fixates the object (gaze_yaw_deg, gaze_pitch_deg, gaze_vergence_deg) and whether the hand can reach it
+    (reach_probability, reach_degree, reach_status: reachable, unreachable, not fixated by any gaze the map knows, or
+    unknown without a track)."""
+    max_fp: float = 1e-3
+    """Share of unreachable places that --map may call reachable."""
     fps: float = 30.0
     """Frames per second of --left/--right."""
     unit_m: float = 1.0
@@ -71,9 +78,13 @@ class Track:
         """Read, track, and write everything at once; what had to be skipped is reported."""
         from tqdm import tqdm
 
+        from learning.reachable import load_map
+        from learning.track_reachability import TrackReachability
         from pps_vision.app.open_recording import open_recording
         from pps_vision.app.overlay import VideoFile, draw_pair
+        from pps_vision.app.pipeline import joints_of
         from pps_vision.app.track import track
+        from pps_vision.errors import InputError
         from pps_vision.recordings.outputs import whole_folder
         from pps_vision.recordings.results import write_detections, write_summary, write_trajectory
 
@@ -97,28 +108,38 @@ class Track:
             batch=self.batch,
             seed=self.seed,
         )
-        detections, steps = [], []
+        reach = None
+        if self.map:
+            if recording.robot is None:
+                raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
+            reach = TrackReachability(recording.robot, load_map(self.map), self.max_fp)
+        detections, steps, joints = [], [], []
         with whole_folder(self.out, _FILES) as folder:
             with VideoFile(folder / "overlay.mp4", recording.fps) as film:
                 for number, frame, step in tqdm(
                     run.numbered(), total=len(run), desc="track", unit="pair", disable=None
                 ):
                     steps.append(step)
+                    if reach:
+                        joints.append(joints_of(frame))
                     detections += [(number, seen, step.track.status) for seen in step.detections]
                     if self.video and recording.rig is not None:
                         film.add(draw_pair(frame, recording.rig.view_of(frame), step.track, step.detections))
             tracks = run.path(steps, self.smooth)
             write_detections(folder / "detections.csv", detections)
-            write_trajectory(folder / "trajectory.csv", tracks)
-            write_summary(folder / "summary.json", self._summary(run, tracks))
+            reachability = [reach(q, track) for q, track in zip(joints, tracks, strict=True)] if reach else []
+            write_trajectory(folder / "trajectory.csv", tracks, reachability)
+            write_summary(folder / "summary.json", self._summary(run, tracks, reachability))
         for problem in recording.problems:
             print(f"skipped: {problem}", file=sys.stderr)
         print(_headline(run, tracks), f"→ {self.out}")
 
-    def _summary(self, run: "TrackedRecording", tracks: "list[Track3D]") -> dict[str, object]:
+    def _summary(
+        self, run: "TrackedRecording", tracks: "list[Track3D]", reachability: "list[Reachability]"
+    ) -> dict[str, object]:
         from pps_vision.app.track import errors_against
         from pps_vision.recordings.problems import count_by_kind
-        from pps_vision.types import Status
+        from pps_vision.types import ReachStatus, Status
 
         summary: dict[str, object] = {
             "source": run.recording.name,
@@ -134,6 +155,10 @@ class Track:
             "ms_per_pair": run.stopwatch.summary(),
             "skipped": count_by_kind(run.recording.problems),
         }
+        if reachability:
+            found = [reach.status for reach in reachability]
+            counts = {status.value: found.count(status) for status in ReachStatus}
+            summary["reach"] = {"map": str(self.map), "max_fp": self.max_fp, **counts}
         if run.choice:
             summary["max_error"] = {"asked_mm": self.max_error_mm, **run.choice.summary()}
         if run.recording.truth:

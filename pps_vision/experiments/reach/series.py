@@ -22,6 +22,7 @@ FigureName = Literal[
     "seen_babbling",
     "seen_box",
     "measures",
+    "in_loop",
 ]
 
 
@@ -42,6 +43,7 @@ class Reach:
         """The experiments asked for, by name."""
         from pps_vision.experiments.reach.failures import BabblingFailures
         from pps_vision.experiments.reach.forward_model import ForwardModelError
+        from pps_vision.experiments.reach.in_loop import InLoop
         from pps_vision.experiments.reach.lwpr import CrossFunction
         from pps_vision.experiments.reach.map_failures import MapFailures
         from pps_vision.experiments.reach.maps import Maps
@@ -68,5 +70,6 @@ class Reach:
             "seen_babbling": lambda: SeenBabbling(self.seed),
             "seen_box": lambda: SeenBox(self.seed),
             "measures": lambda: Measures(self.seed),
+            "in_loop": lambda: InLoop(self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}

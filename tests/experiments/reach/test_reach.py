@@ -8,6 +8,7 @@ from learning.regressors import Neighbours
 from pps_vision.experiments.reach.failures import CASES as FAULTS
 from pps_vision.experiments.reach.failures import METHODS, BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError
+from pps_vision.experiments.reach.in_loop import InLoop, _Run, _shares
 from pps_vision.experiments.reach.lwpr import CASES, CrossFunction, nmse, taught
 from pps_vision.experiments.reach.regressors import Regressors, Replayed, measure
 
@@ -64,8 +65,31 @@ def test_charts_draw_what_was_measured() -> None:
     assert "7 fields (20.0% unanswered)" in [text.get_text() for text in figure.axes[0].texts]
 
 
+def test_in_the_loop_shares_are_over_runs_and_what_no_gaze_fixates_is_not_reachable(rng: np.random.Generator) -> None:
+    """A run of four frames, one said wrongly; a run of one, that cannot be fixated, rightly not called reachable."""
+    yes, no, nan = True, False, np.nan
+    one = _Run(
+        *map(np.array, ([yes, no, yes, no], [0.9, 0.6, 0.7, 0.1], [yes, no, no, no], [0.9, 0.4, 0.7, 0.1], [yes] * 4))
+    )
+    other = _Run(*map(np.array, ([yes], [nan], [no], [nan], [no])))
+    found = _shares([one, other], rng)
+    assert (found["frames"], found["truly_reachable_frames"]) == (5, 2)
+    assert (found["not_fixated_frames"], found["not_fixated_rightly"]) == (1, 1)
+    for name, right, fp, fn in (
+        ("likelier", 87.5, 1, 0),
+        ("strict", 87.5, 0, 1),
+        ("likelier_at_the_true_place", 100, 0, 0),
+    ):
+        way = found[name]
+        assert (way["right"], way["false_positives"], way["false_negatives"]) == (right, fp, fn)  # type: ignore[index]
+        assert way["right_95"][0] <= right <= way["right_95"][1]  # type: ignore[index]
+    gaze = {"closed form": {"median_ms": 0.03, "worst_rad": 4e-15}, "iterative": {"median_ms": 4.0, "worst_rad": 3e-7}}
+    assert len(InLoop().chart({**found, "gaze": gaze}).axes) == 2
+
+
 def test_bad_input_is_named() -> None:
-    with pytest.raises(ValueError, match="--n 0"):
-        CrossFunction(n=0).run()
+    for experiment in (CrossFunction(n=0), InLoop(n=0)):
+        with pytest.raises(ValueError, match="--n 0"):
+            experiment.run()
     with pytest.raises(ValueError, match="--n-replays 0"):
         ForwardModelError(n_replays=0).run()

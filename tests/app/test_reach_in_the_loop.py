@@ -1,0 +1,170 @@
+"""The reachable-space map in the running pipeline: in every frame, and the arm reaches only for what is in reach.
+
+The loop is closed on kinematics: what the eyes would see is told to the pipeline by a tracker that knows the truth.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from data import SEED
+
+from control.avoidance import AvoidanceParams
+from learning.memory import PPSMemory
+from learning.reachable import ReachableMap
+from learning.reachable_training import ArmLimits, MapParams, train_reachable_map
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
+from pps_vision.robot.skin import icub_skin
+from pps_vision.robot.spherical_arm import SphericalArm
+from pps_vision.types import Array, ReachStatus, Status, StereoFrame, Track3D
+from tracking.tracker import TrackerStep
+
+ROBOT, SKIN, DT = load_icub(), icub_skin(("left_forearm", "left_palm")), 0.05
+ARM = ROBOT.indices(ROBOT.names.arm("left"))
+TRUTH = SphericalArm.of(
+    Chain.of(ROBOT, ROBOT.names.arm("left")[:4], "left_palm"), ArmLimits().lower_rad, ArmLimits().upper_rad
+)
+REACH, AVOID = AvoidanceParams(HOME_ARM_RAD, behaviour="reach"), AvoidanceParams(HOME_ARM_RAD)
+
+
+@dataclass
+class Knowing:
+    """Instead of a tracker: where the object is, and how fast, at any time; None where it is not seen."""
+
+    motion: Callable[[float], tuple[Array, Array] | None]
+
+    def step(self, frame: StereoFrame) -> TrackerStep:
+        now = self.motion(frame.stamp_s)
+        track = Track3D.unknown(frame.stamp_s)
+        if now is not None:
+            mean = np.array([*now, np.zeros(3), np.zeros(3)])
+            track = Track3D(frame.stamp_s, mean, 1e-6 * np.eye(12), 0.02, 1e-8, Status.TRACKING)
+        return TrackerStep(track, (), None, ((), ()), np.zeros(3))
+
+
+@pytest.fixture(scope="module")
+def left() -> ReachableMap:
+    limits = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
+    params = MapParams(limits, n_labels=1500, round_labels=500, n_babble=20_000, lattice=0.08)
+    return train_reachable_map(ROBOT, "left", np.random.default_rng(SEED), params)
+
+
+def anxious() -> PPSMemory:
+    """A skin that has been touched by everything that came near."""
+    counts = PPSMemory.empty(SKIN).counts.copy()
+    counts[..., 0] = 1
+    return replace(PPSMemory.empty(SKIN), counts=counts)
+
+
+def pipeline(motion, avoidance: AvoidanceParams, reachable_map: ReachableMap | None, max_fp: float = 1e-3) -> Pipeline:
+    params, rng = PipelineParams(avoidance=avoidance, max_false_positives=max_fp), np.random.default_rng(0)
+    return Pipeline(params, ROBOT, SKIN, Knowing(motion), anxious(), rng, reachable_map)  # type: ignore[arg-type]
+
+
+def towards(taxel: str, begin_m: float, end_m: float, speed_m_s: float = 0.06):
+    """Along a taxel's normal at home, from one distance to another, and there it stays."""
+    points, normals = SKIN.at(ROBOT.at(home(ROBOT)))
+    point, normal = points[SKIN.index(taxel)], normals[SKIN.index(taxel)]
+
+    def motion(t: float) -> tuple[Array, Array]:
+        far = begin_m - speed_m_s * t
+        return point + max(far, end_m) * normal, -speed_m_s * normal * (far > end_m)
+
+    return motion
+
+
+def run(one: Pipeline, seconds: float = 2.0) -> tuple[list[PipelineStep], Array]:
+    """The steps, the robot obeying, and the joints (T, n) before each."""
+    q, black, steps, joints = home(ROBOT), np.zeros((2, 2, 3), np.uint8), [], []
+    for k in range(int(seconds / DT)):
+        steps.append(one.step(StereoFrame(black, black, DT * k, DT * k, q, q)))
+        joints.append(q)
+        q = ROBOT.clamp(q + DT * steps[-1].command.dq_rad_s)
+    return steps, np.array(joints)
+
+
+def truly(motion, steps: list[PipelineStep]) -> Array:
+    """Whether the hand gets to where the object is, by the arm in closed form."""
+    return np.isfinite(TRUTH.solve(np.array([motion(DT * k)[0] for k in range(len(steps))]))[:, 0])
+
+
+def test_an_object_in_reach_is_reached_for(left: ReachableMap) -> None:
+    motion = towards("left_palm:101", 0.17, 0.08)
+    steps, joints = run(pipeline(motion, REACH, left))
+    assert truly(motion, steps).all()
+    assert all(step.reachability and step.reachability.is_reachable for step in steps)
+    modes = [step.response.mode for step in steps]
+    assert modes.count("reach") > 20
+    moved = ROBOT.at(joints[modes.index("reach") + 10]).point("left_palm") - ROBOT.at(joints[0]).point("left_palm")
+    to_object = motion(1.0)[0] - ROBOT.at(joints[0]).point("left_palm")
+    assert moved @ to_object / np.linalg.norm(to_object) > 0.03  # ten frames at 10 cm/s
+
+
+def test_an_object_out_of_reach_is_not(left: ReachableMap) -> None:
+    """Close to the skin near the elbow, where the hand cannot go: the skin feels it coming all the same."""
+    motion = towards("left_forearm:27", 0.15, 0.05)
+    steps, joints = run(pipeline(motion, REACH, left))
+    assert not truly(motion, steps).any()
+    assert sum(step.activations.max() > REACH.threshold for step in steps) > 20
+    assert {step.reachability.status for step in steps if step.reachability} == {ReachStatus.UNREACHABLE}
+    assert not any(step.command.dq_rad_s[ARM].any() for step in steps)
+    np.testing.assert_array_equal(joints[:, ARM], np.tile(HOME_ARM_RAD, (len(joints), 1)))
+
+
+def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: ReachableMap) -> None:
+    leaves = towards("left_forearm:15", 0.19, 0.08, 0.06)
+    steps, _ = run(pipeline(leaves, REACH, left), 2.5)
+    assert truly(leaves, steps)[0]
+    assert not truly(leaves, steps)[-1]
+    stays = towards("left_palm:101", 0.17, 0.08)
+    lost, _ = run(pipeline(lambda t: stays(t) if t < 1 else None, REACH, left))
+    for found in (steps, lost):
+        modes = [step.response.mode for step in found]
+        reached = [step.reachability is not None and step.reachability.is_reachable for step in found]
+        assert modes.index("return") == len(reached) - reached[::-1].index(True), "in the frame in which it is known"
+        assert all(may for may, mode in zip(reached, modes, strict=True) if mode == "reach")
+        assert "reach" not in modes[modes.index("return") :]
+
+
+@pytest.mark.parametrize("taxel", ["left_palm:101", "left_forearm:27"])
+def test_avoidance_does_not_ask_the_map(left: ReachableMap, taxel: str) -> None:
+    motion = towards(taxel, 0.15, 0.05)
+    with_map, without = (run(pipeline(motion, AVOID, reachable_map))[0] for reachable_map in (left, None))
+    assert "avoid" in [step.response.mode for step in with_map]
+    for a, b in zip(with_map, without, strict=True):
+        np.testing.assert_array_equal(a.command.dq_rad_s, b.command.dq_rad_s)
+        assert b.reachability is None
+
+
+def test_stricter_about_false_positives_the_arm_gives_up_earlier(left: ReachableMap) -> None:
+    """On the way out of reach, towards the forearm."""
+    ends = []
+    for max_fp in (0.1, 1e-3, 1e-6):
+        steps, _ = run(pipeline(towards("left_forearm:183", 0.18, 0.03), REACH, left, max_fp), 2.5)
+        ends.append([step.response.mode for step in steps].index("return"))
+    assert ends[0] > ends[1] > ends[2] > 0
+
+
+def test_a_torso_that_turns_with_the_object_changes_nothing(left: ReachableMap) -> None:
+    upright, black = home(ROBOT), np.zeros((2, 2, 3), np.uint8)
+    turned = upright.copy()
+    turned[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3, -0.1, 0.2
+    point = towards("left_palm:101", 0.1, 0.1)(0.0)[0]
+    carried = ROBOT.at(turned).T_root("chest") @ np.linalg.inv(ROBOT.at(upright).T_root("chest")) @ [*point, 1]
+    found = []
+    for q, p in ((upright, point), (turned, carried[:3])):
+        one = pipeline(lambda _, p=p: (p, np.zeros(3)), AVOID, left)
+        found.append(one.step(StereoFrame(black, black, 0.0, 0.0, q, q)).reachability)
+    np.testing.assert_allclose(found[1].gaze_rad, found[0].gaze_rad, atol=1e-9)
+    assert found[1].degree == pytest.approx(found[0].degree, abs=1e-9)
+
+
+def test_an_arm_that_is_to_reach_needs_its_own_map(left: ReachableMap) -> None:
+    for reachable_map, of in ((None, "no arm"), (replace(left, side="right"), "right")):
+        with pytest.raises(ValueError, match=f"a reachable-space map of {of} for the left arm"):
+            pipeline(towards("left_palm:101", 0.17, 0.08), REACH, reachable_map)
+    pipeline(towards("left_palm:101", 0.17, 0.08), AVOID, replace(left, side="right"))
