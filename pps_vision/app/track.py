@@ -12,6 +12,7 @@ import tyro
 from tqdm import tqdm
 
 from pps_vision.app.budget import Choice, cheapest
+from pps_vision.app.device import torch_device
 from pps_vision.app.overlay import VideoFile, draw_pair
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.geometry.camera import StereoRig
@@ -27,9 +28,8 @@ from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D, Truth
-from tracking.outline import Optics
 from tracking.smoother import smoothed_tracks
-from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 Mode = Literal["generic", "marker"]
 Depth = Literal["centroid", "disparity"]
@@ -68,11 +68,11 @@ class Track:
     max_error_mm: float | None = None
     """Instead of --mode and --depth: the cheapest way whose 3D RMS error is within this; summary.json says which and
     why."""
-    device: Literal["cpu", "cuda"] | None = None
-    """Look for the marker in batches of frames with torch on this device, for long recordings; default: frame by
+    device: str | None = None
+    """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
     frame, without torch."""
-    batch: int = 32
-    """Frames a batch of --device."""
+    batch: int = 16
+    """Stereo pairs in a batch of --device."""
     smooth: bool = False
     """Let what is seen later correct what was seen before (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""
@@ -114,11 +114,8 @@ class Track:
     def _open(self, stopwatch: Stopwatch) -> tuple[Recording, Callable[[TrackerParams], Tracker]]:
         if self.max_error_mm is not None and (self.mode, self.depth) != ("generic", "centroid"):
             raise ValueError("track: --max-error-mm chooses the mode and the depth itself; expected no --mode, --depth")
-        if self.device is not None and (self.mode != "marker" or self.batch < 1):
-            raise ValueError(
-                f"track: --device with --mode {self.mode}, --batch {self.batch}; expected --mode marker (what the "
-                "generic tracker looks for in a frame depends on the frame before) and a batch of at least 1"
-            )
+        if self.batch < 1:
+            raise ValueError(f"track: --batch {self.batch}; expected at least 1")
         if (self.rec is None) == (not self.left and not self.right):
             raise ValueError("track: expected either a recording folder REC, or --left and --right with --calib")
         if self.rec is not None:
@@ -147,11 +144,12 @@ class Track:
                     step = tracker.step(frame)
                 yield number, frame, step
             return
-        find = marker_batches(tracker, self.device)
+        from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
+
+        batches = BatchTracker(tracker, torch_device(self.device))
         for chunk in chunks(frames, self.batch):
             with stopwatch("total", len(chunk)):
-                shapes = find([frame for _, frame in chunk])
-                steps = [tracker.step(frame, seen) for (_, frame), seen in zip(chunk, shapes, strict=True)]
+                steps = batches.steps([frame for _, frame in chunk])
             yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
 
     def _summary(
@@ -181,22 +179,6 @@ class Track:
         if recording.truth:
             summary["errors"] = errors_against(recording.truth, tracks)
         return summary
-
-
-def marker_batches(tracker: Tracker, device: Literal["cpu", "cuda"]) -> Callable[[list[StereoFrame]], list[Shapes]]:
-    """What finds the marker in both eyes' images of many frames at once."""
-    from tracking.batch import MarkerBatch  # torch takes seconds to load, and nothing else needs it
-
-    eyes = [
-        MarkerBatch(tracker.params.marker, Optics(camera), device) for camera in (tracker.rig.left, tracker.rig.right)
-    ]
-
-    def find(frames: list[StereoFrame]) -> list[Shapes]:
-        left = eyes[0].find(np.stack([frame.left for frame in frames]))
-        right = eyes[1].find(np.stack([frame.right for frame in frames]))
-        return list(zip(left, right, strict=True))
-
-    return find
 
 
 def tracker_for(
