@@ -100,7 +100,8 @@ class OutlineBatch:
     @torch.inference_mode()
     def find(self, images: NDArray[np.uint8]) -> list[Found]:
         """Outlines of the object in each of `images` (n, height, width, 3) RGB."""
-        if min(images.shape[1:3]) < self._side:
+        camera = self._optics.camera
+        if images.shape[1:] != (camera.height, camera.width, 3) or min(images.shape[1:3]) < self._side:
             return [None] * len(images)
         pixels = torch.from_numpy(images).to(self._device)
         corner, inside, total = self._locate(pixels)

@@ -31,11 +31,11 @@ class Batches:
     the size of the batch, with one and two threads and on a CUDA device where there is one, and how far the
     detections are apart."""
 
-    n: int = 60
+    n: int = 52
     """Stereo pairs of a recording."""
     recordings: int = 4
     """Recordings of each object."""
-    repeats: int = 3
+    repeats: int = 2
     """Runs over the recordings of every way, in turn."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
@@ -71,8 +71,9 @@ class Batches:
                         step for film in films for step in follow_batched(film, mode, self.seed, name, size, threads)
                     ]
                 )
-        for run in ways.values():
-            run()  # loads and compiles what it needs
+        follow(films[0], mode, self.seed)  # loads and compiles what it needs
+        for name, threads in devices:
+            follow_batched(films[0], mode, self.seed, name, SIZES[-1], threads)
         steps: dict[tuple[str, int], list[TrackerStep]] = {}
         rates: dict[tuple[str, int], list[float]] = {way: [] for way in ways}
         for _ in range(self.repeats):
