@@ -97,10 +97,14 @@ def test_pixels_are_undistorted_as_opencv_does(rig: StereoRig, device: torch.dev
 
 
 def _masks(rng: np.random.Generator) -> Array:
-    """(40, 30, 34) blotches with holes and specks, rings inside rings, nothing, everything."""
+    """(42, 30, 34) blotches with holes and specks, nothing, everything, a bar above a bar, a ring above a speck."""
     smooth = ndimage.gaussian_filter(rng.standard_normal((38, 30, 34)), (0, 1.5, 1.5))
     blotches = smooth > rng.uniform(-0.1, 0.2, (38, 1, 1))
-    return np.concatenate([blotches, np.zeros((1, 30, 34), bool), np.ones((1, 30, 34), bool)])
+    drawn = np.zeros((4, 30, 34), bool)
+    drawn[1] = True
+    drawn[2, [4, 14], 8:20] = True
+    drawn[3, 8:20, 8:20], drawn[3, 10:18, 10:18], drawn[3, 25, 25] = True, False, True
+    return np.concatenate([blotches, drawn])
 
 
 @on_every_device
