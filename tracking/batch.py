@@ -317,29 +317,29 @@ def _coverage(patch: Tensor, mask: Tensor, band: int) -> tuple[Tensor, Tensor]:
     outer = ~grown(mask, band)
     image, row, column = (~(inner | outer)).nonzero(as_tuple=True)
     F, B = (_local_mean(patch, where, 2 * band + 2)[image, :, row, column] for where in (inner, outer))
-    pixels, bound = patch[image, :, row, column], UNIT**2
+    pixels, bound = patch[image, :, row, column].double(), UNIT**2  # where the colours are alike, det is a small rest
     ff, bb, fb = (F * F).sum(1) + bound, (B * B).sum(1) + bound, (F * B).sum(1) + bound
     fi, bi = (F * pixels).sum(1) + bound, (B * pixels).sum(1) + bound
     det = (ff * bb - fb * fb).clamp(min=LEAST_DET)
     a, b = ((bb * fi - fb * bi) / det).clamp(min=0), ((ff * bi - fb * fi) / det).clamp(min=0)
     rest = (pixels - a[:, None] * F - b[:, None] * B).square().mean(dim=1)
-    total = torch.zeros(len(patch), device=patch.device, dtype=patch.dtype).index_add_(0, image, rest)
+    total = torch.zeros(len(patch), device=patch.device, dtype=rest.dtype).index_add_(0, image, rest)
     noise = total / torch.bincount(image, minlength=len(patch)).clamp(min=1) + LEVEL_VAR
     contrast = (F - B).square().sum(dim=1).clamp(min=1.0)
     alpha, variance = inner.to(patch.dtype), torch.zeros_like(patch[:, 0])
-    alpha[image, row, column] = a / (a + b).clamp(min=1e-6)
-    variance[image, row, column] = (noise[image] / contrast).clamp(max=0.25)
+    alpha[image, row, column] = (a / (a + b).clamp(min=1e-6)).to(patch.dtype)
+    variance[image, row, column] = (noise[image] / contrast).clamp(max=0.25).to(patch.dtype)
     return alpha, variance
 
 
 def _local_mean(patch: Tensor, where: Tensor, radius: int) -> Tensor:
-    """(n, 3, h, w) mean colour of the marked pixels within `radius` of each; of all marked ones where none is."""
+    """(n, 3, h, w) mean colour of the marked pixels within `radius` of each, of all where none is; float64."""
     weight = where.to(patch.dtype)[:, None]
     sums = torch.cat([patch * weight, weight], dim=1)
     near = box_sums(sums, radius)
     whole = sums.sum(dim=(2, 3), keepdim=True)
     chosen = torch.where(near[:, 3:] > 0.5, near, whole)
-    return chosen[:, :3] / chosen[:, 3:].clamp(min=1.0)
+    return chosen[:, :3].double() / chosen[:, 3:].clamp(min=1.0)
 
 
 _UPPER = torch.triu_indices(4, 4)

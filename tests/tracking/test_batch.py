@@ -185,24 +185,24 @@ def test_what_lies_outside_the_disc_is_counted() -> None:
 
 
 def test_coverage_is_that_of_frame_by_frame(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
-    """Of a small blob, whose band is narrower, and of a larger one, in one batch."""
+    """In one batch: a small blob, whose band is narrower, a larger one, and one that hardly differs from the background
+    and has a limb far from any pixel that is surely inside."""
     view = rig.view(home(robot)).left
-    patches, masks, expected = [], [], []
+    patches, masks = [], []
     for radius_m in (0.004, 0.02):
-        image = look(view, [Sphere(view.center + 0.4 * view.rays([160.0, 120.0]), radius_m, GREEN)], rng)[
-            88:152, 128:192
-        ]
-        mask = threshold(MarkerParams(), image) > 0
-        whole = cover(image, mask, (0, 0, 64, 64))
-        patches.append(image)
-        masks.append(mask)
-        expected.append((whole.alpha, whole.variance))
+        ball = Sphere(view.center + 0.4 * view.rays([160.0, 120.0]), radius_m, GREEN)
+        patches.append(look(view, [ball], rng)[88:152, 128:192])
+        masks.append(threshold(MarkerParams(), patches[-1]) > 0)
+    y, x = np.mgrid[:64, :64] - 32
+    masks.append((np.hypot(x, y) < 8) | ((y == 0) & (x > 0) & (x < 24)))
+    patches.append((rng.integers(100, 106, (64, 64, 3)) + 2 * masks[-1][..., None]).astype(np.uint8))
     alpha, variance = batch.coverage(
         torch.from_numpy(np.stack(patches)).permute(0, 3, 1, 2).float(), torch.from_numpy(np.stack(masks))
     )
+    expected = [cover(image, mask, (0, 0, 64, 64)) for image, mask in zip(patches, masks, strict=True)]
     assert masks[0].sum() < 60 < masks[1].sum()
-    assert np.allclose(alpha, [one for one, _ in expected], atol=1e-4)
-    assert np.allclose(variance, [one for _, one in expected], atol=1e-4, rtol=1e-3)
+    assert np.allclose(alpha, [one.alpha for one in expected], atol=2e-4)
+    assert np.allclose(variance, [one.variance for one in expected], atol=2e-4, rtol=1e-3)
 
 
 # --- outlines, against discs at known places ----------------------------------------------------------------------
@@ -290,7 +290,8 @@ def test_what_is_not_one_whole_marker_is_left_to_the_tracker(
     ring[118:122, 158:162] = (250, 250, 250)
     two_apart, two_near = [one, ball(60, 60, 0.006)], [one, ball(180, 120, 0.006)]
     scenes = [
-        look(view, some, rng) for some in ([], [one], two_apart, two_near, [ball(6, 120, 0.01)], [ball(160, 120, 0.04)])
+        look(view, some, rng)
+        for some in ([], [one], two_apart, two_near, [ball(6, 120, 0.01)], [ball(160, 120, 0.036)])
     ]
     nothing, single, apart, near, border, huge, hidden, shiny = find(*scenes, half, ring)
     assert nothing == []
