@@ -139,18 +139,25 @@ def activation(
     ttc_s: ArrayLike,
     distance_var_m2: ArrayLike = 0.0,
     ttc_var_s2: ArrayLike = 0.0,
+    device: str | None = None,
 ) -> Array:
     """(…, n) how surely each taxel expects a touch at D and TTC (…, n), in [0, 1].
 
     R eqs 4–5: f weighted by a Gaussian about (D, TTC), the weights of all bins adding up to 1, so
     that bins never visited speak for 0.  0 outside the ranges and for NaN.  Variances of D and TTC
-    (…, n) widen the window by as much; R has none.
+    (…, n) widen the window by as much; R has none.  `device`: where torch computes it (cpu, cuda, …); default: without
+    torch.
     """
     distance, ttc = paired(memory, distance_m, ttc_s)
     inside = memory.params.covers(distance, ttc)
     expected = np.zeros(inside.shape)
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
-    if len(at[0]):
+    if len(at[0]) and device is not None:
+        from learning import batch  # loads torch, which takes seconds
+
+        variances = np.asarray(distance_var_m2, dtype=float), np.asarray(ttc_var_s2, dtype=float)
+        expected[at] = batch.activation(memory, distance, ttc, variances, inside, device)
+    elif len(at[0]):
         w_distance, w_ttc = windows(memory.params, distance, ttc, inside, distance_var_m2, ttc_var_s2)
         expected[at] = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[at[-1]], w_ttc)
     return expected

@@ -221,21 +221,27 @@ class ReachableMap:
         first = int(np.searchsorted(-wrong, -max_false_positives))
         return max(float(probability[first - 1]), 0.5) if first else 0.5
 
-    def query(self, gaze_rad: ArrayLike, threshold: float = 0.5) -> MapPrediction:
-        """The verdict on gaze postures (N, 3): reachable above the `threshold` of probability."""
+    def query(self, gaze_rad: ArrayLike, threshold: float = 0.5, device: str | None = None) -> MapPrediction:
+        """The verdict on gaze postures (N, 3): reachable above the `threshold` of probability.  `device`: where torch
+        computes it (cpu, cuda, …); default: without torch."""
         gaze = np.asarray(gaze_rad, dtype=float)
         if gaze.ndim != 2 or gaze.shape[1] != 3:
             raise ValueError(f"gaze postures of shape {gaze.shape}: expected (N, 3)")
-        if len(gaze) == 1:
+        if len(gaze) == 1 and device is None:
             return self._query_one(gaze[0].tolist(), threshold)
         lower, upper = self._ends
         within: Mask = np.asarray(((gaze >= lower) & (gaze <= upper)).all(axis=1))
         if not within.all():
             gaze = np.where(within[:, None], gaze, lower)
-        signed, good, bad = self.lattice.interpolate(self._values, gaze).T
-        inside = signed > 0
-        degree = np.where(inside, 0.5 + 0.5 * good, 0.5 - 0.5 * bad).clip(0, 1)
-        probability = expit(signed / self.softness)
+        if device is not None and len(gaze):
+            from learning import batch  # loads torch, which takes seconds
+
+            probability, degree = batch.reachability(self, gaze, device)
+        else:
+            signed, good, bad = self.lattice.interpolate(self._values, gaze).T
+            inside = signed > 0
+            degree = np.where(inside, 0.5 + 0.5 * good, 0.5 - 0.5 * bad).clip(0, 1)
+            probability = expit(signed / self.softness)
         if not within.all():
             probability[~within] = degree[~within] = np.nan
         return MapPrediction(within, within & (probability > threshold), probability, degree)

@@ -6,13 +6,15 @@ Each learns from samples of n taxels, D and TTC (N, n) with NaN where nothing wa
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import torch
 
 from learning.memory import MemoryParams, PPSMemory, activation, count_samples, windows
 from pps_vision.types import Array, Mask
+
+if TYPE_CHECKING:
+    import torch
 
 
 class Foresight(Protocol):
@@ -116,25 +118,29 @@ def _kernel_mean(x: Array, y: Array, at: Array) -> Array:
 
 @dataclass(frozen=True)
 class Network:
-    """A small network of D, TTC and the taxel's number (one-hot), one for all taxels, in torch on the CPU."""
+    """A small network of D, TTC and the taxel's number (one-hot), one for all taxels, on the torch `device`."""
 
     hidden: int = 24
     epochs: int = 60
     learning_rate: float = 0.01
     batch: int = 512
+    device: str = "cpu"
 
     def fit(self, distance_m: Array, ttc_s: Array, touched: Mask, rng: np.random.Generator) -> Foresight:
         """Adam on the cross entropy."""
-        torch.manual_seed(int(rng.integers(2**31)))
+        import torch  # takes seconds to load
+
+        generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
         n = distance_m.shape[1]
-        x, known = _inputs(distance_m, ttc_s)
-        y = torch.tensor(touched[known], dtype=torch.float32)[:, None]
-        layers = (torch.nn.Linear(2 + n, self.hidden), torch.nn.Tanh(), torch.nn.Linear(self.hidden, self.hidden))
-        net = torch.nn.Sequential(*layers, torch.nn.Tanh(), torch.nn.Linear(self.hidden, 1))
+        x, known = _inputs(distance_m, ttc_s, self.device)
+        y = torch.tensor(touched[known], dtype=torch.float32, device=self.device)[:, None]
+        sizes = (2 + n, self.hidden), (self.hidden, self.hidden), (self.hidden, 1)
+        first, second, last = (_linear(a, b, generator) for a, b in sizes)
+        net = torch.nn.Sequential(first, torch.nn.Tanh(), second, torch.nn.Tanh(), last).to(self.device)
         optimiser = torch.optim.Adam(net.parameters(), lr=self.learning_rate)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.epochs)
         for _ in range(self.epochs):
-            order = torch.tensor(rng.permutation(len(x)))
+            order = torch.tensor(rng.permutation(len(x)), device=self.device)
             for start in range(0, len(x), self.batch):
                 rows = order[start : start + self.batch]
                 optimiser.zero_grad()
@@ -142,22 +148,36 @@ class Network:
                 loss.backward()  # type: ignore[no-untyped-call]
                 optimiser.step()
             schedule.step()
-        return lambda distance, ttc: _answered(net, distance, ttc)
+        return lambda distance, ttc: _answered(net, distance, ttc, self.device)
 
 
-def _inputs(distance_m: Array, ttc_s: Array) -> tuple[torch.Tensor, Mask]:
+def _linear(n_inputs: int, n_outputs: int, generator: "torch.Generator") -> "torch.nn.Linear":
+    """A layer with torch's usual first weights, drawn without torch's own generator, which all of a process share."""
+    import torch
+
+    layer: torch.nn.Linear = torch.nn.utils.skip_init(torch.nn.Linear, n_inputs, n_outputs)  # type: ignore[no-untyped-call]
+    torch.nn.init.kaiming_uniform_(layer.weight, a=5**0.5, generator=generator)
+    torch.nn.init.uniform_(layer.bias, -(n_inputs**-0.5), n_inputs**-0.5, generator=generator)
+    return layer
+
+
+def _inputs(distance_m: Array, ttc_s: Array, device: str) -> tuple["torch.Tensor", Mask]:
+    import torch
+
     known: Mask = np.isfinite(distance_m) & np.isfinite(ttc_s)
     taxel = np.nonzero(known)[-1]
     one_hot = np.eye(distance_m.shape[-1])[taxel]
     x = np.column_stack([10 * distance_m[known], np.clip(ttc_s[known], -3, 6) / 1.5, one_hot])
-    return torch.tensor(x, dtype=torch.float32), known
+    return torch.tensor(x, dtype=torch.float32, device=device), known
 
 
-def _answered(net: torch.nn.Module, distance_m: Array, ttc_s: Array) -> Array:
-    x, known = _inputs(distance_m, ttc_s)
+def _answered(net: "torch.nn.Module", distance_m: Array, ttc_s: Array, device: str) -> Array:
+    import torch
+
+    x, known = _inputs(distance_m, ttc_s, device)
     found = np.zeros(known.shape)
     with torch.inference_mode():
-        found[known] = torch.sigmoid(net(x))[:, 0].numpy()
+        found[known] = torch.sigmoid(net(x))[:, 0].cpu().numpy()
     return found
 
 

@@ -1,160 +1,373 @@
-"""Markers in a batch of images at once, on torch: for long recordings, where no frame has to wait for the last.
+"""Outlines of the tracked object in the images of many stereo pairs at once, on torch: the offline path.
 
-Every image is looked at by itself, so that what touches all pixels runs for the whole batch on one device:
-hue, the densest blob of the marker's, which of its neighbours hang together, and how far each is covered (as
-`outline.cover` has it).  The outline is then taken image by image.  What is cut off by the border or too large
-goes to `find_markers` itself.
+    RGB ─► likelihood image ─► patch around its densest blob ─► hard mask ─► coverage ─► moments ─► outline
+
+All but the last step runs for the whole batch on one device, and its results are fetched once per batch.  Every image
+is processed by itself, so the results do not depend on the size of the batch.  An image that shows anything but
+one whole, round blob is left to the frame-by-frame tracker, which also rejects an outline that is not where the track
+predicts it, or not as large (`Tracker.step`).
 """
 
-from typing import Literal
+from collections.abc import Sequence
+from functools import lru_cache
 
-import kornia.color
 import numpy as np
 import torch
+from kornia.color import rgb_to_hsv
+from kornia.filters import gaussian_blur2d
+from kornia.geometry.calibration import undistort_points
+from kornia.morphology import closing, dilation
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from tracking.compiled import BAND, LEAST_DET, LEVEL_VAR, SMALL_PX, UNIT
-from tracking.marker import MarkerParams, find_markers
-from tracking.outline import Coverage, Optics, Outline, outline
+from pps_vision.geometry.camera import Camera
+from pps_vision.types import StereoFrame
+from tracking.color import ColorModel, color_bins
+from tracking.compiled import BAND, LEAST_DET, LEVEL_VAR, SMALL_PX, UNIT, Moments
+from tracking.marker import Found, MarkerParams
+from tracking.outline import ROUND, Optics, placed
+from tracking.tracker import Appearance, Tracker, TrackerStep
 
-Device = Literal["cpu", "cuda"]
-_SIDE = 64  # px, of the patch around a blob that is measured
-_ROOM = 8  # px of background that a blob must have around it there
-_SKIP = 2  # a blob is looked for in every second row and column
+_PATCH = 64  # px at an image width of 320 px: side of the patch around a blob
+_WIDTH = 320
+_ROOM = 8  # px of background around a blob in its patch, as much as the outline's colours are taken from
+_BLUR_PX = (2 * np.log(2)) ** -0.5  # its three weights are ¼, ½, ¼
+_STEP = 2  # blobs are located on every second row and column
+_BLOCK = 8  # of these a side, whose density is compared
+_LEVELS = 64  # of each of R, G, B in a likelihood table, as in `tracking.color`
+_ITERATIONS = 60  # of inverting the lens: 1e-9 px with the iCub's lenses; kornia's default of 5 leaves 0.4 px
 
 
-class MarkerBatch:
-    """Finds the marker in each of many images of one camera; ValueError where the device is not there."""
+class BatchTracker:
+    """A tracker whose images are searched in batches.
 
-    def __init__(self, params: MarkerParams, optics: Optics, device: Device) -> None:
-        if device == "cuda" and not torch.cuda.is_available():
-            raise ValueError("device cuda: torch finds none on this machine; expected cpu")
-        self._params, self._optics, self._device = params, optics, torch.device(device)
+    Args:
+        tracker: which the frames advance; its own frame-by-frame search finds and confirms an object first.
+        device: on which all images are processed.
+    """
+
+    def __init__(self, tracker: Tracker, device: torch.device) -> None:
+        self._tracker, self._device = tracker, device
+        self._appearance: tuple[Appearance, Appearance] | None = None
+        self._batches: list[OutlineBatch] = []
+
+    def steps(self, frames: Sequence[StereoFrame]) -> list[TrackerStep]:
+        """The tracker's step at each of the frames, in the order of their stamps."""
+        steps: list[TrackerStep] = []
+        while rest := frames[len(steps) :]:
+            if (appearance := self._tracker.appearance) is None:
+                steps.append(self._tracker.step(rest[0]))
+                continue
+            for frame, found in zip(rest, self._find(appearance, rest), strict=True):
+                steps.append(self._tracker.step(frame, found))
+                if self._tracker.appearance is not appearance:
+                    break
+        return steps
+
+    def _find(
+        self, appearance: tuple[Appearance, Appearance], frames: Sequence[StereoFrame]
+    ) -> list[tuple[Found, Found]]:
+        rig = self._tracker.rig
+        if appearance is not self._appearance:
+            eyes = zip(appearance, (rig.left, rig.right), strict=True)
+            self._batches = [OutlineBatch(one, Optics(camera), self._device) for one, camera in eyes]
+            self._appearance = appearance
+        left = self._batches[0].find(np.stack([frame.left for frame in frames]))
+        right = self._batches[1].find(np.stack([frame.right for frame in frames]))
+        return list(zip(left, right, strict=True))
+
+
+class OutlineBatch:
+    """Find an object in many images of one camera.
+
+    Args:
+        appearance: the marker's hue and smallest area, or the object's colours.
+        optics: of the camera that took the images.
+        device: on which all images are processed.
+    """
+
+    def __init__(self, appearance: Appearance, optics: Optics, device: torch.device) -> None:
+        self._appearance, self._optics, self._device = appearance, optics, device
+        self._side = _PATCH * max(round(optics.camera.width / _WIDTH), 1)
+        if isinstance(appearance, MarkerParams):
+            self._least_px, table = appearance.min_area_px, marker_table(appearance)
+        else:
+            self._least_px, table = SMALL_PX, color_table(appearance)
+        self._table = table.to(device)
+        self._weights = lens_weights(optics.camera, device)
 
     @torch.inference_mode()
-    def find(self, images: NDArray[np.uint8]) -> list[Outline | None]:
-        """The marker's outline in each of `images` (n, height, width, 3) RGB, None where there is none."""
-        if min(images.shape[1:3]) < _SIDE:
-            return [self._alone(image) for image in images]
+    def find(self, images: NDArray[np.uint8]) -> list[Found]:
+        """Outlines of the object in each of `images` (n, height, width, 3) RGB."""
+        camera = self._optics.camera
+        if images.shape[1:] != (camera.height, camera.width, 3) or min(images.shape[1:3]) < self._side:
+            return [None] * len(images)
         pixels = torch.from_numpy(images).to(self._device)
-        corner, there = self._look(pixels)
-        patch = _cut(pixels, corner)
-        mask = _connected(self._is_marker(patch))
-        margin = mask.clone()
-        margin[:, _ROOM:-_ROOM, _ROOM:-_ROOM] = False
-        whole = ~margin.any(dim=(1, 2)) & (mask.sum(dim=(1, 2)) >= self._params.min_area_px)
-        parts = [part.cpu().numpy() for part in (*_cover(patch, mask), corner, there, whole)]
-        return [
-            None if not there else self._outline(alpha, variance, corner) if whole else self._alone(image)
-            for image, alpha, variance, corner, there, whole in zip(images, *parts, strict=True)
-        ]
+        corner, inside, total = self._locate(pixels)
+        patch, weights = _cut(pixels, corner, self._side), _cut_map(self._weights, corner, self._side)
+        marked = self._mask(patch)
+        blob = middle_blob(marked)
+        border = blob.clone()
+        border[:, _ROOM:-_ROOM, _ROOM:-_ROOM] = False
+        seen = moments(*coverage(patch.permute(0, 3, 1, 2).float(), blob), weights)
+        single = (blob.sum(dim=(1, 2)) >= self._least_px) & ~border.any(dim=(1, 2))
+        single &= (seen[:, _AREA] >= 1) & (seen[:, _OUTSIDE] <= ROUND * seen[:, _AREA])
+        if isinstance(self._appearance, MarkerParams):
+            others = (marked & ~blob).sum(dim=(1, 2)) + _STEP**2 * (total - inside)
+            single &= others < self._least_px
+        rows = torch.cat([seen, corner, single[:, None], total[:, None]], dim=1).cpu().numpy()
+        return [self._found(row) for row in rows]
 
-    def _outline(
-        self, alpha: NDArray[np.float32], variance: NDArray[np.float32], corner: NDArray[np.int64]
-    ) -> Outline | None:
-        """Of a patch's coverage, of which only what is covered is looked at."""
-        columns, rows = np.flatnonzero(alpha.any(axis=0)), np.flatnonzero(alpha.any(axis=1))
-        if not len(columns):
+    def _found(self, row: NDArray[np.float64]) -> Found:
+        *seen, left, top, single, total = row.tolist()
+        if not total:
+            return []
+        if not single:
             return None
-        x0, x1, y0, y1 = int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1
-        box = int(corner[0]) + x0, int(corner[1]) + y0, int(corner[0]) + x1, int(corner[1]) + y1
-        return outline(Coverage(alpha[y0:y1, x0:x1].copy(), variance[y0:y1, x0:x1].copy(), box), self._optics)
+        x, y, width, height = (int(number) for number in seen[-4:])
+        direction, omega, cov = (seen[0], seen[1], seen[2]), seen[3], tuple(seen[4:14])
+        one = Moments(direction, omega, cov, seen[_AREA], seen[_OUTSIDE], (x, y, width, height))
+        outline = placed(one, direction, (int(left), int(top)), self._optics)
+        return None if outline is None else [outline]
 
-    def _alone(self, image: NDArray[np.uint8]) -> Outline | None:
-        return next(iter(find_markers(self._params, image, self._optics)), None)
-
-    def _is_marker(self, rgb: Tensor) -> Tensor:
-        """(n, h, w) of the marker's hue, in the whole numbers that OpenCV gives HSV; `rgb` (n, 3, h, w) 0–255."""
-        p = self._params
-        hue, saturation, _ = kornia.color.rgb_to_hsv(rgb / 255).unbind(dim=1)
-        off = (torch.round(hue * (90 / np.pi)) - 0.5 * p.hue_deg + 90) % 180 - 90
-        vivid = (torch.round(255 * saturation) >= 255 * p.min_saturation) & (rgb.amax(dim=1) >= 255 * p.min_value)
-        return (off.abs() <= 0.5 * p.hue_tolerance_deg) & vivid
-
-    def _look(self, pixels: Tensor) -> tuple[Tensor, Tensor]:
-        """(n, 2) corner x, y of the patch around the densest blob, and (n,) whether there is any."""
-        hits = self._is_marker(pixels[:, ::_SKIP, ::_SKIP].permute(0, 3, 1, 2).float()).float()
-        density = functional.avg_pool2d(hits[:, None], 8, 2, padding=4)
+    def _locate(self, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Corner x, y (n, 2) of the patch around the densest blob; the likelihood of the sampled pixels summed over the
+        patch, and over the image (n,)."""
+        hits = likelihood(pixels[:, ::_STEP, ::_STEP], self._table)
+        hits = hits * (hits > 0.5)
+        density = functional.avg_pool2d(hits[:, None], _BLOCK, ceil_mode=True)
         best = density.flatten(1).argmax(dim=1)
-        spot = torch.stack([best % density.shape[3], best // density.shape[3]], dim=1) * 2
-        y, x = (torch.arange(size, device=self._device) for size in hits.shape[1:])
-        reach = _SIDE // (2 * _SKIP)
-        across = hits * ((x - spot[:, :1]).abs() <= reach)[:, None, :] * ((y - spot[:, 1:]).abs() <= reach)[:, :, None]
-        total = across.sum(dim=(1, 2))
-        middle = torch.stack([across.sum(dim=1) @ x.float(), across.sum(dim=2) @ y.float()], dim=1)
-        corner = (middle * _SKIP / total.clamp(min=1)[:, None]).round().long() - _SIDE // 2
-        most = torch.tensor([pixels.shape[2] - _SIDE, pixels.shape[1] - _SIDE], device=self._device)
-        return torch.minimum(corner.clamp(min=0), most), total > 0
+        spot = torch.stack([best % density.shape[3], best // density.shape[3]], dim=1) * _BLOCK + _BLOCK // 2
+        inside = _within(hits, spot, self._side // (2 * _STEP))
+        y, x = (torch.arange(size, device=self._device, dtype=torch.float32) for size in hits.shape[1:])
+        middle = torch.stack([inside.sum(dim=1) @ x, inside.sum(dim=2) @ y], dim=1)
+        middle = middle * _STEP / inside.sum(dim=(1, 2)).clamp(min=1)[:, None]
+        most = torch.tensor([pixels.shape[2] - self._side, pixels.shape[1] - self._side], device=self._device)
+        corner = torch.minimum((middle.round().long() - self._side // 2).clamp(min=0), most)
+        inside = _within(hits, (corner + self._side // 2) // _STEP, self._side // (2 * _STEP))
+        return corner, inside.sum(dim=(1, 2)), hits.sum(dim=(1, 2))
+
+    def _mask(self, patch: Tensor) -> Tensor:
+        """(n, h, w) whether each pixel of the patches (n, h, w, 3) is the object's, as frame by frame (`threshold`,
+        `EyeTracker`)."""
+        if isinstance(self._appearance, MarkerParams):
+            return is_marker(patch.permute(0, 3, 1, 2), self._appearance)
+        smooth = gaussian_blur2d(likelihood(patch, self._table)[:, None], (3, 3), (_BLUR_PX, _BLUR_PX))
+        return closing((smooth > 0.5).float(), torch.ones(3, 3, device=patch.device))[:, 0] > 0.5
 
 
-def _cut(images: Tensor, corner: Tensor) -> Tensor:
-    """(n, 3, side, side) patches at the corners (n, 2) of images (n, h, w, 3)."""
-    along = torch.arange(_SIDE, device=corner.device)
-    x, y = corner[:, 0, None, None] + along[None, None, :], corner[:, 1, None, None] + along[None, :, None]
+def hsv(rgb: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Hue in [0, 180), saturation and value in [0, 255] of RGB pixels (…, 3, h, w), rounded as OpenCV's are."""
+    hue, saturation, value = rgb_to_hsv(rgb.float() / 255).unbind(dim=-3)
+    return (
+        torch.floor(hue * (90 / np.pi) + 0.5) % 180,
+        torch.floor(255 * saturation + 0.5),
+        torch.floor(255 * value + 0.5),
+    )
+
+
+def is_marker(rgb: Tensor, params: MarkerParams) -> Tensor:
+    """Whether each of the RGB pixels (n, 3, h, w) has the marker's hue, saturation and value."""
+    hue, saturation, value = hsv(rgb)
+    low, high, least_saturation, least_value, _ = params.hues
+    within = (hue >= low) & (hue <= high) if low <= high else (hue >= low) | (hue <= high)
+    return within & (saturation >= least_saturation) & (value >= least_value)
+
+
+def _levels() -> Tensor:
+    """(1, 64, 64·64, 3) the middle of every cell of a likelihood table."""
+    level = torch.arange(_LEVELS, dtype=torch.uint8) * (256 // _LEVELS) + 128 // _LEVELS
+    return torch.cartesian_prod(level, level, level).view(1, _LEVELS, _LEVELS**2, 3)
+
+
+def marker_table(params: MarkerParams) -> Tensor:
+    """(262144,) 1 for every colour R6G6B6 that has the marker's hue, else 0."""
+    return is_marker(_levels().permute(0, 3, 1, 2), params).float().flatten()
+
+
+def color_table(model: ColorModel) -> Tensor:
+    """(262144,) probability that a pixel of each colour R6G6B6 belongs to the object (back-projection)."""
+    return torch.from_numpy(model.table()[color_bins(_levels()[0].numpy())]).flatten()
+
+
+def likelihood(pixels: Tensor, table: Tensor) -> Tensor:
+    """(n, h, w) likelihood images of RGB images (n, h, w, 3) uint8 by a table of all colours."""
+    r, g, b = (pixels >> 2).int().unbind(dim=-1)
+    index = (r << 12) + (g << 6) + b
+    return table.index_select(0, index.flatten()).view(index.shape)
+
+
+@lru_cache(maxsize=8)
+def lens_weights(camera: Camera, device: torch.device) -> Tensor:
+    """(4, height, width) solid angle of each pixel times its viewing direction, and its solid angle, sr; float64."""
+    v, u = torch.meshgrid(
+        torch.arange(camera.height, dtype=torch.float64), torch.arange(camera.width, dtype=torch.float64), indexing="ij"
+    )
+    K, lens, unit = (
+        part.to(device) for part in (torch.from_numpy(camera.K), torch.from_numpy(camera.lens), torch.eye(3))
+    )
+    pixels = torch.stack([u, v], dim=-1).view(1, -1, 2).to(device)
+    xy = undistort_points(pixels, K[None], lens[None], unit.double()[None], _ITERATIONS)
+    xy = xy.view(camera.height, camera.width, 2)
+    rays = functional.normalize(functional.pad(xy, (0, 1), value=1.0), dim=-1)
+    down, across = torch.gradient(rays, dim=(0, 1))
+    angle = torch.linalg.vector_norm(torch.linalg.cross(across, down), dim=-1)
+    return torch.cat([(rays * angle[..., None]).permute(2, 0, 1), angle[None]])
+
+
+def _within(hits: Tensor, spot: Tensor, reach: int) -> Tensor:
+    """`hits` (n, h, w), 0 but for −reach ≤ x − spot < reach, and alike for y; `spot` (n, 2)."""
+    y, x = (torch.arange(size, device=hits.device) for size in hits.shape[1:])
+    along, down = x - spot[:, :1], y - spot[:, 1:]
+    return hits * ((along >= -reach) & (along < reach))[:, None, :] * ((down >= -reach) & (down < reach))[:, :, None]
+
+
+def _grid(corner: Tensor, side: int) -> tuple[Tensor, Tensor]:
+    """Rows (n, side, 1) and columns (n, 1, side) of the patches at the corners (n, 2)."""
+    along = torch.arange(side, device=corner.device)
+    return corner[:, 1, None, None] + along[:, None], corner[:, 0, None, None] + along
+
+
+def _cut(images: Tensor, corner: Tensor, side: int) -> Tensor:
+    """(n, side, side, 3) patches at the corners (n, 2) of images (n, h, w, 3)."""
     image = torch.arange(len(corner), device=corner.device)[:, None, None]
-    return images[image, y, x].permute(0, 3, 1, 2).float()
+    return images[image, *_grid(corner, side)]
+
+
+def _cut_map(weights: Tensor, corner: Tensor, side: int) -> Tensor:
+    """(n, 4, side, side) patches at the corners (n, 2) of one map (4, h, w)."""
+    return weights[:, *_grid(corner, side)].movedim(0, 1)
+
+
+def middle_blob(mask: Tensor) -> Tensor:
+    """The component (8 neighbours) of the marked pixel nearest to the middle of each mask (n, h, w), its holes
+    (4 neighbours) filled."""
+    starts = mask & ~functional.pad(mask, (1, 0))[..., :-1]
+    one_run = (starts.sum(dim=2) <= 1).all(dim=1)  # in every row: no hole, so Euler's number is that of components
+    others = (~one_run | (euler_number(mask) != 1)).nonzero()[:, 0]
+    return mask.index_copy(0, others, _filled(_connected(mask[others]))) if len(others) else mask
 
 
 def _connected(mask: Tensor) -> Tensor:
-    """(n, side, side) what hangs together (4 neighbours) with the marked pixel nearest to the patch's middle."""
-    along = torch.arange(_SIDE, device=mask.device) - (_SIDE - 1) / 2
-    far = torch.where(mask, along[:, None] ** 2 + along**2, torch.inf).flatten(1)
-    seed = functional.one_hot(far.argmin(dim=1), _SIDE * _SIDE).view_as(mask)
-    whole, grown = mask.float()[:, None], (seed * mask).float()[:, None]
+    y, x = (torch.arange(size, device=mask.device) - (size - 1) / 2 for size in mask.shape[1:])
+    far = torch.where(mask, y[:, None] ** 2 + x**2, torch.inf).flatten(1)
+    nearest = functional.one_hot(far.argmin(dim=1), far.shape[1]).view(mask.shape)
+    return _flooded(nearest.bool() & mask, mask, torch.ones(3, 3))
+
+
+def _filled(mask: Tensor) -> Tensor:
+    edge = ~mask
+    edge[:, 1:-1, 1:-1] = False
+    return ~_flooded(edge, ~mask, torch.tensor([[0.0, 1, 0], [1, 1, 1], [0, 1, 0]]))
+
+
+def euler_number(mask: Tensor) -> Tensor:
+    """(n,) components (8 neighbours) less holes of masks (n, h, w), from their 2×2 windows (Gray 1971)."""
+    windows = functional.pad(mask.int(), (1, 1, 1, 1))
+    a, b, c, d = windows[:, :-1, :-1], windows[:, :-1, 1:], windows[:, 1:, :-1], windows[:, 1:, 1:]
+    count = a + b + c + d
+    diagonal = (a == d) & (b == c) & (a != b)
+    votes = (count == 1).int() - (count == 3).int() - 2 * diagonal.int()
+    return votes.sum(dim=(1, 2)) // 4
+
+
+def _flooded(seed: Tensor, mask: Tensor, kernel: Tensor) -> Tensor:
+    """(n, h, w) what of the masks is connected to the seeds (n, h, w) by steps of a 3×3 kernel."""
+    whole, reached, kernel = mask.float()[:, None], seed.float()[:, None], kernel.to(mask.device)
     while True:
-        before = grown
-        for _ in range(4):
-            rows = functional.max_pool2d(grown, (3, 1), 1, (1, 0))
-            grown = torch.maximum(rows, functional.max_pool2d(grown, (1, 3), 1, (0, 1))) * whole
-        if torch.equal(before, grown):
-            return grown[:, 0] > 0
+        before = reached
+        for _ in range(4):  # whether that is all is asked seldom: each time a device has to wait
+            reached = dilation(reached, kernel) * whole
+        if torch.equal(before, reached):
+            return reached[:, 0] > 0.5
 
 
-def _grown(mask: Tensor, radius: int) -> Tensor:
-    """(n, h, w) grown by `radius` to all sides."""
-    return functional.max_pool2d(mask.float()[:, None], 2 * radius + 1, 1, radius)[:, 0] > 0
+def box_sums(values: Tensor, radius: int) -> Tensor:
+    """Sums of values (…, h, w) within `radius` px to all sides.
+
+    Banded matrices sum whole numbers exactly on every device; a convolution (kornia's `box_blur`) is rounded to TF32
+    on CUDA, and takes longer on the CPU.
+    """
+    y, x = (torch.arange(size, device=values.device) for size in values.shape[-2:])
+    rows, columns = (((k[:, None] - k).abs() <= radius).to(values.dtype) for k in (y, x))
+    return rows @ values @ columns
 
 
-def _cover(patch: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-    """Coverage and its variance (n, side, side), as `cover` has them; `patch` (n, 3, side, side)."""
+def grown(mask: Tensor, radius: int) -> Tensor:
+    """Masks (n, h, w) grown by `radius` px to all sides."""
+    return box_sums(mask.float(), radius) > 0.5
+
+
+def coverage(patch: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+    """Share of each pixel that the object covers, and its variance (n, h, w), as `outline.cover` has them; of patches
+    (n, 3, h, w) in [0, 255] and their masks (n, h, w)."""
     alpha, variance = torch.zeros_like(patch[:, 0]), torch.zeros_like(patch[:, 0])
     large = mask.sum(dim=(1, 2)) > SMALL_PX
     for band, these in ((1, ~large), (BAND, large)):
         which = these.nonzero()[:, 0]
         if len(which):
-            alpha[which], variance[which] = _cover_band(patch[which], mask[which], band)
+            alpha[which], variance[which] = _coverage(patch[which], mask[which], band)
     return alpha, variance
 
 
-def _cover_band(patch: Tensor, mask: Tensor, band: int) -> tuple[Tensor, Tensor]:
-    inner = ~_grown(~mask, band)
+def _coverage(patch: Tensor, mask: Tensor, band: int) -> tuple[Tensor, Tensor]:
+    inner = ~grown(~mask, band)
     inner = torch.where(inner.any(dim=(1, 2))[:, None, None], inner, mask)
-    outer = ~_grown(mask, band)
+    outer = ~grown(mask, band)
     image, row, column = (~(inner | outer)).nonzero(as_tuple=True)
-    F, B = (_local_mean(patch, where, 4 * band + 5)[image, :, row, column] for where in (inner, outer))
-    pixels, bound = patch[image, :, row, column], UNIT**2
+    F, B = (_local_mean(patch, where, 2 * band + 2)[image, :, row, column] for where in (inner, outer))
+    pixels, bound = patch[image, :, row, column].double(), UNIT**2  # where the colours are alike, det is a small rest
     ff, bb, fb = (F * F).sum(1) + bound, (B * B).sum(1) + bound, (F * B).sum(1) + bound
     fi, bi = (F * pixels).sum(1) + bound, (B * pixels).sum(1) + bound
     det = (ff * bb - fb * fb).clamp(min=LEAST_DET)
     a, b = ((bb * fi - fb * bi) / det).clamp(min=0), ((ff * bi - fb * fi) / det).clamp(min=0)
     rest = (pixels - a[:, None] * F - b[:, None] * B).square().mean(dim=1)
-    total = torch.zeros(len(patch), device=patch.device).index_add_(0, image, rest)
+    total = torch.zeros(len(patch), device=patch.device, dtype=rest.dtype).index_add_(0, image, rest)
     noise = total / torch.bincount(image, minlength=len(patch)).clamp(min=1) + LEVEL_VAR
     contrast = (F - B).square().sum(dim=1).clamp(min=1.0)
-    alpha, variance = inner.float(), torch.zeros_like(patch[:, 0])
-    alpha[image, row, column] = a / (a + b).clamp(min=1e-6)
-    variance[image, row, column] = (noise[image] / contrast).clamp(max=0.25)
+    alpha, variance = inner.to(patch.dtype), torch.zeros_like(patch[:, 0])
+    alpha[image, row, column] = (a / (a + b).clamp(min=1e-6)).to(patch.dtype)
+    variance[image, row, column] = (noise[image] / contrast).clamp(max=0.25).to(patch.dtype)
     return alpha, variance
 
 
-def _local_mean(patch: Tensor, where: Tensor, window: int) -> Tensor:
-    """(n, 3, side, side) mean colour of the marked pixels around each; of all marked ones where none is near."""
-    weight = where.float()[:, None]
+def _local_mean(patch: Tensor, where: Tensor, radius: int) -> Tensor:
+    """(n, 3, h, w) mean colour of the marked pixels within `radius` of each, of all where none is; float64."""
+    weight = where.to(patch.dtype)[:, None]
     sums = torch.cat([patch * weight, weight], dim=1)
-    near = functional.avg_pool2d(sums, (window, 1), 1, (window // 2, 0))
-    near = functional.avg_pool2d(near, (1, window), 1, (0, window // 2)) * window**2
+    near = box_sums(sums, radius)
     whole = sums.sum(dim=(2, 3), keepdim=True)
     chosen = torch.where(near[:, 3:] > 0.5, near, whole)
-    return chosen[:, :3] / chosen[:, 3:].clamp(min=1.0)
+    return chosen[:, :3].double() / chosen[:, 3:].clamp(min=1.0)
+
+
+_UPPER = torch.triu_indices(4, 4)
+_AREA, _OUTSIDE = 14, 15  # columns of `moments`
+
+
+def moments(alpha: Tensor, variance: Tensor, weights: Tensor) -> Tensor:
+    """(n, 20) numbers of `compiled.Moments` one after another, float64, of coverage and variance (n, h, w) and the
+    lens's weights there (n, 4, h, w); the box's corner is relative to the patch."""
+    shares, lens = alpha.double().flatten(1), weights.double().flatten(2)
+    first = torch.bmm(lens, shares[..., None])[..., 0]
+    second = torch.bmm(lens * variance.double().flatten(1)[:, None], lens.mT)
+    area, (direction, omega) = shares.sum(dim=1), (first[:, :3], first[:, 3])
+    reach = torch.acos(1 - (omega / (2 * np.pi)).clamp(max=1)) + (omega / area.clamp(min=1)).sqrt()
+    along = torch.bmm(direction[:, None], lens[:, :3])[:, 0]
+    cosine = torch.linalg.vector_norm(direction, dim=1) * reach.cos()
+    outside = (shares * (along < cosine[:, None] * lens[:, 3])).sum(dim=1)
+    upper = second[:, _UPPER[0], _UPPER[1]]
+    return torch.cat([first, upper, torch.stack([area, outside, *_box(alpha > 0.5)], dim=1)], dim=1)
+
+
+def _box(mask: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """x, y, width, height (n,) of the boxes around masks (n, h, w); of size 0 where nothing is marked."""
+    (x, width), (y, height) = (_extent(mask.any(dim=dim)) for dim in (1, 2))
+    return x, y, width, height
+
+
+def _extent(line: Tensor) -> tuple[Tensor, Tensor]:
+    """First marked element and the length up to the last (n,) of lines (n, k)."""
+    first, last = line.int().argmax(dim=1), line.shape[1] - line.flip(1).int().argmax(dim=1)
+    return first, torch.where(line.any(dim=1), last - first, 0)

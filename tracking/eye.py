@@ -140,6 +140,12 @@ class EyeTracker:
             return None
         return self._learn(s, bins, mask, shape, score, ratio)
 
+    def carry(self, shape: Outline) -> None:
+        """Let the cloud follow an outline that was found without it; the colours stay what they are."""
+        if self._state is not None:
+            s, size = self._state, float(np.sqrt(shape.area_px / self._state.fill))
+            self._state = replace(s, cloud=_moved_to(s.cloud, shape.center_px, size), size=size)
+
     def _narrowed(self, s: _State, image: Image, prior: Prior, evidence: NDArray[np.float32] | None) -> Prior:
         """A prior so wide that hardly a particle would fall on the object, about the place in it where something of
         the object's size stands out the most from what surrounds it."""
@@ -164,13 +170,10 @@ class EyeTracker:
         size = s.size * ratio ** (0.5 * k)
         seen_aspect = s.shape[0] ** 2 if shape.at_border else shape.box_px[2] / shape.box_px[3]
         aspect = (s.shape[0] ** 2) ** (1 - k) * seen_aspect**k
-        now = s.cloud.now.copy()
-        now[:, :2] += shape.center_px - now[:, :2].mean(axis=0)
-        now[:, 2] *= size / now[:, 2].mean()
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
         model = s.model.blend(newest, self.params.learn_rate, self.params.ring_rate)
         sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
-        self._state = _State(model, Cloud(now, s.cloud.before), size, sides, s.fill, s.spread)
+        self._state = _State(model, _moved_to(s.cloud, shape.center_px, size), size, sides, s.fill, s.spread)
         w, h = size * sides[0], size * sides[1]
         box = (float(shape.center_px[0] - (w - 1) / 2), float(shape.center_px[1] - (h - 1) / 2), w, h)
         return Sighting(shape, box, score)
@@ -214,6 +217,14 @@ class EyeTracker:
             center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
         whole = masks.filled(one, backdrop)
         return whole if np.count_nonzero(whole) >= self.params.min_area_px else None
+
+
+def _moved_to(cloud: Cloud, center_px: Array, size: float) -> Cloud:
+    """The cloud about another centre (2,), with another mean size."""
+    now = cloud.now.copy()
+    now[:, :2] += center_px - now[:, :2].mean(axis=0)
+    now[:, 2] *= size / now[:, 2].mean()
+    return Cloud(now, cloud.before)
 
 
 def _mode(cloud: Cloud, weights: Array, size: float) -> Array:

@@ -12,7 +12,7 @@ from tracking.ego_motion import EgoMotion
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief
 from tracking.look import Look, Looks
-from tracking.marker import CLEAR, MarkerParams, find_clear, find_markers
+from tracking.marker import CLEAR, Found, MarkerParams, find_clear, find_markers
 from tracking.marker_color import middle_of, narrowed
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
@@ -88,19 +88,26 @@ class Follower:
         growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
         return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
 
-    def clear_marker(self, look: Look, prior: Prior | None) -> Sighting | None:
-        """A marker with nothing like it around, as large as it should be; None where something may hide it."""
-        if self.marker is None or prior is None:
+    def clear_object(self, look: Look, prior: Prior | None, found: Found) -> Sighting | None:
+        """What was `found` already, or a marker with nothing like it around, as large as it should be; None where
+        something may hide it."""
+        if prior is None or (self.marker is None and found is None):
             return None
         half = 0.5 * self._size_px + 2 * prior.std_px + CLEAR + 1
-        return self._whole_marker(look, find_clear(self.marker, look.image, self.optics, prior.center_px, half), prior)
+        if found is not None:
+            near = (one for one in found if float(np.abs(one.center_px - prior.center_px).max()) < half)
+            shape = next(near, None)
+        elif self.marker is not None:
+            shape = find_clear(self.marker, look.image, self.optics, prior.center_px, half)
+        return self._whole_object(look, shape, prior)
 
-    def _whole_marker(self, look: Look, shape: Outline | None, prior: Prior) -> Sighting | None:
-        """A marker that is as large as it should be, and remembered as such."""
+    def _whole_object(self, look: Look, shape: Outline | None, prior: Prior) -> Sighting | None:
+        """An object that is as large as it should be; a marker is remembered as such."""
         expected_px = prior.growth * self._size_px
         if shape is None or abs(self._size_of(shape) / expected_px - 1) >= _SAME_SIZE or shape.oddness >= 0.5:
             return None
-        self._whole = middle_of(look.image, shape.box_px), shape
+        if self.marker is not None:
+            self._whole = middle_of(look.image, shape.box_px), shape
         return Sighting(shape, shape.box_px, 1.0)
 
     def _nearest_marker(self, params: MarkerParams, look: Look, prior: Prior) -> Sighting | None:
@@ -109,7 +116,7 @@ class Follower:
         x, y = prior.center_px.tolist()
         near = x, y, 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
         shape = _nearest(find_markers(params, look.image, self.optics, near), prior)
-        if (whole_seen := self._whole_marker(look, shape, prior)) is not None:
+        if (whole_seen := self._whole_object(look, shape, prior)) is not None:
             return whole_seen
         self._size_px *= prior.growth
         if self._whole is not None:
@@ -146,14 +153,22 @@ def _nearest(found: list[Outline], prior: Prior) -> Outline | None:
 
 
 def find_both(
-    eyes: tuple[Follower, Follower], looks: Looks, last: Belief, now: Belief, grey: bool, odd: bool
+    eyes: tuple[Follower, Follower],
+    looks: Looks,
+    last: Belief,
+    now: Belief,
+    grey: bool,
+    odd: bool,
+    found: tuple[Found, Found],
 ) -> tuple[Sighting | None, Sighting | None]:
     """The object in both eyes, near where the track, whose belief was `last` and is `now`, puts it; `odd`: it is no
-    ball."""
+    ball; `found`: what was found of it in both images already."""
     (left, right), (in_left, in_right) = eyes, looks
     a, b = left.prior(in_left, last, now), right.prior(in_right, last, now)
-    both = left.clear_marker(in_left, a), right.clear_marker(in_right, b)
-    if None not in both:
+    both = left.clear_object(in_left, a, found[0]), right.clear_object(in_right, b, found[1])
+    if both[0] is not None and both[1] is not None:
+        left.object.carry(both[0].outline)
+        right.object.carry(both[1].outline)
         return both
     return alike(left.find(in_left, a, grey), right.find(in_right, b, grey), odd)
 

@@ -18,6 +18,9 @@ from tracking.rim import see
 CLEAR = 3  # px around a marker that must be clear, so that nothing of it lies beyond
 _PAD = 8  # px
 
+Found = list[Outline] | None
+"""What an image shows of what is looked for, at most one outline; None where that is not known."""
+
 
 @dataclass(frozen=True)
 class MarkerParams:

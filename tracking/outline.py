@@ -107,24 +107,30 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
 
 def outline_of(seen: Moments, coverage: Coverage, optics: Optics) -> Outline | None:
     """The same where its moments are known."""
-    alpha, (left, top, right, bottom), camera = coverage.alpha, coverage.box, optics.camera
-    x, y, width, height = seen.box
-    if seen.area < 1.0 or not width:
+    alpha, (left, top, right, bottom) = coverage.alpha, coverage.box
+    if seen.area < 1.0 or not seen.box[2]:
         return None
-    direction, area, departure = seen.direction, seen.area, seen.outside / seen.area
-    if departure > ROUND:
+    direction = seen.direction
+    if seen.outside / seen.area > ROUND:
         thick = alpha * _thickness(alpha)
         direction = np.vecdot(optics.weights[:3, top:bottom, left:right].reshape(3, -1), thick.reshape(-1)).tolist()
+    return placed(seen, direction, (left, top), optics)
+
+
+def placed(seen: Moments, direction: Vector, corner: tuple[int, int], optics: Optics) -> Outline | None:
+    """The outline of a region with these moments, whose box is relative to `corner`, and whose centre lies in that
+    `direction`; None where that cannot be seen."""
+    camera, area = optics.camera, seen.area
     u, v, of_u, of_v = camera.project_linearised(*direction)
     if math.isnan(u):
         return None
-    x, y = left + x, top + y
+    x, y, width, height = corner[0] + seen.box[0], corner[1] + seen.box[1], *seen.box[2:]
     fill = area / (math.pi / 4 * width * height)
     radius, radius_var, uu, uv, vv = _stated(seen.cov, seen.omega, area, fill, camera.focal_px, of_u, of_v)
     cov = np.array(((uu, uv), (uv, vv)))
     at_border = x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height
     box_px = (float(x), float(y), float(width), float(height))
-    return Outline(np.array((u, v)), cov, radius, radius_var, box_px, area, at_border, departure)
+    return Outline(np.array((u, v)), cov, radius, radius_var, box_px, area, at_border, seen.outside / area)
 
 
 @njit(cache=True, error_model="numpy")

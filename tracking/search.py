@@ -14,7 +14,7 @@ from tracking.acquire import AcquireParams, Candidate, acquire, carries, without
 from tracking.association import Association
 from tracking.background import Background
 from tracking.look import Look, Looks
-from tracking.marker import MarkerParams, find_markers
+from tracking.marker import Found, MarkerParams, find_markers
 from tracking.outline import Optics, Outline
 from tracking.trigger import Region2D, Trigger, TriggerParams
 
@@ -131,9 +131,13 @@ def search_marker(
     stamp_s: float,
     optics: tuple[Optics, Optics],
     association: Association,
+    found: tuple[Found, Found],
 ) -> tuple[Outline, Outline] | None:
-    """The marker anywhere in both images; None where no two blobs are one thing."""
-    lefts, rights = (find_markers(params, look.image, one) for look, one in zip(looks, optics, strict=True))
+    """The marker anywhere in both images, of those `found` already if any; None where no two blobs are one thing."""
+    lefts, rights = (
+        find_markers(params, look.image, one) if known is None else known
+        for look, one, known in zip(looks, optics, found, strict=True)
+    )
     for a, b in itertools.product(lefts, rights):
         if association.observe(view, a, b, stamp_s):
             return a, b

@@ -22,12 +22,12 @@ from tracking.flow import velocity
 from tracking.follow import Follower, find_both
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.look import Looks, is_grey, looks_of
-from tracking.marker import MarkerParams
+from tracking.marker import Found, MarkerParams
 from tracking.outline import Optics, Outline
 from tracking.pose_error import PoseError
 from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker
 
-Shapes = tuple[Outline | None, Outline | None]
+Appearance = MarkerParams | ColorModel
 Sightings = tuple[Sighting | None, Sighting | None]
 
 
@@ -111,6 +111,7 @@ class Tracker:
         self._blindness, self._pose = Blindness(), PoseError(params.stamp_error_s)
         self._kalman = params.kalman
         self._belief: Belief | None = None
+        self._appearance: tuple[Appearance, Appearance] | None = (marker, marker) if marker else None
         self._found: tuple[Candidate, Candidate] | None = None  # as which the search found it, until it is confirmed
         self._head: Array = np.zeros(3)
         self._radius = (np.nan, np.nan)  # m, m²
@@ -121,35 +122,41 @@ class Tracker:
         self._stamps = (-np.inf, -np.inf)
         self._period_s = np.inf
 
-    def step(self, frame: StereoFrame, shapes: Shapes | None = None) -> TrackerStep:
+    @property
+    def appearance(self) -> tuple[Appearance, Appearance] | None:
+        """The marker's hue, or the object's colours when it was confirmed, in the left and the right eye; None while
+        there is no object, or no colour."""
+        return self._appearance
+
+    def step(self, frame: StereoFrame, found: tuple[Found, Found] = (None, None)) -> TrackerStep:
         """The track after this frame; ValueError for a stamp that does not lie after the last one, or images that are
         not the cameras'; nothing has changed then.
 
-        `shapes` are what left and right eye see of the object, where that is known already (`batch`).
+        `found` is the object in the left and the right image, where it has been looked for already (`batch`).
         """
         self._check(frame)
         view = self.rig.view_of(frame)
         looks = looks_of(frame, view)
         regions: Regions = ([], [])
         grey = self.params.mode == "generic" and is_grey(frame.left)
+        if grey:
+            found = (None, None)
         last = self._belief
         if last is not None:
             self._belief = predict(self._kalman, last, frame.stamp_s)
         blind = self._blindness.step(frame)
         if blind:
             sightings: Sightings = (None, None)
-        elif shapes is not None:
-            sightings = _sightings(shapes)
         elif last is None or self._belief is None:
-            sightings, regions = self._begin(looks, view, frame.stamp_s, grey)
+            sightings, regions = self._begin(looks, view, frame.stamp_s, grey, found)
         elif not grey and self._is_carrier(looks):
             self._forget()
             sightings = None, None
         else:
             with self.stages("image"):
-                sightings = find_both(self._eyes, looks, last, self._belief, grey, self._oddness > 0.5)
+                sightings = find_both(self._eyes, looks, last, self._belief, grey, self._oddness > 0.5, found)
             if None in sightings and self._hits >= self.params.confirm_frames and not grey:
-                elsewhere, regions = self._begin(looks, view, frame.stamp_s, grey)
+                elsewhere, regions = self._begin(looks, view, frame.stamp_s, grey, found)
                 if elsewhere[0] is not None:  # what was known of its motion is void
                     sightings, self._belief = elsewhere, None
         self._head = 0.5 * (view.left.center + view.right.center)
@@ -174,11 +181,13 @@ class Tracker:
         self._period_s = stamps[0] - self._stamps[0]
         self._stamps = stamps
 
-    def _begin(self, looks: Looks, view: StereoView, stamp_s: float, grey: bool) -> tuple[Sightings, Regions]:
+    def _begin(
+        self, looks: Looks, view: StereoView, stamp_s: float, grey: bool, found: tuple[Found, Found]
+    ) -> tuple[Sightings, Regions]:
         """Look for an object anywhere in both images; while one is tracked, for no other."""
         if self.params.mode == "marker":
             with self.stages("image"):
-                marker = search_marker(self.params.marker, looks, view, stamp_s, self._optics, self._association)
+                marker = search_marker(self.params.marker, looks, view, stamp_s, self._optics, self._association, found)
             same = marker is not None and self._is_wanted(view, marker, stamp_s, (None, None))
             return _sightings(marker if marker and same else (None, None)), ([], [])
         scenes = (self._eyes[0].background, self._eyes[1].background) if grey else None
@@ -189,10 +198,10 @@ class Tracker:
             return (None, None), regions
         self._found = pair
         with self.stages("image"):
-            for eye, look, found in zip(self._eyes, looks, pair, strict=True):
-                flow = found.flow
+            for eye, look, one in zip(self._eyes, looks, pair, strict=True):
+                flow = one.flow
                 shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * self._period_s
-                eye.object.start(look.image, found.outline.box_px, found.model, found.spread, shift_px)
+                eye.object.start(look.image, one.outline.box_px, one.model, one.spread, shift_px)
         return _sightings((pair[0].outline, pair[1].outline)), regions
 
     def _is_carrier(self, looks: Looks) -> bool:
@@ -287,12 +296,17 @@ class Tracker:
 
     def _forget(self) -> None:
         self._belief, self._found, self._hits, self._oddness = None, None, 0, 0.0
+        if self.params.mode == "generic":
+            self._appearance = None
         self._association.forget()
         for eye in self._eyes:
             eye.forget()
 
     def _after(self, looks: Looks, sightings: Sightings, observation: Observation3D | None, grey: bool) -> None:
         """Remember, for each eye, where the object is relative to the track, and the scene without it."""
+        if self._appearance is None and self._hits >= self.params.confirm_frames and not grey:
+            left, right = (eye.object.model for eye in self._eyes)
+            self._appearance = (left, right) if left and right else None
         for eye, look, seen in zip(self._eyes, looks, sightings, strict=True):
             if seen is not None and observation is not None and self._belief is not None:
                 eye.remember(look, seen.outline, self._belief)
@@ -302,7 +316,7 @@ class Tracker:
                 eye.background.learn(look.image, look.view, look.stamp_s, [seen.box_px] if seen else [])
 
 
-def _sightings(shapes: Shapes) -> Sightings:
+def _sightings(shapes: tuple[Outline | None, Outline | None]) -> Sightings:
     """Outlines found without a tracker, as sightings."""
     left, right = (None if shape is None else Sighting(shape, shape.box_px, 1.0) for shape in shapes)
     return left, right

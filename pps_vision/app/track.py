@@ -1,15 +1,16 @@
 """A recording to a 3D path: `pps_vision.track`, on which `pps-vision track` is built."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.app.budget import Choice, cheapest
+from pps_vision.app.device import torch_device
 from pps_vision.app.open_recording import open_recording
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
@@ -18,10 +19,9 @@ from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking.kalman import KalmanParams
 from tracking.names import DEFAULT_ORDER, Depth, Mode
-from tracking.outline import Optics
 from tracking.search import Stages
 from tracking.smoother import smoothed_tracks
-from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 _WARM_UP = 10  # frames a tracker is given before its errors count
 
@@ -59,16 +59,12 @@ class TrackedRecording:
         recording: Recording,
         params: TrackerParams,
         seed: int = 0,
-        device: Literal["cpu", "cuda"] | None = None,
-        batch: int = 32,
+        device: str | None = None,
+        batch: int = 16,
         choice: Choice | None = None,
     ) -> None:
-        if device is not None and (params.mode != "marker" or batch < 1):
-            raise InputError(
-                "track",
-                f"device with mode {params.mode}, batch {batch}; expected mode marker (what the "
-                "generic tracker looks for in a frame depends on the frame before) and a batch of at least 1",
-            )
+        if batch < 1:
+            raise InputError("track", f"batch {batch}; expected at least 1")
         self.recording, self.params, self.seed, self.choice = recording, params, seed, choice
         self._device, self._batch = device, batch
         self.stopwatch = Stopwatch()
@@ -89,11 +85,12 @@ class TrackedRecording:
                     step = tracker.step(frame)
                 yield number, frame, step
             return
-        find = marker_batches(tracker, self._device)
+        from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
+
+        batches = BatchTracker(tracker, torch_device(self._device))
         for chunk in chunks(self.recording.numbered(), self._batch):
             with self.stopwatch("total", len(chunk)):
-                shapes = find([frame for _, frame in chunk])
-                steps = [tracker.step(frame, seen) for (_, frame), seen in zip(chunk, shapes, strict=True)]
+                steps = batches.steps([frame for _, frame in chunk])
             yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
 
     def path(self, steps: Iterable[TrackerStep], smooth: bool = False) -> list[Track3D]:
@@ -128,8 +125,8 @@ def track(
     *,
     params: TrackerParams | None = None,
     max_error_mm: float | None = None,
-    device: Literal["cpu", "cuda"] | None = None,
-    batch: int = 32,
+    device: str | None = None,
+    batch: int = 16,
     seed: int = 0,
 ) -> TrackedRecording:
     """Track the moving object of a recording in 3D.
@@ -145,8 +142,9 @@ def track(
         params: All parameters of the tracker, instead of `mode`, `depth` and `order`.
         max_error_mm: Choose the fastest configuration whose 3D RMS error is expected to be below this, instead of
             `mode`, `depth` and `order`.
-        device: Detect the marker in batches of frames with torch on this device; None: frame by frame, without torch.
-        batch: Frames in a batch of `device`.
+        device: Process batches of frames with torch on this device (cpu, cuda, cuda:1); None: frame by frame, without
+            torch.
+        batch: Stereo pairs in a batch of `device`.
         seed: Seed of the particles.
 
     Raises:
@@ -161,22 +159,6 @@ def track(
         return TrackedRecording(recording, params, seed, device, batch)
     choice = cheapest(recording, max_error_mm, lambda tried: tracker_for(recording, tried, seed))
     return TrackedRecording(recording, choice.configuration.params, seed, device, batch, choice)
-
-
-def marker_batches(tracker: Tracker, device: Literal["cpu", "cuda"]) -> Callable[[list[StereoFrame]], list[Shapes]]:
-    """What finds the marker in both eyes' images of many frames at once."""
-    from tracking.batch import MarkerBatch  # torch takes seconds to load, and nothing else needs it
-
-    eyes = [
-        MarkerBatch(tracker.params.marker, Optics(camera), device) for camera in (tracker.rig.left, tracker.rig.right)
-    ]
-
-    def find(frames: list[StereoFrame]) -> list[Shapes]:
-        left = eyes[0].find(np.stack([frame.left for frame in frames]))
-        right = eyes[1].find(np.stack([frame.right for frame in frames]))
-        return list(zip(left, right, strict=True))
-
-    return find
 
 
 def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: Stages | None = None) -> Tracker:

@@ -125,17 +125,20 @@ class ImageTracker:
 
 @dataclass(frozen=True)
 class Batches:
-    """A rendered marker followed frame by frame and by `track --device`: pairs per second against the size of
-    the batch, on the CPU and, where there is one, on a CUDA device; and how far the paths are apart."""
+    """A rendered marker and a rendered ball followed frame by frame and by `track --device`: pairs per second against
+    the size of the batch, with one and two threads and on a CUDA device where there is one, and how far the
+    detections are apart."""
 
-    n: int = 64
-    """Stereo pairs of the recording."""
-    repeats: int = 3
-    """Runs over the recording of every way, in turn."""
+    n: int = 52
+    """Stereo pairs of a recording."""
+    recordings: int = 4
+    """Recordings of each object."""
+    repeats: int = 2
+    """Runs over the recordings of every way, in turn."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
     seed: int = 0
-    """Seed of the motion, the noise and the tracker."""
+    """Seed of the first recording; each further one has the next."""
 
 
 @dataclass(frozen=True)

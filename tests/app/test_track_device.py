@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
 
 from pps_vision.app.cli import main
@@ -28,14 +27,11 @@ def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
 
 def test_what_it_cannot_do_is_refused(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     out = ("--out", tmp_path / "out")
-    assert "expected mode marker" in refused("track", approach, "--device", "cpu", *out)
     images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
     assert "--map map.npz with --left" in refused("track", *images, "--map", "map.npz", *out)
-    assert "batch 0" in refused("track", approach, "--mode", "marker", "--device", "cpu", "--batch", 0, *out)
-
-
-@pytest.mark.skipif(torch.cuda.is_available(), reason="a CUDA device is there")
-def test_a_missing_device_is_named(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
-    line = refused("track", approach, "--mode", "marker", "--device", "cuda", "--out", tmp_path / "out")
-    assert "cuda" in line
+    assert "batch 0" in refused("track", approach, "--device", "cpu", "--batch", 0, *out)
+    assert "--device tpu" in refused("track", approach, "--device", "tpu", *out)
+    missing = f"cuda:{torch.cuda.device_count()}"
+    line = refused("track", approach, "--device", missing, *out)
+    assert f"--device {missing}" in line
     assert "expected cpu" in line

@@ -112,17 +112,22 @@ class Query:
     """CSV to write: the same with reachable, probability and degree."""
     max_fp: float | None = None
     """Call no more than this share of the unreachable postures reachable; default: what is likelier than not."""
+    device: str | None = None
+    """Compute with torch on this device (cpu, cuda, cuda:1), for very many postures; default: without torch."""
 
     def run(self) -> None:
         """Answer every line."""
         import numpy as np
 
         from learning.reachable import load_map
+        from pps_vision.app.device import torch_device
         from pps_vision.recordings.gaze_table import read_gaze, write_reachability
         from pps_vision.recordings.outputs import whole_file
 
+        device = None if self.device is None else str(torch_device(self.device))
         reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)
-        verdict = reachable_map.query(gaze, 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp))
+        threshold = 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp)
+        verdict = reachable_map.query(gaze, threshold, device)
         columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
         with whole_file(self.out) as partial:
             write_reachability(partial, zip(*columns, strict=True))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from tyro import MISSING
 from tyro.conf import Positional
@@ -59,11 +59,11 @@ class Track:
     max_error_mm: float | None = None
     """Instead of --mode, --depth and --order: the fastest configuration whose 3D RMS error is within this; summary.json
     says which and why."""
-    device: Literal["cpu", "cuda"] | None = None
-    """Look for the marker in batches of frames with torch on this device, for long recordings; default: frame by
+    device: str | None = None
+    """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
     frame, without torch."""
-    batch: int = 32
-    """Frames a batch of --device."""
+    batch: int = 16
+    """Stereo pairs in a batch of --device."""
     smooth: bool = False
     """Let what is seen later correct what was seen before (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""

@@ -1,0 +1,92 @@
+"""What was learned, asked on a torch device: the same answers as without, whatever the portions."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.interpolate import RegularGridInterpolator
+
+from learning import batch
+from learning.memory import MemoryParams, PPSMemory, activation
+from learning.network import Network as Regressor
+from learning.reachable import Labels, ReachableMap
+from learning.representations import Network
+from pps_vision.robot.gaze import GazeLimits
+
+DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(3)
+
+
+@pytest.fixture(params=[1 << 18, 7])
+def rows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Cases at a time: all, and few."""
+    monkeypatch.setattr(batch, "_ROWS", request.param)
+    return int(request.param)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("bins", [(8, 4), (8, 1)])
+def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.random.Generator) -> None:
+    """With no variance, one for all, and one for each; 0 outside the ranges and for NaN."""
+    memory = PPSMemory(
+        ("a", "b", "c"), np.zeros(3, np.intp), rng.integers(0, 20, (3, *bins, 2)), MemoryParams(bins=bins)
+    )
+    D, TTC = rng.uniform(-0.15, 0.25, (50, 3)), rng.uniform(-0.5, 3.5, (50, 3))
+    D[3, 1] = np.nan
+    for variances in ((), (1e-3, 0.2), (rng.uniform(0, 1e-3, (50, 3)), rng.uniform(0, 0.5, (50, 1)))):
+        plain, found = activation(memory, D, TTC, *variances), activation(memory, D, TTC, *variances, device=device)
+        assert 0.3 < (plain > 0).mean() < 0.9
+        assert np.allclose(found, plain, rtol=0, atol=1e-12)
+    assert activation(memory, 0.05, 0.5, device=device) == pytest.approx(activation(memory, 0.05, 0.5), abs=1e-12)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_reachability(device: str, rows: int, rng: np.random.Generator) -> None:
+    """Against SciPy's interpolation in yaw, pitch and ln tan(vergence/2)."""
+    limits, shape = GazeLimits(), (5, 6, 7)
+    values = rng.uniform(-0.3, 0.3, shape), rng.uniform(0, 1, shape), rng.uniform(0, 0.2, shape)
+    none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    reachable_map = ReachableMap("left", limits, *values, 0.2, 0.05, 0.01, none)
+    gaze = rng.uniform(limits.lower, limits.upper, (40, 3))
+    gaze[0], gaze[1] = limits.lower, limits.upper
+    gaze[2, 0] = limits.upper[0] + 0.01
+    found = reachable_map.query(gaze, 0.4, device)
+    to_log = np.array([gaze[:, 0], gaze[:, 1], np.log(np.tan(gaze[:, 2] / 2))]).T
+    ends = [np.r_[end[:2], np.log(np.tan(end[2] / 2))] for end in (limits.lower, limits.upper)]
+    axes = [np.linspace(low, high, n) for low, high, n in zip(*ends, shape, strict=True)]
+    signed, good, bad = (RegularGridInterpolator(axes, one, bounds_error=False)(to_log) for one in values)
+    inside = np.arange(40) != 2
+    expected = 1 / (1 + np.exp(-signed / 0.05))
+    assert np.allclose(found.probability[inside], expected[inside], atol=1e-9)
+    degree = np.where(signed > 0, 0.5 + 0.5 * good, 0.5 - 0.5 * bad / 0.2)
+    assert np.allclose(found.degree[inside], degree[inside], atol=1e-9)
+    assert np.array_equal(found.within_limits, inside)
+    assert np.array_equal(found.reachable, inside & (expected > 0.4))
+    assert np.isnan(found.probability[2])
+    assert np.isnan(found.degree[2])
+    assert len(reachable_map.query(np.zeros((0, 3)), device=device).reachable) == 0
+    assert reachable_map.query(gaze[4:5], device=device).degree == pytest.approx(degree[4:5], abs=1e-9)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_networks_learn_alike_on_every_device_and_leave_torchs_generator_alone(
+    device: str, rng: np.random.Generator
+) -> None:
+    """The same seed gives the same network, whatever torch drew before."""
+    x, D, TTC = rng.uniform(-1, 1, (200, 2)), rng.uniform(0, 0.2, (200, 2)), rng.uniform(0, 3, (200, 2))
+    answers = []
+    for place in ("cpu", device):
+        torch.rand(3)
+        before = torch.random.get_rng_state()
+        network = Regressor(2, 1, np.random.default_rng(0), width=8, epochs=5, device=place)
+        network.update(x, x[:, :1] * x[:, 1:])
+        foresee = Network(8, 5, device=place).fit(D, TTC, D < 0.1, np.random.default_rng(0))
+        assert torch.equal(torch.random.get_rng_state(), before)
+        answers.append((network.predict(x), foresee(D, TTC)))
+    assert np.ptp(answers[0][0]) > 0.02
+    assert np.ptp(answers[0][1]) > 0.02
+    for one, other in zip(*answers, strict=True):
+        assert np.allclose(one, other, atol=1e-3)
