@@ -1,4 +1,4 @@
-"""The loop closed on rendered eyes: two encounters of every kind after a short school."""
+"""The loop closed on rendered eyes: an encounter of every kind after a short school."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ from pps_vision.app.school_params import SchoolParams
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
-LOOP = Loop(n=2, seed=SEED)
+LOOP = Loop(n=1, seed=SEED)
 
 
 @pytest.fixture(scope="module")
