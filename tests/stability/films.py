@@ -9,6 +9,7 @@ from raycast import Sphere, frame
 
 from pps_vision.experiments.footage import Footage
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
+from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame
 
 RED, RADIUS_M, FPS, EVERY = (210.0, 45.0, 40.0), 0.035, 20, 2
@@ -44,7 +45,9 @@ def film(
     stamps = np.arange(round(seconds * fps)) / fps
     frames = [frame(RIG, pose(t), [Sphere(position(t), RADIUS_M, RED), *others(t)], t, rng) for t in stamps]
     path, nowhere = np.array([position(t) for t in stamps]), (0.0, 0.0, 1.0, 1.0)
-    return Footage(tuple(frames), path, np.ones(len(frames), bool), (nowhere, nowhere), RADIUS_M, RIG)
+    return Footage(
+        tuple(frames), path, np.ones(len(frames), bool), (nowhere, nowhere), RADIUS_M, RIG, Silhouette(ROBOT)
+    )
 
 
 def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Footage:

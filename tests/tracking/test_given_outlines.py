@@ -1,12 +1,17 @@
 """What the tracker makes of outlines that are given: exact, one-sided, jumping, of odd shape, at different stamps."""
 
 import numpy as np
+import pytest
 
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array, Status, StereoFrame, Track3D
+from tracking import tracker as tracker_module
+from tracking.eye import Sighting
 from tracking.outline import Outline
-from tracking.tracker import Shapes, Tracker, TrackerParams, TrackerStep
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
+
+Pair = tuple[Outline | None, Outline | None]
 
 CAMERA = Camera(64, 48, 220.0, 220.0, 31.5, 23.5)
 LOOKING = rotation_to([-1.0, 0.0, 0.0])  # level, the root frame's x pointing backward
@@ -23,27 +28,31 @@ def seen(eye: View, p: Array, radius_m: float = RADIUS_M, departure: float = 0.0
     return Outline(np.array([x, y]), cov, angle, RADIUS_VAR, (x - 9, y - 9, 18.0, 18.0), 254.0, False, departure)
 
 
-def both(p: Array = P, **of_outline: float) -> Shapes:
+def both(p: Array = P, **of_outline: float) -> Pair:
     return seen(LEFT, p, **of_outline), seen(RIGHT, p, **of_outline)
 
 
-def tracks(shapes: list[Shapes], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[Track3D]:
+def tracks(shapes: list[Pair], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[Track3D]:
     return [step.track for step in steps(shapes, params, right_later_s)]
 
 
-def steps(shapes: list[Shapes], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[TrackerStep]:
-    """Of images that never repeat, in which nothing is looked for."""
+def steps(shapes: list[Pair], params: TrackerParams | None = None, right_later_s: float = 0.0) -> list[TrackerStep]:
+    """The tracker's steps where detection, by search and by following, gives these outlines whatever the images."""
     rng = np.random.default_rng(3)
     tracker = Tracker(params or TrackerParams(), RIG, rng)
-    found = []
+    steps = []
     for k, pair in enumerate(shapes):
+        detected = tuple(one and Sighting(one, one.box_px, 1.0) for one in pair)
         images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
-        found.append(tracker.step(StereoFrame(*images, DT * k, DT * k + right_later_s), pair))
-    return found
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(tracker_module, "find_both", lambda *_, detected=detected: detected)
+            patch.setattr(tracker, "_begin", lambda *_, detected=detected: (detected, ([], [])))
+            steps.append(tracker.step(StereoFrame(*images, DT * k, DT * k + right_later_s)))
+    return steps
 
 
 def test_only_what_is_seen_three_times_in_a_row_is_tracked() -> None:
-    nothing: Shapes = (None, None)
+    nothing: Pair = (None, None)
     status = [t.status for t in tracks([both(), both(), nothing, both(), (both()[0], None), both(), both(), both()])]
     assert status[:-1] == [Status.SEARCHING] * 7
     assert status[-1] == Status.TRACKING
@@ -61,7 +70,7 @@ def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean(
     """At 0.2 m/s aside, 20 ms between the eyes would be 4 mm and 29 mm too near or too far."""
     v, later = 0.2 * LOOKING[:, 0], 0.02  # along the baseline
     start = P - 0.5 * 30 * DT * v
-    shapes: list[Shapes] = [
+    shapes: list[Pair] = [
         (seen(LEFT, start + DT * k * v), seen(RIGHT, start + (DT * k + later) * v)) for k in range(30)
     ]
     last = tracks(shapes, right_later_s=later)[-1]

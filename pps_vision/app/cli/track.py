@@ -88,6 +88,8 @@ class Track:
         from pps_vision.recordings.outputs import whole_folder
         from pps_vision.recordings.results import write_detections, write_summary, write_trajectory
 
+        if self.map and self.rec is None:
+            raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
         recording = open_recording(
             self.rec,
             left=self.left,
@@ -109,9 +111,7 @@ class Track:
             seed=self.seed,
         )
         reach = None
-        if self.map:
-            if recording.robot is None:
-                raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
+        if self.map and recording.robot:
             reach = TrackReachability(recording.robot, load_map(self.map), self.max_fp)
         detections, steps, joints = [], [], []
         with whole_folder(self.out, _FILES) as folder:
@@ -144,6 +144,7 @@ class Track:
         summary: dict[str, object] = {
             "source": run.recording.name,
             "joints": str(self.joints) if self.joints else None,
+            "map": str(self.map) if self.map else None,
             "mode": run.params.mode,
             "depth": run.params.depth,
             "device": self.device,
@@ -158,7 +159,7 @@ class Track:
         if reachability:
             found = [reach.status for reach in reachability]
             counts = {status.value: found.count(status) for status in ReachStatus}
-            summary["reach"] = {"map": str(self.map), "max_fp": self.max_fp, **counts}
+            summary["reach"] = {"max_fp": self.max_fp, **counts}
         if run.choice:
             summary["max_error"] = {"asked_mm": self.max_error_mm, **run.choice.summary()}
         if run.recording.truth:
