@@ -9,7 +9,9 @@ from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import LEFT_EYE
 from tracking.acquire import AcquireParams, acquire
 from tracking.eye import EyeParams, EyeTracker, Sighting
-from tracking.follow import alike
+from tracking.follow import Follower, alike, find_both
+from tracking.kalman import Belief
+from tracking.look import Look
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
 from tracking.trigger import Region2D
@@ -124,3 +126,22 @@ def test_what_fills_little_of_its_box_is_no_object(rng: np.random.Generator) -> 
         image[(abs(v - 110 - slope * (u - 150)) < 4 * np.hypot(1, slope)) & (abs(u - 150) < 30)] = BLUE
         image = np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
         assert (acquire(AcquireParams(), image, _moved_at((140, 104, 21, 13)), optics) is not None) == taken
+
+
+def test_what_was_found_in_both_images_already_takes_the_particles_along(rng: np.random.Generator) -> None:
+    """To another place, and a size that they would take for another object's."""
+    view, p, image = View(LEFT_EYE, np.eye(4)), np.array([0.06, 0.03, 0.4]), _discs(rng, (150, 110, 18))
+    (x, y), look_now = view.project(p), Look(image, view, 0.0, None)
+    eyes = [Follower(name, Optics(LEFT_EYE), EyeParams(), None, 0.3, rng) for name in ("left", "right")]
+    belief = Belief(0.0, np.array([p, np.zeros(3)]), 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
+    box = (x - 28, y - 28, 56.0, 56.0)
+    large = Outline(np.array([x, y]), 0.01 * np.eye(2), 28 / LEFT_EYE.focal_px, 1e-6, box, np.pi * 28**2, False, 0.0)
+    for eye in eyes:
+        eye.object.start(image, (132.0, 92.0, 37.0, 37.0))
+        eye.remember(look_now, large, belief)
+    there = ([large], [large])
+    assert None not in find_both((eyes[0], eyes[1]), (look_now, look_now), belief, belief, False, False, there)
+    for eye in eyes:
+        seen = eye.object.step(_discs(rng, (x, y, 28)))
+        assert seen is not None
+        assert np.linalg.norm(seen.outline.center_px - [x, y]) < 0.3
