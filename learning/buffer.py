@@ -51,7 +51,7 @@ def resample(buffer: EventBuffer) -> tuple[Array, Array]:
     seen = np.flatnonzero(known.any(axis=0))  # few of a whole skin's taxels perceive one stimulus
     series = np.where(known[:, None, seen], series[:, :, seen], np.nan)
     back = np.arange(int((stamps[-1] - stamps[0]) / params.step_s + 1e-6), -1, -1)
-    times = np.maximum(stamps[-1] - back * params.step_s, stamps[0])
+    times = stamps[-1] - back * params.step_s
     after = np.clip(np.searchsorted(stamps, times), min(1, len(stamps) - 1), len(stamps) - 1)
     before = np.maximum(after - 1, 0)
     span = stamps[after] - stamps[before]

@@ -91,7 +91,7 @@ class Lattice:
     def of_spacing(cls, limits: GazeLimits, spacing: float) -> "Lattice":
         """The coarsest whose steps are no longer than `spacing`."""
         a, b, c = (np.ceil((isotropic(limits.upper) - isotropic(limits.lower)) / spacing).astype(int) + 1).tolist()
-        return cls(limits, (max(a, 2), max(b, 2), max(c, 2)))
+        return cls(limits, (a, b, c))
 
     @property
     def gaze_rad(self) -> Array:

@@ -235,3 +235,16 @@ def test_two_control_periods_of_warning_are_enough(robot: Robot, rng: np.random.
         saved[lead_s] = sum(not encounter.touches(PARAMS, lead_s) for encounter in encounters)
     print(f"\navoided of 12 by warning time: {saved}")
     assert saved[0.2] == saved[0.4] == 12
+
+
+def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot: Robot) -> None:
+    """And it begins anew what it feels then: nothing is carried over from before it was allowed."""
+    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach", confirm_s=0.1)
+    posture, a = robot.at(home(robot)), felt(FOREARM, left_forearm_27=0.9)
+    modes, state = [], AvoidanceState()
+    for k, may in enumerate([None] * 4 + [True] * 4 + [None] + [True] * 3):
+        given = {} if may is None else {"may_reach": may}
+        state, command, response = step(params, state, posture, FOREARM, a, k * DT, **given)
+        modes.append(response.mode)
+        assert response.mode == "reach" or not command.dq_rad_s.any()
+    assert modes == ["idle"] * 6 + ["reach"] * 2 + ["return"] + ["idle"] * 2 + ["reach"]

@@ -41,3 +41,9 @@ def test_bounds_slow_a_joint_before_its_limit_and_drive_it_back_behind() -> None
     np.testing.assert_allclose(slowest, [-2.0, -2.0, -2.0])
     np.testing.assert_allclose(fastest, [2.0, 0.1, -2.0])
     assert fastest[2] == pytest.approx(slowest[2])  # beyond its limit there is one way: back
+
+
+def test_a_joint_beyond_its_limit_is_driven_back() -> None:
+    slowest, fastest = rate_bounds(np.array([-1.1, 1.1, 0.0]), -np.ones(3), np.ones(3), 0.3, 2.0)
+    np.testing.assert_allclose(slowest, [0.2, -0.3, -0.3])
+    np.testing.assert_allclose(fastest, [0.3, -0.2, 0.3])

@@ -79,3 +79,10 @@ def test_a_touch_by_what_nobody_saw_teaches_nothing_and_is_counted():
         state = step(LearnerParams(), state, TaxelEvents(0.05 * k, SKIN.taxel_ids, nothing, nothing, touched))
     assert samples(state) == [[0, 0]] * 4
     assert (state.stale, state.unseen) == (0, 1)
+
+
+def test_a_clock_set_anew_ends_a_contact():
+    before = run([[]] * 10 + [[0]], start=20.0)
+    assert before.contact is not None
+    after = run([[]] * 10 + [[1], []], before, start=1.0)
+    assert samples(after) == [[0, 11], [11, 0], [0, 11], [0, 11]]

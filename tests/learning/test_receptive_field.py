@@ -160,3 +160,10 @@ def test_a_whole_skin_perceives_as_its_taxels_do_alone():
                  for i in range(500)]  # fmt: skip
         np.testing.assert_allclose(together, np.concatenate(alone, axis=1), rtol=1e-12)
         assert 5 < np.isfinite(together[0]).sum() < 250
+
+
+def test_of_a_large_object_the_surface_counts_as_far_as_the_field_reaches():
+    surface = ReceptiveField(subtract_radius=True)
+    assert one((0, 0, 0.24), (0, 0, -0.1), surface, radius_m=0.05) == pytest.approx((0.19, 1.9))
+    assert np.isnan(one((0, 0, 0.26), (0, 0, -0.1), surface, radius_m=0.05)).all()
+    assert np.isnan(one((0, 0, 0.24), (0, 0, -0.1), radius_m=0.05)).all()

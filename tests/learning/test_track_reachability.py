@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.reachable import Labels, ReachableMap
+from learning.reachable import Labels, Lattice, ReachableMap
 from learning.track_reachability import TrackReachability
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, load_icub
@@ -11,14 +11,14 @@ from pps_vision.types import ReachStatus, Status, Track3D
 
 ROBOT = load_icub()
 LIMITS = GazeLimits()
+NONE = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
 
 
 def left_half(limits: GazeLimits = LIMITS, softness: float = 0.01) -> ReachableMap:
     """A map by which what lies at negative yaw is within reach."""
     yaw = np.linspace(*limits.yaw_rad, 41)
     signed = -yaw[:, None, None] * np.ones((41, 5, 5))
-    none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    return ReachableMap("left", limits, signed, 0.6 + 0 * signed, 0.2 + 0 * signed, 0.4, softness, 0.0, none)
+    return ReachableMap("left", limits, signed, 0.6 + 0 * signed, 0.2 + 0 * signed, 0.4, softness, 0.0, NONE)
 
 
 def track(point: np.ndarray, status: Status = Status.TRACKING) -> Track3D:
@@ -91,3 +91,16 @@ def test_a_border_that_lies_between_points_of_the_lattice_leaves_what_is_sure_re
     judge = TrackReachability(ROBOT, left_half(softness=1e-6))
     said = [judge(home(ROBOT), track(at_gaze(yaw, -0.3, 0.3))).is_reachable for yaw in (-0.4, -0.001, 0.001, 0.4)]
     assert said == [True, True, False, False]
+
+
+def test_so_much_of_the_unreachable_is_above_the_threshold_as_is_allowed():
+    """Of gaze postures drawn evenly in rad of each angle, among which those that verge much are reachable."""
+    limits = GazeLimits()
+    lattice = Lattice.of_spacing(limits, 0.05)
+    signed = (lattice.gaze_rad[:, 2] - 0.3 + 0.2 * lattice.gaze_rad[:, 0]).reshape(lattice.shape)
+    learned = ReachableMap("left", limits, signed, 0 * signed, 0 * signed, 1.0, 0.1, 0.0, NONE)
+    gaze = np.random.default_rng(3).uniform(limits.lower, limits.upper, (200_000, 3))
+    probability = learned.query(gaze).probability
+    for share in (0.02, 0.1):
+        wrong = (1 - probability)[probability > learned.threshold(share)].sum() / (1 - probability).sum()
+        assert wrong == pytest.approx(share, rel=0.1)

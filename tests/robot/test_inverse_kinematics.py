@@ -115,3 +115,16 @@ def test_torch_and_numpy_reach_the_same():
     assert np.mean(here.converged == there.converged.numpy()) >= 0.99
     both = here.converged & there.converged.numpy()
     np.testing.assert_allclose(here.q_rad[both], there.q_rad.numpy()[both], atol=1e-6)
+
+
+def test_of_several_starts_that_do_not_reach_the_target_the_nearest_counts():
+    """cos q + q/10 has ever higher hills, none as high as the target; in either order."""
+    hill = 2 * np.pi + np.arcsin(0.1)
+
+    def forward(q):
+        return np.cos(q) + 0.1 * q, (0.1 - np.sin(q))[:, :, None]
+
+    for order in ((0.2, 6.3), (6.3, 0.2)):
+        found = solve_ik(forward, np.array([[5.0]]), np.array(order)[:, None, None], [-9.0], [9.0])
+        assert found.q_rad[0, 0] == pytest.approx(hill, abs=1e-3)
+        assert not found.converged[0]

@@ -110,6 +110,20 @@ def test_the_predicted_noise_is_that_of_samples(height: float, rng: np.random.Ge
     np.testing.assert_allclose(ahead.cov / scale, np.cov(then.T) / scale, atol=0.12)
 
 
+def test_a_bounce_that_may_come_too_late_counts_for_its_share(rng: np.random.Generator) -> None:
+    """So slow that few of the balls reach the floor in time: of their sidespin, which only a bounce unsettles,
+    as much must be in doubt as among samples, within a factor of 4."""
+    params = FlightParams(drag_per_m=0.0, noise_density=1e-9, bounce_std=(1e-9, 1e-9, 1e-9), bounce_lift_std=0.12)
+    std = np.array([1e-5] * 3 + [1e-5, 1e-5, 0.1] + [1e-5] * 3)
+    above = params.floor_m + 0.04 * 1.0 + 0.5 * 9.81 * 0.04**2 + 0.04 * 0.09
+    mean = np.array([[0, 0, above], [4.0, 0.0, -1.0], [0, 0, 0]])
+    ahead, _ = forecast(params, Belief(0.0, mean, np.diag(std**2), np.zeros((3, 3)), 0.0), 0.04)
+    then = _simulated(params, mean.ravel() + std * rng.standard_normal((2000, 9)), 0.04, rng)
+    sampled = then[:, 8].var()
+    assert 0.1 < sampled / 0.12**2 < 0.25, "few bounce"
+    assert sampled / 4 < ahead.cov[8, 8] < 4 * sampled
+
+
 def test_where_spin_and_speed_go_together_the_mean_is_pushed() -> None:
     """E[lift × v] = E[lift] × E[v] + the covariance of the two, here of what turns about y with what falls."""
     P = np.diag([1e-12] * 3 + [9.0] * 3 + [0.25] * 3)

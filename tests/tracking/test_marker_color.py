@@ -45,3 +45,10 @@ def test_an_image_that_is_filled_anew_changes_nothing_that_was_seen(rng: np.rand
     middle = middle_of(image, BOX_PX)
     image[:] = 0
     assert middle.min(axis=(0, 1)).max() > 150
+
+
+def test_of_less_than_four_pixels_no_colour_is_taken() -> None:
+    middle, params = np.full((6, 6, 3), 120, np.uint8), MarkerParams(hue_deg=120.0)
+    for n in range(6):
+        assert (narrowed(params, middle) == params) == (n < 4)
+        middle[n, n] = 20, 200, 20

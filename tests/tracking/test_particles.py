@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tracking.compiled_masks import box_sums
 from tracking.particles import ParticleParams, Prior, enough, propagate, spawn
 
 
@@ -39,3 +40,23 @@ def test_impossible_numbers_are_named() -> None:
         ParticleParams(count=1)
     with pytest.raises(ValueError, match="KLD error"):
         ParticleParams(kld_error=-0.1)
+
+
+def test_around_a_certain_prior_they_keep_some_spread(rng: np.random.Generator) -> None:
+    """A twentieth of the object's size: what is predicted to a hair may still be beside it."""
+    params, middle = ParticleParams(count=2000, std_scale=1e-6), np.array([160.0, 120.0])
+    for std_px, expected in ((0.0, 2.0), (1.0, 2.0), (5.0, 5.0)):
+        cloud = spawn(params, middle, 40.0, 0.0, rng)
+        moved = propagate(params, cloud, Prior(middle, std_px, 1.0), rng).now[:, :2]
+        np.testing.assert_allclose(moved.std(axis=0), expected, rtol=0.1)
+
+
+def test_a_box_is_made_of_the_pixels_around_its_centre(rng: np.random.Generator) -> None:
+    """Of an odd number of pixels a side around a pixel; a corner of the region and its border included."""
+    image = rng.random((20, 30))
+    integral = np.zeros((21, 31))
+    integral[1:, 1:] = image.cumsum(axis=0).cumsum(axis=1)
+    places = [(10, 8), (11, 9), (0, 0), (29, 19)]
+    cloud = np.array([[100.0 + x, 50.0 + y, 2.0] for x, y in places])
+    wanted = [image[max(y - 1, 0) : y + 2, max(x - 2, 0) : x + 3].sum() for x, y in places]
+    np.testing.assert_allclose(box_sums(integral, cloud, 100, 50, 1.25, 0.75), wanted)
