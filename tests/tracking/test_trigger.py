@@ -132,7 +132,7 @@ def moving(x: float, y: float, w: int, h: int, level: float, px: float = 5.0, fr
 
 
 def test_only_the_central_part_is_looked_at() -> None:
-    at_the_border = [[(280 - 5 * max(k - 4, 0), 233, 30, 7, 200.0)] for k in range(8)]
+    at_the_border = [[(280 - 5 * max(k - 4, 0), 231, 30, 9, 200.0)] for k in range(8)]
     assert not any(seen(GATE, at_the_border))
     assert any(seen(replace(GATE, central=1.0), at_the_border))
 
@@ -142,6 +142,8 @@ def test_what_is_too_small_is_no_region() -> None:
     assert any(seen(GATE, film))
     assert not any(seen(replace(GATE, min_area_px=150), film))
     assert not any(seen(GATE, moving(100, 100, 1, 1, 160.0)))
+    beside = [[]] * 5 + [[(100, 100, 20, 20, 200.0), (135, 110, 2, 2, 140.0)]]
+    assert [len(seen(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
 
 
 def test_what_hardly_differs_is_no_region() -> None:
