@@ -92,6 +92,13 @@ def test_what_is_new_has_no_match(rng: np.random.Generator) -> None:
     assert measured(images, params=FlowParams(max_return_px=100.0)).unmatched < 0.2
 
 
+def test_what_may_have_slid_along_an_edge_has_a_match(rng: np.random.Generator) -> None:
+    edge = cv2.GaussianBlur(np.tile(np.where(np.arange(320) < 165, 60.0, 180.0), (240, 1)), (0, 0), 1.5)
+    images = [np.clip(edge + rng.normal(0, 2, edge.shape), 0, 255).astype(np.uint8) for _ in range(2)]
+    assert measured(images).unmatched < 0.1
+    assert measured(images, params=FlowParams(min_residual=0.01)).unmatched > 0.4
+
+
 def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Generator) -> None:
     turned = View(LEFT_EYE, transform(rotation=cv2.Rodrigues(np.array([0.0, 0.02, 0.0]))[0]))
     images = pair(rng, (0, 0))
