@@ -135,6 +135,9 @@ def test_only_the_central_part_is_looked_at() -> None:
     at_the_border = [[(280 - 5 * max(k - 4, 0), 231, 30, 9, 200.0)] for k in range(8)]
     assert not any(seen(GATE, at_the_border))
     assert any(seen(replace(GATE, central=1.0), at_the_border))
+    at_the_side = [[(309, 100 + 5 * max(k - 4, 0), 11, 30, 200.0)] for k in range(8)]
+    assert not any(seen(GATE, at_the_side))
+    assert any(seen(replace(GATE, central=1.0), at_the_side))
 
 
 def test_what_is_too_small_is_no_region() -> None:
