@@ -30,12 +30,16 @@ class FlowParams:
 
     interval_s: float = 0.05
     """Age of the older image; the next older one is taken."""
-    min_px: float = 0.5
-    """Flow relative to the surroundings from which a point moves; at least 3 standard deviations of theirs."""
+    min_px: float = 1.0
+    """Flow relative to the surroundings from which a point moves (the tolerated error of the pose); at least 3
+    standard deviations of theirs."""
     min_moving: float = 0.25
     """Share of a region's points that must move alike for the region to move."""
     min_unmatched: float = 0.75
-    """Share of points without a match from which a region moves too (R: the residual of Lucas–Kanade)."""
+    """Share of points without a match from which a region moves too."""
+    min_residual: float = 6.0
+    """Mean difference, in grey levels, from the best place in the older image, from which a point has no match there
+    (R: the residual of Lucas–Kanade); below it, it may have slid along an edge."""
     max_return_px: float = 0.5
     """Distance between a point and the point that its flow, there and back, leads to."""
     window_px: int = 9
@@ -55,6 +59,7 @@ class FlowParams:
             and self.min_px > 0
             and 0 < self.min_moving <= 1
             and 0 < self.min_unmatched <= 1
+            and self.min_residual > 0
             and self.max_return_px > 0
             and self.window_px >= 3
             and self.levels >= 1
@@ -116,7 +121,7 @@ def match(
         parts.append(_grid(mask, params.points) + np.array([left, top]))
     parts.append(_grid(outside, params.points))
     points, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
-    flow, matched = _lucas_kanade(params, new, old, points.astype(np.float32))
+    flow, matched, lost = _lucas_kanade(params, new, old, points.astype(np.float32))
     around = flow[ends[-2] :][matched[ends[-2] :]]
     static, spread = _typical(around)
     threshold = max(params.min_px, 3 * spread)
@@ -134,19 +139,30 @@ def match(
             at = points[first:last][alike].mean(axis=0) + box[:2]
             whence = then.view.project(now.view.center + room_m * now.view.rays(at - mean))
             measured = Flow2D(mean / dt, cov / dt**2, at, whence, then.view, dt)
-        result.append(Match(count / size, np.count_nonzero(~found) / size, measured))
+        result.append(Match(count / size, np.count_nonzero(lost[first:last]) / size, measured))
     return result
 
 
 def velocity(
-    flows: tuple[Flow2D | None, Flow2D | None], view: StereoView, position: Array, prior_std: float
+    flows: tuple[Flow2D | None, Flow2D | None],
+    view: StereoView,
+    position: Array,
+    prior_std: tuple[float, float],
+    position_px: float = 0.0,
 ) -> tuple[Array, Array] | None:
     """Velocity (3,) m/s of an object at `position` (3,) m from its flow, and its covariance (3, 3); None without flow.
 
     In each eye, J v Δt = π(q) − x: π(q) is where the older image would show the point q that is seen there now, were
     it at rest, x where it did, J = ∂π/∂q.  The mean over both eyes tells the velocity across the view; toward the eyes
-    it stays 0 ± `prior_std`, for in so short a time positions tell more than a difference of flows.  Of different
+    it stays 0 ± the prior, for in so short a time positions tell more than a difference of flows.  Of different
     intervals the shorter counts: what has just begun to move was slower on average in the longer.
+
+    Args:
+        prior_std: Standard deviation of velocity (m/s) and acceleration (m/s²) before anything was measured.  Flow is
+            the mean velocity of its interval, from which the present one differs by half the acceleration's part.
+        position_px: By how much (standard deviation) each position that will be measured is taken to err anew.  The
+            covariance is at least that of a difference of two such positions, so that flow outweighs none that
+            follow; the mean stays.
     """
     known = [(flow, eye) for flow, eye in zip(flows, (view.left, view.right), strict=True) if flow is not None]
     if not known:
@@ -159,9 +175,12 @@ def velocity(
         J += flow.then.project_jacobian(q) / len(known)
         rate += (flow.then.project(q) - flow.then_px) / flow.interval_s / len(known)
         cov += flow.cov / len(known) ** 2
+    prior = np.eye(3) / prior_std[0] ** 2
     weights = J.T @ np.linalg.inv(cov)
-    whole = np.linalg.inv(weights @ J + np.eye(3) / prior_std**2)
-    return whole @ weights @ rate, 0.5 * (whole + whole.T)
+    mean = np.linalg.inv(weights @ J + prior) @ weights @ rate
+    cov = cov + 2 * (position_px / shortest) ** 2 / len(known) * np.eye(2)
+    whole = np.linalg.inv(J.T @ np.linalg.inv(cov) @ J + prior)
+    return mean, 0.5 * (whole + whole.T) + (0.5 * prior_std[1] * shortest) ** 2 * np.eye(3)
 
 
 def _surroundings(boxes: list[Box], shape: tuple[int, ...]) -> Box:
@@ -185,15 +204,16 @@ def _grid(mask: Mask, most: int) -> Array:
     return grid.astype(float)
 
 
-def _lucas_kanade(params: FlowParams, new: Grey, old: Grey, points: NDArray[np.float32]) -> tuple[Array, Mask]:
-    """(n, 2) px that each point of `new` has come since `old`, and whether it is matched."""
+def _lucas_kanade(params: FlowParams, new: Grey, old: Grey, points: NDArray[np.float32]) -> tuple[Array, Mask, Mask]:
+    """(n, 2) px that each point of `new` has come since `old`, whether it is matched, and whether it has no match."""
     window, top = (params.window_px, params.window_px), params.levels - 1
     start = points.reshape(-1, 1, 2)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(new, old, start, np.empty(0), winSize=window, maxLevel=top)
+    there, found, residual = cv2.calcOpticalFlowPyrLK(new, old, start, np.empty(0), winSize=window, maxLevel=top)
     back, found_back, _ = cv2.calcOpticalFlowPyrLK(old, new, there, np.empty(0), winSize=window, maxLevel=top)
     error = np.linalg.norm((back - start)[:, 0], axis=1)
     matched = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error <= params.max_return_px)
-    return (start - there)[:, 0].astype(float), matched
+    lost = ~matched & ((found[:, 0] == 0) | (residual[:, 0] > params.min_residual))
+    return (start - there)[:, 0].astype(float), matched, lost
 
 
 def _typical(flow: Array) -> tuple[Array, float]:

@@ -61,7 +61,8 @@ class Search:
         background where there is no colour."""
         with self.stages("trigger"):
             left = self._moving(0, looks[0], True)
-            right = self._moving(1, looks[1], bool(left))  # what one eye does not see move is nothing to look for
+            # what one eye does not see move is nothing to look for, and what it does needs no second confirmation
+            right = self._moving(1, looks[1], bool(left), confirm=False)
         if not (left and right):
             return None, (left, right)
         with self.stages("image"):
@@ -85,11 +86,11 @@ class Search:
                     return True
         return False
 
-    def _moving(self, eye: int, look: Look, ask: bool) -> list[Region2D]:
+    def _moving(self, eye: int, look: Look, ask: bool, confirm: bool = True) -> list[Region2D]:
         """What moves in one eye; where nobody asks, its image is only remembered."""
         joints, own_body = look.joints_rad, self.own_body
         own = None if own_body is None or joints is None else lambda: own_body(joints, look.view)
-        return self._triggers[eye].step(look.image, look.view, look.stamp_s, own, ask)
+        return self._triggers[eye].step(look.image, look.view, look.stamp_s, own, ask, confirm)
 
     def _candidates(
         self, eye: int, look: Look, regions: list[Region2D], scenes: tuple[Background, Background] | None

@@ -270,7 +270,8 @@ class Tracker:
         """The belief after the first measurement; optical flow, where there is any, tells its velocity."""
         found, params = self._found, self._kalman
         flows = (found[0].flow, found[1].flow) if found else (None, None)
-        measured = velocity(flows, view, observation.p_root, params.prior_std[0]) or (None, None)
+        position_px = math.sqrt(params.white_share) * self._association.error_px
+        measured = velocity(flows, view, observation.p_root, params.prior_std[:2], position_px) or (None, None)
         return start(params, stamp_s, observation.p_root, observation.cov_root, *measured)
 
     def _track(self, belief: Belief, status: Status) -> Track3D:

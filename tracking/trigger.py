@@ -124,10 +124,17 @@ class Trigger:
         self._slow_turn = False
 
     def step(
-        self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None, look: bool = True
+        self,
+        image: Image,
+        view: View,
+        stamp_s: float,
+        own: Callable[[], Mask] | None = None,
+        look: bool = True,
+        confirm: bool = True,
     ) -> list[Region2D]:
         """Moving regions, strongest first; `own` tells where (H, W) the robot's own body is, which is no
-        stimulus.  With `look` off the image is only remembered."""
+        stimulus.  With `look` off the image is only remembered; with `confirm` off flow measures, and refutes
+        nothing."""
         present = _Past(image.copy(), view, stamp_s, own, self.params.coarse)
         while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:
             self._past.popleft()  # from before something was tracked
@@ -135,7 +142,7 @@ class Trigger:
         then = self._reference(present) if look else None
         regions = self._regions(then, present) if then else []
         if then and regions and self.params.flow:
-            regions = self._confirmed(self.params.flow, then, present, regions)
+            regions = self._confirmed(self.params.flow, then, present, regions, confirm)
         self._past.append(present)
         return regions
 
@@ -169,8 +176,10 @@ class Trigger:
         found = self._comparison(then, now, 1).unexplained(then.smooth, now.smooth, box)
         return self._split(*found) if found else []
 
-    def _confirmed(self, params: FlowParams, then: _Past, now: _Past, regions: list[Region2D]) -> list[Region2D]:
-        """The regions that flow shows to move, with their flow.
+    def _confirmed(
+        self, params: FlowParams, then: _Past, now: _Past, regions: list[Region2D], confirm: bool
+    ) -> list[Region2D]:
+        """The regions that flow shows to move, with their flow; all, where it need not `confirm` them.
 
         It is measured since the newest image that is `interval_s` old; of what is too slow to move since then, since
         the image that the residual was computed with.  Only in the former does a missing match tell of motion: in the
@@ -190,7 +199,7 @@ class Trigger:
             again = self._matches(params, then, now, [regions[k] for k in slow])
             found = zip(slow, again, strict=True)
             confirmed |= {k: replace(regions[k], flow=one.flow) for k, one in found if one.moving >= params.min_moving}
-        return [confirmed[k] for k in sorted(confirmed)]
+        return [confirmed.get(k, region) for k, region in enumerate(regions) if k in confirmed or not confirm]
 
     def _matches(self, params: FlowParams, then: _Past, now: _Past, regions: list[Region2D]) -> list[Match]:
         pairs = [(region.box_px, region.mask) for region in regions]

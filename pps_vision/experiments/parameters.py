@@ -75,7 +75,7 @@ class Trigger:
     error on RubberWhale; the velocity with which the tracker begins, with and without flow.  Ours has one setting;
     each peer gets, for either setting, its best level: the lowest without a false alarm in another scene."""
 
-    n: int = 3
+    n: int = 2
     """Scenes of each kind, each in both eyes."""
     seconds: float = 10.0
     """How long nothing moves, in each of `n` scenes of the last setting and in one of the others."""

@@ -40,7 +40,7 @@ def measured(images: list[np.ndarray], then: View = VIEW, params: FlowParams | N
     return match(params or FlowParams(), EgoMotion(LEFT_EYE), old, new, 1.2, [(BOX, np.ones((30, 30), bool))])[0]
 
 
-@pytest.mark.parametrize("moved", [(3, -2), (-5, 1), (1, 0)])
+@pytest.mark.parametrize("moved", [(3, -2), (-5, 1), (1, -1)])
 def test_flow_of_a_region_is_its_motion(rng: np.random.Generator, moved: tuple[int, int]) -> None:
     found = measured(pair(rng, moved))
     assert found.moving > 0.7
@@ -90,6 +90,13 @@ def test_what_is_new_has_no_match(rng: np.random.Generator) -> None:
     assert found.unmatched > 0.75
     assert found.moving < 0.25
     assert measured(images, params=FlowParams(max_return_px=100.0)).unmatched < 0.2
+
+
+def test_what_may_have_slid_along_an_edge_has_a_match(rng: np.random.Generator) -> None:
+    edge = cv2.GaussianBlur(np.tile(np.where(np.arange(320) < 165, 60.0, 180.0), (240, 1)), (0, 0), 1.5)
+    images = [np.clip(edge + rng.normal(0, 2, edge.shape), 0, 255).astype(np.uint8) for _ in range(2)]
+    assert measured(images).unmatched < 0.1
+    assert measured(images, params=FlowParams(min_residual=0.01)).unmatched > 0.4
 
 
 def test_the_eyes_own_motion_is_no_flow_but_part_of_the_way(rng: np.random.Generator) -> None:
@@ -149,17 +156,17 @@ def test_velocity_across_the_view_follows_from_flow(rig: StereoRig, robot: Robot
     view = rig.view(home(robot))
     flows = flows_of(rig, robot, p, v, 0.1)
     for seen in (flows, (flows[0], None), (None, flows[1])):
-        found = velocity(seen, view, p, 0.3)
+        found = velocity(seen, view, p, (0.3, 0.0))
         assert found is not None
         np.testing.assert_allclose(found[0][1:], v[1:], atol=0.02)
         assert abs(found[0][0]) < 0.05
         assert 0.25 < np.sqrt(found[1][0, 0]) <= 0.3
-    both, one = velocity(flows, view, p, 0.3), velocity((flows[0], None), view, p, 0.3)
+    both, one = velocity(flows, view, p, (0.3, 0.0)), velocity((flows[0], None), view, p, (0.3, 0.0))
     assert both is not None
     assert one is not None
     across = [np.linalg.eigvalsh(cov)[0] for _, cov in (both, one)]
     assert across[0] == pytest.approx(0.5 * across[1], rel=0.15)
-    assert velocity((None, None), view, p, 0.3) is None
+    assert velocity((None, None), view, p, (0.3, 0.0)) is None
 
 
 def test_the_longer_of_two_intervals_does_not_count(rig: StereoRig, robot: Robot) -> None:
@@ -167,7 +174,7 @@ def test_the_longer_of_two_intervals_does_not_count(rig: StereoRig, robot: Robot
     view = rig.view(home(robot))
     left, _ = flows_of(rig, robot, p, v, 0.1)
     _, slower = flows_of(rig, robot, p, 0.3 * v, 0.1, 0.2)
-    alone, both = velocity((left, None), view, p, 0.3), velocity((left, slower), view, p, 0.3)
+    alone, both = velocity((left, None), view, p, (0.3, 0.0)), velocity((left, slower), view, p, (0.3, 0.0))
     assert alone is not None
     assert both is not None
     np.testing.assert_array_equal(both[0], alone[0])
@@ -180,12 +187,37 @@ def test_the_covariance_of_the_velocity_by_sampling(rig: StereoRig, robot: Robot
             Flow2D(one.velocity_px_s, one.cov, one.now_px, one.then_px + 0.3 * rng.standard_normal(2), one.then, DT)
             for one in flows_of(rig, robot, p, v, 0.3)
         )
-        found = velocity((left, right), view, p, 0.1)
+        found = velocity((left, right), view, p, (0.1, 0.0))
         assert found is not None
         errors.append(found[0] - v)
         cov = found[1]
     whitened = np.array(errors) @ np.linalg.cholesky(np.linalg.inv(cov))
     np.testing.assert_allclose(np.cov(whitened.T), np.eye(3), atol=0.25)
+
+
+def test_what_may_have_accelerated_meanwhile_is_less_certain(rig: StereoRig, robot: Robot) -> None:
+    p, v, view = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15]), rig.view(home(robot))
+    errors = []
+    for dt in (0.1, 0.4):
+        flows = flows_of(
+            rig, robot, p, v - 0.5 * 0.5 * np.array([0.0, 0.6, 0.8]) * dt, 0.01, dt
+        )  # mean while a = 0.5 m/s²
+        found = velocity(flows, view, p, (0.3, 0.5))
+        assert found is not None
+        errors.append((found[0] - v) @ np.linalg.solve(found[1], found[0] - v))
+    np.testing.assert_allclose(errors, 1.0, rtol=0.2)  # one standard deviation of the acceleration, at any interval
+
+
+def test_flow_outweighs_no_position_that_follows(rig: StereoRig, robot: Robot) -> None:
+    p, v, view = np.array([-0.45, 0.02, 0.35]), np.array([0.0, 0.25, -0.15]), rig.view(home(robot))
+    flows = flows_of(rig, robot, p, v, 0.1)
+    exact, loose = (velocity(flows, view, p, (0.3, 0.0), px) for px in (0.0, 2.0))
+    assert exact is not None
+    assert loose is not None
+    np.testing.assert_array_equal(loose[0], exact[0])
+    far = np.linalg.norm(p - 0.5 * (view.left.center + view.right.center))
+    two_positions = np.sqrt(2) * 2.0 * far / rig.left.focal_px / DT / np.sqrt(2)  # seen by two eyes
+    np.testing.assert_allclose(np.sqrt(np.linalg.eigvalsh(loose[1])[:2]), two_positions, rtol=0.2)
 
 
 def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Robot) -> None:

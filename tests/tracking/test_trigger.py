@@ -132,9 +132,12 @@ def moving(x: float, y: float, w: int, h: int, level: float, px: float = 5.0, fr
 
 
 def test_only_the_central_part_is_looked_at() -> None:
-    at_the_border = [[(280 - 5 * max(k - 4, 0), 233, 30, 7, 200.0)] for k in range(8)]
+    at_the_border = [[(280 - 5 * max(k - 4, 0), 231, 30, 9, 200.0)] for k in range(8)]
     assert not any(seen(GATE, at_the_border))
     assert any(seen(replace(GATE, central=1.0), at_the_border))
+    at_the_side = [[(309, 100 + 5 * max(k - 4, 0), 11, 30, 200.0)] for k in range(8)]
+    assert not any(seen(GATE, at_the_side))
+    assert any(seen(replace(GATE, central=1.0), at_the_side))
 
 
 def test_what_is_too_small_is_no_region() -> None:
@@ -142,6 +145,8 @@ def test_what_is_too_small_is_no_region() -> None:
     assert any(seen(GATE, film))
     assert not any(seen(replace(GATE, min_area_px=150), film))
     assert not any(seen(GATE, moving(100, 100, 1, 1, 160.0)))
+    beside = [[]] * 5 + [[(100, 100, 20, 20, 200.0), (135, 110, 2, 2, 140.0)]]
+    assert [len(seen(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
 
 
 def test_what_hardly_differs_is_no_region() -> None:
@@ -240,12 +245,12 @@ def textured(rng: np.random.Generator, level: float = 100.0) -> np.ndarray:
 def test_what_the_object_uncovers_is_refuted_and_the_object_measured() -> None:
     rng = np.random.default_rng(6)
     wall, square = textured(rng), textured(rng, 150.0)[:24, :24]
-    for params, expected in ((GATE, 2), (TriggerParams(), 1)):
+    for params, confirm, expected in ((GATE, True, 2), (TriggerParams(), False, 2), (TriggerParams(), True, 1)):
         trigger, found = Trigger(params, LEFT_EYE), []
         for k in range(12):
             image, x = wall.copy(), 60 + 10 * max(k - 4, 0)
             image[100:124, x : x + 24] = square
-            found.append(trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k))
+            found.append(trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k, confirm=confirm))
         assert max(len(one) for one in found[9:]) == expected
     flow = found[11][0].flow
     assert flow is not None
