@@ -35,8 +35,7 @@ libraries:
 test: setup .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+	@$(BIN)/mypy & types=$$!; OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile; tests=$$?; wait $$types && exit $$tests
 
 demo: setup
 	$(BIN)/pps-vision demo --out demo

@@ -108,7 +108,7 @@ def _of_what_is_near(
     D = np.where(height >= 0, distance, -distance) - shell
     aside = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
     reach = field.base_radius_m + height * np.tan(field.half_angle_rad)
-    inside = (aside <= reach) & np.isfinite(closing)
+    inside = (aside <= reach) & (distance - shell <= field.length_m) & np.isfinite(closing)
     return np.where(inside, D, np.nan), np.where(inside, ttc, np.nan)
 
 

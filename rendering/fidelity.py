@@ -53,10 +53,10 @@ class Measured:
 
 # `pps-vision bench fidelity` measures it (seed 0): balls and markers, 0.25–0.6 m before the eyes.
 MEASURED = (
-    Measured(Fidelity(fineness=2), 0.85, 4.2),
-    Measured(Fidelity(), 1.0, 4.0),
-    Measured(Fidelity(scale=1.5), 1.6, 3.1),
-    Measured(Fidelity(scale=2), 2.6, 2.2),
+    Measured(Fidelity(fineness=2), 0.95, 4.7),
+    Measured(Fidelity(), 1.0, 4.5),
+    Measured(Fidelity(scale=1.5), 1.7, 3.4),
+    Measured(Fidelity(scale=2), 2.7, 1.6),
 )
 
 

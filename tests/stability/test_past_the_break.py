@@ -168,7 +168,10 @@ def grey() -> tuple[list[Track3D], Array]:
     return tracked(footage, OURS["ours"]), footage.position
 
 
-@pytest.mark.xfail(strict=True, reason="1.2 s after the head has stopped it is 56 mm off, or lost again (other seeds)")
+@pytest.mark.xfail(
+    strict=False,  # recovers on seeds 2016 and 41, not on 7 and 100
+    reason="on half of the seeds 1.2 s after the head has stopped it is centimetres off, or lost again",
+)
 def test_grey_eyes_that_move_are_not_believed() -> None:
     check(GREY, *grey())
 
