@@ -239,6 +239,8 @@ def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Rob
     error = tracks["flow"].velocity - v
     assert np.linalg.norm(error) < 0.06
     assert error @ np.linalg.inv(tracks["flow"].cov[3:6, 3:6]) @ error < 16
+    # flow outweighs none of the positions that follow, which the tracker takes to err by over a pixel each
+    assert np.sqrt(np.linalg.eigvalsh(tracks["flow"].cov[3:6, 3:6]).min()) > 1.0 * 0.5 / rig.left.focal_px / DT
 
 
 def test_particles_begin_with_the_image_motion(rng: np.random.Generator) -> None:
