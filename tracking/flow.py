@@ -137,8 +137,8 @@ def match(
             mean = np.median(relative[alike], axis=0)
             cov = np.cov(relative[alike].T) + (params.error_px**2 + (0.4 * parallax) ** 2) * np.eye(2)
             at = points[first:last][alike].mean(axis=0) + box[:2]
-            whence = then.view.project(now.view.center + room_m * now.view.rays(at - mean))
-            measured = Flow2D(mean / dt, cov / dt**2, at, whence, then.view, dt)
+            then_px = then.view.project(now.view.center + room_m * now.view.rays(at - mean))
+            measured = Flow2D(mean / dt, cov / dt**2, at, then_px, then.view, dt)
         result.append(Match(count / size, np.count_nonzero(lost[first:last]) / size, measured))
     return result
 

@@ -133,13 +133,10 @@ class IndependentEyes:
         if state.position is None:
             place, pixel = np.full(3, np.nan), np.full(2, np.nan)
             return Truth(stamp_s, place, state.velocity, self._radius_m, pixel, pixel, False, False)
-        ball, *others = self._world(state).things
-        assert isinstance(ball, Ball)
+        scene = self._world(state)
+        ball, *others = scene.balls
         middle = Ball(ball.center, _POINT_M, ball.surface)
-        world = World(
-            (middle, *(one for one in others if isinstance(one, Ball))),
-            tuple(one for one in others if isinstance(one, Panel)),
-        )
+        world = World((middle, *others), scene.panels)
         views = list(zip(self._lenses, self._poses(state), strict=True))
         left, right = (lens.project(pose, ball.center)[0] for lens, pose in views)
         seen = [visible_share(lens, pose, world, middle, ()) > 0.5 for lens, pose in views]

@@ -27,7 +27,7 @@ _FILM_FOCAL = 0.86  # of a film, as a share of the width
 
 @dataclass(frozen=True)
 class Glimpse:
-    """One eye's image, whence it was taken, when, the robot's joints (rad) then, and where it sees itself."""
+    """One eye's image, the view it was taken from, when, the robot's joints (rad) then, and where it sees itself."""
 
     image: Image
     view: View
