@@ -17,10 +17,7 @@ FigureName = Literal[
     "maps",
     "solvers",
     "planning",
-    "planning_rendered",
     "whole_paper",
-    "seen_babbling",
-    "seen_box",
     "measures",
     "in_loop",
 ]
@@ -49,10 +46,7 @@ class Reach:
         from pps_vision.experiments.reach.maps import Maps
         from pps_vision.experiments.reach.measures import Measures
         from pps_vision.experiments.reach.planning import Planning
-        from pps_vision.experiments.reach.planning_rendered import PlanningRendered
         from pps_vision.experiments.reach.regressors import Regressors
-        from pps_vision.experiments.reach.seen_babbling import SeenBabbling
-        from pps_vision.experiments.reach.seen_box import SeenBox
         from pps_vision.experiments.reach.solvers import Solvers
         from pps_vision.experiments.reach.whole_paper import WholePaper
 
@@ -65,10 +59,7 @@ class Reach:
             "maps": lambda: Maps(self.seed),
             "solvers": lambda: Solvers(self.seed),
             "planning": lambda: Planning(self.seed),
-            "planning_rendered": lambda: PlanningRendered(self.seed),
             "whole_paper": lambda: WholePaper(self.seed),
-            "seen_babbling": lambda: SeenBabbling(self.seed),
-            "seen_box": lambda: SeenBox(self.seed),
             "measures": lambda: Measures(self.seed),
             "in_loop": lambda: InLoop(self.seed),
         }
