@@ -13,10 +13,7 @@ FigureName = Literal[
     "monte_carlo",
     "authors_counts",
     "one_trial",
-    "hyper_parameters",
     "real_trials",
-    "forgetting",
-    "uncertain_tracks",
     "whole_skin",
     "failures",
     "offsets",
@@ -25,11 +22,9 @@ FigureName = Literal[
     "landscapes",
     "progress",
     "table5",
-    "representations",
     "calibration",
     "invariance",
     "compensation",
-    "errors_fled",
 ]
 
 
@@ -56,10 +51,7 @@ class Pps:
         from pps_vision.experiments.pps.calibration import Calibration
         from pps_vision.experiments.pps.compensation import Compensation
         from pps_vision.experiments.pps.double_touches import DoubleTouches
-        from pps_vision.experiments.pps.errors_fled import ErrorsFled
         from pps_vision.experiments.pps.failures import PpsFailures
-        from pps_vision.experiments.pps.forgetting import Forgetting
-        from pps_vision.experiments.pps.hyper_parameters import HyperParameters
         from pps_vision.experiments.pps.invariance import Invariance
         from pps_vision.experiments.pps.landscapes import Landscapes
         from pps_vision.experiments.pps.monte_carlo import MonteCarlo
@@ -67,9 +59,7 @@ class Pps:
         from pps_vision.experiments.pps.one_trial import OneTrial
         from pps_vision.experiments.pps.progress import Progress
         from pps_vision.experiments.pps.real_trials import RealTrials
-        from pps_vision.experiments.pps.representations import Representations
         from pps_vision.experiments.pps.table5 import Table5
-        from pps_vision.experiments.pps.uncertain_tracks import UncertainTracks
         from pps_vision.experiments.pps.whole_skin import WholeSkin
         from pps_vision.experiments.pps.without_ttc import WithoutTtc
 
@@ -77,10 +67,7 @@ class Pps:
             "monte_carlo": lambda: MonteCarlo(self.seed),
             "authors_counts": lambda: AuthorsCounts(self.data),
             "one_trial": lambda: OneTrial(self.seed),
-            "hyper_parameters": lambda: HyperParameters(self.seed),
             "real_trials": lambda: RealTrials(self.data, self.seed),
-            "forgetting": lambda: Forgetting(self.seed),
-            "uncertain_tracks": lambda: UncertainTracks(self.seed),
             "whole_skin": lambda: WholeSkin(self.seed),
             "failures": lambda: PpsFailures(self.seed),
             "offsets": lambda: Offsets(seed=self.seed),
@@ -89,10 +76,8 @@ class Pps:
             "landscapes": lambda: Landscapes(self.seed, self.trials),
             "progress": lambda: Progress(self.seed, self.trials),
             "table5": lambda: Table5(self.seed, self.trials),
-            "representations": lambda: Representations(self.seed),
             "calibration": lambda: Calibration(self.seed, self.trials),
             "invariance": lambda: Invariance(self.seed, trials=self.trials),
             "compensation": lambda: Compensation(seed=self.seed),
-            "errors_fled": lambda: ErrorsFled(seed=self.seed),
         }
         return {name: makers[name]() for name in get_args(FigureName) if self.figure in (None, name)}
