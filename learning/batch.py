@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from learning.memory import PPSMemory
+from learning.pps.memory import PPSMemory
 from pps_vision.types import Array, Mask
 
 if TYPE_CHECKING:
-    from learning.reachable import ReachableMap
+    from learning.reach.map import ReachableMap
 
 _ROWS = 1 << 18  # cases at a time, which take about 100 MB
 

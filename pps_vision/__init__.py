@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from learning.reachable import ReachableMap
+    from learning.reach.map import ReachableMap
     from pps_vision.app.learn import learn
     from pps_vision.app.open_recording import open_recording
     from pps_vision.app.pipeline import Pipeline
@@ -40,7 +40,7 @@ __all__ = [
 _MODULES = {
     "InputError": "pps_vision.errors",
     "Pipeline": "pps_vision.app.pipeline",
-    "ReachableMap": "learning.reachable",
+    "ReachableMap": "learning.reach.map",
     "Tracker": "tracking.tracker",
     "learn": "pps_vision.app.learn",
     "open_recording": "pps_vision.app.open_recording",

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import pps_vision as pv
-from learning.memory import PPSMemory
+from learning.pps.memory import PPSMemory
 from pps_vision.app.encounter import make_encounter
 from pps_vision.app.pipeline import PipelineParams
 from pps_vision.app.school import open_world

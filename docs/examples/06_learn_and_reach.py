@@ -7,8 +7,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import pps_vision as pv
-from learning.memory import activation
-from learning.reachable_training import MapParams, train_reachable_map
+from learning.pps.memory import activation
+from learning.reach.training import MapParams, train_reachable_map
 
 with TemporaryDirectory() as folder:
     place = Path(folder)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.memory import MemoryParams, PPSMemory
+from learning.pps.memory import MemoryParams, PPSMemory
 from pps_vision.errors import InputError
 from pps_vision.recordings.taxels_ini import OUR_NAMES, PartMap
 from pps_vision.robot.skin import Skin

@@ -9,9 +9,9 @@ import numpy as np
 from tqdm import tqdm
 
 from control.avoidance import AvoidanceParams
-from learning.memory import PPSMemory, save_memory
-from learning.reachable import ReachableMap, save_map
-from learning.reachable_training import MapParams, train_reachable_map
+from learning.pps.memory import PPSMemory, save_memory
+from learning.reach.map import ReachableMap, save_map
+from learning.reach.training import MapParams, train_reachable_map
 from pps_vision.app import figures, report
 from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
 from pps_vision.app.overlay import VideoFile, draw_pair

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike
 
-from learning.memory import PPSMemory, activation
+from learning.pps.memory import PPSMemory, activation
 from pps_vision.app.encounter import EncounterLog
 from pps_vision.types import Array, Reachability, ReachStatus
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from learning.touch_trial import TouchTrial
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.app.learn import touched_at
 from pps_vision.app.pipeline import joints_of
 from pps_vision.app.track import tracker_for

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.memory import PPSMemory
+from learning.pps.memory import PPSMemory
 from pps_vision.app.open_recording import open_recording
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.track import tracker_for

@@ -12,14 +12,14 @@ from control.avoidance import AvoidanceParams
 from control.fixation import FixationParams
 from control.head import gaze_of
 from control.search import SearchParams
-from learning import learner
 from learning.bimodal import bimodal_activation
-from learning.buffer import EventBuffer
-from learning.learner import LearnerParams
-from learning.memory import PPSMemory, activation
-from learning.reachable import ReachableMap
-from learning.receptive_field import ReceptiveField, perceive
-from learning.track_reachability import TrackReachability
+from learning.pps import learner
+from learning.pps.buffer import EventBuffer
+from learning.pps.learner import LearnerParams
+from learning.pps.memory import PPSMemory, activation
+from learning.pps.receptive_field import ReceptiveField, perceive
+from learning.reach.map import ReachableMap
+from learning.reach.track_reachability import TrackReachability
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.skin import Skin
@@ -59,7 +59,7 @@ class Pipeline:
     """Holds the robot's parameters and state; `step` takes a frame to the joint velocities it asks for.
 
     It learns from every touch it is told of, so its `memory` grows as it runs.  With a reachable-space map
-    (`learning.reachable.load_map` reads what `pps-vision reach train` writes) every step says whether the tracked
+    (`learning.reach.map.load_map` reads what `pps-vision reach train` writes) every step says whether the tracked
     object is within reach; without one there is no such answer, and an arm that is to reach is refused.
     """
 

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.reachable import ReachableMap
+from learning.reach.map import ReachableMap
 from pps_vision.app import figures  # noqa: F401  (chooses a backend that needs no display)
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import numpy as np
 from tqdm import tqdm
 
-from learning.memory import PPSMemory
-from learning.reachable import ReachableMap
+from learning.pps.memory import PPSMemory
+from learning.reach.map import ReachableMap
 from pps_vision.app.encounter import World, make_encounter
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.app.school_params import SchoolParams

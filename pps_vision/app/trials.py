@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.passing import Foretold, PassingParams, foretell_session, learn_passing
-from learning.scores import auroc, brier
-from learning.trials import Trial, load_trials, touch_rates
+from learning.pps.contact import Foretold, PassingParams, foretell_session, learn_passing
+from learning.pps.scores import auroc, brier
+from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.tables import write_table
 from pps_vision.types import Array, Mask

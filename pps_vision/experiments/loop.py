@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from tqdm import tqdm
 
-from learning.memory import PPSMemory
+from learning.pps.memory import PPSMemory
 from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
 from pps_vision.app.school import SPEED_M_S, fresh_pipeline, open_world, teach
 from pps_vision.experiments import parameters

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.passing import PassingParams, leave_one_out
-from learning.scores import auroc, brier
-from learning.trials import load_trials
+from learning.pps.contact import PassingParams, leave_one_out
+from learning.pps.scores import auroc, brier
+from learning.pps.trials import load_trials
 from pps_vision.app.track2d import follow
 from pps_vision.experiments import parameters
 from pps_vision.geometry.camera import StereoRig

@@ -53,7 +53,7 @@ def test_a_recording_knows_its_robot_and_its_cameras(approach: Path) -> None:
 
 
 def test_what_touches_is_learned_as_by_the_command(approach: Path, tmp_path: Path) -> None:
-    from learning.memory import load_memory
+    from learning.pps.memory import load_memory
 
     main(["learn", str(approach), "--out", str(tmp_path / "m.npz")])
     memory = pv.learn([approach])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.memory import PPSMemory
+from learning.pps.memory import PPSMemory
 from pps_vision.app.encounter import World, first_contact
 from pps_vision.app.school import open_world, teach
 from pps_vision.app.school_params import SchoolParams

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning.memory import MemoryParams, PPSMemory, load_memory, save_memory
+from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
 from pps_vision.app.cli import main
 from pps_vision.recordings.taxels_ini import read_taxels
 from pps_vision.robot.skin import icub_skin

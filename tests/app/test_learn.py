@@ -7,7 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from learning.memory import load_memory
+from learning.pps.memory import load_memory
 from pps_vision.app.cli import main
 from pps_vision.app.learn import touched_at
 from pps_vision.recordings.recording import Touch

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.memory import PPSMemory
+from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import icub_skin

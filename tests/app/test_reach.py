@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reachable import load_map
+from learning.reach.map import load_map
 from pps_vision.app.cli import main
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points

@@ -11,9 +11,9 @@ import pytest
 from data import SEED
 
 from control.avoidance import AvoidanceParams
-from learning.memory import PPSMemory
-from learning.reachable import ReachableMap
-from learning.reachable_training import ArmLimits, MapParams, train_reachable_map
+from learning.pps.memory import PPSMemory
+from learning.reach.map import ReachableMap
+from learning.reach.training import ArmLimits, MapParams, train_reachable_map
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits

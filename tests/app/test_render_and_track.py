@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reachable import Labels, Lattice, ReachableMap, isotropic, save_map
+from learning.reach.map import Labels, Lattice, ReachableMap, isotropic, save_map
 from pps_vision.app.cli import main
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points

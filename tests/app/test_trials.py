@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from trials_made_up import approach, session, write
 
-from learning.passing import PassingParams, foretell_session, learn_passing
-from learning.scores import auroc, brier
+from learning.pps.contact import PassingParams, foretell_session, learn_passing
+from learning.pps.scores import auroc, brier
 from pps_vision.app.cli import main
 
 

@@ -8,7 +8,7 @@ import pytest
 from control import fixation, into_reach
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.into_reach import IntoReachParams, IntoReachState, Learned
-from learning.torso_gaze import TorsoFrame
+from learning.reach.torso_gaze import TorsoFrame
 from pps_vision.robot.gaze import GazeLimits, fixated_gaze, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Mask

@@ -6,10 +6,10 @@ import torch
 from scipy.interpolate import RegularGridInterpolator
 
 from learning import batch
-from learning.memory import MemoryParams, PPSMemory, activation
-from learning.network import Network as Regressor
-from learning.reachable import Labels, ReachableMap
-from learning.representations import Network
+from learning.pps.memory import MemoryParams, PPSMemory, activation
+from learning.pps.representations import Network
+from learning.reach.map import Labels, ReachableMap
+from pps_vision.experiments.baselines.network import Network as Regressor
 from pps_vision.robot.gaze import GazeLimits
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from data import shared_data
 
-from learning.memory import activation, load_memory
+from learning.pps.memory import activation, load_memory
 from pps_vision.app.cli import main
 from pps_vision.recordings.skin_events import read_skin_events, touches_of, write_skin_events
 from pps_vision.recordings.skin_positions import read_skin_positions, write_skin_positions

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from data import SEED, shared_data
 
-from learning.memory import MemoryParams, PPSMemory
-from learning.passing import PassingParams, foretell, learn_passing, leave_one_out
-from learning.scores import auroc, brier, expected_calibration_error
-from learning.trials import load_trials
+from learning.pps.contact import PassingParams, foretell, learn_passing, leave_one_out
+from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.scores import auroc, brier, expected_calibration_error
+from learning.pps.trials import load_trials
 
 
 def test_contact_is_foretold_on_trials_held_out():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.memory import PPSMemory
+from learning.pps.memory import PPSMemory
 from pps_vision.app.encounter import EncounterLog, World, make_encounter
 from pps_vision.app.school import fresh_pipeline, open_world
 from pps_vision.types import Image, Status, StereoFrame

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.babbling import Babbled, babble
-from learning.reachable import Labels, isotropic
-from learning.reachable_training import (
+from learning.reach.babbling import Babbled, babble
+from learning.reach.map import Labels, isotropic
+from learning.reach.training import (
     ArmLimits,
     HandModel,
     MapParams,
@@ -16,7 +16,7 @@ from learning.reachable_training import (
     learned_from,
     train_reachable_map,
 )
-from learning.turning_joints import TurningJoints
+from learning.reach.turning_joints import TurningJoints
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub

@@ -8,12 +8,12 @@ from data import SEED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learning import learner
-from learning.buffer import EventBuffer
-from learning.credible import activation_interval
-from learning.learner import LearnerParams, LearnerState
-from learning.memory import MemoryParams, PPSMemory, activation, count_samples
-from learning.receptive_field import ReceptiveField, distance_and_ttc_variance, perceive
+from learning.pps import learner
+from learning.pps.buffer import EventBuffer
+from learning.pps.credible import activation_interval
+from learning.pps.learner import LearnerParams, LearnerState
+from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc_variance, perceive
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import TaxelEvents
 

@@ -38,7 +38,7 @@ class ConvertTaxels:
             raise ValueError(f"convert-taxels {self.input} {self.out}: expected a .npz and a .ini, in either order")
 
     def _to_robot(self) -> None:
-        from learning.memory import MemoryParams, load_memory
+        from learning.pps.memory import MemoryParams, load_memory
         from pps_vision.app.convert_taxels import to_maps
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
@@ -65,7 +65,7 @@ class ConvertTaxels:
                 print(f"not carried: {name} {mine}; the robot's form has no place for it")
 
     def _from_robot(self) -> None:
-        from learning.memory import save_memory
+        from learning.pps.memory import save_memory
         from pps_vision.app.convert_taxels import from_maps, onto
         from pps_vision.errors import InputError
         from pps_vision.recordings.outputs import whole_file

@@ -10,7 +10,7 @@ from tyro.conf import Positional
 from tracking.names import Mode
 
 if TYPE_CHECKING:
-    from learning.touch_trial import TouchTrial
+    from learning.pps.touch_trial import TouchTrial
     from pps_vision.robot.skin import Skin
 
 
@@ -41,7 +41,7 @@ class Joints:
         """Learn from the touches of all recordings; one that cannot be read does not stop the others."""
         import numpy as np
 
-        from learning.joint_offsets import JointOffsetParams, joint_offsets
+        from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
         from pps_vision.app.each_recording import each_recording
         from pps_vision.recordings.joint_table import write_joint_offsets
         from pps_vision.recordings.outputs import whole_file

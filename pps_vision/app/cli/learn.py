@@ -10,7 +10,7 @@ from tyro.conf import Positional
 from tracking.names import Mode
 
 if TYPE_CHECKING:
-    from learning.memory import PPSMemory
+    from learning.pps.memory import PPSMemory
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Learn:
 
     def run(self) -> None:
         """Learn from each recording in turn; one that cannot be read is reported and does not stop the others."""
-        from learning.memory import PPSMemory, load_memory, save_memory
+        from learning.pps.memory import PPSMemory, load_memory, save_memory
         from pps_vision.app.each_recording import each_recording
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.robot.skin import icub_skin

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, subcommand
 
-from learning.names import MeasureName
+from learning.reach.names import MeasureName
 
 if TYPE_CHECKING:
-    from learning.reachable import ReachableMap
-    from learning.reachable_training import MapParams
+    from learning.reach.map import ReachableMap
+    from learning.reach.training import MapParams
     from pps_vision.robot.model import Robot
 
 _LEAST_BUDGET = 200  # labels, below which what is left to test with says nothing of the error
@@ -46,8 +46,8 @@ class Train:
         """Learn, and say how much was asked and how sure the map is."""
         from tqdm import tqdm
 
-        from learning.reachable import both, save_map
-        from learning.reachable_training import MapParams
+        from learning.reach.map import both, save_map
+        from learning.reach.training import MapParams
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.robot.icub import load_icub
 
@@ -79,7 +79,7 @@ class Train:
 
     def _earlier(self) -> "ReachableMap | None":
         """The map to go on from, if it is one of the same."""
-        from learning.reachable import load_map
+        from learning.reach.map import load_map
 
         if self.into is None:
             return None
@@ -92,8 +92,8 @@ class Train:
     def _learn(self, robot: "Robot", side: str, params: "MapParams", into: "ReachableMap | None") -> "ReachableMap":
         import numpy as np
 
-        from learning.reachable_measures import hand_and_params
-        from learning.reachable_training import train_reachable_map
+        from learning.reach.measures import hand_and_params
+        from learning.reach.training import train_reachable_map
 
         hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
         learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
@@ -119,7 +119,7 @@ class Query:
         """Answer every line."""
         import numpy as np
 
-        from learning.reachable import load_map
+        from learning.reach.map import load_map
         from pps_vision.app.device import torch_device
         from pps_vision.recordings.gaze_table import read_gaze, write_reachability
         from pps_vision.recordings.outputs import whole_file
@@ -146,7 +146,7 @@ class Show:
 
     def run(self) -> None:
         """Draw it."""
-        from learning.reachable import load_map
+        from learning.reach.map import load_map
         from pps_vision.app import figures
         from pps_vision.app.reach_figure import slices
         from pps_vision.recordings.outputs import whole_file

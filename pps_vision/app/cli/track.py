@@ -78,8 +78,8 @@ class Track:
         """Read, track, and write everything at once; what had to be skipped is reported."""
         from tqdm import tqdm
 
-        from learning.reachable import load_map
-        from learning.track_reachability import TrackReachability
+        from learning.reach.map import load_map
+        from learning.reach.track_reachability import TrackReachability
         from pps_vision.app.open_recording import open_recording
         from pps_vision.app.overlay import VideoFile, draw_pair
         from pps_vision.app.pipeline import joints_of

@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.memory import MemoryParams, PPSMemory, count_samples
-from learning.receptive_field import ReceptiveField, distance_and_ttc
-from learning.single_taxel import from_landing
+from learning.pps.memory import MemoryParams, PPSMemory, count_samples
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from pps_vision.experiments.baselines.single_taxel import from_landing
 from pps_vision.experiments.experiment import DATA
 from pps_vision.types import Array, Mask
 

@@ -11,14 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import expit, logit
 
-from learning.calibration import calibrate
-from learning.memory import MemoryParams
-from learning.passing import PassingParams, foretell, landing_gap, learn_passing
-from learning.receptive_field import ReceptiveField
-from learning.representations import Counts, Representation
-from learning.scores import auroc, brier, expected_calibration_error, reliability
-from learning.touch_trial import TouchTrial
-from learning.trials import Trial
+from learning.pps.calibration import calibrate
+from learning.pps.contact import PassingParams, foretell, landing_gap, learn_passing
+from learning.pps.memory import MemoryParams
+from learning.pps.receptive_field import ReceptiveField
+from learning.pps.representations import Counts, Representation
+from learning.pps.scores import auroc, brier, expected_calibration_error, reliability
+from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import Trial
 from pps_vision.experiments.pps.held_out import LEAD_S, Approach, approaches, at_horizon, displaced, of_part, samples
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.robot.icub import load_icub
@@ -87,7 +87,7 @@ class Calibration:
 
     R's map as it is; the same corrected by an isotonic regression of its own trials, left out in turn; a
     finer one of the distance to the object's surface, normalised, neighbours counting a fifth, corrected too;
-    displacements and landing points (`learning/passing.py`); these together; and each taxel's rate of touch.
+    displacements and landing points (`learning/pps/contact.py`); these together; and each taxel's rate of touch.
     """
 
     seed: int = 0

@@ -2,8 +2,8 @@
 automatically compensate"), for every source of error.
 
 R's D and TTC know how far a stimulus is, not where: an error across the approach is not in them, nor in what a taxel's
-cone lets through.  Two ways to mend that are held against R's map: the displacement itself (`learning/passing.py`), in
-which a constant error cancels, and encoders whose offsets touches tell (`learning/joint_offsets.py`), for any map.
+cone lets through.  Two ways to mend that are held against R's map: the displacement itself (`learning.pps.contact`), in
+which a constant error cancels, and encoders whose offsets touches tell (`learning/pps/joint_offsets.py`), for any map.
 """
 
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.memory import MemoryParams
-from learning.passing import PassingParams, foretell, learn_passing
-from learning.representations import Counts
-from learning.scores import auroc, brier
+from learning.pps.contact import PassingParams, foretell, learn_passing
+from learning.pps.memory import MemoryParams
+from learning.pps.representations import Counts
+from learning.pps.scores import auroc, brier
 from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
 from pps_vision.experiments.pps.held_out import at_horizon, known_trials, samples
 from pps_vision.experiments.pps.lives import CASES, COLORS, TRIALS, Case, Life, calibrated, error_mm, live

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from learning.touch_trial import TouchTrial
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.geometry.triangulation import midpoint

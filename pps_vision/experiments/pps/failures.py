@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.memory import MemoryParams, activation
-from learning.receptive_field import ReceptiveField, distance_and_ttc
-from learning.scores import auroc, brier
-from learning.single_taxel import Fall, Shower, fall, learned
+from learning.pps.memory import MemoryParams, activation
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.scores import auroc, brier
+from pps_vision.experiments.baselines.single_taxel import Fall, Shower, fall, learned
 from pps_vision.types import Array, Mask
 
 LEAD_S = 0.5

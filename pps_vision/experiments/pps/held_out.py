@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from learning.memory import MemoryParams, PPSMemory, count_samples
-from learning.receptive_field import ReceptiveField
-from learning.touch_trial import TouchTrial, perceived
-from learning.trials import Trial
+from learning.pps.memory import MemoryParams, PPSMemory, count_samples
+from learning.pps.receptive_field import ReceptiveField
+from learning.pps.touch_trial import TouchTrial, perceived
+from learning.pps.trials import Trial
 from pps_vision.experiments.pps.touch_movements import Condition
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.geometry.se3 import inverse, move_points

@@ -17,10 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
-from learning.memory import MemoryParams
-from learning.representations import Counts
-from learning.scores import auroc, brier
-from learning.touch_trial import TouchTrial
+from learning.pps.memory import MemoryParams
+from learning.pps.representations import Counts
+from learning.pps.scores import auroc, brier
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.errors import Belief, ErrorSources, only
 from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, known_trials, of_part, samples
 from pps_vision.experiments.pps.touch_movements import Condition

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.memory import Counts, MemoryParams, PPSMemory
+from learning.pps.memory import Counts, MemoryParams, PPSMemory
 from pps_vision.app.figures import draw_landscape, landscape
 from pps_vision.experiments.pps.errors import Belief, ErrorSources
 from pps_vision.experiments.pps.held_out import known_trials, learned

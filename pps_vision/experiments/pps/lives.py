@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from learning.joint_offsets import JointOffsetParams, joint_offsets
-from learning.touch_trial import TouchTrial
-from learning.trials import Trial
+from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
+from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import Trial
 from pps_vision.experiments.pps.errors import Belief
 from pps_vision.experiments.pps.held_out import Approach, approaches, displaced, of_part
 

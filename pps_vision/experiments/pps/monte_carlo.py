@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.memory import MemoryParams, PPSMemory
-from learning.offsets import offsets, orthogonal_line
-from learning.single_taxel import Reference, Shower, rain
+from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.offsets import offsets, orthogonal_line
 from pps_vision.app.figures import draw_landscape, landscape
+from pps_vision.experiments.baselines.single_taxel import Reference, Shower, rain
 
 CLEAN = Shower()
 NOISY = replace(CLEAN, position_noise_m=0.001, velocity_noise_m_s=0.01)

@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.memory import MemoryParams, PPSMemory
-from learning.offsets import offsets
-from learning.touch_trial import TouchTrial
+from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.offsets import offsets
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.errors import Belief, ErrorSources
 from pps_vision.experiments.pps.held_out import Approach, approaches, known_trials, learned
 from pps_vision.experiments.pps.touch_movements import Condition

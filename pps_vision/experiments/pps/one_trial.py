@@ -7,9 +7,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.memory import MemoryParams, PPSMemory, activation, count_samples
-from learning.receptive_field import ReceptiveField, distance_and_ttc
-from learning.single_taxel import Shower, fall
+from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from pps_vision.experiments.baselines.single_taxel import Shower, fall
 from pps_vision.types import Array
 
 THRESHOLD, LEAD_S = 0.4, 0.3  # of avoidance (FACTS §3); the goal

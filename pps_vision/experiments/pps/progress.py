@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.memory import MemoryParams, activation
-from learning.scores import auroc, brier, expected_calibration_error
+from learning.pps.memory import MemoryParams, activation
+from learning.pps.scores import auroc, brier, expected_calibration_error
 from pps_vision.app.figures import draw_landscape, landscape
 from pps_vision.experiments.pps.held_out import Samples, at_horizon
 from pps_vision.experiments.pps.sessions import Session, session, session_of

@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.passing import Foretold, PassingParams, foretell, foretell_session, learn_passing, leave_one_out
-from learning.scores import auroc, brier, expected_calibration_error, log_loss, reliability
-from learning.trials import Trial, load_trials, touch_rates
+from learning.pps.contact import Foretold, PassingParams, foretell, foretell_session, learn_passing, leave_one_out
+from learning.pps.scores import auroc, brier, expected_calibration_error, log_loss, reliability
+from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.pps.real_trials_chart import draw
 from pps_vision.experiments.pps.simulated_sessions import two_sessions

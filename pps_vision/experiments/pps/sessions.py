@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.memory import MemoryParams, PPSMemory
-from learning.touch_trial import TouchTrial
+from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.held_out import Approach, approaches, known_trials, learned, of_part
 from pps_vision.experiments.pps.touch_movements import TRIALS, Condition
 from pps_vision.experiments.pps.touch_trials import touch_trials

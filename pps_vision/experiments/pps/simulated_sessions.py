@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from learning.trials import SAMPLE_PERIOD_S, Trial
+from learning.pps.trials import SAMPLE_PERIOD_S, Trial
 from pps_vision.types import Array, Mask
 
 TAXELS_M = np.array([[0.0, 0.0, 0.0], [0.012, 0.019, 0.0], [0.027, 0.014, 0.0], [-0.015, 0.026, 0.0]])

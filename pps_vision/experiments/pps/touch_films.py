@@ -14,8 +14,8 @@ import rendering
 import tracking
 from control import fixation, head, rates
 from learning.archive import read_archive, write_archive
-from learning.memory import PPSMemory
-from learning.touch_trial import TouchTrial
+from learning.pps.memory import PPSMemory
+from learning.pps.touch_trial import TouchTrial
 from pps_vision import geometry, robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.touch_movements import STEP_S, Movement, of_gaze

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.touch_trial import TouchTrial
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.touch_films import watched
 from pps_vision.experiments.pps.touch_movements import Condition, Movement, movements
 

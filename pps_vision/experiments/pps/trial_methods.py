@@ -12,10 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.memory import MemoryParams, PPSMemory, activation, count_samples
-from learning.passing import PassingParams, foretell, learn_passing
-from learning.receptive_field import ReceptiveField, distance_and_ttc
-from learning.trials import Trial
+from learning.pps.contact import PassingParams, foretell, learn_passing
+from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.trials import Trial
 from pps_vision.types import Array, Mask
 
 Numbers = NDArray[np.intp]

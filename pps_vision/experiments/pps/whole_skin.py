@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.buffer import EventBuffer, push
-from learning.memory import MemoryParams, PPSMemory, activation, learn
-from learning.receptive_field import ReceptiveField, perceive
+from learning.pps.buffer import EventBuffer, push
+from learning.pps.memory import MemoryParams, PPSMemory, activation, learn
+from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.chart import panels
 from pps_vision.types import Array, Mask, TaxelEvents
 

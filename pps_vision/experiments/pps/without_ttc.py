@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from control.avoidance import AvoidanceParams
-from learning.memory import MemoryParams, PPSMemory, activation
-from learning.scores import auroc, brier, expected_calibration_error
-from learning.touch_trial import TouchTrial
+from learning.pps.memory import MemoryParams, PPSMemory, activation
+from learning.pps.scores import auroc, brier, expected_calibration_error
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, known_trials, learned, of_part
 from pps_vision.robot.icub import HOME_ARM_RAD, load_icub
 from pps_vision.robot.skin import Skin, icub_skin

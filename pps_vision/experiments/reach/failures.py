@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.babbling import ArmToGaze, Babbled, score
-from learning.gaussian_process import GaussianProcess
-from learning.regressors import LocalModels
-from learning.turning_joints import TurningJoints
+from learning.reach.babbling import Babbled, score
+from learning.reach.gaussian_process import GaussianProcess
+from learning.reach.turning_joints import TurningJoints
+from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM, Model, babbled_sets
 from pps_vision.robot.gaze import GazeLimits

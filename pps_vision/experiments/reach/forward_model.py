@@ -7,13 +7,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.babbling import ArmToGaze, Babbled, babble, score
-from learning.gaussian_process import GaussianProcess
-from learning.lwpr import LWPRParams
-from learning.lwpr_metric import MetricParams
-from learning.lwpr_regression import RegressionParams
-from learning.regressors import LocalModels
-from learning.turning_joints import TurningJoints
+from learning.reach.babbling import Babbled, babble, score
+from learning.reach.gaussian_process import GaussianProcess
+from learning.reach.turning_joints import TurningJoints
+from pps_vision.experiments.baselines.lwpr import LWPRParams
+from pps_vision.experiments.baselines.lwpr_metric import MetricParams
+from pps_vision.experiments.baselines.lwpr_regression import RegressionParams
+from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
 from pps_vision.experiments.chart import panels
 from pps_vision.robot.icub import load_icub
 

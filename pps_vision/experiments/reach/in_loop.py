@@ -13,10 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.memory import PPSMemory
-from learning.reachable_training import ArmLimits, MapParams, train_reachable_map
-from learning.torso_gaze import random_gaze
-from learning.track_reachability import TrackReachability
+from learning.pps.memory import PPSMemory
+from learning.reach.torso_gaze import random_gaze
+from learning.reach.track_reachability import TrackReachability
+from learning.reach.training import ArmLimits, MapParams, train_reachable_map
 from pps_vision.app.encounter import Encounter, EncounterLog, World
 from pps_vision.app.in_view import can_follow
 from pps_vision.app.school import fresh_pipeline, open_world

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from tqdm import tqdm
 
-from learning.lwpr import LWPR, LWPRParams
-from learning.lwpr_metric import MetricParams
+from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
+from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.chart import panels
 from pps_vision.types import Array
 

@@ -15,13 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.babbling import ArmToGaze, Babbled, babble, crossing, gaze_at
-from learning.lwpr import LWPR, LWPRParams
-from learning.lwpr_metric import MetricParams
-from learning.reachable import Labels
-from learning.reachable_training import HandModel, MapParams, ReachOracle, learned_from
-from learning.regressors import LocalModels
-from learning.turning_joints import TurningJoints
+from learning.reach.babbling import Babbled, babble, crossing, gaze_at
+from learning.reach.map import Labels
+from learning.reach.training import HandModel, MapParams, ReachOracle, learned_from
+from learning.reach.turning_joints import TurningJoints
+from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
+from pps_vision.experiments.baselines.lwpr_metric import MetricParams
+from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
 from pps_vision.experiments.reach.failures import CASES as BABBLING
 from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM
 from pps_vision.experiments.reach.map_test import closed_form, rates

@@ -4,9 +4,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from learning.reachable import ReachableMap
-from learning.reachable_training import ArmLimits, MapParams, ReachOracle
-from learning.scores import expected_calibration_error, reliability
+from learning.pps.scores import expected_calibration_error, reliability
+from learning.reach.map import ReachableMap
+from learning.reach.training import ArmLimits, MapParams, ReachOracle
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.model import Robot

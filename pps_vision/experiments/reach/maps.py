@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from learning.reachable import Lattice, ReachableMap, isotropic
-from learning.reachable_training import MapParams, ReachOracle, train_reachable_map
+from learning.reach.map import Lattice, ReachableMap, isotropic
+from learning.reach.training import MapParams, ReachOracle, train_reachable_map
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.map_test import MapTest
 from pps_vision.robot.icub import load_icub

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.names import MeasureName
-from learning.reachable import ReachableMap
-from learning.reachable_measures import hand_and_params
-from learning.reachable_training import ArmLimits, MapParams, train_reachable_map
+from learning.reach.map import ReachableMap
+from learning.reach.measures import hand_and_params
+from learning.reach.names import MeasureName
+from learning.reach.training import ArmLimits, MapParams, train_reachable_map
 from pps_vision.experiments.chart import panels
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points

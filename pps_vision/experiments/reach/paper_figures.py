@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.babbling import Babbled
+from learning.reach.babbling import Babbled
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask

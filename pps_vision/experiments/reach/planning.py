@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.torso_gaze import TorsoFrame, TorsoToGaze, turn_torso
+from learning.reach.torso_gaze import TorsoFrame, TorsoToGaze, turn_torso
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.planning_attempt import DT_S, Attempt, attempt
 from pps_vision.experiments.reach.planning_world import GAZE, PlanningWorld, Truth

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 
 from control.into_reach import IntoReachParams, Learned
-from learning.reachable import ReachableMap
-from learning.reachable_training import ArmLimits, MapParams, ReachOracle, train_reachable_map
-from learning.torso_gaze import TorsoFrame, TorsoToGaze, random_gaze, torso_limits, turn_torso
+from learning.reach.map import ReachableMap
+from learning.reach.torso_gaze import TorsoFrame, TorsoToGaze, random_gaze, torso_limits, turn_torso
+from learning.reach.training import ArmLimits, MapParams, ReachOracle, train_reachable_map
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub

@@ -13,10 +13,17 @@ from matplotlib.figure import Figure
 from scipy.interpolate import RBFInterpolator
 from tqdm import tqdm
 
-from learning.babbling import ArmToGaze, Babbled, score
-from learning.gaussian_process import GaussianProcess
-from learning.network import Network
-from learning.regressors import FourierFeatures, Grid, LocalModels, Neighbours, Regressor
+from learning.reach.babbling import Babbled, score
+from learning.reach.gaussian_process import GaussianProcess
+from pps_vision.experiments.baselines.network import Network
+from pps_vision.experiments.baselines.regressors import (
+    ArmToGaze,
+    FourierFeatures,
+    Grid,
+    LocalModels,
+    Neighbours,
+    Regressor,
+)
 from pps_vision.experiments.chart import Variant, legend, speed_against_error
 from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM, babbled_sets
 from pps_vision.types import Array

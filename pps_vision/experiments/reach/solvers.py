@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from learning.reachable_training import MapParams, ReachOracle
+from learning.reach.training import MapParams, ReachOracle
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.map_test import closed_form
 from pps_vision.robot.gaze import fixation_points

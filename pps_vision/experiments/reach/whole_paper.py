@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.babbling import Babbled, babble, score
-from learning.lwpr import LWPR, LWPRParams
-from learning.lwpr_metric import MetricParams
-from learning.reachable import Labels
-from learning.reachable_training import HandModel, MapParams, ReachOracle, train_reachable_map
-from learning.turning_joints import TurningJoints
+from learning.reach.babbling import Babbled, babble, score
+from learning.reach.map import Labels
+from learning.reach.training import HandModel, MapParams, ReachOracle, train_reachable_map
+from learning.reach.turning_joints import TurningJoints
+from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
+from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.reach import paper_figures
 from pps_vision.experiments.reach.map_test import MapTest, closed_form, rates
 from pps_vision.robot.gaze import GazeLimits, fixation_points

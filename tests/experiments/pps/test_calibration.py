@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.touch_trial import TouchTrial
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps import calibration
 from pps_vision.experiments.pps.calibration import WAYS, Calibration, Lived
 from pps_vision.experiments.pps.held_out import at_horizon, displaced, of_part

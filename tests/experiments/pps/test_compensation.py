@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from data import SEED
+from pps_vision.experiments.pps.flight import Fleeing
 
-from learning.memory import MemoryParams, PPSMemory
+from learning.pps.memory import MemoryParams, PPSMemory
 from pps_vision.experiments.pps import compensation
 from pps_vision.experiments.pps.compensation import WAYS, Compensation
 from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
-from pps_vision.experiments.pps.flight import Fleeing
 from pps_vision.experiments.pps.lives import CASES
 from pps_vision.robot.skin import icub_skin
 

@@ -5,7 +5,7 @@ import pytest
 from data import SEED
 
 from control.fixation import gaze_at
-from learning.touch_trial import TouchTrial
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels

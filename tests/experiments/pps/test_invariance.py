@@ -3,8 +3,8 @@
 import numpy as np
 from data import SEED
 
-from learning.receptive_field import ReceptiveField
-from learning.touch_trial import TouchTrial, perceived
+from learning.pps.receptive_field import ReceptiveField
+from learning.pps.touch_trial import TouchTrial, perceived
 from pps_vision.experiments.pps import invariance
 from pps_vision.experiments.pps.invariance import Invariance, carried
 from pps_vision.robot.icub import home, load_icub

@@ -7,9 +7,9 @@ import pytest
 from data import SEED
 from trials_made_up import session, write
 
-from learning.passing import PassingParams, foretell, learn_passing
-from learning.scores import auroc
-from learning.trials import touch_rates
+from learning.pps.contact import PassingParams, foretell, learn_passing
+from learning.pps.scores import auroc
+from learning.pps.trials import touch_rates
 from pps_vision.experiments.pps.real_trials import RealTrials, left_out
 from pps_vision.experiments.pps.simulated_sessions import two_sessions
 from pps_vision.experiments.pps.trial_methods import METHODS, OURS, Plain

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.receptive_field import ReceptiveField, perceive
+from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.pps import double_touches, sessions
 from pps_vision.experiments.pps.double_touches import DoubleTouches
 from pps_vision.experiments.pps.landscapes import NAMES, Landscapes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.touch_trial import TouchTrial
+from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps import touch_films
 from pps_vision.experiments.pps.touch_movements import Movement, home_of, movements
 from pps_vision.experiments.pps.touch_trials import touch_trials

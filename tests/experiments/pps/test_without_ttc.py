@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from learning.memory import MemoryParams, PPSMemory
-from learning.receptive_field import ReceptiveField
-from learning.touch_trial import TouchTrial, perceived
+from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.receptive_field import ReceptiveField
+from learning.pps.touch_trial import TouchTrial, perceived
 from pps_vision.experiments.pps import without_ttc
 from pps_vision.experiments.pps.held_out import Approach
 from pps_vision.experiments.pps.without_ttc import MODELS

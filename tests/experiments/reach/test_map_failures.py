@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from learning.babbling import Babbled
+from learning.reach.babbling import Babbled
 from pps_vision.experiments.reach import map_failures
 from pps_vision.experiments.reach.map_failures import CASES, WAYS, MapFailures, _World
 

@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 from data import SEED
 
-from learning.reachable_training import MapParams
+from learning.reach.training import MapParams
 from pps_vision.experiments.reach import planning_world
 from pps_vision.experiments.reach.planning import Planning
 

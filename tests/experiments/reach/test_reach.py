@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from learning.babbling import Babbled
-from learning.regressors import Neighbours
+from learning.reach.babbling import Babbled
+from pps_vision.experiments.baselines.regressors import Neighbours
 from pps_vision.experiments.reach.failures import CASES as FAULTS
 from pps_vision.experiments.reach.failures import METHODS, BabblingFailures
 from pps_vision.experiments.reach.forward_model import ForwardModelError

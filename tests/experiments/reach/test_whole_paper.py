@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from learning.reachable_training import MapParams
+from learning.reach.training import MapParams
 from pps_vision.experiments.reach import paper_figures, whole_paper
 from pps_vision.experiments.reach.paper_figures import _lines, _numbers
 from pps_vision.experiments.reach.whole_paper import WholePaper

@@ -1,0 +1,138 @@
+"""By how much the robot's encoders are off, learned from where its eyes saw what touched its skin.
+
+A touch says where an object is: on the taxels that feel it.  Between the eyes that saw it and that skin lie all joints
+of head and arm, so touches in several postures tell how far they are off together (Roncone et al. 2014 calibrate arms
+that touch each other so).  An offset in metres would not do: eyes that converge 1° less than they believe see what is
+20 cm off 1 cm further and what is 35 cm off 3 cm.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from learning.pps.touch_trial import TouchTrial
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.geometry.triangulation import midpoint
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart
+from pps_vision.types import Array, Mask
+
+_NOWHERE_M = 10.0  # how far off what two lines of sight do not meet in is
+_PLACES = 24  # where something may be, along each axis
+
+
+@dataclass(frozen=True)
+class JointOffsetParams:
+    """What is believed before the first touch, standard deviations: `joint_rad` of an encoder's offset (R's sources of
+    error: joints, links and cameras together), `taxel_m`, each axis, of a taxel's own place and of what is seen.
+    A touch further than `outlier_sigmas` off counts less and less."""
+
+    joint_rad: float = np.deg2rad(1.5)
+    taxel_m: float = 0.005
+    outlier_sigmas: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not all(sigma > 0 for sigma in (self.joint_rad, self.taxel_m, self.outlier_sigmas)):  # NaN is not
+            raise ValueError(f"{self}: expected standard deviations above 0")
+
+
+@dataclass(frozen=True)
+class JointOffsets:
+    """`offsets_rad` (n_joints,), to be added to what the encoders say; how far beside where they were felt k touches
+    were seen, `before_m` and with these offsets `after_m` (k,)."""
+
+    offsets_rad: Array
+    before_m: Array
+    after_m: Array
+
+
+@dataclass(frozen=True)
+class _Sighting:
+    """What touched: the encoders `q_rad`, the directions from each eye to it in the eye's frame, and where it must have
+    been, in the frame of the part it touched, give or take `cov` (3, 3) m²."""
+
+    q_rad: Array
+    left: Array
+    right: Array
+    frame: str
+    touched_at: Array
+    cov: Array
+
+
+def joint_offsets(
+    params: JointOffsetParams, robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[TouchTrial]
+) -> JointOffsets:
+    """The most probable offsets given the ends of the `trials`, whose `touched` are of `skin`; 0 for joints of which
+    touches tell nothing (all, where none was seen).
+
+    They need not be each joint's own error: other combinations, a link or a camera may move what is seen in the same
+    way.
+    """
+    sightings = [sighting for trial in trials for sighting in _sightings(rig, skin, trial)]
+    covs = np.array([sighting.cov for sighting in sightings]).reshape(-1, 3, 3) + params.taxel_m**2 * np.eye(3)
+    whitening = np.linalg.inv(np.linalg.cholesky(covs))
+
+    def missed(offsets: Array) -> Array:
+        return np.array([_missed(robot, rig, sighting, offsets) for sighting in sightings]).reshape(-1, 3)
+
+    def surprises(offsets: Array) -> Array:
+        sigmas = np.einsum("kij,kj->ki", whitening, missed(offsets))
+        return np.concatenate([offsets / params.joint_rad, _bounded(sigmas, params.outlier_sigmas).ravel()])
+
+    none = np.zeros(robot.n_joints)
+    found: Array = least_squares(surprises, none, xtol=1e-4, ftol=1e-4).x
+    before, after = (np.linalg.norm(missed(offsets), axis=1) for offsets in (none, found))
+    return JointOffsets(found, before, after)
+
+
+def _sightings(rig: StereoRig, skin: Skin, trial: TouchTrial) -> list[_Sighting]:
+    """One of each part that the trial's object touched, if it was seen then."""
+    q, p, radius = trial.joints_rad[-1], trial.positions[-1], trial.radius_m[-1]
+    if not (np.isfinite(p).all() and np.isfinite(radius)):
+        return []
+    left, right = (T[:3, :3].T @ (p - T[:3, 3]) for T in rig.eye_poses(q))
+    left, right = left / np.linalg.norm(left), right / np.linalg.norm(right)
+    found = []
+    for k, part in enumerate(skin.parts):
+        touched = trial.touched[skin.part_index == k]
+        if touched.any():
+            found.append(_Sighting(q, left, right, part.frame, *touching(part, touched, radius)))
+    return found
+
+
+def touching(part: SkinPart, touched: Mask, radius_m: float) -> tuple[Array, Array]:
+    """Mean (3,) m and covariance (3, 3) m² of where a ball is that touches just these (n,) taxels of a part, in its
+    frame: of all places before the skin, and not in it, from which it would touch those; where there is none, of those
+    with the fewest taxels touched too many or too few."""
+    far = radius_m + TOUCH_RADIUS_M
+    low, high = part.positions_m[touched].min(axis=0) - far, part.positions_m[touched].max(axis=0) + far
+    axes = (np.linspace(a, b, _PLACES) for a, b in zip(low, high, strict=True))
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    near = ((part.positions_m > low - far) & (part.positions_m < high + far)).all(axis=1)
+    taxels, normals = part.positions_m[near], part.normals[near]
+    gaps = np.linalg.norm(places[:, None] - taxels, axis=2)
+    nearest = gaps.argmin(axis=1)
+    before = np.einsum("ij,ij->i", places - taxels[nearest], normals[nearest]) > 0
+    possible = before & (gaps.min(axis=1) >= radius_m)
+    wrong = ((gaps[possible] <= far) != touched[near]).sum(axis=1)
+    likely = places[possible][wrong == wrong.min()]
+    mean: Array = likely.mean(axis=0)
+    return mean, (likely - mean).T @ (likely - mean) / len(likely)
+
+
+def _missed(robot: Robot, rig: StereoRig, sighting: _Sighting, offsets: Array) -> Array:
+    """(3,) m from where it must have been to where it was seen, were these the offsets."""
+    q = sighting.q_rad + offsets
+    (T_left, T_right), T_part = rig.eye_poses(q), robot.at(q).T_root(sighting.frame)
+    seen = midpoint(T_left[:3, 3], T_left[:3, :3] @ sighting.left, T_right[:3, 3], T_right[:3, :3] @ sighting.right)
+    return np.full(3, _NOWHERE_M) if seen is None else move_points(inverse(T_part), seen) - sighting.touched_at
+
+
+def _bounded(residuals: Array, sigmas: float) -> Array:
+    """Residuals (k, 3) whose squares grow as their logarithm beyond so many sigmas (Cauchy)."""
+    squared = np.maximum(np.sum(residuals**2, axis=1, keepdims=True) / sigmas**2, 1e-12)
+    bounded: Array = residuals * np.sqrt(np.log1p(squared) / squared)
+    return bounded

@@ -1,0 +1,62 @@
+"""How far off the robot's idea of its own body is, read from what its skin has learned (R, "Analysis of the
+systematic errors", Fig 8).
+
+A map counts positives by distance and by the time that was left to the touch; the line through them says at
+which distance the touch happens: where the robot errs, this is not where it should be.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from learning.pps.memory import PPSMemory
+from pps_vision.types import Array
+
+
+@dataclass(frozen=True)
+class Line:
+    """x = `offset` + `slope` · y."""
+
+    offset: float
+    slope: float
+
+
+def orthogonal_line(x: ArrayLike, y: ArrayLike, weights: ArrayLike) -> Line | None:
+    """The line with the least weighted sum of squared orthogonal distances from points (n,), by its crossing
+    with y = 0; None where no line, or one along x, fits best.
+
+    Both axes count as they are: rescale them to what one unit of error is worth.  ValueError for weights
+    that are negative or not as many as points.
+    """
+    x, y, w = (np.asarray(a, dtype=float).ravel() for a in (x, y, weights))
+    if not (x.shape == y.shape == w.shape and np.all(w >= 0)):
+        raise ValueError(f"{x.size} x, {y.size} y, {w.size} weights: expected as many of each, no weight negative")
+    if w.sum() == 0:
+        return None
+    points = np.stack([x, y])
+    middle = points @ w / w.sum()
+    spread = points - middle[:, None]
+    variances, directions = np.linalg.eigh((spread * w) @ spread.T)
+    along_x, along_y = directions[:, 1]
+    if variances[1] - variances[0] <= 1e-12 * variances[1] or abs(along_y) < 1e-9:
+        return None
+    slope = along_x / along_y
+    return Line(float(middle[0] - slope * middle[1]), float(slope))
+
+
+def offsets(memory: PPSMemory, weights: Array | None = None) -> Array:
+    """(n,) m: the distance at which each taxel's line crosses TTC = 0, NaN where there is none.
+
+    Through the bins' centres, weighted by the positive samples they hold (each sample counts once; R
+    weights a bin by f: pass `memory.frequency`), axes in metres and seconds, in which nearly all of
+    the scatter is along the distance, as it is in the data.
+    """
+    (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
+    n_distance, n_ttc = memory.params.bins
+    distance = d0 + (np.arange(n_distance) + 0.5) * (d1 - d0) / n_distance
+    ttc = t0 + (np.arange(n_ttc) + 0.5) * (t1 - t0) / n_ttc
+    x, y = np.meshgrid(distance, ttc, indexing="ij")
+    of_taxel = memory.counts[..., 0] if weights is None else weights
+    lines = [orthogonal_line(x, y, w) for w in of_taxel]
+    return np.array([np.nan if line is None else line.offset for line in lines])

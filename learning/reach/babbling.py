@@ -1,0 +1,77 @@
+"""Motor babbling: random arm postures, which of them the eyes can fixate, and what is learned from them (J, IV C)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from learning.reach.training import ArmLimits
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, gaze_for_points
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array
+
+
+@dataclass(frozen=True)
+class Babbled:
+    """Postures in rad whose hand was fixated: `arm_rad` (N, 4), `gaze_rad` (N, 3); `n_tried` postures were tried."""
+
+    arm_rad: Array
+    gaze_rad: Array
+    n_tried: int
+
+
+def babble(
+    robot: Robot,
+    side: str,
+    n: int,
+    rng: np.random.Generator,
+    arm_limits: ArmLimits | None = None,
+    gaze_limits: GazeLimits | None = None,
+) -> Babbled:
+    """`n` postures of the four joints, spread evenly within their limits; the hand (origin of the palm frame) is
+    fixated by kinematics, and the limits of the gaze decide whether it can be.  ValueError for an unknown side."""
+    arm = random_arms(n, rng, arm_limits)
+    gaze = gaze_at_hand(robot, side, arm, gaze_limits)
+    fixated = np.isfinite(gaze).all(axis=1)
+    return Babbled(arm[fixated], gaze[fixated], n)
+
+
+def random_arms(n: int, rng: np.random.Generator, limits: ArmLimits | None = None) -> Array:
+    """(n, 4) rad: postures spread evenly within the limits."""
+    limits = limits or ArmLimits()
+    return rng.uniform(limits.lower_rad, limits.upper_rad, (n, len(limits.lower_rad)))
+
+
+def gaze_at_hand(robot: Robot, side: str, arm_rad: Array, limits: GazeLimits | None = None) -> Array:
+    """(N, 3) rad: the gaze postures that by kinematics fixate the hand of arm postures (N, 4); NaN where the limits
+    forbid it.  ValueError for an unknown side."""
+    if side not in ("left", "right"):
+        raise ValueError(f"side {side!r}: expected left or right")
+    palm = robot.names.palms[("left", "right").index(side)]
+    hands = Chain.of(robot, robot.names.arm(side)[: arm_rad.shape[1]], palm).positions(arm_rad)[0]
+    return gaze_for_points(robot, hands, limits)
+
+
+def crossing(gaze_rad: Array) -> Array:
+    """(N, 3) where the lines of sight of eyes one unit apart cross; a smoother function of the arm than the angles."""
+    yaw, pitch, vergence = gaze_rad.T
+    ahead = np.cos(yaw)
+    ray = np.stack([np.sin(yaw), ahead * np.sin(pitch), ahead * np.cos(pitch)], axis=1)
+    return np.asarray(0.5 / np.tan(vergence / 2)[:, None] * ray)
+
+
+def gaze_at(place: Array) -> Array:
+    """(N, 3) rad: the inverse of `crossing`."""
+    x, y, z = place.T
+    ahead = np.hypot(y, z)
+    return np.stack([np.arctan2(x, ahead), np.arctan2(y, z), 2 * np.arctan2(0.5, np.hypot(x, ahead))], axis=1)
+
+
+def score(model: Callable[[Array], Array], test: Babbled) -> tuple[float, float]:
+    """RMSE in degrees over postures and gaze angles where the model has an answer (NaN if it has none), and the share
+    of postures where it has none."""
+    off = model(test.arm_rad) - test.gaze_rad
+    answered = np.isfinite(off).all(axis=1)
+    rmse = np.rad2deg(np.sqrt(np.mean(off[answered] ** 2))) if answered.any() else np.nan
+    return float(rmse), 1 - float(answered.mean())

@@ -1,0 +1,174 @@
+"""Arm posture → what the eyes fixate, exact from a hundred samples, for joints that turn.
+
+Whatever an arm of revolute joints looks like, the place of its hand is linear in the products of 1, cos and sin of
+the joints' angles.  The eyes see it from a head that the neck carries about: where the lines of sight cross is that
+place but for C(gaze) o, where o says where eyes and neck stand to one another and does not change.  So
+Φ(arm) W = crossing(gaze) + C(gaze) o is linear in all that is unknown, which gives a first guess; noisy is the gaze,
+so that it is then fitted in its angles.  Samples that disagree with the most (something else was fixated, an encoder
+stuck) are given little weight, or none.
+"""
+
+import numpy as np
+
+from learning.reach.babbling import crossing, gaze_at
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
+from pps_vision.types import Array
+
+_RIDGE = 1e-12
+_DISTANCES, _FROM_FAR, _FOLLOWING = 20, 10, 4  # rounds of each kind
+_NO_ERROR = 1e-9
+_LONG = 2.0  # eye distances: how large the products' factors usually are
+_ANYWHERE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
+_FINE = IKParams(tolerance=1e-9, max_steps=30)
+
+
+class TurningJoints:
+    """Learns where the hand is from arm postures (N, k) in rad and the gaze postures (N, 3) that fixate it.
+
+    Places are in units of the distance between the eyes times `eyes_apart_m`, seen from the neck."""
+
+    def __init__(self, n_joints: int = 4, eyes_apart_m: float = 0.068) -> None:
+        self.n_joints, self.eyes_apart_m = n_joints, eyes_apart_m
+        self._samples: list[tuple[Array, Array]] = []
+        self._known: tuple[Array, Array] | None = None
+
+    def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
+        """From any number of samples; the order does not matter."""
+        self._samples.append((arm_rad, gaze_rad))
+        self._known = None
+
+    @property
+    def nbytes(self) -> int:
+        """Of what it keeps."""
+        return sum(arm.nbytes + gaze.nbytes for arm, gaze in self._samples)
+
+    def _fitted(self) -> tuple[Array, Array]:
+        """W (3^k, 3) and o (4,), fitted when first asked for; ValueError before the second sample.
+
+        First the least sum of distances, which one solution has and few wild samples move; then what the eyes saw is
+        explained best, in angles, since these are what is noisy, by a likely W, and what lies many times farther off
+        than the most is left out (Geman & McClure)."""
+        if self._known is None:
+            n = sum(len(arm) for arm, _ in self._samples)
+            if n < 2:
+                raise ValueError(f"{n} samples: expected at least two to learn from")
+            arm, gaze = (np.concatenate(parts) for parts in zip(*self._samples, strict=True))
+            Z = np.concatenate([crossing(gaze)[:, :, None], _carried(gaze)], axis=2)
+            A, weight = _products(self._bases(arm)), np.ones(n)
+            for _ in range(_DISTANCES):
+                W, o = _least_squares(A, Z, weight)
+                off = np.linalg.norm(Z[:, :, 0] + Z[:, :, 1:] @ o - A @ W, axis=1)
+                weight = 1 / np.maximum(off, 0.1 * np.median(off) + _NO_ERROR)
+            seen = gaze
+            for k in range(_FROM_FAR + _FOLLOWING):
+                W, o, seen = _better_explained(A, gaze, W, o, seen, follows=k >= _FROM_FAR)
+            self._known = W, o
+        return self._known
+
+    def forward(self, arm_rad: Array) -> tuple[Array, Array]:
+        """Places of the hand (N, 3) m, and their derivatives by the joints (N, 3, k)."""
+        W, bases = self.eyes_apart_m * self._fitted()[0], self._bases(arm_rad)
+        slopes = [np.stack([0 * b[:, 0], -b[:, 2], b[:, 1]], axis=1) for b in bases]
+        half = self.n_joints // 2
+        first, second = _products(bases[:half]), _products(bases[half:])
+        W = W.reshape(first.shape[1], -1)
+
+        def place(first: Array, second: Array) -> Array:
+            there: Array = (second[:, None] @ (first @ W).reshape(len(first), -1, 3))[:, 0]
+            return there
+
+        columns = []
+        for k in range(self.n_joints):
+            turned = [*bases[:k], slopes[k], *bases[k + 1 :]]
+            columns.append(
+                place(_products(turned[:half]), second) if k < half else place(first, _products(turned[half:]))
+            )
+        return place(first, second), np.stack(columns, axis=2)
+
+    def points(self, gaze_rad: Array) -> Array:
+        """(N, 3) m: the places that gaze postures (N, 3) fixate."""
+        return self.eyes_apart_m * (crossing(gaze_rad) + _carried(gaze_rad) @ self._fitted()[1])
+
+    def gaze(self, points: Array, limits: GazeLimits = _ANYWHERE) -> Array:
+        """(N, 3) rad: the gaze postures that fixate places (N, 3); NaN where the limits forbid it."""
+
+        o, eyes = self._fitted()[1], self.eyes_apart_m
+
+        def forward(gaze: Array) -> tuple[Array, Array]:
+            place, slope = _fixated(gaze, o)
+            return eyes * place, eyes * slope
+
+        starts = np.clip(gaze_at(points / self.eyes_apart_m), limits.lower, limits.upper)[None]
+        found = solve_ik(forward, points, starts, limits.lower, limits.upper, _FINE)
+        return np.where(found.converged[:, None], found.q_rad, np.nan)
+
+    def __call__(self, arm_rad: Array) -> Array:
+        """Gaze postures (N, 3) for arm postures (N, k)."""
+        return self.gaze(self.forward(arm_rad)[0])
+
+    def _bases(self, arm_rad: Array) -> list[Array]:
+        """(N, 3) of each joint: 1, cos, sin."""
+        if arm_rad.ndim != 2 or arm_rad.shape[1] != self.n_joints:
+            raise ValueError(f"arm postures of shape {arm_rad.shape}: expected (N, {self.n_joints})")
+        return [np.stack([np.ones_like(q), np.cos(q), np.sin(q)], axis=1) for q in arm_rad.T]
+
+
+def _least_squares(A: Array, Z: Array, weight: Array) -> tuple[Array, Array]:
+    """W (m, 3) and o (4,) of the least Σ weight |A W − Z (1, o)|²: A (N, m), Z (N, 3, 5)."""
+    m, weighted = A.shape[1], Z * weight[:, None, None]
+    AA, AZ = (A * weight[:, None]).T @ A, np.tensordot(A, weighted, axes=(0, 0))
+    X = np.linalg.solve(AA + _RIDGE * np.trace(AA) / m * np.eye(m), AZ.reshape(m, -1)).reshape(AZ.shape)
+    left = np.tensordot(Z, weighted, axes=((0, 1), (0, 1))) - np.tensordot(AZ, X, axes=((0, 1), (0, 1)))
+    o = -np.linalg.lstsq(left[1:, 1:], left[1:, 0], rcond=None)[0]
+    return X @ np.append(1.0, o), o
+
+
+def _better_explained(
+    A: Array, gaze: Array, W: Array, o: Array, seen: Array, follows: bool
+) -> tuple[Array, Array, Array]:
+    """A Gauss–Newton step of W (m, 3) and o (4,) towards the gaze postures (N, 3) that were observed, from what they
+    have the eyes see: nearly `seen` (N, 3) before, returned as it is known then.  The head stays as it was `seen`,
+    which leads there from far, or `follows` what the step has the eyes see, which ends sooner."""
+    carried = _carried(seen)
+    seen = gaze_at(A @ W - carried @ o)
+    place, slope = _fixated(seen, o if follows else np.zeros(4))
+    G = np.linalg.inv(slope)  # ∂gaze/∂place
+    if follows:
+        nearer = seen + (G @ (A @ W - place)[..., None])[..., 0]
+        seen = np.clip(nearer, _ANYWHERE.lower, _ANYWHERE.upper)
+        carried = _carried(seen)
+    off = np.linalg.norm(gaze - seen, axis=1)
+    middle = np.median(off) + _NO_ERROR
+    weight = 1 / (1 + (off / (4 * middle)) ** 2)  # its square weighs the squares
+    H = np.concatenate([(A[:, None, :, None] * G[:, :, None]).reshape(len(A), 3, -1), -G @ carried], axis=2)
+    H, left = (H * weight[:, None, None]).reshape(-1, H.shape[2]), ((gaze - seen) * weight[:, None]).ravel()
+    known, HH = np.append(W.ravel(), o), H.T @ H
+    n = len(known)
+    prior = (middle**2 / 3) / _LONG**2 + _RIDGE * np.trace(HH) / n  # the noise's variance over that of W
+    known = known + np.linalg.solve(HH + prior * np.eye(n), H.T @ left - prior * known)
+    return known[:-4].reshape(W.shape), known[-4:], seen
+
+
+def _fixated(gaze_rad: Array, o: Array) -> tuple[Array, Array]:
+    """Places (N, 3) that gaze postures (N, 3) fixate, in eye distances, and their slopes (N, 3, 3)."""
+    h = 1e-7
+    asked = np.concatenate([gaze_rad, *(gaze_rad + h * axis for axis in np.eye(3))])
+    here, *there = (crossing(asked) + _carried(asked) @ o).reshape(4, -1, 3)
+    return here, (np.stack(there, axis=2) - here[:, :, None]) / h
+
+
+def _products(bases: list[Array]) -> Array:
+    """(N, 3^k) all products of one of each (N, 3)."""
+    products = bases[0]
+    for basis in bases[1:]:
+        products = (products[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
+    return products
+
+
+def _carried(gaze_rad: Array) -> Array:
+    """(N, 3, 4) ahead of the face, to its right and up, and ahead of the neck where only its pitch has turned."""
+    yaw, pitch, _ = gaze_rad.T
+    cy, sy, cp, sp, none = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.zeros(len(yaw))
+    axes = [(sy, cy * sp, cy * cp), (cy, -sy * sp, -sy * cp), (none, cp, -sp), (none, sp, cp)]
+    return np.stack([np.stack(axis, axis=1) for axis in axes], axis=2)

@@ -1,0 +1,218 @@
+"""Locally weighted projection regression: incremental regression by overlapping linear models.
+
+After Vijayakumar, D'Souza & Schaal, "Incremental online learning in high dimensions", Neural Computation 17
+(2005), with the safeguards that the documentation of the authors' library describes.  Each receptive field is
+a Gaussian about its centre with a linear model found by partial least squares (of moments kept exactly, where
+the paper recurs); fields are added where none responds, and adapt their reach.  The fields of all outputs are
+rows of one table: a sample updates those it activates in one go, and no others.
+"""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from learning.archive import read_archive, write_archive
+from pps_vision.experiments.baselines.lwpr_fields import Fields, field_type, new_field, quadratic
+from pps_vision.experiments.baselines.lwpr_metric import MetricParams, adapt_metric
+from pps_vision.experiments.baselines.lwpr_regression import (
+    RegressionParams,
+    add_projections,
+    is_trusted,
+    refresh_models,
+    regress,
+)
+from pps_vision.types import Array
+
+_KIND, _VERSION = "LWPR model", 2
+_PAIRS_AT_ONCE = 4_000_000  # queries × fields looked at together
+
+
+@dataclass(frozen=True)
+class LWPRParams:
+    """Defaults of the authors' library.  A field is born, `init_D` wide, where none responds above `w_gen`; of two that
+    respond above `w_prune` the narrower one dies; what responds below `cutoff` is neither updated nor asked.
+    `init_D` and the metric's rates fit inputs and outputs of the order of 1."""
+
+    init_D: float = 25.0
+    w_gen: float = 0.1
+    w_prune: float = 1.0
+    cutoff: float = 0.001
+    metric: MetricParams = MetricParams()
+    regression: RegressionParams = RegressionParams()
+
+    def __post_init__(self) -> None:
+        if not self.init_D > 0 or not 0 < self.cutoff < self.w_gen < self.w_prune:
+            raise ValueError(
+                f"init_D {self.init_D}, cutoff {self.cutoff}, w_gen {self.w_gen}, w_prune {self.w_prune}: "
+                "expected init_D above 0 and 0 < cutoff < w_gen < w_prune"
+            )
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Answers to N queries: `mean` (N, outputs), NaN where no field that has seen enough responds, and `std`
+    (N, outputs), the paper's confidence bound: how far a new observation may lie from it."""
+
+    mean: Array
+    std: Array
+
+
+class LWPR:
+    """A model of `n_outputs` functions of `n_inputs`, each with fields of its own."""
+
+    def __init__(self, n_inputs: int, n_outputs: int, params: LWPRParams | None = None) -> None:
+        """ValueError for no input or no output."""
+        if n_inputs < 1 or n_outputs < 1:
+            raise ValueError(f"{n_inputs} inputs, {n_outputs} outputs: expected at least one of each")
+        self.n_inputs, self.n_outputs, self.params = n_inputs, n_outputs, params or LWPRParams()
+        self.fields = Fields(np.zeros(0, field_type(n_inputs)))
+
+    @property
+    def n_fields(self) -> NDArray[np.intp]:
+        """(outputs,) receptive fields."""
+        return np.bincount(self.fields.rows["output"], minlength=self.n_outputs)
+
+    def update(self, x: ArrayLike, y: ArrayLike) -> None:
+        """Learn one sample x (inputs,), y (outputs,); ValueError unless both are finite."""
+        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        shapes = x.shape == (self.n_inputs,) and y.shape == (self.n_outputs,)
+        if not shapes or not (np.isfinite(x).all() and np.isfinite(y).all()):
+            raise ValueError(f"sample {x}, {y}: expected {self.n_inputs} and {self.n_outputs} finite numbers")
+        p = self.params
+        q = self.fields.forms @ quadratic(x[None])[0]
+        active = np.flatnonzero(q < -2 * np.log(p.cutoff))
+        rows, w = self.fields.rows[active], np.exp(-0.5 * np.maximum(q[active], 0.0))
+        if len(active):
+            fit = regress(rows, x, y[rows["output"]], w, p.regression)
+            if p.metric.rate:
+                adapt_metric(rows, x, w, fit, p.metric)
+            add_projections(rows, p.regression)
+            self.fields.put(active, rows, same_metric=not p.metric.rate)
+        doomed = []
+        for output in range(self.n_outputs):
+            own = np.flatnonzero(rows["output"] == output)
+            first = own[w[own].argmax()] if len(own) else None
+            if first is None or w[first] <= p.w_gen:
+                like = rows[first] if first is not None and w[first] > 0.1 * p.w_gen else None
+                self._add(x, y[output], output, like)
+            elif w[first] > p.w_prune and np.count_nonzero(w[own] > p.w_prune) > 1:
+                pair = own[np.argsort(-w[own])[:2]]
+                doomed.append(int(active[pair[np.sum(rows["metric"][pair] ** 2, axis=(1, 2)).argmax()]]))
+        if doomed:
+            self.fields.remove(doomed)
+
+    def _add(self, x: Array, y: float, output: int, like: np.void | None) -> None:
+        """A new field about x, as wide as that which responds most if it has seen enough."""
+        p = self.params
+        metric, log_rate = np.sqrt(p.init_D) * np.eye(self.n_inputs), np.log(p.metric.rate or 1.0)
+        if like is not None and is_trusted(like.reshape(1))[0]:
+            metric = like["metric"]
+        first = p.regression.first_forgetting, p.regression.first_projections
+        self.fields.append(new_field(x, y, output, metric, log_rate, *first))
+
+    def predict(self, x: ArrayLike) -> Prediction:
+        """The answers to queries x (N, inputs)."""
+        x = np.asarray(x, dtype=float)
+        if x.ndim != 2 or x.shape[1] != self.n_inputs:
+            raise ValueError(f"queries of shape {x.shape}: expected (N, {self.n_inputs})")
+        step = max(1, _PAIRS_AT_ONCE // max(1, self.fields.n))
+        parts = [self._predict(x[k : k + step]) for k in range(0, max(1, len(x)), step)]
+        return Prediction(*(np.concatenate(answers) for answers in zip(*parts, strict=True)))
+
+    def _predict(self, x: Array) -> tuple[Array, Array]:
+        """Means and standard deviations, the fields weighted by their responses w:
+        σ² = Σ w (ŷ_k − ŷ)² / (Σ w)² + Σ w σ²_k / (Σ w)²."""
+        i, k, w, y = self._responses(x)
+        rows = self.fields.rows
+        cell, shape = i * self.n_outputs + rows["output"][k], (len(x), self.n_outputs)
+
+        def total(values: Array) -> Array:
+            return np.bincount(cell, values, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
+
+        weight = total(w)
+        known = np.where(weight > 0, weight, np.nan)
+        mean = total(w * y) / known
+        scores = (rows["directions"][k] @ (x[i] - rows["mean_x"][k])[..., None])[..., 0]
+        own = rows["noise"][k] * (1 + w * np.sum(scores**2, axis=1))
+        var = total(w * ((y - mean.ravel()[cell]) ** 2 + own)) / known**2
+        return mean, np.sqrt(var)
+
+    def jacobian(self, x: Array) -> Array:
+        """(N, outputs, inputs) ∂mean/∂x at queries x (N, inputs), the responses' own change included; NaN where there
+        is no mean."""
+        step = max(1, _PAIRS_AT_ONCE // max(1, self.fields.n))
+        return np.concatenate([self._jacobian(x[k : k + step]) for k in range(0, max(1, len(x)), step)])
+
+    def _jacobian(self, x: Array) -> Array:
+        i, k, w, y = self._responses(x)
+        rows = self.fields.rows[k]
+        cell, n = i * self.n_outputs + rows["output"], len(x) * self.n_outputs
+        weight = np.bincount(cell, w, minlength=n).astype(float)
+        known = np.where(weight > 0, weight, np.nan)
+        mean = np.bincount(cell, w * y, minlength=n) / known
+        M = rows["metric"]
+        shift = np.swapaxes(M, 1, 2) @ (M @ (x[i] - rows["center"])[..., None])
+        slope = w[:, None] * (rows["slope"] - (y - mean[cell])[:, None] * shift[..., 0])
+        columns = [np.bincount(cell, column, minlength=n) / known for column in slope.T]
+        return np.stack(columns, axis=1).reshape(len(x), self.n_outputs, self.n_inputs)
+
+    def _responses(self, x: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
+        """Pairs of a query and a field that responds to it and has seen enough: indices of both, how much it responds,
+        and what it says."""
+        q = quadratic(x) @ self.fields.forms.T
+        i, k = np.nonzero(q < -2 * np.log(self.params.cutoff))
+        rows = self.fields.rows
+        stale = np.unique(k[rows["stale"][k]])
+        if len(stale):
+            fresh = rows[stale]
+            refresh_models(fresh)
+            rows[stale] = fresh
+        trusted = is_trusted(rows, k)
+        i, k = i[trusted], k[trusted]
+        w = np.exp(-0.5 * np.maximum(q[i, k], 0.0))
+        y = rows["offset"][k] + np.einsum("pi,pi->p", rows["slope"][k], x[i])
+        return i, k, w, y
+
+
+def save_lwpr(path: Path, model: LWPR) -> None:
+    """Write a model as .npz, whole or not at all."""
+    p = model.params
+    arrays: dict[str, ArrayLike] = {
+        "params": (p.init_D, p.w_gen, p.w_prune, p.cutoff),
+        "metric": tuple(asdict(p.metric).values()),
+        "regression": tuple(asdict(p.regression).values()),
+        "n_outputs": model.n_outputs,
+        "fields": model.fields.rows,
+    }
+    write_archive(path, _KIND, _VERSION, arrays)
+
+
+def load_lwpr(path: Path) -> LWPR:
+    """Read a model, which goes on exactly where it was; ValueError names the file and what is wrong with it."""
+    data: dict[str, Any] = read_archive(
+        path, _KIND, _VERSION, ("params", "metric", "regression", "n_outputs", "fields")
+    )
+    try:
+        rate, penalty, full, meta_rate = (float(value) for value in data["metric"])
+        metric = MetricParams(rate, penalty, bool(full), meta_rate)
+        first, last, pace, threshold, n_first = (float(value) for value in data["regression"])
+        regression = RegressionParams(first, last, pace, threshold, int(n_first))
+        init_D, w_gen, w_prune, cutoff = (float(value) for value in data["params"])
+        params = LWPRParams(init_D, w_gen, w_prune, cutoff, metric, regression)
+        rows, n_inputs = data["fields"], data["fields"]["center"].shape[1]
+        model = LWPR(n_inputs, int(data["n_outputs"]), params)
+        if rows.dtype != field_type(n_inputs) or not all(
+            np.isfinite(rows[name]).all() for name in rows.dtype.names or ()
+        ):
+            raise ValueError(f"fields of type {rows.dtype}, expected finite numbers of {field_type(n_inputs)}")
+        if not np.all((rows["output"] >= 0) & (rows["output"] < model.n_outputs)):
+            raise ValueError(f"fields of output {rows['output'].max()}, expected {model.n_outputs} outputs")
+        if not np.all((rows["n_projections"] >= 1) & (rows["n_projections"] <= n_inputs)):
+            raise ValueError(f"fields with {rows['n_projections'].max()} projections, expected 1 to {n_inputs}")
+        model.fields = Fields(rows)
+        return model
+    except (ValueError, TypeError, IndexError) as error:
+        raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error

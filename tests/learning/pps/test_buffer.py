@@ -1,0 +1,63 @@
+"""The event buffer: what it keeps, and its 50 ms grid."""
+
+import numpy as np
+import pytest
+
+from learning.pps.buffer import BufferParams, EventBuffer, push, resample
+from pps_vision.types import TaxelEvents
+
+
+def sample(stamp_s, distance_m, ttc_s):
+    return TaxelEvents(stamp_s, ("a", "b"), np.array(distance_m), np.array(ttc_s), np.array([False, False]))
+
+
+def filled(stamps, distance=lambda t: 0.2 - 0.05 * t, ttc=lambda t: 4 - t):
+    buffer = EventBuffer()
+    for t in stamps:
+        buffer = push(buffer, sample(t, [distance(t), np.nan], [ttc(t), np.nan]))
+    return buffer
+
+
+def test_keeps_three_seconds():
+    buffer = filled(np.arange(0, 10, 0.1))
+    assert buffer.samples[0].stamp_s == pytest.approx(6.9)
+    assert buffer.samples[-1].stamp_s == pytest.approx(9.9)
+
+
+@pytest.mark.parametrize("stamps", [np.arange(0, 2.01, 0.05), np.arange(0, 2.01, 1 / 30), np.arange(0, 2.01, 0.1)])
+def test_grid_of_50_ms_back_from_the_last_sample(stamps):
+    D, TTC = resample(filled(stamps))
+    times = stamps[-1] - 0.05 * np.arange(int(stamps[-1] / 0.05 + 1e-6), -1, -1)
+    np.testing.assert_allclose(D[:, 0], 0.2 - 0.05 * times, atol=1e-9)  # linear in time: interpolation is exact
+    np.testing.assert_allclose(TTC[:, 0], 4 - times, atol=1e-9)
+    assert np.isnan(D[:, 1]).all()
+
+
+def test_does_not_bridge_a_gap():
+    D, _ = resample(filled([0.0, 0.05, 0.10, 0.50, 0.55]))
+    np.testing.assert_array_equal(np.isfinite(D[:, 0]), [1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 1, 1])
+
+
+def test_absent_and_infinite_samples_do_not_spread():
+    buffer = filled([0.0, 0.05])
+    buffer = push(buffer, sample(0.10, [0.1, 0.1], [np.inf, 1.0]))
+    buffer = push(buffer, sample(0.15, [0.1, 0.1], [1.0, 1.0]))
+    D, TTC = resample(buffer)
+    np.testing.assert_array_equal(np.isfinite(D), [[1, 0], [1, 0], [0, 1], [1, 1]])
+    np.testing.assert_array_equal(np.isfinite(TTC), np.isfinite(D))
+
+
+def test_one_sample_and_none():
+    D, TTC = resample(filled([1.0]))
+    assert D.shape == TTC.shape == (1, 2)
+    assert D[0, 0] == pytest.approx(0.15)
+    assert resample(EventBuffer(BufferParams()))[0].size == 0
+
+
+def test_refuses_a_stamp_that_does_not_advance_and_other_taxels():
+    buffer = filled([1.0])
+    with pytest.raises(ValueError, match=r"stamp 1.0 s after 1.0 s"):
+        push(buffer, sample(1.0, [0.1, 0.1], [1.0, 1.0]))
+    other = TaxelEvents(2.0, ("a",), np.zeros(1), np.zeros(1), np.zeros(1, bool))
+    with pytest.raises(ValueError, match="own taxels"):
+        push(buffer, other)

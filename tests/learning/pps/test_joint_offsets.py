@@ -1,0 +1,139 @@
+"""Encoders that are off by known angles, and what touches in other postures say after the offsets are learned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from data import SEED
+
+from control.fixation import gaze_at
+from learning.pps.joint_offsets import JointOffsetParams, joint_offsets, touching
+from learning.pps.touch_trial import TouchTrial
+from pps_vision.experiments.pps.errors import Belief, only
+from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, SkinPart, icub_skin, touched_taxels
+from pps_vision.types import Array
+
+ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
+ARM = ROBOT.indices(ROBOT.names.arm("left"))
+PARAMS, RADIUS_M = JointOffsetParams(), 0.035
+
+
+def robot_off_by(offsets_rad: Array) -> Belief:
+    """The iCub, all right but for its encoders."""
+    return replace(Belief.draw(only(), SKIN, np.random.default_rng(0)), joint_offsets_rad=-offsets_rad)
+
+
+def lying_on(taxel: int, rng: np.random.Generator) -> TouchTrial:
+    """The truth: a ball on the forearm, within 1 cm of a taxel, the arm about home, the eyes on the ball."""
+    q = home(ROBOT)
+    q[ARM] += np.deg2rad(8) * rng.uniform(-1, 1, len(ARM))
+    positions, normals = SKIN.at(ROBOT.at(q))
+    aside = np.cross(normals[taxel], rng.uniform(-0.01, 0.01, 3))
+    p = positions[taxel] + (RADIUS_M + rng.uniform(0, 0.01)) * normals[taxel] + aside
+    q = gaze_at(ROBOT, q, p)
+    touched = touched_taxels(positions, p, RADIUS_M)
+    zero = np.zeros((1, 3))
+    return TouchTrial(np.zeros(1), q[None], p[None], zero, np.zeros((1, 3, 3)), np.full(1, RADIUS_M), touched, "")
+
+
+def lying(n: int, seed: int) -> list[TouchTrial]:
+    rng = np.random.default_rng(seed)
+    inner = [SKIN.index(f"left_forearm:{i}") for i in INNER_FOREARM]
+    return [lying_on(inner[k % len(inner)], rng) for k in range(n)]
+
+
+def seen(belief: Belief, trials: list[TouchTrial]) -> list[TouchTrial]:
+    rng = np.random.default_rng(0)  # asked for nothing: these robots' joints do not play
+    return [belief.tells(trial, True, rng) for trial in trials]
+
+
+def miss_mm(belief: Belief, trials: list[TouchTrial]) -> float:
+    """Median distance, in the forearm's frame, from where balls are seen to where they lie."""
+
+    def on_forearm(of: TouchTrial) -> Array:
+        return move_points(inverse(ROBOT.at(of.joints_rad[0]).T_root(SKIN.parts[0].frame)), of.positions[0])
+
+    missed = [on_forearm(a) - on_forearm(b) for a, b in zip(seen(belief, trials), trials, strict=True)]
+    return 1000 * float(np.median(np.linalg.norm(missed, axis=1)))
+
+
+def learned(belief: Belief, trials: list[TouchTrial]) -> Array:
+    return joint_offsets(PARAMS, belief.robot, belief.rig, belief.skin, trials).offsets_rad
+
+
+def test_a_touch_says_where_a_ball_is() -> None:
+    """One taxel of a plane: on its normal, between just felt and pressed on.  Two: between them."""
+    apart = 0.02 * np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), axis=-1).reshape(-1, 2)
+    positions = np.column_stack([apart, np.zeros(16)])
+    plane = SkinPart("plane", "frame", tuple(range(16)), positions, np.tile([0.0, 0.0, 1.0], (16, 1)))
+    alone = SkinPart("alone", "frame", (0,), positions[5:6], plane.normals[5:6])
+    (x, y, z), cov = touching(alone, np.ones(1, bool), RADIUS_M)
+    np.testing.assert_allclose([x, y], positions[5, :2], atol=0.003)
+    assert RADIUS_M / 2 < z < RADIUS_M + TOUCH_RADIUS_M
+    assert cov[0, 0] == pytest.approx(cov[1, 1], rel=0.1)
+    assert 0.012**2 < cov[2, 2] < cov[0, 0] < 0.05**2, "it may be further aside than off the plane"
+    between, _ = touching(plane, np.isin(np.arange(16), (5, 6)), 0.005)
+    np.testing.assert_allclose(between[:2], positions[5:7, :2].mean(axis=0), atol=0.003)
+    rng, missed, sigmas = np.random.default_rng(SEED), [], []
+    for _ in range(40):
+        ball = np.append(rng.uniform(0, 0.06, 2), RADIUS_M + rng.uniform(0, 0.015))
+        mean, cov = touching(plane, touched_taxels(positions, ball, RADIUS_M), RADIUS_M)
+        missed.append(mean - ball)
+        sigmas.append(np.sqrt(missed[-1] @ np.linalg.solve(cov + 0.002**2 * np.eye(3), missed[-1])))
+    assert np.median(np.linalg.norm(missed, axis=1)) < 0.015
+    assert 1.0 < np.median(sigmas) < 2.2  # of three standard normal numbers: 1.5
+
+
+@pytest.mark.parametrize("seed", [SEED, SEED + 1])
+def test_what_touches_say_of_the_joints_holds_in_other_postures(seed: int) -> None:
+    off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(seed).standard_normal(ROBOT.n_joints))
+    better = off.corrected(learned(off, seen(off, lying(30, seed))))
+    before, after = (miss_mm(of, lying(24, seed + 1)) for of in (off, better))
+    assert after < min(8, before)
+
+
+def test_eyes_that_converge_less_than_they_believe_are_told_from_the_arm() -> None:
+    pans = ROBOT.indices(("left_eye_pan", "right_eye_pan"))
+    offsets = np.zeros(ROBOT.n_joints)
+    offsets[pans] = np.deg2rad([2.0, -2.0])
+    off = robot_off_by(offsets)
+    found = np.rad2deg(learned(off, seen(off, lying(30, SEED))))
+    assert found[pans[0]] - found[pans[1]] == pytest.approx(4.0, abs=1.2)
+    assert np.abs(np.delete(found, pans)).max() < 2.0
+
+
+def test_one_touch_seen_wildly_wrong_changes_little() -> None:
+    off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
+    trials = seen(off, lying(20, SEED))
+    wild = replace(trials[3], positions=trials[3].positions + np.array([0.1, 0.2, -0.1]))
+    without, with_it = learned(off, trials), learned(off, [*trials[:3], wild, *trials[4:]])
+    others = lying(10, SEED + 1)
+    assert miss_mm(off.corrected(with_it), others) < miss_mm(off.corrected(without), others) + 4
+
+
+def test_who_errs_in_nothing_learns_little_and_who_was_never_touched_nothing() -> None:
+    right = robot_off_by(np.zeros(ROBOT.n_joints))
+    trials = seen(right, lying(20, SEED))
+    assert miss_mm(right.corrected(learned(right, trials)), lying(10, SEED + 1)) < 8
+    untouched = [replace(trial, touched=np.zeros_like(trial.touched)) for trial in trials]
+    unseen = [replace(trial, positions=np.full((1, 3), np.nan)) for trial in trials]
+    of_no_size = [replace(trial, radius_m=np.full(1, np.nan)) for trial in trials]
+    for nothing in ([], untouched, unseen, of_no_size):
+        found = joint_offsets(PARAMS, ROBOT, icub_rig(ROBOT), SKIN, nothing)
+        np.testing.assert_array_equal(found.offsets_rad, 0)
+        assert len(found.before_m) == len(found.after_m) == 0
+
+
+def test_few_touches_do_more_good_than_harm() -> None:
+    off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
+    others = lying(24, SEED + 1)
+    for n in (2, 4):
+        assert miss_mm(off.corrected(learned(off, seen(off, lying(n, SEED)))), others) < miss_mm(off, others)
+
+
+@pytest.mark.parametrize("wrong", [{"joint_rad": 0.0}, {"taxel_m": -0.01}, {"outlier_sigmas": np.nan}])
+def test_beliefs_that_are_none_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="standard deviations above 0"):
+        JointOffsetParams(**wrong)

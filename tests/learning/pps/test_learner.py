@@ -1,0 +1,88 @@
+"""One learning iteration a contact, whatever the touches' order and length."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from learning.pps.buffer import EventBuffer
+from learning.pps.learner import LearnerParams, LearnerState, finish, step
+from learning.pps.memory import PPSMemory
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import TaxelEvents
+
+SKIN = icub_skin(("left_palm",))
+
+
+def run(touches, state=None, start=0.0):
+    """Feed 20 Hz samples; `touches` lists the taxels touched at each."""
+    state = state or LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    for i, taxels in enumerate(touches):
+        touched = np.isin(np.arange(4), taxels)
+        events = TaxelEvents(start + 0.05 * i, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), touched)
+        state = step(LearnerParams(), state, events)
+    return state
+
+
+def samples(state):
+    return state.memory.counts.sum(axis=(1, 2)).tolist()
+
+
+def test_no_touch_teaches_nothing():
+    assert samples(run([[]] * 40)) == [[0, 0]] * 4
+
+
+def test_taxels_touched_one_after_the_other_are_one_contact():
+    state = run([[]] * 10 + [[0], [0, 2], []])
+    assert samples(state) == [[11, 0], [0, 11], [11, 0], [0, 11]]
+
+
+def test_a_touch_is_learned_when_it_ends_or_lasts():
+    assert samples(run([[]] * 10 + [[1]] * 5)) == [[0, 0]] * 4
+    long = run([[]] * 10 + [[1]] * 30)
+    assert samples(long) == [[0, 11], [11, 0], [0, 11], [0, 11]]
+    assert samples(run([[]] * 3, long, start=2.0)) == samples(long)  # its end teaches nothing more
+
+
+def test_the_next_contact_starts_from_a_fresh_buffer():
+    state = run([[]] * 10 + [[0], []] + [[]] * 5 + [[0], []])
+    assert samples(state) == [[11 + 6, 0]] + [[0, 17]] * 3
+
+
+def test_a_contact_cut_off_by_the_end_can_be_finished_once():
+    state = finish(run([[]] * 4 + [[3]]))
+    assert samples(state) == [[0, 5]] * 3 + [[5, 0]]
+    assert finish(state) is state
+
+
+def test_a_stale_sample_is_rejected_and_counted():
+    """A frozen clock, a stamp that is no number, one a little late: nothing changes but the count."""
+    events = [TaxelEvents(t, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), np.zeros(4, bool)) for t in (1.0, 1.0, 0.9)]
+    events += [replace(events[0], stamp_s=t) for t in (np.nan, np.inf, -np.inf)]
+    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    for sample in events:
+        state = step(LearnerParams(), state, sample)
+    assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 5, 0)
+
+
+def test_a_clock_set_back_does_not_stop_learning():
+    state = run([[]] * 10, start=1e9)
+    state = run([[]] * 10 + [[1], []], state, start=5.0)
+    assert samples(state) == [[0, 11], [11, 0], [0, 11], [0, 11]]
+    assert state.stale == 0
+
+
+def test_a_touch_by_what_nobody_saw_teaches_nothing_and_is_counted():
+    state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
+    nothing = np.full(4, np.nan)
+    for k in range(20):
+        touched = np.arange(4) == (2 if k == 15 else -1)
+        state = step(LearnerParams(), state, TaxelEvents(0.05 * k, SKIN.taxel_ids, nothing, nothing, touched))
+    assert samples(state) == [[0, 0]] * 4
+    assert (state.stale, state.unseen) == (0, 1)
+
+
+def test_a_clock_set_anew_ends_a_contact():
+    before = run([[]] * 10 + [[0]], start=20.0)
+    assert before.contact is not None
+    after = run([[]] * 10 + [[1], []], before, start=1.0)
+    assert samples(after) == [[0, 11], [11, 0], [0, 11], [0, 11]]

@@ -1,0 +1,332 @@
+"""The PPS memory: counting, interpolation, and a shower of objects whose contact probability is known."""
+
+import zipfile
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.stats import norm
+
+from learning.pps.buffer import EventBuffer, push
+from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples, learn, load_memory, save_memory
+from learning.pps.receptive_field import ReceptiveField, perceive
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import TaxelEvents
+
+FOREARMS = icub_skin(("left_forearm", "right_forearm"))
+N = len(FOREARMS.taxel_ids)
+
+
+def touched(*indices):
+    mask = np.zeros(N, bool)
+    mask[list(indices)] = True
+    return mask
+
+
+def random_memory(seed=0, params=None):
+    memory = PPSMemory.empty(FOREARMS, params)
+    counts = np.random.default_rng(seed).integers(0, 20, memory.counts.shape)
+    return replace(memory, counts=counts)
+
+
+def test_counts_land_in_equal_bins():
+    D = np.tile(np.array([-0.1, -0.0626, 0.0, 0.1999, 0.2, -0.11, 0.05, np.nan])[:, None], N)
+    TTC = np.tile(np.array([0.0, 0.7499, 0.75, 2.9999, 1.0, 1.0, 3.0, 1.0])[:, None], N)
+    memory = count_samples(PPSMemory.empty(FOREARMS), D, TTC, touched(0))
+    assert memory.counts[0, ..., 0].sum() == memory.counts[1, ..., 1].sum() == 4  # four lie within the ranges
+    for i, j, n in ((0, 0, 2), (2, 1, 1), (7, 3, 1)):
+        assert memory.counts[0, i, j, 0] == n
+        assert memory.counts[1, i, j, 1] == n
+
+
+def test_only_the_touched_body_part_learns():
+    D, TTC = np.full((3, N), 0.1), np.ones((3, N))
+    memory = count_samples(PPSMemory.empty(FOREARMS), D, TTC, touched(2, 5))
+    samples = memory.counts.sum(axis=(1, 2))
+    left = FOREARMS.part_index == 0
+    np.testing.assert_array_equal(samples[left & touched(2, 5)], [[3, 0]] * 2)
+    np.testing.assert_array_equal(samples[left & ~touched(2, 5)], [[0, 3]] * 10)
+    assert samples[~left].sum() == 0
+
+
+def test_learning_needs_a_touch_and_samples():
+    events = TaxelEvents(0.0, FOREARMS.taxel_ids, np.full(N, 0.1), np.ones(N), touched())
+    buffer = push(EventBuffer(), events)
+    empty = PPSMemory.empty(FOREARMS)
+    assert learn(empty, buffer, touched()) is empty
+    assert learn(empty, EventBuffer(), touched(1)) is empty
+    assert learn(empty, buffer, touched(1)).counts[1].sum() == 1
+
+
+def test_the_order_of_samples_and_taxels_does_not_matter():
+    rng = np.random.default_rng(1)
+    D, TTC, mask = rng.uniform(-0.1, 0.2, (50, N)), rng.uniform(0, 3, (50, N)), touched(1, 4)
+    memory = count_samples(PPSMemory.empty(FOREARMS), D, TTC, mask)
+    shuffled = rng.permutation(50)
+    np.testing.assert_array_equal(
+        count_samples(PPSMemory.empty(FOREARMS), D[shuffled], TTC[shuffled], mask).counts, memory.counts
+    )
+    order = rng.permutation(N)
+    ids = tuple(FOREARMS.taxel_ids[i] for i in order)
+    other = PPSMemory(ids, FOREARMS.part_index[order], np.zeros_like(memory.counts), memory.params)
+    other = count_samples(other, D[:, order], TTC[:, order], mask[order])
+    np.testing.assert_array_equal(other.counts, memory.counts[order])
+    np.testing.assert_allclose(
+        activation(other, D[0, order], TTC[0, order]), activation(memory, D[0], TTC[0])[order], rtol=1e-12
+    )
+
+
+def test_empty_memory_expects_nothing():
+    assert not activation(PPSMemory.empty(FOREARMS), np.full(N, 0.05), np.full(N, 0.5)).any()
+
+
+def test_nothing_is_expected_outside_the_ranges():
+    memory = replace(random_memory(), counts=np.ones((N, 8, 4, 2), np.int64))
+    ones = np.ones(N)
+    for D, TTC in ((-0.101, 1), (0.201, 1), (0.1, -0.01), (0.1, 3.01), (0.1, np.inf), (np.nan, 1), (0.1, np.nan)):
+        assert not activation(memory, D * ones, TTC * ones).any()
+    for D, TTC in ((-0.1, 1), (0.2, 1), (0.1, 0), (0.1, 3)):
+        np.testing.assert_allclose(activation(memory, D * ones, TTC * ones), 0.5)
+
+
+def test_interpolation_agrees_with_an_independent_gaussian_filter():
+    """At bin centres, far from the borders of a fine grid, the window is SciPy's Gaussian filter."""
+    params = MemoryParams(bins=(40, 30), sigma_bins=1.5)
+    memory = random_memory(2, params)
+    frequency = memory.counts[..., 0] / np.maximum(memory.counts.sum(axis=-1), 1)
+    smooth = gaussian_filter(frequency, (0, 1.5, 1.5), truncate=8)
+    for i, j in ((20, 15), (13, 14), (26, 16)):
+        D, TTC = -0.1 + 0.3 * (i + 0.5) / 40, 3 * (j + 0.5) / 30
+        np.testing.assert_allclose(activation(memory, np.full(N, D), np.full(N, TTC)), smooth[:, i, j], atol=1e-6)
+
+
+def test_leading_axes_are_moments():
+    memory, rng = random_memory(), np.random.default_rng(5)
+    D, TTC = rng.uniform(-0.12, 0.22, (3, 7, N)), rng.uniform(-0.5, 3.5, (3, 7, N))
+    together = activation(memory, D, TTC)
+    np.testing.assert_allclose(together[1, 4], activation(memory, D[1, 4], TTC[1, 4]), rtol=1e-12)
+    assert together.min() >= 0
+    assert together.max() <= 1
+
+
+def test_a_shower_of_objects_teaches_the_chance_of_contact():
+    """Objects fall straight down on a flat skin, landing with σ 5 cm about the middle taxel; one counts as
+    touched when the object lands within 2 cm of it.  The middle taxel is never nearer than 5 cm to
+    another, so P(touch | D, TTC) follows from geometry: D² = h² + r², TTC = D²/(h·speed), with r the
+    distance from where it lands."""
+    rng = np.random.default_rng(6)
+    skin = replace(FOREARMS, parts=FOREARMS.parts[:1])
+    x = np.array([[0.05 * i, 0.05 * j, 0.0] for i in (-1, 0, 1) for j in range(-1, 3)])  # twelve taxels on a grid
+    up = np.tile([0.0, 0.0, 1.0], (12, 1))
+    middle = 4 + 1
+    params = MemoryParams(distance_range_m=(0.0, 0.2), bins=(4, 4))
+    memory = PPSMemory.empty(skin, params)
+    trials = 4000
+    landing, speed = rng.normal(0, 0.05, (trials, 2)), 0.08
+    height = speed * np.arange(0.025, 2.5, 0.05)
+    p = np.concatenate([np.broadcast_to(landing[:, None], (trials, 50, 2)), np.tile(height, (trials, 1))[..., None]], 2)
+    D, TTC = perceive(ReceptiveField(), x, up, p, [0.0, 0.0, -speed])
+    hits = np.linalg.norm(x[None, :, :2] - landing[:, None], axis=2) <= 0.02
+    for hit in np.unique(hits[hits.any(axis=1)], axis=0):  # objects that hit the same taxels count together
+        same = (hits == hit).all(axis=1)
+        memory = count_samples(memory, D[same].reshape(-1, 12), TTC[same].reshape(-1, 12), hit)
+    # R eq. 3 by numerical integration over (r, h), given that some taxel was touched
+    grid = np.linspace(-0.25, 0.25, 501)
+    X, Y = np.meshgrid(grid, grid, indexing="ij")
+    weight = norm.pdf(X, scale=0.05) * norm.pdf(Y, scale=0.05)
+    learned = (np.hypot(X[..., None] - x[:, 0], Y[..., None] - x[:, 1]) <= 0.02).any(axis=2)
+    r = np.hypot(X, Y)
+    expected = np.zeros((2, 4, 4))
+    for h in height:
+        distance = np.hypot(r, h)
+        ttc = distance**2 / (h * speed)
+        inside = learned & (distance < 0.2) & (ttc < 3) & (r <= 0.07 + h * np.tan(np.arccos(0.75)))
+        i, j = (distance / 0.05).astype(int), (ttc / 0.75).astype(int)
+        np.add.at(expected, (np.where(r[inside] <= 0.02, 0, 1), i[inside], j[inside]), weight[inside])
+    total = memory.counts[middle].sum(axis=-1)
+    seen = total > 500
+    chance = expected[0] / np.maximum(expected.sum(axis=0), 1e-12)
+    assert seen.sum() >= 5
+    np.testing.assert_allclose(memory.frequency[middle][seen], chance[seen], atol=0.05)
+    assert chance[seen].max() - chance[seen].min() > 0.3  # and the chance does vary
+
+
+def test_saved_and_loaded_is_the_same(tmp_path):
+    memory = random_memory(7, MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75))
+    save_memory(tmp_path / "memory.npz", memory)
+    again = load_memory(tmp_path / "memory.npz")
+    assert (again.taxel_ids, again.params) == (memory.taxel_ids, memory.params)
+    np.testing.assert_array_equal(again.counts, memory.counts)
+    np.testing.assert_array_equal(again.part_index, memory.part_index)
+    assert [p.name for p in tmp_path.iterdir()] == ["memory.npz"]
+
+
+def test_a_failed_write_leaves_nothing(tmp_path):
+    (tmp_path / "taken.npz").mkdir()
+    with pytest.raises(OSError, match=r"taken\.npz"):
+        save_memory(tmp_path / "taken.npz", random_memory())
+    assert [p.name for p in tmp_path.iterdir()] == ["taken.npz"]
+
+
+def rewrite(path, **changes):
+    with np.load(path) as file:
+        data = {**file, **changes}
+    np.savez(path, **{k: v for k, v in data.items() if v is not None})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"version": 99}, "version 99; expected version 2"),
+        ({"version": None}, "version unknown"),
+        ({"version": np.array([1, 2])}, "version .1 2.; expected version 2"),
+        ({"version": "one"}, "version one; expected version 2"),
+        ({"kind": "something else"}, "is not a PPS memory"),
+        ({"kind": None}, "is not a PPS memory"),
+        ({"counts": None}, "without counts"),
+        ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
+        ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
+        ({"counts": np.full((N, 8, 4, 2), np.nan)}, "does not fit together"),
+        ({"part_index": np.full(N, np.nan)}, "does not fit together"),
+        ({"ranges": np.zeros(3)}, "does not fit together"),
+    ],
+)
+def test_a_bad_file_is_refused_by_name(tmp_path, changes, message):
+    path = tmp_path / "memory.npz"
+    save_memory(path, random_memory())
+    rewrite(path, **changes)
+    with pytest.raises(ValueError, match=rf"memory\.npz.*{message}"):
+        load_memory(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04 broken"])
+def test_a_file_of_another_kind_is_refused(tmp_path, content):
+    path = tmp_path / "memory.npz"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"memory\.npz: is not a readable"):
+        load_memory(path)
+
+
+def test_a_damaged_file_is_refused_by_name(tmp_path):
+    path, rng, refused = tmp_path / "memory.npz", np.random.default_rng(9), set()
+    save_memory(path, random_memory())
+    sound = path.read_bytes()
+    for _ in range(300):
+        damaged = bytearray(sound)
+        damaged[rng.integers(len(sound))] ^= rng.integers(1, 256)
+        path.write_bytes(damaged)
+        try:
+            load_memory(path)
+        except ValueError as error:
+            refused.add((str(error).startswith(f"{path}: "), type(error.__cause__)))
+    assert {named for named, _ in refused} == {True}
+    assert {zlib.error, zipfile.BadZipFile} <= {cause for _, cause in refused}
+
+
+def test_a_single_array_and_a_missing_file_are_refused(tmp_path):
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    with pytest.raises(ValueError, match=r"array\.npy: is not a readable"):
+        load_memory(tmp_path / "array.npy")
+    with pytest.raises(ValueError, match="no such file"):
+        load_memory(tmp_path / "nowhere.npz")
+
+
+def test_params_out_of_order_are_refused():
+    with pytest.raises(ValueError, match="ranges from low to high"):
+        MemoryParams(ttc_range_s=(3.0, 0.0))
+    with pytest.raises(ValueError, match="a half life above 0"):
+        MemoryParams(half_life_touches=0.0)
+
+
+def test_a_single_bin_may_stand_for_all_times():
+    """The robot's 1-D maps know the distance only: receding, standing and coming are one to them."""
+    params = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
+    memory = PPSMemory.empty(FOREARMS, params)
+    memory = count_samples(memory, np.full((3, N), 0.1), np.array([[-1.0], [0.5], [1e9]]) * np.ones(N), touched(0))
+    assert memory.counts[0, 5, 0, 0] == 3
+    expected = activation(memory, 0.1, np.array([[-5.0], [0.0], [np.inf]]) * np.ones(N))
+    assert expected[0, 0] > 0.3
+    np.testing.assert_array_equal(expected[:, 0], expected[0, 0])
+    with pytest.raises(ValueError, match="a finite range where there is more than one bin"):
+        MemoryParams(ttc_range_s=(-np.inf, np.inf))
+
+
+def test_an_uncertain_stimulus_is_seen_through_a_wider_window():
+    """On a fine grid the window's variance is that of the kernel plus that of D: checked by SciPy's filter."""
+    params = MemoryParams(bins=(60, 40), sigma_bins=1.5)
+    memory = random_memory(3, params)
+    D, TTC, width_m, width_s = 0.05 + 0.5 * 0.3 / 60, 1.5 + 0.5 * 3 / 40, 0.3 / 60, 3 / 40
+    wider = gaussian_filter(memory.frequency, (0, np.sqrt(1.5**2 + 4), np.sqrt(1.5**2 + 1)), truncate=10)
+    found = activation(memory, np.full(N, D), np.full(N, TTC), (2 * width_m) ** 2, width_s**2)
+    np.testing.assert_allclose(found, wider[:, 30, 20], atol=1e-6)
+    one = np.where(np.arange(N) == 4, (2 * width_m) ** 2, 0.0)  # of one taxel only
+    mixed = activation(memory, np.full(N, D), np.full(N, TTC), one)
+    plain = activation(memory, np.full(N, D), np.full(N, TTC))
+    np.testing.assert_array_equal(np.flatnonzero(mixed != plain), [4])
+
+
+def test_a_window_far_narrower_than_a_bin_is_the_bin_itself():
+    memory = random_memory(4, MemoryParams(sigma_bins=1e-6))
+    at = -0.1 + 0.3 * 2.9 / 8, 3 * 1.2 / 4
+    np.testing.assert_allclose(activation(memory, *(np.full(N, x) for x in at)), memory.frequency[:, 2, 1])
+
+
+def test_what_is_forgotten_halves_and_other_parts_keep_all():
+    params = MemoryParams(half_life_touches=2.0)
+    D, TTC = np.full((4, N), 0.1), np.ones((4, N))
+    memory = PPSMemory.empty(FOREARMS, params)
+    for _ in range(3):
+        memory = count_samples(memory, D, TTC, touched(0))
+    assert memory.counts[0].sum() == pytest.approx(4 * (1 + 0.5**0.5 + 0.5))
+    assert memory.counts[1, ..., 1].sum() == pytest.approx(memory.counts[0, ..., 0].sum())
+    before = memory.counts[0].sum()
+    memory = count_samples(memory, D, TTC, touched(N - 1))  # the other forearm
+    assert memory.counts[0].sum() == before
+    assert count_samples(memory, D + 1, TTC, touched(0)) is memory  # a touch without samples makes nothing forgotten
+
+
+def test_forgetting_keeps_the_frequency_of_what_is_not_seen_again():
+    memory = random_memory(5, MemoryParams(half_life_touches=3.0))
+    later = count_samples(memory, np.full((1, N), -0.09), np.full((1, N), 2.9), touched(0, N - 1))
+    away = (slice(None), slice(1, None), slice(None, -1))
+    np.testing.assert_allclose(later.frequency[away], memory.frequency[away])
+    assert later.counts[away].max() < memory.counts[away].max()
+
+
+def test_what_has_faded_below_one_sample_speaks_for_nothing():
+    memory = PPSMemory.empty(FOREARMS, MemoryParams(half_life_touches=1.0))
+    memory = count_samples(memory, np.full((4, N), 0.1), np.ones((4, N)), touched(0))
+    expected = []
+    for _ in range(6):
+        expected.append(memory.frequency[0, 5, 1])
+        memory = count_samples(memory, np.full((1, N), -0.09), np.full((1, N), 2.9), touched(0))
+    np.testing.assert_allclose(expected, [1, 1, 1, 0.5, 0.25, 0.125])  # of 4, 2, 1, ½ … samples
+
+
+def test_a_memory_that_forgets_is_saved_with_its_fractions(tmp_path):
+    memory = random_memory(6, MemoryParams(half_life_touches=7.0))
+    memory = count_samples(memory, np.full((1, N), 0.09), np.full((1, N), 2.9), touched(0))
+    save_memory(tmp_path / "memory.npz", memory)
+    again = load_memory(tmp_path / "memory.npz")
+    np.testing.assert_array_equal(again.counts, memory.counts)
+    assert again.params.half_life_touches == 7.0
+
+
+def test_counters_pass_two_to_the_31():
+    memory = random_memory(8)
+    many = replace(memory, counts=memory.counts + 2**31)
+    many = count_samples(many, np.full((5, N), 0.1), np.ones((5, N)), touched(0))
+    assert many.counts.dtype == np.int64
+    assert (many.counts[0] - memory.counts[0] - 2**31).sum() == 5
+    assert np.all(np.abs(many.frequency - 0.5) < 1e-7)
+    thousand = replace(memory, counts=2**40 * memory.counts)
+    at = np.full(N, 0.07), np.full(N, 1.3)
+    np.testing.assert_allclose(activation(thousand, *at), activation(memory, *at))
+
+
+def test_a_taxel_comes_once():
+    memory = random_memory()
+    with pytest.raises(ValueError, match="24 taxels, 23 different names"):
+        replace(memory, taxel_ids=(memory.taxel_ids[1], *memory.taxel_ids[1:]))

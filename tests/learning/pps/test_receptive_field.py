@@ -1,0 +1,169 @@
+"""D and TTC against cases worked out by hand, and against rigid motions of the whole scene."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance, perceive
+
+FIELD = ReceptiveField()
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def one(d, v, field=FIELD, **options):
+    D, TTC = perceive(field, [[0, 0, 0]], [UP], d, v, **options)
+    return float(D[0]), float(TTC[0])
+
+
+@pytest.mark.parametrize(
+    ("d", "v", "expected"),
+    [
+        ((0, 0, 0.10), (0, 0, -0.05), (0.10, 2.0)),  # head on
+        ((0, 0, 0.10), (0, 0, 0.05), (0.10, -2.0)),  # receding
+        ((0, 0, 0.10), (0.05, 0, 0), (0.10, np.inf)),  # tangential
+        ((0, 0, 0.10), (0, 0, 0), (0.10, np.inf)),  # still
+        ((0, 0, -0.02), (0, 0, 0.05), (-0.02, 0.4)),  # behind, coming through the skin
+        ((0, 0, -0.02), (0, 0, -0.05), (-0.02, -0.4)),  # behind, going away
+        ((0.05, 0, 0), (-0.1, 0, 0), (0.05, 0.5)),  # along the skin, D counts as positive there
+        ((0, 0, 0), (0, 0, -0.05), (0.0, 0.0)),  # on the taxel
+        ((0, 0, 0), (0, 0, 0), (0.0, 0.0)),
+        ((0, 0.03, 0.04), (0, 0, -0.1), (0.05, 0.625)),  # ‖d‖ 5 cm, closing at 0.1·0.8
+    ],
+)
+def test_cases_worked_out_by_hand(d, v, expected):
+    assert one(d, v) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("d", "inside"),
+    [
+        ((0, 0, 0.199), True),
+        ((0, 0, 0.201), False),  # too far
+        ((0.069, 0, 0), True),
+        ((0.071, 0, 0), False),  # beside the base
+        ((0.157, 0, 0.10), True),  # 0.07 + 0.10·tan 41.41° = 0.1582
+        ((0.160, 0, 0.10), False),
+        ((0, 0, -0.099), False),  # behind the apex, 0.07/tan 41.41° = 0.0794 below the skin
+        ((0, 0, -0.079), True),
+    ],
+)
+def test_the_cone_is_cut_by_the_skin(d, inside):
+    D, TTC = one(d, (0, 0, -0.1))
+    assert np.isnan(D) == np.isnan(TTC) == (not inside)
+
+
+def test_surface_instead_of_centre():
+    field = ReceptiveField(subtract_radius=True)
+    assert one((0, 0, 0.10), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((0.07, 1.4))
+    assert one((0, 0, 0.02), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((-0.01, 0.0))
+    assert one((0, 0, 0.10), (0, 0, -0.05), radius_m=0.03) == pytest.approx((0.10, 2.0))
+
+
+def test_a_closing_speed_within_its_noise_is_no_approach():
+    cov = np.diag([1.0, 1.0, 0.02**2])  # only the noise along the line of sight matters
+    assert one((0, 0, 0.1), (0, 0, -0.021), cov_v=cov)[1] == pytest.approx(0.1 / 0.021)
+    assert one((0, 0, 0.1), (0, 0, -0.019), cov_v=cov)[1] == np.inf
+    assert one((0, 0, 0.1), (0, 0, 0.019), cov_v=cov)[1] == np.inf
+    strict = ReceptiveField(min_closing_sigmas=2.0)
+    assert one((0, 0, 0.1), (0, 0, -0.039), strict, cov_v=cov)[1] == np.inf
+
+
+def test_what_counts_is_the_velocity_relative_to_the_taxel():
+    assert one((0, 0, 0.1), (0, 0, 0), taxel_velocities_root=[[0, 0, 0.05]])[1] == pytest.approx(2.0)
+    assert one((0, 0, 0.1), (0, 0, -0.05), taxel_velocities_root=[[0, 0, -0.05]])[1] == np.inf
+
+
+def test_an_unknown_stimulus_is_not_perceived():
+    assert np.isnan(one((np.nan, 0, 0.1), (0, 0, -0.1))).all()
+    assert np.isnan(one((0, 0, 0.1), (np.nan, 0, -0.1))).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_moving_everything_together_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    turn, shift, drift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3), rng.normal(size=3)
+    x, n = rng.uniform(-0.1, 0.1, (6, 3)), rng.normal(size=(6, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    p, v, cov = rng.uniform(-0.1, 0.1, 3), rng.normal(size=3), np.diag([0.1, 0.02, 0.3])
+    before = perceive(FIELD, x, n, p, v, cov_v=cov)
+    after = perceive(
+        FIELD, x @ turn.T + shift, n @ turn.T, turn @ p + shift, turn @ v + drift,
+        cov_v=turn @ cov @ turn.T, taxel_velocities_root=np.tile(drift, (6, 1)),
+    )  # fmt: skip
+    np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-9)
+
+
+def test_all_times_at_once_equal_one_at_a_time():
+    rng = np.random.default_rng(3)
+    x, n = rng.uniform(-0.1, 0.1, (5, 4, 3)), np.tile(UP, (5, 4, 1))
+    p, v, cov = rng.uniform(-0.1, 0.1, (5, 3)), rng.normal(size=(5, 3)), np.tile(np.eye(3) * 0.01, (5, 1, 1))
+    together = perceive(FIELD, x, n, p, v, cov_v=cov)
+    assert together[0].shape == (5, 4)
+    for t in range(5):
+        np.testing.assert_array_equal(perceive(FIELD, x[t], n[t], p[t], v[t], cov_v=cov[t]), [a[t] for a in together])
+
+
+def test_time_to_contact_is_when_the_distance_reaches_zero():
+    """A stimulus flying straight at the taxel is at distance TTC·speed, whatever the direction."""
+    rng = np.random.default_rng(4)
+    toward = rng.normal(size=(100, 3))
+    toward[:, 2] = np.abs(toward[:, 2])
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    speed = rng.uniform(0.05, 0.15, 100)
+    D, TTC = distance_and_ttc(ReceptiveField(half_angle_rad=1.57), 0.1 * toward, UP, -speed[:, None] * toward)
+    np.testing.assert_allclose(D, 0.1)
+    np.testing.assert_allclose(TTC * speed, 0.1)
+
+
+def test_impossible_cone_is_refused():
+    with pytest.raises(ValueError, match="angle between 0 and 90"):
+        ReceptiveField(half_angle_rad=2.0)
+
+
+@pytest.mark.parametrize("surface", [False, True])
+def test_variances_of_distance_and_time_to_contact_agree_with_sampling(surface):
+    """Many draws of position, velocity (correlated, as a filter leaves them), radius and taxel."""
+    rng = np.random.default_rng(7)
+    field = ReceptiveField(subtract_radius=surface, min_closing_sigmas=0.0)
+    half = rng.normal(size=(6, 6)) * np.repeat([0.0005, 0.001], 3)[:, None]
+    cov, posture_std, radius, radius_std = half @ half.T, 0.0007, 0.03, 0.0005
+    for d, v in (((0.02, 0.01, 0.12), (0.01, -0.02, -0.10)), ((0.0, 0.05, 0.06), (0.03, 0.02, 0.08))):
+        found = distance_and_ttc_variance(field, d, UP, v, cov, radius, radius_std**2, posture_std)
+        draws = rng.multivariate_normal([*d, *v], cov, 200_000)
+        draws[:, :3] += rng.normal(0, posture_std, (len(draws), 3))
+        u = draws[:, :3] / np.linalg.norm(draws[:, :3], axis=1, keepdims=True)
+        D = np.linalg.norm(draws[:, :3], axis=1) - surface * rng.normal(radius, radius_std, len(draws))
+        TTC = -D / np.einsum("ki,ki->k", u, draws[:, 3:])
+        np.testing.assert_allclose(found, (D.var(), TTC.var()), rtol=0.05)
+
+
+def test_variances_where_first_order_ends():
+    cov = np.diag([1e-6] * 3 + [1e-4] * 3)
+    on = distance_and_ttc_variance(FIELD, (0, 0, 0), UP, (0, 0, -0.1), cov)
+    assert on == pytest.approx((1e-6, 1e-4))  # along the normal: 1 mm over 10 cm/s
+    beside = distance_and_ttc_variance(FIELD, (0, 0, 0.1), UP, (0.1, 0, 0), cov)
+    assert beside == pytest.approx((1e-6, np.inf))  # tangential: it never comes
+    assert np.isnan(distance_and_ttc_variance(FIELD, (np.nan, 0, 0), UP, (0, 0, -0.1), cov)).any()
+
+
+def test_a_whole_skin_perceives_as_its_taxels_do_alone():
+    """What is too far is sorted out first: that must change nothing, with and without the radius taken off."""
+    rng = np.random.default_rng(8)
+    x, n = rng.uniform(-0.4, 0.4, (500, 3)), rng.normal(size=(500, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    for field in (FIELD, ReceptiveField(subtract_radius=True)):
+        together = perceive(field, x, n, [0.05, 0, 0], [-0.1, 0, 0.02], 0.04, np.eye(3) * 1e-4)
+        alone = [perceive(field, x[i : i + 1], n[i : i + 1], [0.05, 0, 0], [-0.1, 0, 0.02], 0.04, np.eye(3) * 1e-4)
+                 for i in range(500)]  # fmt: skip
+        np.testing.assert_allclose(together, np.concatenate(alone, axis=1), rtol=1e-12)
+        assert 5 < np.isfinite(together[0]).sum() < 250
+
+
+def test_of_a_large_object_the_surface_counts_as_far_as_the_field_reaches():
+    surface = ReceptiveField(subtract_radius=True)
+    assert one((0, 0, 0.24), (0, 0, -0.1), surface, radius_m=0.05) == pytest.approx((0.19, 1.9))
+    assert np.isnan(one((0, 0, 0.26), (0, 0, -0.1), surface, radius_m=0.05)).all()
+    assert np.isnan(one((0, 0, 0.24), (0, 0, -0.1), radius_m=0.05)).all()

@@ -1,0 +1,91 @@
+"""Babbling against the robot's own kinematics."""
+
+import numpy as np
+import pytest
+
+from learning.reach.babbling import Babbled, babble, score
+from learning.reach.gaussian_process import GaussianProcess
+from learning.reach.training import ArmLimits
+from pps_vision.experiments.baselines.lwpr import LWPRParams
+from pps_vision.experiments.baselines.lwpr_metric import MetricParams
+from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels, Neighbours
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, fixation_points
+from pps_vision.robot.icub import load_icub
+
+ROBOT = load_icub()
+
+
+@pytest.fixture(scope="module")
+def babbled():
+    return babble(ROBOT, "right", 6000, np.random.default_rng(1))
+
+
+def test_what_is_fixated_is_the_hand(babbled):
+    palms = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm").positions(babbled.arm_rad)[0]
+    np.testing.assert_allclose(fixation_points(ROBOT, babbled.gaze_rad), palms, atol=1e-6)
+
+
+def test_the_limits_decide(babbled):
+    """FACTS §6: 28 % of the postures can be fixated; none is beyond a limit; narrower limits leave fewer."""
+    assert babbled.n_tried == 6000
+    assert len(babbled.arm_rad) / babbled.n_tried == pytest.approx(0.28, abs=0.03)
+    limits, arm = GazeLimits(), ArmLimits()
+    assert np.all((babbled.gaze_rad >= limits.lower) & (babbled.gaze_rad <= limits.upper))
+    assert np.all((babbled.arm_rad >= arm.lower_rad) & (babbled.arm_rad <= arm.upper_rad))
+    narrow = GazeLimits(yaw_rad=(-0.1, 0.1))
+    few = babble(ROBOT, "right", 500, np.random.default_rng(1), gaze_limits=narrow)
+    assert 0 < len(few.arm_rad) < 0.15 * 500
+
+
+def test_what_is_learned_foretells_the_gaze(babbled):
+    """The paper's LWPR came to 0.84° with 4400 samples."""
+    n = 1200
+    test = type(babbled)(babbled.arm_rad[n:], babbled.gaze_rad[n:], 0)
+    process = ArmToGaze(GaussianProcess(n_tune=200))
+    local = ArmToGaze(LocalModels(4, 3, LWPRParams(init_D=10, w_gen=0.2, metric=MetricParams(rate=0))))
+    for model in (process, local):
+        model.learn(babbled.arm_rad[:n], babbled.gaze_rad[:n])
+    errors = score(process, test)[0], score(local, test)[0]
+    print(f"after {n} samples: process {errors[0]:.3f}°, LWPR {errors[1]:.2f}°")
+    assert errors[0] < 0.15
+    assert errors[1] < 3
+
+
+def test_the_third_arm():
+    with pytest.raises(ValueError, match="side 'third': expected left or right"):
+        babble(ROBOT, "third", 10, np.random.default_rng(0))
+
+
+def test_the_gaze_comes_back(babbled):
+    """A regressor that knows the answer leaves no error: what it is taught and what is read from it are inverse."""
+    limits = GazeLimits()
+    gaze = np.random.default_rng(2).uniform(limits.lower, limits.upper, (50, 3))
+    arm = np.random.default_rng(3).uniform(-0.1, 0.1, (50, 4))
+    model = ArmToGaze(Neighbours(1))
+    model.learn(arm, gaze)
+    np.testing.assert_allclose(model(arm), gaze, atol=1e-9)
+
+
+def test_what_is_not_answered_is_counted_apart():
+    arm, gaze = np.zeros((4, 4)), np.tile([0.1, 0.2, 0.3], (4, 1))
+    model = ArmToGaze(Neighbours(1))
+    model.learn(arm, gaze)
+    arm = arm + np.array([[0.0], [0.0], [0.0], [np.inf]])
+    assert score(ArmToGaze(_Silent(model.regressor)), Babbled(arm, gaze + 0.01, 4)) == (
+        pytest.approx(np.rad2deg(0.01)),
+        0.25,
+    )
+
+
+class _Silent:
+    """A regressor without an answer to what is infinite."""
+
+    nbytes = 0
+
+    def __init__(self, other):
+        self.other = other
+
+    def predict(self, x):
+        finite = np.isfinite(x).all(axis=1)
+        return np.where(finite[:, None], self.other.predict(np.where(finite[:, None], x, 0)), np.nan)

@@ -1,0 +1,309 @@
+"""The reachable-space map against the arm in closed form, forward kinematics and plain geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from learning.reach.map import both, load_map, save_map
+from learning.reach.training import ArmLimits, HandModel, MapParams, ReachOracle, train_reachable_map
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.spherical_arm import SphericalArm
+
+ROBOT = load_icub()
+LIMITS = GazeLimits()
+LOWER, UPPER = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
+ARM = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm")
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return train_reachable_map(ROBOT, "right", np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def fresh():
+    """Answers in closed form to questions the map never asked; how far the hand stays off, by inverse kinematics."""
+    rng = np.random.default_rng(99)
+    labels = ReachOracle(ROBOT, "right", MapParams(), rng).label(rng.uniform(LIMITS.lower, LIMITS.upper, (3000, 3)))
+    assert labels.answered.mean() > 0.99
+    reachable, optimality = truth(labels.gaze_rad)
+    return replace(labels, reachable=reachable, optimality=optimality)
+
+
+def truth(gaze):
+    """Whether a posture reaches what is fixated, and 1 − M of the best."""
+    _, effort = SphericalArm.of(ARM, LOWER, UPPER).least_effort(fixation_points(ROBOT, gaze))
+    return np.isfinite(effort), 1 - effort
+
+
+@pytest.fixture(scope="module")
+def babbled():
+    """Arm postures whose palm can be fixated, and the gaze postures that do it."""
+    q = np.random.default_rng(5).uniform(LOWER, UPPER, (12_000, 4))
+    gaze = gaze_for_points(ROBOT, ARM.positions(q)[0])
+    seen = np.isfinite(gaze[:, 0])
+    assert seen.mean() == pytest.approx(0.28, abs=0.02)  # FACTS §6
+    return q[seen], gaze[seen]
+
+
+def rates(judged, truth):
+    """Judgement errors of all, false negatives of the reachable, false positives of the others."""
+    return (judged != truth).mean(), (~judged & truth).sum() / truth.sum(), (judged & ~truth).sum() / (~truth).sum()
+
+
+def test_judges_random_gaze_postures(learned, fresh):
+    je, fn, fp = rates(learned.query(fresh.gaze_rad).reachable, fresh.reachable)
+    print(f"gaze space: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
+    assert fresh.reachable.mean() == pytest.approx(0.19, abs=0.02)  # FACTS §6
+    assert je <= 0.005
+    assert fn <= 0.01
+    assert fp <= 0.005
+
+
+def test_judges_the_box_of_locations_that_j_tested(learned):
+    sim = np.random.default_rng(7).uniform([-0.10, 0.75, 0.20], [0.10, 0.95, 0.35], (4000, 3))
+    points = np.stack([-sim[:, 2] - 0.026, -sim[:, 0], sim[:, 1] - 0.5976], axis=1)
+    gaze = gaze_for_points(ROBOT, points)
+    gaze = gaze[np.isfinite(gaze[:, 0])]
+    je, fn, fp = rates(learned.query(gaze).reachable, truth(gaze)[0])
+    print(f"{len(gaze)} of 4000 locations fixated: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
+    assert je <= 0.013  # J's Basic map
+
+
+def test_what_the_arm_was_seen_to_reach_is_reachable(learned, babbled):
+    share = learned.query(babbled[1]).reachable.mean()
+    print(f"babbled postures judged reachable: {100 * share:.2f} %")
+    assert share >= 0.985
+
+
+def test_nothing_beyond_arms_length_is_reachable(learned, fresh):
+    """The elbow stays bent by 15°, so no palm is farther from the shoulder than at that bend."""
+    first_axis = ARM.screws[0]
+    shoulder = np.cross(first_axis[3:], first_axis[:3])  # a point on it
+    q = np.random.default_rng(9).uniform(LOWER, UPPER, (50_000, 4))
+    longest = np.linalg.norm(ARM.positions(q)[0] - shoulder, axis=1).max()
+    far = np.linalg.norm(fixation_points(ROBOT, fresh.gaze_rad) - shoulder, axis=1) > longest + 0.02
+    assert far.sum() > 100
+    assert not learned.query(fresh.gaze_rad[far]).reachable.any()
+
+
+def test_the_farthest_reachable_point(babbled):
+    """J Fig 3 with the values of our tables (FACTS §6): least vergence with the arm outstretched."""
+    q, gaze = babbled
+    far = gaze[:, 2].argmin()
+    assert np.rad2deg(gaze[far, 2]) == pytest.approx(10.4, abs=0.5)
+    assert np.rad2deg(q[far, 3]) == pytest.approx(15, abs=5)
+
+
+def test_the_closest_reachable_point():
+    """J Fig 3: vergence 89.15° with the arm fully bent."""
+    q = np.random.default_rng(6).uniform(LOWER, UPPER, (60_000, 4))
+    q[:, 3] = np.deg2rad(105)
+    palms = ARM.positions(q)[0]
+    left, right = ROBOT.eye_poses(np.zeros(ROBOT.n_joints))
+    near = np.argsort(np.linalg.norm(palms - (left + right)[:3, 3] / 2, axis=1))[:10_000]
+    assert np.rad2deg(np.nanmax(gaze_for_points(ROBOT, palms[near])[:, 2])) == pytest.approx(89.15, abs=1)
+
+
+def test_probability_means_what_it_says(learned, fresh):
+    p = learned.query(fresh.gaze_rad).probability
+    assert np.mean((p - fresh.reachable) ** 2) < 0.006
+    assert fresh.reachable[p < 0.1].mean() < 0.01
+    assert fresh.reachable[p > 0.9].mean() > 0.98
+
+
+def test_degree(learned, fresh):
+    """R of J IV.6 (as FACTS §6 corrects it) and IV.7 from the fresh answers."""
+    expected = np.where(
+        fresh.reachable, (1 + fresh.optimality) / 2, (1 - fresh.error_m / learned.max_error_m) / 2
+    )  # fmt: skip
+    degree = learned.query(fresh.gaze_rad).degree
+    rmse = np.sqrt(np.nanmean((degree - expected) ** 2))
+    print(f"degree of reachability: RMSE {rmse:.4f}")
+    assert rmse <= 0.015  # J's Enhanced map: 0.022
+    assert degree.min() >= 0
+    assert degree.max() <= 1
+
+
+def test_the_labels_are_what_the_closed_form_says():
+    rng = np.random.default_rng(3)
+    labels = ReachOracle(ROBOT, "right", MapParams(), rng).label(rng.uniform(LIMITS.lower, LIMITS.upper, (1500, 3)))
+    reachable, optimality = truth(labels.gaze_rad)
+    assert np.mean(labels.reachable == reachable) >= 0.998
+    both = labels.reachable & reachable
+    short = (optimality - labels.optimality)[both]
+    assert short.min() > -5e-3, "better than the best: only by what the tolerance allows"
+    assert np.quantile(short, 0.99) < 0.01
+
+
+def test_one_alone_is_told_what_it_is_told_among_many(learned, fresh):
+    corners = np.stack(np.meshgrid(*np.stack([LIMITS.lower, LIMITS.upper], axis=1)), axis=-1).reshape(-1, 3)
+    gaze = np.concatenate([fresh.gaze_rad[:500], corners, [[2, 0, 1], [np.nan, 0, 1], [0, 0, np.inf]]])
+    together = learned.query(gaze, 0.9)
+    alone = [learned.query(one[None], 0.9) for one in gaze]
+    for name in ("within_limits", "reachable", "probability", "degree"):
+        values = np.concatenate([getattr(one, name) for one in alone])
+        assert values.dtype == getattr(together, name).dtype
+        np.testing.assert_allclose(values, getattr(together, name), atol=1e-12)
+
+
+def test_outside_the_limits_is_said_so(learned):
+    gaze = np.deg2rad([[0, -20, 20], [60, 0, 20], [0, -41, 20], [0, 0, 4], [np.nan, 0, 20]])
+    verdict = learned.query(gaze)
+    assert verdict.within_limits.tolist() == [True, False, False, False, False]
+    assert not verdict.reachable[1:].any()
+    assert np.isnan(verdict.probability[1:]).all()
+    assert np.isnan(verdict.degree[1:]).all()
+    assert np.isfinite([verdict.probability[0], verdict.degree[0]]).all()
+    with pytest.raises(ValueError, match=r"expected \(N, 3\)"):
+        learned.query([0, 0, 0.3])
+
+
+def test_a_wider_gaze_and_fewer_labels():
+    """With the eyes' tilt the gaze goes down to −80°, where the home hand is (FACTS §5)."""
+    wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
+    params = MapParams(gaze_limits=wide, n_labels=1200, round_labels=400, n_babble=20_000, lattice=0.08)
+    learned = train_reachable_map(ROBOT, "left", np.random.default_rng(1), params)
+    hand = gaze_for_points(ROBOT, [[-0.30, -0.20, 0.05]], wide)
+    assert learned.query(hand).reachable[0]
+    rng = np.random.default_rng(2)
+    gaze = rng.uniform(wide.lower, wide.upper, (1000, 3))
+    reachable = ReachOracle(ROBOT, "left", params, rng).label(gaze).reachable
+    assert rates(learned.query(gaze).reachable, reachable)[0] <= 0.025
+
+
+def cube(center, half_side):
+    """A hand that three joints move within a cube; the fourth does nothing."""
+    scale = 2 * half_side / (UPPER - LOWER)[:3]
+
+    def forward(q):
+        J = np.zeros((len(q), 3, 4))
+        J[:, range(3), range(3)] = scale
+        return center + (q - (LOWER + UPPER) / 2)[:, :3] * scale, J
+
+    return forward
+
+
+def test_the_forward_model_may_be_another():
+    """Told that the hand moves in a cube before the face, the map says so."""
+    center = fixation_points(ROBOT, np.deg2rad([[10, -10, 30]]))[0]
+    params = MapParams(n_labels=800, round_labels=200, n_babble=5000)
+    learned = train_reachable_map(
+        ROBOT, "right", np.random.default_rng(4), params, HandModel.of(ROBOT, cube(center, 0.04))
+    )
+    points = center + np.array([[0, 0, 0], [0.03, 0.03, 0.03], [0.06, 0, 0], [0, 0, -0.06]])
+    assert learned.query(gaze_for_points(ROBOT, points)).reachable.tolist() == [True, True, False, False]
+
+
+def test_an_arm_that_reaches_everything_has_no_border():
+    with pytest.raises(ValueError, match="all 25 labels are within reach"):
+        train_reachable_map(
+            ROBOT,
+            "right",
+            np.random.default_rng(4),
+            MapParams(n_labels=100, round_labels=25, n_babble=5000),
+            HandModel.of(ROBOT, cube(np.zeros(3), 2.0)),
+        )
+
+
+def test_what_was_asked_twice_does_no_harm(learned):
+    """Going on with a random stream used before asks the same gaze postures again."""
+    params = MapParams(n_labels=100, round_labels=50, n_babble=5000, lattice=0.12)
+    some = learned.labels.only(np.arange(300) + 1400)
+    first = replace(learned, labels=some)
+    doubled = replace(learned, labels=some.joined(some))
+    more = train_reachable_map(ROBOT, "right", np.random.default_rng(1), params, into=doubled)
+    assert np.isfinite(more.signed_distance).all()
+    gaze = np.random.default_rng(13).uniform(LIMITS.lower, LIMITS.upper, (2000, 3))
+    once = train_reachable_map(ROBOT, "right", np.random.default_rng(1), params, into=first)
+    before, after = (rates(one.query(gaze).reachable, truth(gaze)[0])[0] for one in (once, more))
+    assert after < before + 0.005
+
+
+def test_saved_and_loaded_judges_the_same(learned, fresh, tmp_path):
+    save_map(tmp_path / "map.npz", learned)
+    again = load_map(tmp_path / "map.npz")
+    before, after = learned.query(fresh.gaze_rad[:50]), again.query(fresh.gaze_rad[:50])
+    np.testing.assert_array_equal(after.probability, before.probability)
+    np.testing.assert_array_equal(after.degree, before.degree)
+    assert (again.side, again.limits) == ("right", LIMITS)
+    np.testing.assert_array_equal(again.labels.border_rad, learned.labels.border_rad)
+
+
+def test_both_hands_reach_what_each_does(learned, fresh):
+    """The left hand reaches the mirror image of what the right one does."""
+    mirrored = replace(
+        learned,
+        side="left",
+        **{name: getattr(learned, name)[::-1] for name in ("signed_distance", "optimality", "error_m")},
+    )
+    together = both(mirrored, learned).query(fresh.gaze_rad)
+    left = learned.query(fresh.gaze_rad * [-1, 1, 1])
+    right = learned.query(fresh.gaze_rad)
+    agree = together.reachable == (left.reachable & right.reachable)
+    assert agree.mean() > 0.998
+    assert together.reachable.mean() > 0.03
+    assert (together.degree <= np.minimum(left.degree, right.degree) + 0.02)[agree & together.reachable].all()
+    with pytest.raises(ValueError, match="same limits and lattice"):
+        both(learned, replace(learned, limits=GazeLimits(vergence_rad=(0.1, 1.0))))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"version": 7}, "version 7; expected version 4"),
+        ({"signed_distance": None}, "without signed_distance"),
+        ({"optimality": np.zeros((4, 5, 6))}, r"optimality \(4, 5, 6\)"),
+        ({"label_error_m": np.zeros(3)}, r"labels of shapes .*'error_m': \(3,\)"),
+        ({"softness": 0.0}, "softness 0.0"),
+        ({"limits_rad": np.zeros((3, 2))}, "lower below upper"),
+    ],
+)
+def test_a_bad_file_is_refused_by_name(learned, tmp_path, changes, message):
+    path = tmp_path / "map.npz"
+    save_map(path, learned)
+    with np.load(path) as file:
+        data = {**file, **changes}
+    np.savez(path, **{k: v for k, v in data.items() if v is not None})
+    with pytest.raises(ValueError, match=rf"map\.npz: .*{message}"):
+        load_map(path)
+
+
+def test_there_is_a_left_and_a_right_arm():
+    with pytest.raises(ValueError, match="side 'third': expected left or right"):
+        ReachOracle(ROBOT, "third", replace(MapParams(), n_babble=100), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n_labels": 100, "round_labels": 60}, "expected at least two rounds"),
+        ({"round_labels": 0}, "expected at least two rounds"),
+        ({"max_error": 1.0}, "at least 0 and below 1"),
+        ({"n_babble": 10}, "expected at least 16"),
+    ],
+)
+def test_params_that_make_no_sense(changes, message):
+    """One round alone could not say how sure it is."""
+    with pytest.raises(ValueError, match=message):
+        MapParams(**changes)
+
+
+def test_it_stops_when_sure_enough_and_goes_on_when_asked():
+    """Half the error asked for takes more labels; going on from a map is as good as having learned it at once."""
+    rough = MapParams(n_labels=6000, round_labels=300, n_babble=20_000, max_error=0.03, lattice=0.08)
+    first = train_reachable_map(ROBOT, "right", np.random.default_rng(11), rough)
+    assert 600 <= len(first.labels.gaze_rad) + first.unanswered < 3000
+    assert first.expected_error <= 0.03
+    more = train_reachable_map(ROBOT, "right", np.random.default_rng(12), replace(rough, max_error=0.012), into=first)
+    assert len(more.labels.gaze_rad) > len(first.labels.gaze_rad)
+    gaze = np.random.default_rng(13).uniform(LIMITS.lower, LIMITS.upper, (4000, 3))
+    wrong = [rates(one.query(gaze).reachable, truth(gaze)[0])[0] for one in (first, more)]
+    print(f"expected {first.expected_error:.4f}, {more.expected_error:.4f}, measured {wrong[0]:.4f}, {wrong[1]:.4f}")
+    assert wrong[0] <= 0.03
+    assert wrong[1] < wrong[0]
+    with pytest.raises(ValueError, match="to go on from"):
+        train_reachable_map(ROBOT, "left", np.random.default_rng(12), rough, into=first)

@@ -1,0 +1,85 @@
+"""Other end points and measures: against the arm in closed form and plain geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from data import SEED
+
+from learning.reach.measures import hand_and_params
+from learning.reach.training import MapParams, ReachOracle
+from pps_vision.experiments.reach.measures import Measures, truth
+from pps_vision.robot.end_point import EndPoint
+from pps_vision.robot.gaze import GazeLimits, gaze_for_points
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.self_motion import Approach
+from pps_vision.robot.skin import icub_skin
+
+ROBOT, LIMITS = load_icub(), GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # arms are seen from above
+PARAMS = MapParams(LIMITS, n_labels=800, round_labels=200, n_babble=20_000)
+
+
+def test_an_end_point_is_where_the_skin_is():
+    rng, skin = np.random.default_rng(SEED), icub_skin()
+    for side, name in (("left", "left_forearm:27"), ("right", "right_forearm:39"), ("right", "right_palm:101")):
+        point = EndPoint.of(ROBOT, side, name, 4)
+        q, arm = np.zeros(ROBOT.n_joints), rng.uniform(0, 0.5, 4)
+        q[ROBOT.indices(ROBOT.names.arm(side)[:4])] = arm
+        positions, normals = skin.at(ROBOT.at(q))
+        k = skin.index(name)
+        np.testing.assert_allclose(point.positions(arm[None])[0][0], positions[k], atol=1e-9)
+        np.testing.assert_allclose(point.normals(arm[None])[0], normals[k], atol=1e-9)
+
+
+def test_another_arms_taxel_is_refused():
+    with pytest.raises(
+        ValueError, match="'left_forearm:27' of the right arm; expected palm or one of right_forearm:27"
+    ):
+        EndPoint.of(ROBOT, "right", "left_forearm:27", 4)
+
+
+@pytest.mark.parametrize(
+    ("side", "end_point", "measure", "tolerance"),
+    [
+        ("left", "left_forearm:27", "joint-limits", 0.05),
+        ("right", "palm", "manipulability", 0.02),
+        ("right", "palm", "isotropy", 0.02),
+        ("right", "palm", "approach", 0.02),
+    ],
+)
+def test_labels_are_what_the_whole_curve_says(side, end_point, measure, tolerance):
+    rng = np.random.default_rng(SEED)
+    hand, params = hand_and_params(ROBOT, side, end_point, measure, PARAMS)
+    q = rng.uniform(params.arm_limits.lower_rad, params.arm_limits.upper_rad, (300, 4))
+    within = gaze_for_points(ROBOT, hand.forward(q)[0], LIMITS)
+    gaze = np.concatenate([within[np.isfinite(within[:, 0])], rng.uniform(LIMITS.lower, LIMITS.upper, (100, 3))])
+    labels = ReachOracle(ROBOT, side, params, rng, hand).label(gaze)
+    true = truth(ROBOT, side, end_point, params, gaze)
+    assert np.mean(labels.reachable == np.isfinite(true)) >= 0.99
+    both = labels.reachable & np.isfinite(true)
+    assert both.sum() > 20
+    off = (labels.optimality - true)[both]
+    print(f"{end_point}, {measure}: off by {np.sqrt(np.mean(off**2)):.4f} of {true[both].mean():.3f}")
+    assert np.sqrt(np.mean(off**2)) <= tolerance
+    assert true[both].min() >= 0
+    assert true[both].max() <= 1.01  # the greatest manipulability is the greatest of 20 000 sampled
+
+
+def test_directions_are_spread_evenly():
+    directions = Approach().directions
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+    np.testing.assert_allclose(directions.mean(axis=0), 0, atol=0.01)
+    one = directions @ np.array([0.6, 0.0, 0.8]) >= np.cos(np.deg2rad(20))
+    assert one.mean() == pytest.approx((1 - np.cos(np.deg2rad(20))) / 2, rel=0.2)  # a cap's share of the sphere
+
+
+def test_how_a_hand_faces_must_be_known():
+    hand, params = hand_and_params(ROBOT, "right", "palm", "approach", PARAMS)
+    blind = ReachOracle(ROBOT, "right", params, np.random.default_rng(0), replace(hand, normals=None))
+    with pytest.raises(ValueError, match="expected its normals"):
+        blind.label(np.deg2rad([[10.0, -20.0, 30.0]]))
+
+
+def test_too_few_to_judge_on():
+    with pytest.raises(ValueError, match="--n-test 5"):
+        Measures(n_test=5).run()
