@@ -1,34 +1,11 @@
-"""An arm that knows nothing is touched, one that expects everything gets away; errors are told apart by case."""
+"""Compensation: each case is trained and tested on its own trials, and the scores are drawn."""
 
-import numpy as np
 import pytest
-from data import SEED
-from pps_vision.experiments.pps.flight import Fleeing
 
-from learning.pps.memory import MemoryParams, PPSMemory
 from pps_vision.experiments.pps import compensation
 from pps_vision.experiments.pps.compensation import WAYS, Compensation
-from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
+from pps_vision.experiments.pps.errors import SOURCES
 from pps_vision.experiments.pps.lives import CASES
-from pps_vision.robot.skin import icub_skin
-
-SKIN = icub_skin()
-
-
-def sure(expecting: bool) -> PPSMemory:
-    counts = np.zeros((len(SKIN.taxel_ids), 8, 4, 2), np.int64)
-    counts[..., 0 if expecting else 1] = 5
-    return PPSMemory(SKIN.taxel_ids, SKIN.part_index, counts, MemoryParams())
-
-
-@pytest.mark.parametrize(("sources", "expecting"), [(only(), True), (ErrorSources(), True), (only(), False)])
-def test_who_expects_a_touch_flees_it(sources: ErrorSources, expecting: bool) -> None:
-    rng = np.random.default_rng(SEED)
-    fleeing = Fleeing(Belief.draw(sources, SKIN, rng), SKIN, sure(expecting))
-    motion = fleeing.approach("left_forearm:15", 0.035, 0.1, rng)
-    flight = fleeing.meet(motion, 0.035, rng)
-    assert flight.touched is not expecting
-    assert np.isnan(flight.moved_before_s) is not expecting
 
 
 def test_each_case_learns_from_and_meets_its_own() -> None:
