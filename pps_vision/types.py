@@ -149,6 +149,15 @@ class TaxelEvents:
     touched: Mask
 
 
+@dataclass(frozen=True, slots=True)
+class Activation:
+    """Predicted touch of every taxel at one stamp: `probability` (n,) for the taxels `taxel_ids` (R eqs 3–5)."""
+
+    stamp_s: float
+    taxel_ids: tuple[str, ...]
+    probability: Array
+
+
 class ReachStatus(StrEnum):
     """What the reachable-space map says of the tracked object."""
 

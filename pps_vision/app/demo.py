@@ -81,11 +81,17 @@ def _meet_all(
         for frame, step in meeting:
             view = world.rig.view_of(frame)
             taxels, _ = world.skin.at(step.posture)
-            most = int(np.argmax(step.activations))
-            captions = (title, f"activation {step.activations[most]:.2f} at {world.skin.taxel_ids[most]}")
+            most = int(np.argmax(step.activation.probability))
+            captions = (title, f"activation {step.activation.probability[most]:.2f} at {world.skin.taxel_ids[most]}")
             film.add(
                 draw_pair(
-                    frame, view, step.tracking.track, step.tracking.detections, taxels, step.activations, captions
+                    frame,
+                    view,
+                    step.tracking.track,
+                    step.tracking.detections,
+                    taxels,
+                    step.activation.probability,
+                    captions,
                 )
             )
         log = meeting.log()

@@ -143,7 +143,7 @@ class Meeting:
             track_m=np.array([t.position for t in track]),
             track_std_m=np.array([np.sqrt(np.diag(t.cov)[:3]) for t in track]),
             surface_gap_m=np.linalg.norm(p[:, None] - np.array(taxels), axis=2) - self.radius_m,
-            activations=np.array([s.activations for s in steps]),
+            activations=np.array([s.activation.probability for s in steps]),
             speed_m_s=np.array([self.avoid * float(np.linalg.norm(s.response.velocity_root)) for s in steps]),
             arm_commanded=np.array([self.avoid and bool(np.any(s.command.dq_rad_s[arm])) for s in steps]),
             touched=np.array(touched),

@@ -1,21 +1,20 @@
-"""One frame through the whole robot: eyes → track → skin, reachable space → arm and gaze.  Read this first.
+"""One stereo frame through the whole robot: tracker, skin, reachable space, arm and gaze.
 
-The same steps run on rendered and on recorded frames; a recording just does not obey the commands.
+Rendered and recorded frames take the same steps; a recording does not obey the commands.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from control import avoidance, fixation, search
-from control.avoidance import AvoidanceParams
+from control.avoidance import AvoidanceParams, AvoidanceState
 from control.fixation import FixationParams
 from control.head import gaze_of
-from control.search import SearchParams
-from learning.bimodal import bimodal_activation
+from control.search import SearchParams, SearchState
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
-from learning.pps.learner import LearnerParams
+from learning.pps.learner import LearnerParams, LearnerState
 from learning.pps.memory import PPSMemory, activation
 from learning.pps.receptive_field import ReceptiveField, perceive
 from learning.reach.map import ReachableMap
@@ -23,44 +22,67 @@ from learning.reach.track_reachability import TrackReachability
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.skin import Skin
-from pps_vision.types import Array, JointVelocity, Mask, Reachability, StereoFrame, TaxelEvents, Track3D
+from pps_vision.types import Activation, Array, JointVelocity, Mask, Reachability, StereoFrame, TaxelEvents, Track3D
 from tracking.tracker import Tracker, TrackerStep
 
 
 @dataclass(frozen=True)
 class PipelineParams:
-    """The parameters of everything after the tracker, and the period of the loop."""
+    """Parameters of everything after the tracker."""
 
     period_s: float = 0.05
-    search_for_s: float = 2.0  # how long the eyes look around for a lost object
-    bimodal: bool = False  # a taxel that is touched is active too, seen or not (R's discussion)
-    max_false_positives: float = 1e-3  # share of the unreachable that the map may call reachable (J: few)
+    """Period of the control loop."""
+    search_for_s: float = 2.0
+    """Duration of the gaze search after the object was lost."""
+    max_false_positives: float = 1e-3
+    """Share of the unreachable gaze postures that the map may call reachable (J asks for few)."""
     receptive_field: ReceptiveField = ReceptiveField()
+    """Region in which a taxel perceives the object (R, "Receptive field")."""
     learning: LearnerParams = LearnerParams()
+    """When a contact is learned."""
     fixation: FixationParams = FixationParams()
+    """Gaze control of a tracked object (J IV.1)."""
     search: SearchParams = SearchParams()
+    """Gaze control after the object was lost (J IV.B)."""
     avoidance: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
+    """Response of the arm to its skin (R eq. 6)."""
+
+
+@dataclass(frozen=True)
+class PipelineState:
+    """What one frame hands to the next."""
+
+    learning: LearnerState
+    """The PPS memory and the samples since the last contact."""
+    arm: AvoidanceState = field(default_factory=AvoidanceState)
+    """Response of the arm under way."""
+    searching: SearchState | None = None
+    """Gaze search under way."""
+    last_known_s: float = -np.inf
+    """Stamp of the last frame in which the object was known."""
+    last_taxels: tuple[float, Array] | None = None
+    """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class PipelineStep:
-    """All that one frame led to; `activations` (n,) one a taxel; no `reachability` without a map."""
+    """All results of one frame; `reachability` is None without a reachable-space map."""
 
     posture: Posture
     tracking: TrackerStep
     events: TaxelEvents
-    activations: Array
+    activation: Activation
     reachability: Reachability | None
     response: avoidance.Response
     command: JointVelocity
 
 
 class Pipeline:
-    """Holds the robot's parameters and state; `step` takes a frame to the joint velocities it asks for.
+    """Tracker, learner and controllers of one robot; `step` turns a frame into joint velocities.
 
-    It learns from every touch it is told of, so its `memory` grows as it runs.  With a reachable-space map
-    (`learning.reach.map.load_map` reads what `pps-vision reach train` writes) every step says whether the tracked
-    object is within reach; without one there is no such answer, and an arm that is to reach is refused.
+    Each contact reported to it is learned into its `memory`.  With a reachable-space map
+    (`learning.reach.map.load_map` reads what `pps-vision reach train` writes) each step says whether the tracked
+    object is reachable.  `behaviour="reach"` requires a map of the arm's side.
     """
 
     def __init__(
@@ -75,112 +97,121 @@ class Pipeline:
     ) -> None:
         if memory.taxel_ids != skin.taxel_ids:
             n, m = len(memory.taxel_ids), len(skin.taxel_ids)
-            raise ValueError(f"a memory of {n} other taxels; expected the skin's {m}")
-        side, of = params.avoidance.side, reachable_map.side if reachable_map else "no arm"
-        if params.avoidance.behaviour == "reach" and of != side:
-            raise ValueError(f"a reachable-space map of {of} for the {side} arm, which is to reach; expected its own")
+            raise ValueError(f"memory has {n} taxels but the skin has {m}; expected a memory of this skin")
+        side, map_side = params.avoidance.side, reachable_map.side if reachable_map else "no arm"
+        if params.avoidance.behaviour == "reach" and map_side != side:
+            raise ValueError(f"reachable-space map of {map_side}; expected one of the {side} arm, which is to reach")
         self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
-        self._learner = learner.LearnerState(memory, EventBuffer())
-        self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(params.avoidance.side)))
-        self._of_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
-        self._arm = avoidance.AvoidanceState()
-        self._search: search.SearchState | None = None
-        self._known_s = -np.inf
-        self._last: tuple[float, Array] | None = None  # stamp, taxel positions
+        self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(side)))
+        self._on_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
         self._reachability = reachable_map and TrackReachability(robot, reachable_map, params.max_false_positives)
+        self._state = PipelineState(LearnerState(memory, EventBuffer()))
+
+    def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
+        """Process one frame and the taxels `touched` (n,) that the skin reports with it.
+
+        Raises:
+            ValueError: The frame has no joints, or the images or `touched` do not fit this robot; the state is
+                unchanged.
+        """
+        params, state, stamp_s = self.params, self._state, frame.stamp_s
+        touched = self._checked(touched)
+        posture = self.robot.at(joints_of(frame))
+        taxels, normals = self.skin.at(posture)
+        tracking = self.tracker.step(frame)
+        track = tracking.track
+        events = self._perceive(track, taxels, normals, _velocity(state.last_taxels, stamp_s, taxels), touched)
+        learned = learner.step(params.learning, state.learning, events)
+        felt = Activation(stamp_s, events.taxel_ids, activation(learned.memory, events.distance_m, events.ttc_s))
+        reachability = self._reachability(posture.q_rad, track) if self._reachability else None
+        arm, arm_command, response = avoidance.step(
+            params.avoidance,
+            state.arm,
+            posture,
+            self._arm_skin,
+            felt.probability[self._on_arm],
+            stamp_s,
+            may_reach=reachability is not None and reachability.is_reachable,
+        )
+        searching, gaze_command = self._move_gaze(state, posture, track)
+        last_known_s = stamp_s if track.is_known else state.last_known_s
+        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels))
+        command = JointVelocity(stamp_s, arm_command.dq_rad_s + gaze_command.dq_rad_s)
+        return PipelineStep(posture, tracking, events, felt, reachability, response, command)
+
+    def finish(self) -> PPSMemory:
+        """Learn a contact that is still going on, and return the memory."""
+        self._state = replace(self._state, learning=learner.finish(self._state.learning))
+        return self.memory
 
     @property
     def memory(self) -> PPSMemory:
         """What has been learned so far."""
-        return self._learner.memory
-
-    def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
-        """One frame, and the taxels (n,) the skin reports touched with it; ValueError, and nothing has changed, if
-        these are not the robot's cameras or skin."""
-        if touched is not None and touched.shape != (len(self.skin.taxel_ids),):
-            raise ValueError(f"touched {touched.shape}; expected the skin's {len(self.skin.taxel_ids)} taxels")
-        posture = self.robot.at(joints_of(frame))
-        tracking = self.tracker.step(frame)
-        events = self._perceive(posture, tracking.track, touched)
-        self._learner = learner.step(self.params.learning, self._learner, events)
-        activations = activation(self.memory, events.distance_m, events.ttc_s)
-        if self.params.bimodal:
-            activations = bimodal_activation(activations, events.touched)
-        reachability = self._reachability(posture.q_rad, tracking.track) if self._reachability else None
-        self._arm, arm, response = avoidance.step(
-            self.params.avoidance,
-            self._arm,
-            posture,
-            self._arm_skin,
-            activations[self._of_arm],
-            frame.stamp_s,
-            may_reach=reachability is not None and reachability.is_reachable,
-        )
-        gaze = self._gaze(posture, tracking.track)
-        command = JointVelocity(frame.stamp_s, arm.dq_rad_s + gaze.dq_rad_s)
-        return PipelineStep(posture, tracking, events, activations, reachability, response, command)
+        return self._state.learning.memory
 
     @property
     def rejected(self) -> dict[str, int]:
-        """What could not be learned from: samples out of order, touches by what nobody saw."""
-        return {"stale samples": self._learner.stale, "unseen touches": self._learner.unseen}
+        """Number of samples and contacts that were not learned, by reason."""
+        return {"stale samples": self._state.learning.stale, "unseen touches": self._state.learning.unseen}
 
-    def finish(self) -> PPSMemory:
-        """Learn a contact that still goes on, and return the memory."""
-        self._learner = learner.finish(self._learner)
-        return self.memory
+    def _checked(self, touched: Mask | None) -> Mask:
+        n = len(self.skin.taxel_ids)
+        if touched is None:
+            return np.zeros(n, bool)
+        if touched.shape != (n,):
+            raise ValueError(f"touched {touched.shape}; expected the skin's {n} taxels")
+        return touched
 
-    def _perceive(self, posture: Posture, track: Track3D, touched: Mask | None) -> TaxelEvents:
-        """D and TTC of the track for every taxel; the sooner of what the object does to a taxel at
-        rest and to the taxel as it moves, so that an arm in flight does not forget what it flees."""
-        positions, normals = self.skin.at(posture)
-        n = len(positions)
-        moving = np.zeros_like(positions)
-        if self._last is not None and track.stamp_s > self._last[0]:
-            moving = (positions - self._last[1]) / (track.stamp_s - self._last[0])
-        self._last = track.stamp_s, positions
-        D, ttc = np.full(n, np.nan), np.full(n, np.nan)
+    def _perceive(
+        self, track: Track3D, taxels: Array, normals: Array, taxel_velocity: Array, touched: Mask
+    ) -> TaxelEvents:
+        """D and TTC (R eqs 1 and 2) of the track for every taxel, NaN without a track.
+
+        TTC is the sooner of two: with the taxel's own velocity, and with the taxel at rest, so that the activation
+        stays while the arm withdraws.
+        """
+        D, ttc = np.full((2, len(taxels)), np.nan)
         if track.is_known:
-            what = (
-                self.params.receptive_field,
-                positions,
-                normals,
-                track.position,
-                track.velocity,
-                track.radius_m,
-                track.cov[3:6, 3:6],
-            )
-            D, at_rest = perceive(*what)
-            ttc = _sooner(at_rest, perceive(*what, moving)[1])
-        return TaxelEvents(
-            track.stamp_s, self.skin.taxel_ids, D, ttc, np.zeros(n, bool) if touched is None else touched
-        )
+            stimulus = track.position, track.velocity, track.radius_m, track.cov[3:6, 3:6]
+            D, at_rest = perceive(self.params.receptive_field, taxels, normals, *stimulus)
+            moving = perceive(self.params.receptive_field, taxels, normals, *stimulus, taxel_velocity)[1]
+            ttc = sooner(at_rest, moving)
+        return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
 
-    def _gaze(self, posture: Posture, track: Track3D) -> JointVelocity:
-        """Fixate what is tracked, look around for what was just lost, else keep still."""
+    def _move_gaze(
+        self, state: PipelineState, posture: Posture, track: Track3D
+    ) -> tuple[SearchState | None, JointVelocity]:
+        """Fixate a known object, search for `search_for_s` after it was lost, otherwise keep still."""
+        params, stamp_s = self.params, track.stamp_s
         if track.is_known:
-            self._search, self._known_s = None, track.stamp_s
-            ahead = track.position + track.velocity * self.params.period_s
-            return fixation.step(
-                self.params.fixation, posture, ahead, track.velocity, self.params.period_s, track.stamp_s
+            return None, fixation.step(
+                params.fixation, posture, track.position, track.velocity, params.period_s, stamp_s
             )
-        if track.stamp_s - self._known_s < self.params.search_for_s:
-            state = self._search or search.SearchState(gaze_of(posture))
-            self._search, command = search.step(
-                self.params.search, state, posture, self.params.period_s, self._rng, track.stamp_s
-            )
-            return command
-        return JointVelocity(track.stamp_s, np.zeros(self.robot.n_joints))
+        if stamp_s - state.last_known_s < params.search_for_s:
+            searching = state.searching or SearchState(gaze_of(posture))
+            return search.step(params.search, searching, posture, params.period_s, self._rng, stamp_s)
+        return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints))
 
 
 def joints_of(frame: StereoFrame) -> Array:
-    """(n_joints,) rad, half-way between the images; ValueError where the frame knows of none."""
+    """(n_joints,) rad, the mean of the joints at the two images, which is that at the frame's stamp.
+
+    Raises:
+        ValueError: The frame has no joints.
+    """
     if frame.joints_left_rad is None or frame.joints_right_rad is None:
-        raise ValueError("a frame without joints: the skin's place is unknown; expected a robot's recording")
+        raise ValueError("frame without joints; expected a robot's recording")
     joints: Array = 0.5 * (frame.joints_left_rad + frame.joints_right_rad)
     return joints
 
 
-def _sooner(a: Array, b: Array) -> Array:
-    """The smaller of two times to contact where both are to come, else the one that is; NaN stays."""
+def sooner(a: Array, b: Array) -> Array:
+    """The smaller of two times to contact where both are ahead (≥ 0), the one that is, or else `b`."""
     return np.where(a >= 0, np.where(b >= 0, np.minimum(a, b), a), b)
+
+
+def _velocity(last: tuple[float, Array] | None, stamp_s: float, positions: Array) -> Array:
+    """(n, 3) m/s of the taxels since the last frame, 0 where there is none or its stamp is not earlier."""
+    if last is None or stamp_s <= last[0]:
+        return np.zeros_like(positions)
+    return (positions - last[1]) / (stamp_s - last[0])

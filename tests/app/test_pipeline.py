@@ -1,14 +1,22 @@
-"""What the pipeline refuses, and what it counts."""
+"""One frame through the robot: posture, perception of moving taxels, gaze, refusals and counts."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from app.known_track import DT, KnownTrack, Motion, frame_at, run
+from hypothesis import given
+from hypothesis import strategies as st
 
+from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory
-from pps_vision.app.pipeline import Pipeline, PipelineParams
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, sooner
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import StereoFrame
+from pps_vision.types import Array, StereoFrame
 from tracking.tracker import Tracker, TrackerParams
+
+ROBOT = load_icub()
 
 
 def pipeline(memory_of: tuple, skin_of: tuple, params: PipelineParams | None = None) -> Pipeline:
@@ -19,7 +27,7 @@ def pipeline(memory_of: tuple, skin_of: tuple, params: PipelineParams | None = N
 
 
 def test_a_memory_of_another_skin() -> None:
-    with pytest.raises(ValueError, match="16 other taxels; expected the skin's 12"):
+    with pytest.raises(ValueError, match="memory has 16 taxels but the skin has 12"):
         pipeline(("left_forearm", "left_palm"), ("left_forearm",))
 
 
@@ -50,13 +58,108 @@ def test_a_skin_that_the_avoiding_arm_does_not_carry_moves_nothing() -> None:
     assert not step.command.dq_rad_s.any()
 
 
-@pytest.mark.parametrize("bimodal", [False, True])
-def test_an_arm_touched_in_the_dark_withdraws_if_it_also_feels(bimodal: bool) -> None:
-    one = pipeline(("left_forearm",), ("left_forearm",), PipelineParams(bimodal=bimodal))
-    q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
-    positions, normals = one.skin.at(one.robot.at(q))
-    for k in range(8):
-        step = one.step(StereoFrame(black, black, 0.05 * k, 0.05 * k, q, q), np.arange(12) == 3)
-    assert (step.activations > 0).tolist() == [bimodal and i == 3 for i in range(12)]
-    away = (one.skin.at(one.robot.at(q + 0.05 * step.command.dq_rad_s))[0] - positions)[3] @ -normals[3]
-    assert away > 0.001 if bimodal else not step.command.dq_rad_s.any()
+def following(motion: Motion, params: PipelineParams | None = None) -> Pipeline:
+    """A pipeline that knows the object's motion."""
+    skin, rng = icub_skin(("left_forearm",)), np.random.default_rng(0)
+    tracker = KnownTrack(motion)
+    return Pipeline(params or PipelineParams(), ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]
+
+
+def test_the_robot_is_posed_halfway_between_the_joints_of_the_two_images() -> None:
+    left, right = home(ROBOT), home(ROBOT) + np.linspace(-0.02, 0.03, ROBOT.n_joints)
+    step = following(lambda t: None).step(frame_at(0.0, left, right))
+    np.testing.assert_allclose(step.posture.q_rad - left, np.linspace(-0.01, 0.015, ROBOT.n_joints), atol=1e-12)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_frame_without_the_joints_of_one_image_is_refused(side: str) -> None:
+    frame = replace(frame_at(0.0, home(ROBOT)), **{f"joints_{side}_rad": None})
+    with pytest.raises(ValueError, match="frame without joints"):
+        following(lambda t: None).step(frame)
+
+
+def test_gaze_follows_a_moving_object_without_lag_or_lead() -> None:
+    """A lead or a lag of one period would be 2.9°."""
+
+    def motion(t: float) -> tuple[Array, Array]:
+        return np.array([-0.35, -0.15 + 0.3 * t, 0.3]), np.array([0.0, 0.3, 0.0])
+
+    _, joints = run(following(motion), 1.0)
+    errors = [fixation_error(ROBOT.at(q), motion(DT * k)[0]) for k, q in enumerate(joints)]
+    assert np.rad2deg(max(errors[-5:])) < 0.2
+
+
+def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_keeps_still() -> None:
+    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    params = PipelineParams(search_for_s=0.6)
+    steps, _ = run(following(lambda t: known if t < 0.475 else None, params), 1.5)
+    moving = [bool(step.command.dq_rad_s.any()) for step in steps]
+    assert all(moving[10:21]), "lost after the frame at 0.45 s: a search up to 1.0 s"
+    assert not any(moving[21:])
+    never_seen, _ = run(following(lambda t: None, params), 0.3)
+    assert not any(step.command.dq_rad_s.any() for step in never_seen)
+
+
+def test_a_search_starts_anew_where_the_object_was_lost_again() -> None:
+    """The gaze is searched around is that at the loss, not one of an earlier loss."""
+    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    pipeline = following(lambda t: known if int(10 * t + 1e-6) % 4 < 2 else None)
+    for k, shift in ((0, 0.0), (3, 0.0), (5, 0.0), (9, 0.2), (11, 0.2)):
+        q = home(ROBOT)
+        q[ROBOT.indices(ROBOT.names.gaze_joints)[0]] += shift
+        pipeline.step(frame_at(0.1 * k, q))
+    state = pipeline._state.searching
+    assert state is not None
+    assert state.center[0] == pytest.approx(0.2)
+
+
+def towards_a_resting_object(speed_m_s: float, object_m_s: float) -> tuple[PipelineStep, float]:
+    """The second of two frames between which the torso carries the forearm towards an object, and the closing speed
+    of taxel 3 there."""
+    q, yaw = home(ROBOT), ROBOT.indices(("torso_yaw",))[0]
+    skin = icub_skin(("left_forearm",))
+    index = skin.index("left_forearm:3")
+    p0, normals = (a[index] for a in skin.at(ROBOT.at(q)))
+    lever = ROBOT.at(q).jacobian("left_forearm", skin.parts[0].positions_m[index])[:3, yaw]
+    rate = speed_m_s / (lever @ normals)
+    at = p0 + 0.1 * normals, object_m_s * normals
+    pipeline = following(lambda t: at)
+    q_before = q.copy()
+    q_before[yaw] -= DT * rate
+    pipeline.step(frame_at(0.0, q_before))
+    return pipeline.step(frame_at(DT, q)), speed_m_s - object_m_s
+
+
+def test_a_taxel_that_moves_towards_a_resting_object_predicts_the_contact() -> None:
+    step, closing = towards_a_resting_object(0.08, 0.0)
+    index = step.events.taxel_ids.index("left_forearm:3")
+    assert step.events.distance_m[index] == pytest.approx(0.1, abs=1e-9)
+    assert step.events.ttc_s[index] == pytest.approx(0.1 / closing, rel=0.02)
+
+
+@pytest.mark.parametrize("arm_m_s", [0.02, -0.12])
+def test_time_to_contact_is_the_sooner_of_that_of_the_resting_and_of_the_moving_taxel(arm_m_s: float) -> None:
+    """An object at 10 cm/s: a taxel that withdraws faster still predicts the contact that it would have at rest."""
+    step, closing = towards_a_resting_object(arm_m_s, -0.1)
+    index = step.events.taxel_ids.index("left_forearm:3")
+    assert step.events.ttc_s[index] == pytest.approx(0.1 / max(closing, 0.1), rel=0.02)
+
+
+@given(st.floats(-9, 9) | st.just(np.inf), st.floats(-9, 9) | st.just(np.inf))
+def test_the_sooner_of_two_times_to_contact(a: float, b: float) -> None:
+    ahead = [t for t in (a, b) if t >= 0]
+    assert sooner(np.array([a]), np.array([b]))[0] == (min(ahead) if ahead else b)
+
+
+def test_a_frame_that_is_refused_changes_nothing() -> None:
+    pipeline = following(lambda t: None)
+    pipeline.step(frame_at(0.0, home(ROBOT)))
+    before = pipeline._state
+    for frame, touched in (
+        (replace(frame_at(DT, home(ROBOT)), joints_left_rad=None), None),
+        (frame_at(DT, np.full(ROBOT.n_joints, np.nan)), None),
+        (frame_at(DT, home(ROBOT)), np.ones(3, bool)),
+    ):
+        with pytest.raises(ValueError, match="expected"):
+            pipeline.step(frame, touched)
+        assert pipeline._state is before

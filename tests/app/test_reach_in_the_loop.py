@@ -1,13 +1,13 @@
 """The reachable-space map in the running pipeline: in every frame, and the arm reaches only for what is in reach.
 
-The loop is closed on kinematics: what the eyes would see is told to the pipeline by a tracker that knows the truth.
+The loop is closed on kinematics (`known_track`).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from app.known_track import DT, KnownTrack, frame_at, run
 from data import SEED
 
 from control.avoidance import AvoidanceParams
@@ -20,30 +20,14 @@ from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.skin import icub_skin
 from pps_vision.robot.spherical_arm import SphericalArm
-from pps_vision.types import Array, ReachStatus, Status, StereoFrame, Track3D
-from tracking.tracker import TrackerStep
+from pps_vision.types import Array, ReachStatus
 
-ROBOT, SKIN, DT = load_icub(), icub_skin(("left_forearm", "left_palm")), 0.05
+ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
 TRUTH = SphericalArm.of(
     Chain.of(ROBOT, ROBOT.names.arm("left")[:4], "left_palm"), ArmLimits().lower_rad, ArmLimits().upper_rad
 )
 REACH, AVOID = AvoidanceParams(HOME_ARM_RAD, behaviour="reach"), AvoidanceParams(HOME_ARM_RAD)
-
-
-@dataclass
-class Knowing:
-    """Instead of a tracker: where the object is, and how fast, at any time; None where it is not seen."""
-
-    motion: Callable[[float], tuple[Array, Array] | None]
-
-    def step(self, frame: StereoFrame) -> TrackerStep:
-        now = self.motion(frame.stamp_s)
-        track = Track3D.unknown(frame.stamp_s)
-        if now is not None:
-            mean = np.array([*now, np.zeros(3), np.zeros(3)])
-            track = Track3D(frame.stamp_s, mean, 1e-6 * np.eye(12), 0.02, 1e-8, Status.TRACKING)
-        return TrackerStep(track, (), None, ((), ()), np.zeros(3))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +46,7 @@ def anxious() -> PPSMemory:
 
 def pipeline(motion, avoidance: AvoidanceParams, reachable_map: ReachableMap | None, max_fp: float = 1e-3) -> Pipeline:
     params, rng = PipelineParams(avoidance=avoidance, max_false_positives=max_fp), np.random.default_rng(0)
-    return Pipeline(params, ROBOT, SKIN, Knowing(motion), anxious(), rng, reachable_map)  # type: ignore[arg-type]
+    return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), anxious(), rng, reachable_map)  # type: ignore[arg-type]
 
 
 def towards(taxel: str, begin_m: float, end_m: float, speed_m_s: float = 0.06):
@@ -75,16 +59,6 @@ def towards(taxel: str, begin_m: float, end_m: float, speed_m_s: float = 0.06):
         return point + max(far, end_m) * normal, -speed_m_s * normal * (far > end_m)
 
     return motion
-
-
-def run(one: Pipeline, seconds: float = 2.0) -> tuple[list[PipelineStep], Array]:
-    """The steps, the robot obeying, and the joints (T, n) before each."""
-    q, black, steps, joints = home(ROBOT), np.zeros((2, 2, 3), np.uint8), [], []
-    for k in range(int(seconds / DT)):
-        steps.append(one.step(StereoFrame(black, black, DT * k, DT * k, q, q)))
-        joints.append(q)
-        q = ROBOT.clamp(q + DT * steps[-1].command.dq_rad_s)
-    return steps, np.array(joints)
 
 
 def truly(motion, steps: list[PipelineStep]) -> Array:
@@ -109,7 +83,7 @@ def test_an_object_out_of_reach_is_not(left: ReachableMap) -> None:
     motion = towards("left_forearm:27", 0.15, 0.05)
     steps, joints = run(pipeline(motion, REACH, left))
     assert not truly(motion, steps).any()
-    assert sum(step.activations.max() > REACH.threshold for step in steps) > 20
+    assert sum(step.activation.probability.max() > REACH.threshold for step in steps) > 20
     assert {step.reachability.status for step in steps if step.reachability} == {ReachStatus.UNREACHABLE}
     assert not any(step.command.dq_rad_s[ARM].any() for step in steps)
     np.testing.assert_array_equal(joints[:, ARM], np.tile(HOME_ARM_RAD, (len(joints), 1)))
@@ -150,7 +124,7 @@ def test_stricter_about_false_positives_the_arm_gives_up_earlier(left: Reachable
 
 
 def test_a_torso_that_turns_with_the_object_changes_nothing(left: ReachableMap) -> None:
-    upright, black = home(ROBOT), np.zeros((2, 2, 3), np.uint8)
+    upright = home(ROBOT)
     turned = upright.copy()
     turned[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3, -0.1, 0.2
     point = towards("left_palm:101", 0.1, 0.1)(0.0)[0]
@@ -158,13 +132,13 @@ def test_a_torso_that_turns_with_the_object_changes_nothing(left: ReachableMap) 
     found = []
     for q, p in ((upright, point), (turned, carried[:3])):
         one = pipeline(lambda _, p=p: (p, np.zeros(3)), AVOID, left)
-        found.append(one.step(StereoFrame(black, black, 0.0, 0.0, q, q)).reachability)
+        found.append(one.step(frame_at(0.0, q)).reachability)
     np.testing.assert_allclose(found[1].gaze_rad, found[0].gaze_rad, atol=1e-9)
     assert found[1].degree == pytest.approx(found[0].degree, abs=1e-9)
 
 
 def test_an_arm_that_is_to_reach_needs_its_own_map(left: ReachableMap) -> None:
     for reachable_map, of in ((None, "no arm"), (replace(left, side="right"), "right")):
-        with pytest.raises(ValueError, match=f"a reachable-space map of {of} for the left arm"):
+        with pytest.raises(ValueError, match=f"reachable-space map of {of}; expected one of the left arm"):
             pipeline(towards("left_palm:101", 0.17, 0.08), REACH, reachable_map)
     pipeline(towards("left_palm:101", 0.17, 0.08), AVOID, replace(left, side="right"))

@@ -73,11 +73,11 @@ def meet(world: World, fault: Fault) -> EncounterLog:
     meeting = faulty.meet(replace(encounter, seconds=3.5), fresh_pipeline(faulty, anxious(faulty)), avoid=True)
     for _, step in meeting:
         assert np.all(np.isfinite(step.command.dq_rad_s))
-        assert np.all(np.isfinite(step.activations))
+        assert np.all(np.isfinite(step.activation.probability))
         if step.tracking.track.is_known:
             assert np.linalg.eigvalsh(step.tracking.track.cov[:3, :3]).min() > 0
         else:
-            assert step.activations.max() == 0, "nothing is expected of an object that is not known"
+            assert step.activation.probability.max() == 0, "nothing is expected of an object that is not known"
     return meeting.log()
 
 

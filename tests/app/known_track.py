@@ -1,0 +1,45 @@
+"""A closed loop on kinematics: in place of images, the pipeline gets the true position and velocity of the object."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pps_vision.app.pipeline import Pipeline, PipelineStep
+from pps_vision.robot.icub import home
+from pps_vision.types import Array, Status, StereoFrame, Track3D
+from tracking.tracker import TrackerStep
+
+DT = 0.05
+Motion = Callable[[float], tuple[Array, Array] | None]
+
+
+@dataclass
+class KnownTrack:
+    """In place of a tracker: position and velocity of the object at any time; None where it is not seen."""
+
+    motion: Motion
+
+    def step(self, frame: StereoFrame) -> TrackerStep:
+        now = self.motion(frame.stamp_s)
+        track = Track3D.unknown(frame.stamp_s)
+        if now is not None:
+            mean = np.array([*now, np.zeros(3), np.zeros(3)])
+            track = Track3D(frame.stamp_s, mean, 1e-6 * np.eye(12), 0.02, 1e-8, Status.TRACKING)
+        return TrackerStep(track, (), None, ((), ()), np.zeros(3))
+
+
+def frame_at(stamp_s: float, q_left: Array, q_right: Array | None = None) -> StereoFrame:
+    """A frame with black images."""
+    black = np.zeros((2, 2, 3), np.uint8)
+    return StereoFrame(black, black, stamp_s, stamp_s, q_left, q_left if q_right is None else q_right)
+
+
+def run(pipeline: Pipeline, seconds: float = 2.0) -> tuple[list[PipelineStep], Array]:
+    """The steps of a robot that starts at home and obeys the commands, and its joints (T, n) before each."""
+    q, steps, joints = home(pipeline.robot), [], []
+    for k in range(int(seconds / DT)):
+        steps.append(pipeline.step(frame_at(DT * k, q)))
+        joints.append(q)
+        q = pipeline.robot.clamp(q + DT * steps[-1].command.dq_rad_s)
+    return steps, np.array(joints)
