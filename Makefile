@@ -2,7 +2,6 @@
 # make test   installs what testing needs too, runs linters, types and tests
 PYTHON ?= python3
 BIN := .venv/bin
-export PYOPENGL_PLATFORM := egl
 
 .PHONY: setup libraries test demo clean
 setup: libraries .venv/.installed

@@ -1,14 +1,12 @@
-"""What the sensor makes of the light: exposure, shot and read noise, eight bits."""
+"""Sensor model: exposure, shot and read noise, quantisation to eight bits."""
 
 from dataclasses import dataclass
-from typing import Any
 
-import cv2
 import numpy as np
 
 from pps_vision.types import Array, Image
 
-_LARGEST = 255.0  # grey levels; of anything, more is none
+_LARGEST = 255.0  # grey levels; no parameter is meaningful above full scale
 
 
 @dataclass(frozen=True)
@@ -46,8 +44,6 @@ def expose(sensor: Sensor, light: Array, rng: np.random.Generator | None) -> Ima
     if sensor.is_noisy:
         if rng is None:
             raise ValueError("a noisy sensor asks for a random generator, got None")
-        noise: Any = np.empty_like(signal)
-        cv2.setRNGSeed(int(rng.integers(2**31)))  # a quarter of the cost of rng.standard_normal
-        cv2.randn(noise, np.zeros(1), np.ones(1))
+        noise = rng.standard_normal(signal.shape, dtype=np.float32)
         signal += noise * np.sqrt(np.float32(sensor.noise_sigma**2) + np.float32(sensor.shot) * signal)
     return np.rint(np.clip(signal, 0, 255)).astype(np.uint8)

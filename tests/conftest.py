@@ -1,6 +1,5 @@
 """Settings that must stand before the packages are imported."""
 
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 sys.path.insert(0, str(Path(__file__).parent))  # `from data import shared_data` in every mirrored folder
 
 settings.register_profile("untimed", deadline=None)  # the machine may be busy

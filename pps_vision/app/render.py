@@ -22,7 +22,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.fidelity import Fidelity, cheapest
+from rendering.fidelity import Fidelity
 from rendering.motions import Motion, make_motion
 from rendering.names import MESH_SUFFIXES, CarrierName, StimulusName
 from rendering.scene import SceneState
@@ -41,8 +41,6 @@ class Render(RenderParams):
 
     def run(self) -> None:
         """Render, and report what was written."""
-        if self.max_image_error is not None:
-            print(f"drawn with {cheapest(self.max_image_error)}")
         pairs, touches = self.record()
         print(f"{pairs} pairs, skin touched in {touches} → {self.out}")
 
@@ -60,7 +58,7 @@ class Render(RenderParams):
         rng = np.random.default_rng(self.seed)
         robot, skin = load_icub(), icub_skin()
         rig = icub_rig(robot)
-        fidelity = self.fidelity()
+        fidelity = Fidelity(scale=self.scale)
         stimulus = self.object(fidelity.fineness)
         sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
         carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
@@ -78,10 +76,6 @@ class Render(RenderParams):
                 writer.write_touches(t, np.array(skin.taxel_ids)[touched])
                 writer.write_truth(truth)
         return len(states), touches
-
-    def fidelity(self) -> Fidelity:
-        """How the scene is drawn."""
-        return Fidelity() if self.max_image_error is None else cheapest(self.max_image_error).fidelity
 
     def object(self, fineness: int) -> Stimulus:
         """What is shown; ValueError and OSError name a mesh file that cannot be shown."""

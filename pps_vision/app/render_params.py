@@ -43,8 +43,7 @@ class RenderParams:
     """Who holds the object; finger: the robot itself, on the tip of its right index finger."""
     head: Literal["follow", "sway", "still"] = "follow"
     """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
-    max_image_error: float | None = None
-    """How far the object may be from its finest rendering, RMS grey levels of 255: the cheapest way to draw it that
-    was measured to stay within; default: what serves tracking as well as the finest."""
+    scale: float = 1.0
+    """Pixels of the drawn pinhole image per pixel of the eye, 0.5 to 2: finer images take longer (`bench fidelity`)."""
     seed: int = 0
     """Seed of the motion and the noise."""

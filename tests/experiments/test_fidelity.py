@@ -1,4 +1,4 @@
-"""The table that `render --max-image-error` chooses from, measured again; and the chart of what is measured."""
+"""Fidelity of the renderer against its ray-cast reference, and the scale a user asks for."""
 
 from pathlib import Path
 
@@ -9,18 +9,18 @@ from pps_vision.app.render import Render
 from pps_vision.experiments.fidelity import Fidelity
 from pps_vision.experiments.fidelity_images import compare
 from pps_vision.recordings.yarp import open_yarp
-from rendering.fidelity import MEASURED
+from rendering.fidelity import Fidelity as Drawn
 from rendering.sensor import Sensor
 
-QUICK = {str(k): MEASURED[k].fidelity for k in (0, 1, 2)}
 
-
-def test_the_table_says_what_is_measured() -> None:
+def test_a_finer_scale_is_nearer_to_the_ray_cast_image_and_slower() -> None:
     scenes = [next(Fidelity().scenes("marker", 0, 1.0))]
-    measured = compare("marker", scenes, QUICK, Sensor(), samples=1)
-    for name, result in measured.items():
-        assert result["error"] == pytest.approx(MEASURED[int(name)].error_levels, rel=0.25)
-    assert measured["0"]["median_ms"] < measured["2"]["median_ms"]
+    scales = {"1": Drawn(), "1.5": Drawn(scale=1.5), "2": Drawn(scale=2)}
+    measured = compare("marker", scenes, scales, Sensor(), samples=1)
+    errors = [measured[name]["error"] for name in scales]
+    assert errors == sorted(errors, reverse=True)
+    assert 1 < errors[-1] < errors[0] < 6  # grey levels
+    assert measured["1"]["median_ms"] < measured["2"]["median_ms"]
 
 
 def test_senseless_parameters_are_refused() -> None:
@@ -28,18 +28,14 @@ def test_senseless_parameters_are_refused() -> None:
         Fidelity(n=0).run()
 
 
-def test_render_draws_as_finely_as_it_is_asked_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    fine, usual = (
-        Render("ball", "circle", tmp_path / str(asked), seconds=0.1, seed=3, max_image_error=asked)
-        for asked in (MEASURED[-1].error_levels, None)
-    )
+def test_render_draws_at_the_scale_it_is_asked_for(tmp_path: Path) -> None:
+    fine, usual = (Render("ball", "circle", tmp_path / str(k), seconds=0.1, seed=3, scale=k) for k in (2.0, 1.0))
     for render in (fine, usual):
         render.run()
-    assert str(MEASURED[-1]) in capsys.readouterr().out
     one, other = (open_yarp(render.out) for render in (fine, usual))
     assert np.array_equal(one.truth[0].position, other.truth[0].position)
     error = np.sqrt(np.mean((next(iter(one)).left.astype(float) - next(iter(other)).left) ** 2))
-    assert 0.5 < error < 2 * MEASURED[0].error_levels
-    with pytest.raises(ValueError, match=r"image error 0\.1 grey levels; expected"):
-        Render("ball", "circle", tmp_path / "none", max_image_error=0.1).run()
+    assert 0.5 < error < 9  # grey levels
+    with pytest.raises(ValueError, match=r"expected scale 0\.5–2"):
+        Render("ball", "circle", tmp_path / "none", scale=3.0).run()
     assert not (tmp_path / "none").exists()

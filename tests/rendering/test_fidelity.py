@@ -10,7 +10,7 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.fidelity import MEASURED, Fidelity, cheapest
+from rendering.fidelity import Fidelity
 from rendering.scene import Placed, SceneState
 from rendering.shapes import board
 from rendering.stimuli import RED, make_stimulus
@@ -78,18 +78,6 @@ def test_a_board_casts_its_shadow_away_from_the_lamp(robot: Robot, rig: StereoRi
     u, v = np.rint(eye.project(aside)).astype(int)
     here = np.s_[v - 2 : v + 3, u - 2 : u + 3]
     assert with_shadow[here].mean() > 0.95 * without[here].mean()
-
-
-def test_the_cheapest_that_meets_the_error_is_chosen() -> None:
-    costs, errors = [m.cost for m in MEASURED], [m.error_levels for m in MEASURED]
-    assert costs == sorted(costs)
-    assert errors == sorted(errors, reverse=True)
-    assert cheapest(1000.0) is MEASURED[0]
-    for dearer, measured in zip(MEASURED[1:], MEASURED, strict=False):
-        assert cheapest(measured.error_levels) is measured
-        assert cheapest(measured.error_levels - 0.01) is dearer
-    with pytest.raises(ValueError, match=r"image error 0.0 grey levels; expected .* or more"):
-        cheapest(0.0)
 
 
 @pytest.mark.parametrize(
