@@ -116,13 +116,13 @@ class Trigger(parameters.Trigger):
         ]
         speed_against_error(left, points, "image", f"false alarms a minute (0 is drawn at {_FLOOR:g})")
         left.axhline(1.0, color="0.25", ls="--", lw=1)
-        left.set_title("head turning at up to 20°/s before photographs, nothing else moves")
+        left.set_title("only the head moves, ≤ 20°/s, before photographs", fontsize=10)
         legend(left)
         names, colors = list(rows), ["tab:blue" if name in OURS else "tab:orange" for name in rows]
         right.barh(names, [100 * _in_time(row) for row in rows.values()], color=colors)
         right.invert_yaxis()
         right.set_xlabel("found within 3 images at 5 px an image (%)")
-        right.set_title("ball or marker that starts to move")
+        right.set_title("a ball or marker that starts to move", fontsize=10)
         return figure
 
 

@@ -13,7 +13,7 @@ from scipy import ndimage
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, Image, StereoFrame
+from pps_vision.types import Array, Image, Status, StereoFrame
 from tracking import batch
 from tracking.batch import BatchTracker, OutlineBatch
 from tracking.color import ColorModel, color_bins, histogram
@@ -377,6 +377,47 @@ def test_a_confirmed_ball_is_found_in_batches_without_its_particles(
     monkeypatch.setattr("tracking.eye.EyeTracker.step", lambda *_: pytest.fail("searched frame by frame"))
     for step in batches.steps(frames[6:8]):
         assert len(step.detections) == 2
+
+
+def test_in_a_grey_image_outlines_by_colour_are_not_used(
+    rig: StereoRig, robot: Robot, rng: np.random.Generator
+) -> None:
+    """Given outlines 3 px off: the tracker takes them in a colour image, and not in a grey one."""
+    for grey in (False, True):
+        tracker = Tracker(TrackerParams(), rig, np.random.default_rng(0))
+        *before, last = _film(rig, robot, BLUE, rng)[:8]
+        for one in before:
+            seen = tracker.step(one).detections
+        shapes = OutlineBatch(tracker.appearance[0], Optics(rig.left), DEVICES[0]).find(last.left[None])[0]  # type: ignore[index]
+        assert shapes
+        off = replace(shapes[0], center_px=shapes[0].center_px + 3.0)
+        right = OutlineBatch(tracker.appearance[1], Optics(rig.right), DEVICES[0]).find(last.right[None])[0]  # type: ignore[index]
+        if grey:
+            last = replace(
+                last,
+                **{
+                    eye: cv2.cvtColor(getattr(last, eye), cv2.COLOR_RGB2GRAY)[..., None].repeat(3, 2)
+                    for eye in ("left", "right")
+                },
+            )
+        step = tracker.step(last, ([off], right))
+        given = [one for one in step.detections if one.camera == "left" and np.allclose(one.center_px, off.center_px)]
+        assert bool(given) != grey
+        assert seen
+
+
+def test_a_lost_balls_colours_are_no_longer_searched(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
+    q, frames = home(robot), _film(rig, robot, BLUE, rng)[:8]
+    empty = [frame(rig, q, [], 0.05 * (8 + k), rng) for k in range(14)]
+    tracker, marker = (Tracker(TrackerParams(mode), rig, np.random.default_rng(0)) for mode in ("generic", "marker"))
+    for one in frames:
+        tracker.step(one)
+        marker.step(one)
+    assert tracker.appearance is not None
+    statuses = [tracker.step(one).track.status for one in empty]
+    assert Status.LOST in statuses
+    assert tracker.appearance is None
+    assert marker.appearance is not None  # a marker's hue is known all along
 
 
 def test_process_wide_state_is_left_alone(rig: StereoRig, find: Callable[..., list[batch.Found]]) -> None:
