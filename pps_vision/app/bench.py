@@ -1,8 +1,9 @@
-"""Run studies and write their numbers and charts: what `pps-vision bench` does."""
+"""Run studies and write their numbers, charts and tables: what `pps-vision bench` does."""
 
 import json
 import platform
 import subprocess
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -11,71 +12,131 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from pps_vision.app.figures import save
-from pps_vision.experiments.experiment import Charted, Experiment, Series
+from pps_vision.errors import InputError
+from pps_vision.experiments.study import Entry, Study, catalogue, load
+from pps_vision.experiments.tables import fill, markdown, names
 from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.results import plain, write_summary
+from pps_vision.recordings.results import plain
+
+_DOCUMENTS = Path("docs")
+_GROUPS = ("pps", "reach")
 
 
-def bench(experiment: Experiment | Series, out: Path | None = None, figure: Path | None = None) -> None:
-    """Measure and write; of a series, what this code has not yet measured with the same parameters."""
-    name = type(experiment).__name__.lower()
-    out = out or Path("docs") / "results" / f"{name}.json"
-    png = figure or Path("docs") / "figures" / f"{name}.png"
-    if not isinstance(experiment, Series):
-        _measure(name, experiment, out, png)
-        return
-    for part, one in experiment.parts().items():
-        stems = f"{out.stem}_{part}", f"{png.stem}_{part}"
-        _measure(f"{name} {part}", one, out.with_stem(stems[0]), png.with_stem(stems[1]), again=False)
+def listing() -> str:
+    """Return every study's name, what it measures, and its parameters."""
+    lines = []
+    for name, entry in catalogue().items():
+        fields = ", ".join(f"{field} = {value}" for field, value in entry.fields.items())
+        lines.append(f"{name}: {entry.summary}\n    {fields}")
+    return "\n".join(lines)
 
 
-def _measure(name: str, experiment: Experiment, out: Path, png: Path, again: bool = True) -> None:
-    """Run, print, write the numbers and the charts; nothing where they are there and not wanted `again`."""
-    setting = {"experiment": name, "parameters": asdict(experiment), "machine": _machine()}  # type: ignore[call-overload]
-    if not again and _is_measured(out, setting):
-        print(f"= {out} (measured before, by the same code with the same parameters)")
-        return
-    with whole_file(out) as partial:
-        numbers = experiment.run()
-        for part, figure in _charts(experiment, numbers).items():
-            file = png.with_stem(f"{png.stem}_{part}" if part else png.stem)
-            with whole_file(file) as drawing:
-                save(figure, drawing)
-            print(f"→ {file}")
-        write_summary(partial, {**setting, **numbers})
-        print(partial.read_text(), end="")
-    print(f"→ {out}")
+def bench(
+    asked: Sequence[str],
+    overrides: Mapping[str, Any] = {},
+    out: Path = _DOCUMENTS,
+    again: bool = False,
+    redraw: bool = False,
+) -> None:
+    """Run the studies that are asked for; with `redraw` only draw and fill what was measured."""
+    known = catalogue()
+    chosen = [name for name in known if any(_is_asked(name, one) for one in asked)]
+    for one in asked:
+        if not any(_is_asked(name, one) for name in known):
+            raise InputError(
+                "bench", f"no study {one}; expected all, {', '.join(_GROUPS)} or one of {', '.join(known)}"
+            )
+    for name, value in overrides.items():
+        if len(asked) == len(chosen) and not any(name in known[study].fields for study in chosen):
+            raise InputError("bench", f"{', '.join(asked)} takes no {name} ({value}); see `bench` without a name")
+    commit = _commit()
+    if out == _DOCUMENTS and not redraw and commit.endswith("dirty"):
+        raise InputError("bench", "the code has uncommitted changes; commit them first, or give --out FOLDER")
+    for name in chosen:
+        entry = known[name]
+        file = out / "results" / f"{name}.json"
+        given = {field: value for field, value in overrides.items() if field in entry.fields}
+        if redraw:
+            if file.exists():
+                _draw(load(entry)(), name, json.loads(file.read_text()), out)
+        else:
+            _measure(name, load(entry)(**given), commit, out, again)
+    _fill_documents(known, out)
 
 
-def _charts(experiment: Experiment, numbers: dict[str, Any]) -> dict[str, Figure]:
-    """By what is appended to their names; those of independent scenes apart, where both kinds were measured."""
-    if not isinstance(experiment, Charted):
-        return {}
-    drawn = experiment.chart(numbers)
-    charts = {"": drawn} if isinstance(drawn, Figure) else dict(drawn)
-    if isinstance(other := numbers.get("independent"), dict):
-        rest = {key: value for key, value in numbers.items() if key != "independent"}
-        for part, figure in _charts(experiment, {**rest, **other}).items():
-            charts[f"{part}_independent".lstrip("_")] = figure
-    return charts
+def _is_asked(name: str, asked: str) -> bool:
+    return asked in (name, "all") or (asked in _GROUPS and name.startswith(f"{asked}_"))
 
 
-def _is_measured(out: Path, setting: dict[str, Any]) -> bool:
-    """Whether a file holds the numbers of this setting; never where the code is not the commit's."""
-    if setting["machine"]["commit"].endswith(("dirty", "unknown")) or not out.exists():
-        return False
-    before = json.loads(out.read_text())
-    return all(before.get(key) == plain(value) for key, value in setting.items())
+def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> None:
+    """Run a study and write its result and charts; nothing where this commit has measured the same."""
+    file = out / "results" / f"{name}.json"
+    setting = plain({"study": name, "parameters": asdict(study), "machine": _machine(commit)})  # type: ignore[call-overload]
+    assert isinstance(setting, dict)
+    if not again and not commit.endswith(("dirty", "unknown")) and file.exists():
+        before = json.loads(file.read_text())
+        if all(before.get(key) == value for key, value in setting.items()):
+            print(f"= {file} (already measured by this commit with these parameters)")
+            return
+    with whole_file(file) as partial:
+        numbers = {**setting, **_rounded(plain(study.run()))}
+        partial.write_text(_compact(numbers))
+        _draw(study, name, json.loads(partial.read_text()), out)
+    print(f"→ {file}")
 
 
-def _machine() -> dict[str, str]:
+def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
+    drawn = study.chart(numbers)
+    for part, figure in ({"": drawn} if isinstance(drawn, Figure) else drawn).items():
+        file = out / "figures" / (f"{name}_{part}.png" if part else f"{name}.png")
+        with whole_file(file) as partial:
+            save(figure, partial)
+        print(f"→ {file}")
+
+
+def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
+    """Fill the marked tables of OUT/*.md and README.md from the results that are there."""
+    readme = [Path("README.md")] if out == _DOCUMENTS and Path("README.md").exists() else []
+    for document in [*sorted(out.glob("*.md")), *readme]:
+        tables = {}
+        for name in names(document.read_text()):
+            studies = [study for study in known if name == study or name.startswith(f"{study}_")]
+            if not studies:
+                raise InputError(document, f"table {name}; expected the name of a study (and of its table)")
+            study = max(studies, key=len)
+            file = out / "results" / f"{study}.json"
+            if file.exists():
+                of_study = load(known[study])().tables(json.loads(file.read_text()))
+                part = name[len(study) + 1 :]
+                if part not in of_study:
+                    raise InputError(document, f"table {name}; expected one of {study}'s: {', '.join(of_study)}")
+                tables[name] = markdown(of_study[part])
+        fill(document, tables)
+
+
+def _compact(numbers: Mapping[str, Any]) -> str:
+    """JSON with one line for every name of the outermost level."""
+    lines = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in numbers.items())
+    return "{\n " + ",\n ".join(lines) + "\n}\n"
+
+
+def _rounded(value: Any) -> Any:
+    """Floats with 5 significant digits."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+def _machine(commit: str) -> dict[str, str]:
     """What the numbers were measured with and on."""
     packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
     return {
         "processor": platform.processor() or platform.machine(),
         "python": platform.python_version(),
         **{package: version(package) for package in packages},
-        "commit": _commit(),
+        "commit": commit,
     }
 
 

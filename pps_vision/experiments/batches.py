@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,9 +13,9 @@ from matplotlib.figure import Figure
 from pps_vision.app.device import torch_device
 from pps_vision.app.render import Render
 from pps_vision.app.track import chunks
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.rendered import Rendered, rendered
+from pps_vision.experiments.study import Study
 from pps_vision.types import Array
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
@@ -25,8 +26,22 @@ SIZES = (1, 4, 16, 64)
 OBJECTS: dict[Literal["marker", "generic"], "StimulusName"] = {"marker": "marker", "generic": "ball"}
 
 
-class Batches(parameters.Batches):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Batches(Study):
+    """A rendered marker and a rendered ball followed frame by frame and by `track --device`: pairs per second against
+    the size of the batch, with one and two threads and on a CUDA device where there is one, and how far the
+    detections are apart."""
+
+    n: int = 52
+    """Stereo pairs of a recording."""
+    recordings: int = 4
+    """Recordings of each object."""
+    repeats: int = 2
+    """Runs over the recordings of every way, in turn."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of the first recording; each further one has the next."""
 
     def run(self) -> dict[str, object]:
         """Pairs per second (median and quartiles of the runs) and agreement, by the tracker's mode."""

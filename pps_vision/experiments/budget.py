@@ -17,9 +17,9 @@ from tqdm import tqdm
 from pps_vision.app.budget import CONFIGURATIONS, Choice, cheapest
 from pps_vision.app.render import Render
 from pps_vision.app.track import errors_against
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import panels, timed
 from pps_vision.experiments.rendered import Rendered, rendered
+from pps_vision.experiments.study import Study
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Status, Track3D
 from rendering.names import MotionName, StimulusName
@@ -50,8 +50,16 @@ SCENES = (
 )
 
 
-class Budget(parameters.Budget):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Budget(Study):
+    """The cheapest configuration that meets an asked-for error: is it met, at what cost, scene by scene."""
+
+    n: int = 2
+    """Recordings of each scene for the table, and as many others for the test."""
+    seconds: float = 4.0
+    """Length of each."""
+    seed: int = 0
+    """Seed of the recordings the table is measured on; those it is tested on are others."""
 
     def run(self) -> dict[str, object]:
         """The table, then scene by scene and error by error what was chosen, its error and its cost."""

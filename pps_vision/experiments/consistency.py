@@ -1,6 +1,7 @@
 """Whether what the tracker says it does not know is what it does not know: NEES, NIS, coverage, time to contact."""
 
 from collections.abc import Sequence as Listed
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2, norm
 
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import panels
-from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.filter_methods import measured
 from pps_vision.experiments.filter_scenes import (
     MOTIONS,
@@ -22,6 +21,7 @@ from pps_vision.experiments.filter_scenes import (
     tracking_steps,
 )
 from pps_vision.experiments.scene_sources import by_source
+from pps_vision.experiments.study import Scenes, SceneSource, Study
 from pps_vision.types import Array
 from tracking.contact import Contact, time_to_contact
 from tracking.kalman import KalmanParams, scaled, start
@@ -34,8 +34,24 @@ _ASIDE_M = np.array([0.0, 0.0, -0.15])  # of the path's middle: a point whose di
 _WITHIN = {"68": 5.0, "95": 2.0}  # percent, the goal
 
 
-class Consistency(parameters.Consistency):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Consistency(Study):
+    """Rendered balls and markers (noisy images, head moving): errors against the covariances that come with them.
+
+    Judged from the tenth measurement on; where the velocity jumps at once, which nothing in a hand does, not in
+    that frame and the next (`with_jumps` counts them too).
+    """
+
+    n: int = 4
+    """Recordings of each object on each motion, and of each at each speed of approach."""
+    seconds: float = 5.0
+    """Length of the recordings that are no approaches."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of the first recordings; the others count up."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, object]:
         """By motion and over all: mean NEES (position and velocity, 6 expected) and NIS (3) with the 95 % bands of

@@ -1,6 +1,6 @@
 """Where tracking breaks: one disturbance at a time, from mild to hopeless, ours beside the peers."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from pps_vision.experiments import parameters
-from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.failure_cases import CASES, Case, Group
 from pps_vision.experiments.failure_methods import OURS, PEERS, Peers, judge, track_ours
-from pps_vision.experiments.failure_scenes import Scenes, stage_props
+from pps_vision.experiments.failure_scenes import Scenes as FailureScenes
+from pps_vision.experiments.failure_scenes import stage_props
 from pps_vision.experiments.footage import Footage, open_studio
 from pps_vision.experiments.scene_sources import by_source
+from pps_vision.experiments.study import Scenes, SceneSource, Study
 
 BREAKS_BELOW, DEGRADES_ABOVE = 0.9, 3.0
 CRITERION = (
@@ -34,8 +34,19 @@ _COLUMNS = 5
 METHODS = (*OURS, *PEERS)
 
 
-class Failures(parameters.Failures):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Failures(Study):
+    """A red ball before a robot that looks at it, and everything that can go wrong, each alone and from mild to
+    hopeless.  Ours has to find the ball; the peers are given its true boxes in the first frame."""
+
+    n: int = 1
+    """Recordings of every severity."""
+    seed: int = 0
+    """Seed of the first; the others count up."""
+    csrt: bool = True
+    """Whether CSRT is put on them too, on the first recordings only: it takes more time than all the rest."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones (which do not show the robot's arms), or both."""
 
     def run(self) -> dict[str, object]:
         """By disturbance, by method: success, error and wrongness at each severity, and where it breaks."""
@@ -48,7 +59,7 @@ class Failures(parameters.Failures):
         scores: dict[str, list[Any]] = {case.name: [] for case in cases}
         with open_studio(stage_props(), source, self.seed) as studio:
             for k in range(self.n):
-                scenes, peers = Scenes(studio, self.seed + k), Peers()
+                scenes, peers = FailureScenes(studio, self.seed + k), Peers()
                 for case in tqdm(cases, desc=f"recording {k + 1} of {self.n}", unit="disturbance", disable=None):
                     shown = (case.show(scenes, severity) for severity in case.severities)
                     scores[case.name].append(

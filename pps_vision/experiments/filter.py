@@ -1,15 +1,16 @@
 """How much a filter's order, its choice, its gain and a look back are worth, on rendered motion and on real flights."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.experiments import filter_methods as methods
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
 from pps_vision.experiments.filter_methods import State
 from pps_vision.experiments.filter_scenes import (
@@ -20,6 +21,7 @@ from pps_vision.experiments.filter_scenes import (
     rendered_sequences,
     simulated_sequences,
 )
+from pps_vision.experiments.study import DATA, Study
 from pps_vision.types import Array, Mask
 from tracking.names import DEFAULT_ORDER
 
@@ -31,8 +33,24 @@ Online = Callable[[Sequence], methods.Filter]
 Smoothed = Callable[[Sequence], list[State]]
 
 
-class Filter(parameters.Filter):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Filter(Study):
+    """Filters of orders 1–4, of automatic order, with constant gain, with and without RTS smoothing, and peers.
+
+    On the measurements of rendered balls and markers (noisy images, head moving), and on tt3d's noisy flights,
+    where that folder is.  filterpy is skipped where it is not installed.
+    """
+
+    n: int = 1
+    """Recordings of each object on each motion, and of each at each speed of approach."""
+    seconds: float = 5.0
+    """Length of the recordings that are no approaches."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    data: Path = DATA
+    """Folder that holds tt3d (default: PPS_VISION_DATA, else ../shared/data)."""
+    seed: int = 0
+    """Seed of the first recordings; the others count up."""
 
     def run(self) -> dict[str, object]:
         """By data and filter: milliseconds an update, RMS errors of position and velocity, median error of the

@@ -10,8 +10,8 @@ import numpy as np
 from tqdm import tqdm
 
 from pps_vision.app.render import Render
-from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.rendered import Rendered, rendered
+from pps_vision.experiments.study import SceneSource
 from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, rotation_to, transform
 from pps_vision.geometry.triangulation import triangulate

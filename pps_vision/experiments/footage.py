@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.peers import BoxPx, sphere_box
 from pps_vision.experiments.scene_sources import eyes_of, own_body_of
+from pps_vision.experiments.study import SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot

@@ -13,7 +13,6 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.independent_scenes import (
     EDGE_SAMPLES,
     Ball,
@@ -30,6 +29,7 @@ from pps_vision.experiments.independent_scenes import (
     photograph,
     visible_share,
 )
+from pps_vision.experiments.study import DATA
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import Array, Image, StereoFrame, Truth

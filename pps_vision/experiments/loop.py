@@ -1,6 +1,7 @@
 """The closed loop, many times: who is touched, and who moves without cause."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,7 +10,8 @@ from tqdm import tqdm
 from learning.pps.memory import PPSMemory
 from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
 from pps_vision.app.school import SPEED_M_S, fresh_pipeline, open_world, teach
-from pps_vision.experiments import parameters
+from pps_vision.app.school_params import SchoolParams
+from pps_vision.experiments.study import Study
 from pps_vision.robot.skin import INNER_FOREARM
 
 Case = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
@@ -22,8 +24,19 @@ CASES: dict[Case, tuple[Kind, bool]] = {
 }
 
 
-class Loop(parameters.Loop):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Loop(Study):
+    """Encounters with an octopus at 5–15 cm/s after learning from ball and cube: who is touched, who moves
+    without cause.
+
+    Cases: approach with avoidance on and off, receding, standing still, own arm moving with nothing near.
+    """
+
+    n: int = 20
+    """Encounters of every case."""
+    seed: int = 0
+    """Seed of the school and the encounters."""
+    school: SchoolParams = SchoolParams()
 
     def run(self) -> dict[str, object]:
         """Counts by case, with what the tracker was worth meanwhile."""

@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from pps_vision.app.render import Render
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
-from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.rendered import Rendered, rendered
 from pps_vision.experiments.scene_sources import by_source
 from pps_vision.experiments.stereo_peers import FilteredPeer, StereoPeerName, stereo_peer
+from pps_vision.experiments.study import Scenes, SceneSource, Study
 from pps_vision.types import Array, StereoFrame, Track3D
 from rendering.names import StimulusName
 from tracking.marker import MarkerParams
@@ -30,8 +29,22 @@ _LAST_S = 0.5  # before the touch a time to contact counts
 _OURS = ("ours, generic", "ours, marker")
 
 
-class Pipeline(parameters.Pipeline):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Pipeline(Study):
+    """Balls and markers that approach the skin at 5–30 cm/s while the head moves, through our pipelines and the
+    peers', which are told the true boxes in the first frame and get our filter.
+
+    Time a stereo pair, 3D error, and error of the time to contact in the last half second.
+    """
+
+    n: int = 4
+    """Approaches of a ball, and as many of a marker, their speeds spread over the range."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of the approaches, the noise and the particles."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, object]:
         """By pipeline: ms a pair, 3D RMS in mm, median relative TTC error, share of pairs with a track."""

@@ -1,6 +1,7 @@
 """The same code on real data nobody here made."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from learning.pps.contact import PassingParams, leave_one_out
 from learning.pps.scores import auroc, brier
 from learning.pps.trials import load_trials
 from pps_vision.app.track2d import follow
-from pps_vision.experiments import parameters
+from pps_vision.experiments.study import DATA, Study
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.images import open_frames, open_stereo_images
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
@@ -19,8 +20,17 @@ from pps_vision.types import Array
 from tracking.tracker import Tracker, TrackerParams
 
 
-class Real(parameters.Real):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Real(Study):
+    """Real data: a ball in one view, a thrown ball in stereo, a robot's touches, a robot's recording.
+
+    What is absent is skipped, saying so.
+    """
+
+    data: Path = DATA
+    """Folder that holds vot_ball1, baseball, pps_real_robot, yarp_dump (PPS_VISION_DATA, else ../shared/data)."""
+    seed: int = 0
+    """Seed of the particles."""
 
     def run(self) -> dict[str, object]:
         """Numbers by data set."""

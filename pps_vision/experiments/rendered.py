@@ -6,9 +6,9 @@ from tempfile import TemporaryDirectory
 
 from pps_vision.app.render import Render
 from pps_vision.errors import InputError
-from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.peers import BoxPx, sphere_box
 from pps_vision.experiments.scene_sources import eyes_of, own_body_of
+from pps_vision.experiments.study import SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.model import Robot

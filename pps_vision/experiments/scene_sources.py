@@ -8,7 +8,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from pps_vision.experiments.experiment import DATA, Scenes, SceneSource
 from pps_vision.experiments.independent_films import T_ROOT_STAGE_HEAD, head_pose
 from pps_vision.experiments.independent_scenes import (
     EDGE_SAMPLES,
@@ -23,6 +22,7 @@ from pps_vision.experiments.independent_scenes import (
     noise_tape,
     visible_share,
 )
+from pps_vision.experiments.study import DATA, Scenes, SceneSource
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette

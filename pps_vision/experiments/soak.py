@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from control.fixation import gaze_at
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import panels
+from pps_vision.experiments.study import Study
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, StereoFrame
@@ -48,8 +48,17 @@ class _Loop:
             yield k % _LAP, replace(self.frames[k % _LAP], stamp_left_s=stamp, stamp_right_s=stamp)
 
 
-class Soak(parameters.Soak):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Soak(Study):
+    """A rendered lap of 4 s again and again while the head sways: a ball (generic), a marker, and nothing (idle:
+    the trigger only).  Memory, time and covariance at the start and at the end."""
+
+    frames: int = 10_000
+    """Stereo pairs of each."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of the noise and the particles."""
 
     def run(self) -> dict[str, object]:
         """By case: memory's slope, what the tracker holds, medians of processor time, deviations and errors."""

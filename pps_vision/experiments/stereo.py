@@ -1,16 +1,18 @@
 """From two images to one place: how far off, at which distance, for how long, and which method where."""
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import timed
 from pps_vision.experiments.motorcycle import motorcycle
 from pps_vision.experiments.stereo_charts import depth_chart, motorcycle_chart, speed_chart, tracked_chart
 from pps_vision.experiments.stereo_methods import METHODS, outlined, plain_centroid
 from pps_vision.experiments.stereo_scenes import Scene, Theatre, open_theatre, patched_ball
+from pps_vision.experiments.study import DATA, Study
 from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array
@@ -24,8 +26,26 @@ _SETTLED = 5  # frames a tracker is given before its observations count
 _LEAST_SHARE = 0.5  # of answers, below which a method counts as failing
 
 
-class Stereo(parameters.Stereo):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Stereo(Study):
+    """3D error and time of centroid triangulation and of disparity in the region or the whole image, over
+    distance and vergence, textured and not; of the tracker's observations before its filter; and of disparity
+    on `motorcycle`."""
+
+    n: int = 20
+    """Scenes for each distance and vergence; a tenth of the windows on `motorcycle`."""
+    frames: int = 60
+    """Length of each tracked recording."""
+    depths_m: tuple[float, ...] = (0.2, 0.3, 0.4, 0.6, 0.8, 1.2, 2.0)
+    """Distances, 0.4 m among them; a marker is tracked at those up to 0.8 m."""
+    vergences_deg: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
+    """Vergences at 0.3 m; 0 is parallel."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    data: Path = DATA
+    """Folder that holds `motorcycle` (default: PPS_VISION_DATA, else ../shared/data)."""
+    seed: int = 0
+    """Seed of scenes and noise."""
 
     def run(self) -> dict[str, object]:
         """By texture and place, each method's RMS in mm, share of answers and ms; marker and ball as tracked."""

@@ -1,5 +1,6 @@
 """How accurately, how surely and how fast a rendered object is tracked while the head moves."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,9 @@ from tqdm import tqdm
 from pps_vision.app.render import Render
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.app.track import errors_against
-from pps_vision.experiments import parameters
-from pps_vision.experiments.experiment import SceneSource
 from pps_vision.experiments.rendered import rendered
 from pps_vision.experiments.scene_sources import by_source
+from pps_vision.experiments.study import Scenes, SceneSource, Study
 from rendering.names import MotionName, StimulusName
 from tracking.names import Mode
 from tracking.tracker import Tracker, TrackerParams
@@ -20,8 +20,20 @@ from tracking.tracker import Tracker, TrackerParams
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk", "approach")
 
 
-class Tracking(parameters.Tracking):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Tracking(Study):
+    """Rendered balls (generic tracker) and markers (marker tracker) at 5–15 cm/s while the head moves."""
+
+    n: int = 10
+    """Recordings of each, their motions in turn."""
+    seconds: float = 5.0
+    """Length of each."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of the first; the others count up."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, object]:
         """Medians and worst over the recordings, by object."""

@@ -1,16 +1,18 @@
 """How soon, how quietly and at what cost a motion trigger says that something moves by itself."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, speed_against_error
 from pps_vision.experiments.footage import Studio, open_studio
 from pps_vision.experiments.motion_peers import PEERS
+from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.trigger_scenes import (
     AFTER,
     FPS,
@@ -52,8 +54,27 @@ _CALIBRATION_S = 3.0
 _FLOOR = 0.3  # where the chart draws no alarm at all
 
 
-class Trigger(parameters.Trigger):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class Trigger(Study):
+    """Head still or turning at up to 20°/s, the arms in view, and turning before photographs, with late joints and
+    changing light: time per image, false alarms, images until a ball or marker that starts to move is found; flow
+    error on RubberWhale; the velocity with which the tracker begins, with and without flow.  Ours has one setting;
+    each peer gets, for either setting, its best level: the lowest without a false alarm in another scene."""
+
+    n: int = 2
+    """Scenes of each kind, each in both eyes."""
+    seconds: float = 10.0
+    """How long nothing moves, in each of `n` scenes of the last setting and in one of the others."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of places, motions and noise."""
+    peers: bool = True
+    """With --no-peers only ours, for long runs."""
+    films: int = 20
+    """Films of either source on which the tracker's first velocity is measured."""
+    data: Path = DATA
+    """Folder that holds rubberwhale and the photographs (default: PPS_VISION_DATA, else ../shared/data)."""
 
     def run(self) -> dict[str, object]:
         """Numbers by setting and variant."""

@@ -97,11 +97,10 @@ def test_a_folder_without_frames(refused, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        "bench tracking --n 0",
-        "bench fixation --n 0",
-        "bench loop --n 0",
+        "bench tracking --n 0 --out results",
+        "bench fixation --n 0 --out results",
+        "bench loop --n 0 --out results",
         "demo --trials 0",
-        "bench loop --school.trials 0",
     ],
 )
 def test_experiments_on_nothing(refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str) -> None:

@@ -1,53 +1,160 @@
-"""What `bench` does with a series: each part its own files, and nothing measured twice by the same code."""
+"""What `bench` runs, skips and refuses, and what it writes."""
 
-from dataclasses import dataclass
+import json
+import shutil
+import subprocess
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from pps_vision.app import bench
-from pps_vision.app.cli.bench import Bench
-from pps_vision.experiments.experiment import Experiment
+from pps_vision.app.bench import listing
+from pps_vision.app.cli import main
+from pps_vision.errors import InputError
+from pps_vision.experiments.study import Entry, Study, catalogue, load
 
-runs: list[int] = []
-
+FAKE = '''
+from dataclasses import dataclass
+from pps_vision.experiments.study import Study
+from pps_vision.experiments.tables import Table
+from pps_vision.experiments.charts import panels, bars
 
 @dataclass(frozen=True)
-class Part:
+class Fake(Study):
+    """Halves its seed."""
     seed: int = 0
-
-    def run(self) -> dict[str, Any]:
-        runs.append(self.seed)
-        return {"half": self.seed / 2}
-
-
-@dataclass(frozen=True)
-class Parts:
-    first: int = 1
-
-    def parts(self) -> dict[str, Experiment]:
-        return {"one": Part(self.first), "two": Part(2)}
-
-
-def measure(out: Path, first: int) -> list[int]:
-    """The seeds that were run when the series is asked for."""
-    runs.clear()
-    Bench(Parts(first), out / "parts.json", out / "parts.png").run()  # type: ignore[arg-type]
-    return list(runs)
+    def run(self):
+        with open("runs.txt", "a") as runs:
+            runs.write(f"{self.seed} ")
+        return {"half": self.seed / 3, "cells": {"a": [1, 2]}}
+    def chart(self, numbers):
+        figure, (axis,) = panels(1)
+        bars(axis, ["a"], {"half": [numbers["half"]]}, "half")
+        return {"": figure, "other": figure}
+    def tables(self, numbers):
+        return {"": Table(["what", "value"], [["half", f"{numbers['half']:.3g}"]])}
+'''
 
 
-def test_an_interrupted_series_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench, "_commit", lambda: "1234567")
-    assert measure(tmp_path, 1) == [1, 2]
-    assert measure(tmp_path, 1) == []
-    (tmp_path / "parts_two.json").unlink()
-    assert measure(tmp_path, 1) == [2]
-    assert measure(tmp_path, 5) == [5], "other parameters are another measurement"
-    monkeypatch.setattr(bench, "_commit", lambda: "7654321")
-    assert measure(tmp_path, 5) == [5, 2], "other code is another measurement"
+@pytest.fixture
+def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to run in, where the only study is `fake` and the commit is 1234567."""
+    (tmp_path / "fake_study.py").write_text(FAKE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(bench, "catalogue", lambda: {"fake": Entry("fake_study", "Fake", "Halves.", {"seed": "0"})})
+    commit(monkeypatch, "1234567")
+    (tmp_path / "docs").mkdir()
+    return tmp_path
 
 
-def test_code_that_is_no_commit_s_is_always_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench, "_commit", lambda: "1234567-dirty")
-    assert measure(tmp_path, 1) == measure(tmp_path, 1) == [1, 2]
+def commit(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(bench, "_commit", lambda: name)
+
+
+def runs(folder: Path) -> str:
+    file = folder / "runs.txt"
+    return file.read_text() if file.exists() else ""
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(fake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.bench(["fake"], {"seed": 1})
+    bench.bench(["all"], {"seed": 1})
+    assert runs(fake) == "1 "
+    bench.bench(["fake"], {"seed": 1}, again=True)
+    bench.bench(["fake"], {"seed": 2})
+    assert runs(fake) == "1 1 2 ", "other parameters are another measurement"
+    commit(monkeypatch, "7654321")
+    bench.bench(["fake"], {"seed": 2})
+    assert runs(fake) == "1 1 2 2 ", "other code is another measurement"
+    (fake / "docs" / "results" / "fake.json").unlink()
+    bench.bench(["fake"], {"seed": 2})
+    assert runs(fake) == "1 1 2 2 2 "
+
+
+def test_uncommitted_code_never_writes_into_the_documents(fake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commit(monkeypatch, "1234567-dirty")
+    with pytest.raises(InputError, match="uncommitted"):
+        bench.bench(["all"])
+    assert runs(fake) == ""
+    bench.bench(["all"], out=fake / "elsewhere")
+    bench.bench(["all"], out=fake / "elsewhere")
+    assert runs(fake) == "0 0 ", "uncommitted code is always measured"
+
+
+def test_the_commit_is_marked_where_code_differs_from_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a repository of its own, with this project's function."""
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c"]
+    code = tmp_path / "package" / "app" / "code.py"
+    code.parent.mkdir(parents=True)
+    code.write_text("x = 1\n")
+    monkeypatch.setattr(bench, "__file__", str(code))
+    for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "first"]):
+        subprocess.run([*git, *words], check=True)
+    clean = bench._commit()
+    assert len(clean) >= 7
+    assert "dirty" not in clean
+    (tmp_path / "notes.md").write_text("documents are not code")
+    assert bench._commit() == clean
+    code.write_text("x = 2\n")
+    assert bench._commit() == f"{clean}-dirty"
+    shutil.rmtree(tmp_path / ".git")
+    assert bench._commit() == "unknown"
+
+
+def test_results_are_compact_and_documents_filled(fake: Path) -> None:
+    document = fake / "docs" / "page.md"
+    document.write_text("before\n<!-- table: fake -->\nold\n<!-- end -->\nafter\n")
+    (fake / "README.md").write_text("<!-- table: fake -->\n<!-- end -->\n")
+    bench.bench(["fake"], {"seed": 1})
+    lines = (fake / "docs" / "results" / "fake.json").read_text().splitlines()
+    assert '"half": 0.33333,' in [line.strip() for line in lines]
+    assert '"cells": {"a": [1, 2]}' in [line.strip() for line in lines]
+    numbers = json.loads("".join(lines))
+    assert (numbers["study"], numbers["parameters"]) == ("fake", {"seed": 1})
+    assert {file.name for file in (fake / "docs" / "figures").iterdir()} == {"fake.png", "fake_other.png"}
+    table = "<!-- table: fake -->\n| what | value |\n| --- | ---: |\n| half | 0.333 |\n<!-- end -->\n"
+    assert document.read_text() == f"before\n{table}after\n"
+    assert (fake / "README.md").read_text() == table
+
+
+def test_redraw_measures_nothing(fake: Path) -> None:
+    bench.bench(["fake"], {"seed": 1})
+    (fake / "docs" / "figures" / "fake.png").unlink()
+    bench.bench(["fake"], redraw=True)
+    assert runs(fake) == "1 "
+    assert (fake / "docs" / "figures" / "fake.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("document", "named"),
+    [("<!-- table: gone -->\n<!-- end -->", "gone"), ("<!-- table: fake_gone -->\n<!-- end -->", "gone")],
+)
+def test_a_table_that_no_study_makes_is_refused(fake: Path, document: str, named: str) -> None:
+    (fake / "docs" / "page.md").write_text(document)
+    with pytest.raises(InputError, match=named):
+        bench.bench(["fake"])
+
+
+def test_unknown_studies_and_options_are_refused(fake: Path) -> None:
+    with pytest.raises(InputError, match="no study fame"):
+        bench.bench(["fame"])
+    with pytest.raises(InputError, match="takes no n"):
+        bench.bench(["fake"], {"n": 3})
+
+
+def test_every_study_is_a_dataclass_with_the_listed_parameters(capsys: pytest.CaptureFixture[str]) -> None:
+    """The catalogue reads files; the classes agree with what it says."""
+    main(["bench"])
+    shown = capsys.readouterr().out
+    assert shown.strip() == listing()
+    found = catalogue()
+    assert {"tracking", "pipeline", "loop", "pps_monte_carlo", "reach_solvers"} <= set(found)
+    for name, entry in found.items():
+        cls = load(entry)
+        assert issubclass(cls, Study)
+        assert is_dataclass(cls)
+        assert [field.name for field in fields(cls)] == list(entry.fields), name
+        assert entry.summary, name
+        cls()  # every field has a default

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pps_vision.app.render import Render
-from pps_vision.experiments.image_tracker import HueBlob, ImageTracker, Sequence, compare
+from pps_vision.experiments.imagetracker import HueBlob, ImageTracker, Sequence, compare
 from pps_vision.experiments.peers import image_peer
 from pps_vision.experiments.rendered import rendered
 

@@ -4,10 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
-from pps_vision.app.bench import _charts
 from pps_vision.app.render import Render
 from pps_vision.experiments.rendered import rendered
 from pps_vision.experiments.scene_sources import IndependentEyes, by_source, eyes_of, own_body_of
@@ -69,21 +67,6 @@ def test_numbers_are_kept_apart_by_source() -> None:
     assert by_source("independent", measure) == {"of": "independent"}
     assert eyes_of("rendered") is Eyes
     assert own_body_of("rendered", load_icub()).margin_px == 4
-
-
-def test_charts_of_both_sources_have_names_of_their_own() -> None:
-    class Study:
-        def run(self) -> dict[str, float]:
-            return {}
-
-        def chart(self, numbers: dict[str, float]) -> Figure:
-            figure = Figure()
-            figure.suptitle(f"{numbers['error']} of {numbers['unit']}")
-            return figure
-
-    charts = _charts(Study(), {"error": 1.0, "unit": "mm", "independent": {"error": 2.0}})
-    titles = {name: figure.get_suptitle() for name, figure in charts.items()}
-    assert titles == {"": "1.0 of mm", "independent": "2.0 of mm"}
 
 
 def test_what_it_cannot_show_is_refused() -> None:

@@ -1,61 +1,46 @@
-"""`pps-vision bench`: the experiments, each measured afresh on the seed that is asked for."""
+"""`pps-vision bench`: run studies and write their numbers, charts and tables."""
 
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Literal
 
-from tyro.conf import subcommand
-
-from pps_vision.experiments import parameters
-from pps_vision.experiments.experiment import Experiment, Series
-from pps_vision.experiments.pps.series import Pps
-from pps_vision.experiments.reach.series import Reach
+from tyro.conf import Positional
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Run an experiment, print its numbers, and write them with machine, versions, seed and commit."""
+    """Run studies; write OUT/results/NAME.json, OUT/figures/NAME*.png and the tables in OUT/*.md and README.md.
 
-    experiment: (
-        Annotated[parameters.Loop, subcommand("loop")]
-        | Annotated[parameters.Tracking, subcommand("tracking")]
-        | Annotated[parameters.Fixation, subcommand("fixation")]
-        | Annotated[parameters.Real, subcommand("real")]
-        | Annotated[parameters.Trigger, subcommand("trigger")]
-        | Annotated[parameters.Fidelity, subcommand("fidelity")]
-        | Annotated[parameters.ImageTracker, subcommand("imagetracker")]
-        | Annotated[parameters.Batches, subcommand("batches")]
-        | Annotated[parameters.Pipeline, subcommand("pipeline")]
-        | Annotated[parameters.Failures, subcommand("failures")]
-        | Annotated[parameters.Budget, subcommand("budget")]
-        | Annotated[parameters.Triangulation, subcommand("triangulation")]
-        | Annotated[parameters.Stereo, subcommand("stereo")]
-        | Annotated[parameters.Soak, subcommand("soak")]
-        | Annotated[parameters.Filter, subcommand("filter")]
-        | Annotated[parameters.Consistency, subcommand("consistency")]
-        | Annotated[parameters.Independent, subcommand("independent")]
-        | Annotated[Pps, subcommand("pps")]
-        | Annotated[Reach, subcommand("reach")]
-    )
-    out: Path | None = None
-    """Where to write the JSON; default: docs/results/NAME.json under the present folder.  Each part of a series
-    has its own name appended."""
-    figure: Path | None = None
-    """Where to write the chart, if the experiment has one; default: docs/figures/NAME.png; of several charts
-    each has its own name appended."""
+    A study that this commit has already measured with the same parameters is skipped, so that an interrupted run goes
+    on where it stopped. Measurements for the documents need a clean commit: with uncommitted code give --out.
+    """
+
+    names: Positional[tuple[str, ...]] = ()
+    """Names of studies; `all` of them, or all of `pps` or `reach`. Without a name: list them with their parameters."""
+    n: int | None = None
+    """Number of recordings, where a study has this parameter (as have the next ones)."""
+    seed: int | None = None
+    """Seed of whatever is random."""
+    seconds: float | None = None
+    """Length of a recording."""
+    scenes: Literal["rendered", "independent", "both"] | None = None
+    """Scenes of the project's renderer, of the independent ray caster, or both."""
+    data: Path | None = None
+    """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
+    out: Path = Path("docs")
+    """Folder that holds results and figures."""
+    again: bool = False
+    """Measure again what was already measured."""
+    redraw: bool = False
+    """Measure nothing; draw charts and fill tables from the results that are there."""
 
     def run(self) -> None:
-        """Measure and write; of a series, what this code has not yet measured with the same parameters."""
-        from pps_vision.app.bench import bench
+        """Run what is asked for."""
+        from pps_vision.app.bench import bench, listing
 
-        asked = self.experiment
-        bench(asked if isinstance(asked, Series) else study(asked), self.out, self.figure)
-
-
-def study(asked: object) -> Experiment:
-    """Return the study of these parameters, the class of the same name in `pps_vision.experiments`."""
-    name = type(asked).__name__
-    module = {"ImageTracker": "image_tracker"}.get(name, name.lower())
-    made: Experiment = getattr(import_module(f"pps_vision.experiments.{module}"), name)(**vars(asked))
-    return made
+        if not self.names:
+            print(listing())
+            return
+        given = {"n": self.n, "seed": self.seed, "seconds": self.seconds, "scenes": self.scenes, "data": self.data}
+        overrides = {name: value for name, value in given.items() if value is not None}
+        bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw)

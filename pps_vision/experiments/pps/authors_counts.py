@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
 from pps_vision.experiments.baselines.single_taxel import from_landing
-from pps_vision.experiments.experiment import DATA
+from pps_vision.experiments.study import DATA, Study
 from pps_vision.types import Array, Mask
 
 Counts = NDArray[np.int64]
@@ -26,7 +26,7 @@ _ANYWHERE = ReceptiveField(base_radius_m=10.0, length_m=10.0)  # the authors' co
 
 
 @dataclass(frozen=True)
-class AuthorsCounts:
+class AuthorsCounts(Study):
     """R's Monte Carlo (500 objects, released) and its trials behind Fig 9, counted from the paths and compared
     with the published counts; L1 difference as a share of the samples counted.
 

@@ -21,6 +21,7 @@ from learning.pps.touch_trial import TouchTrial
 from learning.pps.trials import Trial
 from pps_vision.experiments.pps.held_out import LEAD_S, Approach, approaches, at_horizon, displaced, of_part, samples
 from pps_vision.experiments.pps.touch_trials import touch_trials
+from pps_vision.experiments.study import Study
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, Mask
@@ -82,7 +83,7 @@ Way = Callable[[Lived, Lived], Array]
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Study):
     """Of trials held out, 0.15 s before their end: what was expected of each taxel of the forearm, what happened.
 
     R's map as it is; the same corrected by an isotonic regression of its own trials, left out in turn; a

@@ -23,6 +23,7 @@ from learning.pps.scores import auroc, brier
 from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
 from pps_vision.experiments.pps.held_out import at_horizon, known_trials, samples
 from pps_vision.experiments.pps.lives import CASES, COLORS, TRIALS, Case, Life, calibrated, error_mm, live
+from pps_vision.experiments.study import Study
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, Mask
 
@@ -31,7 +32,7 @@ Lives = tuple[Life, Life]
 
 
 @dataclass(frozen=True)
-class Compensation:
+class Compensation(Study):
     """Prediction by robots without errors, and by robots that err in one way or in all, before and after learning."""
 
     robots: int = 3

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching, Infeasible
+from pps_vision.experiments.study import Study
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, icub_skin
 from pps_vision.types import Array
@@ -20,7 +21,7 @@ _LAST = 15  # steps in which the fingertip comes from 6 cm off: joints that err 
 
 
 @dataclass(frozen=True)
-class DoubleTouches:
+class DoubleTouches(Study):
     """Double touches of every forearm taxel from random starts; and what a robot whose joints are not what it
     reads really touches first, of the eight inner taxels that it aims at (R: six of eight were ever touched)."""
 

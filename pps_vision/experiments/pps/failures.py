@@ -13,6 +13,7 @@ from learning.pps.memory import MemoryParams, activation
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
 from learning.pps.scores import auroc, brier
 from pps_vision.experiments.baselines.single_taxel import Fall, Shower, fall, learned
+from pps_vision.experiments.study import Study
 from pps_vision.types import Array, Mask
 
 LEAD_S = 0.5
@@ -87,7 +88,7 @@ CASES: dict[str, Case] = {
 
 
 @dataclass(frozen=True)
-class PpsFailures:
+class PpsFailures(Study):
     """A patch of skin learns from a shower of objects, one thing goes wrong from mild to hopeless, and each taxel
     says how likely a touch is, half a second ahead, for objects it has not met."""
 

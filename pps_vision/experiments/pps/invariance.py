@@ -25,6 +25,7 @@ from pps_vision.experiments.pps.errors import Belief, ErrorSources, only
 from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, known_trials, of_part, samples
 from pps_vision.experiments.pps.touch_movements import Condition
 from pps_vision.experiments.pps.touch_trials import touch_trials
+from pps_vision.experiments.study import Study
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -38,7 +39,7 @@ _SWING_RAD = {"torso": np.deg2rad(10.0), "neck": np.deg2rad(12.0), "arm": np.deg
 
 
 @dataclass(frozen=True)
-class Invariance:
+class Invariance(Study):
     """AUROC and Brier score 0.15 s before the end, of R's map, across postures and across modalities."""
 
     seed: int = 0

@@ -17,6 +17,7 @@ from pps_vision.experiments.pps.lives import live
 from pps_vision.experiments.pps.monte_carlo import ridge_width
 from pps_vision.experiments.pps.sessions import Session, session, session_of
 from pps_vision.experiments.pps.touch_movements import Condition
+from pps_vision.experiments.study import Study
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array
 
@@ -31,7 +32,7 @@ _FINE = MemoryParams(bins=(120, 60))
 
 
 @dataclass(frozen=True)
-class Landscapes:
+class Landscapes(Study):
     """One taxel's landscape after each of R's five sessions, and how wide its ridge is.
 
     The taxel is the one with the most samples, as R's.  The ridge's width is the standard deviation of the positive

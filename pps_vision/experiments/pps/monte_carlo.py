@@ -15,6 +15,7 @@ from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.offsets import offsets, orthogonal_line
 from pps_vision.app.figures import draw_landscape, landscape
 from pps_vision.experiments.baselines.single_taxel import Reference, Shower, rain
+from pps_vision.experiments.study import Study
 
 CLEAN = Shower()
 NOISY = replace(CLEAN, position_noise_m=0.001, velocity_noise_m_s=0.01)
@@ -24,7 +25,7 @@ _FROM: dict[Reference, str] = {"landing": "from the landing point", "taxel": "fr
 
 
 @dataclass(frozen=True)
-class MonteCarlo:
+class MonteCarlo(Study):
     """Landscapes of the middle one of three virtual taxels after 500 objects, learned from touches as R does.
 
     D and TTC are measured in both ways: from the landing point, as R's published maps are, and from the taxel, as its

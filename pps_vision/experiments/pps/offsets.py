@@ -20,6 +20,7 @@ from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.errors import Belief, ErrorSources
 from pps_vision.experiments.pps.held_out import Approach, approaches, known_trials, learned
 from pps_vision.experiments.pps.touch_movements import Condition
+from pps_vision.experiments.study import Study
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array
 
@@ -32,7 +33,7 @@ _SAMPLED = ("stamps_s", "joints_rad", "positions", "velocities", "velocity_covs"
 
 
 @dataclass(frozen=True)
-class Offsets:
+class Offsets(Study):
     """Offsets of taxels on robots that err: estimated, beside the true ones."""
 
     robots: int = 4

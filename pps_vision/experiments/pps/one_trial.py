@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
 from pps_vision.experiments.baselines.single_taxel import Shower, fall
+from pps_vision.experiments.study import Study
 from pps_vision.types import Array
 
 THRESHOLD, LEAD_S = 0.4, 0.3  # of avoidance (FACTS §3); the goal
@@ -28,7 +29,7 @@ APPROACHES = {
 
 
 @dataclass(frozen=True)
-class OneTrial:
+class OneTrial(Study):
     """An empty memory learns one object that touches its taxel; then the same object comes again.
 
     R's plain smoothing passes 0.4 in time in every approach tried (the goal: 0.3 s before the touch), by 0.5 s

@@ -16,6 +16,7 @@ from pps_vision.app.figures import draw_landscape, landscape
 from pps_vision.experiments.pps.held_out import Samples, at_horizon
 from pps_vision.experiments.pps.sessions import Session, session, session_of
 from pps_vision.experiments.pps.touch_trials import touch_trials
+from pps_vision.experiments.study import Study
 from pps_vision.types import Array, Mask
 
 SHOWN = (1, 4, 53)
@@ -25,7 +26,7 @@ _COUNTS = (1, 2, 4, 8, 16, 32, 53)
 
 
 @dataclass(frozen=True)
-class Progress:
+class Progress(Study):
     """What the inner forearm has learned from ever more objects.
 
     Foretold is, 0.3 s before the end of trials of another seed, for each of the forearm's twelve taxels, whether

@@ -31,10 +31,10 @@ from matplotlib.figure import Figure
 from learning.pps.contact import Foretold, PassingParams, foretell, foretell_session, learn_passing, leave_one_out
 from learning.pps.scores import auroc, brier, expected_calibration_error, log_loss, reliability
 from learning.pps.trials import Trial, load_trials, touch_rates
-from pps_vision.experiments.experiment import DATA
 from pps_vision.experiments.pps.real_trials_chart import draw
 from pps_vision.experiments.pps.simulated_sessions import two_sessions
 from pps_vision.experiments.pps.trial_methods import METHODS, OURS, Method, Numbers, Plain, Predictor
+from pps_vision.experiments.study import DATA, Study
 from pps_vision.types import Array, Mask
 
 HORIZON_S = 0.15
@@ -55,7 +55,7 @@ OFFSETS_M = (0.0, 0.005, 0.01, 0.015, 0.02)
 
 
 @dataclass(frozen=True)
-class RealTrials:
+class RealTrials(Study):
     """Touch foretold on the authors' real trials, each left out in turn, beside other ways and choices."""
 
     data: Path = DATA

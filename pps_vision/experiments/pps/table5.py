@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments.pps.sessions import Session, samples_per_trial, session
 from pps_vision.experiments.pps.touch_movements import Condition
+from pps_vision.experiments.study import Study
 
 PAPER: dict[Condition, dict[str, float]] = {
     "motor": {"minutes": 31, "trials": 82, "samples": 3512, "samples_of_shown_taxel": 1625},
@@ -21,7 +22,7 @@ PAPER: dict[Condition, dict[str, float]] = {
 
 
 @dataclass(frozen=True)
-class Table5:
+class Table5(Study):
     """Minutes, trials and samples of R's five sessions and of ours.
 
     A sample is a step of 50 ms in which some taxel of the part perceives the object.  Our minutes are those of

@@ -13,6 +13,7 @@ from learning.pps.buffer import EventBuffer, push
 from learning.pps.memory import MemoryParams, PPSMemory, activation, learn
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.chart import panels
+from pps_vision.experiments.study import Study
 from pps_vision.types import Array, Mask, TaxelEvents
 
 _TAXELS = (32, 125, 500, 1000, 2000, 4000, 8000, 16000)
@@ -34,7 +35,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class WholeSkin:
+class WholeSkin(Study):
     """CPU milliseconds to perceive and activate, and to learn from a trial of 3 s, on one core.
 
     Beside the usual case, where the ball is in the receptive fields of the taxels about it, the worst: it is in all.

@@ -14,6 +14,7 @@ from learning.pps.memory import MemoryParams, PPSMemory, activation
 from learning.pps.scores import auroc, brier, expected_calibration_error
 from learning.pps.touch_trial import TouchTrial
 from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, known_trials, learned, of_part
+from pps_vision.experiments.study import Study
 from pps_vision.robot.icub import HOME_ARM_RAD, load_icub
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array, Mask
@@ -31,7 +32,7 @@ _THRESHOLD, _CONFIRM_S = AvoidanceParams(HOME_ARM_RAD).threshold, AvoidanceParam
 
 
 @dataclass(frozen=True)
-class WithoutTtc:
+class WithoutTtc(Study):
     """Both learn from the same trials; then the same objects approach, withdraw, stop before the skin, or pass."""
 
     seed: int = 0

@@ -14,6 +14,7 @@ from learning.reach.turning_joints import TurningJoints
 from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM, Model, babbled_sets
+from pps_vision.experiments.study import Study
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array
 
@@ -71,7 +72,7 @@ METHODS: dict[str, Callable[[], Model]] = {
 
 
 @dataclass(frozen=True)
-class BabblingFailures:
+class BabblingFailures(Study):
     """1500 fixated postures with one fault, judged on 700 without."""
 
     seed: int = 0

@@ -15,6 +15,7 @@ from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.baselines.lwpr_regression import RegressionParams
 from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
 from pps_vision.experiments.chart import panels
+from pps_vision.experiments.study import Study
 from pps_vision.robot.icub import load_icub
 
 LWPR_OF_THE_ARM = LWPRParams(
@@ -35,7 +36,7 @@ def babbled_sets(seed: int, side: str = "right") -> tuple[Babbled, Babbled]:
 
 
 @dataclass(frozen=True)
-class ForwardModelError:
+class ForwardModelError(Study):
     """LWPR (each sample once, as in the paper; and all of them again and again), a Gaussian process, turning joints."""
 
     seed: int = 0

@@ -21,6 +21,7 @@ from pps_vision.app.encounter import Encounter, EncounterLog, World
 from pps_vision.app.in_view import can_follow
 from pps_vision.app.school import fresh_pipeline, open_world
 from pps_vision.experiments.chart import panels
+from pps_vision.experiments.study import Study
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.model import Robot
@@ -38,7 +39,7 @@ _TIMED = 1000
 
 
 @dataclass(frozen=True)
-class InLoop:
+class InLoop(Study):
     """Reachability in every frame of closed-loop runs against closed-form inverse kinematics, and its time a frame."""
 
     seed: int = 0

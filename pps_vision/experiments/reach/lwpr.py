@@ -12,6 +12,7 @@ from tqdm import tqdm
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.chart import panels
+from pps_vision.experiments.study import Study
 from pps_vision.types import Array
 
 _ADAPTS = LWPRParams(init_D=50, w_gen=0.2, metric=MetricParams(rate=250))
@@ -83,7 +84,7 @@ def covered(model: LWPR, case: Case, rng: np.random.Generator) -> tuple[float, .
 
 
 @dataclass(frozen=True)
-class CrossFunction:
+class CrossFunction(Study):
     """Receptive fields and errors of LWPR, and whether one model of two outputs is two models."""
 
     seed: int = 0

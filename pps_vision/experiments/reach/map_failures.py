@@ -25,6 +25,7 @@ from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
 from pps_vision.experiments.reach.failures import CASES as BABBLING
 from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM
 from pps_vision.experiments.reach.map_test import closed_form, rates
+from pps_vision.experiments.study import Study
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams
@@ -132,7 +133,7 @@ Fault = str | None
 
 
 @dataclass(frozen=True)
-class MapFailures:
+class MapFailures(Study):
     """One fault at a time between babbling and the map."""
 
     seed: int = 0

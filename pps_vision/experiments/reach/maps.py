@@ -19,6 +19,7 @@ from learning.reach.map import Lattice, ReachableMap, isotropic
 from learning.reach.training import MapParams, ReachOracle, train_reachable_map
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.map_test import MapTest
+from pps_vision.experiments.study import Study
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Mask
 
@@ -28,7 +29,7 @@ _DEFAULT_LABELS = 24_000
 
 
 @dataclass(frozen=True)
-class Maps:
+class Maps(Study):
     """Basic and Enhanced map of the right arm: misjudged postures and error of the degree over the labels spent."""
 
     seed: int = 0

@@ -13,6 +13,7 @@ from learning.reach.measures import hand_and_params
 from learning.reach.names import MeasureName
 from learning.reach.training import ArmLimits, MapParams, train_reachable_map
 from pps_vision.experiments.chart import panels
+from pps_vision.experiments.study import Study
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -28,7 +29,7 @@ _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # as far down a
 
 
 @dataclass(frozen=True)
-class Measures:
+class Measures(Study):
     """Maps of the right palm for each of the four measures, and of a taxel of the left forearm."""
 
     seed: int = 0

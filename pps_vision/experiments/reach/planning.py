@@ -17,6 +17,7 @@ from learning.reach.torso_gaze import TorsoFrame, TorsoToGaze, turn_torso
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.planning_attempt import DT_S, Attempt, attempt
 from pps_vision.experiments.reach.planning_world import GAZE, PlanningWorld, Truth
+from pps_vision.experiments.study import Study
 from pps_vision.robot.gaze import fixation_points, gaze_for_points
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
@@ -26,7 +27,7 @@ _DEFAULT_TURNS = 600
 
 
 @dataclass(frozen=True)
-class Planning:
+class Planning(Study):
     """The right hand's objects, in all directions and as many near as far, none within reach at first."""
 
     seed: int = 0

@@ -26,6 +26,7 @@ from pps_vision.experiments.baselines.regressors import (
 )
 from pps_vision.experiments.chart import Variant, legend, speed_against_error
 from pps_vision.experiments.reach.forward_model import LWPR_OF_THE_ARM, babbled_sets
+from pps_vision.experiments.study import Study
 from pps_vision.types import Array
 
 _N_TRAIN, _N_SINGLE, _N_RUNS, _LWPR_REPLAYS = 4400, 50, 5, 3
@@ -152,7 +153,7 @@ def measure(make: Callable[[], Regressor], train: Babbled, test: Babbled) -> Mea
 
 
 @dataclass(frozen=True)
-class Regressors:
+class Regressors(Study):
     """All of them on the same 4400 fixated postures, judged on the same 700."""
 
     seed: int = 0

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from learning.reach.training import MapParams, ReachOracle
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.reach.map_test import closed_form
+from pps_vision.experiments.study import Study
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import FarFromLimits
@@ -28,7 +29,7 @@ _DEFAULT = _BATCH
 
 
 @dataclass(frozen=True)
-class Solvers:
+class Solvers(Study):
     """Time a problem and verdicts of the batch (NumPy, torch), SciPy and IPOPT, with one start and with two."""
 
     seed: int = 0

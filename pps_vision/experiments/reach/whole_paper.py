@@ -22,6 +22,7 @@ from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.reach import paper_figures
 from pps_vision.experiments.reach.map_test import MapTest, closed_form, rates
+from pps_vision.experiments.study import Study
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -37,7 +38,7 @@ Query = Callable[[Array], tuple[Mask, Array]]  # gaze postures (N, 3) -> said to
 
 
 @dataclass(frozen=True)
-class WholePaper:
+class WholePaper(Study):
     """Babbling 20 000 postures, the forward model, 52 000 inverse-kinematics solutions, Basic and Enhanced map."""
 
     seed: int = 0

@@ -46,7 +46,7 @@ def rng():
 
 def test_the_cross_function(rng):
     """20 000 samples leave .019–.022 with 54–58 fields, .058–.065 without adapting (FACTS §6; all of it in
-    `bench reach lwpr`); 4000 are on the way there, and already better than any number without adapting."""
+    `bench reach_lwpr`); 4000 are on the way there, and already better than any number without adapting."""
     x, y = samples(rng, 4000)
     model = taught(CROSS, x, y[:, None])
     assert 44 <= model.n_fields[0] <= 64

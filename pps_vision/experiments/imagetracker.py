@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pps_vision.app.render import Render
-from pps_vision.experiments import parameters
 from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
 from pps_vision.experiments.peers import BoxPx, ImagePeer, ImagePeerName, image_peer, middle
 from pps_vision.experiments.real import intersection_over_union
 from pps_vision.experiments.rendered import rendered
+from pps_vision.experiments.study import DATA, Study
 from pps_vision.recordings.images import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName, StimulusName
@@ -33,8 +33,24 @@ _BLOB = "blob of known hue"
 _DEFAULT = f"{ParticleParams().count} particles"
 
 
-class ImageTracker(parameters.ImageTracker):
-    """The study of these parameters."""
+@dataclass(frozen=True)
+class ImageTracker(Study):
+    """Blob, particles and OpenCV's trackers in one eye, the first box given: time, overlap and centre error.
+
+    Rendered balls and markers, slow and watched (5–15 cm/s, eyes that follow while the head sways) and fast
+    (60 cm/s, eyes that do not follow: up to twice the object's size a frame); and the real ball vot_ball1.
+    """
+
+    n: int = 6
+    """Rendered recordings, slow and fast each; balls and markers in turn."""
+    seconds: float = 2.5
+    """Length of each."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    data: Path = DATA
+    """Folder that holds vot_ball1 (default: PPS_VISION_DATA, else ../shared/data)."""
+    seed: int = 0
+    """Seed of the motions, the noise and the particles."""
 
     def run(self) -> dict[str, object]:
         """By set of frames and by variant: ms a frame, mean IoU, centre error, share of frames with the object."""

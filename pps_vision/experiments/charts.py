@@ -1,0 +1,169 @@
+"""The five charts of the studies: speed–error, severity, calibration, curves and bars, each drawn from plain data.
+
+A value is a number or [value, low, high] with its 95 % interval; None is a value that does not exist.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")  # draws to files only; no display is needed
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import ArrayLike
+
+from pps_vision.types import Array
+
+_INK, _OURS, _BASELINE = "0.25", "tab:blue", "tab:orange"
+_WIDE = 30.0  # errors that span more than this ratio are drawn on a logarithmic axis
+
+
+def panels(n: int, columns: int | None = None, width: float = 4.6, height: float = 3.8) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `n` panels, `columns` of them side by side (default: all)."""
+    columns = min(columns or n, n)
+    rows = -(-n // columns)
+    size = (width * columns, height * rows)
+    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    for unused in axes.ravel()[n:]:
+        unused.axis("off")
+    return figure, list(axes.ravel()[:n])
+
+
+def pareto_front(ms: Sequence[float], error: Sequence[float]) -> list[int]:
+    """Return the indices of the points that no other beats in both, fastest first."""
+    front: list[int] = []
+    for k in np.lexsort((error, ms)):
+        if np.isfinite(error[k]) and (not front or error[k] < error[front[-1]]):
+            front.append(int(k))
+    return front
+
+
+def speed_error(
+    axis: Axes,
+    methods: Mapping[str, Mapping[str, Any]],
+    metric: str,
+    baselines: Collection[str] = (),
+    default: str | None = None,
+    time: str = "time (ms per frame)",
+    error: str = "error",
+) -> None:
+    """Draw time (logarithmic, "ms" = quartiles) against `metric` of each method: Pareto front dotted, default ringed.
+
+    A method without an error stands at the top, marked "fails".
+    """
+    names = list(methods)
+    ms = np.array([_quartiles(methods[name]["ms"]) for name in names])
+    value, low, high = intervals([methods[name][metric] for name in names])
+    known = np.isfinite(value)
+    wide = known.any() and value[known].min() > 0 and value[known].max() > _WIDE * value[known].min()
+    top = (1.8 if wide else 1.15) * (float(value[known].max()) if known.any() else 1.0)
+    shown = np.where(known, value, top)
+    front = pareto_front(list(ms[:, 1]), list(value))
+    axis.plot(ms[front, 1], value[front], color=_INK, lw=1, ls=":", zorder=1)
+    for k, name in enumerate(names):
+        color = _BASELINE if name in baselines else _OURS
+        axis.plot(ms[k, [0, 2]], [shown[k]] * 2, color=color, lw=1.2, alpha=0.6)
+        axis.plot([ms[k, 1]] * 2, [low[k], high[k]], color=color, lw=1.2, alpha=0.6)
+        axis.plot(ms[k, 1], shown[k], "o" if known[k] else "x", color=color, ms=5)
+        if name == default:
+            axis.plot(ms[k, 1], shown[k], "o", mfc="none", mec=_INK, ms=12, mew=1.4)
+    for k, offset in enumerate(_label_offsets(ms[:, 1], np.log(shown) if wide else shown)):
+        label = names[k] if known[k] else f"{names[k]} (fails)"
+        at = (ms[k, 1], shown[k])
+        axis.annotate(label, at, xytext=(5, offset), textcoords="offset points", fontsize=7, color=_INK)
+    if wide:
+        axis.set_yscale("log")
+    else:
+        axis.set_ylim(0, 1.1 * float(np.nanmax([*shown, *high])))
+    axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.margins(x=0.15)
+    axis.set(xlabel=time, ylabel=error)
+    axis.grid(alpha=0.25, which="both")
+    axis.plot([], [], "o", color=_OURS, label="ours")
+    axis.plot([], [], "o", color=_BASELINE, label="baseline")
+    axis.plot([], [], "o", mfc="none", mec=_INK, ms=10, label="default")
+
+
+def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, bound: float | None = None) -> None:
+    """Draw `metric` of each method over the severities of a disturbance (what `compare_severities` returns).
+
+    × marks where a method breaks; the `bound` is dashed.
+    """
+    places = np.arange(len(study["severities"]))
+    for name, cell in study["methods"].items():
+        value, low, high = intervals(cell[metric])
+        (line,) = axis.plot(places, value, "o-", ms=3, label=name)
+        axis.fill_between(places, low, high, color=line.get_color(), alpha=0.15, lw=0)
+        if cell["breaks_at"] is not None:
+            k = study["severities"].index(cell["breaks_at"])
+            axis.plot(k, np.nan_to_num(value[k]), "x", color=line.get_color(), ms=10, mew=2, clip_on=False)
+    if bound is not None:
+        axis.axhline(bound, color=_INK, lw=0.9, ls="--")
+    axis.set_xticks(places, [f"{value:g}" for value in study["severities"]])
+    axis.set(xlabel=study["axis"], ylabel=label)
+    axis.grid(alpha=0.25)
+
+
+def calibration(axis: Axes, stated: Sequence[float], found: Mapping[str, Sequence[Any]], label: str) -> None:
+    """Draw what was found (percent) against what was stated, for each series; the diagonal is perfect."""
+    axis.plot([0, 100], [0, 100], color=_INK, lw=0.9, ls="--")
+    for k, (name, values) in enumerate(found.items()):
+        value, low, high = intervals(values)
+        at = np.asarray(stated, dtype=float) + 0.6 * (k - (len(found) - 1) / 2)
+        axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="o-", ms=4, capsize=2, label=name)
+    axis.set(xlabel="stated (%)", ylabel=label)
+    axis.grid(alpha=0.25)
+
+
+def curves(axis: Axes, x: ArrayLike, series: Mapping[str, Sequence[Any]], xlabel: str, ylabel: str) -> None:
+    """Draw each series over `x` with its intervals; scales and legend are the caller's."""
+    at = np.asarray(x, dtype=float)
+    for name, values in series.items():
+        value, low, high = intervals(values)
+        (line,) = axis.plot(at, value, "o-", ms=4, label=name)
+        axis.fill_between(at, low, high, color=line.get_color(), alpha=0.15, lw=0)
+    axis.set(xlabel=xlabel, ylabel=ylabel)
+    axis.grid(alpha=0.25, which="both")
+
+
+def bars(axis: Axes, groups: Sequence[str], series: Mapping[str, Sequence[Any]], label: str) -> None:
+    """Draw one bar for each series in each group, with intervals."""
+    width = 0.8 / len(series)
+    for k, (name, values) in enumerate(series.items()):
+        value, low, high = intervals(values)
+        at = np.arange(len(groups)) + width * (k - (len(series) - 1) / 2)
+        axis.bar(at, value, width, label=name)
+        axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="none", ecolor=_INK, capsize=2)
+    axis.set_xticks(range(len(groups)), list(groups), rotation=30 if max(map(len, groups)) > 8 else 0, ha="right")
+    axis.set_ylabel(label)
+    axis.grid(alpha=0.25, axis="y")
+
+
+def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:
+    """Return value, low and high (n,) each; a plain number has no interval, None is NaN."""
+    rows = [list(value) if isinstance(value, list | tuple) else [value, value, value] for value in values]
+    value, low, high = np.array(rows, dtype=float).reshape(-1, 3).T
+    return value, low, high
+
+
+def _quartiles(ms: Any) -> list[float]:
+    return list(ms) if isinstance(ms, list | tuple) else [ms, ms, ms]
+
+
+def _label_offsets(ms: Array, y: Array) -> list[int]:
+    """Return how far above its point (typographic points) each label stands, so that neighbours do not overlap."""
+    x, y = np.log10(ms), (y - y.min()) / max(float(np.ptp(y)), 1e-9)
+    near_x = 0.3 * max(float(np.ptp(x)), 0.5)
+    offsets: dict[int, int] = {}
+    for k in (int(index) for index in np.argsort(-y, kind="stable")):
+        taken = {offset for j, offset in offsets.items() if abs(x[j] - x[k]) < near_x and abs(y[j] - y[k]) < 0.08}
+        offsets[k] = next((offset for offset in (5, -12, -21, 14, 23) if offset not in taken), 5)
+    return [offsets[k] for k in range(len(x))]

@@ -1,0 +1,240 @@
+"""What a study is, and the harness that measures every method on every scenario with every seed.
+
+A study is one file in `pps_vision/experiments`, `experiments/pps` or `experiments/reach` that holds one frozen
+dataclass derived from `Study`. `pps-vision bench` finds it there; its name is the file's, after the folder's
+(`pps_one_trial`).
+"""
+
+import ast
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from time import process_time
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from tqdm import tqdm
+
+from pps_vision.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from pps_vision.experiments.tables import Table
+
+DATA = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
+"""Folder of the real data (default of every field `data`)."""
+
+SceneSource = Literal["rendered", "independent"]
+Scenes = Literal["rendered", "independent", "both"]
+
+Values = Mapping[str, ArrayLike]
+"""What one method measured on one recording: numbers by quantity, as many of each as there are (0 or more)."""
+Method = Callable[[Any, int], Values]
+"""A method takes a recording and a seed."""
+
+_RESAMPLED = 1000
+
+
+class Study(ABC):
+    """Base of the studies, which are frozen dataclasses of parameters."""
+
+    @abstractmethod
+    def run(self) -> dict[str, Any]:
+        """Measure and return the numbers, as they stand in docs/results."""
+
+    def chart(self, numbers: dict[str, Any]) -> "Figure | dict[str, Figure]":
+        """Draw the numbers, as they are read from the result file: one chart, or several by name."""
+        return {}
+
+    def tables(self, numbers: dict[str, Any]) -> "dict[str, Table]":
+        """Return the tables for the documents by name; the name "" is the study's own."""
+        return {}
+
+
+class Metric(NamedTuple):
+    """`summary` of the `values` of all recordings together, e.g. `Metric("position_mm", rms)`."""
+
+    values: str
+    summary: Callable[[Array], float]
+
+
+class Axis(NamedTuple):
+    """What a severity study varies: its name with unit, and the values, the first of them undisturbed."""
+
+    label: str
+    severities: Sequence[float]
+
+
+class Break(NamedTuple):
+    """A method breaks at the first severity where `metric` is above (or below) `bound`, or does not exist."""
+
+    metric: str
+    bound: float
+    above: bool = True
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else np.nan
+
+
+def mean(values: Array) -> float:
+    """Return the mean (the share, of booleans); NaN of nothing."""
+    return float(np.mean(values)) if len(values) else np.nan
+
+
+def median(values: Array) -> float:
+    """Return the median; NaN of nothing."""
+    return float(np.median(values)) if len(values) else np.nan
+
+
+def percent(values: Array) -> float:
+    """Return 100 times the mean; NaN of nothing."""
+    return 100 * mean(values)
+
+
+def measure(
+    scenarios: Mapping[str, Callable[[int], Any]], methods: Mapping[str, Method], seeds: Sequence[int]
+) -> dict[str, dict[str, list[Values]]]:
+    """Run every method on every recording in turn; return each one's values by scenario and method, one per seed.
+
+    `scenarios` make a recording from a seed. A method that does not return its own "ms" (one value a frame) gets the
+    processor time of the whole run.
+    """
+    measured: dict[str, dict[str, list[Values]]] = {}
+    for scenario, make in scenarios.items():
+        of_scenario: dict[str, list[Values]] = {method: [] for method in methods}
+        for seed in tqdm(seeds, desc=scenario, unit="recording", disable=None):
+            recording = make(seed)
+            for method, run in methods.items():
+                of_scenario[method].append(measure_one(run, recording, seed))
+        measured[scenario] = of_scenario
+    return measured
+
+
+def measure_one(run: Method, recording: Any, seed: int) -> Values:
+    """Return a method's values on one recording, with "ms" of processor time if it does not measure its own."""
+    begun = process_time()
+    values = run(recording, seed)
+    ms = 1000 * (process_time() - begun)
+    return values if "ms" in values else {**values, "ms": [ms]}
+
+
+def summarize(
+    recordings: Mapping[str, Sequence[Values]], metrics: Mapping[str, Metric], reference: str | None = None
+) -> dict[str, dict[str, Any]]:
+    """Return by method: every metric as [value, low, high], quartiles of "ms", their ratio to `reference`, and n.
+
+    The 95 % intervals come from resampling recordings, which are the independent units; values within one are not.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for method, values in recordings.items():
+        cell: dict[str, Any] = {"n": len(values)}
+        if all("ms" in one for one in values):
+            pooled = np.concatenate([np.atleast_1d(one["ms"]) for one in values])
+            cell["ms"] = [float(q) for q in np.percentile(pooled, (25, 50, 75))] if len(pooled) else [np.nan] * 3
+            if reference is not None:
+                pairs = zip(values, recordings[reference], strict=True)
+                cell["ratio"] = interval([[_median_ms(one) / _median_ms(other)] for one, other in pairs], median)
+        for name, metric in metrics.items():
+            cell[name] = interval([np.atleast_1d(one.get(metric.values, ())) for one in values], metric.summary)
+        found[method] = cell
+    return found
+
+
+def _median_ms(values: Values) -> float:
+    return float(np.median(np.asarray(values["ms"])))
+
+
+def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mean) -> list[float]:
+    """Return [value, low, high] of `summary` over all values, with the 95 % interval by resampling the `units`.
+
+    A unit is what is independent: a recording, a seed, a subject. Each may hold several values or none.
+    """
+    arrays = [np.asarray(unit, dtype=float) for unit in units]
+    if not arrays:
+        return [np.nan, np.nan, np.nan]
+    rng = np.random.default_rng(0)
+    draws = rng.integers(len(arrays), size=(_RESAMPLED, len(arrays)))
+    resampled = [summary(np.concatenate([arrays[k] for k in draw])) for draw in draws]
+    if np.all(np.isnan(resampled)):
+        return [summary(np.concatenate(arrays)), np.nan, np.nan]
+    low, high = np.nanpercentile(resampled, (2.5, 97.5))
+    return [summary(np.concatenate(arrays)), float(low), float(high)]
+
+
+def compare(
+    scenarios: Mapping[str, Callable[[int], Any]],
+    methods: Mapping[str, Method],
+    metrics: Mapping[str, Metric],
+    seeds: Sequence[int],
+    reference: str | None = None,
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """Measure and summarize every method on every scenario: numbers[scenario][method][metric] = [value, low, high]."""
+    measured = measure(scenarios, methods, seeds)
+    return {scenario: summarize(cells, metrics, reference) for scenario, cells in measured.items()}
+
+
+def compare_severities(
+    scenario: Callable[[int, float], Any],
+    axis: Axis,
+    methods: Mapping[str, Method],
+    metrics: Mapping[str, Metric],
+    seeds: Sequence[int],
+    breaks: Break,
+) -> dict[str, Any]:
+    """Measure every method at each severity of one disturbance, which `scenario` makes from a seed and a severity.
+
+    Returns "axis", "severities", and by method each metric as a list of [value, low, high] and "breaks_at".
+    """
+    at = {f"{axis.label} {s:g}": lambda seed, s=s: scenario(seed, s) for s in axis.severities}
+    rows = list(compare(at, methods, metrics, seeds).values())
+    by_method: dict[str, dict[str, Any]] = {
+        m: {name: [row[m][name] for row in rows] for name in metrics} for m in methods
+    }
+    for cell in by_method.values():
+        cell["breaks_at"] = breaks_at(axis.severities, [value for value, _, _ in cell[breaks.metric]], breaks)
+    return {"axis": axis.label, "severities": list(axis.severities), "methods": by_method}
+
+
+def breaks_at(severities: Sequence[float], values: Sequence[float], breaks: Break) -> float | None:
+    """Return the first severity past the bound (or without a value); None where there is none."""
+    for severity, value in zip(severities, values, strict=True):
+        if not (value <= breaks.bound if breaks.above else value >= breaks.bound):
+            return severity
+    return None
+
+
+class Entry(NamedTuple):
+    """A study that can be run: where its class stands, what it measures, and its fields with their defaults."""
+
+    module: str
+    cls: str
+    summary: str
+    fields: dict[str, str]
+
+
+def catalogue() -> dict[str, Entry]:
+    """Return every study by name, read from the files without importing them."""
+    here = Path(__file__).parent
+    found = {}
+    for file in sorted([*here.glob("*.py"), *here.glob("pps/*.py"), *here.glob("reach/*.py")]):
+        folder = "" if file.parent == here else file.parent.name
+        for node in ast.parse(file.read_text()).body:
+            if isinstance(node, ast.ClassDef) and any(isinstance(b, ast.Name) and b.id == "Study" for b in node.bases):
+                module = ".".join(filter(None, ["pps_vision.experiments", folder, file.stem]))
+                given = [item for item in node.body if isinstance(item, ast.AnnAssign) and item.value is not None]
+                fields = {ast.unparse(item.target): ast.unparse(item.value) for item in given if item.value is not None}
+                summary = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")
+                found["_".join(filter(None, [folder, file.stem]))] = Entry(module, node.name, summary, fields)
+    return found
+
+
+def load(entry: Entry) -> type[Study]:
+    """Import a study's class."""
+    cls: type[Study] = getattr(import_module(entry.module), entry.cls)
+    return cls

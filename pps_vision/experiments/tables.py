@@ -1,0 +1,48 @@
+"""Generated tables in documents: what stands between `<!-- table: NAME -->` and `<!-- end -->`."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from pps_vision.errors import InputError
+
+_MARKED = re.compile(r"(<!-- table: (\S+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+
+
+class Table(NamedTuple):
+    """Column names and rows of cells."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def markdown(table: Table) -> str:
+    """Return a table as Markdown; the first column is aligned left, the others right."""
+    lines = [table.header, ["---", *["---:"] * (len(table.header) - 1)], *table.rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
+    """Return [value, low, high] as "value (low–high)"; a dash where there is no value."""
+    texts = ["–" if number is None or number != number else f"{number:.{digits}g}" for number in numbers]
+    return texts[0] if texts[0] == "–" or len(texts) == 1 else f"{texts[0]} ({texts[1]}–{texts[2]})"
+
+
+def names(text: str) -> list[str]:
+    """Return the names of the tables that a document asks for."""
+    return [match[2] for match in _MARKED.finditer(text)]
+
+
+def fill(file: Path, tables: Mapping[str, str]) -> None:
+    """Put the tables between a document's markers; one that is not given stays as it is.
+
+    Raises:
+        InputError: A marker has no end.
+    """
+    text = file.read_text()
+    if text.count("<!-- table:") != len(names(text)):
+        raise InputError(file, "a marker `<!-- table: NAME -->` without its end; expected `<!-- end -->` after each")
+    filled = _MARKED.sub(lambda match: match[1] + tables.get(match[2], match[3]) + match[4], text)
+    if filled != text:
+        file.write_text(filled)

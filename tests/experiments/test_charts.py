@@ -1,0 +1,50 @@
+"""The five charts draw what they are given, losses included."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from pps_vision.experiments.charts import bars, calibration, curves, panels, pareto_front, severity, speed_error
+
+
+@pytest.fixture
+def axis():
+    figure, (axis,) = panels(1)
+    yield axis
+    figure.canvas.draw()
+    plt.close(figure)
+
+
+def test_the_front_holds_what_no_other_beats() -> None:
+    assert pareto_front([1, 2, 3, 4, 2], [5, 3, 4, np.nan, 9]) == [0, 1]
+
+
+def test_speed_error_marks_default_front_and_failures(axis) -> None:
+    methods = {
+        "fast": {"ms": [0.9, 1, 1.1], "error": [5, 4, 6]},
+        "best": {"ms": [9, 10, 11], "error": [1, 0.5, 2]},
+        "lost": {"ms": [1, 2, 3], "error": [None, None, None]},
+    }
+    speed_error(axis, methods, "error", baselines={"fast"}, default="best")
+    front = next(line for line in axis.lines if line.get_linestyle() == ":")
+    np.testing.assert_allclose(front.get_xydata(), [[1, 5], [10, 1]])
+    rings = [line for line in axis.lines if line.get_markersize() == 12]
+    np.testing.assert_allclose(rings[0].get_xydata(), [[10, 1]])
+    assert [text.get_text() for text in axis.texts] == ["fast", "best", "lost (fails)"]
+    assert axis.get_xscale() == "log"
+
+
+def test_severity_marks_the_break(axis) -> None:
+    cell = {"error": [[1, 1, 1], [2, 1, 3], [None, None, None]], "breaks_at": 20}
+    severity(axis, {"axis": "noise", "severities": [0, 10, 20], "methods": {"ours": cell}}, "error", "error (mm)", 3)
+    cross = next(line for line in axis.lines if line.get_marker() == "x")
+    assert cross.get_xdata()[0] == 2
+    assert [tick.get_text() for tick in axis.get_xticklabels()] == ["0", "10", "20"]
+
+
+def test_calibration_curves_and_bars_draw_values_with_intervals(axis) -> None:
+    calibration(axis, [68, 95], {"position": [[70, 60, 80], [93, 90, 96]]}, "found (%)")
+    curves(axis, [1, 2], {"ours": [[1, 0, 2], 3]}, "n", "error")
+    np.testing.assert_allclose(axis.lines[-1].get_xydata(), [[1, 1], [2, 3]])
+    bars(axis, ["a", "b"], {"one": [1, None], "two": [[2, 1, 3], 4]}, "error")
+    assert [bar.get_height() for bar in axis.patches if np.isfinite(bar.get_height())] == [1, 2, 4]

@@ -1,0 +1,92 @@
+"""The harness against numbers known in advance."""
+
+from time import process_time
+
+import numpy as np
+import pytest
+
+from pps_vision.experiments.study import (
+    Axis,
+    Break,
+    Metric,
+    compare,
+    compare_severities,
+    interval,
+    mean,
+    median,
+    percent,
+    rms,
+)
+
+METRICS = {"rms": Metric("error", rms), "found_percent": Metric("found", percent)}
+
+
+def work(ms: float) -> None:
+    end = process_time() + ms / 1000
+    while process_time() < end:
+        pass
+
+
+def test_every_method_is_measured_on_every_recording() -> None:
+    seen = []
+
+    def method(recording: float, seed: int) -> dict[str, list[float]]:
+        seen.append((recording, seed))
+        return {"error": [recording, -recording], "found": [1, 0]}
+
+    numbers = compare({"a": lambda seed: 10.0 * seed, "b": float}, {"ours": method}, METRICS, (1, 2))
+    assert seen == [(10.0, 1), (20.0, 2), (1.0, 1), (2.0, 2)]
+    assert numbers["a"]["ours"]["rms"] == pytest.approx([np.sqrt(250), 10, 20])
+    assert numbers["b"]["ours"]["found_percent"] == pytest.approx([50, 50, 50])
+    assert numbers["a"]["ours"]["n"] == 2
+
+
+def test_times_are_processor_times_and_their_ratio_is_of_one_recording() -> None:
+    methods = {
+        "ours": lambda _, __: work(4) or {},
+        "slow": lambda _, __: work(20) or {},
+        "own clock": lambda _, __: {"ms": [1.0, 3.0]},
+    }
+    cells = compare({"a": int}, methods, {}, range(5), reference="ours")["a"]
+    assert cells["ours"]["ms"][1] == pytest.approx(4, rel=0.3)
+    assert cells["slow"]["ratio"][0] == pytest.approx(5, rel=0.3)
+    assert cells["own clock"]["ms"] == [1, 2, 3]
+
+
+def test_intervals_are_of_independent_units() -> None:
+    """100 copies of a value within a recording add nothing; 40 recordings give the normal interval of their mean."""
+    rng = np.random.default_rng(1)
+    values = rng.normal(3, 2, 40)
+    copied = interval([np.full(100, value) for value in values])
+    assert copied == pytest.approx(interval([[value] for value in values]))
+    half = 1.96 * values.std(ddof=1) / np.sqrt(40)
+    assert copied == pytest.approx([values.mean(), values.mean() - half, values.mean() + half], abs=0.15)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(2)
+    held = [low <= 0 <= high for _, low, high in (interval(rng.normal(size=(30, 1)), mean) for _ in range(200))]
+    assert np.mean(held) == pytest.approx(0.94, abs=0.045)
+
+
+def test_units_without_values_count_for_nothing_and_nothing_is_unknown() -> None:
+    assert interval([[], [2.0], []], median)[0] == 2
+    assert np.isnan(interval([[], []], rms)).all()
+    assert np.isnan(interval([])).all()
+
+
+@pytest.mark.parametrize(("above", "bound", "expected"), [(True, 2.5, 3), (False, -2.5, None), (True, 9, None)])
+def test_a_method_breaks_at_the_first_severity_past_the_bound(
+    above: bool, bound: float, expected: float | None
+) -> None:
+    numbers = compare_severities(
+        lambda seed, severity: severity,
+        Axis("noise", (0, 1, 3, 5)),
+        {"ours": lambda recording, seed: {"error": [recording]}, "lost": lambda recording, seed: {"error": []}},
+        {"error": Metric("error", mean)},
+        (0, 1),
+        Break("error", bound, above),
+    )
+    assert numbers["methods"]["ours"]["breaks_at"] == expected
+    assert numbers["methods"]["lost"]["breaks_at"] == 0, "a method without a value is broken"
+    assert [value for value, _, _ in numbers["methods"]["ours"]["error"]] == [0, 1, 3, 5]
