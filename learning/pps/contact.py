@@ -19,8 +19,8 @@ _AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
 
 
 @dataclass(frozen=True)
-class PassingParams:
-    """When a touch is foretold, from what, and what is believed before the first trial.
+class ContactParams:
+    """When a touch is predicted, from what, and what is believed before the first trial.
 
     `horizon_s` before the trial's end is the last moment known; of the samples until then the last
     `samples` within `reach_m` (R's receptive field) count.  Beliefs: touched paths pass nearer to this taxel
@@ -48,7 +48,7 @@ class PassingParams:
 
 
 @dataclass(frozen=True)
-class PassingMap:
+class ContactModel:
     """What n taxels have learned: `touched`, `missed` (n,) counts of trials that came near, `any_touched`, `any_missed`
     of all, the prior's half each included; displacement of all paths `middle` (n, 3) and of touched from missed ones
     `difference` (n, 3), m, NaN where nothing came near; `trials` (n,) behind that difference; `precision` (3, 3), 1/m².
@@ -69,7 +69,7 @@ class PassingMap:
 
 
 @dataclass(frozen=True)
-class Foretold:
+class ContactPrediction:
     """(trials, taxels) each: probability of touch, its credible interval, and whether the path was in reach in time, as
     some that were learned from; where not, the probability is the taxel's rate of touch over all trials."""
 
@@ -79,12 +79,12 @@ class Foretold:
     in_reach: Mask
 
 
-def passing(params: PassingParams, trials: tuple[Trial, ...]) -> Array:
+def displacements(params: ContactParams, trials: tuple[Trial, ...]) -> Array:
     """(trials, taxels, 3) mean displacement from the taxel over the last samples known; NaN without any."""
     return np.array([[_last(params, trial, d) for d in trial.d_m.swapaxes(0, 1)] for trial in trials])
 
 
-def _last(params: PassingParams, trial: Trial, d: Array) -> Array:
+def _last(params: ContactParams, trial: Trial, d: Array) -> Array:
     known = trial.stamps_s <= trial.stamps_s[-1] - params.horizon_s + 1e-9
     near = d[known & (np.einsum("ij,ij->i", d, d) <= params.reach_m**2)]  # False for NaN
     last: Array = near[-params.samples :].mean(axis=0) if len(near) else np.full(3, np.nan)
@@ -105,28 +105,28 @@ def landing_gap(trial: Trial, radius_m: float, horizon_s: float) -> Array:
     return landed
 
 
-def learn_passing(params: PassingParams, trials: tuple[Trial, ...]) -> PassingMap:
+def learn_contact(params: ContactParams, trials: tuple[Trial, ...]) -> ContactModel:
     """The map of some trials, in no matter what order."""
-    return _fit(params, passing(params, trials), np.array([trial.touched for trial in trials]))
+    return _fit(params, displacements(params, trials), np.array([trial.touched for trial in trials]))
 
 
-def foretell(params: PassingParams, learned: PassingMap, trials: tuple[Trial, ...]) -> Foretold:
+def predict_contact(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
     """What a map expects of other trials."""
-    return _expect(params, learned, passing(params, trials))
+    return _expect(params, learned, displacements(params, trials))
 
 
-def foretell_session(params: PassingParams, learned: PassingMap, trials: tuple[Trial, ...]) -> Foretold:
+def predict_session(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
     """What a map expects of the trials, in their order, of another session, whose kinematics and cameras are off by
     something else.
 
     By how much is learned from the paths alone, a trial's own and those before it: the difference of their mean to
     the usual one, as far as `offset_m` and the paths' own variance let it be believed.
     """
-    u = passing(params, trials)
+    u = displacements(params, trials)
     return _expect(params, learned, u - _shifts(params, learned, u)[:, None])
 
 
-def _shifts(params: PassingParams, learned: PassingMap, u: Array) -> Array:
+def _shifts(params: ContactParams, learned: ContactModel, u: Array) -> Array:
     """(trials, 3) m by which a session is displaced, as known by each of its trials; zeros before any came near."""
     near: Mask = np.asarray(np.isfinite(u[..., 0]).all(axis=1))  # the mean of some taxels only is another place's
     aside = np.where(near[:, None], u.mean(axis=1) - learned.usual, 0.0)
@@ -136,18 +136,18 @@ def _shifts(params: PassingParams, learned: PassingMap, u: Array) -> Array:
     return shifts if learned.seen > 1 else np.zeros_like(shifts)
 
 
-def leave_one_out(params: PassingParams, trials: tuple[Trial, ...]) -> Foretold:
-    """Each trial foretold by a map of all the others."""
-    u, touched = passing(params, trials), np.array([trial.touched for trial in trials])
+def leave_one_out(params: ContactParams, trials: tuple[Trial, ...]) -> ContactPrediction:
+    """Each trial predicted by a map of all the others."""
+    u, touched = displacements(params, trials), np.array([trial.touched for trial in trials])
     parts = []
     for i in range(len(trials)):
         others = np.arange(len(trials)) != i
         parts.append(_expect(params, _fit(params, u[others], touched[others]), u[~others]))
     columns = zip(*((p.probability, p.lower, p.upper, p.in_reach) for p in parts), strict=True)
-    return Foretold(*(np.concatenate(column) for column in columns))
+    return ContactPrediction(*(np.concatenate(column) for column in columns))
 
 
-def _fit(params: PassingParams, u: Array, touched: Mask) -> PassingMap:
+def _fit(params: ContactParams, u: Array, touched: Mask) -> ContactModel:
     seen: Mask = ~np.isnan(u[..., 0])
     at = np.where(seen[..., None], u, 0.0)
     kinds = touched & seen, ~touched & seen
@@ -172,10 +172,12 @@ def _fit(params: PassingParams, u: Array, touched: Mask) -> PassingMap:
     usual_var = of_all.var(axis=0, ddof=1) if len(of_all) > 1 else np.zeros(3)
     of_any = touched.sum(axis=0) + 0.5, (~touched).sum(axis=0) + 0.5
     precision = np.linalg.inv(scatter)
-    return PassingMap(positive, negative, *of_any, middle, difference, behind, precision, usual, usual_var, len(of_all))
+    return ContactModel(
+        positive, negative, *of_any, middle, difference, behind, precision, usual, usual_var, len(of_all)
+    )
 
 
-def _expect(params: PassingParams, learned: PassingMap, u: Array) -> Foretold:
+def _expect(params: ContactParams, learned: ContactModel, u: Array) -> ContactPrediction:
     lean = 0.5 * (learned.missed - learned.touched) / (learned.missed + learned.touched)
     aside = u - (learned.middle + lean[:, None] * learned.difference)  # from half-way between touched and missed
     in_reach: Mask = ~np.isnan(aside[..., 0])
@@ -192,4 +194,4 @@ def _expect(params: PassingParams, learned: PassingMap, u: Array) -> Foretold:
     worth = 1 / (variance * probability * (1 - probability))  # trials that would leave this much doubt
     tails = 0.5 * (1 - params.level), 0.5 * (1 + params.level)
     lower, upper = (betaincinv(worth * probability, worth * (1 - probability), tail) for tail in tails)
-    return Foretold(probability, lower, upper, in_reach)
+    return ContactPrediction(probability, lower, upper, in_reach)

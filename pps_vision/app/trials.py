@@ -1,11 +1,11 @@
-"""Learn from one session of recorded trials and foretell the touches of another."""
+"""Learn from one session of recorded trials and predict the touches of another."""
 
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from learning.pps.contact import Foretold, PassingParams, foretell_session, learn_passing
+from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_session
 from learning.pps.scores import auroc, brier
 from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.recordings.outputs import whole_file
@@ -16,24 +16,24 @@ COLUMNS = ("trial", "taxel", "activation", "lower", "upper", "outcome")
 
 
 def trials(train_path: Path, test_path: Path, out: Path, horizon_s: float) -> None:
-    """Learn, foretell, write, and say how good it was; the arguments are those of `pps-vision trials`."""
-    params = PassingParams(horizon_s=horizon_s)
+    """Learn, predict, write, and say how good it was; the arguments are those of `pps-vision trials`."""
+    params = ContactParams(horizon_s=horizon_s)
     train, test = load_trials(train_path), load_trials(test_path)
     _refuse_what_teaches_nothing(train_path, train, test_path, test)
     with whole_file(out) as partial:
-        foretold = foretell_session(params, learn_passing(params, train), test)
+        predicted = predict_session(params, learn_contact(params, train), test)
         touched = np.array([trial.touched for trial in test])
-        write_table(partial, COLUMNS, _rows(foretold, touched))
+        write_table(partial, COLUMNS, _rows(predicted, touched))
     for path, session in ((train_path, train), (test_path, test)):
         _report_unknown(path, session)
-    late = int((~foretold.in_reach).sum())
+    late = int((~predicted.in_reach).sum())
     if late:
         print(
             f"{test_path}: {late} of {touched.size} pairs of trial and taxel have no sample in reach "
             f"{horizon_s:g} s before the end: given the taxel's rate of touch",
             file=sys.stderr,
         )
-    _print_scores(foretold.probability, touch_rates(train), touched)
+    _print_scores(predicted.probability, touch_rates(train), touched)
     print(f"{len(test)} trials, {horizon_s:g} s ahead → {out}")
 
 
@@ -50,8 +50,8 @@ def _refuse_what_teaches_nothing(
         raise ValueError(f"{train_path}: outcome is {1 if rates.max() else -1} throughout; expected both 1 and -1")
 
 
-def _rows(foretold: Foretold, touched: Mask) -> list[tuple[object, ...]]:
-    p, low, high = foretold.probability, foretold.lower, foretold.upper
+def _rows(predicted: ContactPrediction, touched: Mask) -> list[tuple[object, ...]]:
+    p, low, high = predicted.probability, predicted.lower, predicted.upper
     return [(t, k, p[t, k], low[t, k], high[t, k], touched[t, k]) for t, k in np.ndindex(*touched.shape)]
 
 

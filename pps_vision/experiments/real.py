@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.pps.contact import PassingParams, leave_one_out
+from learning.pps.contact import ContactParams, leave_one_out
 from learning.pps.scores import auroc, brier
 from learning.pps.trials import load_trials
 from pps_vision.app.track2d import follow
@@ -95,7 +95,7 @@ def contact_prediction(file: Path) -> dict[str, float]:
     """Leave-one-out prediction of touch 0.15 s ahead, beside each taxel's base rate."""
     trials = load_trials(file)
     touched = np.array([trial.touched for trial in trials])
-    probability = leave_one_out(PassingParams(), trials).probability
+    probability = leave_one_out(ContactParams(), trials).probability
     base_rate = (touched.sum(axis=0) - touched) / (len(trials) - 1)
     return {
         "auroc": auroc(touched, probability),

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from trials_made_up import approach, session, write
 
-from learning.pps.contact import PassingParams, foretell_session, learn_passing
+from learning.pps.contact import ContactParams, learn_contact, predict_session
 from learning.pps.scores import auroc, brier
 from pps_vision.app.cli import main
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> tuple[Path, Path]:
-    """A session to learn from and another to foretell, not too easy."""
+    """A session to learn from and another to predict, not too easy."""
     rng = np.random.default_rng(0)
     train, test = (session(rng, n, beside_m=0.02) for n in (14, 9))
     return write(tmp_path / "train.npz", train), write(tmp_path / "test.npz", test)
@@ -35,7 +35,7 @@ def test_a_row_for_every_trial_and_taxel(files, tmp_path, capsys) -> None:
     rows = rows_of(tmp_path / "p.csv")
     assert list(rows[0]) == ["trial", "taxel", "activation", "lower", "upper", "outcome"]
     assert [(int(row["trial"]), int(row["taxel"])) for row in rows] == list(np.ndindex(9, 3))
-    found = foretell_session(PassingParams(), learn_passing(PassingParams(), train), test)
+    found = predict_session(ContactParams(), learn_contact(ContactParams(), train), test)
     for name, expected in (("activation", found.probability), ("lower", found.lower), ("upper", found.upper)):
         np.testing.assert_array_equal([float(row[name]) for row in rows], expected.ravel())
     touched = np.array([trial.touched for trial in test])

@@ -7,9 +7,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from learning import batch
 from learning.pps.memory import MemoryParams, PPSMemory, activation
-from learning.pps.representations import Network
 from learning.reach.map import Labels, ReachableMap
-from pps_vision.experiments.baselines.network import Network as Regressor
 from pps_vision.robot.gaze import GazeLimits
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
@@ -69,24 +67,3 @@ def test_reachability(device: str, rows: int, rng: np.random.Generator) -> None:
     assert np.isnan(found.degree[2])
     assert len(reachable_map.query(np.zeros((0, 3)), device=device).reachable) == 0
     assert reachable_map.query(gaze[4:5], device=device).degree == pytest.approx(degree[4:5], abs=1e-9)
-
-
-@pytest.mark.parametrize("device", DEVICES)
-def test_networks_learn_alike_on_every_device_and_leave_torchs_generator_alone(
-    device: str, rng: np.random.Generator
-) -> None:
-    """The same seed gives the same network, whatever torch drew before."""
-    x, D, TTC = rng.uniform(-1, 1, (200, 2)), rng.uniform(0, 0.2, (200, 2)), rng.uniform(0, 3, (200, 2))
-    answers = []
-    for place in ("cpu", device):
-        torch.rand(3)
-        before = torch.random.get_rng_state()
-        network = Regressor(2, 1, np.random.default_rng(0), width=8, epochs=5, device=place)
-        network.update(x, x[:, :1] * x[:, 1:])
-        foresee = Network(8, 5, device=place).fit(D, TTC, D < 0.1, np.random.default_rng(0))
-        assert torch.equal(torch.random.get_rng_state(), before)
-        answers.append((network.predict(x), foresee(D, TTC)))
-    assert np.ptp(answers[0][0]) > 0.02
-    assert np.ptp(answers[0][1]) > 0.02
-    for one, other in zip(*answers, strict=True):
-        assert np.allclose(one, other, atol=1e-3)

@@ -9,7 +9,6 @@ from data import shared_data
 from learning.pps.memory import activation, load_memory
 from pps_vision.app.cli import main
 from pps_vision.recordings.skin_events import read_skin_events, touches_of, write_skin_events
-from pps_vision.recordings.skin_positions import read_skin_positions, write_skin_positions
 from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
 
 MAPS = (
@@ -17,8 +16,6 @@ MAPS = (
     "taxels1D_learnedAll.ini",
     "taxels2D_learned_rightHandLeftForearm.ini",
 )
-SKINS = [f"{part}.txt" for side in ("left", "right") for part in
-         (f"{side}_forearm_V2", f"{side}_forearm_mesh", f"{side}_hand_V2_1")]  # fmt: skip
 
 
 def words(file: Path) -> list[list[str]]:
@@ -54,17 +51,6 @@ def test_a_map_learned_on_the_robot_expects_here_what_it_expected_there(tmp_path
     assert near.mean() > 1.3 * far.mean()
 
 
-@pytest.mark.parametrize("name", SKINS)
-def test_skin_positions_read_and_written_are_the_same(name: str, tmp_path: Path) -> None:
-    skin = read_skin_positions(shared_data("icub_files", "skin_positions", name))
-    write_skin_positions(tmp_path / name, skin)
-    again = read_skin_positions(tmp_path / name)
-    assert (again.name, again.spatial_sampling, again.mapping) == (skin.name, skin.spatial_sampling, skin.mapping)
-    np.testing.assert_array_equal(np.hstack([again.positions_m, again.normals]).view(np.int64),
-                                  np.hstack([skin.positions_m, skin.normals]).view(np.int64))  # fmt: skip
-    assert skin.exists.sum() == (48 if "hand" in name else 276 if "mesh" in name else 240)
-
-
 def test_skin_events_read_and_written_are_the_same(tmp_path: Path) -> None:
     log = shared_data("icub_files", "skin_events.data.log")
     problems: list[object] = []
@@ -77,12 +63,15 @@ def test_skin_events_read_and_written_are_the_same(tmp_path: Path) -> None:
 def test_skin_events_touch_the_virtual_taxels_they_should() -> None:
     """A contact's centre lies within 3 cm of the virtual taxels the skin position file assigns it to."""
     events = read_skin_events(shared_data("icub_files", "skin_events.data.log"), [])
-    skin = read_skin_positions(shared_data("icub_files", "skin_positions", "left_forearm_mesh.txt"))
+    lines = shared_data("icub_files", "skin_positions", "left_forearm_mesh.txt").read_text().splitlines()
+    mapping = tuple(int(word) for word in lines[2].split(maxsplit=1)[1].strip("()").split())
+    positions = np.array([line.split()[:3] for line in lines[4:] if line], dtype=float)
+    assert len(positions) == len(mapping) == 384
     away = []
-    for event, touch in zip(events, touches_of(events, {"left_forearm": skin.mapping}), strict=True):
+    for event, touch in zip(events, touches_of(events, {"left_forearm": mapping}), strict=True):
         contacts = [contact for contact in event.contacts if contact.skin_part == 2]
         for name in touch.taxel_ids:
-            taxel = skin.positions_m[int(name.partition(":")[2])]
+            taxel = positions[int(name.partition(":")[2])]
             away.append(min(np.linalg.norm(np.subtract(c.geometric_center, taxel)) for c in contacts))
     assert len(away) > 1000
     assert np.percentile(away, 95) < 0.03

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from data import SEED, shared_data
 
-from learning.pps.contact import PassingParams, foretell, learn_passing, leave_one_out
+from learning.pps.contact import ContactParams, learn_contact, leave_one_out, predict_contact
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.scores import auroc, brier, expected_calibration_error
 from learning.pps.trials import load_trials
@@ -15,7 +15,7 @@ def test_contact_is_foretold_on_trials_held_out():
     trials = load_trials(shared_data("pps_real_robot", "trials_forearm_internal.npz"))
     touched = np.array([trial.touched for trial in trials])
     assert touched.sum(axis=0).tolist() == [29, 3, 0, 11]
-    found = leave_one_out(PassingParams(), trials)
+    found = leave_one_out(ContactParams(), trials)
     base_rate = (touched.sum(axis=0) - touched) / (len(trials) - 1)
     for name, p in (("learned", found.probability), ("base rate", base_rate)):
         print(f"{name}: AUROC {auroc(touched, p):.3f}, Brier {brier(touched, p):.4f}")
@@ -29,7 +29,7 @@ def test_contact_is_foretold_on_trials_held_out():
 
 def test_two_thirds_of_the_session_foretell_the_rest():
     """A session not seen: the rate learned elsewhere is a fair rival here, as it is not when one trial is left out
-    (a touch left out lowers the rate it is foretold by)."""
+    (a touch left out lowers the rate it is predicted by)."""
     trials = load_trials(shared_data("pps_real_robot", "trials_forearm_internal.npz"))
     touched = np.array([trial.touched for trial in trials])
     rng = np.random.default_rng(SEED)
@@ -37,8 +37,8 @@ def test_two_thirds_of_the_session_foretell_the_rest():
     for _ in range(60):
         order = rng.permutation(len(trials))
         train, test = order[:24], order[24:]
-        learned = learn_passing(PassingParams(), tuple(trials[i] for i in train))
-        p = foretell(PassingParams(), learned, tuple(trials[i] for i in test)).probability
+        learned = learn_contact(ContactParams(), tuple(trials[i] for i in train))
+        p = predict_contact(ContactParams(), learned, tuple(trials[i] for i in test)).probability
         base = np.tile(touched[train].mean(axis=0), (len(test), 1))
         now = touched[test]
         gains.append((auroc(now, p) - auroc(now, base), brier(now, base) - brier(now, p)))

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
-from learning.pps.credible import activation_interval
 from learning.pps.learner import LearnerParams, LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc_variance, perceive
@@ -57,14 +56,12 @@ vector = st.tuples(coordinate, coordinate, coordinate)
 @given(p=vector, v=vector, std=st.sampled_from([0.0, 1e-3, 1.0, FAR, np.nan]))
 @pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")
 def test_whatever_a_tracker_says_activations_are_probabilities(p, v, std):
-    """On the taxel, behind it, tangential, standing, infinite, no number: 0 ≤ lower ≤ activation ≤ upper ≤ 1."""
+    """On the taxel, behind it, tangential, standing, infinite, no number: 0 ≤ activation ≤ 1."""
     memory = MEMORY
     with np.errstate(all="ignore"):
         D, TTC = sees(p, v, cov_v=np.float64(std) ** 2 * np.eye(3))
         expected = activation(memory, D, TTC)
-        lower, upper = activation_interval(memory, D, TTC)
     assert np.all((expected >= 0) & (expected <= 1))
-    assert np.all((lower >= 0) & (lower <= expected) & (expected <= upper) & (upper <= 1))
     assert np.array_equal(np.isnan(D), np.isnan(TTC))
     counted = count_samples(memory, D[None], TTC[None], np.arange(4) == 1)
     gained = counted.counts - memory.counts
@@ -104,13 +101,9 @@ def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
         assert np.all(expected > 0) == (PARAMS.distance_range_m[0] <= at <= PARAMS.distance_range_m[1])
 
 
-def test_an_empty_memory_expects_nothing_and_is_sure_of_nothing():
+def test_an_empty_memory_predicts_no_touch():
     D, TTC = sees([0.0, 0.0, 0.1], [0.0, 0.0, -0.1])
-    empty = PPSMemory.empty(SKIN)
-    assert not activation(empty, D, TTC).any()
-    lower, upper = activation_interval(empty, D, TTC)
-    assert np.all(lower == 0)
-    assert np.all(upper > 0.95)
+    assert not activation(PPSMemory.empty(SKIN), D, TTC).any()
 
 
 def test_permuted_trials_give_the_same_memory():
@@ -120,12 +113,10 @@ def test_permuted_trials_give_the_same_memory():
         np.testing.assert_array_equal(learned(some).counts, learned(trials(20)).counts)
 
 
-def test_duplicated_trials_give_the_same_map_and_narrower_intervals():
+def test_duplicated_trials_give_the_same_map():
     once, thrice = learned(trials(12)), learned(3 * trials(12))
     D, TTC = sees([0.01, 0.0, 0.06], [0.0, 0.0, -0.1])
     np.testing.assert_allclose(activation(thrice, D, TTC), activation(once, D, TTC))
-    width = [np.subtract(*activation_interval(memory, D, TTC)[::-1]) for memory in (once, thrice)]
-    assert np.all(width[1] < width[0])
 
 
 def test_counters_past_two_to_the_31_still_count():
@@ -135,8 +126,6 @@ def test_counters_past_two_to_the_31_still_count():
     assert 0 < (more.counts - full.counts).sum() <= 160
     D, TTC = sees([0.0, 0.0, 0.06], [0.0, 0.0, -0.1])
     np.testing.assert_allclose(activation(more, D, TTC), 0.5, atol=1e-6)
-    lower, upper = activation_interval(more, D, TTC)
-    assert np.all(upper - lower < 1e-3)
 
 
 def test_two_stimuli_at_once_are_each_perceived_as_if_alone():
@@ -207,7 +196,7 @@ def test_variances_never_get_negative_or_lost():
 def test_a_memory_of_other_taxels_is_refused():
     D, TTC = sees([0.0, 0.0, 0.05], [0.0, 0.0, -0.1])
     fewer = replace(MEMORY, taxel_ids=SKIN.taxel_ids[:3], part_index=np.zeros(3, np.intp), counts=MEMORY.counts[:3])
-    for use in (activation, activation_interval, lambda *what: count_samples(*what, np.ones(3, bool))):
+    for use in (activation, lambda *what: count_samples(*what, np.ones(3, bool))):
         with pytest.raises(ValueError, match="expected those of the memory's 3 taxels"):
             use(fewer, D, TTC)
     with pytest.raises(ValueError, match=r"touched .4,.: expected the memory's 3 taxels"):

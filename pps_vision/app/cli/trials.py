@@ -1,4 +1,4 @@
-"""`pps-vision trials`: learn from one session of recorded trials and foretell the touches of another."""
+"""`pps-vision trials`: learn from one session of recorded trials and predict the touches of another."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,26 +8,26 @@ from tyro.conf import Positional
 
 @dataclass(frozen=True)
 class Trials:
-    """Learn from recorded trials of a robot which taxels an approach will touch, and foretell those of others.
+    """Learn from recorded trials of a robot which taxels an approach will touch, and predict those of others.
 
     Writes a row per trial and taxel, both counted from 0: trial,taxel,activation,lower,upper,outcome.  Activation is
     the probability of touch, lower and upper the ends of its 90 % credible interval, outcome 1 (touched) or 0.
-    Of each trial, to learn from or to foretell, only samples up to --horizon-s before its end are used.  How far
-    the session to foretell is displaced as a whole, each trial tells for itself and those after it.
+    Of each trial, to learn from or to predict, only samples up to --horizon-s before its end are used.  How far
+    the session to predict is displaced as a whole, each trial tells for itself and those after it.
     Prints AUROC, over all and within each taxel, and Brier score beside those of each taxel's rate of touch.
     """
 
     train: Positional[Path]
     """Trials to learn from (.npz: position_m, velocity_m_s, offsets, outcome)."""
     test: Positional[Path]
-    """Trials to foretell, of the same taxels."""
+    """Trials to predict, of the same taxels."""
     out: Path
     """Where to write the predictions (.csv)."""
     horizon_s: float = 0.15
-    """How long before its end a trial is foretold; nothing later is used."""
+    """How long before its end a trial is predicted; nothing later is used."""
 
     def run(self) -> None:
-        """Learn, foretell, write, and say how good it was."""
+        """Learn, predict, write, and say how good it was."""
         from pps_vision.app.trials import trials
 
         trials(self.train, self.test, self.out, self.horizon_s)

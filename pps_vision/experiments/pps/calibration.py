@@ -10,15 +10,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import expit, logit
+from sklearn.isotonic import IsotonicRegression
 
-from learning.pps.calibration import calibrate
-from learning.pps.contact import PassingParams, foretell, landing_gap, learn_passing
+from learning.pps.contact import ContactParams, landing_gap, learn_contact, predict_contact
 from learning.pps.memory import MemoryParams
 from learning.pps.receptive_field import ReceptiveField
-from learning.pps.representations import Counts, Representation
 from learning.pps.scores import auroc, brier, expected_calibration_error, reliability
 from learning.pps.touch_trial import TouchTrial
 from learning.pps.trials import Trial
+from pps_vision.experiments.pps.count_table import CountTable
 from pps_vision.experiments.pps.held_out import LEAD_S, Approach, approaches, at_horizon, displaced, of_part, samples
 from pps_vision.experiments.pps.touch_trials import touch_trials
 from pps_vision.experiments.study import Study
@@ -30,8 +30,8 @@ TRIALS, HELD_OUT, FOLDS = 53, 40, 8
 PART = "left_forearm"
 _FAR_M = 0.2  # beyond, how far a landing point is does not matter
 GOALS = {"auroc": 0.95, "expected_calibration_error": 0.05}
-COARSE = Counts(MemoryParams())
-FINE = Counts(MemoryParams(bins=(32, 16)), normalised=True, pooled=0.2)
+COARSE = CountTable(MemoryParams())
+FINE = CountTable(MemoryParams(bins=(32, 16)), normalised=True, pooled=0.2)
 CENTER = ReceptiveField()
 SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)  # the regression judges doubtful samples
 
@@ -129,22 +129,22 @@ def scores(lessons: Lived, tests: Lived) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _by_center(what: Representation) -> Way:
+def _by_center(what: CountTable) -> Way:
     return lambda lessons, tests: _fit(what, lessons.center, tests.center)
 
 
-def _by_surface(what: Representation) -> Way:
+def _by_surface(what: CountTable) -> Way:
     return lambda lessons, tests: _fit(what, lessons.surface, tests.surface)
 
 
-def _fit(what: Representation, taught: tuple[Approach, ...], tested: tuple[Approach, ...]) -> Array:
+def _fit(what: CountTable, taught: tuple[Approach, ...], tested: tuple[Approach, ...]) -> Array:
     D, TTC, _ = at_horizon(tested)
-    return what.fit(*samples(taught), np.random.default_rng(0))(D, TTC)
+    return what.fit(*samples(taught))(D, TTC)
 
 
 def _by_displacement(lessons: Lived, tests: Lived) -> Array:
-    params = PassingParams()
-    return foretell(params, learn_passing(params, lessons.moved), tests.moved).probability
+    params = ContactParams()
+    return predict_contact(params, learn_contact(params, lessons.moved), tests.moved).probability
 
 
 def _by_rate(lessons: Lived, tests: Lived) -> Array:
@@ -152,7 +152,13 @@ def _by_rate(lessons: Lived, tests: Lived) -> Array:
 
 
 def _by_landing(lessons: Lived, tests: Lived) -> Array:
-    return calibrate(lessons.touched, -lessons.landed)(-tests.landed)
+    return _isotonic(lessons.touched, -lessons.landed)(-tests.landed)
+
+
+def _isotonic(outcome: Mask, score: Array) -> Callable[[Array], Array]:
+    """Isotonic regression of outcomes on scores, any shape: scores → corrected probabilities."""
+    fitted = IsotonicRegression(out_of_bounds="clip").fit(score.ravel(), outcome.ravel())
+    return lambda new: np.asarray(fitted.predict(new.ravel())).reshape(new.shape)
 
 
 def _together(*ways: Way) -> Way:
@@ -172,7 +178,7 @@ def _corrected(way: Way) -> Way:
         left_out = [np.arange(k, len(lessons.center), FOLDS) for k in range(FOLDS)]
         rest = [np.setdiff1d(np.arange(len(lessons.center)), fold) for fold in left_out]
         said = [way(lessons.some(r), lessons.some(fold)) for r, fold in zip(rest, left_out, strict=True)]
-        return calibrate(lessons.touched[np.concatenate(left_out)], np.concatenate(said))(way(lessons, tests))
+        return _isotonic(lessons.touched[np.concatenate(left_out)], np.concatenate(said))(way(lessons, tests))
 
     return expects
 

@@ -16,10 +16,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.pps.contact import PassingParams, foretell, learn_passing
+from learning.pps.contact import ContactParams, learn_contact, predict_contact
 from learning.pps.memory import MemoryParams
-from learning.pps.representations import Counts
 from learning.pps.scores import auroc, brier
+from pps_vision.experiments.pps.count_table import CountTable
 from pps_vision.experiments.pps.errors import SOURCES, Belief, ErrorSources, only
 from pps_vision.experiments.pps.held_out import at_horizon, known_trials, samples
 from pps_vision.experiments.pps.lives import CASES, COLORS, TRIALS, Case, Life, calibrated, error_mm, live
@@ -80,13 +80,13 @@ def _by_case(perfect: Lives, erring: Lives, better: Lives) -> dict[Case, Lives]:
 def _by_distance_and_ttc(lessons: Life, tests: Life) -> tuple[Mask, Array]:
     """R's map: outcomes and expectations (trials, taxels) 0.15 s before the end."""
     D, TTC, touched = at_horizon(tests.approaches)
-    return touched, Counts(MemoryParams()).fit(*samples(lessons.approaches), np.random.default_rng(0))(D, TTC)
+    return touched, CountTable(MemoryParams()).fit(*samples(lessons.approaches))(D, TTC)
 
 
 def _by_displacement(lessons: Life, tests: Life) -> tuple[Mask, Array]:
     """The same by where paths pass."""
-    params = PassingParams()
-    found = foretell(params, learn_passing(params, lessons.displaced), tests.displaced)
+    params = ContactParams()
+    found = predict_contact(params, learn_contact(params, lessons.displaced), tests.displaced)
     return np.array([trial.touched for trial in tests.displaced]), found.probability
 
 

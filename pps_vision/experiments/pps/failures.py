@@ -42,7 +42,7 @@ _TESTED = 300
 
 @dataclass(frozen=True)
 class World:
-    """What is disturbed: the tracks to learn from and to foretell from, the touches reported, the trials to learn from,
+    """What is disturbed: the tracks to learn from and to predict from, the touches reported, the trials to learn from,
     and the share of moments at which nothing is tracked."""
 
     taught: Shower = PATCH

@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
 from learning.pps.memory import MemoryParams
-from learning.pps.representations import Counts
 from learning.pps.scores import auroc, brier
 from learning.pps.touch_trial import TouchTrial
+from pps_vision.experiments.pps.count_table import CountTable
 from pps_vision.experiments.pps.errors import Belief, ErrorSources, only
 from pps_vision.experiments.pps.held_out import Approach, approaches, at_horizon, known_trials, of_part, samples
 from pps_vision.experiments.pps.touch_movements import Condition
@@ -124,7 +124,7 @@ def _lived(belief: Belief, trials: Sequence[TouchTrial], rng: np.random.Generato
 
 def _scores(taught: Sequence[Approach], tested: Sequence[Approach]) -> dict[str, float]:
     D, TTC, touched = at_horizon(tested)
-    p = Counts(MemoryParams()).fit(*samples(taught), np.random.default_rng(0))(D, TTC)
+    p = CountTable(MemoryParams()).fit(*samples(taught))(D, TTC)
     return {"auroc": auroc(touched, p), "brier": brier(touched, p)}
 
 

@@ -1,4 +1,4 @@
-"""R Fig 9: two neighbouring taxels after 1, 4 and 53 trials; and how well others are foretold by then."""
+"""R Fig 9: two neighbouring taxels after 1, 4 and 53 trials; and how well others are predicted by then."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -29,7 +29,7 @@ _COUNTS = (1, 2, 4, 8, 16, 32, 53)
 class Progress(Study):
     """What the inner forearm has learned from ever more objects.
 
-    Foretold is, 0.3 s before the end of trials of another seed, for each of the forearm's twelve taxels, whether
+    Predicted is, 0.3 s before the end of trials of another seed, for each of the forearm's twelve taxels, whether
     it will be touched: in approaches that end on the forearm like those learned from, and with near misses too.
     """
 
@@ -55,7 +55,7 @@ class Progress(Study):
                 name: _scores(of[2], np.mean([one.touched for one in made.approaches], axis=0))
                 for name, of in other.items()
             },
-            "foretold": {
+            "predicted": {
                 name: {kind: {n: _foretold(made, params, n, of) for n in _COUNTS} for kind, of in other.items()}
                 for name, params in MAPS.items()
             },
@@ -115,7 +115,7 @@ def _scores(touched: Mask, expected: Array) -> dict[str, float]:
 
 
 def _score(axis: Axes, numbers: dict[str, Any], key: str, label: str, goal: float) -> None:
-    for color, (name, kinds) in zip(("tab:blue", "tab:orange"), numbers["foretold"].items(), strict=False):
+    for color, (name, kinds) in zip(("tab:blue", "tab:orange"), numbers["predicted"].items(), strict=False):
         for style, (kind, by_n) in zip(("-", ":"), kinds.items(), strict=False):
             axis.plot(
                 [int(n) for n in by_n], [of[key] for of in by_n.values()], style, color=color, label=f"{name}, {kind}"

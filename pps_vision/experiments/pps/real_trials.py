@@ -1,4 +1,4 @@
-"""Touches of a real robot foretold: how well, how far ahead, and how much of it the choices made.
+"""Touches of a real robot predicted: how well, how far ahead, and how much of it the choices made.
 
 The data are the authors' 37 trials on four taxels 2–3 cm apart.  How the method was fixed, since few trials forgive
 few choices:
@@ -28,7 +28,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.pps.contact import Foretold, PassingParams, foretell, foretell_session, learn_passing, leave_one_out
+from learning.pps.contact import (
+    ContactParams,
+    ContactPrediction,
+    learn_contact,
+    leave_one_out,
+    predict_contact,
+    predict_session,
+)
 from learning.pps.scores import auroc, brier, expected_calibration_error, log_loss, reliability
 from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.experiments.pps.real_trials_chart import draw
@@ -56,14 +63,14 @@ OFFSETS_M = (0.0, 0.005, 0.01, 0.015, 0.02)
 
 @dataclass(frozen=True)
 class RealTrials(Study):
-    """Touch foretold on the authors' real trials, each left out in turn, beside other ways and choices."""
+    """Touch predicted on the authors' real trials, each left out in turn, beside other ways and choices."""
 
     data: Path = DATA
     """Folder that holds pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
     """Seed of resampling, splits and permutations."""
     splits: int = 200
-    """Times the trials are split in two thirds to learn from and one third to foretell."""
+    """Times the trials are split in two thirds to learn from and one third to predict."""
     resamples: int = 1000
     """Bootstrap samples of trials behind each 95 % interval."""
     permutations: int = 200
@@ -125,7 +132,7 @@ class RealTrials(Study):
 
 
 def left_out(method: Method, trials: tuple[Trial, ...], horizon_s: float = HORIZON_S) -> Array:
-    """(trials, taxels) probabilities, each trial foretold from all others."""
+    """(trials, taxels) probabilities, each trial predicted from all others."""
     predict, numbers = method(trials, horizon_s), np.arange(len(trials))
     return np.concatenate([predict(numbers[numbers != i], numbers[numbers == i]) for i in numbers])
 
@@ -163,20 +170,20 @@ def _against_base(predict: Predictor, trials: tuple[Trial, ...], splits: list[li
 
 
 def _in_quarters(method: Method, trials: tuple[Trial, ...]) -> dict[str, float]:
-    """Each quarter of the session, in order of time, foretold from the other three: what drifts costs."""
+    """Each quarter of the session, in order of time, predicted from the other three: what drifts costs."""
     predict, numbers = method(trials, HORIZON_S), np.arange(len(trials))
     p = np.concatenate([predict(np.setdiff1d(numbers, part), part) for part in np.array_split(numbers, 4)])
     touched = np.array([trial.touched for trial in trials])
     return {"auroc": auroc(touched, p), "brier": brier(touched, p)}
 
 
-_OF_ANOTHER_SESSION = {"as it is": foretell, "its offset learned": foretell_session}
+_OF_ANOTHER_SESSION = {"as it is": predict_contact, "its offset learned": predict_session}
 
 
 def _another_offset(
-    how: Callable[..., Foretold], trials: tuple[Trial, ...], splits: list[list[Numbers]]
+    how: Callable[..., ContactPrediction], trials: tuple[Trial, ...], splits: list[list[Numbers]]
 ) -> list[dict[str, float]]:
-    """The trials to foretell displaced all alike, as by another calibration; mean over six directions."""
+    """The trials to predict displaced all alike, as by another calibration; mean over six directions."""
     rows = []
     for size in OFFSETS_M:
         scores = []
@@ -187,18 +194,18 @@ def _another_offset(
     return rows
 
 
-def _shifted(how: Callable[..., Foretold], trials: tuple[Trial, ...], moved: tuple[Trial, ...]) -> Predictor:
+def _shifted(how: Callable[..., ContactPrediction], trials: tuple[Trial, ...], moved: tuple[Trial, ...]) -> Predictor:
     params = changed()
 
     def predict(train: Numbers, test: Numbers) -> Array:
-        learned = learn_passing(params, tuple(trials[i] for i in train))
+        learned = learn_contact(params, tuple(trials[i] for i in train))
         return how(params, learned, tuple(moved[i] for i in test)).probability
 
     return predict
 
 
 def _our_choices(trials: tuple[Trial, ...], n_pairs: int, seed: int) -> list[dict[str, Any]]:
-    """One parameter changed at a time: on the real trials, and on simulated sessions foretold from another."""
+    """One parameter changed at a time: on the real trials, and on simulated sessions predicted from another."""
     touched, default = np.array([trial.touched for trial in trials]), changed()
     pairs = _pairs(n_pairs, seed)
     rows = []
@@ -217,13 +224,13 @@ def _pairs(n: int, seed: int) -> list[tuple[tuple[Trial, ...], tuple[Trial, ...]
 
 
 def _simulated(
-    params: PassingParams,
+    params: ContactParams,
     pairs: list[tuple[tuple[Trial, ...], tuple[Trial, ...]]],
-    how: Callable[..., Foretold] = foretell,
+    how: Callable[..., ContactPrediction] = predict_contact,
 ) -> dict[str, float]:
     rows = []
     for train, test in pairs:
-        p, now = how(params, learn_passing(params, train), test).probability, np.array([t.touched for t in test])
+        p, now = how(params, learn_contact(params, train), test).probability, np.array([t.touched for t in test])
         rate = np.tile(touch_rates(train), (len(test), 1))
         rows.append((auroc(now, p), brier(now, p), auroc(now, rate), brier(now, rate)))
     return _means(np.array(rows))
@@ -259,15 +266,15 @@ def _nested(trials: tuple[Trial, ...], splits: list[list[Numbers]]) -> dict[str,
         outcome = np.array([trial.touched for trial in known])
         best = min(grid, key=lambda params: brier(outcome, leave_one_out(params, known).probability))
         chosen[" ".join(f"{name}={getattr(best, name):g}" for name in NESTED)] += 1
-        return foretell(best, learn_passing(best, known), tuple(trials[i] for i in test)).probability
+        return predict_contact(best, learn_contact(best, known), tuple(trials[i] for i in test)).probability
 
     fixed = _split_scores(METHODS[OURS], trials, splits)
     return {"chosen": _against_base(predict, trials, splits), "fixed": fixed, "grid": NESTED, "choices": dict(chosen)}
 
 
-def changed(**parameters: Any) -> PassingParams:
+def changed(**parameters: Any) -> ContactParams:
     """Ours with other parameters."""
-    return replace(PassingParams(horizon_s=HORIZON_S), **parameters)
+    return replace(ContactParams(horizon_s=HORIZON_S), **parameters)
 
 
 def _permuted(trials: tuple[Trial, ...], n: int, rng: np.random.Generator) -> dict[str, Any]:

@@ -55,7 +55,7 @@ def _methods(numbers: dict[str, Any]) -> Figure:
         axis.grid(alpha=0.25)
     axes[0].set_yticks(list(at.values()), list(at))
     axes[0].plot([], [], "o", color=_INK, label="one left out, with its 95 % interval")
-    axes[0].plot([], [], "D", mfc="none", mec=_INK, label="a third foretold from the rest (mean)")
+    axes[0].plot([], [], "D", mfc="none", mec=_INK, label="a third predicted from the rest (mean)")
     axes[0].plot([], [], color=_INK, ls="--", label="goal, one left out")
     _legend_above(figure, axes[0])
     return figure
@@ -116,10 +116,10 @@ def _reliability(numbers: dict[str, Any]) -> Figure:
     axis.plot([0, 1], [0, 1], color=_INK, lw=1, label="honest")
     predicted, happened, n = (np.array(of[key]) for key in ("predicted", "happened", "n"))
     spread = np.sqrt(predicted * (1 - predicted) / n)
-    axis.errorbar(predicted, happened, spread, fmt="o-", color=_OURS, capsize=3, label="foretold, ±1 sd of chance")
+    axis.errorbar(predicted, happened, spread, fmt="o-", color=_OURS, capsize=3, label="predicted, ±1 sd of chance")
     for x, y, count in zip(predicted, happened, n, strict=True):
         axis.annotate(f"{count}", (x, y), xytext=(7, -10), textcoords="offset points", fontsize=8, color=_INK)
-    axis.set_xlabel("foretold probability of touch")
+    axis.set_xlabel("predicted probability of touch")
     axis.set_ylabel("share that was touched")
     axis.set_title(f"expected calibration error {of['error']:.3f} ({n.sum()} predictions)", fontsize=9)
     axis.legend(fontsize=8)

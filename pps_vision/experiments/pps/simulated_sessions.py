@@ -34,7 +34,7 @@ class World:
 def two_sessions(
     rng: np.random.Generator, n: tuple[int, int] = (37, 40)
 ) -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
-    """A session to learn from and another to foretell, with offsets that differ."""
+    """A session to learn from and another to predict, with offsets that differ."""
     world = World(
         rng.dirichlet(AIMED), np.array(FEELS[rng.integers(2)]), rng.choice(REACH_M), rng.choice(TRIAL_ERROR_M)
     )

@@ -1,4 +1,4 @@
-"""Ways to foretell which taxels a recorded approach will touch: the paper's map, what was made of it, and ours.
+"""Ways to predict which taxels a recorded approach will touch: the paper's map, what was made of it, and ours.
 
 A `Method` is given trials and a horizon and returns a function that learns from some of the trials, by their
 numbers, and gives the probability of touch (m, taxels) of others.  What a map does not cover is given the
@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from learning.pps.contact import PassingParams, foretell, learn_passing
+from learning.pps.contact import ContactParams, learn_contact, predict_contact
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
 from learning.pps.trials import Trial
@@ -38,7 +38,7 @@ def base_rate(trials: tuple[Trial, ...], horizon_s: float) -> Predictor:
 class Passing:
     """Ours; `flat` sees displacements along the skin only."""
 
-    params: PassingParams = field(default_factory=PassingParams)
+    params: ContactParams = field(default_factory=ContactParams)
     flat: bool = False
 
     def __call__(self, trials: tuple[Trial, ...], horizon_s: float) -> Predictor:
@@ -48,8 +48,8 @@ class Passing:
             trials = tuple(replace(trial, d_m=trial.d_m * np.array([1.0, 1.0, 0.0])) for trial in trials)
 
         def predict(train: Numbers, test: Numbers) -> Array:
-            learned = learn_passing(params, tuple(trials[i] for i in train))
-            return foretell(params, learned, tuple(trials[i] for i in test)).probability
+            learned = learn_contact(params, tuple(trials[i] for i in train))
+            return predict_contact(params, learned, tuple(trials[i] for i in test)).probability
 
         return predict
 
@@ -59,7 +59,7 @@ class Plain:
     """R's map of 8 × 4 bins of D and TTC, read at the last sample known or averaged over all of them.
 
     D is measured from the taxel's centre, from the stimulus's surface (a sphere of `RADIUS_M`), or from where paths
-    land: each path's own end where it is learned, their mean where one is foretold, whose end is not yet known.
+    land: each path's own end where it is learned, their mean where one is predicted, whose end is not yet known.
     """
 
     ttc_s: float = 1.2
@@ -208,7 +208,7 @@ METHODS: Mapping[str, Method] = {
     "displacement, Parzen": Kernel(),
     "displacement, Parzen, pooled": Kernel(pooled=0.3),
     "along the skin, Gaussian": Passing(flat=True),
-    "displacement, no geometry": Passing(PassingParams(toward=0.0)),
+    "displacement, no geometry": Passing(ContactParams(toward=0.0)),
     "displacement, Gaussian (ours)": Passing(),
 }
 OURS = "displacement, Gaussian (ours)"

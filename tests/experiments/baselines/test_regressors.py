@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 from learning.reach.gaussian_process import GaussianProcess
 from pps_vision.experiments.baselines.lwpr import LWPRParams
@@ -91,3 +92,18 @@ def test_bad_input_is_named():
         process.predict(np.zeros((1, 2)))
     with pytest.raises(ValueError, match="n_tune 1"):
         GaussianProcess(n_tune=1)
+
+
+def test_a_network_leaves_torchs_generator_alone():
+    """The same seed gives the same network, whatever torch drew before."""
+    x = np.random.default_rng(3).uniform(-1, 1, (200, 2))
+    answers = []
+    for _ in range(2):
+        torch.rand(3)
+        before = torch.random.get_rng_state()
+        network = Network(2, 1, np.random.default_rng(0), width=8, epochs=5)
+        network.update(x, x[:, :1] * x[:, 1:])
+        assert torch.equal(torch.random.get_rng_state(), before)
+        answers.append(network.predict(x))
+    assert np.ptp(answers[0]) > 0.02
+    np.testing.assert_array_equal(*answers)

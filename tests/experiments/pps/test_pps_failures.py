@@ -1,4 +1,4 @@
-"""Where the learned map breaks: nothing wrong, it foretells; everything wrong, it is no better than chance."""
+"""Where the learned map breaks: nothing wrong, it predicts; everything wrong, it is no better than chance."""
 
 import numpy as np
 import pytest

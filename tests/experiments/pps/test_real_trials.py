@@ -1,4 +1,4 @@
-"""Ways to foretell touches, on trials whose answer is known; and the whole experiment on a few of them."""
+"""Ways to predict touches, on trials whose answer is known; and the whole experiment on a few of them."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from data import SEED
 from trials_made_up import session, write
 
-from learning.pps.contact import PassingParams, foretell, learn_passing
+from learning.pps.contact import ContactParams, learn_contact, predict_contact
 from learning.pps.scores import auroc
 from learning.pps.trials import touch_rates
 from pps_vision.experiments.pps.real_trials import RealTrials, left_out
@@ -27,7 +27,7 @@ def test_no_method_uses_what_is_not_yet_known(name):
 
 
 def _is_blind_to_the_end(method):
-    """The last moments of a trial foretold may be anything; those of trials learned from are known by then."""
+    """The last moments of a trial predicted may be anything; those of trials learned from are known by then."""
     trials = session(np.random.default_rng(SEED), 10)
     others = tuple(replace(t, d_m=t.d_m.copy(), v_m_s=t.v_m_s.copy()) for t in trials)
     for trial in others[7:]:
@@ -63,7 +63,7 @@ def test_simulated_sessions_are_like_the_real_ones():
         assert 1 <= touched.sum(axis=1).mean() < 2.5
         spread = np.std([trial.d_m[-1, 0] for trial in second], axis=0)[:2]
         assert ((spread > 0.006) & (spread < 0.02)).all()
-        p = foretell(PassingParams(), learn_passing(PassingParams(), first), second).probability
+        p = predict_contact(ContactParams(), learn_contact(ContactParams(), first), second).probability
         rate = np.tile(touch_rates(first), (len(second), 1))
         gains.append((auroc(touched, p), auroc(touched, p) - auroc(touched, rate)))
     area, gain = np.mean(gains, axis=0)

@@ -64,7 +64,7 @@ def test_progress_from_trial_to_trial(tmp_path):
     after_one = np.array(numbers["landscapes"][1])
     assert len(after_one) == 2
     assert after_one.max() > 0.1
-    for kinds in numbers["foretold"].values():
+    for kinds in numbers["predicted"].values():
         for by_n in kinds.values():
             assert 0 <= by_n[53]["auroc"] <= 1
             assert 0 <= by_n[53]["calibration_error"] <= 1

@@ -9,18 +9,18 @@ from scipy.stats import beta, multivariate_normal
 from trials_made_up import approach, session
 
 from learning.pps.contact import (
-    PassingParams,
-    foretell,
-    foretell_session,
+    ContactParams,
+    displacements,
     landing_gap,
-    learn_passing,
+    learn_contact,
     leave_one_out,
-    passing,
+    predict_contact,
+    predict_session,
 )
 from learning.pps.scores import auroc
 from learning.pps.trials import Trial, touch_rates
 
-PARAMS = PassingParams()
+PARAMS = ContactParams()
 
 
 def test_what_can_be_told_apart_is_told_apart():
@@ -35,7 +35,7 @@ def test_paths_that_say_nothing_are_given_about_the_rate_of_touch():
     rng = np.random.default_rng(SEED)
     aims = rng.permutation([0] * 120 + [1] * 40)
     trials = [replace(approach(rng, 0, beside_m=0.015), touched=np.arange(3) == aim) for aim in aims]
-    found = foretell(PARAMS, learn_passing(PARAMS, tuple(trials[:80])), tuple(trials[80:])).probability
+    found = predict_contact(PARAMS, learn_contact(PARAMS, tuple(trials[:80])), tuple(trials[80:])).probability
     np.testing.assert_allclose(found.mean(axis=0), touch_rates(tuple(trials[:80])), atol=0.15)
 
 
@@ -55,7 +55,7 @@ def test_before_any_contrast_the_nearer_taxel_is_the_likelier():
     rng = np.random.default_rng(SEED)
     same = [replace(approach(rng, i % 2), touched=np.array([True, True, False])) for i in range(6)]
     left, right = approach(rng, 0), approach(rng, 1)
-    found = foretell(PARAMS, learn_passing(PARAMS, tuple(same)), (left, right)).probability
+    found = predict_contact(PARAMS, learn_contact(PARAMS, tuple(same)), (left, right)).probability
     assert found[0, 0] > found[1, 0]
     assert found[1, 1] > found[0, 1]
 
@@ -63,55 +63,57 @@ def test_before_any_contrast_the_nearer_taxel_is_the_likelier():
 def test_a_trial_out_of_reach_is_given_the_rate_and_said_to_be():
     trials = list(session(np.random.default_rng(1), 8))
     far = replace(trials[0], d_m=trials[0].d_m + np.array([0, 0, 1.0]))
-    learned = learn_passing(PARAMS, tuple(trials))
-    found = foretell(PARAMS, learned, (far, trials[1]))
+    learned = learn_contact(PARAMS, tuple(trials))
+    found = predict_contact(PARAMS, learned, (far, trials[1]))
     np.testing.assert_allclose(found.probability[0], [4.5 / 9, 4.5 / 9, 0.5 / 9])
     np.testing.assert_array_equal(found.in_reach, [[False] * 3, [True] * 3])
-    never_near = foretell(PARAMS, learn_passing(PARAMS, (far, far, trials[1])), (trials[2],))
+    never_near = predict_contact(PARAMS, learn_contact(PARAMS, (far, far, trials[1])), (trials[2],))
     assert np.isfinite(never_near.probability).all()
-    nothing = foretell(PARAMS, learn_passing(PARAMS, (far, far)), (trials[2],))
+    nothing = predict_contact(PARAMS, learn_contact(PARAMS, (far, far)), (trials[2],))
     assert not nothing.in_reach.any()
     np.testing.assert_allclose(nothing.probability[0], [2.5 / 3, 0.5 / 3, 0.5 / 3])
 
 
 def test_what_never_came_near_says_nothing_of_what_does():
-    """Paths that end on a taxel half of the time, foretold by a map that has also seen hundreds pass far away."""
+    """Paths that end on a taxel half of the time, predicted by a map that has also seen hundreds pass far away."""
     rng = np.random.default_rng(SEED)
     near = tuple(approach(rng, i % 2) for i in range(60))
     far = tuple(replace(one, d_m=one.d_m + np.array([0, 0, 1.0]), touched=np.zeros(3, bool)) for one in near * 5)
-    alone, among = (foretell(PARAMS, learn_passing(PARAMS, of), near[:20]) for of in (near, (*near, *far)))
+    alone, among = (predict_contact(PARAMS, learn_contact(PARAMS, of), near[:20]) for of in (near, (*near, *far)))
     np.testing.assert_allclose(among.probability, alone.probability)
-    away = foretell(PARAMS, learn_passing(PARAMS, (*near, *far)), far[:1])
+    away = predict_contact(PARAMS, learn_contact(PARAMS, (*near, *far)), far[:1])
     np.testing.assert_allclose(away.probability[0, :2], 30.5 / 361)
 
 
 @pytest.mark.parametrize("horizon_s", [0.15, 0.4])
 def test_nothing_later_than_the_horizon_is_used(horizon_s):
-    params = PassingParams(horizon_s=horizon_s)
+    params = ContactParams(horizon_s=horizon_s)
     trials = session(np.random.default_rng(2), 8)
 
     def changed(trial: Trial, from_s: float) -> Trial:
         late = trial.stamps_s > trial.stamps_s[-1] - from_s
         return replace(trial, d_m=np.where(late[:, None, None], 0.02, trial.d_m))
 
-    learned = learn_passing(params, trials)
+    learned = learn_contact(params, trials)
     after = tuple(changed(trial, horizon_s) for trial in trials)
     before = tuple(changed(trial, horizon_s + 0.11) for trial in trials)
-    np.testing.assert_array_equal(learn_passing(params, after).middle, learned.middle)
+    np.testing.assert_array_equal(learn_contact(params, after).middle, learned.middle)
     np.testing.assert_array_equal(
-        foretell(params, learned, after).probability, foretell(params, learned, trials).probability
+        predict_contact(params, learned, after).probability, predict_contact(params, learned, trials).probability
     )
-    assert not np.allclose(foretell(params, learned, before).probability, foretell(params, learned, trials).probability)
+    assert not np.allclose(
+        predict_contact(params, learned, before).probability, predict_contact(params, learned, trials).probability
+    )
 
 
 def test_the_order_of_trials_and_a_common_offset_change_nothing():
     rng = np.random.default_rng(3)
     trials, others = session(rng, 9), session(rng, 4)
-    expected = foretell(PARAMS, learn_passing(PARAMS, trials), others)
-    mixed = foretell(PARAMS, learn_passing(PARAMS, trials[::-1]), others)
+    expected = predict_contact(PARAMS, learn_contact(PARAMS, trials), others)
+    mixed = predict_contact(PARAMS, learn_contact(PARAMS, trials[::-1]), others)
     np.testing.assert_allclose(mixed.probability, expected.probability, rtol=1e-9)
     moved = [tuple(replace(t, d_m=t.d_m + np.array([0.02, 0.01, 0])) for t in group) for group in (trials, others)]
-    shifted = foretell(PARAMS, learn_passing(PARAMS, moved[0]), moved[1])
+    shifted = predict_contact(PARAMS, learn_contact(PARAMS, moved[0]), moved[1])
     np.testing.assert_allclose(shifted.probability, expected.probability, rtol=1e-9)
 
 
@@ -120,7 +122,7 @@ def test_intervals_hold_the_probability_and_narrow_with_trials():
     trials, others = session(rng, 10, beside_m=0.015), session(rng, 6, beside_m=0.015)
     widths = []
     for repeats in (1, 2, 8):
-        found = foretell(PARAMS, learn_passing(PARAMS, repeats * trials), others)
+        found = predict_contact(PARAMS, learn_contact(PARAMS, repeats * trials), others)
         assert ((found.lower >= 0) & (found.lower < found.probability)).all()
         assert ((found.probability < found.upper) & (found.upper <= 1)).all()
         widths.append((found.upper - found.lower)[:, :2].mean())
@@ -129,16 +131,16 @@ def test_intervals_hold_the_probability_and_narrow_with_trials():
 
 def test_one_lucky_trial_is_not_certainty():
     rng = np.random.default_rng(5)
-    found = foretell(PARAMS, learn_passing(PARAMS, (approach(rng, 0),)), (approach(rng, 0),))
+    found = predict_contact(PARAMS, learn_contact(PARAMS, (approach(rng, 0),)), (approach(rng, 0),))
     assert found.probability[0, 0] > 0.5
     assert found.lower[0, 0] < 0.5
 
 
 def test_an_outlier_says_no_more_than_the_farthest_path():
     trials = session(np.random.default_rng(6), 16)
-    learned = learn_passing(PARAMS, trials)
+    learned = learn_contact(PARAMS, trials)
     lost = [replace(trials[0], d_m=trials[0].d_m + np.array([x, 0.0, 0.0])) for x in (-0.06, -0.1, 0.06, 0.1)]
-    p = foretell(PARAMS, learned, tuple(lost)).probability[:, 0]
+    p = predict_contact(PARAMS, learned, tuple(lost)).probability[:, 0]
     assert p[1] == pytest.approx(p[0], abs=0.02)
     assert p[3] == pytest.approx(p[2], abs=0.02)
 
@@ -148,7 +150,7 @@ def test_unknown_samples_are_left_out():
     holes = [replace(trial, d_m=trial.d_m.copy()) for trial in trials]
     for trial in holes:
         trial.d_m[-3] = np.nan  # the last but one that is known
-    full, some = (foretell(PARAMS, learn_passing(PARAMS, tuple(t)), tuple(t)) for t in (trials, holes))
+    full, some = (predict_contact(PARAMS, learn_contact(PARAMS, tuple(t)), tuple(t)) for t in (trials, holes))
     assert some.in_reach.all()
     np.testing.assert_allclose(some.probability, full.probability, atol=0.1)
 
@@ -174,9 +176,9 @@ def _truth(trials, rate, apart_m, sd_m):
 def test_with_many_trials_it_is_bayes_rule():
     rng = np.random.default_rng(SEED)
     world = 0.3, np.array([0.01, -0.006, 0.0]), 0.01
-    params = PassingParams(offset_m=1e-4, outlier_sigmas=10.0)
+    params = ContactParams(offset_m=1e-4, outlier_sigmas=10.0)
     seen, new = _world(rng, 20_000, *world), _world(rng, 50, *world)
-    found = foretell(params, learn_passing(params, tuple(seen)), tuple(new)).probability[:, 0]
+    found = predict_contact(params, learn_contact(params, tuple(seen)), tuple(new)).probability[:, 0]
     np.testing.assert_allclose(found, _truth(new, *world), atol=0.04)
 
 
@@ -184,12 +186,12 @@ def test_with_many_trials_it_is_bayes_rule():
 def test_intervals_cover_the_truth(n):
     """What is believed beforehand holds here: differences of the size that 5 trials would leave open."""
     rng = np.random.default_rng(SEED)
-    params = PassingParams(offset_m=1e-3)
+    params = ContactParams(offset_m=1e-3)
     covered = []
     for _ in range(100):
         world = rng.uniform(0.1, 0.9), rng.normal(0, 0.01 / np.sqrt(params.prior_trials), 3), 0.01
         new = _world(rng, 10, *world)
-        found = foretell(params, learn_passing(params, tuple(_world(rng, n, *world))), tuple(new))
+        found = predict_contact(params, learn_contact(params, tuple(_world(rng, n, *world))), tuple(new))
         truth = _truth(new, *world)
         covered.append((found.lower[:, 0] <= truth) & (truth <= found.upper[:, 0]))
     assert 0.8 <= np.mean(covered) <= 0.97
@@ -208,7 +210,7 @@ def test_intervals_cover_the_truth(n):
 )
 def test_impossible_parameters_are_refused(bad):
     with pytest.raises(ValueError, match="expected"):
-        PassingParams(**bad)
+        ContactParams(**bad)
 
 
 def moved(trials: tuple[Trial, ...], by_m: float) -> tuple[Trial, ...]:
@@ -219,36 +221,36 @@ def test_another_session_is_foretold_in_spite_of_its_offset():
     """Taxels 3 cm apart, frames displaced by as much: paths to one pass where those to the other did.  Alone that is
     hopeless; from their paths' mean it is undone, bit by bit: never more than was wrong, in the end nearly all."""
     rng = np.random.default_rng(SEED)
-    learned, other = learn_passing(PARAMS, session(rng, 24)), session(rng, 40)
+    learned, other = learn_contact(PARAMS, session(rng, 24)), session(rng, 40)
     touched = np.array([trial.touched for trial in other])[:, :2]
-    wrong = foretell(PARAMS, learned, moved(other, 0.03)).probability[:, :2]
-    found = foretell_session(PARAMS, learned, moved(other, 0.03)).probability[:, :2]
+    wrong = predict_contact(PARAMS, learned, moved(other, 0.03)).probability[:, :2]
+    found = predict_session(PARAMS, learned, moved(other, 0.03)).probability[:, :2]
     assert auroc(touched, wrong) < 0.9
     assert auroc(touched[20:], found[20:]) > 0.99
 
 
 def test_a_session_without_an_offset_is_foretold_about_as_well():
     rng = np.random.default_rng(SEED)
-    learned, other = learn_passing(PARAMS, session(rng, 24)), session(rng, 40)
+    learned, other = learn_contact(PARAMS, session(rng, 24)), session(rng, 40)
     touched = np.array([trial.touched for trial in other])[:, :2]
-    assert auroc(touched, foretell_session(PARAMS, learned, other).probability[:, :2]) > 0.99
+    assert auroc(touched, predict_session(PARAMS, learned, other).probability[:, :2]) > 0.99
 
 
 def test_what_comes_later_in_a_session_changes_nothing_before():
     rng = np.random.default_rng(SEED)
-    learned, other = learn_passing(PARAMS, session(rng, 12)), session(rng, 6)
+    learned, other = learn_contact(PARAMS, session(rng, 12)), session(rng, 6)
     far = moved(other, 0.5)  # out of reach: says nothing of the session
-    whole = foretell_session(PARAMS, learned, (far[0], *other[:3], *moved(other[3:], 0.02)))
-    first = foretell_session(PARAMS, learned, (far[0], *other[:3]))
+    whole = predict_session(PARAMS, learned, (far[0], *other[:3], *moved(other[3:], 0.02)))
+    first = predict_session(PARAMS, learned, (far[0], *other[:3]))
     np.testing.assert_array_equal(whole.probability[:4], first.probability)
-    np.testing.assert_array_equal(whole.probability[:1], foretell(PARAMS, learned, far[:1]).probability)
+    np.testing.assert_array_equal(whole.probability[:1], predict_contact(PARAMS, learned, far[:1]).probability)
 
 
 def test_a_session_after_one_trial_is_foretold_as_it_is():
     rng = np.random.default_rng(SEED)
-    learned, other = learn_passing(PARAMS, session(rng, 1)), session(rng, 4)
+    learned, other = learn_contact(PARAMS, session(rng, 1)), session(rng, 4)
     np.testing.assert_array_equal(
-        foretell_session(PARAMS, learned, other).probability, foretell(PARAMS, learned, other).probability
+        predict_session(PARAMS, learned, other).probability, predict_contact(PARAMS, learned, other).probability
     )
 
 
@@ -257,7 +259,7 @@ def test_where_all_paths_are_alike_the_touches_alone_count():
     path = approach(np.random.default_rng(SEED), 0)
     one = replace(path, d_m=path.d_m[:, :1])
     trials = tuple(replace(one, touched=np.array([k < 3])) for k in range(7))
-    found = foretell(PARAMS, learn_passing(PARAMS, trials), trials[:1])
+    found = predict_contact(PARAMS, learn_contact(PARAMS, trials), trials[:1])
     assert found.probability[0, 0] == pytest.approx(3.5 / 8)
     assert (found.lower[0, 0], found.upper[0, 0]) == pytest.approx(beta(3.5, 4.5).interval(PARAMS.level))
 
@@ -267,9 +269,9 @@ def test_a_sessions_offset_is_its_posterior_mean():
     trials of the first session; each path of the second is off that by the offset and a path's own variance."""
     rng = np.random.default_rng(SEED)
     first, other = session(rng, 9), moved(session(rng, 5), 0.02)
-    learned = learn_passing(PARAMS, first)
-    mean = passing(PARAMS, first).mean(axis=1)
-    paths = passing(PARAMS, other).mean(axis=1)
+    learned = learn_contact(PARAMS, first)
+    mean = displacements(PARAMS, first).mean(axis=1)
+    paths = displacements(PARAMS, other).mean(axis=1)
     expected = []
     for n, trial in enumerate(other, start=1):
         offset = np.empty(3)
@@ -280,14 +282,14 @@ def test_a_sessions_offset_is_its_posterior_mean():
             offset[k] = np.linalg.solve(
                 information, H.T @ paths[:n, k] / var + [0, len(first) / var * mean[:, k].mean()]
             )[0]
-        expected.append(foretell(PARAMS, learned, (replace(trial, d_m=trial.d_m - offset),)).probability[0])
-    found = foretell_session(PARAMS, learned, other).probability
-    assert np.abs(found - foretell(PARAMS, learned, other).probability).max() > 0.01
+        expected.append(predict_contact(PARAMS, learned, (replace(trial, d_m=trial.d_m - offset),)).probability[0])
+    found = predict_session(PARAMS, learned, other).probability
+    assert np.abs(found - predict_contact(PARAMS, learned, other).probability).max() > 0.01
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_a_session_after_trials_that_never_came_near_is_foretold_as_it_is():
     rng = np.random.default_rng(SEED)
-    learned, other = learn_passing(PARAMS, moved(session(rng, 3), 0.5)), session(rng, 2)
-    found = foretell_session(PARAMS, learned, other)
-    np.testing.assert_array_equal(found.probability, foretell(PARAMS, learned, other).probability)
+    learned, other = learn_contact(PARAMS, moved(session(rng, 3), 0.5)), session(rng, 2)
+    found = predict_session(PARAMS, learned, other)
+    np.testing.assert_array_equal(found.probability, predict_contact(PARAMS, learned, other).probability)

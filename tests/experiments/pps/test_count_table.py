@@ -1,11 +1,11 @@
-"""Representations on samples whose probability of touch is known, and the choice among them."""
+"""Tables of counts on samples whose probability of touch is known."""
 
 import numpy as np
 import pytest
 from data import SEED
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
-from learning.pps.representations import Counts, Kernel, Measured, Network, Representation, cheapest
+from pps_vision.experiments.pps.count_table import CountTable
 from pps_vision.types import Array, Mask
 
 FINE = MemoryParams(bins=(24, 8))
@@ -27,11 +27,9 @@ def drawn(n: int, rng: np.random.Generator) -> tuple[Array, Array, Mask]:
     return D, TTC, rng.uniform(size=(n, 2)) < truth(D)
 
 
-@pytest.mark.parametrize(
-    "what", [Counts(FINE), Counts(FINE, normalised=True), Kernel(0.015, 0.5), Network(12, 20, batch=128)]
-)
-def test_what_is_learned_is_the_probability_of_touch(what: Representation, rng: np.random.Generator) -> None:
-    foresee = what.fit(*drawn(3000, rng), rng)
+@pytest.mark.parametrize("what", [CountTable(FINE), CountTable(FINE, normalised=True)])
+def test_what_is_learned_is_the_probability_of_touch(what: CountTable, rng: np.random.Generator) -> None:
+    foresee = what.fit(*drawn(3000, rng))
     D, TTC = rng.uniform(0.03, 0.17, (200, 2)), rng.uniform(0.6, 2.4, (200, 2))
     assert np.abs(foresee(D, TTC) - truth(D)).mean() < 0.08
     assert np.all(foresee(np.array([np.nan, 0.1]), np.array([1.0, np.nan])) == 0)
@@ -41,7 +39,7 @@ def test_counts_are_those_of_the_memory(rng: np.random.Generator) -> None:
     D, TTC, _ = drawn(300, rng)
     memory = PPSMemory(("a", "b"), np.zeros(2, np.intp), np.zeros((2, *FINE.bins, 2), np.int64), FINE)
     memory = count_samples(memory, D, TTC, np.array([True, False]))
-    foresee = Counts(FINE).fit(D, TTC, np.broadcast_to([True, False], D.shape), rng)
+    foresee = CountTable(FINE).fit(D, TTC, np.broadcast_to([True, False], D.shape))
     np.testing.assert_allclose(foresee(D, TTC), activation(memory, D, TTC))
 
 
@@ -49,38 +47,13 @@ def test_normalised_nothing_speaks_for_no_touch_where_nothing_was_seen(rng: np.r
     D, TTC = np.full((5, 1), 0.05), np.full((5, 1), 0.5)
     all_touched = np.ones((5, 1), bool)
     seen = (np.array([0.08]), np.array([1.0]))
-    assert Counts(FINE, normalised=True).fit(D, TTC, all_touched, rng)(*seen) == pytest.approx(1.0)
-    assert Counts(FINE).fit(D, TTC, all_touched, rng)(*seen) < 0.5
+    assert CountTable(FINE, normalised=True).fit(D, TTC, all_touched)(*seen) == pytest.approx(1.0)
+    assert CountTable(FINE).fit(D, TTC, all_touched)(*seen) < 0.5
 
 
 def test_a_taxel_learns_from_its_neighbour_when_pooled(rng: np.random.Generator) -> None:
     D, TTC = np.array([[0.05, np.nan]]), np.array([[0.5, np.nan]])
     touched = np.array([[True, True]])
     here = np.array([0.05, 0.05]), np.array([0.5, 0.5])
-    assert Counts(FINE, normalised=True).fit(D, TTC, touched, rng)(*here)[1] == 0
-    assert Counts(FINE, normalised=True, pooled=0.1).fit(D, TTC, touched, rng)(*here)[1] == pytest.approx(1.0)
-
-
-TABLE = (
-    Measured("coarse", 10, ece=0.10, brier=0.2),
-    Measured("fine", 30, ece=0.04, brier=0.1),
-    Measured("net", 90, ece=0.02, brier=0.05),
-)
-
-
-@pytest.mark.parametrize(
-    ("max_ece", "max_brier", "name"), [(0.2, 1.0, "coarse"), (0.05, 1.0, "fine"), (0.2, 0.08, "net")]
-)
-def test_the_cheapest_that_is_good_enough_is_taken(max_ece: float, max_brier: float, name: str) -> None:
-    found = cheapest(TABLE, max_ece, max_brier)
-    assert found is not None
-    assert found.name == name
-
-
-def test_where_none_is_good_enough_none_is_taken() -> None:
-    assert cheapest(TABLE, 0.01) is None
-
-
-def test_a_goal_that_cannot_be_is_refused() -> None:
-    with pytest.raises(ValueError, match="calibration error 0"):
-        cheapest(TABLE, 0)
+    assert CountTable(FINE, normalised=True).fit(D, TTC, touched)(*here)[1] == 0
+    assert CountTable(FINE, normalised=True, pooled=0.1).fit(D, TTC, touched)(*here)[1] == pytest.approx(1.0)
