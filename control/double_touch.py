@@ -12,17 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
-from control.clearance import Clearance
 from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import HOME_ARM_RAD, home
 from pps_vision.robot.inverse_kinematics import IKParams, IKSolution, solve_ik
 from pps_vision.robot.model import Robot
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import SkinPart, taxel_frame
 from pps_vision.types import Array
 
 FINGERTIP_RADIUS_M = 0.010
 INDEX_FINGER = np.array([0.8993, -0.4373, 0.0])  # where the right index points, in the frame of its tip
+_FINGER_BODY = "right_palm_4"  # the right index finger among the robot's bodies: it is what touches
 _LEVER_M = 0.1  # two points of the finger so far apart must lie on the normal: a tilt of 0.1 rad counts as 1 cm
 _MOVED_M = 0.001  # a movement begins once it has left its start by so much
 _CHECK_EVERY = 5  # steps: a tip moves 4 cm meanwhile
@@ -53,7 +54,7 @@ class DoubleTouch:
     joints_rad: Array
 
 
-Infeasible = Literal["out of reach", "limits on the way", "too fast", "too close to itself"]
+Infeasible = Literal["out of reach", "limits on the way", "too fast", "self-collision"]
 
 
 class DoubleTouching:
@@ -67,7 +68,7 @@ class DoubleTouching:
         )
         self._columns = robot.indices(left + right)
         self._limits = robot.lower_rad[self._columns], robot.upper_rad[self._columns]
-        self._clearance = Clearance(robot)
+        self._self_collision = SelfCollision(robot, (_FINGER_BODY,))
 
     def plan(self, taxel: int, n: int, rng: np.random.Generator) -> tuple[DoubleTouch | Infeasible, ...]:
         """Movements to the part's `taxel` (its index) from `n` random starts, or why there is none."""
@@ -94,13 +95,13 @@ class DoubleTouching:
         return tuple(found)
 
     def _checked(self, before_s: Array, arms: Array) -> DoubleTouch | Infeasible:
-        """A movement of the arms (T, 12), unless a joint moves too fast or arms and trunk come too close."""
+        """A movement of the arms (T, 12), unless a joint moves too fast or the self-collision distance is too small."""
         joints = np.tile(home(self.robot), (len(arms), 1))
         joints[:, self._columns] = arms
         if np.abs(np.diff(arms, axis=0)).max() > self.params.max_rate_rad_s * self.params.step_s:
             return "too fast"
-        if any(self._clearance.gap_m(q) < self.params.clearance_m for q in joints[::-_CHECK_EVERY]):
-            return "too close to itself"
+        if any(self._self_collision.distance_m(q) < self.params.clearance_m for q in joints[::-_CHECK_EVERY]):
+            return "self-collision"
         return DoubleTouch(before_s[0] - before_s, joints)
 
     def _heights(self, peak: Array) -> tuple[Array, Array]:

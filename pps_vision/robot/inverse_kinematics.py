@@ -116,16 +116,9 @@ def length(vectors: Array) -> Array:
 
 
 def _step(q: Array, residual: Array, J: Array, damping: Array, lower: Array, upper: Array) -> Array:
-    """Jᵀ(JJᵀ + λI)⁻¹ r over the joints that are free to move.
-
-    A joint may be pushed beyond its limit by the step though not by the gradient; so those
-    that the first solution would push out are left out of a second one.
-    """
+    """Jᵀ(JJᵀ + λI)⁻¹ r without the joints that the gradient pushes beyond the limit they are at."""
     gradient = (J * residual[..., None]).sum(-2)
-    at_lower, at_upper = q <= lower, q >= upper
-    stuck = (at_lower & (gradient < 0)) | (at_upper & (gradient > 0))
-    dq = damped(J * ~stuck[:, None, :], residual, damping)
-    stuck = stuck | (at_lower & (dq < 0)) | (at_upper & (dq > 0))
+    stuck = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
     return damped(J * ~stuck[:, None, :], residual, damping)
 
 

@@ -73,7 +73,7 @@ class Robot:
             raise ValueError(f"{urdf}: no such robot description; expected a URDF file")
         try:
             self.model = pin.buildModelFromUrdf(str(urdf))
-            self._visual = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.VISUAL)
+            self.geometry = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.VISUAL)
         except (ValueError, RuntimeError) as error:
             raise ValueError(f"{urdf}: cannot be read as URDF: {str(error).strip().splitlines()[0]}") from error
         if self.model.nq != self.model.njoints - 1:
@@ -141,7 +141,7 @@ class Robot:
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
         """What there is to draw, from the URDF's visuals (spheres, cylinders, boxes)."""
-        return tuple(self._body(geometry) for geometry in self._visual.geometryObjects)
+        return tuple(self._body(geometry) for geometry in self.geometry.geometryObjects)
 
     def _body(self, obj: Any) -> Body:
         frame, shape = self.model.frames[obj.parentFrame], obj.geometry

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from control.clearance import Clearance
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching, DoubleTouchParams, Infeasible
-from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import SkinPart, icub_skin
 
@@ -104,15 +102,6 @@ def test_what_cannot_be_is_said(robot):
     rushed = DoubleTouching(robot, PART, DoubleTouchParams(max_rate_rad_s=np.deg2rad(2.0)))
     assert set(rushed.plan(0, 2, rng)) == {"too fast"}
     shy = DoubleTouching(robot, PART, DoubleTouchParams(clearance_m=0.2))
-    assert set(shy.plan(0, 2, rng)) == {"too close to itself"}
+    assert set(shy.plan(0, 2, rng)) == {"self-collision"}
     far = SkinPart("far", "left_forearm", (1,), np.array([[0.0, 0.9, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
     assert set(DoubleTouching(robot, far).plan(0, 2, rng)) == {"out of reach"}
-
-
-def test_arms_at_home_are_apart_and_crossed_ones_overlap(robot):
-    clearance = Clearance(robot)
-    q = home(robot)
-    assert clearance.gap_m(q) > 0.02
-    q[robot.indices(("left_shoulder_yaw", "right_shoulder_yaw"))] += np.deg2rad(60)  # forearms swing inwards
-    q[robot.indices(("left_elbow", "right_elbow"))] = np.deg2rad(80)
-    assert clearance.gap_m(q) < 0.02

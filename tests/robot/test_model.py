@@ -91,6 +91,14 @@ def test_the_icubs_bodies_are_spheres_cylinders_and_boxes_on_known_frames(icub: 
     assert all(len(body.size_m) == n_sizes[body.shape] for body in icub.bodies)
 
 
+def test_bodies_have_the_sizes_that_the_urdf_gives_them(icub: Robot) -> None:
+    """Radius and whole length of a cylinder, radius of a sphere, sides of a box."""
+    sizes = {body.name: body.size_m for body in icub.bodies}
+    assert sizes["left_upper_arm_0"] == pytest.approx((0.034, 0.13))
+    assert sizes["left_upper_arm_1"] == pytest.approx((0.042,))
+    assert sizes["chest_0"] == pytest.approx((0.11, 0.14, 0.16))
+
+
 @pytest.mark.parametrize("frame", ["left_palm", "right_forearm", "left_eye", "right_index_tip"])
 def test_jacobians_are_the_slopes_of_position_and_orientation(icub: Robot, frame: str) -> None:
     rng, h = np.random.default_rng(3), 1e-6

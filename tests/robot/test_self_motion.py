@@ -43,6 +43,16 @@ def test_it_walks_to_the_best_of_the_whole_curve():
     assert np.median(good - measure(q, None)) > 0.01
 
 
+def test_a_stride_that_loses_the_target_does_not_count():
+    """Steps so long that two corrections do not bring the hand back, although the limits allow them."""
+    rng = np.random.default_rng(SEED)
+    q = rng.uniform(-1.5, 1.5, (300, 3))
+    targets, _ = planar(q)
+    walked, _ = walk(planar, targets, q, LOWER, UPPER, FarFromLimits(LOWER, UPPER), WalkParams(step_rad=1.5, steps=4))
+    assert np.abs(walked - q).max() > 0.1
+    assert np.linalg.norm(planar(walked)[0] - targets, axis=1).max() <= WalkParams().tolerance
+
+
 def test_manipulability_is_the_volume_and_vanishes_where_the_arm_is_straight():
     _, J = planar(np.array([[0.3, 0.0, 0.0], [0.3, 1.2, 0.4]]))
     volume = Manipulability()(None, J)
