@@ -24,3 +24,9 @@ def cite(source: Path | str, line: int | None, message: str) -> str:
     """Return "SOURCE:LINE: message" on one line."""
     where = f"{source}" if line is None else f"{source}:{line}"
     return " ".join(f"{where}: {message}".splitlines())
+
+
+def first_line(error: Exception) -> str:
+    """What an exception says, on one line: the system's own words for an OSError."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return " ".join(text.split())

@@ -15,8 +15,7 @@ from pps_vision.app.figures import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import Entry, Study, catalogue, load
 from pps_vision.experiments.tables import fill, markdown, names
-from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.results import plain
+from pps_vision.recordings.outputs import plain, whole_file
 
 _DOCUMENTS = Path("docs")
 _GROUPS = ("pps", "reach")

@@ -18,8 +18,7 @@ from pps_vision.app.overlay import VideoFile, draw_pair
 from pps_vision.app.school import fresh_pipeline, open_world, teach
 from pps_vision.app.school_params import SchoolParams
 from pps_vision.app.stopwatch import Stopwatch
-from pps_vision.recordings.outputs import whole_folder
-from pps_vision.recordings.results import write_summary
+from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.types import ReachStatus, Status
@@ -43,7 +42,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         with VideoFile(folder / "demo.mp4", fps=20) as film:
             logs = list(_meet_all(world, memory, reachable_map, film, stopwatch, seed))
         numbers = [_numbers(log) | _reach(log) for log in logs]
-        write_summary(
+        write_json(
             folder / "summary.json",
             {
                 "seed": seed,

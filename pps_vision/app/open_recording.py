@@ -9,9 +9,9 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.images import open_stereo_images
-from pps_vision.recordings.joint_table import read_joint_offsets
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.tables import read_joint_offsets
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.robot.icub import load_icub

@@ -4,7 +4,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pps_vision.recordings.images import ImageSequence
-from pps_vision.recordings.results import Box
+from pps_vision.recordings.tables import Box
 from tracking.single import ColorTracker, ColorTrackerParams
 
 

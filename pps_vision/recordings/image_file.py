@@ -1,17 +1,14 @@
 """One image file: its pixels, and where it was named and stamped."""
 
-import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.problems import Problem, ProblemKind, first_line
+from pps_vision.errors import InputError, first_line
+from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.types import Array, Image
 
 # An orientation tag would turn the image away from its calibration: pixels are taken as recorded.
@@ -52,27 +49,12 @@ def decode(file: ImageFile) -> Image | Problem:
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
         return _bad(file, f"cannot be opened ({first_line(error)})")
     try:
-        with _silence():
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if data else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if data else None
     except cv2.error:
         image = None
     if image is None:
         return _bad(file, "cannot be decoded")
     return np.asarray(image, dtype=np.uint8)
-
-
-@contextmanager
-def _silence() -> Iterator[None]:
-    """Nothing on the error stream: OpenCV, libpng and libjpeg write there past Python what `decode` reports."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    stderr = os.dup(2)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-        os.close(nowhere)
 
 
 def check_size(file: ImageFile, image: Image, expected: tuple[int, int]) -> None:

@@ -10,9 +10,8 @@ from statistics import median_low
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile, check_size, decode, number_in
-from pps_vision.recordings.pairing import note_unpaired
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Recording, size_of_first
+from pps_vision.recordings.recording import Recording, note_unpaired, size_of_first
 from pps_vision.types import Image
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")

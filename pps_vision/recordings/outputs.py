@@ -1,13 +1,16 @@
 """Outputs that appear whole or not at all: written under a temporary name, then renamed."""
 
+import json
+import math
 import os
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.problems import first_line
+import numpy as np
+
+from pps_vision.errors import InputError, first_line
 
 
 @contextmanager
@@ -73,3 +76,23 @@ def whole_file(file: Path) -> Iterator[Path]:
 def _beside(final: Path, what: str) -> Path:
     """A hidden name in the same folder, this process's own."""
     return final.with_name(f".{final.name}.{os.getpid()}.{what}")
+
+
+def write_json(file: Path, content: Mapping[str, object]) -> None:
+    """Write JSON: NumPy numbers, arrays and paths as plain ones, NaN and infinity as null."""
+    file.write_text(json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def plain(value: object) -> object:
+    """A value as JSON holds it."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

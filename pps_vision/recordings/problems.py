@@ -37,9 +37,3 @@ def count_by_kind(problems: Iterable[Problem]) -> dict[str, int]:
     """How many problems there are of every kind, zeros included."""
     counts = Counter(problem.kind for problem in problems)
     return {kind.value: counts[kind] for kind in ProblemKind}
-
-
-def first_line(error: Exception) -> str:
-    """What an exception says, on one line: the system's own words for an OSError."""
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return " ".join(text.split())

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.problems import Problem, ProblemKind, first_line
+from pps_vision.errors import InputError, first_line
+from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import Touch
 
 Vector = tuple[float, float, float]

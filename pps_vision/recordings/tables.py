@@ -1,34 +1,169 @@
-"""Tables as CSV: fields as text, and numbers to text with full precision, NaN and "none" as an empty field."""
+"""The CSV tables that pps_vision writes and reads: a header, then numbers with full precision.
+
+An empty field is a number that does not exist, such as the position of an unknown object.
+"""
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.problems import first_line
+from pps_vision.errors import InputError, first_line
+from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.types import Array, Detection2D, Reachability, Status, Track3D, Truth
 
+Box = tuple[float, float, float, float]
+"""x, y of the top-left corner, width, height, px."""
 
-def cell(value: object) -> str:
-    """One field: a float with all its digits, NaN empty, a truth value as 0 or 1."""
-    if isinstance(value, float | np.floating):
-        return "" if np.isnan(value) else repr(float(value))
-    return str(int(value)) if isinstance(value, bool | np.bool_) else str(value)
+DETECTIONS = ("frame", "stamp_s", "camera", "u_px", "v_px", "cov_uu_px2", "cov_uv_px2", "cov_vv_px2", "score", "status")
+TRAJECTORY = (
+    *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"),
+    *("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2", "radius_m", "status"),
+)
+REACHABILITY = (
+    *("gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg", "reach_probability", "reach_degree", "reach_status"),
+)
+BOXES = ("frame", "x", "y", "w", "h", "score")
+TRUTH = (
+    *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "radius_m"),
+    *("u_left_px", "v_left_px", "u_right_px", "v_right_px", "visible_left", "visible_right"),
+)
+JOINT_OFFSETS = ("joint", "offset_deg")
+GAZE = ("yaw_deg", "pitch_deg", "vergence_deg")
 
-
-def read_table(file: Path, of: str) -> list[list[str]]:
-    """The fields of every line, the header first, a byte-order mark left out; InputError where there is no table."""
-    try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            return list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(file, f"cannot be read: {first_line(error)}; expected a table of {of}") from error
+_MAX_OFFSET_DEG = 90.0  # an encoder that is further off is a typing error
 
 
 def write_table(file: Path, columns: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
-    """A header and rows, comma separated."""
+    """Write a header and rows; a float with all its digits, NaN empty, a truth value as 0 or 1."""
     with file.open("w", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(columns)
-        table.writerows([cell(value) for value in row] for row in rows)
+        table.writerows([_field(value) for value in row] for row in rows)
+
+
+def read_table(file: Path, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line number and the fields of `columns` for each row that is not empty; other columns are ignored.
+
+    Raises:
+        InputError: The file cannot be read, or a column is missing.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected a table of {columns[0]} …") from error
+    header = [name.strip() for name in rows[0]] if rows else []
+    if missing := [name for name in columns if name not in header]:
+        raise InputError(file, f"no column {', '.join(missing)}; expected {','.join(columns)}", 1)
+    places = [header.index(name) for name in columns]
+    for line, row in enumerate(rows[1:], start=2):
+        if row:
+            yield line, [row[place].strip() if place < len(row) else "" for place in places]
+
+
+def write_detections(file: Path, detections: Iterable[tuple[int, Detection2D, Status]]) -> None:
+    """Write detections.csv: frame number, detection in one image, and status of the tracker."""
+    rows = (
+        (frame, d.stamp_s, d.camera, *d.center_px, *d.cov_px[np.triu_indices(2)], d.score, status)
+        for frame, d, status in detections
+    )
+    write_table(file, DETECTIONS, rows)
+
+
+def write_trajectory(file: Path, tracks: Sequence[Track3D], reachability: Sequence[Reachability] = ()) -> None:
+    """Write trajectory.csv: position, velocity and covariance of the position in the root frame, and, where given, the
+    reachability of every track."""
+    upper = np.triu_indices(3)
+    rows: list[tuple[object, ...]] = [
+        (track.stamp_s, *track.position, *track.velocity, *track.cov[:3, :3][upper], track.radius_m, track.status)
+        for track in tracks
+    ]
+    if not reachability:
+        return write_table(file, TRAJECTORY, rows)
+    more = [(*np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status) for reach in reachability]
+    write_table(file, TRAJECTORY + REACHABILITY, ((*row, *reach) for row, reach in zip(rows, more, strict=True)))
+
+
+def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:
+    """Write frame number (the first image is 1), box in original pixels, and score."""
+    write_table(file, BOXES, ((frame, *box, score) for frame, box, score in boxes))
+
+
+def write_truth(file: Path, rows: Iterable[Truth]) -> None:
+    """Write truth.csv, the true path of a rendered object."""
+    values = (
+        (r.stamp_s, *r.position, *r.velocity, r.radius_m, *r.left_px, *r.right_px, r.visible_left, r.visible_right)
+        for r in rows
+    )
+    write_table(file, TRUTH, values)
+
+
+def read_truth(file: Path, problems: list[Problem]) -> tuple[Truth, ...]:
+    """The rows of truth.csv; a bad row is added to `problems` and skipped."""
+    rows = []
+    for line, fields in read_table(file, TRUTH):
+        try:
+            rows.append(_truth(fields))
+        except ValueError as error:
+            problems.append(Problem(ProblemKind.ROW, file, line, first_line(error)))
+    return tuple(rows)
+
+
+def _truth(fields: list[str]) -> Truth:
+    values = np.array([float(field) if field else np.nan for field in fields[:12]])
+    if not np.all(np.isfinite(values[:8])):
+        raise ValueError("stamp, position, velocity or radius is no number; expected finite ones")
+    if not set(fields[12:]) <= {"0", "1"}:
+        raise ValueError(f"visible {','.join(fields[12:])}; expected 0 or 1")
+    visible = [field == "1" for field in fields[12:]]
+    return Truth(float(values[0]), values[1:4], values[4:7], float(values[7]), values[8:10], values[10:12], *visible)
+
+
+def write_joint_offsets(file: Path, joints: Sequence[str], offsets_rad: Array) -> None:
+    """Write the offset to add to each joint's encoder."""
+    write_table(file, JOINT_OFFSETS, zip(joints, np.rad2deg(offsets_rad), strict=True))
+
+
+def read_joint_offsets(file: Path, joints: Sequence[str]) -> Array:
+    """(n,) rad for these joints, 0 for those without a row.
+
+    Raises:
+        InputError: A row names another joint, one again, or no offset within ±90°.
+    """
+    offsets: dict[str, float] = {}
+    for line, (joint, text) in read_table(file, JOINT_OFFSETS):
+        if joint not in joints or joint in offsets:
+            raise InputError(file, f"joint {joint!r}; expected each of {', '.join(joints)} at most once", line)
+        offsets[joint] = _degrees(file, line, joint, text)
+        if not abs(offsets[joint]) <= _MAX_OFFSET_DEG:
+            raise InputError(file, f"{joint} {text!r}; expected an offset within ±{_MAX_OFFSET_DEG:.0f} degrees", line)
+    return np.deg2rad([offsets.get(joint, 0.0) for joint in joints])
+
+
+def read_gaze(file: Path) -> Array:
+    """(N, 3) rad gaze postures: neck yaw, neck pitch, vergence; NaN where the file says so."""
+    degrees = [
+        [_degrees(file, line, *field) for field in zip(GAZE, fields, strict=True)]
+        for line, fields in read_table(file, GAZE)
+    ]
+    return np.deg2rad(np.array(degrees, dtype=float).reshape(-1, 3))
+
+
+def write_reachability(file: Path, rows: Iterable[Iterable[object]]) -> None:
+    """Write gaze postures (degrees), each with 1 or 0 for reachable, probability and degree, empty where unknown."""
+    write_table(file, (*GAZE, "reachable", "probability", "degree"), rows)
+
+
+def _degrees(file: Path, line: int, name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(file, f"{name} {text!r}; expected a number of degrees", line) from None
+
+
+def _field(value: object) -> str:
+    if isinstance(value, float | np.floating):
+        return "" if np.isnan(value) else repr(float(value))
+    return str(int(value)) if isinstance(value, bool | np.bool_) else str(value)

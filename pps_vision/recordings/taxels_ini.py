@@ -12,8 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.problems import first_line
+from pps_vision.errors import InputError, first_line
 
 _KEYS = ("modality", "size", "nTaxels", "ext", "binsNum", "Mapping")
 _LIMITS = {"1D": 2, "2D": 4}  # numbers in ext

@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.calibration import read_icub_eyes
+from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.pairing import pair_by_stamp
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Pair, Recording, Touch, size_of_first
+from pps_vision.recordings.recording import Pair, Recording, Touch, pair_by_stamp, size_of_first
 from pps_vision.recordings.skin_events import holds_contacts, read_skin_events, touches_of
-from pps_vision.recordings.truth import read_truth
+from pps_vision.recordings.tables import read_truth
 from pps_vision.recordings.yarp_log import read_log
-from pps_vision.recordings.yarp_ports import find_ports
 from pps_vision.robot.icub import ARM_PORT_JOINTS, HEAD_PORT, TORSO_PORT, icub_rig, load_icub, q_from_encoders
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
@@ -29,6 +27,14 @@ JOINT_PORTS = {
 }
 MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
 MAX_BEYOND_S = 0.025  # from an image to the end of a log: a head moves on
+_JOINTS_AND_SKIN = {
+    "torso": "torso",
+    "head": "head",
+    "leftarm": "left_arm",
+    "rightarm": "right_arm",
+    "skin": "skin",
+}
+_IMAGE_SUFFIXES = (".ppm", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts seconds since 1970
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
@@ -184,3 +190,50 @@ def _covers(stamps: Array, stamp_s: float) -> bool:
 def _at(stamps: Array, samples: Array, stamp_s: float) -> Array:
     """Encoders at one stamp, linear between samples, the end's own value beyond the ends."""
     return np.array([np.interp(stamp_s, stamps, column) for column in samples.T])
+
+
+def find_ports(folder: Path) -> dict[str, Path]:
+    """The data.log of every port: "left" and "right" (images), torso, head, left_arm, right_arm, skin.
+
+    Joints and skin lie in a folder called so (`rightArm`, `right_arm/state:o`), images below one
+    whose name holds left or right.  InputError if two logs claim one port.
+    """
+    ports: dict[str, Path] = {}
+    logs = sorted(folder.rglob("data.log"))
+    for log in logs:
+        port = _port(log.parent.relative_to(folder), log)
+        if port in ports:
+            raise InputError(log, f"a second log for {port}; expected one, and {ports[port]} is there")
+        if port is not None:
+            ports[port] = log
+    for log in logs:
+        if log.parent.name in ("left", "right") and not _first_line(log).strip():
+            ports.setdefault(log.parent.name, log)  # it names no image, which its reader reports
+    return ports
+
+
+def _port(place: Path, log: Path) -> str | None:
+    """Which port a log belongs to, None if to one that is not read here."""
+    if _holds_images(log):
+        name = place.as_posix().lower()
+        side = max(("left", "right"), key=name.rfind)
+        return side if side in name else None
+    parts = [part.lower().replace("_", "") for part in place.parts]
+    return next((_JOINTS_AND_SKIN[part] for part in parts if part in _JOINTS_AND_SKIN), None)
+
+
+def _holds_images(log: Path) -> bool:
+    """By the type info.log states, or else by what the first row names."""
+    info = log.with_name("info.log")
+    kind = _first_line(info) if info.is_file() else ""
+    if kind.startswith("Type:"):
+        return kind.removeprefix("Type:").strip().startswith("Image")
+    return any(word.lower().endswith(_IMAGE_SUFFIXES) for word in _first_line(log).split())
+
+
+def _first_line(file: Path) -> str:
+    try:
+        with file.open(errors="replace") as stream:
+            return stream.readline(10_000)
+    except OSError:  # whoever reads the whole file says so
+        return ""

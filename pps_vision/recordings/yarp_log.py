@@ -7,8 +7,8 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.problems import Problem, ProblemKind, first_line
+from pps_vision.errors import InputError, first_line
+from pps_vision.recordings.problems import Problem, ProblemKind
 
 _STAMP_LIMIT_S = 1e12  # beyond any clock; keeps differences of stamps finite
 

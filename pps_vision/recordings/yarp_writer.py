@@ -10,9 +10,9 @@ import cv2
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import Camera
-from pps_vision.recordings.calibration import write_icub_eyes
+from pps_vision.recordings.icub_eyes import write_icub_eyes
 from pps_vision.recordings.outputs import whole_folder
-from pps_vision.recordings.truth import write_truth
+from pps_vision.recordings.tables import write_truth
 from pps_vision.robot.icub import encoders_from_q
 from pps_vision.robot.model import Robot
 from pps_vision.types import StereoFrame, Truth

@@ -1,7 +1,7 @@
 """A closed loop on kinematics: in place of images, the pipeline gets the true position and velocity of the object."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,13 +19,14 @@ class KnownTrack:
     """In place of a tracker: position and velocity of the object at any time; None where it is not seen."""
 
     motion: Motion
+    cov: Array = field(default_factory=lambda: 1e-6 * np.eye(12))
 
     def step(self, frame: StereoFrame) -> TrackerStep:
         now = self.motion(frame.stamp_s)
         track = Track3D.unknown(frame.stamp_s)
         if now is not None:
             mean = np.array([*now, np.zeros(3), np.zeros(3)])
-            track = Track3D(frame.stamp_s, mean, 1e-6 * np.eye(12), 0.02, 1e-8, Status.TRACKING)
+            track = Track3D(frame.stamp_s, mean, self.cov, 0.02, 1e-8, Status.TRACKING)
         return TrackerStep(track, (), None, ((), ()), np.zeros(3))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pps_vision.app.cli import main
-from pps_vision.recordings.joint_table import read_joint_offsets
+from pps_vision.recordings.tables import read_joint_offsets
 from pps_vision.robot.icub import load_icub
 
 JOINTS = load_icub().joint_names

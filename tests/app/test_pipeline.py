@@ -58,10 +58,10 @@ def test_a_skin_that_the_avoiding_arm_does_not_carry_moves_nothing() -> None:
     assert not step.command.dq_rad_s.any()
 
 
-def following(motion: Motion, params: PipelineParams | None = None) -> Pipeline:
+def following(motion: Motion, params: PipelineParams | None = None, cov: Array | None = None) -> Pipeline:
     """A pipeline that knows the object's motion."""
     skin, rng = icub_skin(("left_forearm",)), np.random.default_rng(0)
-    tracker = KnownTrack(motion)
+    tracker = KnownTrack(motion) if cov is None else KnownTrack(motion, cov)
     return Pipeline(params or PipelineParams(), ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]
 
 
@@ -163,3 +163,36 @@ def test_a_frame_that_is_refused_changes_nothing() -> None:
         with pytest.raises(ValueError, match="expected"):
             pipeline.step(frame, touched)
         assert pipeline._state is before
+
+
+@pytest.mark.parametrize(("uncertain", "expected_s"), [("position", 2.0), ("velocity", np.inf)])
+def test_an_uncertain_velocity_is_no_approach(uncertain: str, expected_s: float) -> None:
+    skin, posture = icub_skin(("left_forearm",)), ROBOT.at(home(ROBOT))
+    index = skin.index("left_forearm:3")
+    point, normal = (a[index] for a in skin.at(posture))
+    variances = np.full((4, 3), 1e-6)
+    variances[("position", "velocity").index(uncertain)] = 0.05**2 * 1.1
+    pipeline = following(lambda t: (point + 0.1 * normal, -0.05 * normal), cov=np.diag(variances.ravel()))
+    assert pipeline.step(frame_at(0.0, home(ROBOT))).events.ttc_s[index] == pytest.approx(expected_s)
+
+
+def test_taxels_of_a_frame_with_the_same_stamp_count_as_resting() -> None:
+    pipeline = following(lambda t: (np.array([-0.35, 0.0, 0.3]), np.zeros(3)))
+    first = pipeline.step(frame_at(0.0, home(ROBOT)))
+    again = pipeline.step(frame_at(0.0, home(ROBOT) + 0.01))
+    np.testing.assert_array_equal(again.events.ttc_s > 0, first.events.ttc_s > 0)
+    assert pipeline.rejected["stale samples"] == 1
+
+
+def test_the_arm_responds_to_its_own_taxels_wherever_they_stand_in_the_skin() -> None:
+    skin = icub_skin(("right_forearm", "left_forearm"))
+    everything_touches = PPSMemory.empty(skin)
+    counts = everything_touches.counts.copy()
+    counts[..., 0] = 1
+    for side in ("left", "right"):
+        points, normals = skin.at(ROBOT.at(home(ROBOT)))
+        index = skin.index(f"{side}_forearm:3")
+        at = points[index] + 0.05 * normals[index], -0.1 * normals[index]
+        tracker, memory = KnownTrack(lambda t, at=at: at), replace(everything_touches, counts=counts)
+        steps, _ = run(Pipeline(PipelineParams(), ROBOT, skin, tracker, memory, np.random.default_rng(0)), 0.3)  # type: ignore[arg-type]
+        assert steps[-1].response.mode == ("avoid" if side == "left" else "idle")

@@ -1,14 +1,12 @@
 """Calibrations and image sequences that others recorded."""
 
-import itertools
-
 import cv2
 import numpy as np
 import pytest
 from data import shared_data
 
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.calibration import read_icub_eyes
+from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.images import open_stereo_images
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
@@ -37,21 +35,6 @@ def test_baseball_agrees_with_its_own_fundamental_matrix() -> None:
     lines = pixels[0] @ F.T
     distance_px = np.sum(pixels[1] * lines, axis=1) / np.linalg.norm(lines[:, :2], axis=1)
     np.testing.assert_allclose(distance_px, 0, atol=0.01)
-
-
-def test_baseball_files_may_come_in_any_order() -> None:
-    files = baseball(*BASEBALL, "rectification_final.xml")
-    expected = read_stereo_calibration(files, (640, 480))
-    for order in itertools.permutations(files):
-        left, right, T_left_right = read_stereo_calibration(list(order), (640, 480))
-        assert (left, right) == expected[:2]
-        np.testing.assert_array_equal(T_left_right, expected[2])
-
-
-def test_baseballs_rectification_gives_the_same_baseline() -> None:
-    both = read_stereo_calibration(baseball(*BASEBALL), (640, 480), unit_m=0.01)[2]
-    rectified = read_stereo_calibration(baseball(*BASEBALL[:2], "rectification_final.xml"), (640, 480), unit_m=0.01)[2]
-    np.testing.assert_allclose(rectified, both, atol=1e-9)
 
 
 def test_baseball_images_pair_by_number() -> None:

@@ -1,7 +1,5 @@
-"""Calibrations as OpenCV, ROS and people write them."""
+"""Calibrations as OpenCV's samples write them."""
 
-import itertools
-import json
 from pathlib import Path
 
 import cv2
@@ -51,80 +49,35 @@ def test_one_file_with_everything(tmp_path: Path, suffix: str) -> None:
     check([stereo(tmp_path / f"a.{suffix}")])
 
 
+@pytest.mark.parametrize("name", ["K", "M"])
+def test_the_camera_matrices_are_called_k_or_m(tmp_path: Path, name: str) -> None:
+    check([store(tmp_path / "a.yml", **{f"{name}1": K1, "D1": D1, f"{name}2": K2, "D2": D2, "R": R, "T": T})])
+
+
 @pytest.mark.parametrize(
-    "names",
-    [
-        ("M1", "D1", "M2", "D2", "R", "T"),
-        ("cameraMatrix1", "distCoeffs1", "cameraMatrix2", "distCoeffs2", "R", "T"),
-        ("camera_matrix_left", "dist_coeff_left", "camera_matrix_right", "dist_coeff_right", "rotation", "translation"),
-        ("left_intrinsics", "left_distortion", "right_intrinsics", "right_distortion", "rotation_matrix", "trans"),
-        ("K_l", "D_l", "K_r", "D_r", "R", "translation_vector"),
-        ("mtxL", "distL", "mtxR", "distR", "Rot", "Trans"),
-        ("Left_Camera_Matrix", "Left_Dist", "Right_Camera_Matrix", "Right_Dist", "R", "T"),
-    ],
+    ("matrix", "distortion"), [("camera_matrix", "distortion_coefficients"), ("intrinsic", "distortion")]
 )
-def test_the_names_people_use(tmp_path: Path, names: tuple[str, ...]) -> None:
-    check([store(tmp_path / "stereo.yml", **dict(zip(names, (K1, D1, K2, D2, R, T), strict=True)))])
+def test_of_files_of_one_camera_the_first_is_the_left_one(tmp_path: Path, matrix: str, distortion: str) -> None:
+    first = store(tmp_path / "b.xml", **{matrix: K1, distortion: D1})
+    second = store(tmp_path / "a.xml", **{matrix: K2, distortion: D2})
+    check([first, second, store(tmp_path / "c.xml", R=R, T=T, F=np.eye(3))])
+    check([store(tmp_path / "c.xml", R=R, T=T), first, second])
 
 
-def test_one_file_a_camera_in_any_order_by_their_names(tmp_path: Path) -> None:
-    files = [
-        store(tmp_path / "calibration_left.xml", intrinsic=K1, distortion=D1),
-        store(tmp_path / "calibration_right.xml", intrinsic=K2, distortion=D2),
-        store(tmp_path / "both.xml", R=R, T=T, F=np.eye(3)),
-    ]
-    for order in itertools.permutations(files):
-        check(list(order))
-
-
-def test_files_that_do_not_say_their_side_are_left_first(tmp_path: Path) -> None:
-    first = store(tmp_path / "b.xml", camera_matrix=K1, distortion_coefficients=D1)
-    second = store(tmp_path / "a.xml", camera_matrix=K2, distortion_coefficients=D2)
-    check([first, second, store(tmp_path / "c.xml", R=R, T=T)])
-
-
-def test_a_file_that_does_not_say_its_side_is_the_other_one(tmp_path: Path) -> None:
-    first = store(tmp_path / "cam.xml", camera_matrix=K2, distortion_coefficients=D2)
-    check([first, store(tmp_path / "left.xml", camera_matrix=K1, dist=D1), store(tmp_path / "c.xml", R=R, T=T)])
-
-
-def test_the_baseline_of_a_rectification_serves(tmp_path: Path) -> None:
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, SIZE, R, T)
-    check([stereo(tmp_path / "a.xml", R=None, T=None), store(tmp_path / "b.xml", R1=R1, R2=R2, P1=P1, P2=P2)])
-
-
-def test_rectified_cameras_without_rotations_are_parallel(tmp_path: Path) -> None:
-    P2 = np.hstack([K1, [[-0.12 * K1[0, 0]], [0], [0]]])
-    file = store(tmp_path / "a.xml", K1=K1, K2=K1, P1=np.hstack([K1, np.zeros((3, 1))]), P2=P2)
-    left, _, T_left_right = read_stereo_calibration([file], SIZE)
-    np.testing.assert_allclose(T_left_right, [[1, 0, 0, 0.12], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-12)
-    assert left.distortion == (0, 0, 0, 0, 0)
-
-
-def test_plain_lists_as_json_and_ros_write_them(tmp_path: Path) -> None:
-    plain = tmp_path / "a.json"
-    lists = {"K1": K1, "D1": D1, "K2": K2, "D2": D2, "R": R, "T": T}
-    plain.write_text(json.dumps({"about": "a test"} | {key: value.tolist() for key, value in lists.items()}))
-    check([plain])
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, SIZE, R, T)
-    files = []
-    for side, K, D, R_side, P in (("left", K1, D1, R1, P1), ("right", K2, D2, R2, P2)):
-        rows = [f"image_width: {SIZE[0]}", f"image_height: {SIZE[1]}", f"camera_name: {side}"]
-        named = {"camera_matrix": K, "distortion_coefficients": D, "rectification_matrix": R_side}
-        for name, value in (named | {"projection_matrix": P}).items():
-            r, c = value.shape
-            rows += [f"{name}:", f"  rows: {r}", f"  cols: {c}", f"  data: {value.ravel().tolist()}"]
-        files.append(tmp_path / f"{side}.yaml")
-        files[-1].write_text("\n".join(rows) + "\n")
-    check(files)
+def test_without_coefficients_a_lens_has_no_distortion(tmp_path: Path) -> None:
+    left, right, _ = read_stereo_calibration([stereo(tmp_path / "a.xml", D1=None)], SIZE)
+    assert (left.distortion, right.distortion[:4]) == ((0, 0, 0, 0, 0), tuple(D2[0]))
 
 
 def test_images_of_another_resolution_scale_the_camera(tmp_path: Path) -> None:
     sized = stereo(tmp_path / "a.yml", image_width=1280, image_height=960)
     left, _, _ = read_stereo_calibration([sized], SIZE)
     assert (left.width, left.height, left.fx, left.cx) == (640, 480, 250.0, (320 + 0.5) / 2 - 0.5)
-    listed = store(tmp_path / "size.yml", image_size=np.array([1280, 960]))
-    assert read_stereo_calibration([stereo(tmp_path / "b.yml"), listed], SIZE)[0] == left
+    files = [
+        store(tmp_path / f"{name}.yml", camera_matrix=K, distortion_coefficients=D, image_width=1280, image_height=960)
+        for name, K, D in (("left", K1, D1), ("right", K2, D2))
+    ]
+    assert read_stereo_calibration([*files, store(tmp_path / "c.yml", R=R, T=T)], SIZE)[0] == left
     with pytest.raises(InputError, match=r"a\.yml: calibrated for 1280×960 pixels, images are 640×360"):
         read_stereo_calibration([sized], (640, 360))
 
@@ -140,24 +93,22 @@ def test_trailing_zero_coefficients_are_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"T": None, "R": None}, "no baseline between the cameras; expected R and T"),
-        ({"T": np.zeros((3, 1))}, "no baseline between the cameras"),
-        ({"R": None}, "T without a rotation"),
+        ({"T": None}, "no T; expected K1, D1, K2, D2, R and T"),
+        ({"T": np.zeros((3, 1))}, "T is 0"),
+        ({"R": None}, "no R; expected"),
         ({"R": 2 * R}, "R is .* expected a rotation matrix"),
         ({"R": -R}, "R is .* expected a rotation matrix"),
         ({"T": np.zeros((4, 1))}, "T has 4 numbers; expected 3"),
-        ({"K2": None}, "no right camera matrix"),
+        ({"K2": None}, "no K2; expected"),
         ({"K1": np.diag([0.0, 500, 1])}, "K1 is .* with fx, fy > 0"),
         ({"K1": K1 + np.array([[0, 9.0, 0], [0, 0, 0], [0, 0, 0]])}, "K1 is .* expected"),
-        ({"K1": K1 * np.nan}, "K1 holds .*nan.* expected finite"),
-        ({"D1": FISHY}, "D1 has 8 coefficients; expected none but k1, k2, p1, p2, k3"),
-        ({"M1": K2}, "M1 is not K1 of .*; expected the left camera matrix once"),
-        ({"image_size": np.array([0, 480])}, r"image size \[0\.0, 480\.0\]; expected"),
-        ({"image_size": np.array([640.5, 480])}, r"image size \[640\.5, 480\.0\]; expected"),
+        ({"K1": K1 * np.nan}, "K1 is .*nan.* expected finite"),
+        ({"D1": FISHY}, "D1 is .*0.7.*; expected none but k1, k2, p1, p2, k3"),
+        ({"image_width": 0, "image_height": 480}, "image_width 0.0, image_height 480.0; expected whole"),
+        ({"image_width": 640.5}, "image_width 640.5, image_height 480; expected whole"),
         ({"K1": np.diag([1e300, 1e300, 1])}, r".*fx 1e\+300.*; expected a camera whose pixels"),
         ({"K2": K2 + np.array([[0, 0, 1e9], [0, 0, 0], [0, 0, 0]])}, r".*cx 1e\+09.*; expected a camera whose"),
         ({"D1": np.array([[-5.0, 0, 0, 0]])}, r".*\(-5\.0.*; expected a camera whose pixels"),
-        ({"P2": np.zeros((3, 4)), "T": None}, "no baseline"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, np.ndarray | None], message: str) -> None:
@@ -175,12 +126,12 @@ def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, np.ndarray | 
             r"a\.xml:4: ",
         ),
         ("a.yml", "%YAML:1.0\n---\nK1: [1, 2\n", r"a\.yml:\d+: cannot be parsed"),
-        ("b.yml", "K1: [1, 2\n", r"b\.yml:[12]: cannot be parsed"),
+        ("b.yml", "K1: [1, 2\n", r"b\.yml.*: cannot be parsed"),
         ("a.json", '{"K1": [[1, 2', r"a\.json:1: cannot be parsed"),
         ("c.yml", "%YAML:1.0\n---\nK1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [1]\n", "be parsed"),
-        ("d.yml", "%YAML:1.0\n---\nK1: unknown\n", "K1 is not made of numbers"),
+        ("d.yml", "%YAML:1.0\n---\nK1: unknown\n", r"d\.yml.*: "),
         ("e.yml", "%YAML:1.0\n---\nother: 1\n", "holds no calibration"),
-        ("f.yml", "", "holds no calibration"),
+        ("f.yml", "", r"f\.yml: cannot be parsed"),
         ("g.xml", "\x00\x01 not a calibration", r"g\.xml"),
     ],
 )
@@ -200,7 +151,7 @@ def test_a_missing_file_and_too_many_cameras_are_named(tmp_path: Path) -> None:
 
 
 def test_no_file_or_no_unit_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="no calibration file"):
+    with pytest.raises(InputError, match="no K1"):
         read_stereo_calibration([], SIZE)
     with pytest.raises(ValueError, match="unit_m 0"):
         read_stereo_calibration([stereo(tmp_path / "a.xml")], SIZE, unit_m=0)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.problems import Problem, ProblemKind, count_by_kind, first_line
+from pps_vision.errors import InputError, first_line
+from pps_vision.recordings.problems import Problem, ProblemKind, count_by_kind
 
 
 def test_a_fatal_line_names_file_line_and_what_was_expected() -> None:

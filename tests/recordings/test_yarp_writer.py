@@ -7,7 +7,7 @@ import pytest
 from recordings.recorded import ROBOT, random_joints, write_recording
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.calibration import fit_to_images, read_icub_eyes
+from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE

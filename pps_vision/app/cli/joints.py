@@ -43,8 +43,8 @@ class Joints:
 
         from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
         from pps_vision.app.each_recording import each_recording
-        from pps_vision.recordings.joint_table import write_joint_offsets
         from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.tables import write_joint_offsets
         from pps_vision.robot.icub import icub_rig, load_icub
         from pps_vision.robot.skin import icub_skin
 

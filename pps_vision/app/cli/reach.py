@@ -121,8 +121,8 @@ class Query:
 
         from learning.reach.map import load_map
         from pps_vision.app.device import torch_device
-        from pps_vision.recordings.gaze_table import read_gaze, write_reachability
         from pps_vision.recordings.outputs import whole_file
+        from pps_vision.recordings.tables import read_gaze, write_reachability
 
         device = None if self.device is None else str(torch_device(self.device))
         reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)

@@ -85,8 +85,8 @@ class Track:
         from pps_vision.app.pipeline import joints_of
         from pps_vision.app.track import track
         from pps_vision.errors import InputError
-        from pps_vision.recordings.outputs import whole_folder
-        from pps_vision.recordings.results import write_detections, write_summary, write_trajectory
+        from pps_vision.recordings.outputs import whole_folder, write_json
+        from pps_vision.recordings.tables import write_detections, write_trajectory
 
         if self.map and self.rec is None:
             raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
@@ -129,7 +129,7 @@ class Track:
             write_detections(folder / "detections.csv", detections)
             reachability = [reach(q, track) for q, track in zip(joints, tracks, strict=True)] if reach else []
             write_trajectory(folder / "trajectory.csv", tracks, reachability)
-            write_summary(folder / "summary.json", self._summary(run, tracks, reachability))
+            write_json(folder / "summary.json", self._summary(run, tracks, reachability))
         for problem in recording.problems:
             print(f"skipped: {problem}", file=sys.stderr)
         print(_headline(run, tracks), f"→ {self.out}")

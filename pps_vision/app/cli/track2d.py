@@ -25,7 +25,7 @@ class Track2d:
         from pps_vision.app.track2d import follow
         from pps_vision.recordings.images import open_frames
         from pps_vision.recordings.outputs import whole_file
-        from pps_vision.recordings.results import write_boxes
+        from pps_vision.recordings.tables import write_boxes
 
         sequence = open_frames(self.frames_dir)
         with whole_file(self.out) as partial:

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, first_line
 from pps_vision.geometry.camera import Camera
-from pps_vision.recordings.problems import first_line
 
 _KEYS = ("w", "h", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 _SECTIONS = {"left": "CAMERA_CALIBRATION_LEFT", "right": "CAMERA_CALIBRATION_RIGHT"}

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.pairing import pair_by_stamp
 from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.recording import pair_by_stamp
 
 
 def images(side: str, stamps: list[float]) -> list[ImageFile]:

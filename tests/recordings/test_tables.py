@@ -1,0 +1,166 @@
+"""CSV tables: columns, empty fields, what is written is read, and every wrong line is named."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.outputs import write_json
+from pps_vision.recordings.problems import ProblemKind
+from pps_vision.recordings.tables import (
+    read_gaze,
+    read_joint_offsets,
+    read_truth,
+    write_boxes,
+    write_detections,
+    write_joint_offsets,
+    write_trajectory,
+    write_truth,
+)
+from pps_vision.types import Detection2D, Status, Track3D, Truth
+
+JOINTS = ("neck_pitch", "eyes_tilt", "left_elbow")
+HEADER = (
+    "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,radius_m,"
+    "u_left_px,v_left_px,u_right_px,v_right_px,visible_left,visible_right"
+)
+GOOD = "0.1,1,2,3,4,5,6,0.03,10,11,12,13,1,0"
+
+
+def rows_of(file: Path) -> list[dict[str, str]]:
+    with file.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_detections(tmp_path: Path) -> None:
+    file = tmp_path / "detections.csv"
+    seen = Detection2D(
+        1512784563.547172, "right", np.array([1 / 3, 2.0]), np.array([[4.0, 5], [5, 6]]), 0.5, 0.1, (0, 0, 1, 1)
+    )
+    write_detections(file, [(8, seen, Status.TRACKING)])
+    assert file.read_text().splitlines()[0] == (
+        "frame,stamp_s,camera,u_px,v_px,cov_uu_px2,cov_uv_px2,cov_vv_px2,score,status"
+    )
+    (row,) = rows_of(file)
+    assert (row["frame"], row["camera"], row["status"]) == ("8", "right", "tracking")
+    assert (float(row["stamp_s"]), float(row["u_px"]), float(row["v_px"])) == (1512784563.547172, 1 / 3, 2)
+    assert (float(row["cov_uu_px2"]), float(row["cov_uv_px2"]), float(row["cov_vv_px2"])) == (4, 5, 6)
+
+
+def test_trajectory(tmp_path: Path) -> None:
+    file = tmp_path / "trajectory.csv"
+    cov = np.zeros((12, 12))
+    cov[:3, :3] = [[1, 2, 3], [2, 4, 5], [3, 5, 6]]
+    known = Track3D(0.5, np.arange(12.0).reshape(4, 3), cov, 0.03, 1e-6, Status.COASTING)
+    write_trajectory(file, [Track3D.unknown(0.0), known])
+    assert file.read_text().splitlines()[0] == (
+        "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,"
+        "cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status"
+    )
+    nothing, row = rows_of(file)
+    assert nothing["x_m"] == nothing["cov_zz_m2"] == nothing["radius_m"] == ""
+    assert nothing["status"] == "searching"
+    assert [float(row[key]) for key in ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")] == [0, 1, 2, 3, 4, 5]
+    assert [float(row[f"cov_{key}_m2"]) for key in ("xx", "xy", "xz", "yy", "yz", "zz")] == [1, 2, 3, 4, 5, 6]
+
+
+def test_boxes(tmp_path: Path) -> None:
+    write_boxes(tmp_path / "boxes.csv", [(1, (10.5, 20.0, 3.0, 4.0), 1.0)])
+    assert (tmp_path / "boxes.csv").read_text() == "frame,x,y,w,h,score\n1,10.5,20.0,3.0,4.0,1.0\n"
+
+
+def test_a_summary_is_json_that_any_reader_takes(tmp_path: Path) -> None:
+    file = tmp_path / "summary.json"
+    summary = {"n": np.int64(3), "ms": np.array([1.0, np.nan]), "error": float("inf"), "on": np.True_, "kind": (1, "σ")}
+    write_json(file, summary)
+    assert json.loads(file.read_text()) == {"n": 3, "ms": [1.0, None], "error": None, "on": True, "kind": [1, "σ"]}
+
+
+def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    row = Truth(
+        *(1512784563.547172, rng.normal(size=3), rng.normal(size=3), np.float64(0.03)),
+        *(np.array([np.nan, np.nan]), rng.normal(size=2), False, np.True_),
+    )
+    write_truth(tmp_path / "truth.csv", [row])
+    assert (tmp_path / "truth.csv").read_text().splitlines()[0] == HEADER
+    problems: list = []
+    (back,) = read_truth(tmp_path / "truth.csv", problems)
+    assert problems == []
+    assert (back.stamp_s, back.radius_m) == (row.stamp_s, row.radius_m)
+    assert (back.visible_left, back.visible_right) == (False, True)
+    for name in ("position", "velocity", "left_px", "right_px"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(row, name))
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("0.1,1,2", "expected finite"),
+        (GOOD.replace("0.03", "abc"), "abc"),
+        (GOOD.replace("0.1,1", "0.1,"), "expected finite"),
+        (GOOD.replace(",1,0", ",2,0"), "visible 2,0"),
+    ],
+)
+def test_a_bad_row_is_named_and_skipped(tmp_path: Path, row: str, message: str) -> None:
+    file = tmp_path / "truth.csv"
+    file.write_text("\n".join([HEADER, GOOD, row, GOOD]))
+    problems: list = []
+    assert len(read_truth(file, problems)) == 2
+    assert [(p.kind, p.file, p.line) for p in problems] == [(ProblemKind.ROW, file, 3)]
+    assert message in problems[0].message
+
+
+def test_a_truth_of_other_columns_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "truth.csv").write_text("t,x,y,z\n1,2,3,4\n")
+    with pytest.raises(InputError, match=r"truth\.csv:1: no column stamp_s, .*; expected stamp_s"):
+        read_truth(tmp_path / "truth.csv", [])
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        read_truth(tmp_path / "none.csv", [])
+
+
+def test_joint_offsets_are_read_as_written(tmp_path: Path) -> None:
+    offsets = np.array([0.01, 0.0, -0.02])
+    write_joint_offsets(tmp_path / "joints.csv", JOINTS, offsets)
+    np.testing.assert_allclose(read_joint_offsets(tmp_path / "joints.csv", JOINTS), offsets, rtol=1e-12)
+
+
+def test_joints_without_a_line_are_right(tmp_path: Path) -> None:
+    (tmp_path / "joints.csv").write_text("joint,offset_deg\n\nleft_elbow, 90\n")
+    np.testing.assert_allclose(read_joint_offsets(tmp_path / "joints.csv", JOINTS), [0, 0, np.pi / 2])
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "joints.csv:1: no column joint, offset_deg; expected joint,offset_deg"),
+        ("joint,degrees\n", "joints.csv:1: no column offset_deg"),
+        ("joint,offset_deg\nknee,1\n", "joints.csv:2: joint 'knee'; expected each of neck_pitch"),
+        ("joint,offset_deg\nleft_elbow\n", "joints.csv:2: left_elbow ''; expected a number"),
+        ("joint,offset_deg\nleft_elbow,nan\n", "joints.csv:2: left_elbow 'nan'"),
+        ("joint,offset_deg\nleft_elbow,inf\n", "joints.csv:2: left_elbow 'inf'"),
+        ("joint,offset_deg\nleft_elbow,1 deg\n", "joints.csv:2: left_elbow '1 deg'"),
+        ("joint,offset_deg\nleft_elbow,1\nleft_elbow,2\n", "joints.csv:3: joint 'left_elbow'; expected each of"),
+        ("\x00", "joints.csv"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "joints.csv").write_text(text)
+    with pytest.raises(InputError) as refusal:
+        read_joint_offsets(tmp_path / "joints.csv", JOINTS)
+    assert says in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_table_that_is_gone_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.csv: cannot be read"):
+        read_joint_offsets(tmp_path / "gone.csv", JOINTS)
+
+
+def test_gaze_postures_in_any_columns_and_order(tmp_path: Path) -> None:
+    (tmp_path / "gaze.csv").write_text("name,vergence_deg,yaw_deg, pitch_deg\na,20,-90,45\n\nb,10,0,0\n")
+    expected = [[-np.pi / 2, np.pi / 4, np.pi / 9], [0, 0, np.pi / 18]]
+    np.testing.assert_allclose(read_gaze(tmp_path / "gaze.csv"), expected)
