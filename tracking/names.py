@@ -3,6 +3,5 @@
 from typing import Literal
 
 Mode = Literal["generic", "marker"]
-Depth = Literal["centroid", "disparity"]
 
 DEFAULT_ORDER = 4  # of the Kalman filter: position, velocity, acceleration and jerk (R, FACTS §4)

@@ -9,34 +9,20 @@ from numpy.typing import NDArray
 from pps_vision.types import Array
 from tracking.compiled_masks import box_sums
 
-_QUANTILE_99 = 2.3263  # of a normal variable
-_LEAST = 16  # particles drawn before their spread is looked at
-_CELL_KEY = np.array([1.0, 1e4, 1e8])  # a number of its own for every cell (x, y, scale)
-
 
 @dataclass(frozen=True)
 class ParticleParams:
     """`count` particles; `std_position` (of the object's size) and `std_scale` (relative) drive the
-    second-order autoregression x ← 2x₁ − x₂ + noise; `sharpness` scales the log-likelihood.
-
-    With a `kld_error` above 0, `count` is the most, and only so many are drawn as keep the Kullback–Leibler
-    distance of the sample from what it samples below that error with 99 % (D. Fox, Adapting the sample size
-    in particle filters through KLD-sampling, 2003); `cell` is from where on two of them count as different,
-    of the object's size.
-    """
+    second-order autoregression x ← 2x₁ − x₂ + noise; `sharpness` scales the log-likelihood."""
 
     count: int = 120
     std_position: float = 0.25
     std_scale: float = 0.04
     sharpness: float = 12.0
-    kld_error: float = 0.0
-    cell: tuple[float, float] = (0.5, 0.1)  # in place, in scale
 
     def __post_init__(self) -> None:
         if self.count < 2 or not (self.std_position > 0 and self.std_scale > 0 and self.sharpness > 0):
             raise ValueError(f"{self}: expected at least 2 particles and positive spreads")
-        if not (self.kld_error >= 0 and min(self.cell) > 0):
-            raise ValueError(f"{self}: expected a KLD error of at least 0 and cells of some size")
 
 
 class Prior(NamedTuple):  # several a frame: a frozen dataclass takes thrice as long
@@ -90,27 +76,7 @@ def propagate(params: ParticleParams, cloud: Cloud, prior: Prior | None, rng: np
     middle = cloud.now[:, :2].mean(axis=0)
     shift = middle - cloud.before[:, :2].mean(axis=0) if prior is None else prior.center_px - middle
     step = _Step(shift, 1.0, None) if prior is None else _Step(shift, prior.growth, prior.std_px)
-    if params.kld_error == 0:
-        return _moved(params, cloud, step, rng)
-    moved = _moved(params, _drawn(cloud, min(max(_LEAST, len(cloud.now)), params.count), rng), step, rng)
-    while (n := min(enough(params, moved.now), params.count)) > len(moved.now):
-        more = _moved(params, _drawn(cloud, n - len(moved.now), rng), step, rng)
-        moved = Cloud(np.concatenate([moved.now, more.now]), np.concatenate([moved.before, more.before]))
-    return Cloud(moved.now[:n], moved.before[:n])
-
-
-def enough(params: ParticleParams, drawn: Array) -> int:
-    """How many particles the spread of those `drawn` (n, 3) calls for: with k cells taken, the 99 % quantile
-    of χ² with k − 1 degrees of freedom over twice the error (Fox, eq. 7, by Wilson and Hilferty)."""
-    width = float(drawn[:, 2].mean()) * np.array([params.cell[0], params.cell[0], params.cell[1]])
-    free = max(len(set((np.floor(drawn / width) @ _CELL_KEY).tolist())) - 1, 1)
-    share = 2 / (9 * free)
-    return int(np.ceil(free / (2 * params.kld_error) * (1 - share + _QUANTILE_99 * share**0.5) ** 3))
-
-
-def _drawn(cloud: Cloud, n: int, rng: np.random.Generator) -> Cloud:
-    chosen = rng.integers(len(cloud.now), size=n)
-    return Cloud(cloud.now[chosen], cloud.before[chosen])
+    return _moved(params, cloud, step, rng)
 
 
 def _moved(params: ParticleParams, cloud: Cloud, step: _Step, rng: np.random.Generator) -> Cloud:

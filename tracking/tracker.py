@@ -16,7 +16,6 @@ from tracking.again import AgainParams, is_same
 from tracking.association import Association, AssociationParams
 from tracking.blind import Blindness
 from tracking.color import ColorModel
-from tracking.disparity import DisparityParams, refine_distance
 from tracking.eye import EyeParams, Sighting
 from tracking.flow import velocity
 from tracking.follow import Follower, find_both
@@ -33,8 +32,7 @@ Sightings = tuple[Sighting | None, Sighting | None]
 
 @dataclass(frozen=True)
 class TrackerParams:
-    """`mode`: any moving object, or a marker of known hue.  `depth`: from the two outlines' centres,
-    or (where that works) from the disparity inside the outline.  An object is tracked once seen in both
+    """`mode`: any moving object, or a marker of known hue.  An object is tracked once seen in both
     eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`; until then it is
     looked for everywhere (`again`).  Stamps may be `stamp_error_s` off the joints', so that a turning head
     blurs where things are.  The centre of what is no ball may be `shape_error` of its radius off, frame
@@ -43,7 +41,6 @@ class TrackerParams:
     radius's variance is new with every frame."""
 
     mode: Literal["generic", "marker"] = "generic"
-    depth: Literal["centroid", "disparity"] = "centroid"
     confirm_frames: int = 3
     lost_after_s: float = 0.5
     stamp_error_s: float = 0.0
@@ -56,16 +53,12 @@ class TrackerParams:
     search: SearchParams = field(default_factory=SearchParams)
     eye: EyeParams = field(default_factory=EyeParams)
     marker: MarkerParams = field(default_factory=MarkerParams)
-    disparity: DisparityParams = field(default_factory=DisparityParams)
     association: AssociationParams = field(default_factory=AssociationParams)
     kalman: KalmanParams = field(default_factory=KalmanParams)
 
     def __post_init__(self) -> None:
-        if self.mode not in ("generic", "marker") or self.depth not in ("centroid", "disparity"):
-            raise ValueError(
-                f"tracker mode {self.mode!r}, depth from {self.depth!r}; "
-                "expected 'generic' or 'marker', 'centroid' or 'disparity'"
-            )
+        if self.mode not in ("generic", "marker"):
+            raise ValueError(f"tracker mode {self.mode!r}; expected 'generic' or 'marker'")
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
             raise ValueError(
                 f"confirm after {self.confirm_frames} frames, lost after {self.lost_after_s} s; expected more than 0"
@@ -230,10 +223,6 @@ class Tracker:
         observation = self._association.observe(view, left.outline, right.outline, stamp_s, shift)
         if observation is not None and self._belief is not None:  # the first outline, grown from motion, is rough
             self._association.learn(observation, left.outline, right.outline)
-        if observation is not None and self.params.depth == "disparity":
-            images = looks[0].image, looks[1].image
-            refined = refine_distance(self.params.disparity, view, *images, left.outline, observation)
-            observation = refined or observation
         return observation
 
     def _filter(self, observation: Observation3D | None, view: StereoView, stamp_s: float, blind: bool) -> Track3D:

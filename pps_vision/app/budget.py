@@ -83,7 +83,6 @@ CONFIGURATIONS = (  # `pps-vision bench budget --seed 9000`, on a busy machine: 
     Configuration("marker", TrackerParams(mode="marker"), 1.6, 1.0),
     Configuration("30 particles, centroid", _particles(30), 7.2, 2.4),  # 1.1 for balls and markers; a cube's is worst
     Configuration("120 particles, centroid", _particles(120), 7.3, 2.4),
-    Configuration("120 particles, disparity", replace(_particles(120), depth="disparity"), 8.0, 6.8),
 )
 
 

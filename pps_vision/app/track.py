@@ -18,7 +18,7 @@ from pps_vision.recordings.recording import Recording
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking.kalman import KalmanParams
-from tracking.names import DEFAULT_ORDER, Depth, Mode
+from tracking.names import DEFAULT_ORDER, Mode
 from tracking.search import Stages
 from tracking.smoother import smoothed_tracks
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
@@ -120,7 +120,6 @@ class TrackedRecording:
 def track(
     recording: Recording | Path | str,
     mode: Mode = "generic",
-    depth: Depth = "centroid",
     order: int = DEFAULT_ORDER,
     *,
     params: TrackerParams | None = None,
@@ -137,11 +136,10 @@ def track(
     Args:
         recording: A recording, or the folder of an iCub's recording.
         mode: "generic" tracks whatever moves, "marker" a green marker.
-        depth: "centroid" triangulates the object's centre, "disparity" matches textured regions.
         order: Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk.
-        params: All parameters of the tracker, instead of `mode`, `depth` and `order`.
+        params: All parameters of the tracker, instead of `mode` and `order`.
         max_error_mm: Choose the fastest configuration whose 3D RMS error is expected to be below this, instead of
-            `mode`, `depth` and `order`.
+            `mode` and `order`.
         device: Process batches of frames with torch on this device (cpu, cuda, cuda:1); None: frame by frame, without
             torch.
         batch: Stereo pairs in a batch of `device`.
@@ -152,9 +150,9 @@ def track(
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
-    params = params or TrackerParams(mode=mode, depth=depth, kalman=KalmanParams.of_order(order))
+    params = params or TrackerParams(mode=mode, kalman=KalmanParams.of_order(order))
     if max_error_mm is not None and params != TrackerParams():
-        raise InputError("track", "max_error_mm chooses mode, depth and order itself; expected no mode, depth, order")
+        raise InputError("track", "max_error_mm chooses mode and order itself; expected no mode, no order")
     if max_error_mm is None:
         return TrackedRecording(recording, params, seed, device, batch)
     choice = cheapest(recording, max_error_mm, lambda tried: tracker_for(recording, tried, seed))

@@ -28,7 +28,6 @@ from tracking.particles import ParticleParams
 from tracking.tracker import Tracker, TrackerParams
 
 ASKED_MM = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
-FULL = "500 particles, disparity"
 
 
 @dataclass(frozen=True)
@@ -184,5 +183,5 @@ def _median(tracks: list[Track3D], ms: list[float]) -> float:
 
 
 def _full() -> TrackerParams:
-    """What one would run who does not choose: many particles, and the disparity on top."""
-    return TrackerParams(depth="disparity", eye=EyeParams(particles=ParticleParams(count=500)))
+    """What one would run who does not choose: many particles."""
+    return TrackerParams(eye=EyeParams(particles=ParticleParams(count=500)))

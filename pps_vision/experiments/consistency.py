@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2, norm
 
+from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance
 from pps_vision.experiments.chart import panels
 from pps_vision.experiments.filter_methods import measured
 from pps_vision.experiments.filter_scenes import (
@@ -22,8 +23,7 @@ from pps_vision.experiments.filter_scenes import (
 )
 from pps_vision.experiments.scene_sources import by_source
 from pps_vision.experiments.study import Scenes, SceneSource, Study
-from pps_vision.types import Array
-from tracking.contact import Contact, time_to_contact
+from pps_vision.types import Array, Track3D
 from tracking.kalman import KalmanParams, scaled, start
 from tracking.smoother import follow
 
@@ -32,6 +32,7 @@ _SIGMAS = {"68": float(norm.ppf(0.84)), "95": float(norm.ppf(0.975))}
 _SPANS_S = ((0.3, 0.5), (0.2, 0.3), (0.1, 0.2), (0.02, 0.1))  # before the touch
 _ASIDE_M = np.array([0.0, 0.0, -0.15])  # of the path's middle: a point whose distance is asked for
 _WITHIN = {"68": 5.0, "95": 2.0}  # percent, the goal
+_FIELD = ReceptiveField(np.pi / 2 - 1e-9, length_m=10.0, subtract_radius=True, min_closing_sigmas=0.0)  # all of space
 
 
 @dataclass(frozen=True)
@@ -123,17 +124,16 @@ def coverage(in_the_air: list[Sequence], onto_skin: list[Sequence]) -> dict[str,
         for k, step in tracking_steps(sequence):
             if not sequence.jumped[k]:
                 true = float(np.linalg.norm(sequence.path[k] - point)) - sequence.radius_m
-                contact = time_to_contact(step.track, point)
-                z["distance"].append(abs(contact.distance_m - true) / contact.distance_std_m)
+                distance, _, distance_std, _ = contact(step.track, point)
+                z["distance"].append(abs(distance - true) / distance_std)
                 std = np.sqrt(np.diag(step.track.cov)[:6])
                 z["position"].extend(np.abs(step.track.position - sequence.path[k]) / std[:3])
                 z["velocity"].extend(np.abs(step.track.velocity - sequence.velocity[k]) / std[3:])
     inside: dict[str, list[bool]] = {"68": [], "95": []}
     for sequence in onto_skin:
-        for k, contact in _contacts(sequence):
+        for k, (_, ttc, _, ttc_std) in _contacts(sequence):
             for share, sigmas in _SIGMAS.items():
-                low, high = contact.ttc_interval_s(sigmas)
-                inside[share].append(low <= sequence.ttc_s[k] <= high)
+                inside[share].append(abs(ttc - sequence.ttc_s[k]) <= sigmas * ttc_std)
     found = {
         name: {share: 100 * float(np.mean(np.array(values) < s)) for share, s in _SIGMAS.items()}
         for name, values in z.items()
@@ -145,10 +145,10 @@ def ttc_errors(sequences: list[Sequence]) -> dict[str, Any]:
     """Median and quartiles of the relative error, percent, in the last half second, and by the time left."""
     left, error = [], []
     for sequence in sequences:
-        for k, contact in _contacts(sequence):
+        for k, (_, ttc, _, _) in _contacts(sequence):
             if sequence.late[k]:
                 left.append(sequence.ttc_s[k])
-                error.append(100 * abs(contact.ttc_s / sequence.ttc_s[k] - 1))
+                error.append(100 * abs(ttc / sequence.ttc_s[k] - 1))
     remaining, percent = np.array(left), np.array(error)
     spans = [percent[(remaining >= a) & (remaining < b)] for a, b in _SPANS_S]
     return {
@@ -159,10 +159,22 @@ def ttc_errors(sequences: list[Sequence]) -> dict[str, Any]:
     }
 
 
-def _contacts(sequence: Sequence) -> list[tuple[int, Contact]]:
+def contact(track: Track3D, point: Array) -> tuple[float, float, float, float]:
+    """Distance (m) from the track's surface to a point (3,) and time to contact (s), and their standard deviations."""
+    d = (track.position - point)[None]
+    normal = d / np.linalg.norm(d)
+    means = distance_and_ttc(_FIELD, d, normal, track.velocity, track.radius_m)
+    variances = distance_and_ttc_variance(
+        _FIELD, d, normal, track.velocity, track.cov[:6, :6], track.radius_m, track.radius_var_m2
+    )
+    D, ttc, D_var, ttc_var = (float(values[0]) for values in (*means, *variances))
+    return D, ttc, D_var**0.5, ttc_var**0.5
+
+
+def _contacts(sequence: Sequence) -> list[tuple[int, tuple[float, float, float, float]]]:
     """What the track says of the touch to come, at every settled step before it."""
     return [
-        (k, time_to_contact(step.track, sequence.touched))
+        (k, contact(step.track, sequence.touched))
         for k, step in tracking_steps(sequence)
         if sequence.ttc_s[k] > 0.02 and not sequence.jumped[k]
     ]

@@ -106,9 +106,7 @@ def _particles_chart(numbers: Mapping[str, Any]) -> Figure:
     for k, (title, measured) in enumerate(_shown(numbers)):
         for axis, key in ((error_axis, "error"), (time_axis, "median_ms")):
             axis.plot(COUNTS, [measured[str(n)][key] for n in COUNTS], "o-", color=f"C{k}", label=title)
-            axis.axhline(measured["adaptive"][key], color=f"C{k}", ls="--", lw=1)
     for axis, label in ((error_axis, "1 − mean IoU"), (time_axis, "time (ms per frame)")):
-        axis.plot([], [], color="0.25", ls="--", lw=1, label="adaptive, as many as needed")
         axis.set_xscale("log")
         axis.set_xticks(COUNTS, [str(n) for n in COUNTS])
         axis.set_ylim(bottom=0)
@@ -196,7 +194,6 @@ def variants(hue_deg: float, seed: int) -> dict[str, Callable[[], ImagePeer]]:
         _BLOB: lambda: HueBlob(hue_deg),
         _DEFAULT: particles(ParticleParams()),
         **{str(n): particles(ParticleParams(count=n)) for n in COUNTS},
-        "adaptive": particles(ParticleParams(count=500, kld_error=0.25)),
         **{name: peer(name) for name in get_args(ImagePeerName)},
     }
 

@@ -9,17 +9,14 @@ import numpy as np
 from pps_vision.experiments.chart import timed
 from pps_vision.experiments.stereo_methods import Grey
 from pps_vision.types import Array
-from tracking.disparity import DisparityParams, match
 
-OURS = "ours in windows"
 _RANGE_PX = 64
 _HALF_PX = 13  # of a window: the middle of a ball of 7 cm 0.3 m away
-_GUESS_PX = 4  # how far off the outlines' guess may be
 
 
 def motorcycle(folder: Path, n: int, rng: np.random.Generator) -> dict[str, Any]:
     """`maps`: bad-2 of the matched pixels and of all, share matched, ms.  `windows`: n of them; a disparity (the
-    maps' median) more than 2 px from the true median is bad; ours is given a guess within ± 4 px of it."""
+    maps' median) more than 2 px from the true median is bad."""
     left, right = (
         cv2.imread(str(folder / f"motorcycle_{side}.png"), cv2.IMREAD_GRAYSCALE) for side in ("left", "right")
     )
@@ -61,11 +58,11 @@ def _bad2(disparity: Array, truth: Array) -> dict[str, float]:
 def _windows(
     left: Grey, right: Grey, truth: Array, maps: dict[str, Array], n: int, rng: np.random.Generator
 ) -> dict[str, Any]:
-    names = [*(f"whole {name}" for name in maps), *(f"{name} in windows" for name in maps), OURS]
+    names = [*(f"whole {name}" for name in maps), *(f"{name} in windows" for name in maps)]
     errors: dict[str, list[float]] = {name: [] for name in names}
     ms: dict[str, list[float]] = {name: [] for name in errors if not name.startswith("whole")}
     margin = _HALF_PX + 12
-    while len(errors[OURS]) < n:
+    while len(errors[names[0]]) < n:
         y, x = (
             int(rng.integers(margin, truth.shape[0] - margin)),
             int(rng.integers(_RANGE_PX + margin, truth.shape[1] - margin)),
@@ -74,7 +71,6 @@ def _windows(
         if np.isfinite(truth[window]).mean() < 0.9:
             continue
         true = float(np.nanmedian(truth[window]))
-        guess = round(true) + int(rng.integers(-_GUESS_PX, _GUESS_PX + 1))
         for name, whole in maps.items():
             errors[f"whole {name}"].append(_median(whole[window]) - true)
             crop = np.s_[y - margin : y + margin + 1, x - margin - _RANGE_PX : x + margin + 1]
@@ -82,12 +78,6 @@ def _windows(
             middle = part[margin - _HALF_PX : margin + _HALF_PX + 1, -margin - _HALF_PX - 1 : _HALF_PX - margin]
             errors[f"{name} in windows"].append(_median(middle) - true)
             ms[f"{name} in windows"].append(took)
-        here, there = (np.s_[y - margin : y + margin + 1, at - margin : at + margin + 1] for at in (x, x - guess))
-        found, took = timed(
-            lambda here=here, there=there: match(DisparityParams(), left[here], right[there], _HALF_PX)  # type: ignore[misc]
-        )
-        errors[OURS].append(np.nan if found is None else guess + found[0] - true)
-        ms[OURS].append(took)
     return {name: _summary(np.array(of), ms.get(name)) for name, of in errors.items()}
 
 

@@ -7,8 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error
-from pps_vision.experiments.motorcycle import OURS as OURS_IN_WINDOWS
-from pps_vision.experiments.stereo_methods import IN_REGION, OURS
+from pps_vision.experiments.stereo_methods import OURS
 
 SPEED_DEPTH = "0.4"  # m, the distance of the time-against-error chart
 _INK = "0.25"
@@ -21,7 +20,7 @@ def depth_chart(numbers: dict[str, Any]) -> Figure:
         x = [float(place) for place in places]
         for name in next(iter(places.values()))["methods"]:
             y = [of["methods"][name]["rms_mm"] for of in places.values()]
-            ours = name in (OURS, IN_REGION)
+            ours = name == OURS
             axis.plot(x, y, "o-" if ours else ".--", lw=2 if ours else 1, ms=5, label=name)
         axis.plot(
             x, [of["bound_mm"] for of in places.values()], color=_INK, ls="--", lw=1.5, label="bound of the centroid"
@@ -102,8 +101,6 @@ def motorcycle_chart(numbers: dict[str, Any]) -> Figure:
     }
     _bars(axes[1], shown)
     axes[1].set(title="motorcycle: windows of 27 × 27 px", xlabel="share of the windows")
-    for label in axes[1].get_yticklabels():
-        label.set_color("tab:blue" if label.get_text().startswith(OURS_IN_WINDOWS) else "black")
     axes[1].legend(fontsize=7)
     return figure
 
@@ -119,7 +116,7 @@ def _bars(axis: Axes, shares: dict[str, tuple[float, float]]) -> None:
 
 def _kind(name: str) -> tuple[bool, bool]:
     """Whether a method is ours, and our default."""
-    return name in (OURS, IN_REGION), name == OURS
+    return name == OURS, name == OURS
 
 
 def _number(value: float | None) -> float:

@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.experiments.stereo_scenes import Scene
-from pps_vision.geometry.camera import Camera, StereoView
+from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Image, Observation3D
-from tracking.disparity import DisparityParams, parallel_patches, refine_distance
 from tracking.outline import Optics, Outline, cover
 from tracking.rim import see
 
 Grey = NDArray[np.uint8]
 Matcher = Callable[[Grey, Grey, float], float | None]  # two patches, the object's middle's radius (px) → disparity
 Method = Callable[[Scene], Array | None]
-_REACH_PX = 8  # of the matchers in the region: as our own
+_REACH_PX = 8  # of the matchers in the region
 _NEARER = 0.92  # of its radius: how much nearer than its centre the middle of a ball's surface is
 _WHOLE_RANGE_PX = 96  # disparities of the whole image: 0.2 m away has 91
 
@@ -71,16 +70,6 @@ def plain_centroid(scene: Scene) -> Array | None:
     return found.p_root if found else None
 
 
-def ours_in_region(scene: Scene) -> Array | None:
-    """Our disparity in the region (correlation of the middle, where there is detail)."""
-    found = outlined(scene)
-    if found is None:
-        return None
-    images = scene.frame.left, scene.frame.right
-    better = refine_distance(DisparityParams(), scene.view, *images, found.left, found.seen)
-    return better.p_root if better else None
-
-
 def in_region(matcher: Matcher) -> Method:
     """Any matcher on the same parallel patches, about the surface where the outlines say it is."""
 
@@ -103,6 +92,51 @@ def in_region(matcher: Matcher) -> Method:
         return eye.center + ray / nearer if nearer > 0 else None
 
     return find
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Grey images (h, w) around one point as two parallel eyes would see it, that look across their
+    baseline: the point is in the middle of both, so disparity 0 is its `depth_m`."""
+
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    depth_m: float
+    focal_px: float
+    baseline_m: float
+
+
+def parallel_patches(view: StereoView, left: Image, right: Image, p_root: Array, half_size: tuple[int, int]) -> Patches:
+    """Both RGB images to `half_size` (across, down) px around a point (3,), from eyes that are turned parallel."""
+    line = view.right.center - view.left.center
+    baseline = float(np.linalg.norm(line))
+    x = line / baseline
+    ahead = p_root - 0.5 * (view.left.center + view.right.center)
+    z = ahead - (ahead @ x) * x
+    z /= np.linalg.norm(z)
+    R_root_rect = np.column_stack([x, np.cross(z, x), z])
+    focal_px = view.left.camera.focal_px
+    found = [
+        _patch(i, eye, R_root_rect, p_root, half_size, focal_px) for i, eye in ((left, view.left), (right, view.right))
+    ]
+    depth = float((p_root - view.left.center) @ z)
+    return Patches(found[0], found[1], depth, focal_px, baseline)
+
+
+def _patch(
+    image: Image, eye: View, R_root_rect: Array, p: Array, half_size: tuple[int, int], focal_px: float
+) -> NDArray[np.uint8]:
+    """Grey image around `p`, which lies in its middle, for an eye turned to `R_root_rect`."""
+    x, y, z = R_root_rect.T @ (p - eye.center)
+    across, down = half_size
+    K = np.array([[focal_px, 0, across - focal_px * x / z], [0, focal_px, down - focal_px * y / z], [0, 0, 1]])
+    R_rect_eye = R_root_rect.T @ eye.T_root_camera[:3, :3]
+    distortion = np.array(eye.camera.distortion)
+    maps = cv2.initUndistortRectifyMap(
+        eye.camera.K, distortion, R_rect_eye, K, (2 * across + 1, 2 * down + 1), cv2.CV_16SC2
+    )
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return np.asarray(cv2.remap(grey, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 def block(left: Grey, right: Grey, radius_px: float) -> float | None:
@@ -193,11 +227,10 @@ def _middle(disparity: Array, radius_px: float, least: float) -> float | None:
     return float(np.median(good)) if len(good) >= max(0.3 * np.count_nonzero(middle), 5) else None
 
 
-OURS, IN_REGION = "centroid (ours)", "region (ours)"
+OURS = "centroid (ours)"
 METHODS: dict[str, Method] = {
     OURS: centroid,
     "plain centroid": plain_centroid,
-    IN_REGION: ours_in_region,
     "region SGBM": in_region(semi_global),
     "region BM": in_region(block),
     "region phase": in_region(phase),

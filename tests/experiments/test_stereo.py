@@ -16,10 +16,8 @@ def test_the_centroid_needs_no_texture_and_disparity_does(tmp_path: Path) -> Non
     textured, plain = (numbers[f"depth_{kind}"]["0.4"]["methods"] for kind in ("textured", "plain"))  # type: ignore[index]
     for methods in (textured, plain):
         assert methods["centroid (ours)"]["rms_mm"] < 2.0
-    assert textured["region (ours)"]["rms_mm"] < 6.0
     assert textured["whole BM"]["rms_mm"] < 10.0
-    assert plain["region (ours)"]["found"] == 0.0
-    assert np.isnan(plain["region (ours)"]["rms_mm"])
+    assert plain["region BM"]["found"] < 0.5
     for head in ("still", "moving"):
         assert numbers["marker"][head]["0.4"]["of_bound"] < 1.3  # type: ignore[index]
         assert numbers["ball_0.3_m"][head]["rms_mm"] < 1.0  # type: ignore[index]
@@ -38,4 +36,4 @@ def test_on_real_images_the_maps_are_as_bad_as_others_found() -> None:
     whole = numbers["maps"]["SGBM"]
     assert 0.04 < whole["bad2_of_matched"] < 0.09
     assert 0.15 < whole["bad2_of_all"] < 0.25
-    assert numbers["windows"]["ours in windows"]["bad2_of_answered"] < 0.12
+    assert set(numbers["windows"]) == {"whole BM", "whole SGBM", "BM in windows", "SGBM in windows"}

@@ -12,7 +12,6 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Status, StereoFrame
-from tracking.disparity import DisparityParams
 from tracking.eye import EyeParams
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
@@ -93,23 +92,6 @@ def test_a_marker_is_tracked_to_two_millimetres(world: World, rng: np.random.Gen
     steps, errors = _run(small, Tracker(TrackerParams(mode="marker"), world.rig, rng), 25, rng)
     assert all(s.track.status is Status.TRACKING for s in steps[4:])
     assert _rms(errors) < 0.002
-
-
-def test_disparity_inside_the_region_gives_the_distance_too(world: World, rng: np.random.Generator) -> None:
-    striped = replace(world, stripes=9, color=(200.0, 170.0, 30.0))
-    by_centers, by_disparity = (
-        _run(
-            striped,
-            Tracker(TrackerParams(depth=depth), world.rig, np.random.default_rng(1)),
-            20,
-            np.random.default_rng(2),
-        )
-        for depth in ("centroid", "disparity")
-    )
-    assert _rms(by_disparity[1]) < 0.015
-    pairs = [(a.observation, b.observation) for a, b in zip(by_centers[0], by_disparity[0], strict=True)]
-    moved = [np.linalg.norm(a.p_root - b.p_root) for a, b in pairs if a and b]
-    assert max(moved) > 1e-4  # it did not just repeat the centres
 
 
 def test_hidden_it_coasts_is_lost_and_comes_back(world: World, rng: np.random.Generator) -> None:
@@ -300,7 +282,5 @@ def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
         TrackerParams(mode="magic")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="lost after 0"):
         TrackerParams(lost_after_s=0.0)
-    with pytest.raises(ValueError, match="reach 1 px"):
-        DisparityParams(reach_px=1)
     with pytest.raises(ValueError, match="reach"):
         EyeParams(reach=0.5)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from tyro import MISSING
 from tyro.conf import Positional
 
-from tracking.names import DEFAULT_ORDER, Depth, Mode
+from tracking.names import DEFAULT_ORDER, Mode
 
 if TYPE_CHECKING:
     from pps_vision.app.track import TrackedRecording
@@ -52,12 +52,10 @@ class Track:
     """Metres per length unit of the OpenCV calibration (0.01 if its board was measured in cm)."""
     mode: Mode = "generic"
     """generic: whatever moves; marker: a green marker, the cheaper road."""
-    depth: Depth = "centroid"
-    """centroid: where both eyes see the centre; disparity: matching inside the region, for textured objects."""
     order: int = DEFAULT_ORDER
     """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
     max_error_mm: float | None = None
-    """Instead of --mode, --depth and --order: the fastest configuration whose 3D RMS error is within this; summary.json
+    """Instead of --mode and --order: the fastest configuration whose 3D RMS error is within this; summary.json
     says which and why."""
     device: str | None = None
     """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
@@ -103,7 +101,6 @@ class Track:
         run = track(
             recording,
             self.mode,
-            self.depth,
             self.order,
             max_error_mm=self.max_error_mm,
             device=self.device,
@@ -146,7 +143,6 @@ class Track:
             "joints": str(self.joints) if self.joints else None,
             "map": str(self.map) if self.map else None,
             "mode": run.params.mode,
-            "depth": run.params.depth,
             "device": self.device,
             "smoothed": self.smooth,
             "seed": self.seed,
