@@ -1,4 +1,4 @@
-"""Scene truth → StereoFrame: what stands for the world when no robot is there."""
+"""Scene state → StereoFrame: rendered eye views in place of a robot's cameras."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""What holds the object: nothing, a stick, or an experimenter's hand."""
+"""Models of what holds the object: nothing, a stick, or an experimenter's hand."""
 
 from typing import get_args
 
@@ -16,7 +16,7 @@ CLOTH: Color = (0.30, 0.34, 0.42)
 
 
 def carrier_parts(name: CarrierName, radius_m: float, fineness: int = 3) -> tuple[Part, ...]:
-    """The carrier of an object of `radius_m` at the origin; it reaches along z, y points up."""
+    """Return the parts that hold an object of `radius_m` at the origin; they extend along z, with y up."""
     sides = sides_of(fineness)
     if name not in get_args(CarrierName):
         raise ValueError(f"carrier {name!r}; expected one of {', '.join(get_args(CarrierName))}")
@@ -46,7 +46,7 @@ def _finger(radius: float, azimuth: float, bend_deg: float, sides: int, thicknes
     """From the knuckle around the sphere to `bend_deg` from the carrier's axis."""
     out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     axis = np.array([0.0, 0.0, 1.0])
-    small = min(1.0, 0.35 + radius / 0.05)  # the tips pinch a small thing from behind, so that it stays in sight
+    small = min(1.0, 0.35 + radius / 0.05)  # fingertips hold a small object from behind and leave it visible
     around = np.deg2rad(np.linspace(0.45, 1.0, 6) * bend_deg * small)[:, None]
     bow = radius + thickness + np.array([0.010, 0.011, 0.010, 0.007, 0.003, 0.0])[:, None]
     joints = bow * (np.sin(around) * out + np.cos(around) * axis)
@@ -55,10 +55,10 @@ def _finger(radius: float, azimuth: float, bend_deg: float, sides: int, thicknes
 
 
 def carrier_pose(position: ArrayLike, direction: ArrayLike) -> Array:
-    """`T_root_carrier`: z from the object along `direction` to the carrier, y as upright as can be."""
+    """Return `T_root_carrier` (4, 4): z from the object along `direction` to the carrier, y as vertical as possible."""
     z = rotation_to(direction)[:, 2]
     sideways = np.cross([0.0, 0.0, 1.0], z)
-    if np.linalg.norm(sideways) < 1e-6:  # straight up or down: any turn is as upright as another
+    if np.linalg.norm(sideways) < 1e-6:  # vertical: every rotation about z is equivalent
         return transform(rotation_to(z), position)
     x = sideways / np.linalg.norm(sideways)
     return transform(np.column_stack([x, np.cross(z, x), z]), position)

@@ -1,4 +1,4 @@
-"""The robot's rendered eyes: a scene's state in, a stereo pair out."""
+"""Rendered eye views: scene state in, stereo pair and truth out."""
 
 import weakref
 from types import TracebackType
@@ -22,12 +22,11 @@ from rendering.stimuli import Stimulus
 
 
 class Eyes:
-    """Renders what both eyes of a robot see; holds a scene, of which only the poses change.
+    """Renderer of both eyes of a robot; holds one scene, of which only the poses change.
 
-    `props` are further things, which a `SceneState` places: a distractor, a board in the way.
-    The stimulus and the props are as finely cut as they come, the rest as `fidelity` says; the bodies of the
-    robot's frames `undrawn` are left out.
-    Use as a context manager, so that the graphics memory is given back.
+    `props` are further objects that a `SceneState` poses: a distractor, an occluding board.  `fidelity` sets the
+    fineness of robot and carrier; stimulus and props keep theirs.  Bodies of the robot's frames `undrawn` are left
+    out.  A context manager: leaving it frees the graphics memory.
     """
 
     def __init__(
@@ -57,17 +56,17 @@ class Eyes:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the graphics memory back."""
+        """Free the graphics memory."""
         self._renderer.release(self._stage.held)
 
     def set_stimulus(self, stimulus: Stimulus) -> None:
-        """Show another stimulus from now on."""
+        """Replace the stimulus."""
         self._renderer.release(self._stage.held)
         self._stimulus = stimulus
         self._stage.set_stimulus(stimulus)
 
     def render(self, state: SceneState, stamp_s: float, rng: np.random.Generator | None = None) -> StereoFrame:
-        """Both eyes' images at one stamp; `rng` drives the sensor's noise."""
+        """Return the stereo pair at one stamp; `rng` drives the sensor noise."""
         exposure = instants(self._robot, self._rig, state, self._sensor.blur_s, self._fidelity)
         light = [np.zeros((lens.camera.height, lens.camera.width, 3), np.float32) for lens in self._lenses]
         for instant in exposure:
@@ -78,18 +77,18 @@ class Eyes:
         return StereoFrame(left, right, stamp_s, stamp_s, q_rad, q_rad)
 
     def _images(self, state: SceneState) -> list[Image]:
-        """What each eye sees at one instant."""
+        """Return both images at one instant, without sensor."""
         self._stage.arrange(state)
         lighting, images = self._fidelity.lighting, []
         for lens, pinhole, maps, view in zip(self._lenses, self._pinholes, self._maps, self._views(state), strict=True):
-            # what casts a shadow may be out of view
+            # objects out of view may cast shadows into it
             nodes = self._stage.there if lighting == "shadows" else self._stage.in_view(view, lens.slopes)
             drawn = self._renderer.color(nodes, View(pinhole, view.T_root_camera), lighting)
             images.append(np.asarray(cv2.remap(drawn, *maps, cv2.INTER_LINEAR), np.uint8))
         return images
 
     def truth(self, state: SceneState, stamp_s: float) -> Truth:
-        """Where the stimulus really is and appears; NaN and not visible where there is none."""
+        """Return true position and image points of the stimulus; NaN and not visible if there is none."""
         position = np.full(3, np.nan) if state.position is None else state.position
         left, right = self._views(state)
         self._stage.arrange(state)
@@ -100,8 +99,10 @@ class Eyes:
         )
 
     def _is_first(self, view: View, sight_root: Array) -> bool:
-        """Whether nothing is before the stimulus on the line of sight to its centre: before its surface, or before the
-        centre itself where that line passes through a hole in it."""
+        """Return whether the line of sight `sight_root` (3,) to the stimulus's centre is free up to its surface.
+
+        If the line passes through a hole in the stimulus, it must be free up to the centre.
+        """
         x, y, z = view.T_root_camera[:3, :3].T @ sight_root
         f = view.camera.focal_px
         pixel = View(Camera(1, 1, f, f, -f * x / z, -f * y / z), view.T_root_camera)

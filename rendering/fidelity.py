@@ -1,4 +1,4 @@
-"""How faithfully a scene is drawn, and what that costs."""
+"""Fidelity of the rendered images: resolution, triangles, light, motion blur."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -16,8 +16,7 @@ class Fidelity:
         fineness: A ball has 20·4^fineness triangles, a tube 4·(fineness − 1) sides.
         lighting: baked: diffuse light, computed per vertex and stored in the vertex colours; lights: pyrender's
             lights, per pixel, with highlights and gamma; shadows: the same with its shadow maps.
-        blur_step_px: What moves so far while the shutter is open costs a further image to average (what moves
-            less than 0.4 of it is drawn sharp).
+        blur_step_px: Image motion per image averaged for motion blur; motion below 0.4 of it is not blurred.
     """
 
     scale: float = 1.0

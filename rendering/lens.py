@@ -1,4 +1,4 @@
-"""A lens behind a renderer without distortion: a pinhole image that covers its view, and the map between the two."""
+"""Lens distortion by remapping: a pinhole camera that covers a lens's view, and the map between their images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from pps_vision.types import Array
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera whose distortion can be undone all over its image; ValueError for another."""
+    """A camera whose distortion is invertible over its whole image; ValueError for another."""
 
     camera: Camera
 
@@ -26,19 +26,19 @@ class Lens:
 
     @cached_property
     def _slopes_of_pixels(self) -> Array:
-        """(h, w, 2) x/z and y/z of every pixel's ray."""
+        """x/z and y/z of every pixel's ray, (h, w, 2)."""
         rays = self.camera.bearing_map
         return rays[..., :2] / rays[..., 2:]
 
     @cached_property
     def slopes(self) -> tuple[float, float, float, float]:
-        """Least x/z and y/z, greatest x/z and y/z of anything in the image, a pixel's margin included."""
+        """Smallest x/z and y/z, largest x/z and y/z in the image, with a margin of one pixel."""
         c, xy = self.camera, self._slopes_of_pixels.reshape(-1, 2)
         (left, top), (right, bottom) = xy.min(axis=0), xy.max(axis=0)
         return left - 1 / c.fx, top - 1 / c.fy, right + 1 / c.fx, bottom + 1 / c.fy
 
     def map_to(self, pinhole: Camera) -> tuple[Array, Array]:
-        """Where in the image of a pinhole camera at the same place each pixel's ray is, as `cv2.remap` takes it."""
+        """Return the maps for `cv2.remap` from the image of a pinhole camera at the same place."""
         x, y = np.moveaxis(self._slopes_of_pixels, -1, 0)
         u, v = pinhole.fx * x + pinhole.cx, pinhole.fy * y + pinhole.cy
         maps = cv2.convertMaps(u.astype(np.float32), v.astype(np.float32), cv2.CV_16SC2)
@@ -46,9 +46,9 @@ class Lens:
 
 
 def pinholes(lenses: Sequence[Lens], scale: float) -> list[Camera]:
-    """Pinhole cameras that see all that the lenses see, with `scale` times their focal lengths and images of one size.
+    """Return pinhole cameras that cover the lenses' views, with `scale` times their focal lengths and one image size.
 
-    At scale 1 their pixels coincide with those of a camera without distortion.
+    At scale 1 and without distortion their pixels coincide with the lens's.
     """
     fitted = [_pinhole(lens, scale) for lens in lenses]
     width, height = (max(camera.width for camera in fitted), max(camera.height for camera in fitted))

@@ -1,4 +1,4 @@
-"""The room's light: three lamps at infinity and diffuse surfaces."""
+"""Light of the room: three directional lamps and ambient light on diffuse surfaces."""
 
 import numpy as np
 
@@ -7,12 +7,14 @@ from pps_vision.types import Array
 LAMPS = ((0.474, 0.237, 0.848), (0.10, -0.81, 0.58), (-0.72, 0.45, 0.53))  # root frame, unit: key, fill, opposite
 STRENGTHS = (0.38, 0.16, 0.12)
 AMBIENT = 0.55
-_BELOW = 0.12  # the floor is the darkest part of a room
+_BELOW = 0.12  # ambient light lost on surfaces that face away from the key lamp
 
 
 def diffuse_light(normals_root: Array) -> Array:
-    """(n,) light that surfaces with unit normals (n, 3) reflect, 1 at the brightness of their own colour: Lambert's law
-    for each lamp, ambient light, and less of it on what faces away from the key lamp."""
+    """Return the light (n,) reflected by surfaces with unit normals (n, 3), as a factor on their colour.
+
+    Lambert's law per lamp, plus ambient light, reduced on surfaces that face away from the key lamp.
+    """
     facing = normals_root @ np.array(LAMPS).T
     light: Array = AMBIENT + np.maximum(facing, 0) @ np.array(STRENGTHS) + _BELOW * np.minimum(facing[:, 0], 0)
     return light

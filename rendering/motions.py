@@ -1,4 +1,4 @@
-"""How a stimulus moves: functions of time that give position and velocity together."""
+"""Motions of a stimulus: functions of time that return position and velocity."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,18 +13,17 @@ from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array
 from rendering.names import MotionName
 
-START_M = (0.25, 0.30)  # how far from the taxel an approach starts (FACTS §3)
-START_ANGLE = np.deg2rad(45.0)  # and how far from its normal
-EXTENT_M = (0.05, 0.08)  # how far from its centre a motion in the air gets
-_BOW = 0.15  # how far a hand's path bows to either side of straight, of its length: standard deviation
-_MEANT = 8 / 7  # of the way to what it touches, a hand means to go
-_ARRIVES = float(brentq(lambda tau: _MEANT * tau**3 * (10 - 15 * tau + 6 * tau**2) - 1, 0, 1))
+START_M = (0.25, 0.30)  # distance from the taxel at which an approach starts (FACTS §3)
+START_ANGLE = np.deg2rad(45.0)  # largest angle to the taxel's normal there (FACTS §3)
+EXTENT_M = (0.05, 0.08)  # amplitude of a motion about a centre
+_BOW = 0.15  # standard deviation of a reach's lateral deviation at half way, as a share of its length
+_OVERSHOOT = 8 / 7  # planned length of a reach, as a share of its length to contact
+_ARRIVES = float(brentq(lambda tau: _OVERSHOOT * tau**3 * (10 - 15 * tau + 6 * tau**2) - 1, 0, 1))
 
 
 @dataclass(frozen=True)
 class Target:
-    """A point of the skin (3,), its outward normal (3,), and where on its way from a start to the point
-    an approach ends."""
+    """A point of the skin (3,), its outward normal (3,), and the end point of an approach from a given start."""
 
     point: Array
     normal: Array
@@ -35,23 +34,23 @@ class Motion(Protocol):
     """(position (3,) m, velocity (3,) m/s) in the root frame at `t_s` ≥ 0."""
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """Where the stimulus is, and how fast it moves."""
+        """Return position (3,) m and velocity (3,) m/s."""
         ...
 
 
 @dataclass(frozen=True)
 class Static:
-    """Stays where it is."""
+    """No motion."""
 
     position: Array
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """The same position always."""
+        """Constant position, zero velocity."""
         return self.position, np.zeros(3)
 
 
 def _along(start: Array, end: Array, distance_m: float, speed_m_s: float) -> tuple[Array, Array]:
-    """Position and velocity `distance_m` from `start` on the straight way to `end`."""
+    """Position and velocity `distance_m` from `start` on the straight line to `end`."""
     ahead = (end - start) / np.linalg.norm(end - start)
     return start + distance_m * ahead, speed_m_s * ahead
 
@@ -67,11 +66,11 @@ class Approach:
 
     @property
     def contact_s(self) -> float:
-        """When it arrives at `end`."""
+        """Time of arrival at `end`."""
         return float(np.linalg.norm(self.end - self.start)) / self.speed_m_s
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """On the way there, at the end, on the way back, or at the start again."""
+        """Approach, dwell, withdrawal, rest at the start."""
         since_withdrawal = t_s - self.contact_s - self.dwell_s
         if t_s < self.contact_s:
             return _along(self.start, self.end, t_s * self.speed_m_s, self.speed_m_s)
@@ -82,10 +81,10 @@ class Approach:
 
 @dataclass(frozen=True)
 class Reach:
-    """A hand's reach: minimum jerk along a bow from `start` past `via` to `end` (a quadratic Bézier curve).
+    """Minimum-jerk reach along a quadratic Bézier curve with control points `start`, `via`, `end`.
 
-    The hand means to press on by a seventh of its way, so it is still moving when it arrives, at `arrives_s`.
-    `peak_m_s` is its greatest speed on a bow that is nearly straight.
+    The planned movement is a seventh longer than the way to `end`, so that contact, at `arrives_s`, happens at
+    non-zero speed.  `peak_m_s` is the largest speed on a nearly straight curve.
     """
 
     start: Array
@@ -95,33 +94,33 @@ class Reach:
 
     @cached_property
     def _whole_s(self) -> float:
-        """How long the movement would last that presses on; its peak is 15/8 of its mean speed."""
-        return float(1.875 * _MEANT * np.linalg.norm(self.end - self.start)) / self.peak_m_s
+        """Duration of the planned movement; the peak speed of minimum jerk is 15/8 of the mean."""
+        return float(1.875 * _OVERSHOOT * np.linalg.norm(self.end - self.start)) / self.peak_m_s
 
     @property
     def arrives_s(self) -> float:
-        """When it is at `end`."""
+        """Time of contact at `end`."""
         return _ARRIVES * self._whole_s
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """10 τ³ − 15 τ⁴ + 6 τ⁵ of the way meant."""
+        """At 10 τ³ − 15 τ⁴ + 6 τ⁵ of the planned movement."""
         tau = t_s / self._whole_s
-        u = _MEANT * tau**3 * (10 - 15 * tau + 6 * tau**2)
-        du = _MEANT * 30 * tau**2 * (1 - tau) ** 2 / self._whole_s
+        u = _OVERSHOOT * tau**3 * (10 - 15 * tau + 6 * tau**2)
+        du = _OVERSHOOT * 30 * tau**2 * (1 - tau) ** 2 / self._whole_s
         out, on = self.via - self.start, self.end - self.via
         return self.start + u * (2 - u) * out + u**2 * on, 2 * du * ((1 - u) * out + u * on)
 
 
 @dataclass(frozen=True)
 class Recede:
-    """Straight from `start` to `end` at constant speed, and stays there."""
+    """Straight from `start` to `end` at constant speed; rests there."""
 
     start: Array
     end: Array
     speed_m_s: float
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """On the way, or at the end."""
+        """Moving or resting at the end."""
         if t_s * self.speed_m_s >= np.linalg.norm(self.end - self.start):
             return self.end, np.zeros(3)
         return _along(self.start, self.end, t_s * self.speed_m_s, self.speed_m_s)
@@ -129,7 +128,7 @@ class Recede:
 
 @dataclass(frozen=True)
 class Linear:
-    """To and fro between two points at constant speed."""
+    """Back and forth between two points at constant speed."""
 
     start: Array
     end: Array
@@ -171,13 +170,13 @@ class Figure8:
 
     @cached_property
     def _length_table(self) -> tuple[Array, Array]:
-        """Curve parameter a and the length of the unit curve up to it, over one round."""
+        """Curve parameter a and arc length of the unit curve up to it, over one period."""
         a = np.linspace(0, 2 * np.pi, 4001)
         pace = np.hypot(np.cos(a), np.cos(2 * a))
         return a, np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(a))])
 
     def __call__(self, t_s: float) -> tuple[Array, Array]:
-        """Where the length travelled since t = 0 is speed·t."""
+        """At arc length speed·t."""
         a_table, length = self._length_table
         a = np.interp((t_s * self.speed_m_s / self.radius_m) % length[-1], length, a_table)
         position = self.center + self.radius_m * (np.array([np.sin(a), 0.5 * np.sin(2 * a)]) @ self.axes)
@@ -187,9 +186,9 @@ class Figure8:
 
 @dataclass(frozen=True)
 class Jerk:
-    """Stop and go: minimum-jerk moves around a closed tour of `waypoints` (n, 3), a pause at each.
+    """Stop and go: minimum-jerk moves along a closed tour of `waypoints` (n, 3) with a pause at each.
 
-    `speed_m_s` is the peak of each move; at t = 0 the first one is at its peak.
+    `speed_m_s` is the peak speed of each move; at t = 0 the first move is at its peak.
     """
 
     waypoints: Array
@@ -198,7 +197,7 @@ class Jerk:
 
     @cached_property
     def _moves(self) -> tuple[Array, Array]:
-        """Vector and duration of the move that leaves each waypoint; the peak is 15/8 of the mean speed."""
+        """Vector and duration of the move that leaves each waypoint; the peak speed is 15/8 of the mean."""
         ways = np.roll(self.waypoints, -1, axis=0) - self.waypoints
         return ways, 1.875 * np.linalg.norm(ways, axis=1) / self.speed_m_s
 
@@ -220,11 +219,10 @@ def make_motion(
     speed_m_s: float,
     target: Target | None = None,
 ) -> Motion:
-    """A random motion of a kind.
+    """Draw a random motion of a kind.
 
-    An approach is aimed at `target`; a recede is its reverse.  The other kinds stay within 8 cm of
-    `center`, where `static` stays.  Whether the path is in view is for the caller to see, and to
-    draw again.
+    An approach is aimed at `target`; recede is its reverse.  The other kinds stay within 8 cm of `center`.
+    The path may leave the view: the caller checks and draws again.
     """
     if kind not in get_args(MotionName):
         raise ValueError(f"motion {kind!r}; expected one of {', '.join(get_args(MotionName))}")
@@ -248,20 +246,20 @@ def make_motion(
 
 
 def make_approach(rng: np.random.Generator, target: Target, speed_m_s: float) -> Approach:
-    """From a start that is uniform in distance and over the cap around the normal, straight to the target."""
+    """Draw a straight approach; the start is uniform in distance and over the cap about the normal."""
     away = _in_cap(rng, target.normal)
     start = target.point + rng.uniform(*START_M) * away
     return Approach(start, target.end_from(start), speed_m_s)
 
 
 def make_reach(rng: np.random.Generator, end: Array, normal: Array, start_m: float, peak_m_s: float) -> Reach:
-    """From a start over the cap around the normal, `start_m` away, in a random bow."""
+    """Draw a reach from a start over the cap about the normal, `start_m` away, with a random curvature."""
     start = end + start_m * _in_cap(rng, normal)
     return Reach(start, 0.5 * (start + end) + _BOW * start_m * rng.standard_normal(3), end, peak_m_s)
 
 
 def _in_cap(rng: np.random.Generator, normal: Array) -> Array:
-    """A direction, uniform over the cap around a normal."""
+    """Draw a direction, uniform over the cap about a normal."""
     cosine = rng.uniform(np.cos(START_ANGLE), 1.0)
     azimuth = rng.uniform(0, 2 * np.pi)
     sine = np.sqrt(1 - cosine**2)
@@ -270,6 +268,6 @@ def _in_cap(rng: np.random.Generator, normal: Array) -> Array:
 
 
 def _in_ball(rng: np.random.Generator) -> Array:
-    """A point uniform in the ball of 8 cm."""
+    """Draw a point, uniform in the ball of 8 cm."""
     direction = rng.standard_normal(3)
     return direction / np.linalg.norm(direction) * EXTENT_M[1] * rng.uniform() ** (1 / 3)

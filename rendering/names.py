@@ -1,4 +1,4 @@
-"""The names that a user chooses from; importing them loads nothing else."""
+"""Names of stimuli, motions and carriers; imports nothing heavy."""
 
 from typing import Literal
 

@@ -1,8 +1,8 @@
-"""pyrender behind one small class: draws nodes as a pinhole camera sees them.
+"""Pinhole images of nodes, drawn by pyrender.
 
-pyrender keeps its meshes with one scene in one OpenGL context, and deleting an `OffscreenRenderer` ends the display
-of all others in the process.  So a process has one `Renderer`, `shared_renderer()`; each `Eyes` owns its nodes and
-releases them.
+pyrender binds meshes to one OpenGL context, and deleting an `OffscreenRenderer` terminates the EGL display of all
+others in the process.  So a process has one `Renderer`, `shared_renderer()`; each `Eyes` owns its nodes and releases
+them.
 """
 
 import atexit
@@ -24,14 +24,14 @@ from rendering.room import atlas, room_surface
 from rendering.shapes import Surface
 
 _NEAR_M, _FAR_M = 0.02, 8.0
-_T_CAMERA_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera looks along −z, y up
+_T_CAMERA_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL cameras look along −z, with y up
 _GAMMA = 2.2  # of pyrender's shading
-_BAKED_STEP = 1 / 512  # of the rotation matrices that light is baked for: less than 0.3 of 255 grey levels
+_BAKED_STEP = 1 / 512  # quantum of the rotation matrices that light is baked for: below 0.3 of 255 grey levels
 
 
 @dataclass(eq=False)
 class Node:
-    """A surface and where it is."""
+    """A surface and its pose."""
 
     surface: Surface
     T_root_node: Array = field(default_factory=lambda: np.eye(4))
@@ -46,20 +46,20 @@ class Node:
 
 @dataclass(eq=False)
 class _Uploaded:
-    """pyrender's node of one of ours, and the light and orientation its vertex colours were computed for."""
+    """pyrender's node of a `Node`, and the orientation its vertex colours were computed for."""
 
     node: Any
     key: bytes
 
 
 class Renderer:
-    """A pyrender scene and the off-screen renderer that draws it; holds the meshes of all nodes drawn before."""
+    """A pyrender scene and its off-screen renderer; keeps the meshes of nodes drawn before, until they are released."""
 
     def __init__(self) -> None:
         self._api = _pyrender()
         try:
             self._screen = self._api.OffscreenRenderer(1, 1)
-        except Exception as error:  # EGL errors, assertions and index errors, by what is missing
+        except Exception as error:  # EGL errors, AssertionError or IndexError, depending on what is missing
             reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
             device = os.environ.get("EGL_DEVICE_ID", "0")
             raise OSError(
@@ -81,7 +81,7 @@ class Renderer:
         self.room = Node(room_surface())
 
     def color(self, nodes: Iterable[Node], view: View, lighting: Lighting = "baked") -> Image:
-        """(height, width, 3) RGB of the nodes; `view` is that of a camera without distortion."""
+        """Return the RGB image (height, width, 3) of the nodes in the `view` of a camera without distortion."""
         flags = self._api.RenderFlags
         mode = {"baked": flags.FLAT, "lights": flags.NONE, "shadows": flags.SHADOWS_DIRECTIONAL}[lighting]
         self._arrange(nodes, view, lighting)
@@ -89,26 +89,26 @@ class Renderer:
         return np.ascontiguousarray(image)
 
     def depth(self, nodes: Iterable[Node], view: View) -> float:
-        """Distance along the optical axis of the first surface in the middle of an image, m; inf if there is none."""
+        """Return the depth of the first surface at the image centre, m; inf if there is none."""
         self._arrange(nodes, view, "baked")
         depth = self._screen.render(self._scene, flags=self._api.RenderFlags.DEPTH_ONLY)
         return float(depth[depth.shape[0] // 2, depth.shape[1] // 2]) or np.inf
 
     def release(self, nodes: Iterable[Node]) -> None:
-        """Give the graphics memory of nodes back, before the next image is drawn; drawing them again uploads anew."""
-        self._released += nodes  # a finaliser may call this at any time, so nothing else happens here
+        """Free the graphics memory of nodes before the next image; drawing them again uploads them again."""
+        self._released += nodes  # a finaliser may call this at any time, so OpenGL is not called here
 
     @property
     def n_uploaded(self) -> int:
-        """How many nodes the graphics memory holds."""
+        """Number of nodes in graphics memory."""
         return len(self._uploaded)
 
     def delete(self) -> None:
-        """Give everything back; nothing can be drawn afterwards."""
+        """Free everything; nothing can be drawn afterwards."""
         self._screen.delete()
 
     def _arrange(self, nodes: Iterable[Node], view: View, lighting: Lighting) -> None:
-        """Make the scene show `nodes` and nothing else, from `view`."""
+        """Show `nodes` and nothing else, from `view`."""
         self._remove_released()
         for shown in self._visible:
             shown.mesh.is_visible = False
@@ -122,7 +122,7 @@ class Renderer:
         self._scene.set_pose(self._camera_node, view.T_root_camera @ _T_CAMERA_OPENGL)
 
     def _place(self, node: Node, lighting: Lighting) -> Any:
-        """pyrender's node for one of ours, at its pose and under its light."""
+        """Return pyrender's node of a `Node`, posed and lit."""
         baked = lighting == "baked"
         rotation = _BAKED_STEP * np.rint(node.T_root_node[:3, :3] / _BAKED_STEP)
         key = rotation.tobytes() if baked else b""
@@ -144,7 +144,7 @@ class Renderer:
                 self._visible = [shown for shown in self._visible if shown is not uploaded.node]
 
     def _mesh(self, surface: Surface, light: Array | None) -> Any:
-        """pyrender's mesh with `light` (n,) in its vertex colours; without, for pyrender's own shading."""
+        """Return pyrender's mesh with `light` (n,) in its vertex colours; None: shaded by pyrender."""
         is_textured = surface.texture_uv is not None
         color = np.ones_like(surface.positions) if is_textured else surface.colors
         color = color**_GAMMA if light is None else color * light[:, None]
@@ -163,14 +163,16 @@ class Renderer:
 
 
 def _center(surface: Surface) -> Array:
-    """(3,) origin of pyrender's node in ours.  pyrender draws nodes by their origins' distances from the camera, and in
-    no defined order where two are equal, as those of an object and the hand around it would be."""
+    """Return the origin (3,) of pyrender's node in the node's frame.
+
+    pyrender sorts nodes by their origins' distances; an object and the hand around it must not share an origin.
+    """
     center: Array = surface.bounds.mean(axis=0)
     return center
 
 
 def _pyrender() -> Any:
-    """The library; ImportError in one line where the system's OpenGL is missing."""
+    """Import pyrender; ImportError in one line if the system's OpenGL is missing."""
     try:
         return import_module("pyrender")
     except (ImportError, AttributeError, OSError) as error:
@@ -179,7 +181,7 @@ def _pyrender() -> Any:
 
 @cache
 def shared_renderer() -> Renderer:
-    """The process's renderer."""
+    """Return the process's renderer."""
     renderer = Renderer()
     atexit.register(renderer.delete)
     return renderer

@@ -1,7 +1,7 @@
-"""The room around the robot: walls, floor, ceiling and a table, with texture at every scale.
+"""The room around the robot: walls, floor, ceiling and a table.
 
-Muted colours, so that a stimulus stands out, but none of them grey; detail from whole walls
-down to single pixels, so that optical flow finds hold wherever the eyes look.
+Colours are muted but not grey.  Textures have detail at every scale from a wall to a pixel, so that optical flow is
+defined everywhere.
 """
 
 from collections.abc import Callable
@@ -33,13 +33,13 @@ def _noise(rng: np.random.Generator, coarsest: int, finest: int, stretch: tuple[
 
 
 def _painted(rng: np.random.Generator, color: tuple[int, int, int], noise: Array, depth: float) -> Array:
-    """A colour whose brightness, and slightly its hue, follow noise: (tile, tile, 3) levels of 255."""
+    """Colour modulated by noise in brightness and slightly in hue: (tile, tile, 3) levels of 255."""
     tint = np.stack([_noise(rng, 4, 32) for _ in range(3)], axis=-1)
     return np.array(color, np.float32) * (1 + depth * noise[..., None] + 0.08 * tint)
 
 
 def _bricks(rng: np.random.Generator, color: tuple[int, int, int], mortar: tuple[int, int, int], rows: int) -> Array:
-    """Courses of bricks, each brick of its own shade."""
+    """Rows of bricks, each of its own brightness."""
     picture = _painted(rng, mortar, _noise(rng, 16, 256), 0.25)
     bricks = _painted(rng, color, _noise(rng, 8, 256), 0.30)
     height, width = _TILE // rows, 2 * _TILE // rows
@@ -51,7 +51,7 @@ def _bricks(rng: np.random.Generator, color: tuple[int, int, int], mortar: tuple
 
 
 def _planks(rng: np.random.Generator, color: tuple[int, int, int], columns: int) -> Array:
-    """Boards with a grain along them, each of its own shade, cut at its own places."""
+    """Boards with a grain along them, each of its own brightness and length."""
     grain = 0.7 * _noise(rng, 32, 256, stretch=(8, 1)) + 0.5 * _noise(rng, 32, 256)
     picture = _painted(rng, color, grain, 0.45)
     width = _TILE // columns
@@ -66,7 +66,7 @@ def _planks(rng: np.random.Generator, color: tuple[int, int, int], columns: int)
 
 
 def _plaster(rng: np.random.Generator, color: tuple[int, int, int], pictures: int) -> Array:
-    """A rough wall with framed pictures on it."""
+    """A rough wall with framed pictures."""
     wall = _painted(rng, color, _noise(rng, 4, 256), 0.45)
     for _ in range(pictures):
         height, width = rng.integers(50, 130, 2)
@@ -123,7 +123,7 @@ _SURFACES: tuple[tuple[Painter, Array], ...] = (
 
 @cache
 def atlas() -> Image:
-    """All surfaces' pictures side by side; the room is always the same."""
+    """Return the pictures of all surfaces in one image; always the same."""
     rng = np.random.default_rng(2013)
     rows = -(-len(_SURFACES) // _PER_ROW)
     atlas = np.zeros((rows * _TILE, _PER_ROW * _TILE, 3), np.uint8)
@@ -135,10 +135,10 @@ def atlas() -> Image:
 
 @cache
 def room_surface() -> Surface:
-    """The room's walls and its table, facing inward; the table from below as well."""
+    """Return walls and table, facing inward; the table has two sides."""
     corners = [corners for _, corners in _SURFACES]
     quads = [_quad(k, c) for k, c in enumerate(corners)]
-    below = corners[-1][[1, 0]]  # mirrored: what faced up faces down
+    below = corners[-1][[1, 0]]  # mirrored, to face down
     quads.append(_quad(len(corners) - 1, np.vstack([below, below[0] + corners[-1][2] - corners[-1][0]])))
     positions, normals, texture_uv = (np.vstack(some) for some in zip(*quads, strict=True))
     faces = np.array([[0, 3, 1], [0, 2, 3]]) + 4 * np.arange(len(quads))[:, None, None]
@@ -146,13 +146,13 @@ def room_surface() -> Surface:
 
 
 def _quad(picture: int, corners: Array) -> tuple[Array, Array, Array]:
-    """Corners, normals (4, 3) and places in the atlas (4, 2) of a rectangle under one of its pictures."""
+    """Return corners and normals (4, 3) and texture coordinates (4, 2) of a rectangle with picture number `picture`."""
     top_left, top_right, bottom_left = corners
     along = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
     sides = np.stack([top_right - top_left, bottom_left - top_left])
     inward = np.cross(sides[1], sides[0])
     row, column = divmod(picture, _PER_ROW)
-    inset = 4 / _TILE  # keeps coarser texture levels from mixing in the neighbouring picture
+    inset = 4 / _TILE  # texels; keeps coarse mipmap levels from mixing neighbouring pictures
     in_atlas = np.array([column, row]) + inset + along * (1 - 2 * inset)
     u, v = (in_atlas / [_PER_ROW, -(-len(_SURFACES) // _PER_ROW)]).T
     normals = np.tile(inward / np.linalg.norm(inward), (4, 1))

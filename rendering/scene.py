@@ -1,4 +1,4 @@
-"""What is where at one moment, and the drawable stage that is arranged to show it."""
+"""State of the scene at one moment, and the drawable nodes that show it."""
 
 from dataclasses import dataclass, field, replace
 
@@ -14,7 +14,7 @@ from rendering.renderer import Node
 from rendering.shapes import Part, body_part, surface_of
 from rendering.stimuli import Stimulus
 
-TOWARDS_EXPERIMENTER = (-0.75, 0.25, 0.61)  # who stands before the robot, holding things from behind and above
+TOWARDS_EXPERIMENTER = (-0.75, 0.25, 0.61)  # direction, root frame: the object is held from behind and above
 
 
 def _still() -> Array:
@@ -23,7 +23,7 @@ def _still() -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """Where a prop is, root frame: m, m/s (for motion blur only), and how it is turned (3, 3)."""
+    """Pose of a prop in the root frame: position m, velocity m/s (used by motion blur only), rotation (3, 3)."""
 
     position: Array
     velocity: Array = field(default_factory=_still)
@@ -36,12 +36,11 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class SceneState:
-    """The world at one stamp, root frame: the robot's joints and, unless `position` is None, the stimulus.
+    """The scene at one stamp, root frame: the robot's joints and, unless `position` is None, the stimulus.
 
-    `velocity` (m/s) and `dq_rad_s` matter only to motion blur; `rotation` (3, 3) turns the
-    stimulus; `carrier_direction` points from the stimulus to whoever holds it.  `props` says where
-    the things are that the `Eyes` were given as props, in their order; None, or beyond the end: not
-    there.  So a board hides the stimulus while a second ball passes:
+    `velocity` (m/s) and `dq_rad_s` are used by motion blur only; `rotation` (3, 3) is that of the stimulus;
+    `carrier_direction` points from the stimulus to its carrier.  `props` holds the poses of the props that `Eyes`
+    was given, in their order; None or a missing entry: not in the scene.  A board and a second ball:
 
         eyes = Eyes(robot, rig, ball, props=(make_stimulus("ball").parts, (board(0.1, 0.2),)))
         eyes.render(SceneState(q, p, v, props=(Placed(p2, v2), Placed(between, rotation=facing))), t)
@@ -64,9 +63,9 @@ class SceneState:
 
 
 class Stage:
-    """Nodes of which only the poses change: arms, props, stimulus and its carrier, room.
+    """Nodes of a scene, of which only the poses change: arms, props, stimulus and its carrier, room.
 
-    `held` lists all but the room, which is the renderer's.
+    `held` lists all nodes but the room, which belongs to the renderer.
     """
 
     def __init__(
@@ -90,14 +89,14 @@ class Stage:
         self.set_stimulus(stimulus)
 
     def set_stimulus(self, stimulus: Stimulus) -> None:
-        """Put another stimulus, and a carrier of its size, in place of the present one."""
+        """Replace the stimulus, and its carrier by one of the new size."""
         self.object = Node(surface_of(stimulus.parts))
         parts = carrier_parts(self._carrier_name, stimulus.radius_m, self._fineness)
         self._carrier = [Node(surface_of(parts))] if parts else []
         self.held[:] = [*self._bodies.values(), *self._props, self.object, *self._carrier]
 
     def arrange(self, state: SceneState) -> None:
-        """Put everything where the state says it is; ValueError where it places more props than there are."""
+        """Set the pose of every node; ValueError if the state has more props than the scene."""
         if len(state.props) > len(self._props):
             raise ValueError(f"the scene's state places {len(state.props)} props; there are {len(self._props)}")
         posture = self._robot.at(state.q_rad)
@@ -116,13 +115,13 @@ class Stage:
         self._boxes_root = np.array([node.box_root for node in self.there])
 
     def in_view(self, view: View, slopes: tuple[float, float, float, float]) -> list[Node]:
-        """All that reaches between the least x/z and y/z and the greatest of a view, and little more."""
+        """Return the nodes whose boxes reach into a view between `slopes` (least x/z and y/z, greatest x/z and y/z)."""
         is_in = _reach_into(view, slopes, self._boxes_root)
         return [node for node, inside in zip(self.there, is_in, strict=True) if inside]
 
 
 def _reach_into(view: View, slopes: tuple[float, float, float, float], boxes_root: Array) -> Mask:
-    """(n,) which boxes (n, 8, 3) reach into a view; it may err towards yes."""
+    """Return which boxes (n, 8, 3) reach into a view (n,); conservative: may include boxes that do not."""
     left, top, right, bottom = slopes
     x, y, z = np.moveaxis(move_points(view.T_camera_root, boxes_root), -1, 0)
     beside = np.array([x < left * z, x > right * z, y < top * z, y > bottom * z, z < 0])

@@ -31,12 +31,12 @@ class Sensor:
 
     @property
     def is_noisy(self) -> bool:
-        """Whether two images of the same light differ."""
+        """Whether the sensor has noise."""
         return self.noise_sigma > 0 or self.shot > 0
 
 
 def expose(sensor: Sensor, light: Array, rng: np.random.Generator | None) -> Image:
-    """The recorded image (h, w, 3) of the light (h, w, 3) float32 that fell on the sensor.
+    """Return the recorded image (h, w, 3) of the light (h, w, 3) float32 on the sensor.
 
     Noise is independent per pixel and channel; `rng` may be None only for a noiseless sensor.
     """

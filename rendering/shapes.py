@@ -1,4 +1,4 @@
-"""Coloured solids to draw, and the few ways to make them."""
+"""Coloured triangle meshes and how they are made."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from pps_vision.robot.model import Body
 from pps_vision.types import Array
 
 Color = tuple[float, float, float]  # RGB, 0–1, proportional to light
-_SHARP = np.deg2rad(50)  # edges sharper than this stay so
+_SHARP = np.deg2rad(50)  # edges sharper than this are not smoothed
 
 
 @dataclass(frozen=True)
 class Part:
-    """A triangle mesh (m, in the frame of the whole) of one colour."""
+    """A triangle mesh of one colour; m, in the object's frame."""
 
     mesh: Any
     color: Color
@@ -25,8 +25,8 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles as they are drawn: positions (n, 3) m, unit normals (n, 3), faces (m, 3), and colours (n, 3) or
-    places in the room's texture (n, 2)."""
+    """Triangles as drawn: positions (n, 3) m, unit normals (n, 3), faces (m, 3), colours (n, 3), and for the room
+    texture coordinates (n, 2)."""
 
     positions: Array
     normals: Array
@@ -36,12 +36,12 @@ class Surface:
 
     @property
     def bounds(self) -> Array:
-        """(2, 3) least and greatest coordinates."""
+        """Smallest and largest coordinates, (2, 3) m."""
         return np.array([self.positions.min(axis=0), self.positions.max(axis=0)])
 
 
 def surface_of(parts: Iterable[Part]) -> Surface:
-    """All parts as one surface, drawn in one go, smoothly shaded up to sharp edges."""
+    """Return all parts as one surface with smoothed normals."""
     positions, normals, colors, faces, count = [], [], [], [], 0
     for part in parts:
         shaded = trimesh.graph.smooth_shade(part.mesh, angle=_SHARP)
@@ -54,10 +54,9 @@ def surface_of(parts: Iterable[Part]) -> Surface:
 
 
 def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fineness: int = 3) -> Part:
-    """A ball of 20·4^`fineness` triangles.
+    """Return a ball of 20·4^`fineness` triangles with the sphere's surface area.
 
-    Its surface is the sphere's, so that its silhouette is too, in the mean: a quarter of it, as of any
-    convex body.
+    Its mean silhouette then equals the sphere's: a quarter of the surface, as for every convex body (Cauchy).
     """
     mesh = trimesh.creation.icosphere(fineness)
     mesh.apply_scale(radius * np.sqrt(4 * np.pi / mesh.area))
@@ -65,7 +64,7 @@ def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fin
 
 
 def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 8) -> Part:
-    """A bent, tapering tube with round ends: centres (n, 3) and radii (n,), or one radius."""
+    """Return a curved, tapered tube with round ends; `path` (n, 3), `radii` (n,) or one radius."""
     p = np.asarray(path, dtype=float)
     r = np.broadcast_to(np.asarray(radii, dtype=float), len(p))
     ahead = np.gradient(p, axis=0)
@@ -89,22 +88,22 @@ def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 8) -> Par
 
 
 def sides_of(fineness: int) -> int:
-    """Of a round thing other than a ball."""
+    """Return the number of sides of a tube or cylinder."""
     return 4 * max(fineness - 1, 1)
 
 
 def board(width: float, height: float, color: Color = (0.55, 0.42, 0.28)) -> Part:
-    """A sheet of cardboard, 3 mm thick: `width` along x, `height` along y, z its normal."""
+    """Return a 3 mm board: `width` along x, `height` along y, normal z."""
     return Part(trimesh.creation.box((width, height, 0.003)), color)
 
 
 def disc(radius: float, color: Color, thickness: float = 0.001, sides: int = 48) -> Part:
-    """A round patch about the origin, z its normal."""
+    """Return a disc about the origin with normal z."""
     return Part(trimesh.creation.cylinder(radius, thickness, sections=sides), color)
 
 
 def _tube_faces(rings: int, sides: int) -> Array:
-    """Triangles between neighbouring rings, and from the end rings to the two poles."""
+    """Return the triangles between neighbouring rings and between the end rings and the poles."""
     i = np.arange(sides)
     j = (i + 1) % sides
     low = sides * np.arange(rings - 1)[:, None]
@@ -116,7 +115,7 @@ def _tube_faces(rings: int, sides: int) -> Array:
 
 
 def body_part(body: Body, fineness: int) -> Part:
-    """A robot's body in the frame it belongs to; its balls are coarser than the ball that is watched."""
+    """Return a robot's body in its frame; spheres are one level coarser than the stimulus."""
     if body.shape == "sphere":
         mesh = sphere(body.size_m[0], body.color, fineness=max(fineness - 1, 0)).mesh
     elif body.shape == "cylinder":

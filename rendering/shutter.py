@@ -1,4 +1,4 @@
-"""Motion blur: which instants an exposure is made of."""
+"""Motion blur: the instants whose images are averaged to one exposure."""
 
 import numpy as np
 
@@ -8,26 +8,25 @@ from pps_vision.types import Array
 from rendering.fidelity import Fidelity
 from rendering.scene import SceneState
 
-_MOST = 24
+_MAX_INSTANTS = 24
 
 
 def instants(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float, fidelity: Fidelity) -> list[SceneState]:
-    """The states whose mean image is the exposure: evenly spread around `state`, as many as the fastest
-    motion in view asks for.
+    """Return the states whose mean image is the exposure, evenly spaced about `state`.
 
-    Two or more have the exposure's variance, so that a blur is as long as it should be: n evenly spaced
-    ones that are d apart have d²·(n² − 1)/12, an open shutter blur_s²/12.
+    Their number grows with the fastest motion in view, one per `blur_step_px`.  Their spacing d gives the blur the
+    variance of an open shutter: d²·(n² − 1)/12 = blur_s²/12.
     """
     drift_px = _drift_px(robot, rig, state, blur_s) if blur_s > 0 else 0.0
     if drift_px < 0.4 * fidelity.blur_step_px:
         return [state]
-    n = int(np.clip(np.ceil(drift_px / fidelity.blur_step_px), 2, _MOST))
+    n = int(np.clip(np.ceil(drift_px / fidelity.blur_step_px), 2, _MAX_INSTANTS))
     apart_s = blur_s / np.sqrt(n * n - 1)
     return [state.moved((k - 0.5 * (n - 1)) * apart_s) for k in range(n)]
 
 
 def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) -> float:
-    """How far anything in view moves in an image while the shutter is open, px."""
+    """Return the largest image motion of anything in view while the shutter is open, px."""
     before, after = state.moved(-blur_s / 2), state.moved(blur_s / 2)
     start, stop = rig.view(before.q_rad), rig.view(after.q_rad)
     drift = 0.0
@@ -42,15 +41,15 @@ def _drift_px(robot: Robot, rig: StereoRig, state: SceneState, blur_s: float) ->
 
 
 def _points_of_room(eye: View) -> Array:
-    """(25, 3) still points at arm's length, all over the image."""
+    """Return a grid of (25, 3) static points 0.5 m from the eye, spread over the image."""
     u, v = np.meshgrid(np.linspace(0, eye.camera.width - 1, 5), np.linspace(0, eye.camera.height - 1, 5))
     return eye.center + 0.5 * eye.rays(np.column_stack([u.ravel(), v.ravel()]))
 
 
 def _movers(robot: Robot, state: SceneState) -> Array:
-    """(n, 3) the robot's bodies, the props and the stimulus, root frame."""
+    """Return the positions (n, 3) of the robot's bodies, the props and the stimulus, root frame."""
     posture = robot.at(state.q_rad)
-    places = {body.frame: body.T_frame_body[:3, 3] for body in robot.bodies}  # one of each rigid frame will do
+    places = {body.frame: body.T_frame_body[:3, 3] for body in robot.bodies}  # one body per rigid frame
     bodies = [posture.point(frame, place) for frame, place in places.items()]
     props = [np.full(3, np.nan) if prop is None else prop.position for prop in state.props]
     return np.array([*bodies, *props, *([] if state.position is None else [state.position])])

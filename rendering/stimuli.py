@@ -1,4 +1,4 @@
-"""The things that are shown to the robot."""
+"""Stimuli: marker, ball, cube, octopus."""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -24,8 +24,8 @@ _RADIUS_M = {"marker": 0.010, "ball": 0.035, "cube": 0.030, "octopus": 0.040}
 
 @dataclass(frozen=True)
 class Stimulus:
-    """`parts` in the object's frame, whose origin is its centre; `radius_m` is the radius of the
-    sphere that stands for it: the one whose silhouette is, over all directions, as large."""
+    """`parts` in the object's frame, origin at its centre; `radius_m` is the radius of the sphere with the same mean
+    silhouette."""
 
     name: str
     radius_m: float
@@ -33,8 +33,7 @@ class Stimulus:
 
 
 def make_stimulus(name: StimulusName, radius_m: float | None = None, fineness: int = 3) -> Stimulus:
-    """A marker, ball, cube or octopus of its usual size or of `radius_m`, as fine as a `Fidelity` of that
-    `fineness` draws it."""
+    """Return a marker, ball, cube or octopus of its default radius or of `radius_m`."""
     if name not in get_args(StimulusName):
         raise ValueError(f"stimulus {name!r}; expected one of {', '.join(get_args(StimulusName))}")
     radius = _RADIUS_M[name] if radius_m is None else radius_m
@@ -60,12 +59,12 @@ def _cube(radius: float) -> tuple[Part, ...]:
     return Part(blue, BLUE), Part(yellow, YELLOW)
 
 
-# Makes the octopus's mean silhouette as large as a unit sphere's (a test measures it).
+# Scales the octopus's mean silhouette to a unit sphere's (tests/rendering/test_stimuli.py measures it).
 _OCTOPUS_SCALE = 1.155
 
 
 def _octopus(fineness: int) -> list[Part]:
-    """A toy with a violet head that looks along x and eight orange arms that curl below it."""
+    """Return a toy octopus: a violet head facing x and eight orange arms below it."""
     head = sphere(1.0, VIOLET, fineness=fineness).mesh.apply_transform(
         transform(np.diag([0.56, 0.56, 0.64]), (0, 0, 0.36))
     )

@@ -5,13 +5,15 @@ from typing import Any, get_args
 
 import numpy as np
 import trimesh
+from scipy.spatial import QhullError
 
+from pps_vision.errors import InputError
 from rendering.names import MESH_SUFFIXES, Unit
 from rendering.shapes import Color, Part
 from rendering.stimuli import ORANGE, Stimulus
 
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_SMALLEST_M, _LARGEST_M = 0.002, 0.6  # what can be seen, and what can be held before the eyes
+_SMALLEST_M, _LARGEST_M = 0.002, 0.6  # extent of an object that fits the eyes' view at 0.3 m
 _MOST_TRIANGLES = 200_000
 
 
@@ -28,28 +30,29 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
 
     Raises:
         OSError: The file cannot be read.
-        ValueError: It holds no mesh, numbers that are not finite, no volume, or an object of implausible size.
+        InputError: It holds no mesh, numbers that are not finite, no volume, or an object of implausible size.
     """
     if file.suffix.lower() not in MESH_SUFFIXES:
-        raise ValueError(f"{file}: expected a mesh file ({', '.join(MESH_SUFFIXES)})")
+        raise InputError(file, f"expected a mesh file ({', '.join(MESH_SUFFIXES)})")
     mesh = _read(file)
     if not len(mesh.faces):
-        raise ValueError(f"{file}: holds no triangles; expected a mesh")
+        raise InputError(file, "holds no triangles; expected a mesh")
     if len(mesh.faces) > _MOST_TRIANGLES:
-        raise ValueError(f"{file}: {len(mesh.faces)} triangles; expected at most {_MOST_TRIANGLES}")
+        raise InputError(file, f"{len(mesh.faces)} triangles; expected at most {_MOST_TRIANGLES}")
     if not np.isfinite(mesh.vertices).all():
-        raise ValueError(f"{file}: holds vertices that are not finite; expected numbers")
+        raise InputError(file, "holds vertices that are not finite; expected numbers")
     mesh.apply_scale(_METRES[unit])
     size_m = float(mesh.extents.max())
     if radius_m is None and not _SMALLEST_M <= size_m <= _LARGEST_M:
-        raise ValueError(
-            f"{file}: {size_m:.3g} m across if its unit is {unit}; expected {_SMALLEST_M} to {_LARGEST_M} m "
-            f"(units: {', '.join(get_args(Unit))})"
+        raise InputError(
+            file,
+            f"{size_m:.3g} m across if its unit is {unit}; expected {_SMALLEST_M} to {_LARGEST_M} m "
+            f"(units: {', '.join(get_args(Unit))})",
         )
     try:
         hull = mesh.convex_hull
-    except Exception as error:  # Qhull's, whose text is a page
-        raise ValueError(f"{file}: its vertices lie in a plane; expected a solid") from error
+    except QhullError as error:
+        raise InputError(file, "its vertices lie in a plane; expected a solid") from error
     radius = float(np.sqrt(hull.area / (4 * np.pi)))
     mesh.apply_translation(-hull.center_mass)
     if radius_m is not None:
@@ -58,7 +61,7 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
     mesh.merge_vertices(merge_tex=True, merge_norm=True)  # a file may list each triangle's own
     mesh.fix_normals()
     parts = [Part(mesh, color)]
-    if not mesh.is_watertight:  # it can be looked into
+    if not mesh.is_watertight:  # its inside can be visible
         inside = mesh.copy()
         inside.invert()
         parts.append(Part(inside, color))
@@ -66,15 +69,15 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
 
 
 def _read(file: Path) -> Any:
-    """The file's meshes as one; ValueError naming it where it is malformed."""
+    """Return the file's meshes as one.  Whatever trimesh's parsers raise on a malformed file is an InputError."""
     if file.stat().st_size == 0:
-        raise ValueError(f"{file}: is empty; expected a mesh")
+        raise InputError(file, "is empty; expected a mesh")
     try:
         return trimesh.load_mesh(file, process=False)
     except OSError:
         raise
-    except Exception as error:  # by format and by what is wrong with it
-        raise ValueError(f"{file}: cannot be read as {file.suffix[1:].upper()}; expected a mesh") from error
+    except Exception as error:  # each parser raises its own kinds (KeyError, struct.error, AssertionError, …)
+        raise InputError(file, f"cannot be read as {file.suffix[1:].upper()}; expected a mesh") from error
 
 
 def _color(mesh: Any) -> Color:

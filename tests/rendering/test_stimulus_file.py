@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.model import Robot
@@ -104,7 +105,7 @@ def test_an_open_mesh_can_be_looked_into(tmp_path: Path) -> None:
 )
 def test_a_file_without_an_object_is_named_in_one_line(tmp_path: Path, name: str, text: str, message: str) -> None:
     (tmp_path / name).write_text(text)
-    with pytest.raises(ValueError, match=message) as error:
+    with pytest.raises(InputError, match=message) as error:
         load_stimulus(tmp_path / name)
     assert str(error.value).startswith(str(tmp_path / name))
     assert "\n" not in str(error.value)
