@@ -41,11 +41,6 @@ class GaussianProcess:
         J: Array = (at - (k @ self._weights)[:, :, None] * x[:, None, :]) / self.lengths**2
         return J
 
-    @property
-    def nbytes(self) -> int:
-        """Of what it must keep to learn on (most of it) and to answer."""
-        return self._x.nbytes + self._y.nbytes + self._weights.nbytes + self._L.nbytes
-
     def _kernel(self, a: Array, b: Array) -> Array:
         a, b = a / self.lengths, b / self.lengths
         squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T

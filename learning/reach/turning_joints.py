@@ -38,11 +38,6 @@ class TurningJoints:
         self._samples.append((arm_rad, gaze_rad))
         self._known = None
 
-    @property
-    def nbytes(self) -> int:
-        """Of what it keeps."""
-        return sum(arm.nbytes + gaze.nbytes for arm, gaze in self._samples)
-
     def _fitted(self) -> tuple[Array, Array]:
         """W (3^k, 3) and o (4,), fitted when first asked for; ValueError before the second sample.
 

@@ -79,10 +79,6 @@ class Fields:
     def forms(self) -> Array:
         return self._forms[: self.n]
 
-    @property
-    def nbytes(self) -> int:
-        return self.rows.nbytes + self.forms.nbytes
-
     def put(self, index: NDArray[np.intp], rows: Rows, same_metric: bool = False) -> None:
         self._rows[index] = rows
         if not same_metric:

@@ -1,7 +1,9 @@
-"""What babbling teaches: the error of the arm-to-gaze forward model over the number of samples (J Fig 2)."""
+"""Forward model arm → gaze from motor babbling: error over samples, and time against error (J Fig 2)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from time import process_time
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,97 +12,98 @@ from tqdm import tqdm
 from learning.reach.babbling import Babbled, babble, score
 from learning.reach.gaussian_process import GaussianProcess
 from learning.reach.turning_joints import TurningJoints
-from pps_vision.experiments.baselines.lwpr import LWPRParams
-from pps_vision.experiments.baselines.lwpr_metric import MetricParams
-from pps_vision.experiments.baselines.lwpr_regression import RegressionParams
-from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
-from pps_vision.experiments.chart import panels
+from pps_vision.experiments import charts
+from pps_vision.experiments.baselines.regressors import ArmToGaze, boosted_trees, network, quintic_spline
+from pps_vision.experiments.reach import jamone
+from pps_vision.experiments.reach.map_truth import first
 from pps_vision.experiments.study import Study
 from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array
 
-LWPR_OF_THE_ARM = LWPRParams(
-    init_D=80, w_gen=0.2, metric=MetricParams(rate=0), regression=RegressionParams(first_projections=4)
-)
-"""Few samples a field and every joint matters: all projections from the start; metrics stay (to adapt them takes more
-samples than there are)."""
-_N_TRAIN, _N_TEST, _N_TRIED = 4400, 700, 20_000
-Model = ArmToGaze | TurningJoints
-_PAPER_DEG, _GOALS_DEG = 0.84, {"LWPR": 0.5, "best": 0.02}
+_N_TRAIN, _N_TEST, _N_TRIED = 4400, 700, 20_000  # as in J
+_N_SINGLE = 50
 
 
-def babbled_sets(seed: int, side: str = "right") -> tuple[Babbled, Babbled]:
-    """What 20 000 postures teach, and 700 fixated ones to test on."""
+class Model(Protocol):
+    """A forward model arm (N, 4) → gaze (N, 3), learned from samples."""
+
+    def learn(self, arm_rad: Array, gaze_rad: Array) -> None: ...
+
+    def __call__(self, arm_rad: Array) -> Array: ...
+
+
+METHODS: dict[str, Callable[[], Model]] = {
+    "model of revolute joints": TurningJoints,
+    "Gaussian process": lambda: ArmToGaze(GaussianProcess()),
+    "LWPR, each sample once": jamone.arm_model,
+    "LWPR, each sample 4 times": lambda: jamone.arm_model(n_epochs=4),
+    "quintic spline (SciPy)": lambda: ArmToGaze(quintic_spline()),
+    "network 64×64 (scikit-learn)": lambda: ArmToGaze(network(0)),
+    "boosted trees (scikit-learn)": lambda: ArmToGaze(boosted_trees(0)),
+}
+_DEFAULT, _BASELINES = next(iter(METHODS)), list(METHODS)[2:]
+
+
+def samples(seed: int) -> tuple[Babbled, Babbled]:
+    """Return what 20 000 babbled postures of the right arm teach, and 700 fixated ones to test on."""
     robot, rng = load_icub(), np.random.default_rng(seed)
-    train, test = babble(robot, side, _N_TRIED, rng), babble(robot, side, 4 * _N_TEST, rng)
-    return train, Babbled(test.arm_rad[:_N_TEST], test.gaze_rad[:_N_TEST], test.n_tried)
+    return babble(robot, "right", _N_TRIED, rng), first(babble(robot, "right", 4 * _N_TEST, rng), _N_TEST)
+
+
+def learn_and_time(model: Model, sets: list[Babbled], test: Babbled) -> list[dict[str, Any]]:
+    """Return, after each further set, RMSE (degrees), unanswered (percent), and processor time of update and query.
+
+    `update_ms` is the time per sample of that set, `ms` the quartiles of queries of one posture.
+    """
+    rows = []
+    for new in sets:
+        begun = process_time()
+        model.learn(new.arm_rad, new.gaze_rad)
+        model(test.arm_rad[:1])  # a model that is fitted when first asked is fitted here
+        update_ms = 1000 * (process_time() - begun) / len(new.arm_rad)
+        error_deg, unanswered = score(model, test)
+        ms = []
+        for arm in test.arm_rad[:_N_SINGLE, None]:
+            begun = process_time()
+            model(arm)
+            ms.append(1000 * (process_time() - begun))
+        rows.append({"rmse_deg": error_deg, "unanswered_percent": 100 * unanswered, "update_ms": update_ms,
+                     "ms": np.percentile(ms, (25, 50, 75)).tolist()})  # fmt: skip
+    return rows
 
 
 @dataclass(frozen=True)
-class ForwardModelError(Study):
-    """LWPR (each sample once, as in the paper; and all of them again and again), a Gaussian process, turning joints."""
+class ForwardModel(Study):
+    """The model of revolute joints, LWPR as in J, and other regressors, learned from the same fixated postures."""
 
     seed: int = 0
     """Seed of the babbling."""
-    n_replays: int = 4
-    """How often LWPR sees each sample in the curve with replay."""
+    sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, _N_TRAIN)
+    """Samples after which each is judged."""
 
     def run(self) -> dict[str, Any]:
-        """RMSE (degrees) at each number of samples where there is an answer, and the share where there is none."""
-        if self.n_replays < 1:
-            raise ValueError(f"bench reach forward_model: --n-replays {self.n_replays}; expected at least 1")
-        train, test = babbled_sets(self.seed)
-        sizes = [100, 200, 400, 800, 1600, 3000, _N_TRAIN]
-        once, process = ArmToGaze(LocalModels(4, 3, LWPR_OF_THE_ARM)), ArmToGaze(GaussianProcess())
-        turning = TurningJoints()
-        online: tuple[Model, ...] = (once, process, turning)
-        names = ("LWPR, each sample once", "LWPR, replayed", "Gaussian process", "turning joints")
-        curves: dict[str, list[float]] = {name: [] for name in names}
-        silent: dict[str, list[float]] = {name: [] for name in names}
-        before = 0
-        for n in tqdm(sizes, desc="samples", disable=None):
-            new = slice(before, n)
-            replayed = ArmToGaze(LocalModels(4, 3, LWPR_OF_THE_ARM))
-            rng = np.random.default_rng(self.seed)
-            for _ in range(self.n_replays):
-                order = rng.permutation(n)
-                replayed.learn(train.arm_rad[order], train.gaze_rad[order])
-            for model in online:
-                model.learn(train.arm_rad[new], train.gaze_rad[new])
-            before = n
-            judged_now: tuple[Model, ...] = (once, replayed, process, turning)
-            for name, judged in zip(names, judged_now, strict=True):
-                error, unanswered = score(judged, test)
-                curves[name].append(float(f"{error:.4g}"))
-                silent[name].append(round(unanswered, 4))
-        return {
-            "fixated_of_20000": len(train.arm_rad),
-            "samples": sizes,
-            "rmse_deg": curves,
-            "unanswered": silent,
-            "paper_deg": _PAPER_DEG,
-            "goals_deg": _GOALS_DEG,
-        }
+        """Return, by method, a row for every number of samples, on 700 postures that none has seen."""
+        train, test = samples(self.seed)
+        ends = zip((0, *self.sizes), self.sizes, strict=False)
+        sets = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
+        found = {}
+        for name, make in tqdm(METHODS.items(), desc="forward models", disable=None):
+            found[name] = learn_and_time(make(), sets, test)
+        return {"fixated_percent": 100 * len(train.arm_rad) / _N_TRIED, "samples": self.sizes, "methods": found}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Error over samples, both logarithmic."""
-        figure, (axis,) = panels(1, 6.4, 4.4)
-        for name, curve in numbers["rmse_deg"].items():
-            samples, error = np.array(numbers["samples"]), np.array(curve, dtype=float)
-            (line,) = axis.plot(samples, error, "o-", ms=5, label=name)
-            partly = np.array(numbers["unanswered"][name]) > 0.01
-            axis.plot(samples[partly], error[partly], "o", ms=5, mec=line.get_color(), mfc="white")
-        axis.plot([], [], "o", ms=5, mec="0.4", mfc="white", label="no answer to more than 1 %")
-        axis.plot(numbers["samples"][-1], numbers["paper_deg"], "k*", ms=10, label="the paper's LWPR")
-        for name, goal in numbers["goals_deg"].items():
-            axis.axhline(goal, color="0.4", lw=0.8, ls="--")
-            axis.annotate(
-                f"goal, {name}", (numbers["samples"][len(numbers["samples"]) // 2], goal), va="bottom", fontsize=7
-            )
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_xlabel("fixated arm postures learned from")
-        axis.set_ylabel("gaze RMSE on 700 others (°)")
-        axis.set_title("Forward model arm → gaze, taught by babbling (J Fig 2)", fontsize=10)
-        axis.legend(fontsize=8, loc="upper right", bbox_to_anchor=(0.99, 0.5))
-        axis.grid(alpha=0.25, which="both")
+        """Draw error over samples; time of a query and of an update against the error with all samples."""
+        found = numbers["methods"]
+        figure, (curves, query, update) = charts.panels(3, width=5.2)
+        series = {name: [row["rmse_deg"] for row in rows] for name, rows in found.items()}
+        charts.curves(curves, numbers["samples"], series, "fixated postures learned from", "gaze RMSE (°)")
+        curves.plot(_N_TRAIN, jamone.RESULTS["forward_model_deg"], "k*", ms=10, label="J's LWPR")
+        curves.set(xscale="log", yscale="log", title="arm → gaze, learned by babbling (J Fig 2)")
+        curves.legend(fontsize=7)
+        last = {name: rows[-1] for name, rows in found.items()}
+        rmse = "gaze RMSE (°)"
+        charts.speed_error(query, last, "rmse_deg", _BASELINES, _DEFAULT, "query of one posture (ms)", rmse)
+        last = {name: {**row, "ms": row["update_ms"]} for name, row in last.items()}
+        charts.speed_error(update, last, "rmse_deg", _BASELINES, _DEFAULT, "update (ms per sample)", rmse)
+        query.legend(fontsize=7)
         return figure

@@ -1,151 +1,133 @@
-"""LWPR on the cross function, beside what the authors' library gives (FACTS §6)."""
+"""LWPR on the cross function: receptive fields, error and update time beside the authors' C library."""
 
 from dataclasses import dataclass, replace
 from time import process_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from tqdm import tqdm
 
+from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
-from pps_vision.experiments.chart import panels
 from pps_vision.experiments.study import Study
 from pps_vision.types import Array
 
-_ADAPTS = LWPRParams(init_D=50, w_gen=0.2, metric=MetricParams(rate=250))
 _GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
+_ADAPTING = LWPRParams(init_D=50, w_gen=0.2, metric=MetricParams(rate=250))
 
 
-@dataclass(frozen=True)
-class Case:
-    """How LWPR is taught `n_points` noisy points `n_epochs` times, and what the authors' library gave: the least and
-    the greatest of five seeds' receptive fields (where quoted) and normalised errors."""
+class Setting(NamedTuple):
+    """How LWPR is trained, and what five seeds of the authors' C library gave, lowest and highest."""
 
     params: LWPRParams
     n_points: int
     n_epochs: int
     gaussian: bool
-    """Noise of standard deviation .1, as in the authors' own script of this case, instead of ±.05 evenly."""
-    fields: tuple[int, int] | None
-    nmse: tuple[float, float]
+    """Noise of standard deviation 0.1, as in the authors' script of this setting; else uniform within ±0.05."""
+    authors_fields: tuple[int, int] | None
+    """Receptive fields."""
+    authors_nmse: tuple[float, float]
+    """Normalised mean squared error."""
 
 
-CASES = {
-    "adapting": Case(_ADAPTS, 20_000, 1, False, (54, 58), (0.019, 0.022)),
-    "full metrics, adapting rates": Case(
-        replace(_ADAPTS, init_D=25, metric=MetricParams(rate=250, full=True, meta_rate=250)),
+SETTINGS = {
+    "adapting metrics": Setting(_ADAPTING, 20_000, 1, False, (54, 58), (0.019, 0.022)),
+    "full metrics, adapting rates": Setting(
+        replace(_ADAPTING, init_D=25, metric=MetricParams(rate=250, full=True, meta_rate=250)),
         *(500, 20, True, (38, 43), (0.032, 0.043)),
     ),
-    "not adapting": Case(replace(_ADAPTS, metric=MetricParams(rate=0)), 20_000, 1, False, None, (0.058, 0.065)),
+    "constant metrics": Setting(
+        replace(_ADAPTING, metric=MetricParams(rate=0)), 20_000, 1, False, None, (0.058, 0.065)
+    ),
 }
 
 
 def cross(x: Array) -> Array:
-    """(N,) the cross function of points (N, 2)."""
+    """Return (N,) the cross function of points (N, 2) (Schaal, Atkeson & Vijayakumar 2002)."""
     ridges = np.exp(-10 * x[:, 0] ** 2), np.exp(-50 * x[:, 1] ** 2), 1.25 * np.exp(-5 * np.sum(x**2, axis=1))
     return np.asarray(np.max(ridges, axis=0))
 
 
-def _noise(case: Case, n: int, rng: np.random.Generator) -> Array:
-    return rng.normal(0, 0.1, n) if case.gaussian else rng.uniform(-0.05, 0.05, n)
+def noise(setting: Setting, n: int, rng: np.random.Generator) -> Array:
+    """Return (n,) the noise of observations."""
+    return rng.normal(0, 0.1, n) if setting.gaussian else rng.uniform(-0.05, 0.05, n)
 
 
-def taught(case: Case, rng: np.random.Generator, share: float = 1.0) -> tuple[LWPR, float]:
-    """A model after a `share` of the case's points, and the CPU seconds an update took."""
-    x = rng.uniform(-1, 1, (round(share * case.n_points), 2))
-    y = cross(x) + _noise(case, len(x), rng)
-    model = LWPR(2, 1, case.params)
+def train(setting: Setting, rng: np.random.Generator, share: float = 1.0) -> tuple[LWPR, float]:
+    """Return a model after a `share` of the setting's points, and the processor time per update (µs)."""
+    x = rng.uniform(-1, 1, (round(share * setting.n_points), 2))
+    y = cross(x) + noise(setting, len(x), rng)
+    model = LWPR(2, 1, setting.params)
     begun = process_time()
-    for _ in range(case.n_epochs):
+    for _ in range(setting.n_epochs):
         for k in rng.permutation(len(x)):
             model.update(x[k], y[k : k + 1])
-    return model, (process_time() - begun) / (case.n_epochs * len(x))
+    return model, 1e6 * (process_time() - begun) / (setting.n_epochs * len(x))
 
 
-def nmse(model: LWPR) -> float:
-    """Mean squared error on a 41×41 grid over the variance of the function there."""
-    truth = cross(_GRID)
-    return float(np.mean((model.predict(_GRID).mean[:, 0] - truth) ** 2) / truth.var())
-
-
-def covered(model: LWPR, case: Case, rng: np.random.Generator) -> tuple[float, ...]:
-    """The share of the grid where the truth, and where a new noisy observation, is within one and within two of the
-    model's standard deviations; 68 and 95 % would be a normal distribution's."""
+def judge(model: LWPR, setting: Setting, rng: np.random.Generator) -> dict[str, float]:
+    """Return fields, normalised error on a 41×41 grid, coverage of 1 and 2 standard deviations (%), query time (µs)."""
+    begun = process_time()
+    for x in _GRID[::4]:
+        model.predict(x[None])
+    query_us = 1e6 * (process_time() - begun) / len(_GRID[::4])
     answer, truth = model.predict(_GRID), cross(_GRID)
-    seen = truth + _noise(case, len(truth), rng)
-    return tuple(
-        float(np.mean(np.abs(answer.mean[:, 0] - y) <= times * answer.std[:, 0]))
-        for y in (truth, seen)
-        for times in (1, 2)
-    )
+    observed = truth + noise(setting, len(truth), rng)
+    mean, std = answer.mean[:, 0], answer.std[:, 0]
+    return {
+        "fields": int(model.n_fields[0]),
+        "nmse": float(np.mean((mean - truth) ** 2) / truth.var()),
+        "observations_within_1_std": 100 * float(np.mean(np.abs(mean - observed) <= std)),
+        "observations_within_2_std": 100 * float(np.mean(np.abs(mean - observed) <= 2 * std)),
+        "query_us": query_us,
+    }
 
 
 @dataclass(frozen=True)
-class CrossFunction(Study):
-    """Receptive fields and errors of LWPR, and whether one model of two outputs is two models."""
+class LwprCross(Study):
+    """LWPR, the regressor of J, on the function by which its authors judge it, in three settings."""
 
     seed: int = 0
-    """Seed of the first model of each kind; the others count up."""
+    """Seed of the first model of each setting; the others count up."""
     n: int = 5
-    """Models of each kind."""
+    """Models per setting, the independent units."""
+    share: float = 1.0
+    """Share of the training points."""
 
     def run(self) -> dict[str, Any]:
-        """By case: fields, normalised errors, the authors' ranges, what the bounds cover (the truth within one and two
-        standard deviations, then observations), µs an update and a query (CPU time)."""
+        """Return by setting what each model gave, beside the authors' ranges."""
         if self.n < 1:
-            raise ValueError(f"bench reach lwpr: --n {self.n}; expected at least 1")
-        cases = {name: self._measure(name, case) for name, case in CASES.items()}
-        return {"cases": cases, "two_outputs_differ_by": self._two_outputs()}
-
-    def _measure(self, name: str, case: Case) -> dict[str, Any]:
-        fields, errors, coverage, update_us, query_us = [], [], [], [], []
-        for seed in tqdm(range(self.seed, self.seed + self.n), desc=name, disable=None):
-            model, seconds = taught(case, np.random.default_rng(seed))
-            fields.append(int(model.n_fields[0]))
-            errors.append(round(nmse(model), 4))
-            coverage.append(covered(model, case, np.random.default_rng(seed)))
-            update_us.append(1e6 * seconds)
-            begun = process_time()
-            for x in _GRID[::4]:
-                model.predict(x[None])
-            query_us.append(1e6 * (process_time() - begun) / len(_GRID[::4]))
-        return {
-            "fields": fields,
-            "nmse": errors,
-            "authors_fields": case.fields,
-            "authors_nmse": case.nmse,
-            "covered": np.mean(coverage, axis=0).round(3).tolist(),
-            "update_us": round(min(update_us)),
-            "query_us": round(min(query_us)),
-        }
-
-    def _two_outputs(self) -> float:
-        """The greatest difference on the grid between one model of two outputs and two models."""
-        rng = np.random.default_rng(self.seed)
-        x = rng.uniform(-1, 1, (2000, 2))
-        y = np.stack([cross(x) + rng.uniform(-0.05, 0.05, len(x)), np.sin(3 * x[:, 0])], axis=1)
-        models = [LWPR(2, 2, _ADAPTS), LWPR(2, 1, _ADAPTS), LWPR(2, 1, _ADAPTS)]
-        for at, (first, second) in zip(x, y, strict=True):
-            for model, answer in zip(models, ((first, second), (first,), (second,)), strict=True):
-                model.update(at, answer)
-        together, *alone = (model.predict(_GRID).mean for model in models)
-        return float(np.abs(together - np.concatenate(alone, axis=1)).max())
+            raise ValueError(f"n {self.n}: expected at least 1")
+        found = {}
+        for name, setting in SETTINGS.items():
+            rows = []
+            for seed in tqdm(range(self.seed, self.seed + self.n), desc=name, disable=None):
+                model, update_us = train(setting, np.random.default_rng(seed), self.share)
+                rows.append({**judge(model, setting, np.random.default_rng(seed)), "update_us": update_us})
+            columns = {key: [row[key] for row in rows] for key in rows[0]}
+            authors = {"authors_fields": setting.authors_fields, "authors_nmse": setting.authors_nmse}
+            found[name] = {**columns, **authors}
+        return {"settings": found}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Fields against error: each model a dot, the authors' ranges as boxes."""
-        figure, (axis,) = panels(1)
-        for color, (name, case) in zip(("tab:blue", "tab:green", "tab:orange"), numbers["cases"].items(), strict=True):
-            axis.plot(case["fields"], case["nmse"], "o", color=color, label=f"ours: {name}", ms=5)
-            low, high = case["authors_nmse"]
-            left, right = case["authors_fields"] or (min(case["fields"]), max(case["fields"]))
-            axis.add_patch(Rectangle((left, low), right - left, high - low, color=color, alpha=0.2, lw=0))
-        axis.set_xlabel("receptive fields")
-        axis.set_ylabel("normalised mean squared error")
-        axis.set_ylim(0, None)
-        axis.set_title("Cross function; shaded: the authors' library (of five seeds)", fontsize=9)
-        axis.legend(fontsize=8)
-        axis.grid(alpha=0.25)
+        """Draw fields against error, a dot per model and the authors' ranges shaded; update time against error."""
+        figure, (fields, time) = charts.panels(2)
+        for k, (name, row) in enumerate(numbers["settings"].items()):
+            fields.plot(row["fields"], row["nmse"], "o", color=f"C{k}", ms=5, label=name)
+            (left, right), (low, high) = row["authors_fields"] or (np.sort(row["fields"])[[0, -1]]), row["authors_nmse"]
+            fields.add_patch(Rectangle((left, low), right - left, high - low, color=f"C{k}", alpha=0.2, lw=0))
+        fields.set(xlabel="receptive fields", ylabel="normalised mean squared error", ylim=(0, None))
+        fields.set_title("shaded: the authors' library, five seeds", fontsize=9)
+        fields.legend(fontsize=8)
+        fields.grid(alpha=0.25)
+        rows = {
+            name: {"ms": np.percentile(row["update_us"], (25, 50, 75)).tolist(), "nmse": float(np.mean(row["nmse"]))}
+            for name, row in numbers["settings"].items()
+        }
+        charts.speed_error(
+            time, rows, "nmse", rows, time="processor time per update (µs)", error="normalised mean squared error"
+        )
         return figure

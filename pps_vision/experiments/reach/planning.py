@@ -1,197 +1,227 @@
-"""Objects out of reach, brought into reach by turning the torso while the eyes stay on them, and touched.
+"""Objects out of reach of the upright robot: the torso turns until the map calls them reachable, then the arm moves.
 
-By kinematics: the robot's joints obey, what is fixated is known.  How many of those that some torso posture could
-bring into reach are; what fixation loses meanwhile, with the head turning along by the learned relation or only after
-what it sees; and what the learned relation is worth against the true kinematics.
+By kinematics: joints obey and the fixated point is known.  The truth, from which torso posture a point can be fixated
+and reached, is closed form on a grid of torso postures.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.reach.torso_gaze import TorsoFrame, TorsoToGaze, turn_torso
-from pps_vision.experiments.chart import panels
-from pps_vision.experiments.reach.planning_attempt import DT_S, Attempt, attempt
-from pps_vision.experiments.reach.planning_world import GAZE, PlanningWorld, Truth
-from pps_vision.experiments.study import Study
-from pps_vision.robot.gaze import fixation_points, gaze_for_points
+from control import fixation, into_reach
+from control.fixation import FixationParams, fixation_error, gaze_at
+from control.into_reach import IntoReachParams, IntoReachState, Learned
+from learning.reach.torso_gaze import TorsoFrame, TorsoToGaze, random_gaze, torso_limits, turn_torso
+from learning.reach.training import ArmLimits, MapParams, ReachOracle, train_reachable_map
+from pps_vision.experiments import charts
+from pps_vision.experiments.reach.map_truth import closed_form
+from pps_vision.experiments.study import Study, rms
+from pps_vision.robot.gaze import GazeLimits, fixated_gaze, fixation_points, gaze_for_points
+from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
 
-_TOUCH_M, _HELD_RAD = 0.01, np.deg2rad(2.0)
-_DEFAULT_TURNS = 600
+_DEG = np.pi / 180
+_GAZE = GazeLimits(pitch_rad=(-40 * _DEG, 30 * _DEG))  # J's, within the pitch of the iCub's own neck
+_ARM = ArmLimits(upper_rad=(5 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG))  # J's, within the iCub's own first joint
+_PARAMS = MapParams(_GAZE, _ARM)
+_PLAN = IntoReachParams()
+_MAX_FP, _N_TURNS, _TRUTH_STEP_RAD = 1e-4, 600, 2 * _DEG
+_DT_S, _LONGEST_S, _TOUCH_M, _HELD_RAD = 0.05, 20.0, 0.01, 2 * _DEG
+
+
+def learn(robot: Robot, seed: int, n_labels: int) -> Learned:
+    """Learn the right arm's map, and how the gaze follows the torso from 600 small turns."""
+    rng = np.random.default_rng(seed)
+    params = replace(_PARAMS, n_labels=n_labels, round_labels=min(_PARAMS.round_labels, n_labels // 2))
+    learned = train_reachable_map(robot, _PLAN.side, rng, params)
+    relation = TorsoToGaze()
+    relation.learn(turn_torso(robot, _N_TURNS, rng, _GAZE))
+    oracle = ReachOracle(robot, _PLAN.side, params, rng)
+
+    def hand_to(gaze: Array) -> tuple[Array, float]:
+        found = oracle.solve(gaze[None])
+        return found.q_rad[0], float(found.error[0])
+
+    return Learned(partial(learned.query, threshold=learned.threshold(_MAX_FP)), relation, hand_to)
+
+
+class TorsoTruth:
+    """Whether a point can be reached with the torso upright, or from some torso posture of a grid of 2°."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._arm, self._frame = robot, closed_form(robot, _PLAN.side, _ARM), TorsoFrame(robot)
+        axes = [np.arange(low, high + 1e-9, _TRUTH_STEP_RAD) for low, high in zip(*torso_limits(robot), strict=True)]
+        self._torso = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def reaches(self, points: Array) -> Mask:
+        """Return whether the hand reaches points (N, 3) with the torso upright."""
+        return np.isfinite(self._arm.solve(points)[:, 0])
+
+    def smallest_turn(self, point: Array) -> float:
+        """Return by how much (rad) the torso must turn to fixate and reach a point; inf where no turn does."""
+        around = self._frame.from_upright(self._torso, np.tile(point, (len(self._torso), 1)))
+        reached = np.flatnonzero(self.reaches(around))
+        fixated = np.isfinite(gaze_for_points(self._robot, around[reached], _GAZE)[:, 0])
+        return float(np.linalg.norm(self._torso[reached[fixated]], axis=1).min(initial=np.inf))
+
+    def draw_unreachable(self, n: int, rng: np.random.Generator) -> Array:
+        """Return (n, 3) points to fixate, not reach, with the torso upright; uniform in direction and log distance."""
+        points: Array = np.zeros((0, 3))
+        while len(points) < n:
+            more = fixation_points(self._robot, random_gaze(_GAZE, n, rng))
+            points = np.concatenate([points, more[~self.reaches(more)]])
+        return points[:n]
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What became of one object."""
+
+    mode: str
+    """What the planner said last."""
+    palm_off_m: float
+    """Distance of palm and object at the end."""
+    beyond_limits_rad: float
+    """By how much a joint was commanded beyond its limits, at most."""
+    turned_rad: float
+    """How far the torso turned in all."""
+    trace: Array
+    """(T, 4) torso yaw and pitch (rad), degree R, fixation error (rad), every 50 ms."""
+
+    @property
+    def fixation_rad(self) -> float:
+        """The largest fixation error."""
+        return float(self.trace[:, 3].max())
+
+
+def attempt(robot: Robot, learned: Learned, point: Array, head_leads: bool = True) -> Attempt:
+    """Run from fixation with the torso upright until the planner says that the hand is there, or that it cannot be.
+
+    Without `head_leads` the head does not turn along with the torso; fixation alone reacts.
+    """
+    palm = robot.names.palms[("left", "right").index(_PLAN.side)]
+    gaze_joints, torso = robot.indices(robot.names.gaze_joints), robot.indices(robot.names.torso)
+    q = gaze_at(robot, robot.clamp(np.zeros(robot.n_joints)), point)
+    state, trace, turned, beyond = IntoReachState(), [], 0.0, 0.0
+    for t in np.arange(0, _LONGEST_S, _DT_S):
+        posture = robot.at(q)
+        gaze = fixated_gaze(posture, _GAZE)
+        state, command = into_reach.step(_PLAN, learned, state, posture, gaze, _DT_S, t)
+        trace.append([*q[torso], float(learned.judge(gaze[None]).degree[0]), fixation_error(posture, point)])
+        if state.mode in ("there", "out of reach"):
+            break
+        dq = command.dq_rad_s.copy()
+        dq[gaze_joints] *= head_leads
+        dq += fixation.step(FixationParams(), posture, point, dt_s=_DT_S, stamp_s=t).dq_rad_s
+        turned += _DT_S * float(np.linalg.norm(dq[torso]))
+        commanded = q + _DT_S * dq
+        q = robot.clamp(commanded)
+        beyond = max(beyond, float(np.abs(commanded - q).max()))
+    palm_off_m = float(np.linalg.norm(robot.at(q).point(palm) - point))
+    return Attempt(state.mode, palm_off_m, beyond, turned, np.array(trace))
 
 
 @dataclass(frozen=True)
 class Planning(Study):
-    """The right hand's objects, in all directions and as many near as far, none within reach at first."""
+    """Objects that the right hand reaches only with the torso turned: touched, refused, and fixation meanwhile."""
 
     seed: int = 0
     """Seed of the learning and the objects."""
     n: int = 200
-    """Objects."""
+    """Objects out of reach of the upright robot."""
     n_labels: int = 12_000
     """Inverse-kinematics solutions the map is learned from."""
-    turns: tuple[int, ...] = (30, 100, 300, _DEFAULT_TURNS, 1200)
-    """Points the torso is turned about, for the learned relation's error."""
 
     def run(self) -> dict[str, Any]:
-        """Counts, and quartiles over what was brought into reach; the error of the learned relation."""
+        """Return counts; median, 95 % quantile and maximum over the objects touched; the learned relation's error."""
         if self.n < 1:
-            raise ValueError(f"bench reach planning: --n {self.n}; expected at least 1")
-        world = PlanningWorld.make(self.seed, self.n_labels)
-        truth, rng = Truth(world.robot), np.random.default_rng(self.seed + 1_000_000)
-        points = truth.unreachable(self.n, rng)
-        least = np.array([truth.least_turn(point) for point in points])
-        attempts = [attempt(world, point) for point in tqdm(points, desc="objects", disable=None)]
-        lagging = [attempt(world, point, leads=False) for point in points[np.isfinite(least)][: self.n // 8]]
-        touched = np.array([a.palm_off_m <= _TOUCH_M for a in attempts])
-        brought = [a for a, t in zip(attempts, touched, strict=True) if t]
-        shown = max(brought, key=lambda a: a.turned_rad, default=attempts[0])
+            raise ValueError(f"n {self.n}: expected at least 1")
+        robot = load_icub()
+        learned, truth, rng = (
+            learn(robot, self.seed, self.n_labels),
+            TorsoTruth(robot),
+            np.random.default_rng(self.seed + 1_000_000),
+        )
+        points = truth.draw_unreachable(self.n, rng)
+        smallest = np.array([truth.smallest_turn(point) for point in points])
+        possible = np.isfinite(smallest)
+        attempts = [attempt(robot, learned, point) for point in tqdm(points, desc="objects", disable=None)]
+        touched = np.array([one.palm_off_m <= _TOUCH_M for one in attempts])
+        refused = np.array([one.mode == "out of reach" for one in attempts])
+        brought = [one for one, t in zip(attempts, touched, strict=True) if t]
+        reacting = [attempt(robot, learned, point, head_leads=False) for point in points[possible][: self.n // 8]]
+        longest = max(brought, key=lambda one: one.turned_rad, default=attempts[0])
         return {
             "objects": self.n,
-            **_counts(attempts, touched, np.isfinite(least)),
-            **_spreads(brought),
-            "turned_over_least": _spread(
-                [a.turned_rad / turn for a, turn, t in zip(attempts, least, touched, strict=True) if t]
+            "reachable_with_torso": int(possible.sum()),
+            "touched": int((touched & possible).sum()),
+            "touched_against_truth": int((touched & ~possible).sum()),
+            "refused_rightly": int((refused & ~possible).sum()),
+            "refused_wrongly": int((refused & possible).sum()),
+            "neither": int((~touched & ~refused).sum()),
+            "fixation_within_2_deg": sum(one.fixation_rad <= _HELD_RAD for one in brought),
+            "palm_off_mm": _spread([1000 * one.palm_off_m for one in brought]),
+            "fixation_error_deg": _spread([one.fixation_rad / _DEG for one in brought]),
+            "fixation_error_head_reacting_deg": _spread(
+                [one.fixation_rad / _DEG for one in reacting if one.palm_off_m <= _TOUCH_M]
             ),
-            "worst_fixation_error_without_the_relation_deg": _spread(
-                [np.rad2deg(a.fixation_rad) for a in lagging if a.palm_off_m <= _TOUCH_M]
+            "seconds": _spread([_DT_S * len(one.trace) for one in brought]),
+            "turned_deg": _spread([one.turned_rad / _DEG for one in brought]),
+            "turned_when_refused_deg": _spread(
+                [one.turned_rad / _DEG for one in np.array(attempts)[refused & ~possible]]
             ),
-            "beyond_joint_limits_deg": float(np.rad2deg(max(a.beyond_limits_rad for a in attempts))),
-            "fastest_joint_deg_s": float(np.rad2deg(max(a.fastest_rad_s for a in attempts))),
-            "relation": relation_errors(world.robot, self.seed, self.turns),
+            "beyond_limits_deg": max(one.beyond_limits_rad for one in attempts) / _DEG,
+            "relation_rms_deg": relation_error_deg(robot, learned, rng),
             "each": {
-                "least_turn_deg": [float(np.rad2deg(t)) if np.isfinite(t) else None for t in least],
-                "turned_deg": [float(np.rad2deg(a.turned_rad)) for a in attempts],
+                "smallest_turn_deg": np.where(possible, smallest / _DEG, np.nan).round(2).tolist(),
+                "turned_deg": [round(one.turned_rad / _DEG, 2) for one in attempts],
                 "touched": touched.tolist(),
             },
-            "shown": shown.trace.round(5).tolist(),
+            "longest_turn": longest.trace.round(4).tolist(),
         }
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """One object's way; how far the torso turned against how far it had to; the learned relation's error."""
-        figure, (way, length, relation) = panels(3, 4.6)
-        _draw_way(way, np.array(numbers["shown"]))
-        each = numbers["each"]
-        for said, name, color in ((True, "touched", "C2"), (False, "not touched", "C3")):
-            rows = [
-                (least, turned)
-                for least, turned, t in zip(each["least_turn_deg"], each["turned_deg"], each["touched"], strict=True)
-                if t == said and least is not None
-            ]
-            length.plot(*np.array(rows).reshape(-1, 2).T, "o", ms=4, alpha=0.6, color=color, label=name)
-        top = max([t for t in each["turned_deg"] if t is not None] + [10.0])
-        length.plot([0, top], [0, top], "--", color="0.4", lw=1, label="no farther than it had to")
-        n, can = numbers["objects"], numbers["within_reach_of_some_torso_posture"]
-        length.set(xlabel="least turn of the torso that will do (°)", ylabel="turn made, all told (°)")
-        length.set_title(f"{numbers['touched']} touched of {can} that can be, of {n} objects", fontsize=9)
-        length.legend(fontsize=8)
-        rows = numbers["relation"]
-        relation.loglog([r["turns"] for r in rows], [r["rms_deg"] for r in rows], "o-", label="RMS")
-        relation.loglog([r["turns"] for r in rows], [r["p95_deg"] for r in rows], "s-", label="95 %")
-        relation.loglog(
-            [r["turns"] for r in rows],
-            [r["no_relation_rms_deg"] for r in rows],
-            ":",
-            color="0.4",
-            label="RMS, gaze kept still",
-        )
-        default = [r for r in rows if r["turns"] == _DEFAULT_TURNS]
-        relation.plot([r["turns"] for r in default], [r["rms_deg"] for r in default], "o", ms=11, mfc="none", mec="0.2")
-        relation.set(xlabel="points the torso was turned about", ylabel="gaze error after a turn of 1° (°)")
-        relation.set_title("learned relation of torso to gaze (default ringed)", fontsize=9)
-        relation.legend(fontsize=8)
-        for axis in (length, relation):
-            axis.grid(alpha=0.25, which="both")
+        """Draw the turn made against the smallest that suffices, and the attempt with the longest turn over time."""
+        figure, (turns, way) = charts.panels(2, width=5.4)
+        each = {name: np.array(values, dtype=float) for name, values in numbers["each"].items()}
+        for value, name, color in ((1, "touched", "C2"), (0, "not touched", "C3")):
+            which = each["touched"] == value
+            turns.plot(each["smallest_turn_deg"][which], each["turned_deg"][which], "o", ms=4, color=color, label=name)
+        turns.axline((0, 0), slope=1, color="0.4", ls="--", lw=1, label="smallest turn")
+        turns.set(xlabel="smallest turn of the torso that suffices (°)", ylabel="turn made (°)")
+        turns.set_title(f"{numbers['touched']} of {numbers['reachable_with_torso']} reachable touched", fontsize=10)
+        yaw, pitch, degree, error = np.array(numbers["longest_turn"], dtype=float).T
+        series = {"torso yaw (°)": yaw / _DEG, "torso pitch (°)": pitch / _DEG,
+                  "fixation error (0.1°)": 10 * error / _DEG, "degree R (%)": 100 * degree}  # fmt: skip
+        for name, values in series.items():
+            way.plot(_DT_S * np.arange(len(values)), values, label=name)
+        way.set(xlabel="time (s)", title="longest turn")
+        for axis in (turns, way):
+            axis.legend(fontsize=8)
+            axis.grid(alpha=0.25)
         return figure
 
 
-def _counts(attempts: list[Attempt], touched: Mask, can: Mask) -> dict[str, Any]:
-    """What became of the objects that some torso posture brings into reach, and of the others."""
-    refused = np.array([a.said == "out of reach" for a in attempts])
-    there = np.array([a.said == "there" for a in attempts])
-    return {
-        "within_reach_of_some_torso_posture": int(can.sum()),
-        "touched": int((touched & can).sum()),
-        "touched_though_the_truths_grid_says_no": int((touched & ~can).sum()),
-        "said_out_of_reach_rightly": int((refused & ~can).sum()),
-        "said_out_of_reach_wrongly": int((refused & can).sum()),
-        "said_there_and_not_touched": int((there & ~touched).sum()),
-        "said_neither": int((~there & ~refused).sum()),
-        "turned_though_hopeless_deg": _spread(
-            [np.rad2deg(a.turned_rad) for a, c in zip(attempts, can, strict=True) if not c]
-        ),
-    }
-
-
-def _spreads(brought: list[Attempt]) -> dict[str, Any]:
-    """What it took to bring objects into reach."""
-    return {
-        "palm_off_mm": _spread([1000 * a.palm_off_m for a in brought]),
-        "worst_fixation_error_deg": _spread([np.rad2deg(a.fixation_rad) for a in brought]),
-        "held_within_2_deg": sum(a.fixation_rad <= _HELD_RAD for a in brought),
-        "seconds": _spread([a.seconds for a in brought]),
-        "turned_deg": _spread([np.rad2deg(a.turned_rad) for a in brought]),
-    }
-
-
-def relation_errors(robot: Robot, seed: int, sizes: tuple[int, ...], n_test: int = 500) -> list[dict[str, float]]:
-    """By number of points turned about: how far the gaze expected after a turn of 1° is from the one that fixates."""
-    rng = np.random.default_rng(seed + 2_000_000)
-    test, frame = turn_torso(robot, n_test, rng, GAZE), TorsoFrame(robot)
+def relation_error_deg(robot: Robot, learned: Learned, rng: np.random.Generator) -> dict[str, float]:
+    """Return the RMS gaze error after a turn of 1° by the learned relation, and with the gaze held still."""
+    test, frame = turn_torso(robot, 500, rng, _GAZE), TorsoFrame(robot)
     angle = rng.uniform(0, 2 * np.pi, len(test.gaze_rad))
-    turns = np.deg2rad(1.0) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    turns = _DEG * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = frame.to_root(test.torso_rad, fixation_points(robot, test.gaze_rad))
-    true = gaze_for_points(
-        robot, frame.from_upright(test.torso_rad + turns, points), replace(GAZE, vergence_rad=(0.01, 2.0))
+    unlimited = replace(_GAZE, vergence_rad=(0.01, 2.0))
+    true = gaze_for_points(robot, frame.from_upright(test.torso_rad + turns, points), unlimited)
+    said = np.array(
+        [learned.keeps(*one[:2], one[2][None])[0] for one in zip(test.gaze_rad, test.torso_rad, turns, strict=True)]
     )
-    train = turn_torso(robot, 2 * max(sizes), np.random.default_rng(seed), GAZE)
-    rows = []
-    for n in sizes:
-        relation = TorsoToGaze()
-        relation.learn(
-            replace(train, gaze_rad=train.gaze_rad[:n], torso_rad=train.torso_rad[:n], after_rad=train.after_rad[:n])
-        )
-        said = np.array(
-            [relation(g, t, turn[None])[0] for g, t, turn in zip(test.gaze_rad, test.torso_rad, turns, strict=True)]
-        )
-        off = np.rad2deg(np.abs(said - true).max(axis=1))
-        still = np.rad2deg(np.abs(test.gaze_rad - true).max(axis=1))
-        known = np.isfinite(off)
-        rows.append(
-            {
-                "turns": n,
-                "rms_deg": float(np.sqrt(np.mean(off[known] ** 2))),
-                "p95_deg": float(np.quantile(off[known], 0.95)),
-                "median_deg": float(np.median(off[known])),
-                "no_relation_rms_deg": float(np.sqrt(np.mean(still[known] ** 2))),
-            }
-        )
-    return rows
+    known = np.isfinite(true).all(axis=1)
+    return {"learned": rms((said - true)[known]) / _DEG, "gaze held still": rms((test.gaze_rad - true)[known]) / _DEG}
 
 
-def _spread(values: list[float]) -> dict[str, float] | None:
-    if not values:
-        return None
-    median, p95, worst = np.quantile(values, (0.5, 0.95, 1.0))
-    return {"median": float(median), "p95": float(p95), "worst": float(worst)}
-
-
-def _draw_way(axis: Axes, trace: Array) -> None:
-    t = DT_S * np.arange(len(trace))
-    axis.plot(t, np.rad2deg(trace[:, 0]), label="torso yaw (°)")
-    axis.plot(t, np.rad2deg(trace[:, 1]), label="torso pitch (°)")
-    axis.plot(t, 10 * np.rad2deg(trace[:, 3]), color="C3", lw=1, label="fixation error (0.1°)")
-    axis.set(xlabel="time (s)", ylabel="angle")
-    axis.legend(fontsize=8, loc="lower left")
-    axis.grid(alpha=0.25)
-    degree = axis.twinx()
-    degree.plot(t, trace[:, 2], color="0.3", ls="--", label="degree R")
-    degree.axhline(0.5, color="0.6", lw=0.8)
-    degree.set(ylim=(0, 1), ylabel="degree R (dashed; reachable above 0.5)")
-    axis.set_title("the object that took the longest turn", fontsize=9)
+def _spread(values: list[float]) -> list[float]:
+    """Return median, 95 % quantile and maximum."""
+    return np.quantile(values, (0.5, 0.95, 1.0)).tolist() if values else [np.nan] * 3

@@ -1,42 +1,59 @@
-"""Maps and solvers of reachable space, briefly: what the full bench says of many labels, said of few."""
+"""Maps and solvers in small, against closed-form inverse kinematics."""
 
 import numpy as np
 import pytest
 from data import SEED
 
+from learning.reach.map import MapPrediction
+from pps_vision.experiments.reach.map_truth import scores
 from pps_vision.experiments.reach.maps import Maps
+from pps_vision.experiments.reach.measures import Measures
 from pps_vision.experiments.reach.solvers import Solvers
 
 
-def test_ours_needs_fewer_labels_than_what_one_would_do_at_first():
-    experiment = Maps(SEED, n_test=1500, labels=(1000,))
-    numbers = experiment.run()
-    ours, *peers = (rows[-1] for rows in numbers["methods"].values())
+def test_scores_of_a_known_map() -> None:
+    """Four reachable of which one is missed, one unreachable of which none is; R is off by 0.1 where it is known."""
+    yes = np.array([True, True, True, False, False])
+    truth = np.array([True, True, True, True, False])
+    degree = np.array([0.9, 0.8, 0.7, 0.4, 0.2])
+    said = MapPrediction(yes, yes, yes.astype(float), degree + np.array([0.1, -0.1, 0.1, -0.1, np.nan]))
+    found = scores(said, truth, degree)
+    assert found == {"je": 20, "fn": 25, "fp": 0, "degree_rmse": pytest.approx(0.1)}
+
+
+def test_ours_needs_fewer_labels_than_the_baselines() -> None:
+    study = Maps(SEED, n_test=1500, labels=(1000,))
+    numbers = study.run()
+    (ours,) = numbers["ours"]
     assert ours["je"] < 2
-    assert all(ours["je"] < 0.6 * peer["je"] for peer in peers)
+    assert all(ours["je"] < 0.6 * rows[0]["je"] for rows in numbers["baselines"].values())
     assert ours["degree_rmse"] < 0.04
-    assert numbers["query"]["in_batch_us"] < 5
     strict = [row["fp"] for row in numbers["thresholds"]]
     assert strict == sorted(strict)
-    assert set(experiment.chart(numbers)) == {"", "threshold"}
+    assert set(study.chart(numbers)) == {"", "threshold"}
 
 
-def test_the_batch_is_faster_and_no_worse():
-    experiment = Solvers(SEED, n=600, n_alone=12)
-    numbers = experiment.run()
-    for name, row in numbers["solvers"].items():
-        if "ms" in row:
-            assert row["with_union_percent"] >= 90, name
-    batch = numbers["solvers"]["batch, NumPy, 2 starts"]
-    assert batch["missed"] <= 3
-    assert batch["optimality_rms"] < 0.02
-    assert batch["ms"] < numbers["solvers"]["SciPy, 1 start"]["ms"]
-    assert np.isfinite([row["optimality_rms"] for row in numbers["solvers"].values() if "ms" in row]).all()
-    experiment.chart(numbers)
+def test_the_batched_solver_is_faster_and_no_worse() -> None:
+    study = Solvers(SEED, n=600, n_single=12)
+    numbers = study.run()
+    rows = numbers["solvers"]
+    assert all(row["not_union_percent"] <= 10 for row in rows.values())
+    batched = rows["batched (NumPy), 2 starts"]
+    assert batched["missed"] <= 3
+    assert batched["optimality_lost"] < 0.02
+    assert batched["ms"] < rows["SciPy, 1 start"]["ms"]
+    assert len(study.chart(numbers).axes) == 2
 
 
-def test_what_cannot_be_measured():
-    with pytest.raises(ValueError, match="100 at least"):
-        Maps(labels=(50,)).run()
-    with pytest.raises(ValueError, match="--n-alone 3 of --n 2"):
-        Solvers(n=2, n_alone=3).run()
+def test_measures_are_learned_to_a_fraction_of_their_spread() -> None:
+    study = Measures(SEED, n_labels=400, n_test=200, measures=("isotropy",))
+    numbers = study.run()
+    assert set(numbers["maps"]) == {"palm, isotropy", "left_forearm:27, joint-limits"}
+    assert all(row["je"] < 4 for row in numbers["maps"].values())
+    assert all(row["rmse"] < 0.6 * row["spread"] for row in numbers["maps"].values())
+    assert len(study.chart(numbers).axes) == 1
+
+
+def test_more_single_problems_than_problems_is_an_error() -> None:
+    with pytest.raises(ValueError, match="n_single 3 of n 2"):
+        Solvers(n=2, n_single=3).run()

@@ -8,7 +8,7 @@ from data import SEED
 
 from learning.reach.measures import hand_and_params
 from learning.reach.training import MapParams, ReachOracle
-from pps_vision.experiments.reach.measures import Measures, truth
+from pps_vision.experiments.reach.measures import best_measure
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.icub import load_icub
@@ -54,7 +54,7 @@ def test_labels_are_what_the_whole_curve_says(side, end_point, measure, toleranc
     within = gaze_for_points(ROBOT, hand.forward(q)[0], LIMITS)
     gaze = np.concatenate([within[np.isfinite(within[:, 0])], rng.uniform(LIMITS.lower, LIMITS.upper, (100, 3))])
     labels = ReachOracle(ROBOT, side, params, rng, hand).label(gaze)
-    true = truth(ROBOT, side, end_point, params, gaze)
+    true = best_measure(ROBOT, side, end_point, params, gaze)
     assert np.mean(labels.reachable == np.isfinite(true)) >= 0.99
     both = labels.reachable & np.isfinite(true)
     assert both.sum() > 20
@@ -78,8 +78,3 @@ def test_how_a_hand_faces_must_be_known():
     blind = ReachOracle(ROBOT, "right", params, np.random.default_rng(0), replace(hand, normals=None))
     with pytest.raises(ValueError, match="expected its normals"):
         blind.label(np.deg2rad([[10.0, -20.0, 30.0]]))
-
-
-def test_too_few_to_judge_on():
-    with pytest.raises(ValueError, match="--n-test 5"):
-        Measures(n_test=5).run()

@@ -1,0 +1,91 @@
+"""What reachable-space maps are judged by: closed-form inverse kinematics on gaze postures and locations."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from learning.reach.babbling import Babbled
+from learning.reach.map import Labels, MapPrediction
+from learning.reach.training import ArmLimits, MapParams, ReachOracle
+from pps_vision.experiments.reach import jamone
+from pps_vision.experiments.study import percent, rms
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
+from pps_vision.robot.model import Robot
+from pps_vision.robot.spherical_arm import SphericalArm
+from pps_vision.types import Array, Mask
+
+BOX_LOW, BOX_HIGH = np.array([-0.376, -0.10, 0.1524]), np.array([-0.226, 0.10, 0.3524])
+"""J's box of locations in the root frame: X ±0.10, Y 0.75–0.95, Z 0.20–0.35 m of its simulator, whose public code has
+p_sim = (−y, z + 0.5976, −x − 0.026)."""
+_N_BOX = 9000
+
+
+@dataclass(frozen=True)
+class MapTruth:
+    """Gaze postures and locations with their exact answers for the right arm."""
+
+    gaze_rad: Array
+    """(N, 3) gaze postures, uniform within J's limits."""
+    reachable: Mask
+    """(N,) whether the hand reaches what they fixate."""
+    optimality: Array
+    """(N,) 1 − M of the best posture (J IV.7); NaN out of reach."""
+    error_m: Array
+    """(N,) smallest distance of the hand, by the oracle (it has no closed form); NaN where reachable or unknown."""
+    box_gaze_rad: Array
+    """(M, 3) gaze postures that fixate locations of J's box."""
+    box_reachable: Mask
+    """(M,) whether the hand reaches them."""
+
+    @classmethod
+    def of(cls, robot: Robot, n: int, rng: np.random.Generator) -> "MapTruth":
+        """Draw `n` gaze postures and 9000 locations, of which those are kept that can be fixated."""
+        limits = GazeLimits()
+        gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
+        arm = closed_form(robot)
+        _, effort = arm.least_effort(fixation_points(robot, gaze))
+        reachable = np.isfinite(effort)
+        error = np.full(n, np.nan)
+        error[~reachable] = ReachOracle(robot, "right", MapParams(), rng).label(gaze[~reachable]).error_m
+        points = rng.uniform(BOX_LOW, BOX_HIGH, (_N_BOX, 3))
+        box = gaze_for_points(robot, points)
+        fixated = np.isfinite(box[:, 0])
+        return cls(gaze, reachable, 1 - effort, error, box[fixated], np.isfinite(arm.solve(points[fixated])[:, 0]))
+
+    def judge(self, query: Callable[[Array], MapPrediction], max_error_m: float) -> dict[str, float]:
+        """Return JE, FN, FP (percent), the same in J's box, and the RMS error of the degree R."""
+        box = rates(query(self.box_gaze_rad).reachable, self.box_reachable)
+        degree = jamone.degree(self.reachable, self.optimality, self.error_m, max_error_m)
+        return {**scores(query(self.gaze_rad), self.reachable, degree), **{f"box_{k}": v for k, v in box.items()}}
+
+
+def scores(said: MapPrediction, reachable: Mask, degree: Array) -> dict[str, float]:
+    """Return JE, FN, FP (percent), and the RMS error of the degree where both are known."""
+    off = said.degree - degree
+    return {**rates(said.reachable, reachable), "degree_rmse": rms(off[np.isfinite(off)])}
+
+
+def judge_by_labels(query: Callable[[Array], MapPrediction], labels: Labels, max_error_m: float) -> dict[str, float]:
+    """Return the scores against inverse-kinematics labels, as J judges its maps."""
+    degree = jamone.degree(labels.reachable, labels.optimality, labels.error_m, max_error_m)
+    return scores(query(labels.gaze_rad), labels.reachable, degree)
+
+
+def rates(said: Mask, true: Mask) -> dict[str, float]:
+    """Return the percentage misjudged of all (JE), of the reachable (FN) and of the unreachable (FP)."""
+    wrong = said != true
+    return {"je": percent(wrong), "fn": percent(wrong[true]), "fp": percent(wrong[~true])}
+
+
+def closed_form(robot: Robot, side: str = "right", limits: ArmLimits | None = None) -> SphericalArm:
+    """Return the exact inverse kinematics of an arm, by default within J's limits."""
+    limits = limits or ArmLimits()
+    palm = robot.names.palms[("left", "right").index(side)]
+    return SphericalArm.of(Chain.of(robot, robot.names.arm(side)[:4], palm), limits.lower_rad, limits.upper_rad)
+
+
+def first(babbled: Babbled, n: int) -> Babbled:
+    """Return the first `n` samples."""
+    return replace(babbled, arm_rad=babbled.arm_rad[:n], gaze_rad=babbled.gaze_rad[:n])

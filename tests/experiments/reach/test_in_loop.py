@@ -1,0 +1,49 @@
+"""What is said in the loop against a known truth."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from learning.reach.babbling import gaze_at_hand, random_arms
+from learning.reach.map import MapPrediction
+from pps_vision.experiments.reach.in_loop import _LIMITS, InLoop, judge
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Reachability, ReachStatus
+
+ROBOT = load_icub()
+
+
+def said(status: ReachStatus, probability: float) -> Reachability:
+    return Reachability(0.0, np.full(3, np.nan), probability, probability, status)
+
+
+def test_verdicts_are_counted_at_the_true_position() -> None:
+    """Where kinematics has the left palm is reachable; 2 m ahead nothing is; behind the head nothing is fixated."""
+    arms = random_arms(200, np.random.default_rng(1))
+    arm = arms[np.isfinite(gaze_at_hand(ROBOT, "left", arms, _LIMITS)[:, 0])][0]
+    q = np.zeros(ROBOT.n_joints)
+    q[ROBOT.indices(ROBOT.names.arm("left")[:4])] = arm
+    near = ROBOT.at(q).point(ROBOT.names.palms[0])
+    truth = np.array([near, near, [-2.0, 0.0, 0.3], [0.5, 0.0, 0.3], near])
+    rows = (
+        said(ReachStatus.REACHABLE, 0.9),
+        said(ReachStatus.UNREACHABLE, 0.6),
+        said(ReachStatus.REACHABLE, 0.9),
+        said(ReachStatus.NOT_FIXATED, np.nan),
+        said(ReachStatus.UNKNOWN, np.nan),
+    )
+    learned = SimpleNamespace(query=lambda gaze: MapPrediction(*[np.isfinite(gaze[:, 0])] * 4))
+    values = judge(ROBOT, learned, SimpleNamespace(reachability=rows, truth_m=truth))
+    assert len(values["frames"]) == 4
+    np.testing.assert_array_equal(values["truly_reachable"], [True, True, False, False])
+    np.testing.assert_array_equal(values["right"], [True, False, False, True])
+    np.testing.assert_array_equal(values["right_if_likelier"], [True, True, False, True])
+    np.testing.assert_array_equal(values["false_positives"], [False, False, True, False])
+    np.testing.assert_array_equal(values["false_negatives"], [False, True, False, False])
+    np.testing.assert_array_equal(values["not_fixated"], [False, False, False, True])
+
+
+def test_no_run_is_an_error() -> None:
+    with pytest.raises(ValueError, match="n 0"):
+        InLoop(n=0).run()

@@ -1,0 +1,64 @@
+"""Severity study in small: no disturbance changes nothing, the worst break the map, and J's method breaks first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pps_vision.experiments.reach import severity
+from pps_vision.experiments.reach.map_truth import first
+from pps_vision.experiments.reach.severity import DISTURBANCES, LEARNERS, Severity, Training, learn_and_judge
+
+
+@pytest.fixture(scope="module")
+def data() -> Training:
+    """600 samples and 200 labels, judged on 500 postures."""
+    full = Training.undisturbed(3, 200, 500)
+    return replace(full, babbled=first(full.babbled, 600))
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(severity, "_PARAMS", replace(severity._PARAMS, lattice=0.12, n_babble=5000))
+
+
+def test_first_severity_changes_nothing_and_last_does() -> None:
+    data = Training.undisturbed(3, 1000, 10)
+    for name, (axis, disturb) in DISTURBANCES.items():
+        none, worst = (disturb(data, s, np.random.default_rng(1)) for s in (axis.severities[0], axis.severities[-1]))
+        np.testing.assert_array_equal(none.babbled.arm_rad, data.babbled.arm_rad, err_msg=name)
+        np.testing.assert_allclose(none.babbled.gaze_rad, data.babbled.gaze_rad, err_msg=name)
+        assert (none.n_labels, none.flipped) == (data.n_labels, data.flipped)
+        same_size = worst.babbled.arm_rad.shape == data.babbled.arm_rad.shape
+        same = same_size and np.allclose(worst.babbled.arm_rad, data.babbled.arm_rad)
+        same = same and np.allclose(worst.babbled.gaze_rad, data.babbled.gaze_rad)
+        assert not (same and (worst.n_labels, worst.flipped) == (data.n_labels, data.flipped)), name
+
+
+def test_a_quarter_of_outliers_breaks_the_paper_method_but_not_ours(data: Training) -> None:
+    disturbed = DISTURBANCES["another object fixated"][1](data, 25, np.random.default_rng(1))
+    ours, of_j = (learn_and_judge(learner, disturbed, 3) for learner in LEARNERS.values())
+    assert np.mean(ours["misjudged"]) < 0.05
+    assert np.mean(ours["misjudged"]) < 0.5 * np.mean(of_j["misjudged"])
+    assert np.sqrt(np.mean(np.square(ours["gaze_error_deg"]))) < 0.01
+
+
+@pytest.mark.parametrize(("disturbance", "level"), [("elbow encoder stuck", 100), ("fewer samples", 12)])
+def test_past_the_break_every_posture_still_has_a_verdict(data: Training, disturbance: str, level: float) -> None:
+    for learner in LEARNERS.values():
+        values = learn_and_judge(learner, DISTURBANCES[disturbance][1](data, level, np.random.default_rng(1)), 3)
+        assert len(values["misjudged"]) == len(data.gaze_rad)
+        assert np.mean(values["misjudged"]) > 0.05
+
+
+def test_study_finds_the_break_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """40 % of the labels reversed."""
+    axis, disturb = DISTURBANCES["labels flipped"]
+    monkeypatch.setattr(severity, "DISTURBANCES", {"labels flipped": (axis._replace(severities=(0, 40)), disturb)})
+    study = Severity(5, n=1, n_labels=200, n_test=500)
+    numbers = study.run()
+    ours = numbers["labels flipped"]["methods"]["ours"]
+    assert ours["je"][1][0] > ours["je"][0][0] + 3
+    assert ours["breaks_at"] in (0, 40)
+    assert ours["gaze_rmse_deg"][1] == ours["gaze_rmse_deg"][0]
+    assert set(study.chart(numbers)) == {"", "forward_model"}
