@@ -24,7 +24,7 @@ from torch.nn import functional
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import StereoFrame
 from tracking.color import ColorModel, color_bins
-from tracking.compiled import BAND, LEAST_DET, LEVEL_VAR, SMALL_PX, UNIT, Moments
+from tracking.kernels import BAND, LEAST_DET, LEVEL_VAR, SMALL_PX, UNIT, Moments
 from tracking.marker import Found, MarkerParams
 from tracking.outline import ROUND, Optics, placed
 from tracking.tracker import Appearance, Tracker, TrackerStep
@@ -170,8 +170,10 @@ def hsv(rgb: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 def is_marker(rgb: Tensor, params: MarkerParams) -> Tensor:
     """Whether each of the RGB pixels (n, 3, h, w) has the marker's hue, saturation and value."""
     hue, saturation, value = hsv(rgb)
-    low, high, least_saturation, least_value, _ = params.hues
-    within = (hue >= low) & (hue <= high) if low <= high else (hue >= low) | (hue <= high)
+    least_saturation, least_value = np.rint(params.ranges[0][0][1:])  # inRange rounds its limits
+    within = torch.zeros_like(hue, dtype=torch.bool)
+    for low, high in params.ranges:
+        within |= (hue >= np.rint(low[0])) & (hue <= np.rint(high[0]))
     return within & (saturation >= least_saturation) & (value >= least_value)
 
 
@@ -347,7 +349,7 @@ _AREA, _OUTSIDE = 14, 15  # columns of `moments`
 
 
 def moments(alpha: Tensor, variance: Tensor, weights: Tensor) -> Tensor:
-    """(n, 20) numbers of `compiled.Moments` one after another, float64, of coverage and variance (n, h, w) and the
+    """(n, 20) numbers of `kernels.Moments` one after another, float64, of coverage and variance (n, h, w) and the
     lens's weights there (n, 4, h, w); the box's corner is relative to the patch."""
     shares, lens = alpha.double().flatten(1), weights.double().flatten(2)
     first = torch.bmm(lens, shares[..., None])[..., 0]

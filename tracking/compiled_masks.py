@@ -1,4 +1,4 @@
-"""Masks and boxes counted pixel by pixel, compiled by numba as in `compiled`."""
+"""Hollowness of a mask, compiled by numba as in `kernels`."""
 
 import math
 
@@ -6,9 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pps_vision.types import Array, Mask
-from tracking.compiled import Map
-from tracking.ego_motion import Box
+from tracking.kernels import Map
 
 
 @njit(cache=True, error_model="numpy")
@@ -54,34 +52,3 @@ def _side(y: NDArray[np.int64], x: NDArray[np.int64]) -> tuple[float, int]:
         area += 0.5 * (x[a] + x[b]) * (y[b] - y[a])
         steps += math.gcd(y[b] - y[a], abs(x[b] - x[a]))
     return area, steps
-
-
-@njit(cache=True, error_model="numpy")
-def box_sums(integral: Array, cloud: Array, left: int, top: int, half_width: float, half_height: float) -> Array:
-    """(n,) what an integral image (h + 1, w + 1), whose corner is there, has in each box of a cloud (n, 3): x, y of its
-    centre and its scale, times which half its sides are given."""
-    height, width = integral.shape[0] - 1, integral.shape[1] - 1
-    sums = np.empty(len(cloud))
-    for k in range(len(cloud)):
-        x, y, scale = cloud[k, 0] - left + 0.5, cloud[k, 1] - top + 0.5, cloud[k, 2]
-        x0, x1 = _clipped(x - scale * half_width, width), _clipped(x + scale * half_width, width)
-        y0, y1 = _clipped(y - scale * half_height, height), _clipped(y + scale * half_height, height)
-        sums[k] = integral[y1, x1] - integral[y0, x1] - integral[y1, x0] + integral[y0, x0]
-    return sums
-
-
-@njit(cache=True, error_model="numpy")
-def _clipped(value: float, most: int) -> int:
-    return min(max(round(value), 0), most)
-
-
-@njit(cache=True, error_model="numpy")
-def in_ellipse(box: Box, x: float, y: float, half_width: float, half_height: float) -> Mask:
-    """(h, w) which pixels of a region (left, top, right, bottom) lie in an ellipse around a point."""
-    left, top, right, bottom = box
-    inside = np.empty((bottom - top, right - left), np.bool_)
-    for v in range(bottom - top):
-        up = ((top + v - y) / half_height) ** 2
-        for u in range(right - left):
-            inside[v, u] = ((left + u - x) / half_width) ** 2 + up <= 1.0
-    return inside

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array
-from tracking.compiled import Map
+from tracking.kernels import Map
 
 _NOWHERE = (math.nan, math.nan, math.nan)
 

@@ -6,18 +6,18 @@ import numpy as np
 from numba import njit
 
 from pps_vision.geometry.compiled import Vector
-from pps_vision.types import Array, CameraName, Detection2D, Image
+from pps_vision.types import Array, CameraName, Detection2D
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.kalman import Belief
 from tracking.look import Look, Looks
-from tracking.marker import CLEAR, Found, MarkerParams, find_clear, find_markers
-from tracking.marker_color import middle_of, narrowed
+from tracking.marker import Found, MarkerParams, find_markers
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
 
 _SAME_SIZE = 0.03  # from one frame to the next, what is wholly seen twice differs by less
+_MAX_GROWTH = 1.25  # of the image of what approaches, from one frame to the next
 _SIZE_RATE = 0.1  # at which a size that does differ is believed
 
 
@@ -39,7 +39,6 @@ class Follower:
         self.background = Background(EgoMotion(optics.camera), background_memory_s)
         self._offset_px = (0.0, 0.0)  # of the outline from the track's projection: calibration error
         self._size_px = 0.0
-        self._whole: tuple[Image, Outline] | None = None  # a marker's middle and outline when nothing hid it
 
     def find(self, look: Look, prior: Prior | None, grey: bool) -> Sighting | None:
         """The object near where it should be."""
@@ -55,9 +54,7 @@ class Follower:
         (u, v), (x, y) = look.view.pixel(*_place(belief, look.stamp_s)), shape.center_px.tolist()
         self._offset_px = x - u, y - v
         size_px = self._size_of(shape)
-        if self.marker is not None and self._whole is None:
-            self._whole = middle_of(look.image, shape.box_px), shape
-        elif self.marker is not None and shape.oddness >= 0.5:  # partly hidden, or it was
+        if self.marker is not None and self._size_px and shape.oddness >= 0.5:  # partly hidden, or it was
             size_px = self._size_px * (size_px / self._size_px) ** _SIZE_RATE
         self._size_px = size_px
 
@@ -67,7 +64,7 @@ class Follower:
     def forget(self) -> None:
         """Follow nothing any more."""
         self.object.forget()
-        self._whole = None
+        self._size_px = 0.0
 
     def detection(self, look: Look, seen: Sighting) -> Detection2D:
         """What was seen, with eye and stamp."""
@@ -86,44 +83,32 @@ class Follower:
         std = _std_px(now.cov, of_u, of_v)
         eye = look.view.place
         growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
-        return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 0.8), 1.25))
+        return Prior(np.array(center), min(max(std, 0.7), 40.0), min(max(growth, 1 / _MAX_GROWTH), _MAX_GROWTH))
 
-    def clear_object(self, look: Look, prior: Prior | None, found: Found) -> Sighting | None:
-        """What was `found` already, or a marker with nothing like it around, as large as it should be; None where
-        something may hide it."""
-        if prior is None or (self.marker is None and found is None):
+    def clear_object(self, prior: Prior | None, found: Found) -> Sighting | None:
+        """What was `found` already, as large as it should be; None where something may hide it."""
+        if prior is None or found is None:
             return None
-        half = 0.5 * self._size_px + 2 * prior.std_px + CLEAR + 1
-        if found is not None:
-            near = (one for one in found if float(np.abs(one.center_px - prior.center_px).max()) < half)
-            shape = next(near, None)
-        elif self.marker is not None:
-            shape = find_clear(self.marker, look.image, self.optics, prior.center_px, half)
-        return self._whole_object(look, shape, prior)
+        half = 0.5 * self._size_px + 2 * prior.std_px + 4
+        near = (one for one in found if float(np.abs(one.center_px - prior.center_px).max()) < half)
+        return self._whole_object(next(near, None), prior)
 
-    def _whole_object(self, look: Look, shape: Outline | None, prior: Prior) -> Sighting | None:
-        """An object that is as large as it should be; a marker is remembered as such."""
+    def _whole_object(self, shape: Outline | None, prior: Prior) -> Sighting | None:
+        """An object that is as large as it should be."""
         expected_px = prior.growth * self._size_px
         if shape is None or abs(self._size_of(shape) / expected_px - 1) >= _SAME_SIZE or shape.oddness >= 0.5:
             return None
-        if self.marker is not None:
-            self._whole = middle_of(look.image, shape.box_px), shape
         return Sighting(shape, shape.box_px, 1.0)
 
     def _nearest_marker(self, params: MarkerParams, look: Look, prior: Prior) -> Sighting | None:
-        """The nearest blob in reach of where the marker should be.  One that is not as large as it should be is
-        looked at again with the colour that the marker had when nothing hid it, and completed."""
-        x, y = prior.center_px.tolist()
-        near = x, y, 0.5 * self._size_px * (1 + params.reach) + 4 * prior.std_px + 3
-        shape = _nearest(find_markers(params, look.image, self.optics, near), prior)
-        if (whole_seen := self._whole_object(look, shape, prior)) is not None:
+        """The nearest blob in reach of where the marker should be that is no larger than the marker: a larger one has
+        grown together with something else of its hue."""
+        near = *prior.center_px.tolist(), self._size_px + 4 * prior.std_px + 3
+        blobs = find_markers(params, look.image, self.optics, near)
+        shape = _nearest([one for one in blobs if self._size_of(one) < _MAX_GROWTH * self._size_px], prior)
+        if (whole_seen := self._whole_object(shape, prior)) is not None:
             return whole_seen
         self._size_px *= prior.growth
-        if self._whole is not None:
-            middle, whole = self._whole
-            expected_area = whole.area_px * (self._size_px / self._size_of(whole)) ** 2
-            own = narrowed(params, middle)
-            shape = _nearest(find_markers(own, look.image, self.optics, near, expected_area), prior)
         return None if shape is None else Sighting(shape, shape.box_px, 1.0)
 
 
@@ -165,7 +150,7 @@ def find_both(
     ball; `found`: what was found of it in both images already."""
     (left, right), (in_left, in_right) = eyes, looks
     a, b = left.prior(in_left, last, now), right.prior(in_right, last, now)
-    both = left.clear_object(in_left, a, found[0]), right.clear_object(in_right, b, found[1])
+    both = left.clear_object(a, found[0]), right.clear_object(b, found[1])
     if both[0] is not None and both[1] is not None:
         left.object.carry(both[0].outline)
         right.object.carry(both[1].outline)

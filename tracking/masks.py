@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Array, Mask
-from tracking.compiled_masks import in_ellipse
 
 _SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
 
@@ -64,7 +63,9 @@ def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
 
 def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height: float) -> Mask:
     """Pixels of the region `box` (x0, y0, x1, y1) inside the ellipse of a width and height around `center`."""
-    return in_ellipse(box, float(center[0]), float(center[1]), 0.5 * float(width), 0.5 * float(height))
+    y, x = np.ogrid[box[1] : box[3], box[0] : box[2]]
+    inside: Mask = (2 * (x - center[0]) / width) ** 2 + (2 * (y - center[1]) / height) ** 2 <= 1
+    return inside
 
 
 def spread(mask: Mask) -> float:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array, Image, Mask
-from tracking.compiled import Moments, Upper, band_of, covered, moments
 from tracking.ego_motion import Box
+from tracking.kernels import Moments, Upper, band_of, covered, moments
 
 # What an outline's centre errs by however sharp its edge is (FACTS §7), over the radius (px) to the power 3/4: the
 # fewer the pixels, the more each errs; and what light from above adds up and down in each eye by itself, over the

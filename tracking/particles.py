@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.types import Array
-from tracking.compiled_masks import box_sums
 
 
 @dataclass(frozen=True)
@@ -101,11 +100,24 @@ def weigh(
     A box gains by every object pixel it takes in and loses by every other, relative to its expected
     area; `corner` is the integral's place in the image, `shape` the box's sides per unit scale.
     """
-    gain = box_sums(integral, cloud.now, *corner, 0.5 * shape[0], 0.5 * shape[1])
+    gain = box_sums(integral, cloud.now, corner, (0.5 * shape[0], 0.5 * shape[1]))
     area = shape[0] * shape[1] * float(np.mean(cloud.now[:, 2])) ** 2
     log = params.sharpness * gain / max(area, 1.0)
     weights: Array = np.exp(log - log.max())
     return weights / weights.sum()
+
+
+def box_sums(
+    integral: NDArray[np.float64], cloud: Array, corner: tuple[int, int], half_sides: tuple[float, float]
+) -> Array:
+    """(n,) sums over the box of each particle (x, y, scale), from the integral image (h + 1, w + 1) of the region that
+    begins at `corner`; `half_sides` are the box's at scale 1."""
+    reach = cloud[:, 2:] * np.array(half_sides)
+    most = np.array(integral.shape)[::-1] - 1
+    middle = cloud[:, :2] - np.array(corner) + 0.5
+    (x0, y0), (x1, y1) = (np.clip(np.rint(end), 0, most).astype(np.intp).T for end in (middle - reach, middle + reach))
+    sums: Array = integral[y1, x1] - integral[y0, x1] - integral[y1, x0] + integral[y0, x0]
+    return sums
 
 
 def resample(cloud: Cloud, weights: Array, rng: np.random.Generator) -> Cloud:

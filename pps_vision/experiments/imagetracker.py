@@ -170,7 +170,7 @@ class HueBlob:
         near = None
         if self._last is not None:
             x, y = middle(self._last)
-            near = float(x), float(y), self._params.reach * max(self._last[2:]) + 3
+            near = float(x), float(y), max(self._last[2:]) + 3
         found = find_markers(self._params, image, self._optics, near)
         self._last = None
         if found:

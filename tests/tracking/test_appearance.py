@@ -12,7 +12,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import LEFT_EYE
 from tracking import masks
 from tracking.color import N_BINS, ColorModel, color_bins, histogram
-from tracking.marker import MarkerParams, find_clear, find_markers
+from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
 from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
 
@@ -121,45 +121,6 @@ def test_a_marker_is_found_by_its_hue(
     assert np.linalg.norm(near[0].center_px - true) < 0.2
     assert find_markers(MarkerParams(hue_deg=240.0), image, optics) == []
     assert find_markers(MarkerParams(hue_deg=hue_deg), image, optics, (-50.0, -50.0, 10.0)) == []
-
-
-def test_a_marker_that_nothing_is_near_is_found_at_once(rng: np.random.Generator) -> None:
-    """And left to a search where there is more than one thing it may be, nothing, or no room."""
-    green, params, optics = (30.0, 200.0, 40.0), MarkerParams(), Optics(LEFT_EYE)
-    view = View(LEFT_EYE, np.eye(4))
-    for center in (np.array([0.03, -0.02, 0.4]), np.array([-0.01, 0.03, 0.25])):
-        one, other = Sphere(center, 0.01, green), Sphere(center + np.array([0.03, 0.0, 0.0]), 0.01, green)
-        image, true = look(view, [one], rng), view.project(center)
-        shape = find_clear(params, image, optics, true + np.array([2, -1]), 22.0)
-        assert shape is not None
-        assert np.linalg.norm(shape.center_px - true) < 0.25
-        assert np.all(np.abs(shape.center_px - true) < 5 * np.sqrt(np.diag(shape.cov_px)))
-        assert shape.angular_radius_rad == pytest.approx(np.arcsin(0.01 / np.linalg.norm(center)), rel=0.08)
-        assert find_clear(params, look(view, [one, other], rng), optics, true, 50.0) is None
-        for off_px in ([0, 60], [20, 0], [-500, 0]):
-            assert find_clear(params, image, optics, true + np.array(off_px), 22.0) is None
-
-
-@pytest.mark.parametrize("hue_deg", [0.0, 10.0, 90.0, 120.0, 350.0])
-def test_what_has_a_markers_hue_is_so_for_both_ways_to_look(hue_deg: float, rng: np.random.Generator) -> None:
-    """Discs of random colours with a hole in each: `find_clear` against OpenCV's hues, contours and filled outlines."""
-    params, optics = MarkerParams(hue_deg), Optics(LEFT_EYE)
-    found = 0
-    for _ in range(40):
-        image = rng.integers(90, 120, (LEFT_EYE.height, LEFT_EYE.width, 3), dtype=np.uint8)
-        x, y = rng.uniform(60, 180, 2)
-        v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
-        image[np.hypot(u - x, v - y) < rng.uniform(4, 12)] = rng.integers(0, 256, 3)
-        image[round(y), round(x)] = 0
-        clear = find_clear(params, image, optics, np.array([x, y]), 30.0)
-        searched = find_markers(params, image, optics, (x, y, 30.0))
-        assert (clear is None) == (searched == [])
-        for one, other in zip([clear] if clear else [], searched, strict=True):
-            found += 1
-            np.testing.assert_allclose(one.center_px, other.center_px, atol=1e-6)
-            assert (one.box_px, one.at_border) == (other.box_px, other.at_border)
-            assert one.area_px == pytest.approx(other.area_px, rel=1e-6)
-    assert found >= 3
 
 
 def test_bad_parameters_are_named() -> None:

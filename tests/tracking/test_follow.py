@@ -44,7 +44,7 @@ def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
     np.testing.assert_allclose(prior.center_px, view.project(at(0.05 + late_s)), atol=0.1)
     prior = prior._replace(std_px=2.0)
     here, elsewhere = (replace(seen, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0))
-    found = follower.clear_object(look(0.05), prior, [elsewhere, here])
+    found = follower.clear_object(prior, [elsewhere, here])
     assert found is not None
     assert found.outline is here
-    assert follower.clear_object(look(0.05), prior, [elsewhere]) is None
+    assert follower.clear_object(prior, [elsewhere]) is None

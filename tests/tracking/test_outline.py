@@ -11,7 +11,7 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
 from tracking.compiled_masks import hollowness
 from tracking.cones import consensus, fitted
-from tracking.marker import MarkerParams, find_clear, threshold
+from tracking.marker import MarkerParams, find_markers, threshold
 from tracking.outline import Coverage, Optics, cover, outline
 from tracking.rim import see
 
@@ -138,9 +138,9 @@ def test_a_small_window_is_as_good_as_the_whole_image(optics: Optics, rng: np.ra
     for center in ((0.02, 0.01, 0.4), (-0.05, 0.03, 0.45)):
         sphere = Sphere(np.array(center), 0.02, GREEN)
         image = look(View(LEFT_EYE, np.eye(4)), [sphere], rng)
-        one = find_clear(MarkerParams(), image, optics, LEFT_EYE.project(sphere.center), 17.0)
+        x, y = LEFT_EYE.project(sphere.center)
+        (one,) = find_markers(MarkerParams(), image, optics, (float(x), float(y), 25.0))
         other = outline(cover(image, threshold(MarkerParams(), image) > 0, FULL), optics)
-        assert one is not None
         assert other is not None
         np.testing.assert_allclose(one.center_px, other.center_px, atol=1e-6)
         assert (one.box_px, one.at_border) == (other.box_px, other.at_border)

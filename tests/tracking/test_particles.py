@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tracking.compiled_masks import box_sums
-from tracking.particles import ParticleParams, Prior, propagate, spawn
+from tracking.particles import ParticleParams, Prior, box_sums, propagate, spawn
 
 
 def test_impossible_numbers_are_named() -> None:
@@ -29,4 +28,4 @@ def test_a_box_is_made_of_the_pixels_around_its_centre(rng: np.random.Generator)
     places = [(10, 8), (11, 9), (0, 0), (29, 19)]
     cloud = np.array([[100.0 + x, 50.0 + y, 2.0] for x, y in places])
     wanted = [image[max(y - 1, 0) : y + 2, max(x - 2, 0) : x + 3].sum() for x, y in places]
-    np.testing.assert_allclose(box_sums(integral, cloud, 100, 50, 1.25, 0.75), wanted)
+    np.testing.assert_allclose(box_sums(integral, cloud, (100, 50), (1.25, 0.75)), wanted)

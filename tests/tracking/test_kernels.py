@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
-from tracking.compiled import UNIT, covered, moments
+from tracking.kernels import UNIT, covered, moments
 from tracking.outline import Optics
 
 

@@ -1,8 +1,8 @@
-"""What is counted pixel by pixel for an outline, compiled by numba: a region is so small, some 30 × 30 px, that on
-arrays nearly all the time would go into calling them.
+"""Numba kernels of the sub-pixel outline: pixel coverage and its moments.
 
-Each function is compiled when it is first called, which takes seconds once; the code is then kept beside this file.
-Arrays are to be C-ordered and writable: for any other kind it would be compiled anew.
+A region has some 30 × 30 px; on arrays most of the time would be the overhead of the calls.  Each function is compiled
+on its first call, which takes seconds once; the machine code is cached beside this file.  Arrays must be C-ordered and
+writable, or the function is compiled again for the other layout.
 """
 
 import math
@@ -23,12 +23,7 @@ _EDGE, _INNER, _OUTER = 0, 1, 2
 BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
 SMALL_PX = 60  # up to this area it is half as wide
 
-_SHIFT, _HALF = 12, 1 << 11  # OpenCV's fixed point for hue and saturation
-_PER_VALUE = np.rint((255 << _SHIFT) / np.maximum(np.arange(256), 1)).astype(np.int64)
-_PER_SPREAD = np.rint((180 << _SHIFT) / (6 * np.maximum(np.arange(256), 1))).astype(np.int64)
-
 Map = NDArray[np.float32]
-Runs = NDArray[np.int64]  # (n, 5), as `_runs` has them
 Color = tuple[float, float, float]
 Upper = tuple[float, float, float, float, float, float, float, float, float, float]
 Box = tuple[int, int, int, int]  # top, bottom, left, right
@@ -222,142 +217,3 @@ def _outside(alpha: Map, weights: Map, left: int, top: int, direction: Color, om
                 if along < cosine * weights[3, v, u]:
                     outside += alpha[row, column]
     return outside
-
-
-class Hues(NamedTuple):
-    """What is a marker's: hues from `low` to `high` (0–179; from low on and up to high where that is less), the least
-    saturation and value (0–255), and the fewest pixels."""
-
-    low: int
-    high: int
-    saturation: int
-    value: int
-    area: int
-
-
-@njit(cache=True, error_model="numpy")
-def marker(
-    image: Image, hues: Hues, around: Box, clear: int, pad: int, weights: Map
-) -> tuple[bool, Map, Map, Box, Moments]:
-    """Whether within the box `around` there is one blob of a marker's hue, and nothing of it within `clear` px of the
-    box's border; and if so its coverage in a box of its own with `pad` px of room around, as `covered` and `moments`
-    have it."""
-    runs, n = _runs(image, hues, around)
-    one, holes, (y0, y1, x0, x1) = _one_blob(runs[:n], hues.area)
-    top, bottom, left, right = around
-    if one < 0 or min(y0 - top, bottom - y1, x0 - left, right - x1) < clear:
-        empty = np.zeros((0, 0), np.float32)
-        return False, empty, empty, (0, 0, 0, 0), moments(empty, empty, weights, 0, 0)
-    top, bottom = max(y0 - pad, 0), min(y1 + pad, image.shape[0])
-    left, right = max(x0 - pad, 0), min(x1 + pad, image.shape[1])
-    mask, count = np.zeros((bottom - top, right - left), np.bool_), 0
-    for k in range(one, n):
-        if runs[k, 3] == one:
-            for x in range(runs[k, 1], runs[k, 2]):
-                mask[runs[k, 0] - top, x - left] = True
-                count += 1
-    if holes:
-        _fill(mask)
-    alpha, variance = covered(image[top:bottom, left:right].copy(), mask, band_of(count))
-    return True, alpha, variance, (top, bottom, left, right), moments(alpha, variance, weights, left, top)
-
-
-@njit(cache=True, error_model="numpy")
-def _runs(image: Image, hues: Hues, around: Box) -> tuple[Runs, int]:
-    """What has a marker's hue in each row of the box, and how many such runs there are: row, first column, the one
-    after the last, the first of the runs that it hangs together with (corners too), and with how many of the row
-    above."""
-    top, bottom, left, right = around
-    runs = np.empty(((bottom - top) * ((right - left + 1) // 2), 5), np.int64)
-    n = first = 0  # of the row above
-    for y in range(top, bottom):
-        above, last, x = first, n, left
-        first = n
-        while x < right:
-            if not _is_marker(image, y, x, hues):
-                x += 1
-                continue
-            start = x
-            while x < right and _is_marker(image, y, x, hues):
-                x += 1
-            links, root = 0, n
-            while above < last and runs[above, 2] < start:
-                above += 1
-            other = above
-            while other < last and runs[other, 1] <= x:
-                links, root = links + 1, min(root, _root(runs, other))
-                other += 1
-            for k in range(above, other):
-                runs[_root(runs, k), 3] = root
-            runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3], runs[n, 4] = y, start, x, root, links
-            n += 1
-    return runs, n
-
-
-@njit(cache=True, error_model="numpy")
-def _root(runs: Runs, k: int) -> int:
-    while runs[k, 3] != k:
-        k = runs[k, 3]
-    return k
-
-
-@njit(cache=True, error_model="numpy")
-def _is_marker(image: Image, y: int, x: int, hues: Hues) -> bool:
-    """Whether a pixel has a marker's hue; hue and saturation as OpenCV rounds them."""
-    r, g, b = np.int64(image[y, x, 0]), np.int64(image[y, x, 1]), np.int64(image[y, x, 2])
-    value = max(r, g, b)
-    spread = value - min(r, g, b)
-    if value < hues.value or (spread * _PER_VALUE[value] + _HALF) >> _SHIFT < hues.saturation:
-        return False
-    part = g - b if value == r else b - r + 2 * spread if value == g else r - g + 4 * spread
-    hue = (part * _PER_SPREAD[spread] + _HALF) >> _SHIFT
-    if hue < 0:
-        hue += 180
-    if hues.low <= hues.high:
-        return hues.low <= hue <= hues.high
-    return hue >= hues.low or hue <= hues.high
-
-
-@njit(cache=True, error_model="numpy")
-def _one_blob(runs: Runs, area: int) -> tuple[int, int, Box]:
-    """The root of the only runs that hang together and have at least that area, -1 where there are none or more; how
-    many holes they leave (Euler's number is that of runs less that of links); their box.  Then every run's root is
-    its first."""
-    n, one = len(runs), -1
-    sizes = np.zeros(n, np.int64)
-    for k in range(n):
-        runs[k, 3] = _root(runs, k)
-        sizes[runs[k, 3]] += runs[k, 2] - runs[k, 1]
-    for k in range(n):
-        if sizes[k] >= area:
-            if one >= 0:
-                return -1, 0, (0, 0, 0, 0)
-            one = k
-    if one < 0:
-        return -1, 0, (0, 0, 0, 0)
-    y0, y1, x0, x1, euler = runs[one, 0], runs[one, 0], runs[one, 1], runs[one, 2], 0
-    for k in range(one, n):
-        if runs[k, 3] == one:
-            y1, x0, x1 = runs[k, 0], min(x0, runs[k, 1]), max(x1, runs[k, 2])
-            euler += 1 - runs[k, 4]
-    return one, 1 - euler, (y0, y1 + 1, x0, x1)
-
-
-@njit(cache=True, error_model="numpy")
-def _fill(mask: Mask) -> None:
-    """Mark what is enclosed, sides only: what the rest does not reach from the border, where nothing is marked."""
-    height, width = mask.shape
-    outside, waiting = np.zeros((height, width), np.bool_), 1
-    stack = np.empty((height * width, 2), np.int64)
-    stack[0, 0], stack[0, 1], outside[0, 0] = 0, 0, True
-    while waiting:
-        waiting -= 1
-        y, x = stack[waiting, 0], stack[waiting, 1]
-        for v, u in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
-            if 0 <= v < height and 0 <= u < width and not (mask[v, u] or outside[v, u]):
-                outside[v, u] = True
-                stack[waiting, 0], stack[waiting, 1] = v, u
-                waiting += 1
-    for y in range(height):
-        for x in range(width):
-            mask[y, x] = not outside[y, x]
