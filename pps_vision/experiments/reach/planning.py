@@ -19,7 +19,7 @@ from learning.reach.torso_gaze import TorsoFrame, TorsoToGaze, random_gaze, tors
 from learning.reach.training import ArmLimits, MapParams, ReachOracle, train_reachable_map
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach.map_truth import closed_form
-from pps_vision.experiments.study import Study, rms
+from pps_vision.experiments.study import Study
 from pps_vision.robot.gaze import GazeLimits, fixated_gaze, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -90,13 +90,10 @@ class Attempt:
     """By how much a joint was commanded beyond its limits, at most."""
     turned_rad: float
     """How far the torso turned in all."""
-    trace: Array
-    """(T, 4) torso yaw and pitch (rad), degree R, fixation error (rad), every 50 ms."""
-
-    @property
-    def fixation_rad(self) -> float:
-        """The largest fixation error."""
-        return float(self.trace[:, 3].max())
+    fixation_rad: float
+    """Largest fixation error."""
+    seconds: float
+    """How long it took."""
 
 
 def attempt(robot: Robot, learned: Learned, point: Array, head_leads: bool = True) -> Attempt:
@@ -107,12 +104,11 @@ def attempt(robot: Robot, learned: Learned, point: Array, head_leads: bool = Tru
     palm = robot.names.palms[("left", "right").index(_PLAN.side)]
     gaze_joints, torso = robot.indices(robot.names.gaze_joints), robot.indices(robot.names.torso)
     q = gaze_at(robot, robot.clamp(np.zeros(robot.n_joints)), point)
-    state, trace, turned, beyond = IntoReachState(), [], 0.0, 0.0
+    state, error, turned, beyond = IntoReachState(), 0.0, 0.0, 0.0
     for t in np.arange(0, _LONGEST_S, _DT_S):
         posture = robot.at(q)
-        gaze = fixated_gaze(posture, _GAZE)
-        state, command = into_reach.step(_PLAN, learned, state, posture, gaze, _DT_S, t)
-        trace.append([*q[torso], float(learned.judge(gaze[None]).degree[0]), fixation_error(posture, point)])
+        state, command = into_reach.step(_PLAN, learned, state, posture, fixated_gaze(posture, _GAZE), _DT_S, t)
+        error = max(error, fixation_error(posture, point))
         if state.mode in ("there", "out of reach"):
             break
         dq = command.dq_rad_s.copy()
@@ -123,7 +119,7 @@ def attempt(robot: Robot, learned: Learned, point: Array, head_leads: bool = Tru
         q = robot.clamp(commanded)
         beyond = max(beyond, float(np.abs(commanded - q).max()))
     palm_off_m = float(np.linalg.norm(robot.at(q).point(palm) - point))
-    return Attempt(state.mode, palm_off_m, beyond, turned, np.array(trace))
+    return Attempt(state.mode, palm_off_m, beyond, turned, error, float(t))
 
 
 @dataclass(frozen=True)
@@ -138,24 +134,20 @@ class Planning(Study):
     """Inverse-kinematics solutions the map is learned from."""
 
     def run(self) -> dict[str, Any]:
-        """Return counts; median, 95 % quantile and maximum over the objects touched; the learned relation's error."""
+        """Return counts; median, 95 % quantile and maximum over the objects touched."""
         if self.n < 1:
             raise ValueError(f"n {self.n}: expected at least 1")
         robot = load_icub()
-        learned, truth, rng = (
-            learn(robot, self.seed, self.n_labels),
-            TorsoTruth(robot),
-            np.random.default_rng(self.seed + 1_000_000),
-        )
-        points = truth.draw_unreachable(self.n, rng)
+        learned, truth = learn(robot, self.seed, self.n_labels), TorsoTruth(robot)
+        points = truth.draw_unreachable(self.n, np.random.default_rng(self.seed + 1_000_000))
         smallest = np.array([truth.smallest_turn(point) for point in points])
         possible = np.isfinite(smallest)
         attempts = [attempt(robot, learned, point) for point in tqdm(points, desc="objects", disable=None)]
         touched = np.array([one.palm_off_m <= _TOUCH_M for one in attempts])
         refused = np.array([one.mode == "out of reach" for one in attempts])
         brought = [one for one, t in zip(attempts, touched, strict=True) if t]
+        rest = [one for one, hopeless in zip(attempts, refused & ~possible, strict=True) if hopeless]
         reacting = [attempt(robot, learned, point, head_leads=False) for point in points[possible][: self.n // 8]]
-        longest = max(brought, key=lambda one: one.turned_rad, default=attempts[0])
         return {
             "objects": self.n,
             "reachable_with_torso": int(possible.sum()),
@@ -170,56 +162,30 @@ class Planning(Study):
             "fixation_error_head_reacting_deg": _spread(
                 [one.fixation_rad / _DEG for one in reacting if one.palm_off_m <= _TOUCH_M]
             ),
-            "seconds": _spread([_DT_S * len(one.trace) for one in brought]),
+            "seconds": _spread([one.seconds for one in brought]),
             "turned_deg": _spread([one.turned_rad / _DEG for one in brought]),
-            "turned_when_refused_deg": _spread(
-                [one.turned_rad / _DEG for one in np.array(attempts)[refused & ~possible]]
-            ),
+            "turned_when_refused_deg": _spread([one.turned_rad / _DEG for one in rest]),
             "beyond_limits_deg": max(one.beyond_limits_rad for one in attempts) / _DEG,
-            "relation_rms_deg": relation_error_deg(robot, learned, rng),
             "each": {
                 "smallest_turn_deg": np.where(possible, smallest / _DEG, np.nan).round(2).tolist(),
                 "turned_deg": [round(one.turned_rad / _DEG, 2) for one in attempts],
                 "touched": touched.tolist(),
             },
-            "longest_turn": longest.trace.round(4).tolist(),
         }
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Draw the turn made against the smallest that suffices, and the attempt with the longest turn over time."""
-        figure, (turns, way) = charts.panels(2, width=5.4)
+        """Draw the turn made against the smallest that suffices."""
+        figure, (axis,) = charts.panels(1, width=5.4)
         each = {name: np.array(values, dtype=float) for name, values in numbers["each"].items()}
         for value, name, color in ((1, "touched", "C2"), (0, "not touched", "C3")):
             which = each["touched"] == value
-            turns.plot(each["smallest_turn_deg"][which], each["turned_deg"][which], "o", ms=4, color=color, label=name)
-        turns.axline((0, 0), slope=1, color="0.4", ls="--", lw=1, label="smallest turn")
-        turns.set(xlabel="smallest turn of the torso that suffices (°)", ylabel="turn made (°)")
-        turns.set_title(f"{numbers['touched']} of {numbers['reachable_with_torso']} reachable touched", fontsize=10)
-        yaw, pitch, degree, error = np.array(numbers["longest_turn"], dtype=float).T
-        series = {"torso yaw (°)": yaw / _DEG, "torso pitch (°)": pitch / _DEG,
-                  "fixation error (0.1°)": 10 * error / _DEG, "degree R (%)": 100 * degree}  # fmt: skip
-        for name, values in series.items():
-            way.plot(_DT_S * np.arange(len(values)), values, label=name)
-        way.set(xlabel="time (s)", title="longest turn")
-        for axis in (turns, way):
-            axis.legend(fontsize=8)
-            axis.grid(alpha=0.25)
+            axis.plot(each["smallest_turn_deg"][which], each["turned_deg"][which], "o", ms=4, color=color, label=name)
+        axis.axline((0, 0), slope=1, color="0.4", ls="--", lw=1, label="smallest turn")
+        axis.set(xlabel="smallest turn of the torso that suffices (°)", ylabel="turn made (°)")
+        axis.set_title(f"{numbers['touched']} of {numbers['reachable_with_torso']} reachable touched", fontsize=10)
+        axis.legend(fontsize=8)
+        axis.grid(alpha=0.25)
         return figure
-
-
-def relation_error_deg(robot: Robot, learned: Learned, rng: np.random.Generator) -> dict[str, float]:
-    """Return the RMS gaze error after a turn of 1° by the learned relation, and with the gaze held still."""
-    test, frame = turn_torso(robot, 500, rng, _GAZE), TorsoFrame(robot)
-    angle = rng.uniform(0, 2 * np.pi, len(test.gaze_rad))
-    turns = _DEG * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    points = frame.to_root(test.torso_rad, fixation_points(robot, test.gaze_rad))
-    unlimited = replace(_GAZE, vergence_rad=(0.01, 2.0))
-    true = gaze_for_points(robot, frame.from_upright(test.torso_rad + turns, points), unlimited)
-    said = np.array(
-        [learned.keeps(*one[:2], one[2][None])[0] for one in zip(test.gaze_rad, test.torso_rad, turns, strict=True)]
-    )
-    known = np.isfinite(true).all(axis=1)
-    return {"learned": rms((said - true)[known]) / _DEG, "gaze held still": rms((test.gaze_rad - true)[known]) / _DEG}
 
 
 def _spread(values: list[float]) -> list[float]:

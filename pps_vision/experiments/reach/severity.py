@@ -47,8 +47,6 @@ class Training:
 
     babbled: Babbled
     """Samples of arm and gaze posture."""
-    n_labels: int
-    """Inverse-kinematics solutions."""
     flipped: float
     """Share of labels reported as their opposite."""
     test: Babbled
@@ -59,70 +57,60 @@ class Training:
     """(N,) whether the true arm reaches what they fixate."""
 
     @classmethod
-    def undisturbed(cls, seed: int, n_labels: int, n_test: int) -> "Training":
+    def undisturbed(cls, seed: int, n_test: int) -> "Training":
         """Babble 1500 fixated postures, and draw postures to judge on from another seed."""
         robot, rng, limits = load_icub(), np.random.default_rng(seed), GazeLimits()
         babbled = babble(robot, "right", _N_TRIED, rng)
         gaze = np.random.default_rng(seed + 1_000_000).uniform(limits.lower, limits.upper, (n_test, 3))
         reachable = np.isfinite(closed_form(robot).solve(fixation_points(robot, gaze))[:, 0])
-        return cls(
-            first(babbled, _N_SAMPLES), n_labels, 0.0, babble(robot, "right", 4 * _N_TEST_SAMPLES, rng), gaze, reachable
-        )
+        test = babble(robot, "right", 4 * _N_TEST_SAMPLES, rng)
+        return cls(first(babbled, _N_SAMPLES), 0.0, test, gaze, reachable)
 
 
 Disturb = Callable[[Training, float, np.random.Generator], Training]
 
 
-def _with_samples(data: Training, arm: Array | None = None, gaze: Array | None = None) -> Training:
-    old = data.babbled
-    arm, gaze = old.arm_rad if arm is None else arm, old.gaze_rad if gaze is None else gaze
-    return replace(data, babbled=replace(old, arm_rad=arm, gaze_rad=gaze))
-
-
-def _noise(data: Training, sigma_deg: float, rng: np.random.Generator) -> Training:
+def _noise(babbled: Babbled, sigma_deg: float, rng: np.random.Generator) -> Babbled:
     """Gaussian noise on the three gaze angles of each fixation."""
-    gaze, limits = data.babbled.gaze_rad, GazeLimits()
-    noise = np.deg2rad(sigma_deg) * rng.standard_normal(gaze.shape)
-    return _with_samples(data, gaze=np.clip(gaze + noise, limits.lower, limits.upper))
+    limits, noise = GazeLimits(), np.deg2rad(sigma_deg) * rng.standard_normal(babbled.gaze_rad.shape)
+    return replace(babbled, gaze_rad=np.clip(babbled.gaze_rad + noise, limits.lower, limits.upper))
 
 
-def _outliers(data: Training, percent: float, rng: np.random.Generator) -> Training:
+def _outliers(babbled: Babbled, percent: float, rng: np.random.Generator) -> Babbled:
     """Another object is fixated, anywhere within the limits."""
-    gaze, limits = data.babbled.gaze_rad, GazeLimits()
-    wrong = rng.random(len(gaze)) < percent / 100
-    return _with_samples(data, gaze=np.where(wrong[:, None], rng.uniform(limits.lower, limits.upper, gaze.shape), gaze))
+    gaze, limits = babbled.gaze_rad, GazeLimits()
+    wrong = rng.random((len(gaze), 1)) < percent / 100
+    return replace(babbled, gaze_rad=np.where(wrong, rng.uniform(limits.lower, limits.upper, gaze.shape), gaze))
 
 
-def _offset(data: Training, degrees: float, _: np.random.Generator) -> Training:
+def _offset(babbled: Babbled, degrees: float, _: np.random.Generator) -> Babbled:
     """The elbow's encoder has a constant offset."""
-    return _with_samples(data, arm=data.babbled.arm_rad + np.deg2rad(degrees) * np.eye(4)[_ELBOW])
+    return replace(babbled, arm_rad=babbled.arm_rad + np.deg2rad(degrees) * np.eye(4)[_ELBOW])
 
 
-def _stuck(data: Training, percent: float, rng: np.random.Generator) -> Training:
+def _stuck(babbled: Babbled, percent: float, rng: np.random.Generator) -> Babbled:
     """The elbow's encoder reports 60° in a share of the samples."""
-    arm = data.babbled.arm_rad.copy()
+    arm = babbled.arm_rad.copy()
     arm[rng.random(len(arm)) < percent / 100, _ELBOW] = _STUCK_RAD
-    return _with_samples(data, arm=arm)
+    return replace(babbled, arm_rad=arm)
+
+
+def _of_samples(change: Callable[[Babbled, float, np.random.Generator], Babbled]) -> Disturb:
+    return lambda data, severity, rng: replace(data, babbled=change(data.babbled, severity, rng))
 
 
 DISTURBANCES: dict[str, tuple[Axis, Disturb]] = {
-    "fixation noise": (Axis("σ (°)", (0, 0.3, 1, 3, 6)), _noise),
-    "another object fixated": (Axis("share of samples (%)", (0, 5, 10, 25, 50)), _outliers),
-    "elbow encoder offset": (Axis("offset (°)", (0, 1, 2, 5, 10)), _offset),
-    "elbow encoder stuck": (Axis("share of samples (%)", (0, 10, 25, 100)), _stuck),
+    "fixation noise": (Axis("σ (°)", (0, 0.3, 1, 3, 6)), _of_samples(_noise)),
+    "another object fixated": (Axis("share of samples (%)", (0, 5, 10, 25, 50)), _of_samples(_outliers)),
+    "elbow encoder offset": (Axis("offset (°)", (0, 1, 2, 5, 10)), _of_samples(_offset)),
+    "elbow encoder stuck": (Axis("share of samples (%)", (0, 10, 25, 100)), _of_samples(_stuck)),
     "fewer samples": (
-        Axis("samples", (_N_SAMPLES, 400, 200, 100, 50)),
-        lambda data, n, _: replace(data, babbled=first(data.babbled, int(n))),
+        Axis("samples", (_N_SAMPLES, 400, 200, 100, 50)), _of_samples(lambda babbled, n, _: first(babbled, int(n)))
     ),
     "labels flipped": (
-        Axis("share of labels (%)", (0, 1, 2, 5, 10)),
-        lambda data, percent, _: replace(data, flipped=percent / 100),
+        Axis("share of labels (%)", (0, 1, 2, 5, 10)), lambda data, percent, _: replace(data, flipped=percent / 100)
     ),
-    "fewer labels": (
-        Axis("share of labels left (%)", (100, 50, 25, 10)),
-        lambda data, percent, _: replace(data, n_labels=round(data.n_labels * percent / 100)),
-    ),
-}
+}  # fmt: skip
 """Disturbance to its severities, the first of them none, and how the training data change."""
 
 
@@ -161,13 +149,13 @@ LEARNERS = {
 }
 
 
-def learn_and_judge(learner: Learner, data: Training, seed: int) -> Values:
+def learn_and_judge(learner: Learner, n_labels: int, data: Training, seed: int) -> Values:
     """Return gaze errors of the forward model (degrees) and, of gaze postures, which are misjudged.
 
     Where nothing can be learned, nothing is called reachable and there is no gaze error.
     """
     rng = np.random.default_rng(seed + 2_000_000)
-    params = replace(_PARAMS, n_labels=data.n_labels, round_labels=data.n_labels // 2)
+    params = replace(_PARAMS, n_labels=n_labels, round_labels=n_labels // 2)
     nothing, gaze_error = np.full(len(data.gaze_rad), np.nan), np.full(data.test.gaze_rad.shape, np.nan)
     said = MapPrediction(nothing == 0, nothing > 0, nothing, nothing)
     try:
@@ -206,14 +194,14 @@ def _flipping(label: Callable[[Array], Labels], share: float, rng: np.random.Gen
 
 @dataclass(frozen=True)
 class Severity(Study):
-    """Forward model and map under seven disturbances of babbling and labels, ours beside J's method."""
+    """Forward model and map under six disturbances of babbling and labels, ours beside J's method."""
 
     seed: int = 0
     """First seed of babbling, disturbance and labels."""
     n: int = 3
     """Seeds, the independent units."""
     n_labels: int = 1000
-    """Inverse-kinematics solutions per map without disturbance."""
+    """Inverse-kinematics solutions per map."""
     n_test: int = 4000
     """Gaze postures that each map is judged on."""
 
@@ -227,7 +215,7 @@ class Severity(Study):
             "gaze_rmse_deg": Metric("gaze_error_deg", rms),
             "unanswered": Metric("unanswered", percent),
         }
-        methods = {name: partial(learn_and_judge, learner) for name, learner in LEARNERS.items()}
+        methods = {name: partial(learn_and_judge, learner, self.n_labels) for name, learner in LEARNERS.items()}
         seeds = range(self.seed, self.seed + self.n)
         return {
             name: compare_severities(partial(self._disturbed, disturb), axis, methods, metrics, seeds, _BREAK)
@@ -248,7 +236,7 @@ class Severity(Study):
         return {"": Table(["disturbance", "severities", *columns], rows)}
 
     def _disturbed(self, disturb: Disturb, seed: int, severity: float) -> Training:
-        data = Training.undisturbed(seed, self.n_labels, self.n_test)
+        data = Training.undisturbed(seed, self.n_test)
         return disturb(data, severity, np.random.default_rng(seed + 1))
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:

@@ -18,9 +18,7 @@ def test_what_the_torso_brings_into_reach_is_touched(monkeypatch: pytest.MonkeyP
     assert numbers["refused_rightly"] >= 3 - possible
     assert numbers["fixation_within_2_deg"] == numbers["touched"]
     assert numbers["beyond_limits_deg"] == pytest.approx(0, abs=0.1)
-    error = numbers["relation_rms_deg"]
-    assert error["learned"] < 0.5 * error["gaze held still"]
-    assert len(study.chart(numbers).axes) == 2
+    assert len(study.chart(numbers).axes) == 1
 
 
 def test_no_object_is_an_error() -> None:

@@ -12,8 +12,8 @@ from pps_vision.experiments.reach.severity import DISTURBANCES, LEARNERS, Severi
 
 @pytest.fixture(scope="module")
 def data() -> Training:
-    """600 samples and 200 labels, judged on 500 postures."""
-    full = Training.undisturbed(3, 200, 500)
+    """600 samples, judged on 500 postures."""
+    full = Training.undisturbed(3, 500)
     return replace(full, babbled=first(full.babbled, 600))
 
 
@@ -23,21 +23,21 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_first_severity_changes_nothing_and_last_does() -> None:
-    data = Training.undisturbed(3, 1000, 10)
+    data = Training.undisturbed(3, 10)
     for name, (axis, disturb) in DISTURBANCES.items():
         none, worst = (disturb(data, s, np.random.default_rng(1)) for s in (axis.severities[0], axis.severities[-1]))
         np.testing.assert_array_equal(none.babbled.arm_rad, data.babbled.arm_rad, err_msg=name)
         np.testing.assert_allclose(none.babbled.gaze_rad, data.babbled.gaze_rad, err_msg=name)
-        assert (none.n_labels, none.flipped) == (data.n_labels, data.flipped)
+        assert none.flipped == 0
         same_size = worst.babbled.arm_rad.shape == data.babbled.arm_rad.shape
         same = same_size and np.allclose(worst.babbled.arm_rad, data.babbled.arm_rad)
         same = same and np.allclose(worst.babbled.gaze_rad, data.babbled.gaze_rad)
-        assert not (same and (worst.n_labels, worst.flipped) == (data.n_labels, data.flipped)), name
+        assert not same or worst.flipped > 0, name
 
 
 def test_a_quarter_of_outliers_breaks_the_paper_method_but_not_ours(data: Training) -> None:
     disturbed = DISTURBANCES["another object fixated"][1](data, 25, np.random.default_rng(1))
-    ours, of_j = (learn_and_judge(learner, disturbed, 3) for learner in LEARNERS.values())
+    ours, of_j = (learn_and_judge(learner, 200, disturbed, 3) for learner in LEARNERS.values())
     assert np.mean(ours["misjudged"]) < 0.05
     assert np.mean(ours["misjudged"]) < 0.5 * np.mean(of_j["misjudged"])
     assert np.sqrt(np.mean(np.square(ours["gaze_error_deg"]))) < 0.01
@@ -46,7 +46,7 @@ def test_a_quarter_of_outliers_breaks_the_paper_method_but_not_ours(data: Traini
 @pytest.mark.parametrize(("disturbance", "level"), [("elbow encoder stuck", 100), ("fewer samples", 12)])
 def test_past_the_break_every_posture_still_has_a_verdict(data: Training, disturbance: str, level: float) -> None:
     for learner in LEARNERS.values():
-        values = learn_and_judge(learner, DISTURBANCES[disturbance][1](data, level, np.random.default_rng(1)), 3)
+        values = learn_and_judge(learner, 200, DISTURBANCES[disturbance][1](data, level, np.random.default_rng(1)), 3)
         assert len(values["misjudged"]) == len(data.gaze_rad)
         assert np.mean(values["misjudged"]) > 0.05
 
