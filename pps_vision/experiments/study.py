@@ -2,7 +2,7 @@
 
 A study is one file in `pps_vision/experiments`, `experiments/pps` or `experiments/reach` that holds one frozen
 dataclass derived from `Study`. `pps-vision bench` finds it there; its name is the file's, after the folder's
-(`pps_one_trial`).
+(`pps_single_touch`).
 """
 
 import ast

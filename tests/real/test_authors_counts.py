@@ -14,18 +14,17 @@ def found():
 def test_the_monte_carlo_is_counted_as_they_did(found):
     numbers = found["monte_carlo"]
     print(numbers)
-    assert numbers["the path's last sample"]["l1_percent"] <= 0.011  # 3 of 29 570 counts; the goal is 1.5 %
-    assert numbers["where the path crosses z = 0"]["l1_percent"] <= 1.5
+    assert numbers["the last sample"]["l1_percent"] <= 0.011  # 3 of 29 570 counts; the goal is 1.5 %
     assert numbers["the taxel"]["l1_percent"] > 10  # the text's definition is not what was published
 
 
 def test_the_counts_after_one_and_four_trials(found):
-    numbers = found["after_1_and_4_trials"]
+    numbers = found["fig9"]
     print(numbers)
-    best = numbers["as the authors: last sample, released velocity"]
+    best = numbers["the last sample"]
     assert best["l1_percent"] <= 7.1  # 16 of 226; the goal is 11 %
     assert best["only_ours"] == 0  # all of ours are theirs
-    assert min(variant["l1_percent"] for variant in numbers.values()) == best["l1_percent"]
+    assert numbers["the taxel"]["l1_percent"] > 50
 
 
 def test_absent_data_are_said_to_be(tmp_path):

@@ -1,158 +1,119 @@
-"""R Fig 8: how far off each taxel is, read from what it has learned, on robots whose errors are known.
+"""R Fig 8: systematic offsets of the taxels, read from their maps, on robots whose errors are known.
 
-Offsets are where the regression line through the positives crosses a time to contact of zero.  TTC here is
-the time that was left to the touch, which a robot knows once it has been touched.  As it was perceived beforehand
-(R eq. 2) it will not do: an error along the approach changes distance and TTC alike; that, on R's own map, is
-shown beside.
+The offset is where the regression line through the positive samples crosses TTC = 0. Here TTC is the time that was left
+to the touch, known once the touch has happened. TTC as perceived beforehand (R eq. 2) cannot show an error along the
+approach, which shifts D and TTC alike; R's weights and that TTC are measured beside.
 """
 
 from dataclasses import dataclass, replace
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.memory import MemoryParams
 from learning.pps.offsets import offsets
 from learning.pps.touch_trial import TouchTrial
-from pps_vision.experiments.pps.errors import Belief, ErrorSources
-from pps_vision.experiments.pps.held_out import Approach, approaches, known_trials, learned
-from pps_vision.experiments.pps.touch_movements import Condition
-from pps_vision.experiments.study import Study
-from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Array
+from pps_vision.experiments.charts import bars, panels
+from pps_vision.experiments.pps.movements import TRIALS, SessionName
+from pps_vision.experiments.pps.perceived import PerceivedTrial, Session, train_memory
+from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
+from pps_vision.experiments.pps.trials import exact_trials
+from pps_vision.experiments.study import Study, interval, mean, median, percent
+from pps_vision.experiments.tables import Table, estimate
 
-TRIALS: dict[Condition, int] = {"inner": 53, "outer": 34, "palm": 77}  # R Table 5
-PAPER_M = {"inner": 0.0211, "outer": 0.0173, "palm": 0.0116}
-# The last moments alone, before which hands slow down; a bin a sample, which lies in its middle (they come each 50 ms).
-LAST = MemoryParams(distance_range_m=(-0.15, 0.20), ttc_range_s=(-0.025, 0.225), bins=(140, 5))
+PAPER_MM: dict[SessionName, float] = {"inner": 21.1, "outer": 17.3, "palm": 11.6}
+METHODS = {
+    "found": "positive samples, time left",
+    "weighted_by_f": "weights f (R)",
+    "perceived_ttc": "TTC as perceived",
+}
 MIN_TOUCHES = 5
+LAST = MemoryParams(distance_range_m=(-0.15, 0.20), ttc_range_s=(-0.025, 0.225), bins=(140, 5))
+"""The last 0.2 s, before which hands slow down; samples come every 50 ms and lie in the middle of a TTC bin."""
 _SAMPLED = ("stamps_s", "joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
 
 
 @dataclass(frozen=True)
 class Offsets(Study):
-    """Offsets of taxels on robots that err: estimated, beside the true ones."""
+    """Offset of each taxel estimated from its map, against the true distance perceived at the touch (R Fig 8)."""
 
-    robots: int = 4
-    """Robots, each with errors of its own."""
     seed: int = 0
     """Seed of trials and errors."""
+    n: int = 4
+    """Robots, each with errors of its own."""
 
     def run(self) -> dict[str, Any]:
-        """Taxel by taxel: the true perceived distance at the touch, the estimate, and what other ways give."""
-        if self.robots < 1:
-            raise ValueError(f"--robots {self.robots}; expected at least 1")
-        rows = [row for k in range(self.robots) for part in TRIALS for row in self._taxels(part, k)]
-        parts = {part: _summary([row for row in rows if row["part"] == part]) for part in TRIALS}
-        for part, numbers in parts.items():
-            numbers["paper_mm"] = 1000 * PAPER_M[part]
-        return {"seed": self.seed, "robots": self.robots, "all": _summary(rows), "parts": parts, "taxels": rows}
+        """Return, by part, the mean offsets, and the error of each method; 95 % intervals over robots."""
+        robots = [[row for part in PAPER_MM for row in self._taxels(part, k)] for k in range(self.n)]
+        errors = {m: [[abs(row[m] - row["true"]) for row in rows] for rows in robots] for m in METHODS}
+        return {
+            "taxels": sum(map(len, robots)),
+            "parts": {
+                part: {
+                    "found_mm": interval([[row["found"] for row in rows if row["part"] == part] for rows in robots]),
+                    "true_mm": mean(np.array([row["true"] for rows in robots for row in rows if row["part"] == part])),
+                    "paper_mm": paper_mm,
+                }
+                for part, paper_mm in PAPER_MM.items()
+            },
+            "methods": {
+                m: {
+                    "error_median_mm": interval(of, median),
+                    "within_3_mm_percent": interval([np.array(one) <= 3 for one in of], percent),
+                }
+                for m, of in errors.items()
+            },
+        }
 
-    def _taxels(self, part: Condition, number: int) -> list[dict[str, Any]]:
+    def _taxels(self, part: SessionName, number: int) -> list[dict[str, Any]]:
+        """True and estimated offsets in mm of the taxels that one robot's session touches often enough."""
         rng = np.random.default_rng((self.seed, number))
-        whole = icub_skin()
-        belief = Belief.draw(ErrorSources(), whole, rng)
-        told = [belief.tells(_end_of(t), True, rng) for t in known_trials(part, TRIALS[part], self.seed)]
-        trials = approaches(told, belief.robot, belief.skin, whole)
-        true, touches = _at_the_touch(trials)
-        afterwards = _memory(belief, tuple(map(_afterwards, trials)))
-        found = offsets(afterwards)
-        by_f = offsets(afterwards, afterwards.frequency)
-        beforehand = offsets(learned(belief.skin, MemoryParams(), trials))
+        robot = ErringRobot.draw(ErrorSources(), rng)
+        trials = tuple(robot.observe(_end(t), True, rng) for t in exact_trials(part, TRIALS[part], self.seed))
+        session = Session.of(part, trials, robot.model, robot.skin)
+        memory = train_memory(map(_with_time_left, session.perceived), LAST)
+        found = {
+            "found": offsets(memory),
+            "weighted_by_f": offsets(memory, memory.frequency),
+            "perceived_ttc": offsets(session.memory()),
+        }
+        at_touch = np.array([np.where(one.touched, one.distance_m[-1], np.nan) for one in session.perceived])
+        enough = (np.isfinite(at_touch).sum(axis=0) >= MIN_TOUCHES) & np.isfinite(found["found"])
         return [
-            {
-                "robot": number,
-                "part": part,
-                "taxel": belief.skin.taxel_ids[i],
-                "touches": int(touches[i]),
-                "true_mm": 1000 * float(true[i]),
-                "found_mm": 1000 * float(found[i]),
-                "weighted_by_f_mm": 1000 * float(by_f[i]),
-                "ttc_as_perceived_mm": 1000 * float(beforehand[i]),
-            }
-            for i in np.flatnonzero((touches >= MIN_TOUCHES) & np.isfinite(found))
+            {"part": part, "true": 1000 * float(np.nanmean(at_touch[:, i]))}
+            | {method: 1000 * float(values[i]) for method, values in found.items()}
+            for i in np.flatnonzero(enough)
         ]
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Left: taxel by taxel, estimated over true.  Right: the parts' means beside the paper's."""
-        figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.6), layout="constrained")
-        _estimates(left, numbers)
-        _parts(right, numbers["parts"])
+        """Draw the mean offset of each part: estimated, true, and R's on the robot."""
+        figure, (axis,) = panels(1, width=5.6)
+        parts = numbers["parts"]
+        series = {
+            "estimated (95 % over robots)": [of["found_mm"] for of in parts.values()],
+            "true": [of["true_mm"] for of in parts.values()],
+            "R, on the robot": [of["paper_mm"] for of in parts.values()],
+        }
+        bars(axis, list(parts), series, "mean offset (mm)")
+        axis.legend(fontsize=8)
         return figure
 
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the error of each method."""
+        rows = [
+            [METHODS[m], estimate(of["error_median_mm"]), estimate(of["within_3_mm_percent"])]
+            for m, of in numbers["methods"].items()
+        ]
+        return {"": Table([f"{numbers['taxels']} taxels", "median error (mm)", "within 3 mm (%)"], rows)}
 
-def _end_of(trial: TouchTrial) -> TouchTrial:
-    """The last of a trial, all that is counted here."""
+
+def _end(trial: TouchTrial) -> TouchTrial:
+    """The last samples of a trial, the only ones counted here."""
     last = trial.stamps_s >= trial.stamps_s[-1] - 2 * LAST.ttc_range_s[1]
-    kept = {name: getattr(trial, name)[last] for name in _SAMPLED}
-    return replace(trial, **kept)
+    return replace(trial, **{name: getattr(trial, name)[last] for name in _SAMPLED})
 
 
-def _memory(belief: Belief, trials: tuple[Approach, ...]) -> PPSMemory:
-    return learned(belief.skin, LAST, trials)
-
-
-def _afterwards(trial: Approach) -> Approach:
-    """The trial with the time that was left to the touch for its TTC."""
-    left = np.where(np.isfinite(trial.distance_m), trial.left_s[:, None], np.nan)
-    return Approach(trial.left_s, trial.distance_m, left, trial.touched)
-
-
-def _at_the_touch(trials: tuple[Approach, ...]) -> tuple[Array, Array]:
-    """Mean perceived D (n,) at the moment a taxel is touched, and how many touches that is."""
-    last = np.array([np.where(trial.touched, trial.distance_m[-1], np.nan) for trial in trials])
-    known = np.isfinite(last)
-    touches = known.sum(axis=0)
-    return np.where(touches > 0, np.nansum(last, axis=0) / np.maximum(touches, 1), np.nan), touches
-
-
-def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Means, and how far each way is off (mm)."""
-    true = np.array([row["true_mm"] for row in rows])
-    ways = {way: np.array([row[f"{way}_mm"] for row in rows]) for way in _WAYS}
-    return {
-        "taxels": len(rows),
-        "true_mean_mm": float(true.mean()),
-        "mean_mm": float(ways["found"].mean()),
-        "std_mm": float(ways["found"].std()),
-        "off_median_mm": {way: float(np.median(np.abs(found - true))) for way, found in ways.items()},
-        "within_3_mm": {way: float(np.mean(np.abs(found - true) <= 3)) for way, found in ways.items()},
-    }
-
-
-_WAYS = {"found": "positives (ours)", "weighted_by_f": "weights f (R)", "ttc_as_perceived": "TTC as perceived"}
-
-
-def _estimates(axis: Axes, numbers: dict[str, Any]) -> None:
-    true = [row["true_mm"] for row in numbers["taxels"]]
-    for (way, label), color, mark in zip(_WAYS.items(), ("tab:blue", "tab:orange", "0.6"), "o^x", strict=True):
-        share = 100 * numbers["all"]["within_3_mm"][way]
-        found = [row[f"{way}_mm"] for row in numbers["taxels"]]
-        axis.plot(true, found, mark, color=color, ms=4, alpha=0.8, label=f"{label}: {share:.0f} % within 3 mm")
-    span = np.array([min(true) - 5, max(true) + 5])
-    axis.fill_between(span, span - 3, span + 3, color="0.85", lw=0)
-    axis.plot(span, span, color="0.3", lw=1)
-    axis.set_ylim(span[0] - 25, span[1] + 35)
-    axis.set_xlabel("distance perceived at the touch (mm)")
-    axis.set_ylabel("offset: where the line crosses TTC = 0 (mm)")
-    axis.legend(fontsize=8)
-    axis.grid(alpha=0.25)
-
-
-def _parts(axis: Axes, parts: dict[str, Any]) -> None:
-    for x, (_part, of) in enumerate(parts.items()):
-        axis.errorbar(x, of["mean_mm"], of["std_mm"], fmt="o", color="tab:blue", capsize=4, label=_once(x, "estimated"))
-        axis.plot(x + 0.12, of["true_mean_mm"], "_", color="0.2", ms=16, mew=2, label=_once(x, "true"))
-        axis.plot(x + 0.24, of["paper_mm"], "D", color="tab:orange", ms=5, label=_once(x, "R, on the robot"))
-    axis.set_xticks(range(len(parts)), [f"{part}\n{of['taxels']} taxels" for part, of in parts.items()])
-    axis.set_xlim(-0.5, len(parts) - 0.5)
-    axis.set_ylabel("offset to the object's centre (mm, mean ± std over taxels)")
-    axis.legend(fontsize=8)
-    axis.grid(alpha=0.25, axis="y")
-
-
-def _once(x: int, label: str) -> str | None:
-    return label if x == 0 else None
+def _with_time_left(trial: PerceivedTrial) -> PerceivedTrial:
+    """The trial with the time left to the touch as its TTC."""
+    return replace(trial, ttc_s=np.where(np.isfinite(trial.distance_m), trial.left_s[:, None], np.nan))

@@ -1,4 +1,4 @@
-"""The shower of objects on three virtual taxels, against geometry, quadrature and scores on objects held out."""
+"""The simulation of a single taxel against geometry and quadrature."""
 
 import tracemalloc
 from dataclasses import replace
@@ -8,15 +8,16 @@ import pytest
 from data import SEED
 from scipy.stats import ncx2
 
-from learning.pps.memory import MemoryParams, activation
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.memory import MemoryParams
+from learning.pps.receptive_field import ReceptiveField
 from pps_vision.experiments.baselines.single_taxel import (
-    Shower,
-    contact_probability,
-    fall,
+    Simulation,
+    count_paths,
+    empty_map,
     from_landing,
-    map_error,
-    rain,
+    from_taxel,
+    simulate,
+    simulate_map,
 )
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -27,15 +28,15 @@ def rng(k=0):
 
 
 def test_as_many_objects_land_on_each_taxel_as_the_gaussian_says():
-    shower, n = Shower(), 20000
-    share = fall(replace(shower, length_s=0.1), n, rng()).touched.mean(axis=0)
-    off = np.hypot(*np.array(shower.taxels_m).T) / shower.landing_sigma_m
-    expected = ncx2.cdf((shower.touch_radius_m / shower.landing_sigma_m) ** 2, 2, off**2)
+    simulation, n = Simulation(), 20000
+    share = simulate(replace(simulation, length_s=0.1), n, rng()).touched.mean(axis=0)
+    off = np.hypot(*np.array(simulation.taxels_m).T) / simulation.landing_sigma_m
+    expected = ncx2.cdf((simulation.touch_radius_m / simulation.landing_sigma_m) ** 2, 2, off**2)
     np.testing.assert_allclose(share, expected, atol=5 * np.sqrt(0.08 / n))
 
 
 def test_paths_are_straight_even_and_end_on_the_skin():
-    objects = fall(Shower(), 200, rng(1))
+    objects = simulate(Simulation(), 200, rng(1))
     speed = np.nanmax(np.linalg.norm(objects.v_m_s[:, :, 0], axis=2), axis=1)
     assert 0.05 <= speed.min() < 0.06 < 0.14 < speed.max() <= 0.15
     D, TTC = from_landing(objects.d_m, objects.v_m_s)
@@ -48,7 +49,7 @@ def test_paths_are_straight_even_and_end_on_the_skin():
 
 
 def test_objects_start_in_the_zone():
-    start = fall(Shower(length_s=12.0), 500, rng(2)).d_m[:, :, 0]
+    start = simulate(Simulation(length_s=12.0), 500, rng(2)).d_m[:, :, 0]
     first = np.isnan(start[..., 0]).sum(axis=1)
     p = start[np.arange(500), first]
     distance = np.linalg.norm(p, axis=1)
@@ -57,7 +58,7 @@ def test_objects_start_in_the_zone():
 
 
 def test_an_offset_shifts_the_path_along_the_normal_and_nothing_else():
-    true, off = (fall(Shower(offset_m=o), 50, rng(3)) for o in (0.0, -0.1))
+    true, off = (simulate(Simulation(offset_m=o), 50, rng(3)) for o in (0.0, -0.1))
     np.testing.assert_allclose(off.d_m - true.d_m, np.where(np.isnan(true.d_m), np.nan, -0.1 * UP), atol=1e-12)
     D, TTC = from_landing(off.d_m, off.v_m_s, -0.1)
     near = TTC[:, -1] < 0.05 + 1e-9
@@ -66,17 +67,19 @@ def test_an_offset_shifts_the_path_along_the_normal_and_nothing_else():
 
 
 def test_noise_is_as_large_as_it_says():
-    true, noisy = (fall(Shower(position_noise_m=s / 10, velocity_noise_m_s=s), 300, rng(4)) for s in (0.0, 0.02))
+    true, noisy = (
+        simulate(Simulation(position_noise_m=s / 10, velocity_noise_m_s=s), 300, rng(4)) for s in (0.0, 0.02)
+    )
     wrong_d, wrong_v = noisy.d_m[:, :, 0] - true.d_m[:, :, 0], noisy.v_m_s - true.v_m_s
     assert np.nanstd(wrong_d) == pytest.approx(0.002, rel=0.03)
     assert np.nanstd(wrong_v) == pytest.approx(0.02, rel=0.03)
 
 
-def test_contact_probability_agrees_with_quadrature():
+def test_the_maps_frequencies_agree_with_quadrature():
     """All objects start at one point of the normal, so that the landing radius, the speed and the time
     are all there is; integrated over, bin by bin."""
     s, sigma, field = 0.28, 0.05, ReceptiveField()
-    shower = Shower(start_distance_m=(s, s), start_half_angle_rad=0.0, taxels_m=((0.0, 0.0),))
+    simulation = Simulation(start_distance_m=(s, s), start_half_angle_rad=0.0, taxels_m=((0.0, 0.0),))
     r, speed, tau = (
         (np.arange(n) + 0.5) / n * (high - low) + low for n, low, high in ((400, 0, 0.3), (60, 0.05, 0.15), (300, 0, 3))
     )
@@ -91,9 +94,12 @@ def test_contact_probability_agrees_with_quadrature():
     weight = np.broadcast_to(r * np.exp(-0.5 * (r / sigma) ** 2), D.shape)
     expected = np.zeros((2, 8, 4))
     bins = ((D + 0.1) / 0.3 * 8).astype(int), (np.where(inside, TTC, 0) / 3 * 4).astype(int)
-    hit = np.broadcast_to(r <= shower.touch_radius_m, D.shape)
+    hit = np.broadcast_to(r <= simulation.touch_radius_m, D.shape)
     np.add.at(expected, (np.where(hit, 0, 1)[inside], bins[0][inside], bins[1][inside]), weight[inside])
-    counts = rain(shower, 20000, rng(5), MemoryParams(), near_misses=True).counts[0]
+    paths = simulate(simulation, 20000, rng(5))
+    D, TTC = (np.repeat(samples, 2, axis=2) for samples in from_taxel(paths))
+    touched = np.concatenate([paths.touched, ~paths.touched], axis=1)  # the second taxel makes every object count
+    counts = count_paths(empty_map(2, MemoryParams()), D, TTC, touched).counts[0]
     total = counts.sum(axis=-1)
     seen = total > 3000
     assert seen.sum() >= 8
@@ -103,33 +109,11 @@ def test_contact_probability_agrees_with_quadrature():
     np.testing.assert_allclose(total / total.sum(), expected.sum(axis=0) / expected.sum(), atol=0.01)
 
 
-def test_near_misses_add_negatives_only():
-    alone, both = (rain(Shower(), 400, rng(6), MemoryParams(), near_misses=near).counts for near in (False, True))
-    np.testing.assert_array_equal(alone[..., 0], both[..., 0])
-    assert (both[..., 1] >= alone[..., 1]).all()
-    assert both[..., 1].sum() > 3 * alone[..., 1].sum()
-
-
-def test_the_squared_error_is_what_brier_score_a_map_loses():
-    """On objects held out: Brier(map) − Brier(truth) = error²."""
-    shower = replace(Shower(), taxels_m=((0.0, 0.0),))
-    truth = contact_probability(shower, 25000, rng(7))
-    memory = rain(shower, 500, rng(8), MemoryParams(), near_misses=True)
-    objects = fall(shower, 6000, rng(9))
-    D, TTC = (x[..., 0] for x in distance_and_ttc(ReceptiveField(), objects.d_m, UP, objects.v_m_s))
-    inside = truth.params.covers(D, TTC) & (D < 0.2) & (TTC < 3)
-    D, TTC, outcome = D[inside], TTC[inside], np.broadcast_to(objects.touched, D.shape)[inside]
-    said = activation(memory, D[:, None], TTC[:, None])[:, 0]
-    known = truth.frequency[0][((D + 0.1) / 0.3 * 96).astype(int), (TTC / 3 * 48).astype(int)]
-    lost = np.mean((said - outcome) ** 2) - np.mean((known - outcome) ** 2)
-    assert lost == pytest.approx(map_error(memory, truth) ** 2, abs=0.006)  # of about 0.008
-
-
-def test_memory_in_use_does_not_grow_with_the_shower():
+def test_memory_in_use_does_not_grow_with_the_objects():
     peaks = []
     for n in (2000, 8000):
         tracemalloc.start()
-        rain(Shower(), n, rng(10), MemoryParams())
+        simulate_map(Simulation(), n, rng(10), MemoryParams())
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.2 * peaks[0]
@@ -141,13 +125,13 @@ def test_memory_in_use_does_not_grow_with_the_shower():
         ({"start_distance_m": (0.3, 0.25)}, "from low to high"),
         ({"speed_m_s": (0.0, 0.1)}, "speeds above 0"),
         ({"start_half_angle_rad": 2.0}, "angle of 0–90°"),
-        ({"landing_sigma_m": 0.0}, "a spread"),
+        ({"landing_sigma_m": 0.0}, "a landing sigma"),
         ({"touch_radius_m": -0.01}, "touch radius"),
         ({"step_s": 0.0}, "time step above 0"),
         ({"position_noise_m": -0.001}, "noise of at least 0"),
         ({"taxels_m": ()}, "at least one taxel"),
     ],
 )
-def test_a_shower_that_cannot_be_is_refused(wrong, message):
+def test_an_impossible_simulation_is_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
-        Shower(**wrong)
+        Simulation(**wrong)

@@ -9,7 +9,7 @@ from data import SEED
 from control.fixation import gaze_at
 from learning.pps.joint_offsets import JointOffsetParams, joint_offsets, touching
 from learning.pps.touch_trial import TouchTrial
-from pps_vision.experiments.pps.errors import Belief, only
+from pps_vision.experiments.pps.robot_errors import ErringRobot, only
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, SkinPart, icub_skin, touched_taxels
@@ -20,9 +20,9 @@ ARM = ROBOT.indices(ROBOT.names.arm("left"))
 PARAMS, RADIUS_M = JointOffsetParams(), 0.035
 
 
-def robot_off_by(offsets_rad: Array) -> Belief:
+def robot_off_by(offsets_rad: Array) -> ErringRobot:
     """The iCub, all right but for its encoders."""
-    return replace(Belief.draw(only(), SKIN, np.random.default_rng(0)), joint_offsets_rad=-offsets_rad)
+    return replace(ErringRobot.draw(only(), np.random.default_rng(0), SKIN), joint_offsets_rad=-offsets_rad)
 
 
 def lying_on(taxel: int, rng: np.random.Generator) -> TouchTrial:
@@ -44,23 +44,23 @@ def lying(n: int, seed: int) -> list[TouchTrial]:
     return [lying_on(inner[k % len(inner)], rng) for k in range(n)]
 
 
-def seen(belief: Belief, trials: list[TouchTrial]) -> list[TouchTrial]:
+def seen(robot: ErringRobot, trials: list[TouchTrial]) -> list[TouchTrial]:
     rng = np.random.default_rng(0)  # asked for nothing: these robots' joints do not play
-    return [belief.tells(trial, True, rng) for trial in trials]
+    return [robot.observe(trial, True, rng) for trial in trials]
 
 
-def miss_mm(belief: Belief, trials: list[TouchTrial]) -> float:
+def miss_mm(robot: ErringRobot, trials: list[TouchTrial]) -> float:
     """Median distance, in the forearm's frame, from where balls are seen to where they lie."""
 
     def on_forearm(of: TouchTrial) -> Array:
         return move_points(inverse(ROBOT.at(of.joints_rad[0]).T_root(SKIN.parts[0].frame)), of.positions[0])
 
-    missed = [on_forearm(a) - on_forearm(b) for a, b in zip(seen(belief, trials), trials, strict=True)]
+    missed = [on_forearm(a) - on_forearm(b) for a, b in zip(seen(robot, trials), trials, strict=True)]
     return 1000 * float(np.median(np.linalg.norm(missed, axis=1)))
 
 
-def learned(belief: Belief, trials: list[TouchTrial]) -> Array:
-    return joint_offsets(PARAMS, belief.robot, belief.rig, belief.skin, trials).offsets_rad
+def learned(robot: ErringRobot, trials: list[TouchTrial]) -> Array:
+    return joint_offsets(PARAMS, robot.model, robot.rig, robot.skin, trials).offsets_rad
 
 
 def test_a_touch_says_where_a_ball_is() -> None:

@@ -1,0 +1,170 @@
+"""The movements of R's three milestones: the robot's own finger, or an object in a hand, touches the skin."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import count, cycle, islice
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
+from control.fixation import gaze_at
+from pps_vision.app.in_view import can_follow
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, Skin, icub_skin, taxel_frame, touched_taxels
+from pps_vision.types import Array, Mask
+from rendering.motions import make_reach
+from rendering.names import StimulusName
+from rendering.stimuli import make_stimulus
+
+SessionName = Literal["motor", "visual", "inner", "outer", "palm"]
+"""motor, visual: double touches of the inner left forearm with the right index finger, felt or seen (its marker).
+inner, outer, palm: a ball and a cube in turn approach the inner or outer left forearm or the right palm."""
+TRIALS: dict[SessionName, int] = {"motor": 82, "visual": 45, "inner": 53, "outer": 34, "palm": 77}
+"""Trials of each session (R Table 5)."""
+AIMED: dict[SessionName, tuple[str, tuple[int, ...]]] = {
+    "motor": ("left_forearm", INNER_FOREARM),
+    "visual": ("left_forearm", INNER_FOREARM),
+    "inner": ("left_forearm", INNER_FOREARM),
+    "outer": ("left_forearm", OUTER_FOREARM),
+    "palm": ("right_palm", (101, 103, 118, 137)),
+}
+"""The skin part and its taxels that each session aims at."""
+STEP_S = 0.05
+
+# Arms in chain order, degrees; both eyes see the taxels aimed at.  The other arm hangs down.
+_OUTER_ARM_DEG = (-29.4, 18.2, 87.2, 37.6, 39.1, -16.3, -12.2)
+_PALM_ARM_DEG = (-25.6, 24.5, -19.6, 24.2, -41.1, 3.0, -16.0)
+_HANGING_ARM_DEG = (0.0, 15.0, 0.0, 20.0, 0.0, 0.0, 0.0)
+_OBJECTS: tuple[StimulusName, ...] = ("ball", "cube")
+_START_M = (0.21, 0.25)  # just beyond the receptive field, so that the eyes have it when it enters
+_PEAK_M_S = (0.10, 0.25)
+_SCATTER_M = 0.025  # standard deviation of the end point about the taxel aimed at, each way
+_DEEPEST_M = -0.005  # no taxel is penetrated deeper on the way
+_MARGIN_PX = 15.0  # least distance of a fingertip from the image's edge
+_BATCH = 12  # double touches planned at once
+_BEGIN = 0.15  # share of the time to the touch that is left out: a reach hardly moves at first
+
+
+@dataclass(frozen=True, slots=True)
+class Movement:
+    """True course of a trial: stamps (T,) s, the last that of the touch; joints (T, k) rad, with the eyes as at the
+    start; the object's positions and velocities (T, 3) in the root frame and its rotation (3, 3); which taxels of the
+    whole skin it touches at the end, `touched` (n,); and the name of the taxel aimed at."""
+
+    stimulus: StimulusName
+    rotation: Array
+    stamps_s: Array
+    joints_rad: Array
+    positions: Array
+    velocities: Array
+    touched: Mask
+    aimed: str
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the object."""
+        return make_stimulus(self.stimulus, fineness=0).radius_m
+
+
+@cache  # several studies use the same movements
+def movements(session: SessionName, n: int, seed: int) -> tuple[Movement, ...]:
+    """Return the first `n` movements of a session; movement k does not depend on `n`."""
+    if session not in get_args(SessionName):
+        raise ValueError(f"session {session!r}; expected one of {', '.join(get_args(SessionName))}")
+    if n < 1:
+        raise ValueError(f"{n} trials of {session}; expected at least 1")
+    if session in ("motor", "visual"):
+        return tuple(islice(_double_touches(session, seed), n))
+    return tuple(_approach(session, k, seed) for k in range(n))
+
+
+def start_posture(robot: Robot, session: SessionName) -> Array:
+    """Return the joints (k,) rad in which the skin awaits objects: within sight of both eyes."""
+    q = home(robot)
+    arms = {"outer": (_OUTER_ARM_DEG, _HANGING_ARM_DEG), "palm": (_HANGING_ARM_DEG, _PALM_ARM_DEG)}.get(session, ())
+    for side, degrees in zip(("left", "right"), arms, strict=False):
+        q[robot.indices(robot.names.arm(side))] = np.deg2rad(degrees)
+    return q
+
+
+def gaze_mask(robot: Robot) -> Mask:
+    """Return which joints (k,) turn head and eyes."""
+    mask = np.zeros(robot.n_joints, dtype=bool)
+    mask[robot.indices(robot.names.gaze_joints)] = True
+    return mask
+
+
+@cache
+def _planner() -> tuple[Robot, Skin, DoubleTouching]:
+    robot = load_icub()
+    return robot, icub_skin(), DoubleTouching(robot, icub_skin(("left_forearm",)).parts[0])
+
+
+def _approach(session: SessionName, k: int, seed: int) -> Movement:
+    """Draw approach `k` until it touches the skin and the eyes can follow it."""
+    robot, skin, _ = _planner()
+    rng = np.random.default_rng((seed, get_args(SessionName).index(session), 1, k))
+    part, ids = AIMED[session]
+    aimed = f"{part}:{ids[k % len(ids)]}"
+    stimulus = _OBJECTS[k % len(_OBJECTS)]
+    radius = make_stimulus(stimulus, fineness=0).radius_m
+    q = start_posture(robot, session)
+    positions, normals = skin.at(robot.at(q))
+    T = taxel_frame(positions[skin.index(aimed)], normals[skin.index(aimed)])
+    for _ in range(500):
+        end = T[:3, :3] @ np.array([*(_SCATTER_M * rng.standard_normal(2)), radius]) + T[:3, 3]
+        reach = make_reach(rng, end, T[:3, 2], rng.uniform(*_START_M), rng.uniform(*_PEAK_M_S))
+        n = int((1 - _BEGIN) * reach.arrives_s / STEP_S)
+        stamps = reach.arrives_s - STEP_S * np.arange(n, -1, -1)
+        path, velocities = (np.array(a) for a in zip(*(reach(float(t)) for t in stamps), strict=True))
+        touched = touched_taxels(positions, path[-1], radius)
+        gap = np.linalg.norm(path[:, None] - positions, axis=2).min(axis=1) - radius
+        allowed = touched.any() and gap.min() > _DEEPEST_M
+        if allowed and can_follow(robot, icub_rig(robot), q, reach, reach.arrives_s):
+            rotation = Rotation.random(random_state=rng).as_matrix()
+            joints = np.tile(gaze_at(robot, q, path[0]), (len(stamps), 1))
+            return Movement(stimulus, rotation, stamps - stamps[0], joints, path, velocities, touched, aimed)
+    raise ValueError(f"no approach to {aimed} stays in view of both eyes; expected a taxel that its posture shows")
+
+
+def _double_touches(session: SessionName, seed: int) -> Iterator[Movement]:
+    """Double touches of the inner taxels in turn; in the visual session only those that the eyes see."""
+    planner = _planner()[2]
+    plans = {i: _plans(session, planner.part.ids.index(i), seed) for i in INNER_FOREARM}
+    for i in cycle(INNER_FOREARM):
+        yield next(plans[i])
+
+
+def _plans(session: SessionName, taxel: int, seed: int) -> Iterator[Movement]:
+    """Double touches of one taxel."""
+    robot, skin, planner = _planner()
+    for batch in count():
+        rng = np.random.default_rng((seed, get_args(SessionName).index(session), taxel, batch))
+        for touch in planner.plan(taxel, _BATCH, rng):
+            if isinstance(touch, DoubleTouch):
+                movement = _finger_movement(robot, skin, touch, f"{planner.part.name}:{planner.part.ids[taxel]}")
+                if session == "motor" or _is_in_view(robot, movement):
+                    yield movement
+
+
+def _finger_movement(robot: Robot, skin: Skin, touch: DoubleTouch, aimed: str) -> Movement:
+    tip = np.array([robot.at(q).point(robot.names.index_tips[1]) for q in touch.joints_rad])
+    velocities = np.gradient(tip, touch.stamps_s, axis=0, edge_order=2)
+    joints = np.where(gaze_mask(robot), gaze_at(robot, touch.joints_rad[0], tip[0]), touch.joints_rad)
+    positions, _ = skin.at(robot.at(joints[-1]))
+    touched = touched_taxels(positions, tip[-1], FINGERTIP_RADIUS_M)
+    return Movement("marker", np.eye(3), touch.stamps_s, joints, tip, velocities, touched, aimed)
+
+
+def _is_in_view(robot: Robot, movement: Movement) -> bool:
+    """Return whether both eyes, fixating the fingertip, have it in their image along its way."""
+    rig = icub_rig(robot)
+    for q, tip in zip(movement.joints_rad[::-8], movement.positions[::-8], strict=True):
+        view = rig.view(gaze_at(robot, q, tip))
+        if not (view.left.sees(tip, _MARGIN_PX) and view.right.sees(tip, _MARGIN_PX)):
+            return False
+    return True

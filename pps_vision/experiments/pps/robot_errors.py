@@ -1,0 +1,188 @@
+"""Robots that misjudge themselves: R's five sources of error, applied to trials whose truth is known."""
+
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
+from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import Trial
+from pps_vision.experiments.pps.perceived import PerceivedTrial, displacements, perceive_trials
+from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.geometry.triangulation import midpoint
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import Skin, icub_skin
+from pps_vision.types import Array
+
+_H_S = 0.02  # central difference that turns positions into velocities
+
+
+@dataclass(frozen=True)
+class ErrorSources:
+    """Standard deviations of R's error sources ("Kinematic model and coordinate transformations").
+
+    R names the sources and their sum, several centimetres; the shares are ours.
+    """
+
+    link_m: float = 0.002
+    """Position of each joint frame: mismatch of the CAD model."""
+    link_rad: float = float(np.deg2rad(0.2))
+    """Orientation of each joint frame: mismatch of the CAD model."""
+    joint_rad: float = float(np.deg2rad(1.0))
+    """Constant offset of each encoder: joint calibration."""
+    slack_rad: float = float(np.deg2rad(0.3))
+    """Offset of each joint drawn anew for every trial: backlash and elasticity, which cannot be learned."""
+    taxel_m: float = 0.004
+    """Position of each taxel."""
+    taxel_rad: float = float(np.deg2rad(5.0))
+    """Direction of each taxel's normal."""
+    focal: float = 0.01
+    """Relative error of a camera's focal length."""
+    principal_px: float = 1.5
+    """Error of a camera's principal point, each axis."""
+
+
+SOURCES = {
+    "CAD model": ("link_m", "link_rad"),
+    "joint calibration": ("joint_rad",),
+    "backlash, elasticity": ("slack_rad",),
+    "taxel poses": ("taxel_m", "taxel_rad"),
+    "cameras": ("focal", "principal_px"),
+}
+
+
+def only(*sources: str) -> ErrorSources:
+    """Return the named sources at their defaults and the others at zero."""
+    kept = {name for source in sources for name in SOURCES[source]}
+    return ErrorSources(**{name: value if name in kept else 0.0 for name, value in vars(ErrorSources()).items()})
+
+
+@cache
+def _true_robot() -> tuple[Robot, StereoRig]:
+    robot = load_icub()
+    return robot, icub_rig(robot)
+
+
+@dataclass(frozen=True)
+class ErringRobot:
+    """What a robot assumes about itself; the true robot is the iCub as described."""
+
+    model: Robot
+    rig: StereoRig
+    skin: Skin
+    joint_offsets_rad: Array
+    slack_rad: float
+
+    @classmethod
+    def draw(cls, sources: ErrorSources, rng: np.random.Generator, skin: Skin | None = None) -> "ErringRobot":
+        """Return a robot with errors drawn from `sources`; its true skin is `skin` (default: the iCub's)."""
+        _, rig = _true_robot()
+        model = _perturbed_model(sources, rng)
+        cameras = (_perturbed_camera(rig.left, sources, rng), _perturbed_camera(rig.right, sources, rng))
+        assumed_skin = _perturbed_skin(skin or icub_skin(), sources, rng)
+        offsets = sources.joint_rad * rng.standard_normal(model.n_joints)
+        return cls(model, icub_rig(model, *cameras), assumed_skin, offsets, sources.slack_rad)
+
+    def observe(self, trial: TouchTrial, sees: bool, rng: np.random.Generator) -> TouchTrial:
+        """Return a true trial as this robot takes it: seen by its eyes, or its own right fingertip located by its
+        joints."""
+        q_true = trial.joints_rad
+        q = q_true + self.joint_offsets_rad + self.slack_rad * rng.standard_normal(self.model.n_joints)
+        around = trial.positions[:, None] + _H_S * np.array([-1.0, 0.0, 1.0])[:, None] * trial.velocities[:, None]
+        locate = self._triangulate if sees else self._locate_fingertip
+        at = np.array([locate(*sample) for sample in zip(around, q_true, q, strict=True)])
+        return replace(trial, joints_rad=q, positions=at[:, 1], velocities=(at[:, 2] - at[:, 0]) / (2 * _H_S))
+
+    def corrected(self, offsets_rad: Array) -> "ErringRobot":
+        """Return the robot that adds offsets (n_joints,) to its encoders."""
+        return replace(self, joint_offsets_rad=self.joint_offsets_rad + offsets_rad)
+
+    def _triangulate(self, points: Array, q_true: Array, q: Array) -> Array:
+        """Points (k, 3) as triangulated with cameras that are not where they are assumed to be; NaN if impossible."""
+        true, assumed = _true_robot()[1].view(q_true), self.rig.view(q)
+        left = assumed.left.rays(true.left.project(points))
+        right = assumed.right.rays(true.right.project(points))
+        met = [midpoint(assumed.left.center, a, assumed.right.center, b) for a, b in zip(left, right, strict=True)]
+        return np.array([np.full(3, np.nan) if p is None else p for p in met])
+
+    def _locate_fingertip(self, points: Array, q_true: Array, q: Array) -> Array:
+        """Points (k, 3) fixed to the right fingertip, as the assumed joints place it."""
+        robot, _ = _true_robot()
+        tip = robot.names.index_tips[1]
+        in_tip = move_points(inverse(robot.at(q_true).T_root(tip)), points)
+        return self.model.at(q).point(tip, in_tip)
+
+
+@dataclass(frozen=True)
+class ObservedTrials:
+    """Trials as a robot takes them, and what its forearm perceives of them."""
+
+    robot: ErringRobot
+    trials: tuple[TouchTrial, ...]
+
+    @classmethod
+    def of(
+        cls, robot: ErringRobot, trials: tuple[TouchTrial, ...], rng: np.random.Generator, sees: bool = True
+    ) -> "ObservedTrials":
+        """Return true trials as a robot observes them."""
+        return cls(robot, tuple(robot.observe(trial, sees, rng) for trial in trials))
+
+    @cached_property
+    def perceived(self) -> tuple[PerceivedTrial, ...]:
+        """D and TTC."""
+        return perceive_trials(self.trials, self.robot.model, self.robot.skin)
+
+    @cached_property
+    def displacements(self) -> tuple[Trial, ...]:
+        """Displacements from each taxel."""
+        return displacements(self.trials, self.robot.model, self.robot.skin)
+
+    def corrected_robot(self) -> ErringRobot:
+        """Return the robot with encoder offsets estimated from the touches of these trials."""
+        r = self.robot
+        return r.corrected(joint_offsets(JointOffsetParams(), r.model, r.rig, r.skin, self.trials).offsets_rad)
+
+
+def displacement_error_mm(true: ObservedTrials, observed: ObservedTrials) -> float:
+    """Return the median error of an object's position relative to a taxel, over all samples and taxels."""
+    found = [np.concatenate([trial.d_m for trial in trials.displacements]) for trials in (true, observed)]
+    return 1000 * float(np.nanmedian(np.linalg.norm(found[0] - found[1], axis=-1)))
+
+
+def _perturbed_model(sources: ErrorSources, rng: np.random.Generator) -> Robot:
+    """Return the iCub with every joint frame displaced and rotated."""
+    tree = ElementTree.fromstring((files("pps_vision.robot") / "icub.urdf").read_text())
+    for origin in (joint.find("origin") for joint in tree.iter("joint")):
+        if origin is not None:
+            for name, sigma in (("xyz", sources.link_m), ("rpy", sources.link_rad)):
+                values = np.array(origin.get(name, "0 0 0").split(), dtype=float) + sigma * rng.standard_normal(3)
+                origin.set(name, " ".join(f"{value:.9f}" for value in values))
+    with TemporaryDirectory() as folder:
+        urdf = Path(folder) / "perturbed.urdf"
+        urdf.write_bytes(ElementTree.tostring(tree))
+        return Robot(urdf)
+
+
+def _perturbed_skin(skin: Skin, sources: ErrorSources, rng: np.random.Generator) -> Skin:
+    """Return the skin with every taxel displaced and tilted."""
+    parts = []
+    for part in skin.parts:
+        shift = sources.taxel_m * rng.standard_normal(part.positions_m.shape)
+        turn = Rotation.from_rotvec(sources.taxel_rad * rng.standard_normal(part.normals.shape))
+        parts.append(replace(part, positions_m=part.positions_m + shift, normals=turn.apply(part.normals)))
+    return Skin(tuple(parts))
+
+
+def _perturbed_camera(camera: Camera, sources: ErrorSources, rng: np.random.Generator) -> Camera:
+    """Return the camera with errors of focal length and principal point."""
+    scale = 1 + sources.focal * rng.standard_normal()
+    cx, cy = np.array([camera.cx, camera.cy]) + sources.principal_px * rng.standard_normal(2)
+    return replace(camera, fx=camera.fx * scale, fy=camera.fy * scale, cx=float(cx), cy=float(cy))

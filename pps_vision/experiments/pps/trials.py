@@ -1,0 +1,139 @@
+"""The trials that learning starts from: movements known exactly, or rendered, tracked and followed by the eyes."""
+
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from hashlib import sha256
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+import rendering
+import tracking
+from control import fixation, head, rates
+from learning.archive import read_archive, write_archive
+from learning.pps.memory import PPSMemory
+from learning.pps.touch_trial import TouchTrial
+from pps_vision import geometry, robot
+from pps_vision.app.pipeline import Pipeline, PipelineParams
+from pps_vision.experiments.pps.movements import STEP_S, Movement, SessionName, gaze_mask, movements
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.robot.silhouette import Silhouette
+from pps_vision.robot.skin import Skin, icub_skin
+from pps_vision.types import Array, Track3D
+from rendering.eyes import Eyes
+from rendering.names import CarrierName
+from rendering.scene import SceneState
+from rendering.sensor import Sensor
+from rendering.stimuli import make_stimulus
+from tracking.tracker import Tracker, TrackerParams
+
+NOISE_SIGMA = 2.0  # of the eyes' pixels, grey levels of 255
+FOLDER = Path("build") / "pps"
+"""Default folder of the rendered trials, which several studies share."""
+_PROCESSES = 2
+_KIND, _VERSION = "touch trial", 1
+_TRACKED = ("joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
+
+
+@cache
+def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, ...]:
+    """Return the first `n` trials of a session with the object known exactly."""
+    return tuple(_exact(movement) for movement in movements(session, n, seed))
+
+
+def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLDER) -> tuple[TouchTrial, ...]:
+    """Return the first `n` trials of a session as tracked in rendered eye views.
+
+    `folder` keeps every trial under a name that identifies movement and code, so a trial is rendered once and an
+    interrupted run resumes.
+    """
+    if session == "motor":
+        raise ValueError("rendered motor trials; expected visual, inner, outer or palm: a motor double touch is felt")
+    made = movements(session, n, seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / f"{movement.stimulus}_{_digest(movement, _code())}.npz" for movement in made]
+    todo = [(movement, file) for movement, file in zip(made, files, strict=True) if not file.exists()]
+    if todo:
+        with ProcessPoolExecutor(min(_PROCESSES, len(todo)), get_context("spawn")) as pool:
+            done = pool.map(_render_to, *zip(*todo, strict=True))
+            for _ in tqdm(done, "rendering", len(todo), unit="trial", disable=None):
+                pass
+    return tuple(_read(movement, file) for movement, file in zip(made, files, strict=True))
+
+
+def render_trial(movement: Movement) -> TouchTrial:
+    """Return a movement as tracked in rendered eye views, the eyes following the track."""
+    is_marker = movement.stimulus == "marker"
+    icub, rig, skin, eyes = _eyes("none" if is_marker else "hand")
+    eyes.set_stimulus(make_stimulus(movement.stimulus))
+    rng = np.random.default_rng(int(_digest(movement), 16))  # the noise depends on the movement, not on the code
+    tracker = Tracker(TrackerParams("marker" if is_marker else "generic"), rig, rng, own_body=Silhouette(icub))
+    pipeline = Pipeline(PipelineParams(), icub, skin, tracker, PPSMemory.empty(skin), rng)
+    tracks: list[Track3D] = []
+    joints: list[Array] = []
+    q = movement.joints_rad[0]
+    for t, arms, p in zip(movement.stamps_s, movement.joints_rad, movement.positions, strict=True):
+        q = np.where(gaze_mask(icub), q, arms)
+        step = pipeline.step(eyes.render(SceneState(q, p, rotation=movement.rotation), t, rng))
+        tracks.append(step.tracking.track)
+        joints.append(q)
+        q = icub.clamp(q + STEP_S * step.command.dq_rad_s)
+    return TouchTrial(
+        movement.stamps_s,
+        np.array(joints),
+        np.array([track.position for track in tracks]),
+        np.array([track.velocity for track in tracks]),
+        np.array([track.cov[3:6, 3:6] for track in tracks]),
+        np.array([track.radius_m for track in tracks]),
+        movement.touched,
+        movement.aimed,
+    )
+
+
+def _exact(movement: Movement) -> TouchTrial:
+    n = len(movement.stamps_s)
+    path = (movement.joints_rad, movement.positions, movement.velocities)
+    certain = np.zeros((n, 3, 3)), np.full(n, movement.radius_m)
+    return TouchTrial(movement.stamps_s, *path, *certain, movement.touched, movement.aimed)
+
+
+@cache
+def _eyes(carrier: CarrierName) -> tuple[Robot, StereoRig, Skin, Eyes]:
+    """This process's robot, its calibrated cameras, its skin, and its rendered eye views."""
+    icub = load_icub()
+    rig = icub_rig(icub)
+    eyes = Eyes(icub, rig, make_stimulus("ball"), carrier, Sensor(noise_sigma=NOISE_SIGMA))
+    return icub, rig, icub_skin(), eyes
+
+
+def _render_to(movement: Movement, file: Path) -> None:
+    trial = render_trial(movement)
+    write_archive(file, _KIND, _VERSION, {name: getattr(trial, name) for name in _TRACKED})
+
+
+def _read(movement: Movement, file: Path) -> TouchTrial:
+    tracked = {name: array.astype(float) for name, array in read_archive(file, _KIND, _VERSION, _TRACKED).items()}
+    return TouchTrial(stamps_s=movement.stamps_s, touched=movement.touched, aimed=movement.aimed, **tracked)
+
+
+def _digest(movement: Movement, code: bytes = b"") -> str:
+    """Hexadecimal digest of a movement, and of the `code` that renders and tracks it."""
+    digest = sha256(code)
+    digest.update(f"{movement.stimulus} {NOISE_SIGMA}".encode())
+    for array in (movement.rotation, movement.stamps_s, movement.joints_rad, movement.positions):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:24]
+
+
+@cache
+def _code() -> bytes:
+    """All code that decides how a movement is rendered, tracked and followed."""
+    folders = [Path(str(package.__file__)).parent for package in (rendering, tracking, geometry)]
+    files = [file for folder in folders for file in folder.rglob("*") if file.suffix == ".py"]
+    files += [Path(str(module.__file__)) for module in (fixation, head, rates)]
+    files += [*Path(str(robot.__file__)).parent.glob("*.urdf"), Path(__file__)]
+    return b"".join(file.read_bytes() for file in sorted(files))

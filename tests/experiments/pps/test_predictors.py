@@ -1,0 +1,88 @@
+"""Predictors of touch on balls that approach taxels along their normals, some passing beside."""
+
+import numpy as np
+import pytest
+from data import SEED
+
+from learning.pps.touch_trial import TouchTrial
+from pps_vision.experiments.pps import calibration
+from pps_vision.experiments.pps.perceived import FOREARM, at_horizon, displacements
+from pps_vision.experiments.pps.predictors import METHODS, Inputs
+from pps_vision.robot.icub import home, load_icub
+from pps_vision.robot.skin import icub_skin, touched_taxels
+
+ROBOT, SKIN = load_icub(), icub_skin()
+POSITIONS, NORMALS = SKIN.at(ROBOT.at(home(ROBOT)))
+Trials = tuple[TouchTrial, ...]
+
+
+def straight(taxel: int, aside_m: float, rng: np.random.Generator) -> TouchTrial:
+    """A ball approaches along a taxel's normal, displaced to one side."""
+    left_s = np.arange(30, -1, -1) * 0.05
+    across = np.cross(NORMALS[taxel], rng.standard_normal(3))
+    end = POSITIONS[taxel] + 0.03 * NORMALS[taxel] + aside_m * across / np.linalg.norm(across)
+    velocity = -rng.uniform(0.06, 0.14) * NORMALS[taxel]
+    path = end - left_s[:, None] * velocity
+    certain = np.zeros((31, 3, 3)), np.full(31, 0.03)
+    touched = touched_taxels(POSITIONS, end, 0.03)
+    joints = np.tile(home(ROBOT), (31, 1))
+    return TouchTrial(1.5 - left_s, joints, path, np.tile(velocity, (31, 1)), *certain, touched, SKIN.taxel_ids[taxel])
+
+
+@pytest.fixture(scope="module")
+def trials() -> tuple[Trials, Trials]:
+    rng = np.random.default_rng(SEED)
+    made = [straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(32)]
+    return tuple(made[::2]), tuple(made[1::2])
+
+
+def test_every_predictor_returns_probabilities_and_the_combination_beats_the_base_rate(
+    trials: tuple[Trials, Trials],
+) -> None:
+    training, test = (Inputs.of(some) for some in trials)
+    for predictor in METHODS.values():
+        p = predictor(training, test)
+        assert p.shape == (16, 12)
+        assert np.all((p >= 0) & (p <= 1))
+    found = calibration.evaluate(training, test)
+    ours, base = found["fine map, displacement, landing, corrected"], found["base rate"]
+    assert ours["auroc"] > base["auroc"]
+    assert ours["brier"] < base["brier"]
+
+
+def test_a_prediction_uses_nothing_later_than_its_horizon(trials: tuple[Trials, Trials]) -> None:
+    """The last two samples of the test trials may be anything."""
+    training = Inputs.of(trials[0])
+    changed = [TouchTrial(*(getattr(t, name) for name in t.__slots__)) for t in trials[1]]
+    for k, t in enumerate(changed):
+        path = t.positions.copy()
+        path[-2:] += 0.05
+        changed[k] = TouchTrial(*(path if name == "positions" else getattr(t, name) for name in t.__slots__))
+    for predictor in METHODS.values():
+        np.testing.assert_allclose(
+            predictor(training, Inputs.of(trials[1])), predictor(training, Inputs.of(tuple(changed)))
+        )
+
+
+def test_displacements_are_in_the_taxels_frames(trials: tuple[Trials, Trials]) -> None:
+    for trial, moved in zip(trials[0][:3], displacements(trials[0][:3], ROBOT, SKIN), strict=True):
+        apart = trial.positions[:, None] - POSITIONS[:12]
+        np.testing.assert_allclose(np.linalg.norm(moved.d_m, axis=2), np.linalg.norm(apart, axis=2))
+        np.testing.assert_allclose(moved.d_m[..., 2], np.einsum("tni,ni->tn", apart, NORMALS[:12]), atol=1e-9)
+        np.testing.assert_array_equal(moved.touched, trial.touched[:12])
+    assert SKIN.taxel_ids[11].startswith(FOREARM)
+
+
+def test_the_horizon_is_0_15_s_before_the_end(trials: tuple[Trials, Trials]) -> None:
+    seen = Inputs.of(trials[0][:2]).center
+    D, _, _ = at_horizon(seen)
+    np.testing.assert_array_equal(D[0], seen[0].distance_m[-4])
+
+
+def test_reliability_counts_every_prediction_once() -> None:
+    touched = np.array([True, False, True, True])
+    found = calibration.scores(touched, np.array([0.05, 0.05, 0.95, 1.0]))["touched_percent"]
+    assert found[0][0] == 50
+    assert found[9][0] == 100
+    assert all(tenth is None for tenth in found[1:9])
+    assert found[9][1] == pytest.approx(100 * 2 / (2 + 1.96**2), abs=0.1)  # Wilson: n / (n + z²)

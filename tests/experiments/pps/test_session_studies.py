@@ -1,0 +1,131 @@
+"""Studies of R's sessions, small and with exactly known objects."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import SEED
+from drawn_study import run_and_draw
+
+from learning.pps.receptive_field import ReceptiveField, perceive
+from learning.pps.touch_trial import TouchTrial, perceived
+from pps_vision.experiments.pps import compensation, double_touches, invariance, landscapes, offsets, table5
+from pps_vision.experiments.pps.calibration import Calibration
+from pps_vision.experiments.pps.compensation import CASES, Compensation
+from pps_vision.experiments.pps.double_touches import DoubleTouches
+from pps_vision.experiments.pps.invariance import Invariance, in_other_posture
+from pps_vision.experiments.pps.landscapes import TITLES, Landscapes
+from pps_vision.experiments.pps.movements import TRIALS, SessionName
+from pps_vision.experiments.pps.offsets import Offsets
+from pps_vision.experiments.pps.robot_errors import SOURCES
+from pps_vision.experiments.pps.table5 import PAPER, Table5, load_session
+from pps_vision.experiments.pps.trials import exact_trials
+from pps_vision.robot.icub import load_icub
+from pps_vision.robot.skin import icub_skin
+
+ROBOT, FOREARM = load_icub(), icub_skin(("left_forearm",))
+
+
+def small(**n: int) -> dict[str, int]:
+    return {**dict.fromkeys(TRIALS, 2), **n}
+
+
+def exact(name: SessionName, n: int, seed: int, folder: Path) -> tuple[TouchTrial, ...]:
+    """In place of rendered trials."""
+    return exact_trials(name, n, seed)
+
+
+def test_table_5_has_the_papers_trials_and_counts_the_steps_that_are_perceived(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert {name: of["trials"] for name, of in PAPER.items()} == TRIALS
+    monkeypatch.setattr(table5, "TRIALS", small())
+    study = Table5(SEED, rendered=False)
+    numbers, _ = run_and_draw(study)
+    session, n = load_session(study, "inner"), 0
+    for trial in session.trials:
+        for q, p, v in zip(trial.joints_rad, trial.positions, trial.velocities, strict=True):
+            n += bool(np.isfinite(perceive(ReceptiveField(), *session.skin.at(ROBOT.at(q)), p, v)[0]).any())
+    assert numbers["sessions"]["inner"]["ours"]["samples"] == n
+
+
+def test_landscapes_of_all_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table5, "TRIALS", small())
+    numbers, charts = run_and_draw(Landscapes(SEED, rendered=False, n=2))
+    assert list(numbers["sessions"]) == list(TITLES)
+    for name, of in numbers["sessions"].items():
+        assert of["taxel"].startswith("right_palm" if name == "palm" else "left_forearm")
+        assert 0 <= np.min(of["activation"]) <= np.max(of["activation"]) <= 1
+        width, low, high = of["ridge_width_cm"]
+        assert 0 <= low <= high < 8
+        assert of["ridge_width_erring_cm"][0] != width
+    assert len(numbers["fig9"]) == 2 * len(landscapes.AFTER)
+    assert set(charts) == {"", "ridge", "fig9"}
+
+
+def test_a_finger_without_encoder_offsets_touches_the_aimed_taxel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(double_touches, "INNER_FOREARM", (27, 183))
+    monkeypatch.setattr(double_touches, "ENCODER_DEG", (0.0, 4.0))
+    numbers, _ = run_and_draw(DoubleTouches(SEED, starts=2, n=1))
+    assert all(sum(of.values()) == 2 for of in numbers["outcomes"].values())
+    exact_one, off = numbers["encoder_offsets"].values()
+    assert exact_one["aimed_is_touched_percent"][0] == 100
+    assert off["aimed_is_touched_percent"][0] < 100
+
+
+def test_offsets_of_an_erring_robot_are_found_within_3_mm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offsets, "PAPER_MM", {"palm": 11.6})
+    monkeypatch.setattr(offsets, "TRIALS", {"palm": 12})
+    numbers, _ = run_and_draw(Offsets(SEED, n=1))
+    assert numbers["taxels"] >= 1
+    assert numbers["methods"]["found"]["error_median_mm"][0] < 3
+    assert numbers["parts"]["palm"]["true_mm"] > 0
+
+
+def test_calibration_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pps_vision.experiments.pps.calibration.rendered_trials", exact)
+    monkeypatch.setattr("pps_vision.experiments.pps.calibration.TRIALS", small(inner=16))
+    monkeypatch.setattr("pps_vision.experiments.pps.calibration.HELD_OUT", 6)
+    numbers, _ = run_and_draw(Calibration(SEED))
+    assert all(0 <= of["brier"] <= 1 for of in numbers["methods"].values())
+
+
+def test_in_another_posture_the_skin_perceives_the_same() -> None:
+    rng = np.random.default_rng(SEED)
+    (trial,) = exact_trials("inner", 1, SEED)
+    before = perceived(trial, ROBOT, FOREARM, ReceptiveField())
+    for _ in range(5):
+        moved = in_other_posture(trial, ROBOT, rng)
+        assert np.abs(moved.joints_rad - trial.joints_rad).max() > np.deg2rad(5)
+        assert np.all((moved.joints_rad >= ROBOT.lower_rad) & (moved.joints_rad <= ROBOT.upper_rad))
+        assert np.linalg.norm(moved.positions[-1] - trial.positions[-1]) > 0.005
+        for one, other in zip(before, perceived(moved, ROBOT, FOREARM, ReceptiveField()), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_without_errors_posture_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(invariance, "TRIALS", small(inner=8))
+    monkeypatch.setattr(invariance, "POSTURES", 6)
+    monkeypatch.setattr(invariance, "_TRIALS", {"motor": 6, "visual": 6, "inner": 6})
+    monkeypatch.setattr(invariance, "rendered_trials", exact)
+    numbers, charts = run_and_draw(Invariance(SEED, n=1))
+    without = numbers["postures"]["no errors"]
+    assert without["home → home"]["brier"] == pytest.approx(without["home → others"]["brier"], abs=1e-6)
+    assert set(charts) == {"postures", "modalities"}
+
+
+def test_each_case_is_trained_and_tested_on_its_own_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    sets = ("perfect training", "perfect test"), ("erring training", "erring test"), ("training", "test")
+    found = compensation.cases(*sets)  # type: ignore[arg-type]
+    assert dict(zip(CASES, found, strict=True)) == {
+        "no errors": sets[0],
+        "errors, map trained without": ("perfect training", "erring test"),
+        "errors, map trained with": sets[1],
+        "encoder offsets estimated too": sets[2],
+    }
+    monkeypatch.setattr(compensation, "TRIALS", small(inner=6))
+    monkeypatch.setattr(compensation, "SOURCES", {"cameras": SOURCES["cameras"]})
+    numbers, charts = run_and_draw(Compensation(SEED, n=1))
+    assert set(numbers["sources"]) == {"cameras", "all"}
+    assert numbers["sources"]["all"]["error_mm"][0] > 1
+    assert set(charts) == {"map", "displacement"}
