@@ -1,107 +1,135 @@
-"""Forward kinematics and Jacobians of one serial chain at many postures at once (NumPy or torch).
+"""Forward kinematics and Jacobians of one serial chain at many postures at once, compiled by numba.
 
-Product of exponentials: the joints' screw axes are read once from Pinocchio at a base posture,
-so any robot and any subset of its joints will do; joints left out stay at the base posture.
+Product of exponentials: the joints' screw axes are read once from Pinocchio at a base posture, so any robot and any
+subset of its joints will do; joints left out stay at the base posture.  The kernel is compiled when it is first
+called, which takes seconds once; the code is then kept beside this file.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from math import cos, sin
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from array_api_compat import array_namespace, is_torch_array
-from numpy.typing import ArrayLike
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
-from pps_vision.robot import compiled
-from pps_vision.robot.model import Robot
 from pps_vision.types import Array
+
+if TYPE_CHECKING:
+    from pps_vision.robot.model import Robot
+
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Chain:
-    """`k` joints moving one frame: `screws` (k, 6) are (v, ω) in the root frame with the chain's
-    joints at zero, ordered from root to tip as `order` says; `T_root_frame` is the frame then."""
+    """Joints that move one frame of a robot."""
 
     joints: tuple[str, ...]
+    """Names of the k joints; postures have one column each."""
     order: tuple[int, ...]
+    """The columns from root to tip."""
     screws: Array
+    """(k, 6) (v, ω) of each joint in the root frame with the chain's joints at zero."""
     T_root_frame: Array
+    """(4, 4) pose of the frame with the chain's joints at zero."""
 
     @classmethod
-    def of(cls, robot: Robot, joints: tuple[str, ...], frame: str, q_base: ArrayLike | None = None) -> "Chain":
-        """The chain of the named joints that ends at `frame`, other joints at `q_base` (default
-        zero); ValueError for an unknown joint or frame."""
+    def of(cls, robot: "Robot", joints: tuple[str, ...], frame: str, q_base: ArrayLike | None = None) -> "Chain":
+        """The chain of the named joints that ends at `frame`, other joints at `q_base` (default zero).
+
+        Raises:
+            ValueError: the robot has no such joint or frame.
+        """
         indices = robot.indices(joints)
         q = np.zeros(robot.n_joints) if q_base is None else np.array(q_base, dtype=float)
         q[indices] = 0.0
-        T_root_frame = robot.at(q).T_root(frame)
+        T_root_frame = np.ascontiguousarray(robot.at(q).T_root(frame))
         model, data = robot.model, robot.model.createData()
         J = pin.computeFrameJacobian(model, data, q, robot.frame_ids[frame], pin.ReferenceFrame.WORLD)
         order = tuple(int(i) for i in np.argsort(indices))  # Pinocchio numbers parents before children
-        return cls(joints, order, J.T[indices], T_root_frame)
+        return cls(joints, order, np.ascontiguousarray(J.T[indices]), T_root_frame)
 
     def frames(self, q_rad: ArrayLike) -> tuple[Array, Array]:
         """Rotations (N, 3, 3) and origins (N, 3) in m of the frame at postures `q_rad` (N, k)."""
-        q = self._checked(q_rad)
-        rotation, shift, _ = self._move(q)
-        T = _like(q, self.T_root_frame)
-        return rotation @ T[:3, :3], rotation @ T[:3, 3] + shift
+        T, _ = self._forward(q_rad, self.T_root_frame)
+        return T[:, :3, :3], T[:, :3, 3]
 
     def positions(self, q_rad: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
-        """Where a `point` (3,) of the frame is, (N, 3) m, and its Jacobian (N, 3, k) m/rad."""
-        q = self._checked(q_rad)
-        at_zero = self.T_root_frame[:3, :3] @ np.asarray(point, dtype=float) + self.T_root_frame[:3, 3]
-        if isinstance(q, np.ndarray):
-            return compiled.positions(
-                np.ascontiguousarray(self.screws), np.array(self.order), at_zero, np.ascontiguousarray(q)
-            )
-        rotation, shift, moved = self._move(q)
-        p = rotation @ _like(q, at_zero) + shift
-        columns = [v + _cross(w, p) for v, w in (moved[i] for i in range(len(self.joints)))]
-        return p, array_namespace(q).stack(columns, axis=-1)
+        """Positions (N, 3) in m of a `point` (3,) of the frame, and their Jacobians (N, 3, k) in m/rad."""
+        T_zero = self.T_root_frame.copy()
+        T_zero[:3, 3] += T_zero[:3, :3] @ np.asarray(point, dtype=float)
+        T, J = self._forward(q_rad, T_zero)
+        return T[:, :3, 3], J
 
-    def _checked(self, q_rad: ArrayLike) -> Array:
-        q: Any = q_rad if is_torch_array(q_rad) else np.asarray(q_rad, dtype=float)
+    def pose(self, q_rad: Array) -> Array:
+        """`T_root_frame` (4, 4) at one posture (k,)."""
+        pose: Array = _forward(self.screws, self._order, self.T_root_frame, q_rad[None])[0][0]
+        return pose
+
+    @cached_property
+    def _order(self) -> NDArray[np.intp]:
+        return np.array(self.order, dtype=np.intp)
+
+    def _forward(self, q_rad: ArrayLike, T_zero: Array) -> tuple[Array, Array]:
+        q = np.ascontiguousarray(q_rad, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.joints):
             raise ValueError(f"postures of shape {q.shape}: expected (N, {len(self.joints)}), one column a joint")
-        return q
-
-    def _move(self, q: Array) -> tuple[Array, Array, dict[int, tuple[Array, Array]]]:
-        """The displacement (R, t) that the joints cause, and each joint's screw after the joints before it."""
-        xp = array_namespace(q)
-        R = xp.broadcast_to(_like(q, np.eye(3)), (len(q), 3, 3))
-        t = xp.zeros_like(R[:, 0])
-        moved: dict[int, tuple[Array, Array]] = {}
-        for i in self.order:
-            x, y, z = self.screws[i, 3:]
-            K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-            v, w = self.screws[i, :3, None], self.screws[i, 3:, None]
-            # all that R is multiplied with from the right, in one product of (3N, 3) with (3, 10)
-            right = R.reshape(-1, 3) @ _like(q, np.hstack([K, K @ K, v, w, K @ v, K @ K @ v]))
-            RK, RKK, (Rv, Rw, RKv, RKKv) = _parted(right.reshape(-1, 3, 10))
-            angle = q[:, i, None]
-            sine, versine = xp.sin(angle), 1 - xp.cos(angle)
-            moved[i] = Rv + _cross(t, Rw), Rw
-            t = t + angle * Rv + versine * RKv + (angle - sine) * RKKv
-            R = R + sine[..., None] * RK + versine[..., None] * RKK
-        return R, t, moved
+        return _forward(self.screws, self._order, T_zero, q)
 
 
-def _parted(right: Array) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
-    """Two matrices (N, 3, 3) and four vectors (N, 3) that stand side by side."""
-    return right[..., :3], right[..., 3:6], (right[..., 6], right[..., 7], right[..., 8], right[..., 9])
+@njit(cache=True, error_model="numpy")
+def _forward(screws: Array, order: NDArray[np.intp], T_zero: Array, q: Array) -> tuple[Array, Array]:
+    """Poses (N, 4, 4) of a frame at postures (N, k), and Jacobians (N, 3, k) of its origin.
+
+    T(q) = exp(ξ₁q₁) … exp(ξₖqₖ) T(0), ξ = (v, ω) with |ω| = 1, or ω = 0 for a joint that slides.  Each screw is moved
+    by the joints before it: v' = R v + t × ω', ω' = R ω; and ∂p/∂q = v' + ω' × p.
+    """
+    n, k = q.shape
+    poses, jacobians, axes = np.zeros((n, 4, 4)), np.empty((n, 3, k)), np.empty((k, 3))
+    for row in range(n):
+        x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # the columns of R
+        t = (0.0, 0.0, 0.0)
+        for i in order:
+            v = _combined(x, y, z, screws[i, 0], screws[i, 1], screws[i, 2])
+            w = _combined(x, y, z, screws[i, 3], screws[i, 4], screws[i, 5])
+            moment = _cross(t, w)
+            for axis in range(3):
+                jacobians[row, axis, i], axes[i, axis] = v[axis] + moment[axis], w[axis]
+            angle = q[row, i]
+            sine, versine = sin(angle), 1 - cos(angle)
+            wv = _cross(w, v)
+            dt = _combined(v, wv, _cross(w, wv), angle, versine, angle - sine)
+            t = (t[0] + dt[0], t[1] + dt[1], t[2] + dt[2])
+            x, y, z = _rotated(w, x, sine, versine), _rotated(w, y, sine, versine), _rotated(w, z, sine, versine)
+        for column in range(4):
+            a = _combined(x, y, z, T_zero[0, column], T_zero[1, column], T_zero[2, column])
+            for axis in range(3):
+                poses[row, axis, column] = a[axis] + (t[axis] if column == 3 else 0.0)
+        poses[row, 3, 3] = 1.0
+        p = (poses[row, 0, 3], poses[row, 1, 3], poses[row, 2, 3])
+        for i in range(k):
+            turning = _cross((axes[i, 0], axes[i, 1], axes[i, 2]), p)
+            for axis in range(3):
+                jacobians[row, axis, i] += turning[axis]
+    return poses, jacobians
 
 
-def _like(q: Array, constant: Array) -> Array:
-    """A constant as an array of q's kind."""
-    if isinstance(q, np.ndarray):
-        return constant
-    return array_namespace(q).asarray(constant, dtype=q.dtype, device=q.device)
+@njit(cache=True, error_model="numpy")
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Cross product of (N, 3) arrays; np.cross takes several times as long."""
-    x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return array_namespace(a).stack([x, y, z], axis=1)
+@njit(cache=True, error_model="numpy")
+def _combined(a: Vector, b: Vector, c: Vector, k: float, m: float, n: float) -> Vector:
+    """k a + m b + n c."""
+    return k * a[0] + m * b[0] + n * c[0], k * a[1] + m * b[1] + n * c[1], k * a[2] + m * b[2] + n * c[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _rotated(w: Vector, a: Vector, sine: float, versine: float) -> Vector:
+    """a + sin q · ω × a + (1 − cos q) · ω × (ω × a), Rodrigues."""
+    wa = _cross(w, a)
+    return _combined(a, wa, _cross(w, wa), 1.0, sine, versine)

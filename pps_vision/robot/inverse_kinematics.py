@@ -1,130 +1,133 @@
 """Inverse kinematics of many targets at once: damped least squares within joint limits.
 
-The forward model is an argument, so a learned one serves as well as `Chain.positions`.  Arrays are NumPy's or
-torch's, on any device: what goes in comes out.
+The forward model is an argument, so a learned one serves as well as `Chain.positions`.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace, is_torch_array
 from numpy.typing import ArrayLike
 
 from pps_vision.types import Array, Mask
 
-_LEAST_DAMPING = 1e-10  # keeps JJᵀ invertible when joints at their limits are left out
+_MIN_DAMPING = 1e-10  # keeps JJᵀ invertible when joints at their limits are left out
 
-ForwardModel = Callable[[Array], tuple[Array, Array]]  # q (N, k) -> x (N, m), ∂x/∂q (N, m, k)
+ForwardModel = Callable[[Array], tuple[Array, Array]]
+"""q (N, k) → x (N, m), ∂x/∂q (N, m, k)."""
 
 
 @dataclass(frozen=True)
 class IKParams:
-    """When to stop: `tolerance` is the error (in units of x) that counts as reached; a problem is
-    given up after `max_steps`, or once its step is shorter than `min_step_rad`."""
+    """When a problem counts as solved and when it is given up."""
 
     tolerance: float = 1e-6
+    """Error that counts as reached, in units of x."""
     max_steps: int = 60
+    """Steps per start."""
     min_step_rad: float = 1e-7
-    first_damping: float = 1e-4
+    """A problem is given up once its step is shorter."""
+    initial_damping: float = 1e-4
+    """λ of the first step, in units of x² per rad²."""
 
 
 @dataclass(frozen=True)
 class IKSolution:
-    """Postures `q_rad` (N, k), what is left of the error (N,), and whether it is within tolerance (N,)."""
+    """The best posture found for each of N targets."""
 
     q_rad: Array
+    """(N, k)."""
     error: Array
+    """(N,) distance ‖target − x‖ that is left."""
     converged: Mask
+    """(N,) whether it is within tolerance."""
 
 
 def solve_ik(
     forward: ForwardModel,
-    targets: Any,
-    starts: Any,
+    targets: ArrayLike,
+    starts: ArrayLike,
     lower_rad: ArrayLike,
     upper_rad: ArrayLike,
     params: IKParams | None = None,
 ) -> IKSolution:
-    """The posture within the limits whose x comes nearest to each target.
+    """Return the posture within the limits whose x comes nearest to each target, by Levenberg–Marquardt.
 
-    `targets` (N, m); `starts` (S, N, k): the first is tried for every target, the next only for
-    those not reached yet; the best is returned.  Levenberg–Marquardt with one damping a target;
-    a joint that is at its limit and pushed beyond it is left out of the step.
+    Args:
+        forward: forward model.
+        targets: (N, m).
+        starts: (S, N, k); the first is tried for every target, the next only for those not reached yet.
+        lower_rad: (k,) lower joint limits.
+        upper_rad: (k,) upper joint limits.
+        params: when to stop.
+
+    Raises:
+        ValueError: shapes that do not fit, or limits out of order.
     """
     params = params or IKParams()
-    targets, starts = _float(targets), _float(starts)
-    xp = array_namespace(targets)
-    lower, upper = (xp.asarray(limit, dtype=targets.dtype, device=targets.device) for limit in (lower_rad, upper_rad))
+    targets, starts, lower, upper = (np.asarray(a, dtype=float) for a in (targets, starts, lower_rad, upper_rad))
     if targets.ndim != 2 or starts.ndim != 3 or starts.shape[1] != len(targets):
         raise ValueError(f"targets {targets.shape}, starts {starts.shape}: expected (N, m) and (S, N, k)")
-    if lower.shape != starts.shape[2:] or upper.shape != lower.shape or not xp.all(lower <= upper):
+    if lower.shape != starts.shape[2:] or upper.shape != lower.shape or not np.all(lower <= upper):
         raise ValueError(f"joint limits {lower}, {upper}: expected {starts.shape[2]} of each, lower below upper")
-    best_q, best_error = xp.asarray(starts[0], copy=True), xp.full_like(targets[:, 0], xp.inf)
+    best_q, best_error = starts[0].copy(), np.full(len(targets), np.inf)
     for start in starts:
         todo = best_error > params.tolerance
-        if not xp.any(todo):
+        if not todo.any():
             break
-        q, error = _descend(forward, targets[todo], xp.clip(start[todo], lower, upper), lower, upper, params)
+        q, error = _descend(forward, targets[todo], start[todo].clip(lower, upper), lower, upper, params)
         better = error < best_error[todo]
-        best_q[todo] = xp.where(better[:, None], q, best_q[todo])
-        best_error[todo] = xp.where(better, error, best_error[todo])
+        best_q[todo] = np.where(better[:, None], q, best_q[todo])
+        best_error[todo] = np.where(better, error, best_error[todo])
     return IKSolution(best_q, best_error, best_error <= params.tolerance)
-
-
-def _float(values: Any) -> Any:
-    return values if is_torch_array(values) else np.asarray(values, dtype=float)
 
 
 def _descend(
     forward: ForwardModel, targets: Array, q: Array, lower: Array, upper: Array, params: IKParams
 ) -> tuple[Array, Array]:
-    """Levenberg–Marquardt from one start each; problems that are done leave the batch."""
-    xp = array_namespace(q)
+    """Levenberg–Marquardt from one start each, one damping per problem; solved problems leave the batch."""
     x, J = forward(q)
     residual = targets - x
     error = length(residual)
-    out_q, out_error = xp.asarray(q, copy=True), xp.asarray(error, copy=True)
-    damping = xp.full_like(error, params.first_damping)
-    left = xp.nonzero(error > params.tolerance)[0]
+    out_q, out_error, damping = q.copy(), error.copy(), np.full_like(error, params.initial_damping)
+    left = np.flatnonzero(error > params.tolerance)
     q, residual, J, error, damping = q[left], residual[left], J[left], error[left], damping[left]
     for _ in range(params.max_steps):
         if len(left) == 0:
             break
-        q_new = xp.clip(q + _step(q, residual, J, damping, lower, upper), lower, upper)
+        q_new = (q + _step(q, residual, J, damping, lower, upper)).clip(lower, upper)
         x, J_new = forward(q_new)
         residual_new = targets[left] - x
         error_new = length(residual_new)
-        moved = xp.any(abs(q_new - q) > params.min_step_rad, axis=1)
+        moved = np.any(np.abs(q_new - q) > params.min_step_rad, axis=1)
         good = error_new < error
-        q = xp.where(good[:, None], q_new, q)
-        residual = xp.where(good[:, None], residual_new, residual)
-        J = xp.where(good[:, None, None], J_new, J)
-        error = xp.where(good, error_new, error)
-        damping = xp.where(good, xp.clip(damping * 0.1, _LEAST_DAMPING, None), damping * 10)
+        q = np.where(good[:, None], q_new, q)
+        residual = np.where(good[:, None], residual_new, residual)
+        J = np.where(good[:, None, None], J_new, J)
+        error = np.where(good, error_new, error)
+        damping = np.where(good, np.maximum(damping * 0.1, _MIN_DAMPING), damping * 10)
         out_q[left], out_error[left] = q, error
         more = (error > params.tolerance) & moved
         left, q, residual, J, error, damping = (a[more] for a in (left, q, residual, J, error, damping))
     return out_q, out_error
 
 
-def length(vectors: Array) -> Array:
-    """(N,) of vectors (N, m)."""
-    norm: Array = (vectors * vectors).sum(-1) ** 0.5
-    return norm
-
-
 def _step(q: Array, residual: Array, J: Array, damping: Array, lower: Array, upper: Array) -> Array:
     """Jᵀ(JJᵀ + λI)⁻¹ r without the joints that the gradient pushes beyond the limit they are at."""
-    gradient = (J * residual[..., None]).sum(-2)
+    gradient = np.einsum("nmk,nm->nk", J, residual)
     stuck = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
-    return damped(J * ~stuck[:, None, :], residual, damping)
+    return damped_step(J * ~stuck[:, None, :], residual, damping)
 
 
-def damped(J: Array, residual: Array, damping: Array) -> Array:
-    """Jᵀ(JJᵀ + λI)⁻¹ r: (N, k) of J (N, m, k), r (N, m) and λ (N,)."""
-    xp = array_namespace(J)
-    A = J @ xp.matrix_transpose(J) + damping[:, None, None] * xp.eye(J.shape[1], dtype=J.dtype, device=J.device)
-    dq: Array = (xp.matrix_transpose(J) @ xp.linalg.solve(A, residual[..., None]))[..., 0]
+def damped_step(J: Array, residual: Array, damping: Array | float) -> Array:
+    """Jᵀ(JJᵀ + λI)⁻¹ r, (N, k) of J (N, m, k), r (N, m) and λ (N,)."""
+    J_T = np.swapaxes(J, 1, 2)
+    A = J @ J_T + np.asarray(damping)[..., None, None] * np.eye(J.shape[1])
+    dq: Array = (J_T @ np.linalg.solve(A, residual[..., None]))[..., 0]
     return dq
+
+
+def length(vectors: Array) -> Array:
+    """(N,) of vectors (N, m)."""
+    norm: Array = np.sqrt(np.einsum("nm,nm->n", vectors, vectors))
+    return norm

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.se3 import move_points
-from pps_vision.robot import compiled
+from pps_vision.robot.chain import Chain
 from pps_vision.types import Array
 
 _ARM = (
@@ -110,22 +110,23 @@ class Robot:
         """(T_root_left, T_root_right), the form `StereoRig` asks for."""
         if q_rad is None:
             raise ValueError("the frame carries no joints, but this robot's eyes move with them")
-        q, (left, right) = self._checked(q_rad), self._eyes
-        return compiled.pose(*left, q), compiled.pose(*right, q)
+        q = self._checked(q_rad)
+        (left, of_left), (right, of_right) = self._eyes
+        return left.pose(q[of_left]), right.pose(q[of_right])
 
     @cached_property
-    def _eyes(self) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
-        """Of each eye, what `compiled.pose` wants: the joints that move it, their screws, and where it is at zero."""
-        data, zero = self.model.createData(), np.zeros(self.n_joints)
-        pin.framesForwardKinematics(self.model, data, zero)
+    def _eyes(self) -> list[tuple[Chain, list[int]]]:
+        """The chain of all joints that move each eye, and where these are in the configuration vector."""
         found = []
-        for name in (self.names.left_eye, self.names.right_eye):
-            frame = self.frame_ids[name]
-            T_root_eye = np.ascontiguousarray(data.oMf[frame].homogeneous)
-            screws = pin.computeFrameJacobian(self.model, data, zero, frame, pin.ReferenceFrame.WORLD).T
-            joints = np.array([j - 1 for j in self.model.supports[self.model.frames[frame].parentJoint] if j])
-            found.append((np.ascontiguousarray(screws[joints]), joints, T_root_eye))
-        return found[0], found[1]
+        for eye in (self.names.left_eye, self.names.right_eye):
+            joints = self.moving(eye)
+            found.append((Chain.of(self, joints, eye), self.indices(joints)))
+        return found
+
+    def moving(self, frame: str) -> tuple[str, ...]:
+        """The names of the joints that move a frame, from root to tip."""
+        supports = self.model.supports[self.model.frames[self.frame_ids[frame]].parentJoint]
+        return tuple(self.joint_names[joint - 1] for joint in supports if joint)
 
     def _checked(self, q_rad: ArrayLike) -> Array:
         """A copy of a configuration; ValueError where it is none."""

@@ -10,10 +10,10 @@ from data import SEED
 
 from learning.reach.map import load_map
 from pps_vision.app.cli import main
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.spherical_arm import SphericalArm
 
 GAZE = "yaw_deg,pitch_deg,vergence_deg\n"
 

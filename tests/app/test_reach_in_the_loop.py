@@ -15,11 +15,11 @@ from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
 from learning.reach.training import ArmLimits, MapParams, train_reachable_map
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.skin import icub_skin
-from pps_vision.robot.spherical_arm import SphericalArm
 from pps_vision.types import Array, ReachStatus
 
 ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))

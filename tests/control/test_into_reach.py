@@ -124,13 +124,12 @@ def test_a_hand_on_its_way_stops_when_the_map_no_longer_says_reachable(degree, g
     assert (state.mode, bool(np.any(command.dq_rad_s))) == ("reaching" if goes_on else "judging", goes_on)
 
 
-def test_imagined_and_made_are_one_way():
-    """The torso ends where imagination said, to the length of a step."""
+def test_the_torso_ends_near_where_the_plan_ends():
     rows = run(ball(RADIUS), ASIDE)
     gaze = fixated_gaze(ROBOT.at(rows[0][1]))
-    path = into_reach.imagine(PARAMS, ball(RADIUS), ROBOT, gaze, np.zeros(2))
-    assert path is not None
-    np.testing.assert_allclose(path[-1], rows[-1][1][TORSO], atol=PARAMS.ahead_rad)
+    way = into_reach.plan(PARAMS, ball(RADIUS), ROBOT, gaze, np.zeros(2))
+    assert way is not None
+    np.testing.assert_allclose(way[-1], rows[-1][1][TORSO], atol=PARAMS.lattice_rad)
 
 
 def test_the_gaze_beyond_the_limits_stands_for_nothing():
@@ -140,37 +139,71 @@ def test_the_gaze_beyond_the_limits_stands_for_nothing():
     assert fixated_gaze(posture)[1] == pytest.approx(0, abs=0.05)
 
 
-def test_where_climbing_ends_the_shortest_way_around_is_found():
-    """Two hills: the one that climbing finds is not reachable, the other is."""
+def smallest_turn() -> float:
+    """The least turn (rad) of the torso after which what lies aside is within the ball, on a grid of 1°."""
+    turns = np.deg2rad(np.stack(np.meshgrid(np.arange(-45, 46), np.arange(-10, 31)), axis=-1).reshape(-1, 2))
+    points = FRAME.from_upright(turns, np.repeat(ASIDE[None], len(turns), axis=0))
+    return float(np.linalg.norm(turns[np.linalg.norm(points - CENTER, axis=1) < RADIUS], axis=1).min())
+
+
+def test_the_way_is_the_shortest():
+    """Whatever the map's degree is on the way: here it falls towards what is reachable."""
     plain = ball(RADIUS)
 
     def judge(gaze: Array) -> Ball:
-        said = plain.judge(gaze)
-        return Ball(said.reachable, np.where(said.reachable, 0.9, -said.degree))  # away from it is uphill
+        verdict = plain.judge(gaze)
+        return Ball(verdict.reachable, np.where(verdict.reachable, 0.9, -verdict.degree))
 
     learned = Learned(judge, plain.keeps, plain.hand_to)
     gaze = fixated_gaze(ROBOT.at(gaze_at(ROBOT, START, ASIDE)))
-    assert into_reach.imagine(PARAMS, learned, ROBOT, gaze, np.zeros(2)) is None
-    way = into_reach.shortest_way(PARAMS, learned, ROBOT, gaze, np.zeros(2))
+    way = into_reach.plan(PARAMS, learned, ROBOT, gaze, np.zeros(2))
     assert way is not None
+    assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < smallest_turn() + 2 * PARAMS.lattice_rad
     rows = run(learned, ASIDE)
     assert rows[-1][0] == "there"
-    least = min(
-        np.linalg.norm(turn)
-        for turn in np.deg2rad(np.stack(np.meshgrid(np.arange(-45, 46), np.arange(-10, 31)), axis=-1).reshape(-1, 2))
-        if np.linalg.norm(FRAME.from_upright(turn[None], ASIDE[None])[0] - CENTER) < RADIUS
-    )
     turned = np.linalg.norm(np.diff([q[TORSO] for _, q, _ in rows], axis=0), axis=1).sum()
-    assert turned < least + 2 * PARAMS.lattice_rad
-    assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < least + 2 * PARAMS.lattice_rad
+    assert turned < smallest_turn() + 2 * PARAMS.lattice_rad
 
 
-def test_at_the_end_of_a_climb_what_is_likelier_within_reach_than_not_is_tried():
-    """No turn makes the map sure, and inverse kinematics gets there."""
+def test_what_is_nowhere_reachable_for_certain_is_tried_where_it_is_likely():
+    """The map calls no gaze reachable, and inverse kinematics gets there."""
     plain = ball(RADIUS)
+    learned = Learned(
+        lambda gaze: Ball(np.zeros(len(gaze), bool), plain.judge(gaze).degree), plain.keeps, plain.hand_to
+    )
+    rows = run(learned, ASIDE)
+    assert rows[-1][0] == "there"
+    around = FRAME.from_upright(rows[-1][1][None, TORSO], ASIDE[None])[0]
+    assert np.linalg.norm(around - CENTER) < RADIUS, "the degree exceeds 0.5 within the ball"
+
+
+def test_a_planned_gaze_keeps_a_margin_from_where_the_map_knows_nothing():
+    """The map ends so near to the gaze of the first plan that the next plan goes another way."""
+    plain, margin = ball(RADIUS), np.deg2rad(4.0)
+    params = IntoReachParams(lattice_rad=np.deg2rad(8), margin_rad=margin)
+    gaze = fixated_gaze(ROBOT.at(gaze_at(ROBOT, START, ASIDE)))
+
+    def gazes(way: Array) -> Array:
+        return plain.keeps(gaze, way[0], way - way[0])
+
+    first = into_reach.plan(params, plain, ROBOT, gaze, np.zeros(2))
+    assert first is not None
+    end = gazes(first)[:, 2].max() + np.deg2rad(1.0)  # of vergence, in the first plan's margin
 
     def judge(gaze: Array) -> Ball:
-        return Ball(np.zeros(len(gaze), bool), plain.judge(gaze).degree)
+        verdict, known = plain.judge(gaze), gaze[:, 2] < end
+        return Ball(verdict.reachable & known, np.where(known, verdict.degree, np.nan))
 
-    learned = Learned(judge, plain.keeps, plain.hand_to)
-    assert run(learned, ASIDE)[-1][0] == "there"
+    second = into_reach.plan(params, Learned(judge, plain.keeps, plain.hand_to), ROBOT, gaze, np.zeros(2))
+    if second is not None:
+        assert gazes(second)[1:, 2].max() < end - margin + np.deg2rad(0.1)
+    assert second is None or not np.array_equal(first, second)
+
+
+def test_plans_stay_within_the_torsos_limits():
+    torso = ROBOT.upper_rad[TORSO] - 0.01
+    plain = ball(RADIUS)
+    way = into_reach.plan(PARAMS, plain, ROBOT, gaze_for_points(ROBOT, ASIDE[None])[0], torso)
+    assert way is not None
+    assert len(way) > 1
+    assert np.all((way >= ROBOT.lower_rad[TORSO]) & (way <= ROBOT.upper_rad[TORSO]))

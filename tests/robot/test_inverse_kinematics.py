@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from scipy.optimize import least_squares
 
 from pps_vision.robot.chain import Chain
@@ -99,22 +98,6 @@ def test_fifty_thousand_targets_at_once():
 def test_inputs_that_do_not_fit_are_refused(targets, starts, lower, upper, message):
     with pytest.raises(ValueError, match=message):
         solve_ik(planar, targets, starts, lower, upper)
-
-
-def test_torch_and_numpy_reach_the_same():
-    """The same code on either kind of array: the same postures but for rounding, and torch's stay torch's."""
-    rng = np.random.default_rng(3)
-    chain = Chain.of(ROBOT, ARM, "right_palm")
-    targets = chain.positions(rng.uniform(LOWER, UPPER, (200, 7)))[0] + rng.normal(0, 0.03, (200, 3))
-    starts = rng.uniform(LOWER, UPPER, (2, 200, 7))
-    params = IKParams(max_steps=20)
-    here = solve_ik(chain.positions, targets, starts, LOWER, UPPER, params)
-    there = solve_ik(chain.positions, torch.from_numpy(targets), torch.from_numpy(starts), LOWER, UPPER, params)
-    assert isinstance(there.q_rad, torch.Tensor)
-    assert 0 < here.converged.sum() < 200
-    assert np.mean(here.converged == there.converged.numpy()) >= 0.99
-    both = here.converged & there.converged.numpy()
-    np.testing.assert_allclose(here.q_rad[both], there.q_rad.numpy()[both], atol=1e-6)
 
 
 def test_of_several_starts_that_do_not_reach_the_target_the_nearest_counts():

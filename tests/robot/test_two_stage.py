@@ -1,16 +1,14 @@
-"""Reach, then improve: against the arm in closed form, and three solvers against one another."""
+"""Reach, then improve: against the arm in closed form."""
 
 import numpy as np
-import pytest
-import torch
 from data import SEED
 
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams
 from pps_vision.robot.self_motion import FarFromLimits
-from pps_vision.robot.spherical_arm import SphericalArm
-from pps_vision.robot.two_stage import Solver, TwoStageParams, two_stage
+from pps_vision.robot.two_stage import TwoStageParams, two_stage
 
 ROBOT = load_icub()
 LOWER, UPPER = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])  # J's
@@ -48,47 +46,6 @@ def test_the_batch_against_the_closed_form():
     assert short.min() > -5e-3, "better than the best: only by what the tolerance allows"
     assert np.quantile(short, 0.95) < 0.01
     assert np.isnan(found.good[~found.reachable]).all()
-
-
-def test_torch_says_the_same():
-    points, starts = problems(50, 2)
-    here = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT)
-    there = two_stage(CHAIN.positions, torch.from_numpy(points), torch.from_numpy(starts), LOWER, UPPER, EFFORT)
-    assert isinstance(there.q_rad, torch.Tensor)
-    np.testing.assert_array_equal(here.reachable, there.reachable.numpy())
-    np.testing.assert_allclose(here.good, there.good.numpy(), atol=1e-6)
-
-
-@pytest.mark.parametrize("solver", ["scipy", "ipopt"])
-@pytest.mark.parametrize("learned", [False, True], ids=["own kinematics", "learned model"])
-def test_one_by_one(solver: Solver, learned: bool):
-    """No posture is found where there is none, nor a better one than the best there is.  A learned model goes to IPOPT
-    by another road than a chain."""
-    points, starts = problems(8, 2)
-    forward = (lambda q: CHAIN.positions(q)) if learned else CHAIN.positions
-    keep = sure(points)
-    found = two_stage(forward, points, starts, LOWER, UPPER, EFFORT, solver=solver)
-    _, effort = ARM.least_effort(points)
-    reachable = np.isfinite(effort)
-    assert not (found.reachable & ~reachable & keep).any()
-    assert found.reachable[reachable & keep].mean() >= 0.5, "two starts do not find all"
-    both = found.reachable & reachable
-    assert (found.good[both] <= 1 - effort[both] + 5e-3).all()
-    np.testing.assert_allclose(found.good[both], EFFORT(found.q_rad[both], None), atol=1e-12)
-
-
-def test_what_ipopt_has_no_expression_for():
-    points, starts = problems(2, 1)
-    with pytest.raises(ValueError, match="FarFromLimits"):
-        two_stage(CHAIN.positions, points, starts, LOWER, UPPER, lambda q, J: q[:, 0], solver="ipopt")
-
-
-def test_without_casadi_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "casadi", None)
-    monkeypatch.delitem(__import__("sys").modules, "pps_vision.robot.ipopt", raising=False)
-    points, starts = problems(2, 1)
-    with pytest.raises(ValueError, match=r"pps-vision\[test\]"):
-        two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT, solver="ipopt")
 
 
 def test_what_does_not_converge_is_not_called_reachable():

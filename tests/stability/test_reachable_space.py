@@ -17,10 +17,10 @@ from learning.reach.training import (
     train_reachable_map,
 )
 from learning.reach.turning_joints import TurningJoints
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.spherical_arm import SphericalArm
 
 ROBOT, LIMITS = load_icub(), GazeLimits()
 SMALL = MapParams(n_labels=400, round_labels=100, n_babble=5000, lattice=0.12)

@@ -23,6 +23,7 @@ from pps_vision.app.encounter import Encounter, EncounterLog, World
 from pps_vision.app.in_view import can_follow
 from pps_vision.app.school import fresh_pipeline, open_world
 from pps_vision.experiments import charts
+from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
 from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import Study, Values, interval, percent
 from pps_vision.robot.gaze import GazeLimits, GazeModel
@@ -121,7 +122,7 @@ def judge(robot: Robot, learned: ReachableMap, log: EncounterLog) -> Values:
     tracked = np.array([one.status != ReachStatus.UNKNOWN for one in log.reachability])
     said = [one for one, known in zip(log.reachability, tracked, strict=True) if known]
     points = log.truth_m[tracked]
-    gaze = GazeModel(robot).gaze_iteratively(points, _LIMITS)
+    gaze = gaze_by_least_squares(GazeModel(robot), points, _LIMITS)
     reachable = np.isfinite(closed_form(robot, "left").solve(points)[:, 0]) & np.isfinite(gaze[:, 0])
     strict = np.array([one.is_reachable for one in said], dtype=bool)
     likelier = np.array([one.probability for one in said]) > 0.5
@@ -152,7 +153,7 @@ def frame_times(robot: Robot, learned: ReachableMap, max_fp: float, rng: np.rand
         track = Track3D(0.0, np.vstack([point, np.zeros((3, 3))]), np.eye(12), 0.03, 1e-4, Status.TRACKING)
         calls: dict[str, Callable[[], Any]] = {
             "closed form": partial(model.gaze, point[None], _LIMITS),
-            "iterative": partial(model.gaze_iteratively, point[None], _LIMITS),
+            "iterative": partial(gaze_by_least_squares, model, point[None], _LIMITS),
             "query": partial(learned.query, one[None]),
             "frame": partial(reach, q, track),
         }

@@ -8,12 +8,12 @@ import numpy as np
 from learning.reach.babbling import Babbled
 from learning.reach.map import Labels, MapPrediction
 from learning.reach.training import ArmLimits, MapParams, ReachOracle
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.study import percent, rms
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.model import Robot
-from pps_vision.robot.spherical_arm import SphericalArm
 from pps_vision.types import Array, Mask
 
 BOX_LOW, BOX_HIGH = np.array([-0.376, -0.10, 0.1524]), np.array([-0.226, 0.10, 0.3524])

@@ -11,13 +11,13 @@ from learning.reach.measures import hand_and_params
 from learning.reach.names import MeasureName
 from learning.reach.training import ArmLimits, MapParams, train_reachable_map
 from pps_vision.experiments import charts
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.study import Study, percent, rms
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import Approach
-from pps_vision.robot.spherical_arm import SphericalArm
 from pps_vision.types import Array
 
 _CURVE, _ROWS = 121, 100  # postures per curve; gaze postures at a time

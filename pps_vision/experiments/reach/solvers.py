@@ -6,24 +6,26 @@ and of the next fifteen the one most unlike it.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 
 from learning.reach.training import MapParams, ReachOracle
 from pps_vision.experiments import charts
+from pps_vision.experiments.baselines.inverse_kinematics import Solver, two_stage_by
 from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import Study, rms
+from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import FarFromLimits
 from pps_vision.robot.two_stage import TwoStage, two_stage
 from pps_vision.types import Array, Mask
 
-_BATCHED = ("batched (NumPy), 1 start", "batched (NumPy), 2 starts", "batched (torch), 2 starts")
+_BATCHED = ("batched, 1 start", "batched, 2 starts")
 _DEFAULT = _BATCHED[1]
 
 
@@ -61,26 +63,30 @@ Solve = Callable[[Problems], TwoStage]
 def solvers() -> dict[str, Solve]:
     """Return every solver by name."""
 
-    def solve(problems: Problems, solver: Any, n_starts: int, convert: Callable[[Array], Any] = np.asarray) -> TwoStage:
-        oracle = problems.oracle
+    def batched(n_starts: int, problems: Problems) -> TwoStage:
+        oracle, starts = problems.oracle, np.ascontiguousarray(problems.starts[:n_starts])
         limits = oracle.lower, oracle.upper
-        points, starts = convert(problems.points), convert(np.ascontiguousarray(problems.starts[:n_starts]))
-        inverse = oracle.params.inverse
-        return two_stage(oracle.forward, points, starts, *limits, FarFromLimits(*limits), inverse, solver)
+        measure, inverse = FarFromLimits(*limits), oracle.params.inverse
+        return two_stage(oracle.forward, problems.points, starts, *limits, measure, inverse)
+
+    def single(solver: Solver, n_starts: int, problems: Problems) -> TwoStage:
+        oracle, starts = problems.oracle, problems.starts[:n_starts]
+        chain = Chain.of(oracle.robot, oracle.robot.names.arm("right")[: starts.shape[-1]], oracle.robot.names.palms[1])
+        measure, inverse = FarFromLimits(oracle.lower, oracle.upper), oracle.params.inverse
+        return two_stage_by(solver, chain, problems.points, starts, measure, inverse)
 
     return {
-        _BATCHED[0]: lambda problems: solve(problems, "batched", 1),
-        _BATCHED[1]: lambda problems: solve(problems, "batched", 2),
-        _BATCHED[2]: lambda problems: solve(problems, "batched", 2, torch.from_numpy),
-        "SciPy, 1 start": lambda problems: solve(problems, "scipy", 1),
-        "IPOPT, 1 start": lambda problems: solve(problems, "ipopt", 1),
-        "IPOPT, 2 starts": lambda problems: solve(problems, "ipopt", 2),
+        _BATCHED[0]: partial(batched, 1),
+        _BATCHED[1]: partial(batched, 2),
+        "SciPy, 1 start": partial(single, "scipy", 1),
+        "IPOPT, 1 start": partial(single, "ipopt", 1),
+        "IPOPT, 2 starts": partial(single, "ipopt", 2),
     }
 
 
 @dataclass(frozen=True)
 class Solvers(Study):
-    """Time per problem and verdicts of the batched solver (NumPy, torch), SciPy and IPOPT, from one start and two."""
+    """Time per problem and verdicts of the batched solver, SciPy and IPOPT, from one start and two."""
 
     seed: int = 0
     """Seed of the gaze postures and of the babbled ones."""

@@ -7,10 +7,10 @@ import pytest
 
 from learning.reach.map import both, load_map, save_map
 from learning.reach.training import ArmLimits, HandModel, MapParams, ReachOracle, train_reachable_map
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.spherical_arm import SphericalArm
 
 ROBOT = load_icub()
 LIMITS = GazeLimits()

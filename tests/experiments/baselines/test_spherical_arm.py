@@ -5,10 +5,10 @@ import pytest
 from data import SEED
 from scipy.optimize import minimize
 
+from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import solve_ik
-from pps_vision.robot.spherical_arm import SphericalArm
 
 ROBOT = load_icub()
 LOWER, UPPER = np.deg2rad([-95, 0, -20, 15]), np.deg2rad([10, 160, 80, 105])  # J's
