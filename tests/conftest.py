@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-sys.path.insert(0, str(Path(__file__).parent))  # `from data import shared_data` in every mirrored folder
+# For `from data import shared_data`.  Not tests/ itself: its folders have the packages' names and would hide them.
+sys.path.insert(0, str(Path(__file__).parent / "helpers"))
 
 settings.register_profile("untimed", deadline=None)  # the machine may be busy
 settings.load_profile("untimed")

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from app.known_track import DT, KnownTrack, Motion, frame_at, run
 from hypothesis import given
 from hypothesis import strategies as st
+from known_track import DT, KnownTrack, Motion, frame_at, run
 
 from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from app.known_track import DT, KnownTrack, frame_at, run
 from data import SEED
+from known_track import DT, KnownTrack, frame_at, run
 
 from control.avoidance import AvoidanceParams
 from learning.pps.memory import PPSMemory

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from recordings.recorded import ROBOT, START_S, Written, write_recording
+from recorded import ROBOT, START_S, Written, write_recording
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.problems import ProblemKind

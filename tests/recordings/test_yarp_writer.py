@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recordings.recorded import ROBOT, random_joints, write_recording
+from recorded import ROBOT, random_joints, write_recording
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 SEED = int(os.environ.get("PPS_VISION_SEED", "2016"))  # of the tests that measure: any other must do as well
-DATA = Path(os.environ.get("PPS_VISION_DATA", Path(__file__).parents[2] / "shared" / "data"))
+DATA = Path(os.environ.get("PPS_VISION_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 
 def shared_data(*parts: str) -> Path:
