@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from learning.reach.map import ReachableMap
     from pps_vision.app.learn import learn
-    from pps_vision.app.open_recording import open_recording
     from pps_vision.app.pipeline import Pipeline
     from pps_vision.app.render import render
     from pps_vision.app.track import track
     from pps_vision.errors import InputError
+    from pps_vision.recordings.open import open_recording
     from tracking.tracker import Tracker
 
     __version__: str
@@ -43,7 +43,7 @@ _MODULES = {
     "ReachableMap": "learning.reach.map",
     "Tracker": "tracking.tracker",
     "learn": "pps_vision.app.learn",
-    "open_recording": "pps_vision.app.open_recording",
+    "open_recording": "pps_vision.recordings.open",
     "render": "pps_vision.app.render",
     "track": "pps_vision.app.track",
 }

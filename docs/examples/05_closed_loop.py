@@ -6,9 +6,8 @@ import numpy as np
 
 import pps_vision as pv
 from learning.pps.memory import PPSMemory
-from pps_vision.app.encounter import make_encounter
 from pps_vision.app.pipeline import PipelineParams
-from pps_vision.app.school import open_world
+from pps_vision.app.simulation import log_of, make_episode, open_world, simulate
 from pps_vision.robot.silhouette import Silhouette
 from tracking.tracker import TrackerParams
 
@@ -25,13 +24,15 @@ def cautious(skin):
 with open_world(noise_sigma=2.0, seed=0) as world:
     for avoid in (False, True):
         rng = np.random.default_rng(5)
-        encounter = make_encounter("approach", world, "left_forearm:3", "ball", rng, speed_m_s=0.15)
+        episode = make_episode("approach", world, "left_forearm:3", "ball", rng, speed_m_s=0.15)
         tracker = pv.Tracker(TrackerParams(), world.rig, rng, own_body=Silhouette(world.robot))
         pipeline = pv.Pipeline(PipelineParams(), world.robot, world.skin, tracker, cautious(world.skin), rng)
-        meeting = world.meet(replace(encounter, seconds=encounter.seconds / 2), pipeline, avoid)  # until it withdraws
-        for _, step in meeting:  # a PipelineStep: track, activation of every taxel, command
-            if step.events.touched.any():
+        episode = replace(episode, seconds=episode.seconds / 2)  # until it withdraws
+        steps = []
+        for one in simulate(world, episode, pipeline.step, avoid):  # one.step: track, activation, command
+            steps.append(one)
+            if one.touched.any():
                 break
-        log = meeting.log()
+        log = log_of(world, episode, steps, avoid)
         what = "touched" if log.was_touched else "not touched"
         print(f"avoidance {'on' if avoid else 'off'}: {what}, smallest gap {100 * log.surface_gap_m.min():.1f} cm")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from learning.archive import read_archive, write_archive
 from learning.pps.buffer import EventBuffer, resample
+from pps_vision.errors import InputError
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, Mask
 
@@ -240,4 +241,4 @@ def load_memory(path: Path) -> PPSMemory:
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
         return PPSMemory(taxel_ids, data["part_index"].astype(np.intp, casting="same_kind"), counts, params)
     except (ValueError, TypeError, IndexError) as error:
-        raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error
+        raise InputError(path, f"{_KIND} that does not fit together: {error}") from error

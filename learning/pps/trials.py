@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learning.archive import UNREADABLE
+from pps_vision.errors import InputError
 from pps_vision.types import Array, Mask
 
 SAMPLE_PERIOD_S = 0.1  # of the released, resampled positions and velocities
@@ -43,7 +44,7 @@ def load_trials(path: Path) -> tuple[Trial, ...]:
     n_trials, n_taxels = outcome.shape
     lengths = np.diff(starts).reshape(n_trials, n_taxels)
     for t in np.flatnonzero((lengths != lengths[:, :1]).any(axis=1)):
-        raise ValueError(f"{path}: the taxels of trial {t} have different lengths {lengths[t].tolist()}; expected one")
+        raise InputError(path, f"the taxels of trial {t} have different lengths {lengths[t].tolist()}; expected one")
     trials = []
     for i in range(n_trials):
         rows = slice(starts[i * n_taxels], starts[(i + 1) * n_taxels])
@@ -65,32 +66,33 @@ def _arrays(path: Path) -> dict[str, NDArray[np.generic]]:
             missing = [name for name in _ARRAYS if name not in file]
             data = {name: np.asarray(file[name]) for name in _ARRAYS if name in file}
     except FileNotFoundError:
-        raise ValueError(f"{path}: no such file; expected trials (.npz)") from None
+        raise InputError(path, "no such file; expected trials (.npz)") from None
     except UNREADABLE as error:
-        raise ValueError(f"{path}: is not a readable .npz file; expected one with {', '.join(_ARRAYS)}") from error
+        raise InputError(path, f"is not a readable .npz file; expected one with {', '.join(_ARRAYS)}") from error
     if missing:
-        raise ValueError(f"{path}: no {', '.join(missing)}; expected an .npz file with {', '.join(_ARRAYS)}")
+        raise InputError(path, f"no {', '.join(missing)}; expected an .npz file with {', '.join(_ARRAYS)}")
     for name, array in data.items():
         if array.dtype.kind not in "iufb":
-            raise ValueError(f"{path}: {name} holds {array.dtype}; expected numbers")
+            raise InputError(path, f"{name} holds {array.dtype}; expected numbers")
     outcome, offsets = data["outcome"], data["offsets"]
     if outcome.ndim != 2 or 0 in outcome.shape:
-        raise ValueError(f"{path}: outcome of shape {outcome.shape}; expected (trials, taxels), at least one of each")
+        raise InputError(path, f"outcome of shape {outcome.shape}; expected (trials, taxels), at least one of each")
     strange = ~np.isin(outcome, (-1, 0, 1))
     if strange.any():
-        raise ValueError(f"{path}: {outcome[strange][0]} in outcome; expected 1 (touched) or -1 (not)")
+        raise InputError(path, f"{outcome[strange][0]} in outcome; expected 1 (touched) or -1 (not)")
     _check_offsets(path, offsets, outcome.size)
     for name in _ARRAYS[:2]:
         if data[name].shape != (offsets[-1], 3):
-            raise ValueError(f"{path}: {name} of shape {data[name].shape}; expected ({offsets[-1]}, 3), by offsets")
+            raise InputError(path, f"{name} of shape {data[name].shape}; expected ({offsets[-1]}, 3), by offsets")
     return data
 
 
 def _check_offsets(path: Path, offsets: NDArray[np.generic], pairs: int) -> None:
     if offsets.shape != (pairs + 1,) or offsets.dtype.kind not in "iu":
-        raise ValueError(
-            f"{path}: {offsets.dtype} offsets of shape {offsets.shape}; "
-            f"expected {pairs + 1} whole numbers for {pairs} pairs of trial and taxel"
+        raise InputError(
+            path,
+            f"{offsets.dtype} offsets of shape {offsets.shape}; "
+            f"expected {pairs + 1} whole numbers for {pairs} pairs of trial and taxel",
         )
     if offsets[0] != 0 or np.any(np.diff(offsets.astype(np.int64)) < 1):
-        raise ValueError(f"{path}: offsets that do not rise from 0; expected where each pair's samples start")
+        raise InputError(path, "offsets that do not rise from 0; expected where each pair's samples start")

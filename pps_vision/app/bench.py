@@ -11,7 +11,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from pps_vision.app.figures import save
+from pps_vision.app.report.figures import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import Entry, Study, catalogue, load
 from pps_vision.experiments.tables import fill, markdown, names

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from pps_vision.errors import InputError
 from pps_vision.types import Observation3D, Status, StereoFrame
 from tracking.eye import EyeParams
 from tracking.kalman import KalmanParams, admit, predict, scaled, start, update
@@ -95,7 +96,7 @@ def cheapest(
     """The cheapest configuration whose 3D RMS error will be `max_error_mm` or less, from the first of a
     recording's `frames` (iterated anew for each); the most accurate one, saying so, where none will."""
     if not max_error_mm > 0:
-        raise ValueError(f"--max-error-mm {max_error_mm}; expected a positive number of millimetres")
+        raise InputError("track", f"--max-error-mm {max_error_mm}; expected a positive number of millimetres")
     probes: list[Probe] = []
     ordered: list[Configuration] = []
     by_cost = sorted(configurations, key=lambda c: c.ms_per_pair)

@@ -1,6 +1,5 @@
-"""The robot learns what touches feel like, then meets something it has never seen."""
+"""The demo: learn in simulation which approaches touch, then avoid an object that was never seen."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -12,137 +11,118 @@ from control.avoidance import AvoidanceParams
 from learning.pps.memory import PPSMemory, save_memory
 from learning.reach.map import ReachableMap, save_map
 from learning.reach.training import MapParams, train_reachable_map
-from pps_vision.app import figures, report
-from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
-from pps_vision.app.overlay import VideoFile, draw_pair
-from pps_vision.app.school import fresh_pipeline, open_world, teach
-from pps_vision.app.school_params import SchoolParams
+from pps_vision.app.report import figures, page
+from pps_vision.app.report.overlay import VideoFile, draw_pair
+from pps_vision.app.simulation import (
+    EpisodeLog,
+    Kind,
+    SimulationStep,
+    TrainingParams,
+    World,
+    log_of,
+    make_episode,
+    new_pipeline,
+    open_world,
+    simulate,
+    train,
+)
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
-from pps_vision.types import ReachStatus, Status
+from pps_vision.types import Image, ReachStatus, Status
 
 _FILES = ("report.html", "demo.mp4", "memory.npz", "reach.npz", "summary.json")
 _TAXEL = "left_forearm:3"
-THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
-# On the robot the eyes' tilt carries the gaze beyond the neck's pitch; the map is asked there too.
-_GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))
+_THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
+_GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
+_EPISODES: tuple[tuple[Kind, bool, str], ...] = (
+    ("approach", False, "octopus approaching, avoidance off"),
+    ("approach", True, "octopus approaching, avoidance on"),
+    ("recede", True, "octopus receding"),
+    ("static", True, "octopus at rest"),
+)
+_COLUMNS = {
+    "touched": "touched",
+    "smallest_gap_mm": "smallest gap (mm)",
+    "highest_activation": "highest activation",
+    "predicted_after_s": f"above {_THRESHOLD:g} after (s)",
+    "arm_moved": "arm moved",
+    "track_rms_mm": "3D RMS (mm)",
+    "reachable_share": "reachable (share)",
+    "degree_of_reach": "degree of reach",
+}
 
 
 def demo(out: Path, trials: int, noise: float, seed: int) -> None:
-    """Learn, meet, and write the report; the arguments are those of `pps-vision demo`."""
-    school = SchoolParams(trials, noise)
+    """Train, run the episodes, and write the report; arguments as of `pps-vision demo`."""
     with whole_folder(out, _FILES) as folder, open_world(noise, seed) as world:
-        memory = teach(world, school)
+        memory = train(world, TrainingParams(trials, noise))
         save_memory(folder / "memory.npz", memory)
-        reachable_map = _train_map(world, seed)
+        with tqdm(total=1, desc="reachable space", unit="map", disable=None) as bar:
+            map_params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
+            reachable_map = train_reachable_map(world.robot, "left", np.random.default_rng(seed), map_params)
+            bar.update()
         save_map(folder / "reach.npz", reachable_map)
         stopwatch = Stopwatch()
-        with VideoFile(folder / "demo.mp4", fps=20) as film:
-            logs = list(_meet_all(world, memory, reachable_map, film, stopwatch, seed))
-        numbers = [_numbers(log) | _reach(log) for log in logs]
-        write_json(
-            folder / "summary.json",
-            {
-                "seed": seed,
-                "trials": trials,
-                "noise_grey_levels": noise,
-                "ms_per_pair": stopwatch.summary(),
-                "encounters": {log.title: n for log, n in zip(logs, numbers, strict=True)},
-            },
-        )
-        (folder / "report.html").write_text(_page(trials, noise, seed, folder, memory, logs, numbers, stopwatch))
+        logs = _run_episodes(world, memory, reachable_map, folder / "demo.mp4", stopwatch, seed)
+        numbers = {log.title: _numbers(log) for log in logs}
+        given = {"seed": seed, "trials": trials, "noise_grey_levels": noise}
+        write_json(folder / "summary.json", {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
+        text = _page(trials, noise, seed, folder, memory, logs, numbers, stopwatch)
+        (folder / "report.html").write_text(text)
     for log in logs:
-        print(
-            f"{log.title:42s} {'touched' if log.was_touched else 'not touched':12s} "
-            f"{'arm moved' if log.was_commanded else 'arm still'}"
-        )
+        touched, moved = "touched" if log.was_touched else "not touched", "moved" if log.was_commanded else "still"
+        print(f"{log.title:42s} {touched:12s} arm {moved}")
     print(f"→ {out / 'report.html'}")
 
 
-def _meet_all(
-    world: World, memory: PPSMemory, reachable_map: ReachableMap, film: VideoFile, stopwatch: Stopwatch, seed: int
-) -> Iterator[EncounterLog]:
-    """The four encounters with the octopus, filmed."""
-    scenes: tuple[tuple[Kind, bool, str], ...] = (
-        ("approach", False, "octopus approaching, avoidance off"),
-        ("approach", True, "octopus approaching, avoidance on"),
-        ("recede", True, "octopus receding"),
-        ("static", True, "octopus standing still"),
-    )
-    start_s = 0.0
-    for kind, avoid, title in tqdm(scenes, desc="meeting", unit="encounter", disable=None):
-        # the same seed for both approaches: the same path with and without avoidance
-        rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
-        encounter = replace(make_encounter(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
-        meeting = world.meet(encounter, fresh_pipeline(world, memory, stopwatch, reachable_map), avoid, start_s)
-        for frame, step in meeting:
-            view = world.rig.view_of(frame)
-            taxels, _ = world.skin.at(step.posture)
-            most = int(np.argmax(step.activation.probability))
-            captions = (title, f"activation {step.activation.probability[most]:.2f} at {world.skin.taxel_ids[most]}")
-            film.add(
-                draw_pair(
-                    frame,
-                    view,
-                    step.tracking.track,
-                    step.tracking.detections,
-                    taxels,
-                    step.activation.probability,
-                    captions,
-                )
-            )
-        log = meeting.log()
-        start_s = log.stamps_s[-1] + 1.0
-        yield log
+def _run_episodes(
+    world: World, memory: PPSMemory, reachable_map: ReachableMap, video: Path, stopwatch: Stopwatch, seed: int
+) -> list[EpisodeLog]:
+    """The logs of the four episodes, filmed."""
+    logs, start_s = [], 0.0
+    with VideoFile(video, fps=20) as film:
+        for kind, avoid, title in tqdm(_EPISODES, desc="episodes", unit="episode", disable=None):
+            # the same seed for both approaches: the same path with and without avoidance
+            rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
+            episode = replace(make_episode(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
+            pipeline, steps = new_pipeline(world, memory, stopwatch, reachable_map), []
+            for step in simulate(world, episode, pipeline.step, avoid, start_s):
+                film.add(_drawn(world, step, title))
+                steps.append(step)
+            logs.append(log_of(world, episode, steps, avoid))
+            start_s = logs[-1].stamps_s[-1] + 1.0
+    return logs
 
 
-def _train_map(world: World, seed: int) -> ReachableMap:
-    """What the left hand can reach, by gaze posture."""
-    params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
-    with tqdm(total=1, desc="reachable space", unit="map", disable=None) as bar:
-        learned = train_reachable_map(world.robot, "left", np.random.default_rng(seed), params)
-        bar.update()
-    return learned
+def _drawn(world: World, row: SimulationStep, title: str) -> Image:
+    """One frame of the video."""
+    activation = row.step.activation
+    most = int(np.argmax(activation.probability))
+    captions = (title, f"activation {activation.probability[most]:.2f} at {activation.taxel_ids[most]}")
+    tracking, view = row.step.tracking, world.rig.view_of(row.frame)
+    return draw_pair(row.frame, view, tracking.track, tracking.detections, row.taxels, activation.probability, captions)
 
 
-def _reach(log: EncounterLog) -> dict[str, object]:
-    """Share of tracked frames in which the map calls the object reachable, and the mean degree where it knows it."""
-    tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
-    degrees = [reach.degree for reach in tracked if reach.status != ReachStatus.NOT_FIXATED]
-    return {
-        "reachable_share": float(np.mean([reach.is_reachable for reach in tracked])) if tracked else None,
-        "degree_of_reach": float(np.mean(degrees)) if degrees else None,
-    }
-
-
-def _numbers(log: EncounterLog) -> dict[str, object]:
-    """What the report's table says of an encounter."""
+def _numbers(log: EpisodeLog) -> dict[str, object]:
+    """The row of an episode in the report's table."""
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     known = np.isfinite(error)
-    past = np.flatnonzero(log.activations.max(axis=1) > THRESHOLD)
+    predicted = np.flatnonzero(log.activations.max(axis=1) > _THRESHOLD)
+    tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
+    degrees = [reach.degree for reach in tracked if reach.status != ReachStatus.NOT_FIXATED]
     return {
         "touched": log.was_touched,
         "arm_moved": log.was_commanded,
         "smallest_gap_mm": 1000 * float(log.surface_gap_m.min()),
         "highest_activation": float(log.activations.max()),
-        "expected_after_s": float(log.stamps_s[past[0]] - log.stamps_s[0]) if len(past) else None,
+        "predicted_after_s": float(log.stamps_s[predicted[0]] - log.stamps_s[0]) if len(predicted) else None,
         "tracked_share": sum(status == Status.TRACKING for status in log.status) / len(log.status),
         "track_rms_mm": 1000 * float(np.sqrt(np.mean(error[known] ** 2))) if known.any() else None,
+        "reachable_share": float(np.mean([reach.is_reachable for reach in tracked])) if tracked else None,
+        "degree_of_reach": float(np.mean(degrees)) if degrees else None,
     }
-
-
-_COLUMNS = {
-    "touched": "touched",
-    "smallest_gap_mm": "smallest gap (mm)",
-    "highest_activation": "highest activation",
-    "expected_after_s": "first past 0.4 after (s)",
-    "arm_moved": "arm moved",
-    "track_rms_mm": "3D RMS (mm)",
-    "reachable_share": "within reach (share)",
-    "degree_of_reach": "degree of reach",
-}
 
 
 def _cell(value: object) -> str:
@@ -159,49 +139,47 @@ def _page(
     seed: int,
     folder: Path,
     memory: PPSMemory,
-    logs: list[EncounterLog],
-    numbers: list[dict[str, object]],
-    watch: Stopwatch,
+    logs: list[EpisodeLog],
+    numbers: dict[str, dict[str, object]],
+    stopwatch: Stopwatch,
 ) -> str:
-    """The report."""
-    rows = [[log.title, *(_cell(n[key]) for key in _COLUMNS)] for log, n in zip(logs, numbers, strict=True)]
-    timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in watch.summary().items())
+    """The report as HTML."""
+    rows = [[title, *(_cell(row[key]) for key in _COLUMNS)] for title, row in numbers.items()]
+    timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
     stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
     sections = (
-        report.Section(
-            "What happened",
-            "A touch is the object's surface within 20 mm of a taxel's centre. The gap is the truth's, from the "
-            "surface to the nearest taxel's centre. What stands still first moves 5 cm away from the skin, so that the "
-            "eyes have it. Reach is what the learned map says, for the left hand, of the gaze that fixates the object.",
-            report.table(["encounter", *_COLUMNS.values()], rows),
+        page.Section(
+            "Result",
+            "A touch is the object's surface within 20 mm of a taxel's centre. The gap is the true distance from the "
+            "surface to the nearest taxel's centre. The object at rest first moves 5 cm away from the skin. Reach is "
+            "the learned map's answer for the left hand and the gaze that fixates the object.",
+            page.table(["episode", *_COLUMNS.values()], rows),
         ),
-        report.Section(
-            "Distance, expectation, reach, answer",
-            f"Each thin line is one taxel (left forearm and palm). Where an activation stays past {THRESHOLD:g} for "
-            "0.15 s the arm moves away at 10 cm/s; a frame or two, as when something stops dead, do not count. Red "
-            "shading is touch. Below, what the map says of the tracked object for the left hand: R above 0.5 (green) "
-            "is within reach, and the better the higher; a gap means nothing tracked, or outside the map.",
-            report.image(figures.encounters(logs, THRESHOLD)),
+        page.Section(
+            "Distance, activation, response, reach",
+            f"One thin line for each taxel of the left forearm and palm. The arm withdraws at 10 cm/s when an "
+            f"activation has stayed above {_THRESHOLD:g} for 0.15 s. Red: touch. Bottom row: degree of reach R of the "
+            "tracked object for the left hand, on green where reachable; no line where nothing is tracked or no gaze "
+            "fixates it.",
+            page.image(figures.episodes(logs, _THRESHOLD)),
         ),
-        report.Section(
+        page.Section(
             "What the skin learned",
-            f"After {trials} rendered approaches of a ball and a cube: how likely a stimulus at this distance and "
-            "time to contact is to touch the taxel.",
-            report.image(figures.landscapes(memory, stimulated)),
+            f"Probability of touch over distance and time to contact, after {trials} rendered approaches of a ball and "
+            "a cube.",
+            page.image(figures.landscapes(memory, stimulated)),
         ),
-        report.Section(
-            "The path in space",
-            "What the eyes made of the octopus, with their own uncertainty, against where its centre really was.",
-            report.image(figures.path(logs[1])),
+        page.Section(
+            "3D path",
+            "Tracked position of the octopus with its own ±2σ, and the truth.",
+            page.image(figures.path(logs[1])),
         ),
-        report.Section(
-            "How long it took", f"Median milliseconds a stereo pair and stage on this machine: {timing}.", ""
-        ),
+        page.Section("Time", f"Median milliseconds for each stage of a stereo pair on this machine: {timing}.", ""),
     )
-    return report.page(
-        "Eyes see, skin predicts, the arm gets out of the way",
-        f"A simulated iCub, eyes rendered at 320×240 with pixel noise σ = {noise:g}/255, seed {seed}. It has "
-        "been touched by a ball and a cube; it has never seen the octopus.",
-        report.video(folder / "demo.mp4"),
+    return page.page(
+        "Vision predicts the touch, the arm avoids it",
+        f"A simulated iCub with rendered eye views of 320×240 pixels, pixel noise σ = {noise:g}/255, seed {seed}. The "
+        "skin was trained with a ball and a cube. The octopus is new.",
+        page.video(folder / "demo.mp4"),
         sections,
     )

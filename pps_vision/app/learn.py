@@ -1,4 +1,4 @@
-"""Learn PPS maps from recordings in which the skin is touched: `pps_vision.learn`."""
+"""Learn from recordings in which the skin is touched: PPS maps (`pps_vision.learn`), and touches for calibration."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,21 +7,23 @@ from pathlib import Path
 import numpy as np
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.open_recording import open_recording
-from pps_vision.app.pipeline import Pipeline, PipelineParams
+from learning.pps.touch_trial import TouchTrial
+from pps_vision.app.pipeline import Pipeline, PipelineParams, joints_of
 from pps_vision.app.track import tracker_for
 from pps_vision.errors import InputError
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording, Touch
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Mask
 from tracking.names import Mode
 from tracking.tracker import TrackerParams
 
+_MAX_TOUCH_AGE_S = 0.06  # of a report of the skin, which comes every 0.02 to 0.05 s
+
 
 @dataclass(frozen=True)
 class Learned:
-    """What one recording added: the memory after it, the number of new samples, and how many were rejected, by
-    reason."""
+    """What one recording added: the memory after it, number of new samples, number of rejected ones by reason."""
 
     memory: PPSMemory
     samples: int
@@ -40,7 +42,7 @@ def learn(
         recordings: Recordings, or their folders, in the order to learn from them.
         into: An earlier memory to continue from; None: an empty one.
         mode: How the object is tracked.
-        seed: Seed of the particles.
+        seed: Seed of the particle filter.
 
     Returns:
         The memory: counts of touch and no touch by distance and time to contact, for every taxel of the skin.
@@ -60,7 +62,7 @@ def learn_from(recording: Recording, memory: PPSMemory, mode: Mode = "generic", 
     skin = icub_skin()
     if memory.taxel_ids != skin.taxel_ids:
         n, m = len(memory.taxel_ids), len(skin.taxel_ids)
-        raise InputError("learn", f"memory has {n} other taxels; expected the {m} of this robot's skin")
+        raise InputError("learn", f"memory has {n} taxels but the skin has {m}; expected a memory of this skin")
     if recording.robot is None:
         raise InputError(recording.name, "has no joints; expected the recording of a robot")
     tracker = tracker_for(recording, TrackerParams(mode=mode), seed)
@@ -71,13 +73,36 @@ def learn_from(recording: Recording, memory: PPSMemory, mode: Mode = "generic", 
     return Learned(after, int(after.counts.sum() - memory.counts.sum()), pipeline.rejected)
 
 
-def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin, max_age_s: float = 0.06) -> Mask:
-    """(n,) the taxels the skin reported at the latest stamp up to `stamp_s`; none if that is too old.
+def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> list[TouchTrial]:
+    """The first frame of each contact in which the object is tracked."""
+    tracker = tracker_for(recording, TrackerParams(mode=mode), seed)
+    found, counted = [], False
+    for frame in recording:
+        track, touched = tracker.step(frame).track, touched_at(recording.touches, frame.stamp_s, skin)
+        if touched.any() and not counted and track.is_known:
+            found.append(
+                TouchTrial(
+                    np.array([frame.stamp_s]),
+                    joints_of(frame)[None],
+                    track.position[None],
+                    track.velocity[None],
+                    track.cov[None, 3:6, 3:6],
+                    np.array([track.radius_m]),
+                    touched,
+                    "",
+                )
+            )
+        counted = bool(touched.any()) and (counted or track.is_known)
+    return found
+
+
+def touched_at(touches: tuple[Touch, ...], stamp_s: float, skin: Skin) -> Mask:
+    """(n,) the taxels in the skin's latest report up to `stamp_s`, none if that is older than 60 ms.
 
     Taxels of other skins are ignored.
     """
     stamps = np.array([touch.stamp_s for touch in touches])
     latest = int(np.searchsorted(stamps, stamp_s + 1e-6)) - 1
-    if latest < 0 or stamp_s - stamps[latest] > max_age_s:
+    if latest < 0 or stamp_s - stamps[latest] > _MAX_TOUCH_AGE_S:
         return np.zeros(len(skin.taxel_ids), dtype=bool)
     return np.isin(skin.taxel_ids, touches[latest].taxel_ids)

@@ -1,7 +1,7 @@
 """`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, ParamSpec, get_args
 
@@ -9,15 +9,17 @@ import numpy as np
 from tqdm import tqdm
 
 from control import fixation
-from pps_vision.app.encounter import REACH_M, at_taxel
-from pps_vision.app.finger import RightFinger
-from pps_vision.app.in_view import can_follow
+from pps_vision.app.cli.options import options_of
 from pps_vision.app.render_params import RenderParams
+from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.yarp import open_yarp
 from pps_vision.recordings.yarp_writer import YarpWriter
+from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
@@ -33,7 +35,8 @@ from rendering.stimulus_file import load_stimulus
 _SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own motion
 _SWAY_HZ = np.array([0.31, 0.23])
 
-_LARGEST_M = 0.3  # radius of what is still held before the eyes
+_LARGEST_M = 0.3  # radius of an object that fits into the view
+_FINGER_IK = IKParams(tolerance=1e-5)
 
 
 class Render(RenderParams):
@@ -50,17 +53,18 @@ class Render(RenderParams):
         `make_eyes` draws the views; called like `Eyes`.
         """
         if not (0 < self.seconds < math.inf and 0 < self.fps < math.inf):
-            raise ValueError(f"render: --seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
+            raise InputError("render", f"--seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
         if self.radius is not None and not 0 < self.radius <= _LARGEST_M:
-            raise ValueError(f"render: --radius {self.radius} m; expected above 0 and at most {_LARGEST_M}")
+            raise InputError("render", f"--radius {self.radius} m; expected above 0 and at most {_LARGEST_M}")
         if self.center is not None and not np.all(np.isfinite(self.center)):
-            raise ValueError(f"render: --center {self.center}; expected three numbers in metres")
+            raise InputError("render", f"--center {self.center}; expected three numbers in metres")
         rng = np.random.default_rng(self.seed)
         robot, skin = load_icub(), icub_skin()
         rig = icub_rig(robot)
-        fidelity = Fidelity(scale=self.scale)
-        stimulus = self.object(fidelity.fineness)
-        sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
+        with options_of("render"):
+            fidelity = Fidelity(scale=self.scale)
+            stimulus = self.object(fidelity.fineness)
+            sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
         carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
         states, touches = list(self.scene(robot, rig, rng)), 0
         with (
@@ -82,7 +86,7 @@ class Render(RenderParams):
         if isinstance(self.stimulus, Path):
             if self.stimulus.suffix.lower() not in MESH_SUFFIXES:
                 names = ", ".join((*get_args(StimulusName), *(f"FILE{suffix}" for suffix in MESH_SUFFIXES)))
-                raise ValueError(f"render: --stimulus {self.stimulus}; expected one of {names}")
+                raise InputError("render", f"--stimulus {self.stimulus}; expected one of {names}")
             return load_stimulus(self.stimulus, self.unit, self.radius)
         return make_stimulus(self.stimulus, self.radius, fineness)
 
@@ -101,25 +105,27 @@ class Render(RenderParams):
             q = robot.clamp(q + dt * dq)
 
     def _begin(
-        self, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float, finger: RightFinger | None
+        self, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float, finger: "RightFinger | None"
     ) -> tuple[Array, Motion]:
         """The robot at home fixating the start of a random motion that both eyes can follow."""
         q_home, skin = home(robot), icub_skin()
         taxels, _ = skin.at(robot.at(q_home))
-        aim = at_taxel(skin, robot.at(q_home), skin.index(self.target), radius_m + REACH_M.get(self.motion, 0.0))
+        with options_of("render"):
+            target = skin.index(self.target)
+        aim = at_taxel(skin, robot.at(q_home), target, radius_m + REACH_M.get(self.motion, 0.0))
         for _ in range(200):
             speed = rng.uniform(0.05, 0.15) if self.speed is None else self.speed
             center = _before_the_eyes(rng) if self.center is None else np.array(self.center)
-            motion = make_motion(self.motion, rng, center, speed, aim)
+            with options_of("render"):
+                motion = make_motion(self.motion, rng, center, speed, aim)
             path = [motion(t)[0] for t in np.linspace(0, self.seconds, 4 * math.ceil(self.seconds) + 1)]
             q = q_home if finger is None else finger.follow(q_home, path)
             begins_touching = touched_taxels(taxels, path[0], radius_m).any()
             if q is not None and not begins_touching and can_follow(robot, rig, q, motion, self.seconds):
                 return fixation.gaze_at(robot, q, path[0]), motion
-        raise ValueError(
-            f"render: no {self.motion} about {self.target if self.center is None else self.center} stays in view of "
-            f"both eyes{'' if finger is None else ' and in reach of the finger'}; expected another target or center"
-        )
+        place = self.target if self.center is None else self.center
+        where = "in view of both eyes" + ("" if finger is None else " and in reach of the finger")
+        raise InputError("render", f"no {self.motion} about {place} stays {where}; expected another target or center")
 
     def _head_rate(self, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
         """Joint rates until the next frame: fixation of where the object will be, and the sway."""
@@ -132,6 +138,35 @@ class Render(RenderParams):
         yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
         dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)
         return dq
+
+
+class RightFinger:
+    """The robot's own right index finger as a carrier, by inverse kinematics of the arm's seven joints."""
+
+    def __init__(self, robot: Robot) -> None:
+        names = robot.names.arm("right")
+        self._chain = Chain.of(robot, names, robot.names.index_tips[1])
+        self._columns = robot.indices(names)
+        self._lower, self._upper = robot.lower_rad[self._columns], robot.upper_rad[self._columns]
+
+    def at(self, q_rad: Array, p_root: Array) -> Array | None:
+        """The configuration near `q_rad` whose right fingertip is at `p_root` (3,); None out of reach."""
+        start = q_rad[self._columns][None, None]
+        found = solve_ik(self._chain.positions, p_root[None], start, self._lower, self._upper, _FINGER_IK)
+        if not found.converged[0]:
+            return None
+        q = q_rad.copy()
+        q[self._columns] = found.q_rad[0]
+        return q
+
+    def follow(self, q_rad: Array, path: Iterable[Array]) -> Array | None:
+        """The configuration at the start of a path of points, if the finger reaches all of them in turn."""
+        first: Array | None = None
+        q: Array | None = q_rad
+        for p in path:
+            q = self.at(q, p) if q is not None else None
+            first = q if first is None else first
+        return None if q is None else first
 
 
 def _before_the_eyes(rng: np.random.Generator) -> Array:

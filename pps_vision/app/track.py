@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from pps_vision.app.budget import Choice, cheapest
 from pps_vision.app.device import torch_device
-from pps_vision.app.open_recording import open_recording
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth

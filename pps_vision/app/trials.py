@@ -8,6 +8,8 @@ import numpy as np
 from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_session
 from learning.pps.scores import auroc, brier
 from learning.pps.trials import Trial, load_trials, touch_rates
+from pps_vision.app.cli.options import options_of
+from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.tables import write_table
 from pps_vision.types import Array, Mask
@@ -17,7 +19,8 @@ COLUMNS = ("trial", "taxel", "activation", "lower", "upper", "outcome")
 
 def trials(train_path: Path, test_path: Path, out: Path, horizon_s: float) -> None:
     """Learn, predict, write, and say how good it was; the arguments are those of `pps-vision trials`."""
-    params = ContactParams(horizon_s=horizon_s)
+    with options_of("trials"):
+        params = ContactParams(horizon_s=horizon_s)
     train, test = load_trials(train_path), load_trials(test_path)
     _refuse_what_teaches_nothing(train_path, train, test_path, test)
     with whole_file(out) as partial:
@@ -42,12 +45,12 @@ def _refuse_what_teaches_nothing(
 ) -> None:
     n, n_test = len(train[0].touched), len(test[0].touched)
     if n != n_test:
-        raise ValueError(f"{test_path}: {n_test} taxels; expected the {n} of {train_path}")
+        raise InputError(test_path, f"{n_test} taxels; expected the {n} of {train_path}")
     if not any(np.isfinite(trial.d_m).all(axis=-1).any() for trial in train):
-        raise ValueError(f"{train_path}: no position is finite; expected metres from each taxel")
+        raise InputError(train_path, "no position is finite; expected metres from each taxel")
     rates = touch_rates(train)
     if rates.max() == 0 or rates.min() == 1:
-        raise ValueError(f"{train_path}: outcome is {1 if rates.max() else -1} throughout; expected both 1 and -1")
+        raise InputError(train_path, f"outcome is {1 if rates.max() else -1} throughout; expected both 1 and -1")
 
 
 def _rows(predicted: ContactPrediction, touched: Mask) -> list[tuple[object, ...]]:

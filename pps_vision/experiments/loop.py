@@ -8,9 +8,19 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.encounter import EncounterLog, Kind, World, make_encounter
-from pps_vision.app.school import SPEED_M_S, fresh_pipeline, open_world, teach
-from pps_vision.app.school_params import SchoolParams
+from pps_vision.app.simulation import (
+    SPEED_M_S,
+    EpisodeLog,
+    Kind,
+    TrainingParams,
+    World,
+    log_of,
+    make_episode,
+    new_pipeline,
+    open_world,
+    simulate,
+    train,
+)
 from pps_vision.experiments.study import Study
 from pps_vision.robot.skin import INNER_FOREARM
 
@@ -26,48 +36,46 @@ CASES: dict[Case, tuple[Kind, bool]] = {
 
 @dataclass(frozen=True)
 class Loop(Study):
-    """Encounters with an octopus at 5–15 cm/s after learning from ball and cube: who is touched, who moves
+    """Episodes with an octopus at 5–15 cm/s after learning from ball and cube: who is touched, who moves
     without cause.
 
     Cases: approach with avoidance on and off, receding, standing still, own arm moving with nothing near.
     """
 
     n: int = 20
-    """Encounters of every case."""
+    """Episodes of every case."""
     seed: int = 0
-    """Seed of the school and the encounters."""
-    school: SchoolParams = SchoolParams()
+    """Seed of the training and the episodes."""
+    training: TrainingParams = TrainingParams()
+    """Training before the episodes."""
 
     def run(self) -> dict[str, object]:
         """Counts by case, with what the tracker was worth meanwhile."""
         if self.n < 1:
             raise ValueError(f"bench loop: --n {self.n}; expected at least 1")
-        with open_world(self.school.noise_sigma, self.seed) as world:
-            memory = teach(world, self.school)
-            logs = {case: [self.encounter(world, memory, case, k) for k in self._numbers(case)] for case in CASES}
+        with open_world(self.training.noise_sigma, self.seed) as world:
+            memory = train(world, self.training)
+            logs = {case: [self.episode(world, memory, case, k) for k in self._numbers(case)] for case in CASES}
         return {"seed": self.seed, "n": self.n, **{case: _counts(of_case) for case, of_case in logs.items()}}
 
     def _numbers(self, case: Case) -> Iterable[int]:
-        numbers: Iterable[int] = tqdm(range(self.n), desc=case, unit="encounter", disable=None)
+        numbers: Iterable[int] = tqdm(range(self.n), desc=case, unit="episode", disable=None)
         return numbers
 
-    def encounter(self, world: World, memory: PPSMemory, case: Case, number: int) -> EncounterLog:
-        """One encounter; approaches of the same number are the same with avoidance on and off."""
+    def episode(self, world: World, memory: PPSMemory, case: Case, number: int) -> EpisodeLog:
+        """One episode; approaches of the same number are the same with avoidance on and off."""
         kind, avoid = CASES[case]
         rng = np.random.default_rng((self.seed, number, sorted({k for k, _ in CASES.values()}).index(kind)))
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
-        encounter = make_encounter(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
-        meeting = world.meet(encounter, fresh_pipeline(world, memory), avoid)
-        for _ in meeting:
-            pass
-        return meeting.log()
+        episode = make_episode(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
+        return log_of(world, episode, simulate(world, episode, new_pipeline(world, memory).step, avoid), avoid)
 
 
-def _counts(logs: list[EncounterLog]) -> dict[str, object]:
+def _counts(logs: list[EpisodeLog]) -> dict[str, object]:
     errors = np.concatenate([np.linalg.norm(log.track_m - log.truth_m, axis=1) for log in logs])
     known = np.isfinite(errors)
     return {
-        "encounters": len(logs),
+        "episodes": len(logs),
         "touched": sum(log.was_touched for log in logs),
         "commanded": sum(log.was_commanded for log in logs),
         "smallest_gap_mm": [

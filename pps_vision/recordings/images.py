@@ -24,7 +24,7 @@ def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fp
     noted in `problems`.  InputError if a pattern matches nothing, or one number comes twice.
     """
     if not 0 < fps < float("inf"):
-        raise ValueError(f"fps {fps}: expected a positive number of frames a second")
+        raise InputError("recording", f"fps {fps}; expected a positive number of frames a second")
     problems: list[Problem] = []
     left, right = (_by_number(patterns, problems) for patterns in (left_globs, right_globs))
     numbers = sorted(left | right)

@@ -99,7 +99,7 @@ def pair_by_stamp(
     unpaired are noted.
     """
     if not 0 <= max_skew_s < float("inf"):
-        raise ValueError(f"max_skew_s {max_skew_s}: expected a finite time of at least 0 s")
+        raise InputError("recording", f"max_skew_s {max_skew_s}; expected a finite time of at least 0 s")
     matches = _match([file.stamp_s for file in left], [file.stamp_s for file in right], max_skew_s)
     wanted = f"image within {1000 * max_skew_s:g} ms"
     note_unpaired(left, {i for i, _ in matches}, f"right {wanted}", problems)

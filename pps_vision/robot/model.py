@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.chain import Chain
 from pps_vision.types import Array
@@ -70,14 +71,14 @@ class Robot:
         """Read a URDF of revolute joints; ValueError names the file and what is missing."""
         names = names or FrameNames()
         if not urdf.is_file():
-            raise ValueError(f"{urdf}: no such robot description; expected a URDF file")
+            raise InputError(urdf, "no such robot description; expected a URDF file")
         try:
             self.model = pin.buildModelFromUrdf(str(urdf))
             self.geometry = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.VISUAL)
         except (ValueError, RuntimeError) as error:
-            raise ValueError(f"{urdf}: cannot be read as URDF: {str(error).strip().splitlines()[0]}") from error
+            raise InputError(urdf, f"cannot be read as URDF: {str(error).strip().splitlines()[0]}") from error
         if self.model.nq != self.model.njoints - 1:
-            raise ValueError(f"{urdf}: has joints that are not revolute or prismatic; expected one number a joint")
+            raise InputError(urdf, "has joints that are not revolute or prismatic; expected one number a joint")
         self.names = names
         self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
         self.lower_rad: Array = self.model.lowerPositionLimit.copy()
@@ -88,7 +89,7 @@ class Robot:
         missing = [f for f in (names.left_eye, names.right_eye) if f not in self.frame_ids]
         missing += [j for j in names.gaze_joints if j not in self.joint_names]
         if missing:
-            raise ValueError(f"{urdf}: lacks {', '.join(missing)}; name its own frames and joints in FrameNames")
+            raise InputError(urdf, f"lacks {', '.join(missing)}; name its own frames and joints in FrameNames")
 
     @property
     def n_joints(self) -> int:

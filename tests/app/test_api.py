@@ -60,7 +60,7 @@ def test_what_touches_is_learned_as_by_the_command(approach: Path, tmp_path: Pat
     np.testing.assert_array_equal(memory.counts, load_memory(tmp_path / "m.npz").counts)
     assert memory.counts[..., 0].sum() > 0
     other = dataclasses.replace(memory, taxel_ids=tuple(f"{name}0" for name in memory.taxel_ids))
-    with pytest.raises(pv.InputError, match="other taxels"):
+    with pytest.raises(pv.InputError, match="expected a memory of this skin"):
         pv.learn([approach], into=other)
 
 

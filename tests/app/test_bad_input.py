@@ -176,3 +176,12 @@ def test_a_stimulus_that_is_neither_known_nor_a_mesh(refused, tmp_path: Path) ->
     for stimulus, named in (("whale", "marker, ball, cube, octopus, FILE.stl"), (tmp_path / "half.ply", "half.ply: ")):
         assert named in refused("render", "--stimulus", stimulus, "--motion", "circle", "--out", tmp_path / "out")
         assert not (tmp_path / "out").exists()
+
+
+def test_a_bug_shows_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def defective(folder: Path) -> None:
+        raise ValueError("defect")
+
+    monkeypatch.setattr("pps_vision.recordings.images.open_frames", defective)
+    with pytest.raises(ValueError, match="defect"):
+        main(["track2d", str(tmp_path), "--init", *"1199", "--out", str(tmp_path / "b.csv")])

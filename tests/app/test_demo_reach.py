@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.app.encounter import EncounterLog
-from pps_vision.app.figures import encounters
+from pps_vision.app.report.figures import episodes
+from pps_vision.app.simulation import EpisodeLog
 from pps_vision.types import Reachability, ReachStatus, Status
 
 
@@ -17,11 +17,11 @@ def test_the_report_draws_it_beside_the_activations() -> None:
         for r in degree
     ]
     reachability = (*known, *[Reachability.without_answer(0.0, ReachStatus.UNKNOWN)] * 3)
-    log = EncounterLog(
+    log = EpisodeLog(
         "turning", ("a:1", "a:2"), 0.05 * np.arange(T), (Status.TRACKING,) * T, np.zeros((T, 3)), np.zeros((T, 3)),
         np.zeros((T, 3)), 0.1 * ones, 0.2 * ones, zeros, zeros > 0, ones > 2, zeros, reachability,
     )  # fmt: skip
-    figure = encounters([log], 0.4)
+    figure = episodes([log], 0.4)
     assert isinstance(figure, Figure)
     axis = figure.axes[3]
     np.testing.assert_array_equal(axis.lines[0].get_ydata(), [*degree, np.nan, np.nan, np.nan])

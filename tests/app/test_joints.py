@@ -35,7 +35,7 @@ def test_a_touch_tells_what_the_eyes_misread(misread: Path, tmp_path: Path, caps
     table = tmp_path / "joints.csv"
     main(["joints", str(misread), str(tmp_path / "gone"), "--out", str(table)])
     captured = capsys.readouterr()
-    assert captured.out.startswith("1 touches seen ")
+    assert captured.out.startswith("1 touches, seen ")
     assert "gone" in captured.err
     offsets = np.rad2deg(read_joint_offsets(table, JOINTS))
     assert 1.0 < offsets[PANS[0]] - offsets[PANS[1]] < 4.0  # part of it is laid to the arm: one touch is one posture
@@ -63,7 +63,7 @@ def test_no_touch_is_refused_and_nothing_is_written(approach: Path, tmp_path: Pa
     shutil.copytree(approach, rec)
     shutil.rmtree(next(rec.rglob("skin")))
     out = tmp_path / "joints.csv"
-    assert f"no touch by what was tracked in {rec}" in refused("joints", rec, "--out", out)
+    assert f"no touch by a tracked object in {rec}" in refused("joints", rec, "--out", out)
     assert not out.exists()
 
 

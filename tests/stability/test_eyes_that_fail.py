@@ -12,13 +12,12 @@ import pytest
 from data import SEED
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.encounter import EncounterLog, World, make_encounter
-from pps_vision.app.school import fresh_pipeline, open_world
+from pps_vision.app.simulation import EpisodeLog, World, log_of, make_episode, new_pipeline, open_world, simulate
 from pps_vision.types import Image, Status, StereoFrame
 
 FAILS_S, RECOVERS_S, LOST_WITHIN_S = 1.5, 2.65, 0.6
 Fault = Callable[[StereoFrame, StereoFrame], StereoFrame]  # present frame, last good frame → what is seen
-Met = Callable[[str], EncounterLog]
+Met = Callable[[str], EpisodeLog]
 
 
 class FaultyEyes:
@@ -66,19 +65,20 @@ def anxious(world: World) -> PPSMemory:
     return replace(memory, counts=counts)
 
 
-def meet(world: World, fault: Fault) -> EncounterLog:
+def meet(world: World, fault: Fault) -> EpisodeLog:
     faulty = World(world.robot, world.rig, world.skin, FaultyEyes(world.eyes, fault), world.rng)
     rng = np.random.default_rng(SEED)
-    encounter = make_encounter("approach", faulty, "left_forearm:3", "ball", rng, speed_m_s=0.05)
-    meeting = faulty.meet(replace(encounter, seconds=3.5), fresh_pipeline(faulty, anxious(faulty)), avoid=True)
-    for _, step in meeting:
+    episode = make_episode("approach", faulty, "left_forearm:3", "ball", rng, speed_m_s=0.05)
+    episode = replace(episode, seconds=3.5)
+    rows = list(simulate(faulty, episode, new_pipeline(faulty, anxious(faulty)).step))
+    for step in (row.step for row in rows):
         assert np.all(np.isfinite(step.command.dq_rad_s))
         assert np.all(np.isfinite(step.activation.probability))
         if step.tracking.track.is_known:
             assert np.linalg.eigvalsh(step.tracking.track.cov[:3, :3]).min() > 0
         else:
             assert step.activation.probability.max() == 0, "nothing is expected of an object that is not known"
-    return meeting.log()
+    return log_of(faulty, episode, rows)
 
 
 @pytest.fixture(scope="module")

@@ -29,15 +29,14 @@ class Command(Protocol):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run one command; exit code 2 and one line on the error stream for bad input."""
+    """Run one command; bad input ends with exit code 2 and one line on the error stream, a bug with a traceback."""
     for ended in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ended, _end)
     try:
         _refuse_python_control()
         _parsed(sys.argv[1:] if args is None else args).run()
-    except (ValueError, OSError, OverflowError) as error:
-        first_line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        print(f"pps-vision: {first_line}", file=sys.stderr)
+    except (InputError, OSError) as error:
+        print(f"pps-vision: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(2)
 
 

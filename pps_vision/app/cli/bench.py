@@ -37,7 +37,10 @@ class Bench:
     def run(self) -> None:
         """Run what is asked for."""
         from pps_vision.app.bench import bench, listing
+        from pps_vision.errors import InputError
 
+        if (self.n is not None and self.n < 1) or (self.seconds is not None and not self.seconds > 0):
+            raise InputError("bench", f"--n {self.n}, --seconds {self.seconds}; expected at least one, above 0")
         if not self.names:
             print(listing())
             return

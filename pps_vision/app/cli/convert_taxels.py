@@ -5,6 +5,8 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from pps_vision.errors import InputError
+
 
 @dataclass(frozen=True)
 class ConvertTaxels:
@@ -35,7 +37,7 @@ class ConvertTaxels:
         elif way == (".ini", ".npz"):
             self._from_robot()
         else:
-            raise ValueError(f"convert-taxels {self.input} {self.out}: expected a .npz and a .ini, in either order")
+            raise InputError("convert-taxels", f"{self.input} {self.out}; expected a .npz and a .ini, in either order")
 
     def _to_robot(self) -> None:
         from learning.pps.memory import MemoryParams, load_memory
@@ -44,9 +46,9 @@ class ConvertTaxels:
         from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
 
         if self.like is None:
-            raise ValueError(f"{self.input}: knows no physical taxels; expected --like TAXELS.ini, a map of this robot")
+            raise InputError(self.input, "knows no physical taxels; expected --like TAXELS.ini, a map of this robot")
         if self.parts or self.own_skin:
-            raise ValueError("--parts, --own-skin: expected only where a .ini is converted")
+            raise InputError("convert-taxels", "--parts, --own-skin; expected only where a .ini is converted")
         memory = load_memory(self.input)
         maps = to_maps(memory, read_taxels(self.like), self.input, self.like)
         with whole_file(self.out) as partial:
@@ -67,13 +69,12 @@ class ConvertTaxels:
     def _from_robot(self) -> None:
         from learning.pps.memory import save_memory
         from pps_vision.app.convert_taxels import from_maps, onto
-        from pps_vision.errors import InputError
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.taxels_ini import read_taxels
         from pps_vision.robot.skin import icub_skin
 
         if self.like is not None:
-            raise ValueError("--like: expected only where a .npz is converted")
+            raise InputError("convert-taxels", "--like; expected only where a .npz is converted")
         maps = read_taxels(self.input)
         unknown = [name for name in self.parts if name not in {part.name for part in maps}]
         if unknown:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, subcommand
 
 from learning.reach.names import MeasureName
+from pps_vision.app.cli.options import options_of
+from pps_vision.errors import InputError
 
 if TYPE_CHECKING:
     from learning.reach.map import ReachableMap
@@ -52,13 +54,12 @@ class Train:
         from pps_vision.robot.icub import load_icub
 
         if self.arm == "both" and self.into is not None:
-            raise ValueError(f"--into {self.into} with --arm both; expected one arm, whose map can be gone on with")
+            raise InputError("reach train", f"--into {self.into} with --arm both; expected --into with one arm")
         if self.ik_budget < _LEAST_BUDGET:
-            raise ValueError(
-                f"--ik-budget {self.ik_budget}; expected at least {_LEAST_BUDGET}, to say how sure the map is"
-            )
+            raise InputError("reach train", f"--ik-budget {self.ik_budget}; expected at least {_LEAST_BUDGET}")
         rounds = min(MapParams().round_labels, self.ik_budget // 2)
-        params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
+        with options_of("reach train"):
+            params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
         into = self._earlier()
         robot = load_icub()
         with whole_file(self.out) as partial:
@@ -78,15 +79,17 @@ class Train:
             print(f"--max-error {self.max_error} was not reached within --ik-budget {self.ik_budget}")
 
     def _earlier(self) -> "ReachableMap | None":
-        """The map to go on from, if it is one of the same."""
+        """The map to continue from, which must be of the same arm, end point, measure and limits."""
         from learning.reach.map import load_map
+        from learning.reach.training import MapParams
 
         if self.into is None:
             return None
         into = load_map(self.into)
-        for asked, there in ((self.end_point, into.end_point), (self.measure, into.measure)):
-            if asked != there:
-                raise ValueError(f"--into {self.into}: a map of {there}; expected one of {asked}, to go on from")
+        asked = (self.arm, self.end_point, self.measure, MapParams().gaze_limits)
+        for value, there in zip(asked, (into.side, into.end_point, into.measure, into.limits), strict=True):
+            if value != there:
+                raise InputError(self.into, f"is a map of {there}; expected one of {value} to continue from")
         return into
 
     def _learn(self, robot: "Robot", side: str, params: "MapParams", into: "ReachableMap | None") -> "ReachableMap":
@@ -95,7 +98,8 @@ class Train:
         from learning.reach.measures import hand_and_params
         from learning.reach.training import train_reachable_map
 
-        hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
+        with options_of("reach train"):
+            hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
         learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
         return replace(learned, end_point=self.end_point, measure=self.measure)
 
@@ -126,7 +130,8 @@ class Query:
 
         device = None if self.device is None else str(torch_device(self.device))
         reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)
-        threshold = 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp)
+        with options_of("reach query"):
+            threshold = 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp)
         verdict = reachable_map.query(gaze, threshold, device)
         columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
         with whole_file(self.out) as partial:
@@ -147,12 +152,11 @@ class Show:
     def run(self) -> None:
         """Draw it."""
         from learning.reach.map import load_map
-        from pps_vision.app import figures
-        from pps_vision.app.reach_figure import slices
+        from pps_vision.app.report import figures
         from pps_vision.recordings.outputs import whole_file
 
         reachable_map = load_map(self.map)
-        figure = slices(reachable_map)
+        figure = figures.reachable_space(reachable_map)
         with whole_file(self.out) as partial:
             figures.save(figure, partial)
         print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")

@@ -18,7 +18,7 @@ class Show:
     def run(self) -> None:
         """Draw every taxel that has ever been stimulated; all of them if none has."""
         from learning.pps.memory import load_memory
-        from pps_vision.app import figures
+        from pps_vision.app.report import figures
         from pps_vision.recordings.outputs import whole_file
 
         memory = load_memory(self.memory)

@@ -1,6 +1,5 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
-import sys
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING
 from tyro import MISSING
 from tyro.conf import Positional
 
+from pps_vision.app.cli.options import options_of, print_skipped
+from pps_vision.errors import InputError
 from tracking.names import DEFAULT_ORDER, Mode
 
 if TYPE_CHECKING:
@@ -78,13 +79,14 @@ class Track:
 
         from learning.reach.map import load_map
         from learning.reach.track_reachability import TrackReachability
-        from pps_vision.app.open_recording import open_recording
-        from pps_vision.app.overlay import VideoFile, draw_pair
         from pps_vision.app.pipeline import joints_of
+        from pps_vision.app.report.overlay import VideoFile, draw_pair
         from pps_vision.app.track import track
-        from pps_vision.errors import InputError
+        from pps_vision.recordings.open import open_recording
         from pps_vision.recordings.outputs import whole_folder, write_json
         from pps_vision.recordings.tables import write_detections, write_trajectory
+        from tracking.kalman import KalmanParams
+        from tracking.tracker import TrackerParams
 
         if self.map and self.rec is None:
             raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
@@ -98,10 +100,11 @@ class Track:
             joints=self.joints,
             max_skew_s=self.max_skew_s,
         )
+        with options_of("track"):
+            params = TrackerParams(mode=self.mode, kalman=KalmanParams.of_order(self.order))
         run = track(
             recording,
-            self.mode,
-            self.order,
+            params=params,
             max_error_mm=self.max_error_mm,
             device=self.device,
             batch=self.batch,
@@ -109,7 +112,8 @@ class Track:
         )
         reach = None
         if self.map and recording.robot:
-            reach = TrackReachability(recording.robot, load_map(self.map), self.max_fp)
+            with options_of("track"):
+                reach = TrackReachability(recording.robot, load_map(self.map), self.max_fp)
         detections, steps, joints = [], [], []
         with whole_folder(self.out, _FILES) as folder:
             with VideoFile(folder / "overlay.mp4", recording.fps) as film:
@@ -127,8 +131,7 @@ class Track:
             reachability = [reach(q, track) for q, track in zip(joints, tracks, strict=True)] if reach else []
             write_trajectory(folder / "trajectory.csv", tracks, reachability)
             write_json(folder / "summary.json", self._summary(run, tracks, reachability))
-        for problem in recording.problems:
-            print(f"skipped: {problem}", file=sys.stderr)
+        print_skipped(recording.problems)
         print(_headline(run, tracks), f"→ {self.out}")
 
     def _summary(

@@ -1,10 +1,11 @@
 """`pps-vision track2d`: follow a coloured object in one view."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from tyro.conf import Positional
+
+from pps_vision.app.cli.options import print_skipped
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,5 @@ class Track2d:
         with whole_file(self.out) as partial:
             rows = follow(sequence, self.init, self.seed)
             write_boxes(partial, rows)
-        for problem in sequence.problems:
-            print(f"skipped: {problem}", file=sys.stderr)
-        found = sum(score > 0 for _, _, score in rows)
-        print(f"seen in {found} of {len(rows)} frames → {self.out}")
+        print_skipped(sequence.problems)
+        print(f"found in {sum(score > 0 for _, _, score in rows)} of {len(rows)} frames → {self.out}")

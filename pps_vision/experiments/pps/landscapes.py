@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.pps.memory import Counts
-from pps_vision.app.figures import landscape
+from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.maps import FINE, landscape_chart, ridge_width
 from pps_vision.experiments.pps.movements import SessionName

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from learning.pps.memory import Counts, MemoryParams
 from learning.pps.offsets import orthogonal_line
-from pps_vision.app.figures import draw_landscape
+from pps_vision.app.report.figures import draw_landscape
 from pps_vision.experiments.charts import panels
 
 FINE = MemoryParams(bins=(120, 60))

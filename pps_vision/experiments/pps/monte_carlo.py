@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.offsets import offsets
-from pps_vision.app.figures import landscape
+from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import Reference, Simulation, simulate_map
 from pps_vision.experiments.pps.maps import FINE, landscape_chart, ridge_width
 from pps_vision.experiments.study import Study

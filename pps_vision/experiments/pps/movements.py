@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from control.fixation import gaze_at
-from pps_vision.app.in_view import can_follow
+from pps_vision.app.simulation import can_follow
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, Skin, icub_skin, taxel_frame, touched_taxels

@@ -19,9 +19,7 @@ from learning.reach.map import ReachableMap
 from learning.reach.torso_gaze import random_gaze
 from learning.reach.track_reachability import TrackReachability
 from learning.reach.training import MapParams, train_reachable_map
-from pps_vision.app.encounter import Encounter, EncounterLog, World
-from pps_vision.app.in_view import can_follow
-from pps_vision.app.school import fresh_pipeline, open_world
+from pps_vision.app.simulation import Episode, EpisodeLog, World, can_follow, log_of, new_pipeline, open_world, simulate
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
 from pps_vision.experiments.reach.map_truth import closed_form
@@ -69,12 +67,10 @@ class InLoop(Study):
             learned = train_reachable_map(world.robot, "left", np.random.default_rng(self.seed), params)
             runs = []
             for k in tqdm(range(self.n), desc="runs", disable=None):
-                pipeline = fresh_pipeline(world, PPSMemory.empty(world.skin), reachable_map=learned)
-                encounter = crossing(world, k % 2 == 0, np.random.default_rng((self.seed, k)))
-                meeting = world.meet(encounter, pipeline, avoid=False)
-                for _ in meeting:
-                    pass
-                runs.append(judge(world.robot, learned, meeting.log()))
+                pipeline = new_pipeline(world, PPSMemory.empty(world.skin), reachable_map=learned)
+                episode = crossing(world, k % 2 == 0, np.random.default_rng((self.seed, k)))
+                log = log_of(world, episode, simulate(world, episode, pipeline.step, avoid=False), avoid=False)
+                runs.append(judge(world.robot, learned, log))
             times = frame_times(world.robot, learned, self.max_fp, np.random.default_rng((self.seed, self.n)))
         counts = {name: int(sum(np.sum(run[name]) for run in runs)) for name in runs[0] if name not in _VERDICTS}
         shares = {name: interval([run[name] for run in runs], percent) for name in _VERDICTS}
@@ -99,7 +95,7 @@ class InLoop(Study):
         return figure
 
 
-def crossing(world: World, reachable: bool, rng: np.random.Generator) -> Encounter:
+def crossing(world: World, reachable: bool, rng: np.random.Generator) -> Episode:
     """Return a ball on a straight line from within or out of reach, where both eyes see all of the line."""
     model, arm = GazeModel(world.robot), closed_form(world.robot, "left")
     while True:
@@ -111,10 +107,10 @@ def crossing(world: World, reachable: bool, rng: np.random.Generator) -> Encount
         motion = Linear(begin, end, rng.uniform(*_SPEED_M_S))
         visible = np.isfinite(model.gaze(end[None], _ENDS)).all()
         if visible and can_follow(world.robot, world.rig, world.home, motion, _SECONDS):
-            return Encounter("crossing", "ball", motion, _SECONDS)
+            return Episode("crossing", "ball", motion, _SECONDS)
 
 
-def judge(robot: Robot, learned: ReachableMap, log: EncounterLog) -> Values:
+def judge(robot: Robot, learned: ReachableMap, log: EpisodeLog) -> Values:
     """Return (T,) booleans of the tracked frames of a run: whether each verdict is right, and in which way it is not.
 
     What no gaze within the map's limits fixates counts as unreachable.

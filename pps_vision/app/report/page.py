@@ -1,4 +1,4 @@
-"""The demo's report: one self-contained page that opens with the video."""
+"""The demo's report: one self-contained page with the video on top."""
 
 import base64
 import html
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 _STYLE = """
@@ -22,7 +21,7 @@ p.lead{color:#555;margin-top:0}
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a sentence or two, and what they speak of (an HTML fragment)."""
+    """A heading, a text, and an HTML fragment below it."""
 
     title: str
     text: str
@@ -30,10 +29,9 @@ class Section:
 
 
 def image(figure: Figure) -> str:
-    """A figure as an HTML fragment; the figure is closed."""
+    """A figure as an HTML fragment."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
-    plt.close(figure)
     return f'<img alt="" src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">'
 
 

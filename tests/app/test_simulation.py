@@ -1,4 +1,4 @@
-"""The loop closed on rendered eyes: an encounter of every kind after a short school."""
+"""The loop closed on rendered eyes: an episode of every kind after a short training."""
 
 from collections.abc import Iterator
 
@@ -7,9 +7,7 @@ import pytest
 from data import SEED
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.encounter import World, first_contact
-from pps_vision.app.school import open_world, teach
-from pps_vision.app.school_params import SchoolParams
+from pps_vision.app.simulation import TrainingParams, World, first_contact, open_world, train
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
@@ -24,7 +22,7 @@ def world() -> Iterator[World]:
 
 @pytest.fixture(scope="module")
 def memory(world: World) -> PPSMemory:
-    return teach(world, SchoolParams(trials=8))
+    return train(world, TrainingParams(trials=8))
 
 
 def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
@@ -43,8 +41,8 @@ def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
     ],
 )
 @pytest.mark.parametrize("number", range(LOOP.n))
-def test_encounters(world: World, memory: PPSMemory, case: Case, touched: bool, commanded: bool, number: int) -> None:
-    log = LOOP.encounter(world, memory, case, number)
+def test_episodes(world: World, memory: PPSMemory, case: Case, touched: bool, commanded: bool, number: int) -> None:
+    log = LOOP.episode(world, memory, case, number)
     print(f"seed {LOOP.seed}, {case} {number}: gap {1000 * np.nanmin([np.inf, *log.surface_gap_m.min(1)]):.0f} mm")
     assert log.was_touched == touched
     assert log.was_commanded == commanded

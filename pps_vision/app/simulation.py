@@ -1,0 +1,332 @@
+"""The closed loop in simulation: rendered eyes, a policy that commands the robot, and a robot that obeys.
+
+with open_world(noise_sigma=2.0, seed=0) as world:
+    episode = make_episode("approach", world, "left_forearm:3", "ball", rng, speed_m_s=0.1)
+    for step in simulate(world, episode, new_pipeline(world, memory).step):
+        ...
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from control.fixation import gaze_at
+from learning.pps.memory import PPSMemory
+from learning.reach.map import ReachableMap
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
+from pps_vision.app.stopwatch import Stopwatch
+from pps_vision.errors import InputError
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.silhouette import Silhouette
+from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
+from pps_vision.types import Array, Mask, Reachability, Status, StereoFrame
+from rendering.eyes import Eyes
+from rendering.motions import Motion, Recede, Target, make_approach
+from rendering.names import StimulusName
+from rendering.scene import SceneState
+from rendering.sensor import Sensor
+from rendering.stimuli import make_stimulus
+from tracking.tracker import Tracker, TrackerParams
+
+Kind = Literal["approach", "recede", "static", "own_arm"]
+Policy = Callable[[StereoFrame, Mask], PipelineStep]
+"""What turns a frame and the touched taxels (n,) into a command; `Pipeline.step` is one."""
+
+PERIOD_S = 0.05
+SPEED_M_S = (0.05, 0.15)
+"""Range of the speeds of training approaches."""
+REACH_M = {"approach": TOUCH_RADIUS_M - 0.003, "recede": TOUCH_RADIUS_M + 0.010}
+"""Smallest distance from the object's surface to the nearest taxel's centre: an approach touches, a receding object
+does not."""
+_REST_M = (0.12, 0.15)  # distance from the taxel of a static object
+_CONTACT_FRAMES = 14  # a training episode ends 0.7 s after the touch; the withdrawal is not learned from
+_MARGIN_PX = 25.0  # of the object's centre to the image's border
+_NEAREST_M = 0.22  # nearer objects fill the view, and the eyes' vergence ends at 0.2 m
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A stimulus on a path, for some time; without a `motion` nothing is near and the robot's arm moves by itself."""
+
+    title: str
+    stimulus: StimulusName
+    motion: Motion | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class TrainingParams:
+    """Parameters of `train`."""
+
+    trials: int = 24
+    """Approaches that end in a touch."""
+    noise_sigma: float = 2.0
+    """Standard deviation of the pixel noise, grey levels of 255."""
+    objects: tuple[StimulusName, ...] = ("ball", "cube")
+    """Objects that touch, in turn."""
+
+
+@dataclass(frozen=True)
+class World:
+    """The robot, its skin and eyes, and the random numbers of the simulation."""
+
+    robot: Robot
+    rig: StereoRig
+    skin: Skin
+    eyes: Eyes
+    rng: np.random.Generator
+
+    @cached_property
+    def home(self) -> Array:
+        """(n_joints,) arms at home, eyes on the space before the skin."""
+        return watching(self.robot, self.skin, home(self.robot))
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationStep:
+    """One frame of a simulation: what the eyes showed, what the policy made of it, and the truth.
+
+    `position` (3,) of the object, NaN without one; `taxels` (n, 3) positions; `touched` (n,); `q_rad` (n_joints,)
+    before the command was obeyed.
+    """
+
+    frame: StereoFrame
+    step: PipelineStep
+    position: Array
+    taxels: Array
+    touched: Mask
+    q_rad: Array
+
+
+@dataclass(frozen=True)
+class EpisodeLog:
+    """An episode as arrays: (T,), (T, 3) in the root frame, or (T, n) for the skin's n taxels."""
+
+    title: str
+    taxel_ids: tuple[str, ...]
+    stamps_s: Array
+    status: tuple[Status, ...]
+    truth_m: Array
+    track_m: Array
+    """NaN where unknown."""
+    track_std_m: Array
+    surface_gap_m: Array
+    """True distance from the object's surface to each taxel's centre."""
+    activations: Array
+    speed_m_s: Array
+    """Commanded speed of the arm's control point."""
+    arm_commanded: Mask
+    """Whether the arm was commanded to move, the return home included."""
+    touched: Mask
+    q_rad: Array
+    reachability: tuple[Reachability, ...] = ()
+    """Empty without a reachable-space map."""
+
+    @property
+    def was_touched(self) -> bool:
+        """Whether the skin was touched at all."""
+        return bool(self.touched.any())
+
+    @property
+    def was_commanded(self) -> bool:
+        """Whether the arm was commanded to move at all."""
+        return bool(self.arm_commanded.any())
+
+
+@contextmanager
+def open_world(noise_sigma: float, seed: int) -> Iterator[World]:
+    """The iCub with the skin of its left forearm and palm; `noise_sigma` of the pixels in grey levels of 255."""
+    robot = load_icub()
+    rig = icub_rig(robot)
+    skin = icub_skin(("left_forearm", "left_palm"))
+    with Eyes(robot, rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=noise_sigma)) as eyes:
+        yield World(robot, rig, skin, eyes, np.random.default_rng(seed))
+
+
+def new_pipeline(
+    world: World, memory: PPSMemory, stopwatch: Stopwatch | None = None, reachable_map: ReachableMap | None = None
+) -> Pipeline:
+    """A pipeline with a new tracker and an earlier memory."""
+    timing = {} if stopwatch is None else {"stages": stopwatch}
+    tracker = Tracker(TrackerParams(), world.rig, world.rng, own_body=Silhouette(world.robot), **timing)
+    return Pipeline(PipelineParams(), world.robot, world.skin, tracker, memory, world.rng, reachable_map)
+
+
+def simulate(
+    world: World, episode: Episode, policy: Policy, avoid: bool = True, start_s: float = 0.0
+) -> Iterator[SimulationStep]:
+    """Yield the frames of an episode: render, let the policy command, move the robot.
+
+    The robot begins at home with its eyes on the object.  Without `avoid` the arm does not obey.  The first stamp is
+    `start_s`.
+    """
+    robot, stimulus = world.robot, make_stimulus(episode.stimulus)
+    world.eyes.set_stimulus(stimulus)
+    arm = robot.indices(robot.names.arm("left"))
+    q = world.home
+    if episode.motion is not None:
+        q = gaze_at(robot, q, episode.motion(0.0)[0])
+    for k in range(int(np.ceil(episode.seconds / PERIOD_S - 1e-9))):
+        t = k * PERIOD_S
+        taxels, _ = world.skin.at(robot.at(q))
+        p, v = episode.motion(t) if episode.motion is not None else (np.full(3, np.nan), np.zeros(3))
+        touched = touched_taxels(taxels, p, stimulus.radius_m)
+        state = SceneState(q, None if episode.motion is None else p, v)
+        frame = world.eyes.render(state, start_s + t, world.rng)
+        step = policy(frame, touched)
+        yield SimulationStep(frame, step, p, taxels, touched, q)
+        dq = step.command.dq_rad_s.copy()
+        if not avoid:
+            dq[arm] = 0.0
+        if episode.motion is None:
+            dq[arm] = _swing_rate(t)
+        q = robot.clamp(q + PERIOD_S * dq)
+
+
+def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoid: bool = True) -> EpisodeLog:
+    """The arrays of the frames of an episode; `avoid` as in `simulate`."""
+    rows = list(steps)
+    arm = world.robot.indices(world.robot.names.arm("left"))
+    radius_m = make_stimulus(episode.stimulus).radius_m
+    tracks = [row.step.tracking.track for row in rows]
+    truth, taxels = np.array([row.position for row in rows]), np.array([row.taxels for row in rows])
+    speed = np.array([float(np.linalg.norm(row.step.response.velocity_root)) for row in rows])
+    return EpisodeLog(
+        title=episode.title,
+        taxel_ids=world.skin.taxel_ids,
+        stamps_s=np.array([row.frame.stamp_s for row in rows]),
+        status=tuple(track.status for track in tracks),
+        truth_m=truth,
+        track_m=np.array([track.position for track in tracks]),
+        track_std_m=np.array([np.sqrt(np.diag(track.cov)[:3]) for track in tracks]),
+        surface_gap_m=np.linalg.norm(truth[:, None] - taxels, axis=2) - radius_m,
+        activations=np.array([row.step.activation.probability for row in rows]),
+        speed_m_s=avoid * speed,
+        arm_commanded=np.array([avoid and bool(np.any(row.step.command.dq_rad_s[arm])) for row in rows]),
+        touched=np.array([row.touched for row in rows]),
+        q_rad=np.array([row.q_rad for row in rows]),
+        reachability=tuple(row.step.reachability for row in rows if row.step.reachability),
+    )
+
+
+def train(world: World, params: TrainingParams) -> PPSMemory:
+    """The memory after approaches to the inner taxels of the forearm in turn, with the objects in turn."""
+    if params.trials < 1 or not params.objects:
+        raise InputError("training", f"{params.trials} trials, {len(params.objects)} objects; expected at least one")
+    memory = PPSMemory.empty(world.skin)
+    for trial in tqdm(range(params.trials), desc="training", unit="approach", disable=None):
+        taxel = f"left_forearm:{INNER_FOREARM[trial % len(INNER_FOREARM)]}"
+        stimulus = params.objects[trial % len(params.objects)]
+        speed = world.rng.uniform(*SPEED_M_S)
+        episode = make_episode("approach", world, taxel, stimulus, world.rng, speed, reach_m=0.0)
+        pipeline = new_pipeline(world, memory)
+        contact_frames = 0
+        for step in simulate(world, episode, pipeline.step, avoid=False):
+            contact_frames += bool(step.touched.any())
+            if contact_frames == _CONTACT_FRAMES:
+                break
+        memory = pipeline.finish()
+    return memory
+
+
+def make_episode(
+    kind: Kind,
+    world: World,
+    taxel: str,
+    stimulus: StimulusName,
+    rng: np.random.Generator,
+    speed_m_s: float,
+    reach_m: float | None = None,
+) -> Episode:
+    """A random episode about a taxel's home position, in view of both eyes.
+
+    Args:
+        kind: approach: until the surface is within `reach_m` of a taxel's home position, whatever the arm does, and
+            back; recede: from just out of touch; static: 5 cm away from the skin, then at rest 12–15 cm from the taxel;
+            own_arm: nothing is near.
+        world: Robot and skin.
+        taxel: Target "part:id".
+        stimulus: Object.
+        rng: Random numbers of the path.
+        speed_m_s: Speed of the object.
+        reach_m: Default: a touch.
+    """
+    if kind == "own_arm":
+        return Episode("own arm moving", stimulus, None, 4.0)
+    q_home = world.home
+    posture = world.robot.at(q_home)
+    index = world.skin.index(taxel)
+    taxels, _ = world.skin.at(posture)
+    point = taxels[index]
+    radius = make_stimulus(stimulus).radius_m
+    aim = at_taxel(world.skin, posture, index, radius + (REACH_M.get(kind, 0.0) if reach_m is None else reach_m))
+    for _ in range(200):
+        visit = make_approach(rng, aim, speed_m_s)
+        if kind == "approach":
+            motion: Motion = visit
+            seconds, title = 2 * visit.contact_s + visit.dwell_s + 0.5, "approaching"
+        elif kind == "recede":
+            motion = Recede(visit.end, visit.start, speed_m_s)
+            seconds, title = visit.contact_s + 0.5, "receding"
+        else:
+            away = (visit.start - point) / np.linalg.norm(visit.start - point)
+            rest = point + rng.uniform(*_REST_M) * away
+            motion = Recede(rest - 0.05 * away, rest, speed_m_s)
+            seconds, title = 5.0, "at rest"
+        begins_touching = touched_taxels(taxels, motion(0.0)[0], radius).any()
+        if not begins_touching and can_follow(world.robot, world.rig, q_home, motion, seconds):
+            return Episode(f"{stimulus} {title}", stimulus, motion, seconds)
+    raise ValueError(f"no {kind} about {taxel} stays in view of both eyes; expected a taxel that they see at home")
+
+
+def watching(robot: Robot, skin: Skin, q: Array) -> Array:
+    """The configuration `q` with the eyes on the space before the skin."""
+    positions, normals = skin.at(robot.at(q))
+    return gaze_at(robot, q, (positions + 0.12 * normals).mean(axis=0))
+
+
+def can_follow(robot: Robot, rig: StereoRig, q_rad: Array, motion: Motion, seconds: float) -> bool:
+    """Whether both eyes can see a motion when they fixate it: tested at nine points of the path."""
+    for t in np.linspace(0, seconds, 9):
+        p, _ = motion(float(t))
+        view = rig.view(gaze_at(robot, q_rad, p))
+        for eye in (view.left, view.right):
+            if not eye.sees(p, _MARGIN_PX) or np.linalg.norm(p - eye.center) < _NEAREST_M:
+                return False
+    return True
+
+
+def at_taxel(skin: Skin, posture: Posture, index: int, reach_m: float) -> Target:
+    """The target of an approach to a taxel: it ends where the object's centre is within `reach_m` of any taxel."""
+    positions, normals = skin.at(posture)
+    point = positions[index]
+    return Target(point, normals[index], lambda start: first_contact(start, point, positions, reach_m))
+
+
+def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) -> Array:
+    """(3,) where a centre that moves straight from `start` to `target` comes within `reach_m` of a taxel.
+
+    Taxels within `reach_m` of `start` are ignored.
+    """
+    way = target - start
+    u = way / float(np.linalg.norm(way))
+    along = (taxels - start) @ u
+    aside2 = np.sum((taxels - start) ** 2, axis=1) - along**2
+    hit = aside2 < reach_m**2
+    travelled = along[hit] - np.sqrt(reach_m**2 - aside2[hit])
+    return start + float(travelled[travelled > 0].min()) * u
+
+
+def _swing_rate(t: float) -> Array:
+    """(7,) rad/s of the left arm in an episode "own_arm": a swing of a few degrees about home."""
+    amplitude = np.deg2rad([6.0, 5.0, 6.0, 10.0, 12.0, 0.0, 0.0])
+    frequency = 2 * np.pi * np.array([0.35, 0.3, 0.4, 0.45, 0.5, 0.5, 0.5])
+    rate: Array = amplitude * frequency * np.cos(frequency * t)
+    return rate
