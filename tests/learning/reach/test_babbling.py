@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from learning.reach.babbling import Babbled, babble, score
-from learning.reach.gaussian_process import GaussianProcess
+from learning.reach.babbling import Babbled, babble, crossing, gaze_at, score
 from learning.reach.training import ArmLimits
-from pps_vision.experiments.baselines.lwpr import LWPRParams
-from pps_vision.experiments.baselines.lwpr_metric import MetricParams
-from pps_vision.experiments.baselines.regressors import ArmToGaze, LocalModels
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -26,7 +22,7 @@ def test_what_is_fixated_is_the_hand(babbled):
     np.testing.assert_allclose(fixation_points(ROBOT, babbled.gaze_rad), palms, atol=1e-6)
 
 
-def test_the_limits_decide(babbled):
+def test_limits_decide_what_can_be_fixated(babbled):
     """FACTS §6: 28 % of the postures can be fixated; none is beyond a limit; narrower limits leave fewer."""
     assert babbled.n_tried == 6000
     assert len(babbled.arm_rad) / babbled.n_tried == pytest.approx(0.28, abs=0.03)
@@ -38,36 +34,18 @@ def test_the_limits_decide(babbled):
     assert 0 < len(few.arm_rad) < 0.15 * 500
 
 
-def test_what_is_learned_foretells_the_gaze(babbled):
-    """The paper's LWPR came to 0.84° with 4400 samples."""
-    n = 1200
-    test = type(babbled)(babbled.arm_rad[n:], babbled.gaze_rad[n:], 0)
-    process = ArmToGaze(GaussianProcess(n_tune=200))
-    local = ArmToGaze(LocalModels(4, 3, LWPRParams(init_D=10, w_gen=0.2, metric=MetricParams(rate=0))))
-    for model in (process, local):
-        model.learn(babbled.arm_rad[:n], babbled.gaze_rad[:n])
-    errors = score(process, test)[0], score(local, test)[0]
-    print(f"after {n} samples: process {errors[0]:.3f}°, LWPR {errors[1]:.2f}°")
-    assert errors[0] < 0.15
-    assert errors[1] < 3
-
-
-def test_the_third_arm():
+def test_an_unknown_side_is_refused():
     with pytest.raises(ValueError, match="side 'third': expected left or right"):
         babble(ROBOT, "third", 10, np.random.default_rng(0))
 
 
-def test_the_gaze_comes_back(babbled):
-    """A regressor that knows the answer leaves no error: what it is taught and what is read from it are inverse."""
+def test_gaze_and_crossing_are_inverse():
     limits = GazeLimits()
     gaze = np.random.default_rng(2).uniform(limits.lower, limits.upper, (50, 3))
-    arm = np.random.default_rng(3).uniform(-0.1, 0.1, (50, 4))
-    model = ArmToGaze(_Nearest())
-    model.learn(arm, gaze)
-    np.testing.assert_allclose(model(arm), gaze, atol=1e-9)
+    np.testing.assert_allclose(gaze_at(crossing(gaze)), gaze, atol=1e-9)
 
 
-def test_what_is_not_answered_is_counted_apart():
+def test_postures_without_an_answer_are_counted_apart():
     """Three of four postures are answered, 0.01 rad off in every angle."""
     arm, gaze = np.array([[0.0] * 4] * 3 + [[np.inf] * 4]), np.tile([0.1, 0.2, 0.3], (4, 1))
 
@@ -75,13 +53,3 @@ def test_what_is_not_answered_is_counted_apart():
         return np.where(np.isfinite(arm[:, :1]), gaze, np.nan)
 
     assert score(model, Babbled(arm, gaze + 0.01, 4)) == (pytest.approx(np.rad2deg(0.01)), 0.25)
-
-
-class _Nearest:
-    """A regressor that knows its samples."""
-
-    def update(self, x, y):
-        self.x, self.y = x, y
-
-    def predict(self, x):
-        return self.y[np.linalg.norm(x[:, None] - self.x, axis=2).argmin(axis=1)]
