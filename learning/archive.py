@@ -1,4 +1,4 @@
-"""Arrays in a versioned .npz file without pickle, written whole or not at all."""
+"""Arrays in .npz files without pickle, written whole or not at all."""
 
 import os
 import zipfile
@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from pps_vision.errors import InputError
 
 # What NumPy and the zip reader under it raise for a file that is damaged or no .npz at all.
-UNREADABLE = (
+_UNREADABLE = (
     *(OSError, ValueError, EOFError, AttributeError, TypeError, KeyError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error),
 )
 
 
 def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
-    """Write to a temporary name beside `path`, then rename."""
+    """Write arrays with their kind and version to a temporary name beside `path`, then rename."""
     contents: dict[str, Any] = {"kind": np.array(kind), "version": np.array(version), **arrays}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -31,19 +31,31 @@ def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLi
 
 
 def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
-    """The named arrays; InputError that names the file and what is wrong with it."""
-    try:
-        with np.load(path) as file:
-            present = {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise InputError(path, f"no such file; expected a {kind} (.npz)") from None
-    except UNREADABLE as error:
-        raise InputError(path, f"is not a readable .npz file; expected a {kind}") from error
+    """The named arrays of an archive of this kind and version; InputError for any other file."""
+    present = read_arrays(path, kind)
     if "kind" not in present or str(present["kind"]) != kind:
-        raise InputError(path, f"is not a {kind}")
+        raise InputError(path, f"is not a {kind}; expected one (.npz)")
     if "version" not in present or str(present["version"]) != str(version):
         raise InputError(path, f"{kind} of version {present.get('version', 'unknown')}; expected version {version}")
-    missing = [name for name in names if name not in present]
+    return named(path, present, names, kind)
+
+
+def read_arrays(path: Path, what: str) -> dict[str, NDArray[np.generic]]:
+    """All arrays of an .npz file that should hold `what`; InputError where it cannot be read."""
+    try:
+        with np.load(path) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise InputError(path, f"no such file; expected {what} (.npz)") from None
+    except _UNREADABLE as error:
+        raise InputError(path, f"is not a readable .npz file; expected {what}") from error
+
+
+def named(
+    path: Path, arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...], what: str
+) -> dict[str, NDArray[np.generic]]:
+    """Those of the arrays with these names; InputError where one is missing."""
+    missing = [name for name in names if name not in arrays]
     if missing:
-        raise InputError(path, f"{kind} without {', '.join(missing)}")
-    return {name: present[name] for name in names}
+        raise InputError(path, f"no {', '.join(missing)}; expected {what} with {', '.join(names)}")
+    return {name: arrays[name] for name in names}

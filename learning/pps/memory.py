@@ -228,7 +228,7 @@ def save_memory(path: Path, memory: PPSMemory) -> None:
 
 
 def load_memory(path: Path) -> PPSMemory:
-    """Read a memory; ValueError names the file and what is wrong with it."""
+    """Read a memory; InputError names the file and what was expected."""
     names = ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins", "half_life_touches")
     data = read_archive(path, _KIND, _VERSION, names)
     try:

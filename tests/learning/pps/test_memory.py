@@ -12,6 +12,7 @@ from scipy.stats import norm
 from learning.pps.buffer import EventBuffer, push
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples, learn, load_memory, save_memory
 from learning.pps.receptive_field import ReceptiveField, perceive
+from pps_vision.errors import InputError
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import TaxelEvents
 
@@ -185,7 +186,7 @@ def rewrite(path, **changes):
         ({"version": "one"}, "version one; expected version 2"),
         ({"kind": "something else"}, "is not a PPS memory"),
         ({"kind": None}, "is not a PPS memory"),
-        ({"counts": None}, "without counts"),
+        ({"counts": None}, "no counts; expected PPS memory"),
         ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), np.nan)}, "does not fit together"),
@@ -197,7 +198,7 @@ def test_a_bad_file_is_refused_by_name(tmp_path, changes, message):
     path = tmp_path / "memory.npz"
     save_memory(path, random_memory())
     rewrite(path, **changes)
-    with pytest.raises(ValueError, match=rf"memory\.npz.*{message}"):
+    with pytest.raises(InputError, match=rf"memory\.npz.*{message}"):
         load_memory(path)
 
 
@@ -205,7 +206,7 @@ def test_a_bad_file_is_refused_by_name(tmp_path, changes, message):
 def test_a_file_of_another_kind_is_refused(tmp_path, content):
     path = tmp_path / "memory.npz"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"memory\.npz: is not a readable"):
+    with pytest.raises(InputError, match=r"memory\.npz: is not a readable"):
         load_memory(path)
 
 
@@ -227,9 +228,9 @@ def test_a_damaged_file_is_refused_by_name(tmp_path):
 
 def test_a_single_array_and_a_missing_file_are_refused(tmp_path):
     np.save(tmp_path / "array.npy", np.zeros(3))
-    with pytest.raises(ValueError, match=r"array\.npy: is not a readable"):
+    with pytest.raises(InputError, match=r"array\.npy: is not a readable"):
         load_memory(tmp_path / "array.npy")
-    with pytest.raises(ValueError, match="no such file"):
+    with pytest.raises(InputError, match="no such file"):
         load_memory(tmp_path / "nowhere.npz")
 
 

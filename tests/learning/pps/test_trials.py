@@ -5,6 +5,7 @@ import pytest
 from trials_made_up import session, write
 
 from learning.pps.trials import load_trials, touch_rates
+from pps_vision.errors import InputError
 
 
 def test_a_trials_file_is_read_as_it_was_written(tmp_path):
@@ -31,7 +32,7 @@ def test_what_is_not_finite_is_unknown(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"outcome": None}, "no outcome; expected an .npz file with position_m"),
+        ({"outcome": None}, "no outcome; expected trials with position_m"),
         ({"position_m": None, "velocity_m_s": None}, "no position_m, velocity_m_s;"),
         ({"outcome": np.ones(9, int)}, r"outcome of shape \(9,\)"),
         ({"outcome": np.ones((0, 3), int)}, r"outcome of shape \(0, 3\)"),
@@ -48,15 +49,15 @@ def test_what_is_not_finite_is_unknown(tmp_path):
 )
 def test_a_bad_trials_file_is_refused(tmp_path, changes, message):
     path = write(tmp_path / "trials.npz", session(np.random.default_rng(4), 3), **changes)
-    with pytest.raises(ValueError, match=rf"trials\.npz: .*{message}"):
+    with pytest.raises(InputError, match=rf"trials\.npz: .*{message}"):
         load_trials(path)
 
 
 def test_no_file_and_no_archive_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"gone\.npz: no such file"):
+    with pytest.raises(InputError, match=r"gone\.npz: no such file"):
         load_trials(tmp_path / "gone.npz")
     (tmp_path / "text.npz").write_text("trial,taxel\n")
-    with pytest.raises(ValueError, match=r"text\.npz: is not a readable \.npz file"):
+    with pytest.raises(InputError, match=r"text\.npz: is not a readable \.npz file"):
         load_trials(tmp_path / "text.npz")
 
 
@@ -69,5 +70,5 @@ def test_a_damaged_trials_file_is_refused(tmp_path):
         damaged = bytearray(sound)
         damaged[8:10] = damaged[entry + 10 : entry + 12] = content
         path.write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"trials\.npz: is not a readable \.npz file"):
+        with pytest.raises(InputError, match=r"trials\.npz: is not a readable \.npz file"):
             load_trials(path)
