@@ -10,10 +10,10 @@ from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.color import ColorModel, color_bins, histogram
 from tracking.ego_motion import Box
-from tracking.flow import Flow2D
+from tracking.motion_trigger import Region2D
+from tracking.optical_flow import Flow2D
 from tracking.outline import Optics, Outline
 from tracking.rim import see
-from tracking.trigger import Region2D
 
 
 @dataclass(frozen=True)

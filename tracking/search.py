@@ -15,8 +15,8 @@ from tracking.association import Association
 from tracking.background import Background
 from tracking.look import Look, Looks
 from tracking.marker import Found, MarkerParams, find_markers
+from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline
-from tracking.trigger import Region2D, Trigger, TriggerParams
 
 OwnBody = Callable[[Array, View], Mask]  # joints (rad), an eye's view → where the robot sees itself
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
@@ -25,12 +25,11 @@ Regions = tuple[list[Region2D], list[Region2D]]
 
 @dataclass(frozen=True)
 class SearchParams:
-    """Of the `max_candidates` most conspicuous things that move in each eye, two are one object when
+    """Of what moves in each eye, two are one object when
     their colours are `min_likeness` alike (Bhattacharyya) and their sizes differ by no more than
     `max_ratio`, or `max_ratio_grey`: without colour an outline is rougher.  With less than
     `min_strength` of the evidence for what moves most, a pair is not the object, though that be no pair yet."""
 
-    max_candidates: int = 4
     min_likeness: float = 0.7
     max_ratio: float = 1.2
     max_ratio_grey: float = 1.8
@@ -52,7 +51,7 @@ class Search:
     ) -> None:
         self.params, self.own_body, self.stages = params, own_body, stages
         self._optics, self._association = optics, association
-        self._triggers = Trigger(params.trigger, optics[0].camera), Trigger(params.trigger, optics[1].camera)
+        self._triggers = tuple(MotionTrigger(params.trigger, one.camera) for one in optics)
 
     def step(
         self, looks: Looks, view: StereoView, stamp_s: float, scenes: tuple[Background, Background] | None
@@ -90,15 +89,17 @@ class Search:
         """What moves in one eye; where nobody asks, its image is only remembered."""
         joints, own_body = look.joints_rad, self.own_body
         own = None if own_body is None or joints is None else lambda: own_body(joints, look.view)
-        return self._triggers[eye].step(look.image, look.view, look.stamp_s, own, ask, confirm)
+        if not ask:
+            self._triggers[eye].remember(look.image, look.view, look.stamp_s, own)
+            return []
+        return self._triggers[eye].step(look.image, look.view, look.stamp_s, own, confirm)
 
     def _candidates(
         self, eye: int, look: Look, regions: list[Region2D], scenes: tuple[Background, Background] | None
     ) -> list[Candidate]:
         """Objects behind the strongest moving regions."""
         evidence = scenes[eye].evidence(look.image, look.view) if scenes else None
-        strongest = regions[: self.params.max_candidates]
-        found = (acquire(self.params.acquire, look.image, r, self._optics[eye], evidence) for r in strongest)
+        found = (acquire(self.params.acquire, look.image, r, self._optics[eye], evidence) for r in regions)
         return without_carriers([candidate for candidate in found if candidate is not None])
 
     def _best_pair(

@@ -17,11 +17,11 @@ from tracking.association import Association, AssociationParams
 from tracking.blind import Blindness
 from tracking.color import ColorModel
 from tracking.eye import EyeParams, Sighting
-from tracking.flow import velocity
 from tracking.follow import Follower, find_both
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 from tracking.look import Looks, is_grey, looks_of
 from tracking.marker import Found, MarkerParams
+from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
 from tracking.pose_error import PoseError
 from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker

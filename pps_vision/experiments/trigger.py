@@ -39,13 +39,12 @@ from pps_vision.experiments.trigger_velocity import first_velocities
 from pps_vision.geometry.camera import Camera
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array
-from tracking.trigger import TriggerParams
+from tracking.motion_trigger import TriggerParams
 
 DEFAULT = "ours"
 OURS = {
     DEFAULT: TriggerParams(),
-    "ours, without flow": TriggerParams(flow=None),
-    "ours, all pixels": TriggerParams(coarse=1, coarse_contrast=8.0),
+    "ours, without flow": TriggerParams(flow=False),
 }
 HEADS = {"still": 0.0, "moving": 20.0, "independent": 20.0}
 """By setting, degrees a second, at most; the last on films of the other source, its joints 0–20 ms late."""

@@ -15,7 +15,7 @@ from pps_vision.experiments.trigger_scenes import AFTER, STARTS, Glimpse, Scene
 from pps_vision.geometry.camera import Camera
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Mask
-from tracking.trigger import Trigger, TriggerParams
+from tracking.motion_trigger import MotionTrigger, TriggerParams
 
 Watcher = Callable[[Glimpse], list[BoxPx]]
 MISSED = AFTER + 1.0  # frames that count for what was not found at all
@@ -26,7 +26,7 @@ _FLO_MAGIC = b"PIEH"
 
 def ours(params: TriggerParams, camera: Camera, silhouette: Silhouette | None) -> Watcher:
     """Our trigger; what it takes to know where the robot is belongs to its time (None: nowhere)."""
-    trigger = Trigger(params, camera)
+    trigger = MotionTrigger(params, camera)
 
     def look(seen: Glimpse) -> list[BoxPx]:
         own = partial(silhouette, seen.joints_rad, seen.view) if silhouette else None

@@ -12,11 +12,11 @@ from pps_vision.experiments.trigger_scenes import AFTER, FPS, STARTS, independen
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, StereoFrame, Track3D
+from tracking.motion_trigger import TriggerParams
 from tracking.search import OwnBody, SearchParams
 from tracking.tracker import Tracker, TrackerParams
-from tracking.trigger import TriggerParams
 
-_WITHOUT = SearchParams(trigger=TriggerParams(flow=None))
+_WITHOUT = SearchParams(trigger=TriggerParams(flow=False))
 _FOUND_M = 0.05  # farther from the truth a track is another thing's
 _PX = 1.0, 12.0  # speeds, px a frame, drawn from a log-uniform distribution
 _RADIUS_M = 0.012, 0.04

@@ -13,7 +13,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, load_icub
 from pps_vision.robot.silhouette import Silhouette
-from tracking.trigger import TriggerParams
+from tracking.motion_trigger import TriggerParams
 
 VIEW = View(LEFT_EYE, transform(translation=(10.0, 0.0, 0.0)))  # far from the robot, which it does not see
 NOBODY = np.zeros((240, 320), bool)

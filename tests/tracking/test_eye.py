@@ -12,9 +12,9 @@ from tracking.eye import EyeParams, EyeTracker, Sighting
 from tracking.follow import Follower, alike, find_both
 from tracking.kalman import Belief
 from tracking.look import Look
+from tracking.motion_trigger import Region2D
 from tracking.outline import Optics, Outline
 from tracking.particles import Prior
-from tracking.trigger import Region2D
 
 BLUE, RED = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0)
 
