@@ -17,6 +17,7 @@ from pps_vision.experiments.baselines.regressors import ArmToGaze, boosted_trees
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import first
 from pps_vision.experiments.study import Study
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
 
@@ -99,7 +100,7 @@ class ForwardModel(Study):
         charts.curves(curves, numbers["samples"], series, "fixated postures learned from", "gaze RMSE (°)")
         curves.plot(_N_TRAIN, jamone.RESULTS["forward_model_deg"], "k*", ms=10, label="J's LWPR")
         curves.set(xscale="log", yscale="log", title="arm → gaze, learned by babbling (J Fig 2)")
-        curves.legend(fontsize=7)
+        curves.legend(fontsize=7, loc=(0.4, 0.15))
         last = {name: rows[-1] for name, rows in found.items()}
         rmse = "gaze RMSE (°)"
         charts.speed_error(query, last, "rmse_deg", _BASELINES, _DEFAULT, "query of one posture (ms)", rmse)
@@ -107,3 +108,19 @@ class ForwardModel(Study):
         charts.speed_error(update, last, "rmse_deg", _BASELINES, _DEFAULT, "update (ms per sample)", rmse)
         query.legend(fontsize=7)
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return error with few and with all samples, and times with all."""
+        samples = numbers["samples"]
+        shown = sorted({0, len(samples) // 2, len(samples) - 1})
+        rows = [
+            [
+                name,
+                *(estimate([rows[k]["rmse_deg"]], 2) for k in shown),
+                f"{rows[-1]['ms'][1]:.2g}",
+                f"{rows[-1]['update_ms']:.2g}",
+            ]
+            for name, rows in numbers["methods"].items()
+        ]
+        errors = [f"RMSE after {samples[k]} (°)" for k in shown]
+        return {"": Table(["forward model", *errors, "query (ms)", "update (ms per sample)"], rows)}

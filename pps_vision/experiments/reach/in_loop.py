@@ -24,6 +24,7 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
 from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import Study, Values, interval, percent
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.model import Robot
 from pps_vision.types import ReachStatus, Status, Track3D
@@ -93,6 +94,16 @@ class InLoop(Study):
         shares.legend(fontsize=8)
         shares.grid(alpha=0.25)
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the share of frames judged rightly, and the processor time per frame."""
+        rows = [
+            [f"frames judged rightly, {label} (%)", estimate(numbers[name], 4)] for name, label in _VERDICTS.items()
+        ]
+        rows += [
+            [f"processor time, {name} (ms)", f"{row['ms'][1]:.2g}"] for name, row in numbers["processor_ms"].items()
+        ]
+        return {"": Table(["map in the loop", "mean (95 % interval) or median"], rows)}
 
 
 def crossing(world: World, reachable: bool, rng: np.random.Generator) -> Episode:

@@ -17,6 +17,7 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import MapTruth, rates
 from pps_vision.experiments.study import Study
+from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Mask
 
@@ -79,6 +80,26 @@ class Maps(Study):
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """Draw errors over the labels spent; what a stricter threshold costs, and calibration."""
         return {"": _over_labels(numbers), "threshold": _thresholds(numbers)}
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the scores of our map by labels, beside the baselines' JE."""
+        keys = {
+            "JE (%)": "je",
+            "FN (%)": "fn",
+            "FP (%)": "fp",
+            "RMSE of R": "degree_rmse",
+            "JE in J's box (%)": "box_je",
+        }
+        keys["time (s)"] = "processor_s"
+        rows = [
+            [
+                str(row["labels"]),
+                *(f"{row[key]:.2g}" for key in keys.values()),
+                *(f"{other['je']:.2g}" for other in others),
+            ]
+            for row, *others in zip(numbers["ours"], *numbers["baselines"].values(), strict=True)
+        ]
+        return {"": Table(["labels", *keys, *(f"{name}: JE (%)" for name in numbers["baselines"])], rows)}
 
 
 def calibration(learned: ReachableMap, truth: MapTruth) -> dict[str, Any]:

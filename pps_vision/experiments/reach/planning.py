@@ -20,6 +20,7 @@ from learning.reach.training import ArmLimits, MapParams, ReachOracle, train_rea
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import Study
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, fixated_gaze, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -186,6 +187,18 @@ class Planning(Study):
         axis.legend(fontsize=8)
         axis.grid(alpha=0.25)
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the spreads over the objects touched."""
+        names = {
+            "palm to object (mm)": "palm_off_mm",
+            "fixation error (°)": "fixation_error_deg",
+            "fixation error, head only reacting (°)": "fixation_error_head_reacting_deg",
+            "turn of the torso (°)": "turned_deg",
+            "time (s)": "seconds",
+        }
+        rows = [[name, *(estimate([value]) for value in numbers[key])] for name, key in names.items()]
+        return {"": Table(["objects touched", "median", "95 %", "maximum"], rows)}
 
 
 def _spread(values: list[float]) -> list[float]:

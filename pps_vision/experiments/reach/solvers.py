@@ -18,6 +18,7 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.inverse_kinematics import Solver, two_stage_by
 from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import Study, rms
+from pps_vision.experiments.tables import Table
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
@@ -124,6 +125,16 @@ class Solvers(Study):
         charts.speed_error(optimality, rows, "optimality_lost", others, _DEFAULT, time, "RMS optimality lost")
         verdicts.legend(fontsize=8)
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return time, verdicts and optimality of each solver."""
+        header = ["solver", "ms per problem", "IPOPT / this", "verdicts as the closed form (%)", "optimality lost"]
+        keys = ("ms", "ipopt_over_this", "closed_form_percent", "optimality_lost")
+        return {
+            "": Table(
+                header, [[name, *(f"{row[key]:.4g}" for key in keys)] for name, row in numbers["solvers"].items()]
+            )
+        }
 
 
 def _judge(found: TwoStage, problems: Problems) -> dict[str, Any]:

@@ -36,3 +36,4 @@ def test_the_revolute_model_is_exact_and_lwpr_nearly_as_good_as_in_the_paper(mon
     assert exact[-1]["rmse_deg"] < 1e-3
     assert lwpr[-1]["rmse_deg"] < min(1.2, lwpr[0]["rmse_deg"])
     assert len(study.chart(numbers).axes) == 3
+    assert [row[0] for row in study.tables(numbers)[""].rows] == list(names)

@@ -7,6 +7,7 @@ import pytest
 
 from learning.reach.babbling import gaze_at_hand, random_arms
 from learning.reach.map import MapPrediction
+from pps_vision.experiments.reach import in_loop
 from pps_vision.experiments.reach.in_loop import _LIMITS, InLoop, judge
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Reachability, ReachStatus
@@ -42,6 +43,19 @@ def test_verdicts_are_counted_at_the_true_position() -> None:
     np.testing.assert_array_equal(values["false_positives"], [False, False, True, False])
     np.testing.assert_array_equal(values["false_negatives"], [False, True, False, False])
     np.testing.assert_array_equal(values["not_fixated"], [False, False, False, True])
+
+
+def test_a_short_run_is_measured_and_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One rendered path of 0.6 s from within reach, with a coarse map."""
+    monkeypatch.setattr(in_loop, "_SECONDS", 0.6)
+    monkeypatch.setattr(in_loop, "_N_TIMED", 10)
+    study = InLoop(3, n=1, n_labels=400)
+    numbers = study.run()
+    assert 0 < numbers["frames"] <= 12
+    assert numbers["right"][0] > 50
+    assert numbers["processor_ms"]["closed form"]["worst_rad"] < 1e-9
+    assert len(study.chart(numbers).axes) == 2
+    assert len(study.tables(numbers)[""].rows) == 7
 
 
 def test_no_run_is_an_error() -> None:

@@ -31,6 +31,8 @@ def test_ours_needs_fewer_labels_than_the_baselines() -> None:
     strict = [row["fp"] for row in numbers["thresholds"]]
     assert strict == sorted(strict)
     assert set(study.chart(numbers)) == {"", "threshold"}
+    (row,) = study.tables(numbers)[""].rows
+    assert row[:2] == ["1000", f"{ours['je']:.2g}"]
 
 
 def test_the_batched_solver_is_faster_and_no_worse() -> None:
@@ -43,6 +45,7 @@ def test_the_batched_solver_is_faster_and_no_worse() -> None:
     assert batched["optimality_lost"] < 0.02
     assert batched["ms"] < rows["SciPy, 1 start"]["ms"]
     assert len(study.chart(numbers).axes) == 2
+    assert [row[0] for row in study.tables(numbers)[""].rows] == list(rows)
 
 
 def test_measures_are_learned_to_a_fraction_of_their_spread() -> None:

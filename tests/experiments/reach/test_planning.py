@@ -19,6 +19,7 @@ def test_what_the_torso_brings_into_reach_is_touched(monkeypatch: pytest.MonkeyP
     assert numbers["fixation_within_2_deg"] == numbers["touched"]
     assert numbers["beyond_limits_deg"] == pytest.approx(0, abs=0.1)
     assert len(study.chart(numbers).axes) == 1
+    assert len(study.tables(numbers)[""].rows) == 5
 
 
 def test_no_object_is_an_error() -> None:

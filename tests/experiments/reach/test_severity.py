@@ -62,3 +62,5 @@ def test_study_finds_the_break_point(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ours["breaks_at"] in (0, 40)
     assert ours["gaze_rmse_deg"][1] == ours["gaze_rmse_deg"][0]
     assert set(study.chart(numbers)) == {"", "forward_model"}
+    (row,) = study.tables(numbers)[""].rows
+    assert row[2] == f"{ours['breaks_at']:g}"
