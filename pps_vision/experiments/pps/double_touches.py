@@ -76,7 +76,7 @@ class DoubleTouches(Study):
         touched, (axis,) = panels(1)
         of = numbers["encoder_offsets"]
         series = {"aimed taxel is touched": [row["aimed_is_touched_percent"] for row in of.values()]}
-        curves(axis, [float(std) for std in of], series, "encoder offsets, σ (°)", "touches (%)")
+        curves(axis, [float(std) for std in of], series, "encoder offsets, σ (°)", "aimed taxel touched (%)")
         axis.set_ylim(0, 102)
         return {"feasible": feasible, "touched": touched}
 

@@ -95,7 +95,7 @@ class Offsets(Study):
             "true": [of["true_mm"] for of in parts.values()],
             "R, on the robot": [of["paper_mm"] for of in parts.values()],
         }
-        bars(axis, list(parts), series, "mean offset (mm)")
+        bars(axis, list(parts), series, "mean offset to the object's centre (mm)")
         axis.legend(fontsize=8)
         return figure
 

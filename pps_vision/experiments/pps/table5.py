@@ -45,7 +45,7 @@ class Table5(Study):
         """Return ours / the paper's, and the taxels ever touched of those aimed at."""
         columns = list(PAPER["motor"])
         rows = [
-            [name, *(f"{of['ours'][key]:.3g} / {of['paper'][key]}" for key in columns), of["ours"]["taxels_touched"]]
+            [name, *(f"{of['ours'][key]:g} / {of['paper'][key]}" for key in columns), of["ours"]["taxels_touched"]]
             for name, of in numbers["sessions"].items()
         ]
         return {"": Table(["session (ours / R)", *(key.replace("_", " ") for key in columns), "taxels touched"], rows)}
