@@ -5,36 +5,43 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.rates import rate_bounds, solve_rates
+from control.differential_kinematics import rate_limits, solve_rates
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array
 
 _DEG = np.pi / 180
+_KEEP_IN_WEIGHT = 30.0  # of the sphere's row; outweighs the task's a thousandfold in the squares
 
 
 @dataclass(frozen=True)
 class ArmParams:
-    """`max_rate_rad_s` limits each joint; a joint nears its end no faster than `approach_per_s`
-    times what is left; `damping_m` keeps rates finite at singular postures; `posture_per_s`
-    pulls what the task leaves free towards the rest posture."""
+    """How the arm's joints move."""
 
     max_rate_rad_s: float = 60 * _DEG
+    """Rate limit of each joint."""
     approach_per_s: float = 5.0
+    """A joint nears its limit no faster than this times the angle left."""
     damping_m: float = 0.003
+    """Damping that keeps rates finite at singular postures."""
     posture_per_s: float = 1.0
+    """Rate at which the joints that the task leaves free return to the rest posture."""
 
 
 @dataclass(frozen=True)
 class KeepIn:
-    """A sphere that a frame's origin is not to leave."""
+    """A sphere that the origin of a frame must not leave."""
 
     frame: str
+    """Name of the frame."""
     center_root: Array
+    """(3,) m."""
     radius_m: float
+    """Radius of the sphere."""
     approach_per_s: float = 5.0
+    """The origin nears the surface no faster than this times the distance left."""
 
     def row(self, posture: Posture, columns: list[int]) -> tuple[Array, float]:
-        """The frame's outward speed per joint rate (k,), and the most of it allowed (m/s)."""
+        """The frame's outward speed per joint rate (k,) m/rad, and the largest one allowed (m/s)."""
         offset = posture.point(self.frame) - self.center_root
         distance = float(np.linalg.norm(offset))
         outward = offset / max(distance, 1e-9)
@@ -51,11 +58,10 @@ def arm_velocity(
     rest_rad: ArrayLike,
     keep_in: KeepIn | None = None,
 ) -> Array:
-    """Joint rates (n_joints,) that move a `point` (3,) of `frame` at `velocity_root` (3,) m/s.
+    """Joint rates (n_joints,) of the arm of `side` that move a `point` (3,) of `frame` at `velocity_root` (3,) m/s.
 
-    Only the arm of `side` moves.  `rest_rad` is the arm's rest posture (k,).  Where a joint's
-    limit or the sphere forbids the motion, the point slides along it, or stops.  ValueError for
-    a velocity that is not finite.
+    `rest_rad` (k,) is the arm's rest posture.  Where a joint limit or the sphere forbids the motion, the point slides
+    along it, or stops.  ValueError for a velocity that is not finite.
     """
     velocity = np.asarray(velocity_root, dtype=float)
     if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
@@ -63,19 +69,18 @@ def arm_velocity(
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
     q = posture.q_rad[columns]
-    bounds = rate_bounds(
+    limits = rate_limits(
         q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, params.approach_per_s
     )
     preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
     J = posture.jacobian(frame, point)[:3, columns]
-    rates = solve_rates(J, velocity, preferred, params.damping_m, bounds)
+    rates = solve_rates(J, velocity, preferred, params.damping_m, limits)
     if keep_in is not None:
-        outward, most = keep_in.row(posture, columns)
-        if outward @ rates > most:
-            hard = 30.0  # the sphere's row outweighs the task's a thousandfold in the squares
-            rates = solve_rates(
-                np.vstack([J, hard * outward]), np.append(velocity, hard * most), preferred, params.damping_m, bounds
-            )
+        outward, max_m_s = keep_in.row(posture, columns)
+        if outward @ rates > max_m_s:
+            J = np.vstack([J, _KEEP_IN_WEIGHT * outward])
+            velocity = np.append(velocity, _KEEP_IN_WEIGHT * max_m_s)
+            rates = solve_rates(J, velocity, preferred, params.damping_m, limits)
     dq = np.zeros(robot.n_joints)
     dq[columns] = rates
     return dq

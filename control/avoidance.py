@@ -1,4 +1,4 @@
-"""Get out of the way of what the skin feels coming, or reach for it (R eq. 6), and come home."""
+"""Move away from what the skin predicts to touch it, or reach for it (R eq. 6), and return home."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -19,26 +19,33 @@ Mode = Literal["idle", "avoid", "reach", "return"]
 
 @dataclass(frozen=True)
 class AvoidanceParams:
-    """One arm's answer to its skin.
-
-    The point P moves at `speed_m_s` once some taxel's activation has exceeded `threshold` for
-    `confirm_s` (the velocity of what stops dead swings back for one to three frames, and that is no
-    approach), and until `persist_s` after; the palm stays within `radius_m` of where `home_arm_rad` (the arm's
-    joints at home) puts it (R, "Avoidance and reaching"; FACTS §3).
-    """
+    """Response of one arm to its skin (R, "Avoidance and reaching"; FACTS §3)."""
 
     home_arm_rad: tuple[float, ...]
+    """(7,) the arm's joints at home."""
     side: Literal["left", "right"] = "left"
+    """The arm."""
     behaviour: Literal["avoid", "reach"] = "avoid"
+    """Move against the normal of the control point, or along it."""
     threshold: float = 0.4
+    """Activation above which a taxel responds."""
     speed_m_s: float = 0.10
+    """Speed of the control point."""
     radius_m: float = 0.20
+    """The palm stays this near to its place at home."""
     confirm_s: float = 0.15
+    """Time above threshold before the arm responds: the estimated velocity of an object that stops overshoots for one
+    to three frames."""
     persist_s: float = 0.3
+    """Time the response outlasts the activation."""
     return_per_s: float = 3.0
+    """Rate of the return home, of the angles left."""
     ease_in_s: float = 0.3
+    """Time over which the return speeds up."""
     at_home_rad: float = np.deg2rad(0.2)
+    """Largest angle from home that counts as being there."""
     arm: ArmParams = field(default_factory=ArmParams)
+    """Limits and damping of the arm."""
 
     def __post_init__(self) -> None:
         if self.side not in ("left", "right") or self.behaviour not in ("avoid", "reach"):
@@ -53,26 +60,30 @@ class AvoidanceParams:
 
 @dataclass(frozen=True, slots=True)
 class AvoidanceState:
-    """What the arm does: nothing, answer what it felt last at `since_s` by moving `point` (3,) of
-    `frame` at `velocity_root` (3,), or return home since then.  `felt_since_s`: since when it feels
-    something without a break, inf if it does not."""
+    """What the arm does."""
 
     mode: Mode = "idle"
     since_s: float = 0.0
-    felt_since_s: float = np.inf
+    """Stamp of the last activation that it responds to; on the way home, when that began."""
+    active_since_s: float = np.inf
+    """Since when some taxel is above threshold without a break; inf if none is."""
     frame: str = ""
+    """Frame of the control point."""
     point: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) control point in `frame`, m."""
     velocity_root: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) its commanded velocity, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """For reports: what is commanded, of which point.  `velocity_root` (3,) m/s is zero and
-    `point_root` (3,) NaN unless the arm avoids or reaches."""
+    """What is commanded, for reports."""
 
     mode: Mode
     velocity_root: Array
+    """(3,) m/s of the control point; zero unless the arm avoids or reaches."""
     point_root: Array
+    """(3,) control point, m; NaN unless the arm avoids or reaches."""
 
 
 def step(
@@ -86,16 +97,16 @@ def step(
 ) -> tuple[AvoidanceState, JointVelocity, Response]:
     """One control step from the activations (n,) of `skin`, the taxels this arm carries.
 
-    An arm that reaches does so only while it may: while the reachable-space map calls the object reachable.  To avoid,
-    it always may.  ValueError, so that nothing moves, if an activation is NaN or there is not one a taxel.
+    The arm reaches only while `may_reach`: while the reachable-space map calls the object reachable; it avoids in any
+    case.  ValueError if an activation is NaN or there is not one per taxel.
     """
-    felt = control_point(params.threshold, posture, skin, np.asarray(activations, dtype=float))
-    state = _next(params, state, posture, felt, stamp_s, may_reach or params.behaviour == "avoid")
+    found = control_point(params.threshold, posture, skin, np.asarray(activations, dtype=float))
+    state = _next(params, state, posture, found, stamp_s, may_reach or params.behaviour == "avoid")
     if state.mode in ("avoid", "reach"):
-        dq = _answer(params, state, posture)
+        dq = _respond(params, state, posture)
         response = Response(state.mode, state.velocity_root, posture.point(state.frame, state.point))
     else:
-        dq = _homeward(params, posture, stamp_s - state.since_s) if state.mode == "return" else 0 * posture.q_rad
+        dq = _return(params, posture, stamp_s - state.since_s) if state.mode == "return" else 0 * posture.q_rad
         response = Response(state.mode, np.zeros(3), np.full(3, np.nan))
     return state, JointVelocity(stamp_s, dq), response
 
@@ -103,20 +114,18 @@ def step(
 def control_point(
     threshold: float, posture: Posture, skin: Skin, activations: Array
 ) -> tuple[str, Array, Array] | None:
-    """R eq. 6: the frame that carries P, P (3,) in the root frame, and the unit normal N (3,) there;
-    None where no taxel is above threshold.
+    """R eq. 6: the frame that carries P, P (3,) in the root frame, and the unit normal N (3,) there.
 
-    P = Σ a p / Σ a and N = Σ a n / Σ a over those taxels of the most excited body part.
+    P = Σ a p / Σ a and N = Σ a n / Σ a over the taxels above threshold of the body part with the largest Σ a; None
+    where no taxel is above threshold.
     """
     if activations.shape != (len(skin.taxel_ids),) or np.any(np.isnan(activations)):
         raise ValueError(f"activations {activations}: expected {len(skin.taxel_ids)} numbers, one a taxel, none NaN")
     weights = np.where(activations > threshold, activations, 0.0)
-    if not skin.parts:
+    if not weights.any():
         return None
     by_part = np.bincount(skin.part_index, weights, len(skin.parts))
     part = int(np.argmax(by_part))
-    if by_part[part] == 0:
-        return None
     shares = np.where(skin.part_index == part, weights, 0.0) / by_part[part]
     positions, normals = skin.at(posture)
     normal = shares @ normals
@@ -127,59 +136,55 @@ def _next(
     params: AvoidanceParams,
     state: AvoidanceState,
     posture: Posture,
-    felt: tuple[str, Array, Array] | None,
+    found: tuple[str, Array, Array] | None,
     stamp_s: float,
     allowed: bool,
 ) -> AvoidanceState:
-    """Answer what is felt for sure while that is allowed, keep answering a while after, then return, then rest."""
-    felt = felt if allowed else None
-    state = replace(state, felt_since_s=np.inf if felt is None else min(state.felt_since_s, stamp_s))
-    answering = state.mode in ("avoid", "reach")
-    if felt is not None and (answering or stamp_s - state.felt_since_s > params.confirm_s - 1e-6):
-        frame, p_root, normal = felt
+    """Respond to a confirmed activation while allowed, keep responding for a while, then return, then rest."""
+    found = found if allowed else None
+    state = replace(state, active_since_s=np.inf if found is None else min(state.active_since_s, stamp_s))
+    responding = state.mode in ("avoid", "reach")
+    if found is not None and (responding or stamp_s - state.active_since_s > params.confirm_s - 1e-6):
+        frame, p_root, normal = found
         velocity = normal * (params.speed_m_s if params.behaviour == "reach" else -params.speed_m_s)
         point = move_points(inverse(posture.T_root(frame)), p_root)
-        return AvoidanceState(params.behaviour, stamp_s, state.felt_since_s, frame, point, velocity)
-    if answering and (not allowed or stamp_s - state.since_s > params.persist_s):
-        return AvoidanceState("return", stamp_s, state.felt_since_s)
-    if state.mode == "return" and np.abs(_away(params, posture)).max() < params.at_home_rad:
-        return AvoidanceState("idle", stamp_s, state.felt_since_s)
+        return AvoidanceState(params.behaviour, stamp_s, state.active_since_s, frame, point, velocity)
+    if responding and (not allowed or stamp_s - state.since_s > params.persist_s):
+        return AvoidanceState("return", stamp_s, state.active_since_s)
+    if state.mode == "return" and np.abs(_angles_from_home(params, posture)).max() < params.at_home_rad:
+        return AvoidanceState("idle", stamp_s, state.active_since_s)
     return state
 
 
-def _answer(params: AvoidanceParams, state: AvoidanceState, posture: Posture) -> Array:
-    """Rates that move the control point as commanded, the palm staying within its sphere."""
-    palm = _palm(params, posture)
-    keep_in = KeepIn(palm, _at_home(params, posture).point(palm), params.radius_m)
+def _respond(params: AvoidanceParams, state: AvoidanceState, posture: Posture) -> Array:
+    """Joint rates that move the control point as commanded, the palm staying within its sphere."""
+    palm, q_home = _palm(params, posture), posture.q_rad.copy()
+    q_home[_columns(params, posture)] = params.home_arm_rad
+    keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
     return arm_velocity(
         params.arm, posture, params.side, state.frame, state.point, state.velocity_root, params.home_arm_rad, keep_in
     )
 
 
-def _homeward(params: AvoidanceParams, posture: Posture, elapsed_s: float) -> Array:
-    """Joint rates towards home: eased in and out, the palm no faster than the answer."""
+def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float) -> Array:
+    """Joint rates towards home: eased in and out, the palm no faster than the control point of a response."""
     dq = np.zeros_like(posture.q_rad)
-    dq[_columns(params, posture)] = -params.return_per_s * _away(params, posture)
+    dq[_columns(params, posture)] = -params.return_per_s * _angles_from_home(params, posture)
     palm_speed = np.linalg.norm(posture.jacobian(_palm(params, posture))[:3] @ dq)
     excess = max(palm_speed / params.speed_m_s, np.abs(dq).max() / params.arm.max_rate_rad_s, 1.0)
     return np.asarray(dq * min(1.0, elapsed_s / params.ease_in_s) / excess)
 
 
 def _columns(params: AvoidanceParams, posture: Posture) -> list[int]:
+    """Where the arm's joints are in the configuration vector."""
     return posture.robot.indices(posture.robot.names.arm(params.side))
 
 
 def _palm(params: AvoidanceParams, posture: Posture) -> str:
+    """The frame of the arm's palm."""
     return posture.robot.names.palms[("left", "right").index(params.side)]
 
 
-def _away(params: AvoidanceParams, posture: Posture) -> Array:
-    """How far each joint of the arm is from home (k,), rad."""
+def _angles_from_home(params: AvoidanceParams, posture: Posture) -> Array:
+    """(k,) rad."""
     return np.asarray(posture.q_rad[_columns(params, posture)] - params.home_arm_rad)
-
-
-def _at_home(params: AvoidanceParams, posture: Posture) -> Posture:
-    """The robot as it is, but for the arm, which is at home."""
-    q = posture.q_rad.copy()
-    q[_columns(params, posture)] = params.home_arm_rad
-    return posture.robot.at(q)

@@ -1,8 +1,8 @@
-"""Touch oneself: bring the right index fingertip onto a taxel of the left forearm (R, "Double-touch using
-inverse kinematics").
+"""Double touch: bring the right index fingertip onto a taxel of the left forearm (R, "Double-touch using inverse
+kinematics").
 
-Both arms move.  The finger, opposing the taxel's normal, comes in on a path that lands along the normal, at the pace
-of a minimum-jerk movement that would press on past the skin and stops where it touches.
+Both arms move.  The finger opposes the taxel's normal and arrives along it, at the speed of a minimum-jerk movement
+that is planned to end under the skin and stops where it touches.
 """
 
 from dataclasses import dataclass
@@ -32,26 +32,34 @@ _IK = IKParams(tolerance=1e-5, max_steps=40)
 
 @dataclass(frozen=True)
 class DoubleTouchParams:
-    """How a double touch moves: from `start_m` off the taxel, up to `start_aside_m` beside its normal, at a peak
-    of `peak_m_s` (range), sampled every `step_s`; planned to end `press_m` under the skin.  Before, each arm is at
-    home give or take `spread_rad`.  Arms and chest stay `clearance_m` apart."""
+    """How the fingertip and the arms move."""
 
     start_m: float = 0.22
+    """Distance of the fingertip from the taxel at the start."""
     start_aside_m: float = 0.06
+    """Largest distance from the taxel's normal at the start."""
     peak_m_s: tuple[float, float] = (0.10, 0.16)
+    """Range of the peak speed."""
     press_m: float = 0.03
+    """Depth under the skin at which the movement is planned to end."""
     step_s: float = 0.05
+    """Sampling period."""
     spread_rad: float = np.deg2rad(25.0)
+    """Standard deviation of the arms' joints about home, where the search for a posture starts."""
     max_rate_rad_s: float = np.deg2rad(60.0)
+    """Rate limit of the joints."""
     clearance_m: float = 0.005
+    """Smallest self-collision distance."""
 
 
 @dataclass(frozen=True, slots=True)
 class DoubleTouch:
-    """A movement that ends in the touch: stamps (T,) s, the last that of the touch, and joints (T, k) rad."""
+    """A movement that ends with the touch."""
 
     stamps_s: Array
+    """(T,), the last is the touch's."""
     joints_rad: Array
+    """(T, n_joints)."""
 
 
 Infeasible = Literal["out of reach", "limits on the way", "too fast", "self-collision"]
@@ -71,7 +79,7 @@ class DoubleTouching:
         self._self_collision = SelfCollision(robot, (_FINGER_BODY,))
 
     def plan(self, taxel: int, n: int, rng: np.random.Generator) -> tuple[DoubleTouch | Infeasible, ...]:
-        """Movements to the part's `taxel` (its index) from `n` random starts, or why there is none."""
+        """Movements to the part's `taxel` (its index) from `n` random starts, or the reason why there is none."""
         p = self.params
         at_home = np.array([*HOME_ARM_RAD[:5], *HOME_ARM_RAD])
         starts = at_home + p.spread_rad * rng.standard_normal((n, len(at_home)))

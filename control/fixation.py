@@ -1,28 +1,30 @@
-"""Keep both eyes on a point (J IV.1), the eyes' tilt helping the neck where it ends."""
+"""Fixate a point with both eyes (J IV.1); the eyes' tilt continues where the neck's pitch ends."""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from control.differential_kinematics import rate_limits, solve_rates
 from control.head import TILT, HeadLimits, gaze_columns, gaze_of, gaze_range
-from control.rates import rate_bounds, solve_rates
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity
 
-# Least squares weights of the rates, in units of the features': the tilt is dear, so it moves
-# only where neck pitch cannot; what it costs shows as an error of (0.05)² of the tilt's return.
+# Least-squares weights of the rates, in units of the features.  The tilt's is larger, so it moves only where the neck's
+# pitch cannot; the price is an error of 0.05² of the tilt's return.
 _WEIGHTS = np.array([1e-3, 1e-3, 0.05, 1e-3])
 
 
 @dataclass(frozen=True)
 class FixationParams:
-    """`gain_per_s` is k of G = k·(∂x/∂q)⁻¹, stable below 2/dt; the tilt returns to zero at
-    `tilt_return_per_s` as the neck takes over."""
+    """Gains and limits of the fixation controller."""
 
     gain_per_s: float = 8.0
+    """k of G = k·(∂x/∂q)⁻¹ (J IV.1); stable below 2/dt."""
     tilt_return_per_s: float = 2.0
+    """Rate at which the tilt returns to zero as the neck takes over."""
     limits: HeadLimits = field(default_factory=HeadLimits)
+    """Range and speed of the head."""
 
 
 def step(
@@ -35,10 +37,9 @@ def step(
 ) -> JointVelocity:
     """Head and eye rates q̇ = −G x towards fixation of a point (J IV.1).
 
-    x is [a_L − a_R, mean a, mean b] of the azimuth a and elevation b (rad) under which each eye
-    sees the point: J's pixel features, free of the lens and linear in the joints far off axis
-    too.  `p_root` (3,) m is where the target is at `stamp_s`, `v_root` (3,) m/s its velocity,
-    fed forward.  ValueError for a target that is not finite.
+    x is [a_L − a_R, mean a, mean b] of the azimuth a and elevation b (rad) under which each eye sees the point: J's
+    pixel features without the lens, linear in the joints far off axis too.  `p_root` (3,) m is the target's position
+    at `stamp_s`, `v_root` (3,) m/s its velocity, fed forward.  ValueError for a target that is not finite.
     """
     p, v = np.asarray(p_root, dtype=float), np.asarray(v_root, dtype=float)
     if p.shape != (3,) or v.shape != (3,) or not (np.all(np.isfinite(p)) and np.all(np.isfinite(v))):
@@ -46,10 +47,10 @@ def step(
     gaze, columns = gaze_of(posture), gaze_columns(posture.robot)
     x, dx_dq, dx_dp = features(posture, p)
     lower, upper = gaze_range(params.limits.gaze, posture)
-    bounds = rate_bounds(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
+    rate_range = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
     preferred = np.zeros(4)
     preferred[TILT] = -params.tilt_return_per_s * gaze[TILT]
-    rates = solve_rates(dx_dq @ columns, -params.gain_per_s * x - dx_dp @ v, preferred, _WEIGHTS, bounds)
+    rates = solve_rates(dx_dq @ columns, -params.gain_per_s * x - dx_dp @ v, preferred, _WEIGHTS, rate_range)
     return JointVelocity(stamp_s, columns @ rates)
 
 
@@ -63,35 +64,37 @@ def features(posture: Posture, p_root: Array) -> tuple[Array, Array, Array]:
 
 
 def _direction(posture: Posture, eye: str, p_root: Array) -> tuple[Array, Array, Array]:
-    """Azimuth and elevation (2,) of a point seen by an eye, with their slopes by q and by p_root."""
+    """Azimuth and elevation (2,) of a point seen by an eye, with their derivatives by q and by p_root."""
     T = posture.T_root(eye)
     X, Y, Z = at = (p_root - T[:3, 3]) @ T[:3, :3]
     rho2 = max(X * X + Z * Z, 1e-12)
     rho, r2 = np.sqrt(rho2), rho2 + Y * Y
     d_at = np.array([[Z / rho2, 0.0, -X / rho2], [-X * Y / (rho * r2), rho / r2, -Z * Y / (rho * r2)]])
     d_dp = d_at @ T[:3, :3].T
-    # what turns the eye carries a point fixed to it; the target moves the other way in its sight
+    # a joint moves a point fixed to the eye by J dq, so the target by −J dq relative to the eye
     d_dq = -d_dp @ posture.jacobian(eye, at)[:3]
     return np.array([np.arctan2(X, Z), np.arctan2(Y, rho)]), d_dq, d_dp
 
 
 def fixation_error(posture: Posture, p_root: ArrayLike) -> float:
-    """The larger of the two angles (rad) between an eye's optical axis and the way to the point."""
+    """The larger of the two angles (rad) between an eye's optical axis and the direction of the point."""
     errors = []
     for eye in (posture.robot.names.left_eye, posture.robot.names.right_eye):
         T = posture.T_root(eye)
-        way = np.asarray(p_root, dtype=float) - T[:3, 3]
+        direction = np.asarray(p_root, dtype=float) - T[:3, 3]
         axis = T[:3, 2]
-        errors.append(np.arctan2(np.linalg.norm(np.cross(axis, way)), axis @ way))
+        errors.append(np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction))
     return float(max(errors))
 
 
 def gaze_at(robot: Robot, q_rad: ArrayLike, p_root: ArrayLike, params: FixationParams | None = None) -> Array:
-    """The configuration (n_joints,) whose eyes fixate a point, or come as near as their limits let
-    them: the same law, run to its end from `q_rad`."""
+    """The configuration (n_joints,) whose eyes fixate a point, or come as near as their limits allow.
+
+    The same control law, iterated from `q_rad` until it rests.
+    """
     params = params or FixationParams()
-    unhurried = replace(params.limits, neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6)
-    whole_step = replace(params, gain_per_s=0.8, tilt_return_per_s=0.5, limits=unhurried)
+    slow = replace(params.limits, neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6)
+    whole_step = replace(params, gain_per_s=0.8, tilt_return_per_s=0.5, limits=slow)
     q = np.array(q_rad, dtype=float)
     for _ in range(60):
         dq = step(whole_step, robot.at(q), p_root, dt_s=1.0).dq_rad_s

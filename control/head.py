@@ -17,11 +17,14 @@ _DEG = np.pi / 180
 
 @dataclass(frozen=True)
 class HeadLimits:
-    """How far (J's gaze range, narrowed by the robot's own limits) and how fast the head may turn."""
+    """Range and speed of the head."""
 
     gaze: GazeLimits = field(default_factory=GazeLimits)
+    """J's gaze range; the robot's own limits narrow it."""
     neck_rad_s: float = 60 * _DEG
+    """Rate limit of each neck joint."""
     eyes_rad_s: float = 180 * _DEG
+    """Rate limit of each eye joint."""
 
     @property
     def max_rate(self) -> Array:
@@ -44,14 +47,14 @@ def gaze_range(limits: GazeLimits, posture: Posture) -> tuple[Array, Array]:
     version = 0.5 * (left + right)
     lower = np.array([*low[:3], 2 * max(low[3] - version, version - high[4])])
     upper = np.array([*high[:3], 2 * min(high[3] - version, version - low[4])])
-    asked = [YAW, PITCH, VERGENCE]  # J knows no tilt
-    lower[asked] = np.maximum(lower[asked], limits.lower)
-    upper[asked] = np.minimum(upper[asked], limits.upper)
+    limited = [YAW, PITCH, VERGENCE]  # J has no tilt
+    lower[limited] = np.maximum(lower[limited], limits.lower)
+    upper[limited] = np.minimum(upper[limited], limits.upper)
     return lower, upper
 
 
 def gaze_columns(robot: Robot) -> Array:
-    """(n_joints, 4) how each joint turns with the gaze: dq = gaze_columns @ d(gaze)."""
+    """(n_joints, 4) derivatives of the joints by the gaze: dq = gaze_columns @ d(gaze)."""
     columns = np.zeros((robot.n_joints, 4))
     yaw, pitch, tilt, left, right = robot.indices(robot.names.gaze_joints)
     columns[yaw, YAW] = columns[pitch, PITCH] = columns[tilt, TILT] = 1.0

@@ -1,11 +1,11 @@
-"""Look around for a target that is not in view: random left–right and up–down turns (J IV.B)."""
+"""Search for a target that is not in view by random left–right and up–down turns of the head (J IV.B)."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from control.differential_kinematics import rate_limits
 from control.head import PITCH, TILT, VERGENCE, YAW, HeadLimits, gaze_columns, gaze_of, gaze_range
-from control.rates import rate_bounds
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array, JointVelocity
 
@@ -14,21 +14,26 @@ _DEG = np.pi / 180
 
 @dataclass(frozen=True)
 class SearchParams:
-    """How far to look left–right and up–down of the centre, and how fast to turn."""
+    """Range and speed of the search."""
 
     yaw_rad: float = 30 * _DEG
+    """Largest turn to the left and right of the centre."""
     pitch_rad: float = 20 * _DEG
+    """Largest turn up and down from the centre."""
     limits: HeadLimits = field(default_factory=lambda: HeadLimits(neck_rad_s=30 * _DEG, eyes_rad_s=30 * _DEG))
+    """Range and speed of the head."""
     arrived_rad: float = 1 * _DEG
+    """Largest angle from a goal that counts as having reached it."""
 
 
 @dataclass(frozen=True)
 class SearchState:
-    """`center` (4,) rad is the gaze to search around (`head.gaze_of` of a posture that looks
-    there), `goal` (4,) where the head turns next; None before the first step."""
+    """A search under way."""
 
     center: Array
+    """(4,) rad, the gaze to search around (`head.gaze_of`)."""
     goal: Array | None = None
+    """(4,) rad, the gaze that the head turns to; None before the first step."""
 
 
 def step(
@@ -45,13 +50,13 @@ def step(
     goal = state.goal
     if goal is None or np.abs(goal - gaze).max() < params.arrived_rad:
         goal = _random_goal(params, state.center, lower, upper, rng)
-    slowest, fastest = rate_bounds(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
+    slowest, fastest = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
     rates = np.clip((goal - gaze) / dt_s, slowest, fastest)
     return SearchState(state.center, goal), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates)
 
 
 def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
-    """A gaze about the centre; where the neck's pitch ends the eyes' tilt goes on."""
+    """A random gaze about the centre; the eyes' tilt continues where the neck's pitch ends."""
     aside, up = rng.uniform(-1, 1, 2) * (params.yaw_rad, params.pitch_rad)
     pitch = center[PITCH] + center[TILT] + up
     goal = np.empty(4)

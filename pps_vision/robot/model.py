@@ -1,4 +1,4 @@
-"""Any robot described by a URDF: where its frames are, how they move, what its bodies look like."""
+"""A robot described by a URDF: poses of its frames, their Jacobians, its bodies; by Pinocchio."""
 
 import math
 from dataclasses import dataclass
@@ -23,16 +23,16 @@ _ARM = (
 
 @dataclass(frozen=True)
 class FrameNames:
-    """The URDF links that play each part; another robot is used by naming its own.
-
-    `gaze_joints` are neck yaw, neck pitch, eyes tilt, left eye pan, right eye pan; pans grow in
-    the same sense, and vergence is left minus right.  `torso` is its yaw and pitch.  Arms run from shoulder to wrist.
-    """
+    """Names of a URDF's links and joints by their function; another robot is used by naming its own."""
 
     left_eye: str = "left_eye"
+    """Link with the axes of the left camera."""
     right_eye: str = "right_eye"
+    """Link with the axes of the right camera."""
     palms: tuple[str, str] = ("left_palm", "right_palm")
+    """Links of the palms."""
     index_tips: tuple[str, str] = ("left_index_tip", "right_index_tip")
+    """Links at the tips of the index fingers."""
     gaze_joints: tuple[str, str, str, str, str] = (
         "neck_yaw",
         "neck_pitch",
@@ -40,9 +40,13 @@ class FrameNames:
         "left_eye_pan",
         "right_eye_pan",
     )
+    """Neck yaw, neck pitch, eyes tilt, and the pans of the eyes in the same sense; vergence is left minus right."""
     torso: tuple[str, str] = ("torso_yaw", "torso_pitch")
+    """Yaw and pitch of the torso."""
     left_arm: tuple[str, ...] = tuple(f"left_{joint}" for joint in _ARM)
+    """Joints of the left arm from shoulder to wrist."""
     right_arm: tuple[str, ...] = tuple(f"right_{joint}" for joint in _ARM)
+    """Joints of the right arm from shoulder to wrist."""
 
     def arm(self, side: str) -> tuple[str, ...]:
         """The joint names of the "left" or "right" arm, shoulder first; ValueError for any other."""
@@ -53,23 +57,28 @@ class FrameNames:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body to draw: `size_m` is (radius,) of a sphere, (radius, length) of a cylinder
-    along z, or the three sides of a box; `T_frame_body` its place in `frame`; colour RGB 0–1."""
+    """A rigid body of the robot."""
 
     name: str
+    """Name of its link and its number there, "left_palm_0"."""
     frame: str
+    """Its link."""
     shape: Literal["sphere", "cylinder", "box"]
+    """A cylinder's axis is z."""
     size_m: tuple[float, ...]
+    """(radius,) of a sphere, (radius, length) of a cylinder, the three sides of a box."""
     T_frame_body: Array
+    """(4, 4) pose in the link."""
     color: tuple[float, float, float]
+    """RGB, 0–1."""
 
 
 class Robot:
     """A robot's kinematics and shape.  Immutable; `at(q)` evaluates it at a posture."""
 
     def __init__(self, urdf: Path, names: FrameNames | None = None) -> None:
-        """Read a URDF of revolute joints; ValueError names the file and what is missing."""
-        names = names or FrameNames()
+        """Read a URDF of revolute and prismatic joints; InputError names the file and what is missing."""
+        names, self.urdf = names or FrameNames(), urdf
         if not urdf.is_file():
             raise InputError(urdf, "no such robot description; expected a URDF file")
         try:
@@ -78,7 +87,7 @@ class Robot:
         except (ValueError, RuntimeError) as error:
             raise InputError(urdf, f"cannot be read as URDF: {str(error).strip().splitlines()[0]}") from error
         if self.model.nq != self.model.njoints - 1:
-            raise InputError(urdf, "has joints that are not revolute or prismatic; expected one number a joint")
+            raise InputError(urdf, "has joints that are not revolute or prismatic; expected one number per joint")
         self.names = names
         self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
         self.lower_rad: Array = self.model.lowerPositionLimit.copy()
@@ -130,7 +139,7 @@ class Robot:
         return tuple(self.joint_names[joint - 1] for joint in supports if joint)
 
     def _checked(self, q_rad: ArrayLike) -> Array:
-        """A copy of a configuration; ValueError where it is none."""
+        """A copy of a configuration (n_joints,); ValueError for a wrong length or a value that is not finite."""
         q: Array = np.array(q_rad, dtype=float)
         if q.shape != (self.n_joints,) or not math.isfinite(sum(q.tolist())):
             raise ValueError(f"joints {np.array2string(q, precision=3)}: expected {self.n_joints} finite angles")
@@ -142,7 +151,7 @@ class Robot:
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """What there is to draw, from the URDF's visuals (spheres, cylinders, boxes)."""
+        """The URDF's visuals (spheres, cylinders, boxes); InputError for any other shape."""
         return tuple(self._body(geometry) for geometry in self.geometry.geometryObjects)
 
     def _body(self, obj: Any) -> Body:
@@ -159,11 +168,11 @@ class Robot:
         if kind == "box":
             sides = (2 * float(shape.halfSide[0]), 2 * float(shape.halfSide[1]), 2 * float(shape.halfSide[2]))
             return Body(obj.name, frame.name, "box", sides, T_frame_body, color)
-        raise ValueError(f"body {obj.name} is a {kind}; expected a sphere, cylinder or box")
+        raise InputError(self.urdf, f"body {obj.name} is a {kind}; expected a sphere, cylinder or box")
 
 
 class Posture:
-    """A robot at one configuration; owns its own evaluation, so postures never alias."""
+    """A robot at one configuration.  It owns its evaluation, so postures never alias."""
 
     def __init__(self, robot: Robot, q_rad: Array) -> None:
         self.robot = robot
@@ -187,8 +196,10 @@ class Posture:
         return move_points(self.T_root(frame), point)
 
     def jacobian(self, frame: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-        """(6, n_joints) ∂(position of the point, orientation of the frame)/∂q in root axes, m/rad
-        and rad/rad; the point (3,) is fixed in `frame`."""
+        """(6, n_joints) ∂(position of the point, orientation of the frame)/∂q in root axes, m/rad and rad/rad.
+
+        The point (3,) is fixed in `frame`.
+        """
         index = self._frame_id(frame)
         J: Array = pin.computeFrameJacobian(
             self.robot.model, self._data, self.q_rad, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

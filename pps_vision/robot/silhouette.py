@@ -1,4 +1,4 @@
-"""Where the robot sees itself: its own bodies as masks in its own images."""
+"""The robot's own bodies as masks in its camera images."""
 
 from functools import cached_property
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from pps_vision.geometry.camera import View
-from pps_vision.robot.model import Body, Posture, Robot
+from pps_vision.robot.model import Body, Robot
 from pps_vision.types import Array, Mask
 
 _FAR_PX = 1e4  # beyond any image; points beside the eye project without bounds
@@ -29,11 +29,8 @@ class Silhouette:
         ]
 
     def __call__(self, joints_rad: Array, view: View) -> Mask:
-        """(H, W) pixels where the robot at `joints_rad` is, or nearly is, in `view`."""
-        return self.of(self.robot.at(joints_rad), view)
-
-    def of(self, posture: Posture, view: View) -> Mask:
-        """The same for a posture at hand."""
+        """(H, W) mask of the robot at `joints_rad` in `view`, widened by the margin."""
+        posture = self.robot.at(joints_rad)
         mask = np.zeros((view.camera.height, view.camera.width), np.uint8)
         points = np.concatenate([posture.point(frame, shape) for frame, shape in self._bodies])
         pixels = view.project(points)
@@ -45,19 +42,6 @@ class Silhouette:
         if self.margin_px and mask.any():
             mask = np.asarray(cv2.dilate(mask, np.ones((2 * self.margin_px + 1,) * 2, np.uint8)), dtype=np.uint8)
         return mask.view(bool)
-
-    def hides(self, posture: Posture, view: View, p_root: Array, radius_m: float) -> bool:
-        """Whether a body that comes nearer to the eye than a ball's centre (3,) covers a part of it, or nearly."""
-        distance = float(np.linalg.norm(p_root - view.center))
-        at, within = view.project(p_root), self.margin_px + view.camera.focal_px * radius_m / distance
-        for frame, shape in self._bodies:
-            points = posture.point(frame, shape)
-            seen = view.project(points)
-            seen = seen[np.isfinite(seen).all(axis=1)].clip(-_FAR_PX, _FAR_PX).astype(np.float32)
-            is_nearer = np.linalg.norm(points - view.center, axis=1).min() < distance
-            if len(seen) and is_nearer and cv2.pointPolygonTest(cv2.convexHull(seen), at.tolist(), True) > -within:
-                return True
-        return False
 
 
 def _hull_points(body: Body) -> Array:

@@ -40,13 +40,18 @@ _PALM = {
 
 @dataclass(frozen=True)
 class SkinPart:
-    """The virtual taxels of one body part: `positions_m`, `normals` (n, 3) in robot frame `frame`."""
+    """The virtual taxels of one body part."""
 
     name: str
+    """Such as "left_forearm"."""
     frame: str
+    """The robot's frame that carries it."""
     ids: tuple[int, ...]
+    """n numbers of taxels."""
     positions_m: Array
+    """(n, 3) in `frame`."""
     normals: Array
+    """(n, 3) unit normals in `frame`."""
 
     def __post_init__(self) -> None:
         if self.positions_m.shape != (len(self.ids), 3) or self.normals.shape != (len(self.ids), 3):
@@ -58,9 +63,10 @@ class SkinPart:
 
 @dataclass(frozen=True)
 class Skin:
-    """All body parts, with their taxels as one array in the order of `parts`."""
+    """All body parts; arrays of taxels are in the order of `parts`."""
 
     parts: tuple[SkinPart, ...]
+    """The body parts."""
 
     @cached_property
     def taxel_ids(self) -> tuple[str, ...]:

@@ -62,6 +62,10 @@ def test_the_most_excited_body_part_answers(robot: Robot) -> None:
     assert found[0] == "left_palm"
 
 
+def test_an_arm_without_skin_has_no_control_point(robot: Robot) -> None:
+    assert control_point(0.4, robot.at(home(robot)), Skin(()), np.zeros(0)) is None
+
+
 @pytest.mark.parametrize(("behaviour", "sign"), [("avoid", -1), ("reach", 1)])
 def test_the_control_point_moves_10_cm_per_second_along_the_normal(robot: Robot, behaviour: str, sign: int) -> None:
     params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour, confirm_s=0.0)  # type: ignore[arg-type]

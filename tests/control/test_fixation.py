@@ -40,17 +40,6 @@ def move(robot: Robot, q: Array, dq: Array) -> Array:
     return q
 
 
-def test_slopes_of_the_features_are_finite_differences(robot: Robot, rng: np.random.Generator) -> None:
-    h = 1e-6
-    for _ in range(10):
-        q, p = random_gaze(robot, rng), np.array([-0.35, 0.0, 0.2]) + rng.uniform(-0.15, 0.15, 3)
-        _, dx_dq, dx_dp = features(robot.at(q), p)
-        by_q = [features(robot.at(q + h * e), p)[0] - features(robot.at(q - h * e), p)[0] for e in np.eye(len(q))]
-        by_p = [features(robot.at(q), p + h * e)[0] - features(robot.at(q), p - h * e)[0] for e in np.eye(3)]
-        np.testing.assert_allclose(dx_dq, np.column_stack(by_q) / (2 * h), atol=1e-6)
-        np.testing.assert_allclose(dx_dp, np.column_stack(by_p) / (2 * h), atol=1e-6)
-
-
 def test_features_are_js_pixels_near_the_axis(robot: Robot, rng: np.random.Generator) -> None:
     """[u_L − u_R, mean u, mean v], undistorted, from the principal point, in focal lengths."""
     q = set_gaze(robot, home(robot), vergence=10 * DEG)

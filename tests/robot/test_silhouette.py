@@ -69,17 +69,3 @@ def test_a_view_away_from_the_body_is_free() -> None:
 def test_bad_margin_is_named() -> None:
     with pytest.raises(ValueError, match="margin -1"):
         Silhouette(load_icub(), margin_px=-1)
-
-
-def test_a_hand_before_a_ball_hides_it_and_one_behind_does_not() -> None:
-    """On the line of sight to the palm, before and behind it; beside it."""
-    robot = load_icub()
-    posture = robot.at(set_gaze(robot, home(robot), yaw=np.deg2rad(15), pitch=np.deg2rad(-38), tilt=np.deg2rad(-15)))
-    view, body = icub_rig(robot).view(posture.q_rad).left, Silhouette(robot)
-    palm = posture.point(robot.names.palms[0])
-    sight = (palm - view.center) / np.linalg.norm(palm - view.center)
-    across = np.cross(sight, [0.0, 0.0, 1.0])
-    assert body.hides(posture, view, palm + 0.1 * sight, 0.03)
-    assert not body.hides(posture, view, palm - 0.15 * sight, 0.03)
-    free = [body.hides(posture, view, palm + 0.1 * sight + way * across, 0.03) for way in (0.2, -0.2)]
-    assert not all(free)

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 import rendering
 import tracking
-from control import fixation, head, rates
+from control import differential_kinematics, fixation, head
 from learning.archive import read_archive, write_archive
 from learning.pps.memory import PPSMemory
 from learning.pps.touch_trial import TouchTrial
@@ -134,6 +134,6 @@ def _code() -> bytes:
     """All code that decides how a movement is rendered, tracked and followed."""
     folders = [Path(str(package.__file__)).parent for package in (rendering, tracking, geometry)]
     files = [file for folder in folders for file in folder.rglob("*") if file.suffix == ".py"]
-    files += [Path(str(module.__file__)) for module in (fixation, head, rates)]
+    files += [Path(str(module.__file__)) for module in (fixation, head, differential_kinematics)]
     files += [*Path(str(robot.__file__)).parent.glob("*.urdf"), Path(__file__)]
     return b"".join(file.read_bytes() for file in sorted(files))

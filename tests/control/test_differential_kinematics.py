@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from control.rates import rate_bounds, solve_rates
+from control.differential_kinematics import rate_limits, solve_rates
 from pps_vision.types import Array
 
 
@@ -37,13 +37,13 @@ def test_a_joint_without_room_stands_still() -> None:
 
 def test_bounds_slow_a_joint_before_its_limit_and_drive_it_back_behind() -> None:
     q = np.array([0.0, 0.98, 1.5])
-    slowest, fastest = rate_bounds(q, -np.ones(3), np.ones(3), 2.0, approach_per_s=5.0)
+    slowest, fastest = rate_limits(q, -np.ones(3), np.ones(3), 2.0, approach_per_s=5.0)
     np.testing.assert_allclose(slowest, [-2.0, -2.0, -2.0])
     np.testing.assert_allclose(fastest, [2.0, 0.1, -2.0])
     assert fastest[2] == pytest.approx(slowest[2])  # beyond its limit there is one way: back
 
 
 def test_a_joint_beyond_its_limit_is_driven_back() -> None:
-    slowest, fastest = rate_bounds(np.array([-1.1, 1.1, 0.0]), -np.ones(3), np.ones(3), 0.3, 2.0)
+    slowest, fastest = rate_limits(np.array([-1.1, 1.1, 0.0]), -np.ones(3), np.ones(3), 0.3, 2.0)
     np.testing.assert_allclose(slowest, [0.2, -0.3, -0.3])
     np.testing.assert_allclose(fastest, [0.3, -0.2, 0.3])
