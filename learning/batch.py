@@ -1,5 +1,5 @@
-"""What was learned, asked about very many cases at once on a torch device; `memory.activation` and
-`ReachableMap.query` answer the same without torch."""
+"""Activation and reachability of very many cases at once on a torch device; `memory.activation` and
+`ReachableMap.query` compute the same with NumPy."""
 
 from typing import TYPE_CHECKING
 
@@ -17,33 +17,30 @@ if TYPE_CHECKING:
 _ROWS = 1 << 18  # cases at a time, which take about 100 MB
 
 
-def activation(
-    memory: PPSMemory, distance_m: Array, ttc_s: Array, variances: tuple[Array, Array], inside: Mask, device: str
-) -> Array:
-    """(k,) R eqs 4–5 as in `memory.activation`, of the k cases D, TTC and their variances (…, n) that are `inside`."""
+def activation(memory: PPSMemory, distance_m: Array, ttc_s: Array, inside: Mask, device: str) -> Array:
+    """(k,) R eqs 4–5 as in `memory.activation`, of the k cases D and TTC (…, n) that are `inside`."""
     taxel = np.nonzero(inside)[-1]
-    parts = [np.broadcast_to(part, inside.shape)[inside] for part in (distance_m, ttc_s, *variances)]
     frequency, p = torch.from_numpy(memory.frequency).to(device), memory.params
     found = []
     for begin in range(0, len(taxel), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        D, TTC, var_D, var_TTC = (torch.from_numpy(part[rows]).to(device) for part in parts)
-        w_distance = _window(p.sigma_bins, D, p.distance_range_m, p.bins[0], var_D)
-        w_ttc = _window(p.sigma_bins, TTC, p.ttc_range_s, p.bins[1], var_TTC)
+        D, TTC = (torch.from_numpy(part[inside][rows]).to(device) for part in (distance_m, ttc_s))
+        w_distance = _window(p.sigma_bins, D, p.distance_range_m, p.bins[0])
+        w_ttc = _window(p.sigma_bins, TTC, p.ttc_range_s, p.bins[1])
         f = frequency[torch.from_numpy(taxel[rows]).to(device)]
         found.append(torch.einsum("kd,kdt,kt->k", w_distance, f, w_ttc))
-    expected: Array = torch.cat(found).cpu().numpy()
-    return expected
+    whole: Array = torch.cat(found).cpu().numpy()
+    return whole
 
 
-def _window(sigma_bins: float, value: Tensor, limits: tuple[float, float], n: int, variance: Tensor) -> Tensor:
+def _window(sigma_bins: float, value: Tensor, limits: tuple[float, float], n: int) -> Tensor:
     """(k, n) Gaussian weights of the bin centres about values (k,), adding up to 1."""
     if n == 1:
         return torch.ones_like(value)[:, None]
     per_unit = n / (limits[1] - limits[0])
     bins = torch.arange(n, device=value.device, dtype=value.dtype)
     away = (value * per_unit)[:, None] - (limits[0] * per_unit + 0.5 + bins)
-    return torch.softmax(-away.square() / (2 * (sigma_bins**2 + variance * per_unit**2))[:, None], dim=1)
+    return torch.softmax(-away.square() / (2 * sigma_bins**2), dim=1)
 
 
 def reachability(reachable_map: "ReachableMap", gaze_rad: Array, device: str) -> tuple[Array, Array]:

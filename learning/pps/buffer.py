@@ -1,4 +1,4 @@
-"""The last three seconds of what the taxels perceived, traversed back in 50 ms steps (R, "Data collection")."""
+"""Buffer of the last three seconds of D and TTC, resampled back in 50 ms steps (R, "Data collection")."""
 
 from dataclasses import dataclass, field, replace
 
@@ -9,19 +9,24 @@ from pps_vision.types import Array, TaxelEvents
 
 @dataclass(frozen=True)
 class BufferParams:
-    """How far back the buffer reaches, its time step, and the longest gap it interpolates over."""
+    """Length and resampling of the buffer."""
 
     length_s: float = 3.0
+    """How far back the buffer reaches (R)."""
     step_s: float = 0.05
+    """Time step of the resampled series (R)."""
     max_gap_s: float = 0.15
+    """Longest gap that is interpolated: three steps."""
 
 
 @dataclass(frozen=True)
 class EventBuffer:
-    """Samples in order of time, none older than `length_s` before the last."""
+    """Samples in order of time."""
 
     params: BufferParams = field(default_factory=BufferParams)
+    """Length and resampling."""
     samples: tuple[TaxelEvents, ...] = ()
+    """None older than `length_s` before the last."""
 
 
 def push(buffer: EventBuffer, events: TaxelEvents) -> EventBuffer:

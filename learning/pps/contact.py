@@ -1,10 +1,12 @@
-"""Whether an approach will touch a taxel: how often it is touched, and where paths that touch it pass.
+"""Contact model: the probability that an approach touches a taxel, from the displacement of its path.
 
-D and TTC (R eqs 1–2) do not tell a path over this taxel from one over its neighbour, 2–3 cm beside.  The
-third dimension does: where the stimulus is, seen from the taxel.  A map of bins would need hundreds of
-trials, so what they would hold is described by few numbers: how often each taxel is touched (beta counts), by how much
-touching paths are displaced from the others, and one scatter for all taxels.  Both kinds of path being Gaussian, the
-log-odds of touch are those of the counts plus a straight line in the displacement.
+D and TTC (R eqs 1–2) do not distinguish a path over this taxel from one over its neighbour, 2–3 cm beside it; the
+displacement from the taxel does.  Touching and missing paths are taken for Gaussian with one covariance for all taxels,
+and each taxel counts its touches and misses, so that the log-odds of touch are
+
+    log(n⁺/n⁻) + (u − m)ᵀ Σ⁻¹ δ
+
+with the displacement u, the midpoint m between touching and missing paths, and their difference δ.
 """
 
 from dataclasses import dataclass
@@ -15,30 +17,27 @@ from scipy.special import betaincinv, expit
 from learning.pps.trials import Trial
 from pps_vision.types import Array, Mask
 
-_AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
-
 
 @dataclass(frozen=True)
 class ContactParams:
-    """When a touch is predicted, from what, and what is believed before the first trial.
-
-    `horizon_s` before the trial's end is the last moment known; of the samples until then the last
-    `samples` within `reach_m` (R's receptive field) count.  Beliefs: touched paths pass nearer to this taxel
-    than to its neighbours by `toward` of the way, as surely as `prior_trials` trials would say;
-    half a touch and half a miss on each taxel (Jeffreys).  `offset_m`: how far a session's kinematics and
-    cameras may be off another's, each axis (the least of R Fig 8's mean offsets, 1.2 to 2.1 cm).  A path
-    further than `outlier_sigmas` from all others says no more than one at that distance.  `level` of the
-    credible interval.
-    """
+    """What a prediction uses, and the priors.  Each taxel starts with half a touch and half a miss (Jeffreys)."""
 
     horizon_s: float = 0.15
+    """How long before a trial's end the last known sample is."""
     samples: int = 3
+    """Number of last known samples whose displacements are averaged."""
     reach_m: float = 0.20
+    """Greatest distance of a sample from the taxel (R's receptive field)."""
     toward: float = 0.5
+    """Prior of δ: the way from the taxel's mean path to where touches happen, times this."""
     prior_trials: float = 5.0
+    """Number of trials that the prior of δ is worth."""
     offset_m: float = 0.012
+    """Standard deviation, each axis, of a session's offset (R Fig 8: mean offsets of 1.2–2.1 cm)."""
     outlier_sigmas: float = 3.0
+    """A path farther than this from m has the weight of one at this distance."""
     level: float = 0.9
+    """Of the credible interval."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.horizon_s) and self.horizon_s >= 0):
@@ -49,34 +48,44 @@ class ContactParams:
 
 @dataclass(frozen=True)
 class ContactModel:
-    """What n taxels have learned: `touched`, `missed` (n,) counts of trials that came near, `any_touched`, `any_missed`
-    of all, the prior's half each included; displacement of all paths `middle` (n, 3) and of touched from missed ones
-    `difference` (n, 3), m, NaN where nothing came near; `trials` (n,) behind that difference; `precision` (3, 3), 1/m².
-    Of each trial's displacement from the mean of the taxels: `usual` (3,) and `usual_var` (3,), mean and variance, of
-    `seen` trials."""
+    """What n taxels have learned."""
 
     touched: Array
+    """(n,) number of trials in reach that touched the taxel, plus ½."""
     missed: Array
+    """(n,) number of trials in reach that did not, plus ½."""
     any_touched: Array
+    """(n,) number of all trials that touched the taxel, plus ½."""
     any_missed: Array
+    """(n,) number of all trials that did not, plus ½."""
     middle: Array
+    """(n, 3) m, mean displacement of all paths; NaN where none was in reach."""
     difference: Array
+    """(n, 3) m, δ: mean displacement of touching minus missing paths; NaN where none was in reach."""
     trials: Array
+    """(n,) number of trials that δ is worth, its prior's included."""
     precision: Array
+    """(3, 3) 1/m², Σ⁻¹."""
     usual: Array
+    """(3,) m, mean over trials of the displacement from the mean of the taxels."""
     usual_var: Array
+    """(3,) m², its variance over trials."""
     seen: int
+    """Number of those trials."""
 
 
 @dataclass(frozen=True)
 class ContactPrediction:
-    """(trials, taxels) each: probability of touch, its credible interval, and whether the path was in reach in time, as
-    some that were learned from; where not, the probability is the taxel's rate of touch over all trials."""
+    """(trials, taxels) each."""
 
     probability: Array
+    """Of touch; where the path was not in reach, the taxel's rate of touch over all trials."""
     lower: Array
+    """Lower end of its credible interval."""
     upper: Array
+    """Upper end."""
     in_reach: Mask
+    """Whether the path, and some path learned from, came within reach by the horizon."""
 
 
 def displacements(params: ContactParams, trials: tuple[Trial, ...]) -> Array:
@@ -91,58 +100,43 @@ def _last(params: ContactParams, trial: Trial, d: Array) -> Array:
     return last
 
 
-def landing_gap(trial: Trial, radius_m: float, horizon_s: float) -> Array:
-    """(taxels,) m from each taxel to the surface of an object of that radius where its path, continued straight
-    `horizon_s` before the end, first meets one of them, or comes nearest; inf where no path was known."""
-    known = np.flatnonzero((trial.stamps_s <= trial.stamps_s[-1] - horizon_s + 1e-9) & np.isfinite(trial.d_m[:, 0, 0]))
-    if len(known) < 2:
-        return np.full(trial.d_m.shape[1], np.inf)
-    before, last = known[-3:][[0, -1]]
-    v = (trial.d_m[last] - trial.d_m[before]) / (trial.stamps_s[last] - trial.stamps_s[before])
-    gaps = np.linalg.norm(trial.d_m[last] + _AHEAD_S[:, None, None] * v, axis=2) - radius_m
-    nearest = gaps.min(axis=1)
-    landed: Array = gaps[(nearest <= 0).argmax() if (nearest <= 0).any() else nearest.argmin()]
-    return landed
-
-
 def learn_contact(params: ContactParams, trials: tuple[Trial, ...]) -> ContactModel:
-    """The map of some trials, in no matter what order."""
+    """The contact model of some trials, whatever their order."""
     return _fit(params, displacements(params, trials), np.array([trial.touched for trial in trials]))
 
 
 def predict_contact(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
-    """What a map expects of other trials."""
-    return _expect(params, learned, displacements(params, trials))
+    """Predict the touches of trials of the same session."""
+    return _predict(params, learned, displacements(params, trials))
 
 
 def predict_session(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
-    """What a map expects of the trials, in their order, of another session, whose kinematics and cameras are off by
-    something else.
+    """Predict the touches of another session, trial by trial in their order.
 
-    By how much is learned from the paths alone, a trial's own and those before it: the difference of their mean to
-    the usual one, as far as `offset_m` and the paths' own variance let it be believed.
+    Its kinematics and cameras have another offset, estimated from the paths of this and earlier trials alone: the
+    posterior mean of their difference from the usual displacement, prior N(0, offset_m²).
     """
     u = displacements(params, trials)
-    return _expect(params, learned, u - _shifts(params, learned, u)[:, None])
+    return _predict(params, learned, u - _shifts(params, learned, u)[:, None])
 
 
 def _shifts(params: ContactParams, learned: ContactModel, u: Array) -> Array:
-    """(trials, 3) m by which a session is displaced, as known by each of its trials; zeros before any came near."""
+    """(trials, 3) m, the session's offset as estimated at each of its trials; zeros before any came near."""
     near: Mask = np.asarray(np.isfinite(u[..., 0]).all(axis=1))  # the mean of some taxels only is another place's
     aside = np.where(near[:, None], u.mean(axis=1) - learned.usual, 0.0)
     n = np.maximum(np.cumsum(near), 1)[:, None]
-    doubt = learned.usual_var * (1 / n + 1 / max(learned.seen, 1))
-    shifts: Array = params.offset_m**2 / (params.offset_m**2 + doubt) * np.cumsum(aside, axis=0) / n
+    variance = learned.usual_var * (1 / n + 1 / max(learned.seen, 1))
+    shifts: Array = params.offset_m**2 / (params.offset_m**2 + variance) * np.cumsum(aside, axis=0) / n
     return shifts if learned.seen > 1 else np.zeros_like(shifts)
 
 
 def leave_one_out(params: ContactParams, trials: tuple[Trial, ...]) -> ContactPrediction:
-    """Each trial predicted by a map of all the others."""
+    """Predict each trial by a model of all the others."""
     u, touched = displacements(params, trials), np.array([trial.touched for trial in trials])
     parts = []
     for i in range(len(trials)):
         others = np.arange(len(trials)) != i
-        parts.append(_expect(params, _fit(params, u[others], touched[others]), u[~others]))
+        parts.append(_predict(params, _fit(params, u[others], touched[others]), u[~others]))
     columns = zip(*((p.probability, p.lower, p.upper, p.in_reach) for p in parts), strict=True)
     return ContactPrediction(*(np.concatenate(column) for column in columns))
 
@@ -156,11 +150,11 @@ def _fit(params: ContactParams, u: Array, touched: Mask) -> ContactModel:
     total = n[0] + n[1]
     positive, negative = n[0] + 0.5, n[1] + 0.5
     middle = (n[0][:, None] * means[0] + n[1][:, None] * means[1]) / np.where(total > 0, total, np.nan)[:, None]
-    # Where touches happen at all, seen from each taxel: what lies on its side of that is more likely to be its own.
+    # Prior of δ: from each taxel's mean path towards where touches happen at all.
     near = total > 0
     rate = np.where(near, positive / (positive + negative), 0.0)
     touching = rate @ np.where(near[:, None], middle, 0.0) / max(rate.sum(), 1e-9)
-    paired = (n[0] * n[1] / np.maximum(total, 1))[:, None]  # so many trials the difference of two means is worth
+    paired = (n[0] * n[1] / np.maximum(total, 1))[:, None]  # trials that the difference of two means is worth
     believed = params.toward * (touching - middle)
     difference = (paired * (means[0] - means[1]) + params.prior_trials * believed) / (paired + params.prior_trials)
     rest = at - np.where(touched[..., None], *means)
@@ -177,9 +171,9 @@ def _fit(params: ContactParams, u: Array, touched: Mask) -> ContactModel:
     )
 
 
-def _expect(params: ContactParams, learned: ContactModel, u: Array) -> ContactPrediction:
-    lean = 0.5 * (learned.missed - learned.touched) / (learned.missed + learned.touched)
-    aside = u - (learned.middle + lean[:, None] * learned.difference)  # from half-way between touched and missed
+def _predict(params: ContactParams, learned: ContactModel, u: Array) -> ContactPrediction:
+    skew = 0.5 * (learned.missed - learned.touched) / (learned.missed + learned.touched)
+    aside = u - (learned.middle + skew[:, None] * learned.difference)  # u − m
     in_reach: Mask = ~np.isnan(aside[..., 0])
     aside = np.where(in_reach[..., None], aside, 0.0)
     positive = np.where(in_reach, learned.touched, learned.any_touched)
@@ -191,7 +185,7 @@ def _expect(params: ContactParams, learned: ContactModel, u: Array) -> ContactPr
     probability = expit(odds)
     rate = positive / (positive + negative)
     variance = 1 / (positive * (1 - rate)) + (kept * sigmas) ** 2 / learned.trials  # of the log-odds
-    worth = 1 / (variance * probability * (1 - probability))  # trials that would leave this much doubt
+    worth = 1 / (variance * probability * (1 - probability))  # trials of a Beta distribution with this variance
     tails = 0.5 * (1 - params.level), 0.5 * (1 + params.level)
     lower, upper = (betaincinv(worth * probability, worth * (1 - probability), tail) for tail in tails)
     return ContactPrediction(probability, lower, upper, in_reach)

@@ -1,4 +1,4 @@
-"""Learning as things happen: buffer what is perceived, and learn once from every contact."""
+"""Online learning: buffer what the taxels perceive and learn once from every contact."""
 
 from dataclasses import dataclass, replace
 
@@ -11,38 +11,44 @@ from pps_vision.types import Mask, TaxelEvents
 
 @dataclass(frozen=True)
 class LearnerParams:
-    """How long after the first touch further taxels may join the same contact."""
+    """When a contact ends."""
 
     contact_s: float = 0.6
+    """How long after its first touch a contact may reach further taxels."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A touch that goes on: its start, the taxels (n,) it reached so far, whether it was learned."""
+    """A contact that has not ended."""
 
     since_s: float
+    """Stamp of its first touch."""
     touched: Mask
+    """(n,) taxels it has reached."""
     learned: bool = False
+    """Whether it was learned from."""
 
 
 @dataclass(frozen=True)
 class LearnerState:
-    """The buffer stops at the first touch, so that a contact is learned from what came before it.
-
-    Counted since the start: `stale` samples, rejected because their stamp is no number or does not advance,
-    and `unseen` contacts, of which nothing was learned because nothing had been perceived before them.
-    """
+    """State of online learning."""
 
     memory: PPSMemory
+    """What was learned."""
     buffer: EventBuffer
+    """Samples before the contact; it takes no more while a contact lasts."""
     contact: Contact | None = None
+    """The contact that lasts; None without a touch."""
     stale: int = 0
+    """Samples rejected because their stamp is not finite or does not advance."""
     unseen: int = 0
+    """Contacts without a sample before them, from which nothing was learned."""
 
 
 def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> LearnerState:
-    """The state after one more sample; the memory changes once for every contact, when it is over
-    or `contact_s` old.  A clock that goes back by more than the buffer's length was set anew."""
+    """The state after one more sample; the memory changes once for every contact, when it ends or is `contact_s` old.
+
+    A stamp that goes back by more than the buffer's length means that the clock was reset: the buffer is emptied."""
     samples = state.buffer.samples
     ahead_s = events.stamp_s - samples[-1].stamp_s if samples else np.inf
     if not np.isfinite(events.stamp_s) or -state.buffer.params.length_s <= ahead_s <= 0:
@@ -63,7 +69,7 @@ def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> Lea
 
 
 def finish(state: LearnerState) -> LearnerState:
-    """Learn a contact that goes on, as at the end of a recording; once only."""
+    """Learn from a contact that lasts, as at the end of a recording; once only."""
     if state.contact is None or state.contact.learned:
         return state
     memory = learn(state.memory, state.buffer, state.contact.touched)

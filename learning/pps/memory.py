@@ -1,4 +1,4 @@
-"""What the taxels remember: counts of contact and no contact by distance and time to contact (R eqs 3–5)."""
+"""Memory of the taxels: counts of touch and no touch by distance and time to contact (R eqs 3–5)."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,31 +16,29 @@ from pps_vision.types import Array, Mask
 
 _KIND, _VERSION = "PPS memory", 2
 
-Counts = NDArray[np.integer[Any] | np.floating[Any]]  # int64, or float64 where samples are forgotten
+Counts = NDArray[np.integer[Any] | np.floating[Any]]
 
 
 @dataclass(frozen=True)
 class MemoryParams:
-    """Ranges, number of bins, the Parzen window's standard deviation in bin widths, and how soon it forgets.
+    """Bins and smoothing of the memory; defaults from R.
 
-    Defaults from R; the authors' own data and Matlab use TTC up to 1.2 s and 0.75 bins.  A dimension of a
-    single bin tells nothing apart, so its range may be infinite: (8, 1) bins over (−inf, inf) s know D only.
-    After `half_life_touches` touches of its body part a sample counts half (default: nothing is forgotten);
-    what is not seen again keeps its frequency, but less and less weight against what is.
+    With a single bin in a dimension its range may be infinite: (8, 1) bins over (−inf, inf) s depend on D only.
     """
 
     distance_range_m: tuple[float, float] = (-0.10, 0.20)
+    """Range of D (R)."""
     ttc_range_s: tuple[float, float] = (0.0, 3.0)
+    """Range of TTC (R); the authors' data and Matlab code use 1.2 s."""
     bins: tuple[int, int] = (8, 4)
+    """Number of bins of D and of TTC (R)."""
     sigma_bins: float = 1.0
-    half_life_touches: float = np.inf
+    """Standard deviation of the Parzen window in bin widths (R); the authors' data and Matlab code use 0.75."""
 
     def __post_init__(self) -> None:
         (d0, d1), (t0, t1) = self.distance_range_m, self.ttc_range_s
-        if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and self.sigma_bins > 0 and self.half_life_touches > 0):
-            raise ValueError(
-                f"{self}: expected ranges from low to high, at least one bin, a width and a half life above 0"
-            )
+        if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and self.sigma_bins > 0):
+            raise ValueError(f"{self}: expected ranges from low to high, at least one bin and a width above 0")
         for limits, n in zip((self.distance_range_m, self.ttc_range_s), self.bins, strict=True):
             if n > 1 and not np.all(np.isfinite(limits)):
                 raise ValueError(f"{self}: expected a finite range where there is more than one bin")
@@ -54,13 +52,16 @@ class MemoryParams:
 
 @dataclass(frozen=True)
 class PPSMemory:
-    """`counts` (n, D bins, TTC bins, 2) of positive and negative samples, whole numbers unless it forgets;
-    `part_index` (n,) says which body part a taxel is on."""
+    """What n taxels have learned."""
 
     taxel_ids: tuple[str, ...]
+    """Names of the taxels, "part:id"."""
     part_index: NDArray[np.intp]
+    """(n,) body part of each taxel."""
     counts: Counts
+    """(n, D bins, TTC bins, 2) positive and negative samples."""
     params: MemoryParams
+    """Of the counts."""
 
     def __post_init__(self) -> None:
         n = len(self.taxel_ids)
@@ -78,15 +79,14 @@ class PPSMemory:
 
     @classmethod
     def empty(cls, skin: Skin, params: MemoryParams | None = None) -> "PPSMemory":
-        """A memory of nothing, for every taxel of a skin."""
+        """A memory without samples for every taxel of a skin."""
         params = params or MemoryParams()
         counts = np.zeros((len(skin.taxel_ids), *params.bins, 2), dtype=np.int64)
         return cls(skin.taxel_ids, skin.part_index, counts, params)
 
     @cached_property
     def frequency(self) -> Array:
-        """(n, D bins, TTC bins) f = n⁺/(n⁺ + n⁻), R eq. 3; 0 where nothing was ever seen, and fading to it
-        where less than one sample is left."""
+        """(n, D bins, TTC bins) f = n⁺/(n⁺ + n⁻), R eq. 3; 0 without samples."""
         total = self.counts[..., 0] + self.counts[..., 1]
         f: Array = self.counts[..., 0] / np.maximum(total, 1)
         return f
@@ -102,7 +102,7 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
 
 
 def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
-    """The same for samples D and TTC (…, n); NaN and what lies outside the ranges is not counted.
+    """Count samples D and TTC (…, n) of one touch; NaN and what lies outside the ranges does not count.
 
     Without a sample that counts the memory itself is returned.
     """
@@ -119,9 +119,6 @@ def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: M
         return memory
     taxel = np.nonzero(sampled)[-1][counted]
     counts = memory.counts.copy()
-    if np.isfinite(params.half_life_touches):
-        counts = counts.astype(np.float64)
-        counts[np.isin(memory.part_index, memory.part_index[taxel])] *= 0.5 ** (1 / params.half_life_touches)
     np.add.at(counts, (taxel, i_distance[counted], i_ttc[counted], np.where(touched[taxel], 0, 1)), 1)
     return replace(memory, counts=counts)
 
@@ -134,34 +131,24 @@ def _bins(value: Array, limits: tuple[float, float], n: int) -> tuple[NDArray[np
     return ((value - low) / (high - low) * n).astype(np.intp).clip(max=n - 1), value < high
 
 
-def activation(
-    memory: PPSMemory,
-    distance_m: ArrayLike,
-    ttc_s: ArrayLike,
-    distance_var_m2: ArrayLike = 0.0,
-    ttc_var_s2: ArrayLike = 0.0,
-    device: str | None = None,
-) -> Array:
-    """(…, n) how surely each taxel expects a touch at D and TTC (…, n), in [0, 1].
+def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, device: str | None = None) -> Array:
+    """(…, n) activation in [0, 1] of each taxel at D and TTC (…, n).
 
-    R eqs 4–5: f weighted by a Gaussian about (D, TTC), the weights of all bins adding up to 1, so
-    that bins never visited speak for 0.  0 outside the ranges and for NaN.  Variances of D and TTC
-    (…, n) widen the window by as much; R has none.  `device`: where torch computes it (cpu, cuda, …); default: without
-    torch.
+    R eqs 4–5: f weighted by a Gaussian about (D, TTC), the weights of all bins adding up to 1, so that bins without
+    samples count as 0.  0 outside the ranges and for NaN.  `device`: compute with torch there (cpu, cuda, …).
     """
     distance, ttc = paired(memory, distance_m, ttc_s)
     inside = memory.params.covers(distance, ttc)
-    expected = np.zeros(inside.shape)
+    found = np.zeros(inside.shape)
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
     if len(at[0]) and device is not None:
         from learning import batch  # loads torch, which takes seconds
 
-        variances = np.asarray(distance_var_m2, dtype=float), np.asarray(ttc_var_s2, dtype=float)
-        expected[at] = batch.activation(memory, distance, ttc, variances, inside, device)
+        found[at] = batch.activation(memory, distance, ttc, inside, device)
     elif len(at[0]):
-        w_distance, w_ttc = windows(memory.params, distance, ttc, inside, distance_var_m2, ttc_var_s2)
-        expected[at] = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[at[-1]], w_ttc)
-    return expected
+        w_distance, w_ttc = windows(memory.params, distance, ttc, inside)
+        found[at] = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[at[-1]], w_ttc)
+    return found
 
 
 def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:
@@ -176,37 +163,23 @@ def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[
     return distance, ttc
 
 
-def windows(
-    params: MemoryParams,
-    distance_m: Array,
-    ttc_s: Array,
-    inside: Mask,
-    distance_var_m2: ArrayLike = 0.0,
-    ttc_var_s2: ArrayLike = 0.0,
-) -> tuple[Array, Array]:
-    """The Parzen window about the k pairs D, TTC (…, n) that are `inside` (…, n): weights of the D bins
-    (k, D bins) and of the TTC bins (k, TTC bins), each adding up to 1; their product is that of the cell."""
+def windows(params: MemoryParams, distance_m: Array, ttc_s: Array, inside: Mask) -> tuple[Array, Array]:
+    """Parzen window about the k pairs D, TTC (…, n) that are `inside` (…, n): weights of the D bins (k, D bins) and of
+    the TTC bins (k, TTC bins), each adding up to 1; the weight of a cell is their product."""
     return (
-        _window(
-            params.sigma_bins, distance_m[inside], params.distance_range_m, params.bins[0], distance_var_m2, inside
-        ),
-        _window(params.sigma_bins, ttc_s[inside], params.ttc_range_s, params.bins[1], ttc_var_s2, inside),
+        _window(params.sigma_bins, distance_m[inside], params.distance_range_m, params.bins[0]),
+        _window(params.sigma_bins, ttc_s[inside], params.ttc_range_s, params.bins[1]),
     )
 
 
-def _window(
-    sigma_bins: float, value: Array, limits: tuple[float, float], n: int, variance: ArrayLike, inside: Mask
-) -> Array:
+def _window(sigma_bins: float, value: Array, limits: tuple[float, float], n: int) -> Array:
     """(k, n) Gaussian weights of the bin centres about values (k,), adding up to 1."""
     if n == 1:
         return np.ones((len(value), 1))
     per_unit = n / (limits[1] - limits[0])
     away = (value * per_unit)[:, None] - (limits[0] * per_unit + 0.5 + np.arange(n))
-    spread = sigma_bins**2 + np.asarray(variance) * per_unit**2  # in bins
-    if spread.ndim:
-        spread = np.broadcast_to(spread, inside.shape)[inside][:, None]
     weights = np.square(away, out=away)  # in place: this is where large arrays spend their time
-    weights /= -2 * spread
+    weights /= -2 * sigma_bins**2
     weights -= weights.max(axis=-1, keepdims=True)  # the nearest bin's weight is 1: no 0/0
     np.exp(weights, out=weights)
     weights /= weights.sum(axis=-1, keepdims=True)
@@ -222,22 +195,20 @@ def save_memory(path: Path, memory: PPSMemory) -> None:
         "counts": memory.counts,
         "ranges": np.array([p.distance_range_m, p.ttc_range_s]),
         "sigma_bins": p.sigma_bins,
-        "half_life_touches": p.half_life_touches,
     }
     write_archive(path, _KIND, _VERSION, arrays)
 
 
 def load_memory(path: Path) -> PPSMemory:
     """Read a memory; InputError names the file and what was expected."""
-    names = ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins", "half_life_touches")
+    names = ("taxel_ids", "part_index", "counts", "ranges", "sigma_bins")
     data = read_archive(path, _KIND, _VERSION, names)
     try:
         stored = data["counts"]
         whole = stored.dtype.kind != "f"
         counts: Counts = stored.astype(np.int64, casting="same_kind") if whole else stored.astype(np.float64)
         (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float).tolist()
-        width, half_life = (float(data[name]) for name in names[-2:])
-        params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), width, half_life)
+        params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), float(data["sigma_bins"]))
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
         return PPSMemory(taxel_ids, data["part_index"].astype(np.intp, casting="same_kind"), counts, params)
     except (ValueError, TypeError, IndexError) as error:

@@ -1,4 +1,4 @@
-"""What a taxel perceives of a stimulus: its distance D and its time to contact TTC (R eqs 1–2)."""
+"""Distance D and time to contact TTC of a stimulus, as a taxel perceives them (R eqs 1–2)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,20 +11,18 @@ from pps_vision.types import Array
 
 @dataclass(frozen=True)
 class ReceptiveField:
-    """A cone along the outward normal, cut by the skin where it is `base_radius_m` wide, so that its
-    apex lies behind the taxel; nothing farther than `length_m` is perceived (FACTS §3).
-
-    With `subtract_radius` D and TTC are those of the stimulus's surface, not of its centre (R
-    takes the centre).  A stimulus counts as approaching only when its closing speed exceeds
-    `min_closing_sigmas` standard deviations of the velocity estimate (2 would miss what comes slowly;
-    what does not approach is told apart by the time an activation lasts, see `control/avoidance.py`).
-    """
+    """Truncated cone along the outward normal of a taxel, its apex behind the skin (R, "Receptive field")."""
 
     half_angle_rad: float = float(np.arccos(0.75))
+    """Half opening angle of the cone (the authors' code)."""
     base_radius_m: float = 0.07
+    """Radius of the cone at the skin (the authors' code)."""
     length_m: float = 0.20
+    """Greatest perceived distance (R)."""
     subtract_radius: bool = False
+    """D and TTC of the stimulus's surface; False: of its centre (R)."""
     min_closing_sigmas: float = 1.0
+    """A stimulus approaches when its closing speed exceeds so many standard deviations of the velocity estimate."""
 
     def __post_init__(self) -> None:
         if not (0 < self.half_angle_rad < np.pi / 2 and self.base_radius_m >= 0 and self.length_m > 0):
@@ -67,12 +65,12 @@ def distance_and_ttc(
 
     D = sgn(d·z)‖d‖ and TTC = −sgn(d·v)‖d‖/‖v_d‖; both NaN outside the receptive field or where
     the input is NaN.  In the plane of the skin D counts as positive.  TTC is negative for a
-    receding stimulus, inf for one that does not surely approach, 0 on the taxel itself.
+    receding stimulus, inf for one that does not approach significantly, 0 on the taxel itself.
     """
     d, v, z = (np.asarray(a, dtype=float) for a in (d, v, normals))
     shape = np.broadcast(d, v, z).shape
     shell = radius_m if field.subtract_radius else 0.0
-    far = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # no more than a first look: the rest is for what is near
+    far = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # a cheap bound: most taxels are far from the stimulus
     close = _as(shape[:-1], (d * d) @ np.ones(3) <= far**2)
     n_close = np.count_nonzero(close)
     D, ttc = np.full((2, *shape[:-1]), np.nan)
@@ -80,7 +78,7 @@ def distance_and_ttc(
         near = np.nonzero(close) if 2 * n_close < close.size else ...  # sorting out most would cost more than it saves
         cov = None if cov_v is None else _as((*shape, 3), np.asarray(cov_v, dtype=float))[near]
         d, v, z = (_as(shape, a)[near] for a in (d, v, z))
-        D[near], ttc[near] = _of_what_is_near(field, d, z, v, shell, cov)
+        D[near], ttc[near] = _within_reach(field, d, z, v, shell, cov)
     return D, ttc
 
 
@@ -89,7 +87,7 @@ def _as(shape: tuple[int, ...], a: NDArray[Any]) -> NDArray[Any]:
     return a if a.shape == shape else np.broadcast_to(a, shape)
 
 
-def _of_what_is_near(
+def _within_reach(
     field: ReceptiveField, d: Array, z: Array, v: Array, shell: float, cov_v: Array | None
 ) -> tuple[Array, Array]:
     """D and TTC (…) of displacements, normals and velocities (…, 3)."""
@@ -98,13 +96,13 @@ def _of_what_is_near(
     at_taxel = distance == 0
     u = d / np.where(at_taxel, 1.0, distance)[..., None]
     closing = -np.einsum("...i,...i->...", u, v)
-    doubt = np.zeros_like(closing)
+    margin = np.zeros_like(closing)
     if cov_v is not None:
         variance = np.einsum("...i,...i->...", u, (cov_v @ u[..., None])[..., 0])
-        doubt = field.min_closing_sigmas * np.sqrt(np.maximum(variance, 0.0))
-    surely = (np.abs(closing) > doubt) & ~at_taxel
+        margin = field.min_closing_sigmas * np.sqrt(np.maximum(variance, 0.0))
+    moving = (np.abs(closing) > margin) & ~at_taxel
     gap = np.maximum(distance - shell, 0.0)
-    ttc = np.where(surely, gap / np.where(surely, closing, 1.0), np.where(at_taxel, 0.0, np.inf))
+    ttc = np.where(moving, gap / np.where(moving, closing, 1.0), np.where(at_taxel, 0.0, np.inf))
     D = np.where(height >= 0, distance, -distance) - shell
     aside = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
     reach = field.base_radius_m + height * np.tan(field.half_angle_rad)
@@ -124,9 +122,9 @@ def distance_and_ttc_variance(
 ) -> tuple[Array, Array]:
     """Variances of D in m² and TTC in s² to first order, (…) each; arguments as of `distance_and_ttc`.
 
-    `cov` (…, 6, 6) is that of (d, v), `posture_std_m` how well each coordinate of the taxel's own place is
-    known (kinematics, calibration), `radius_var_m2` counts where the radius is subtracted.  The variance of
-    TTC is inf where the stimulus does not approach or recede at all, NaN where the input is.
+    `cov` (…, 6, 6) is that of (d, v); `posture_std_m` the standard deviation of each coordinate of the taxel's own
+    position (kinematics, calibration); `radius_var_m2` counts where the radius is subtracted.  The variance of TTC
+    is inf where the stimulus neither approaches nor recedes, NaN where the input is.
     """
     d, v, z, cov = (np.asarray(a, dtype=float) for a in (d, v, normals, cov))
     distance = np.sqrt(np.einsum("...i,...i->...", d, d))[..., None]

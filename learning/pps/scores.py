@@ -1,4 +1,4 @@
-"""How good predicted probabilities are."""
+"""Scores of predicted probabilities: discrimination, Brier score, calibration."""
 
 from dataclasses import dataclass
 
@@ -26,21 +26,16 @@ def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
     return float(np.mean((np.asarray(probability, dtype=float) - np.asarray(outcome, dtype=float)) ** 2))
 
 
-def log_loss(outcome: ArrayLike, probability: ArrayLike, at_least: float = 0.005) -> float:
-    """Mean surprise −ln p at what happened, p no nearer to 0 or 1 than `at_least` (a rate of 0 in a few
-    trials is not impossibility)."""
-    p = np.clip(np.asarray(probability, dtype=float), at_least, 1 - at_least)
-    return float(-np.mean(np.log(np.where(np.asarray(outcome, dtype=bool), p, 1 - p))))
-
-
 @dataclass(frozen=True)
 class Reliability:
-    """What was predicted and what happened, for the bins of equal width that hold predictions: mean
-    predicted probability, share of positive outcomes, number of predictions, (bins,) each."""
+    """Reliability diagram: the bins of equal width that hold predictions."""
 
     predicted: Array
+    """(bins,) mean predicted probability."""
     happened: Array
+    """(bins,) share of positive outcomes."""
     n: NDArray[np.intp]
+    """(bins,) number of predictions."""
 
 
 def reliability(outcome: ArrayLike, probability: ArrayLike, bins: int = 10) -> Reliability:
@@ -56,6 +51,6 @@ def reliability(outcome: ArrayLike, probability: ArrayLike, bins: int = 10) -> R
 
 
 def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike, bins: int = 10) -> float:
-    """How far predicted probability and share of positives lie apart, mean over the predictions' bins."""
+    """Mean over the predictions of the distance between predicted probability and share of positives in their bin."""
     r = reliability(outcome, probability, bins)
     return float(np.sum(r.n * np.abs(r.predicted - r.happened)) / np.sum(r.n))

@@ -1,4 +1,4 @@
-"""One movement that ended in a touch, as the robot lived it: what learning offline starts from."""
+"""One movement up to a touch, as the robot recorded it: the input of offline learning and calibration."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,24 @@ from pps_vision.types import Array, Mask
 
 @dataclass(frozen=True, slots=True)
 class TouchTrial:
-    """From the start of a movement to its touch, or to where it ends without one.
-
-    `stamps_s` (T,); `joints_rad` (T, k) of the whole robot; what is known of the object, in the root
-    frame: `positions`, `velocities` (T, 3) m, m/s, `velocity_covs` (T, 3, 3) m²/s², `radius_m` (T,),
-    NaN while unknown.  `touched` (n,) which of the skin's taxels were touched at the end; `aimed` the
-    name "part:id" of the taxel that was meant to be.
-    """
+    """T samples from the start of a movement to its touch or its end; NaN while the object is unknown."""
 
     stamps_s: Array
+    """(T,)"""
     joints_rad: Array
+    """(T, k) all joints of the robot."""
     positions: Array
+    """(T, 3) m, root frame: centre of the object."""
     velocities: Array
+    """(T, 3) m/s, root frame."""
     velocity_covs: Array
+    """(T, 3, 3) m²/s²."""
     radius_m: Array
+    """(T,)"""
     touched: Mask
+    """(n,) taxels of the skin that were touched at the end."""
     aimed: str
+    """Name "part:id" of the taxel that the object was aimed at."""
 
 
 def perceived(trial: TouchTrial, robot: Robot, skin: Skin, field: ReceptiveField) -> tuple[Array, Array]:

@@ -100,11 +100,10 @@ def test_parts_of_different_form_are_converted_one_by_one(refused, like: Path, t
 def test_what_the_robots_form_has_no_place_for_is_said(
     like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    save_memory(tmp_path / "m.npz", learned(MemoryParams(sigma_bins=0.75, half_life_touches=30)))
+    save_memory(tmp_path / "m.npz", learned(MemoryParams(sigma_bins=0.75)))
     convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
     said = capsys.readouterr().out
     assert "not carried: a window 0.75 bins wide" in said
-    assert "not carried: a half life of 30 touches" in said
 
 
 @pytest.mark.parametrize(

@@ -55,16 +55,8 @@ class ConvertTaxels:
             write_taxels(partial, maps)
         print(f"{len(memory.taxel_ids)} taxels on {', '.join(part.name for part in maps)} → {self.out}")
         paper = MemoryParams()
-        for name, mine, usual in (
-            ("a window", f"{memory.params.sigma_bins:g} bins wide", f"{paper.sigma_bins:g} bins wide"),
-            (
-                "a half life",
-                f"of {memory.params.half_life_touches:g} touches",
-                f"of {paper.half_life_touches:g} touches",
-            ),
-        ):
-            if mine != usual:
-                print(f"not carried: {name} {mine}; the robot's form has no place for it")
+        if memory.params.sigma_bins != paper.sigma_bins:
+            print(f"not carried: a window {memory.params.sigma_bins:g} bins wide; the robot's form has no place for it")
 
     def _from_robot(self) -> None:
         from learning.pps.memory import save_memory

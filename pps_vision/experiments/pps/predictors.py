@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import expit, logit
 from sklearn.isotonic import IsotonicRegression
 
-from learning.pps.contact import ContactParams, landing_gap, learn_contact, predict_contact
+from learning.pps.contact import ContactParams, learn_contact, predict_contact
 from learning.pps.memory import MemoryParams, activation, windows
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.touch_trial import TouchTrial
@@ -28,6 +28,7 @@ FOLDS = 8
 FINE = MemoryParams(bins=(32, 16))
 _POOLED = 0.2  # weight of the samples of every other taxel in the fine map
 _SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)
+_AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
 _FAR_M = 0.2  # landing points are not told apart beyond
 
 
@@ -153,3 +154,17 @@ METHODS: dict[str, Predictor] = {
     "landing point": by_landing,
     "fine map, displacement, landing, corrected": corrected(combined(by_fine_map, by_displacement, by_landing)),
 }
+
+
+def landing_gap(trial: Trial, radius_m: float, horizon_s: float) -> Array:
+    """(taxels,) m from each taxel to the surface of an object of that radius where its path, continued straight
+    `horizon_s` before the end, first meets one of them, or comes nearest; inf where no path was known."""
+    known = np.flatnonzero((trial.stamps_s <= trial.stamps_s[-1] - horizon_s + 1e-9) & np.isfinite(trial.d_m[:, 0, 0]))
+    if len(known) < 2:
+        return np.full(trial.d_m.shape[1], np.inf)
+    before, last = known[-3:][[0, -1]]
+    v = (trial.d_m[last] - trial.d_m[before]) / (trial.stamps_s[last] - trial.stamps_s[before])
+    gaps = np.linalg.norm(trial.d_m[last] + _AHEAD_S[:, None, None] * v, axis=2) - radius_m
+    nearest = gaps.min(axis=1)
+    landed: Array = gaps[(nearest <= 0).argmax() if (nearest <= 0).any() else nearest.argmin()]
+    return landed

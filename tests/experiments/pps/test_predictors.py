@@ -5,9 +5,10 @@ import pytest
 from data import SEED
 
 from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import Trial
 from pps_vision.experiments.pps import calibration
 from pps_vision.experiments.pps.perceived import FOREARM, at_horizon, displacements
-from pps_vision.experiments.pps.predictors import METHODS, Inputs
+from pps_vision.experiments.pps.predictors import METHODS, Inputs, landing_gap
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
 
@@ -86,3 +87,14 @@ def test_reliability_counts_every_prediction_once() -> None:
     assert found[9][0] == 100
     assert all(tenth is None for tenth in found[1:9])
     assert found[9][1] == pytest.approx(100 * 2 / (2 + 1.96**2), abs=0.1)  # Wilson: n / (n + z²)
+
+
+def test_a_straight_path_lands_where_geometry_says():
+    """Down the first taxel's normal at 0.1 m/s; a second taxel lies 4 cm beside.  Later samples have no influence."""
+    t = np.arange(0, 1.01, 0.05)
+    path = np.column_stack([np.zeros_like(t), np.zeros_like(t), 0.03 + 0.1 * (1.0 - t)])
+    path[t > 0.81] = np.nan
+    d = np.stack([path, path + np.array([0.04, 0.0, 0.0])], axis=1)
+    trial = Trial(t, d, np.zeros_like(d), np.array([True, False]))
+    np.testing.assert_allclose(landing_gap(trial, 0.03, 0.2), [0.0, 0.02], atol=1.1e-3)
+    assert np.isinf(landing_gap(trial, 0.03, 2.0)).all()

@@ -11,7 +11,6 @@ from trials_made_up import approach, session
 from learning.pps.contact import (
     ContactParams,
     displacements,
-    landing_gap,
     learn_contact,
     leave_one_out,
     predict_contact,
@@ -37,17 +36,6 @@ def test_paths_that_say_nothing_are_given_about_the_rate_of_touch():
     trials = [replace(approach(rng, 0, beside_m=0.015), touched=np.arange(3) == aim) for aim in aims]
     found = predict_contact(PARAMS, learn_contact(PARAMS, tuple(trials[:80])), tuple(trials[80:])).probability
     np.testing.assert_allclose(found.mean(axis=0), touch_rates(tuple(trials[:80])), atol=0.15)
-
-
-def test_a_straight_path_lands_where_geometry_says():
-    """Down the first taxel's normal at 0.1 m/s; a second taxel lies 4 cm beside.  Later samples are not looked at."""
-    t = np.arange(0, 1.01, 0.05)
-    path = np.column_stack([np.zeros_like(t), np.zeros_like(t), 0.03 + 0.1 * (1.0 - t)])
-    path[t > 0.81] = np.nan
-    d = np.stack([path, path + np.array([0.04, 0.0, 0.0])], axis=1)
-    trial = Trial(t, d, np.zeros_like(d), np.array([True, False]))
-    np.testing.assert_allclose(landing_gap(trial, 0.03, 0.2), [0.0, 0.02], atol=1.1e-3)
-    assert np.isinf(landing_gap(trial, 0.03, 2.0)).all()
 
 
 def test_before_any_contrast_the_nearer_taxel_is_the_likelier():

@@ -237,8 +237,8 @@ def test_a_single_array_and_a_missing_file_are_refused(tmp_path):
 def test_params_out_of_order_are_refused():
     with pytest.raises(ValueError, match="ranges from low to high"):
         MemoryParams(ttc_range_s=(3.0, 0.0))
-    with pytest.raises(ValueError, match="a half life above 0"):
-        MemoryParams(half_life_touches=0.0)
+    with pytest.raises(ValueError, match="a width above 0"):
+        MemoryParams(sigma_bins=0.0)
 
 
 def test_a_single_bin_may_stand_for_all_times():
@@ -254,65 +254,10 @@ def test_a_single_bin_may_stand_for_all_times():
         MemoryParams(ttc_range_s=(-np.inf, np.inf))
 
 
-def test_an_uncertain_stimulus_is_seen_through_a_wider_window():
-    """On a fine grid the window's variance is that of the kernel plus that of D: checked by SciPy's filter."""
-    params = MemoryParams(bins=(60, 40), sigma_bins=1.5)
-    memory = random_memory(3, params)
-    D, TTC, width_m, width_s = 0.05 + 0.5 * 0.3 / 60, 1.5 + 0.5 * 3 / 40, 0.3 / 60, 3 / 40
-    wider = gaussian_filter(memory.frequency, (0, np.sqrt(1.5**2 + 4), np.sqrt(1.5**2 + 1)), truncate=10)
-    found = activation(memory, np.full(N, D), np.full(N, TTC), (2 * width_m) ** 2, width_s**2)
-    np.testing.assert_allclose(found, wider[:, 30, 20], atol=1e-6)
-    one = np.where(np.arange(N) == 4, (2 * width_m) ** 2, 0.0)  # of one taxel only
-    mixed = activation(memory, np.full(N, D), np.full(N, TTC), one)
-    plain = activation(memory, np.full(N, D), np.full(N, TTC))
-    np.testing.assert_array_equal(np.flatnonzero(mixed != plain), [4])
-
-
 def test_a_window_far_narrower_than_a_bin_is_the_bin_itself():
     memory = random_memory(4, MemoryParams(sigma_bins=1e-6))
     at = -0.1 + 0.3 * 2.9 / 8, 3 * 1.2 / 4
     np.testing.assert_allclose(activation(memory, *(np.full(N, x) for x in at)), memory.frequency[:, 2, 1])
-
-
-def test_what_is_forgotten_halves_and_other_parts_keep_all():
-    params = MemoryParams(half_life_touches=2.0)
-    D, TTC = np.full((4, N), 0.1), np.ones((4, N))
-    memory = PPSMemory.empty(FOREARMS, params)
-    for _ in range(3):
-        memory = count_samples(memory, D, TTC, touched(0))
-    assert memory.counts[0].sum() == pytest.approx(4 * (1 + 0.5**0.5 + 0.5))
-    assert memory.counts[1, ..., 1].sum() == pytest.approx(memory.counts[0, ..., 0].sum())
-    before = memory.counts[0].sum()
-    memory = count_samples(memory, D, TTC, touched(N - 1))  # the other forearm
-    assert memory.counts[0].sum() == before
-    assert count_samples(memory, D + 1, TTC, touched(0)) is memory  # a touch without samples makes nothing forgotten
-
-
-def test_forgetting_keeps_the_frequency_of_what_is_not_seen_again():
-    memory = random_memory(5, MemoryParams(half_life_touches=3.0))
-    later = count_samples(memory, np.full((1, N), -0.09), np.full((1, N), 2.9), touched(0, N - 1))
-    away = (slice(None), slice(1, None), slice(None, -1))
-    np.testing.assert_allclose(later.frequency[away], memory.frequency[away])
-    assert later.counts[away].max() < memory.counts[away].max()
-
-
-def test_what_has_faded_below_one_sample_speaks_for_nothing():
-    memory = PPSMemory.empty(FOREARMS, MemoryParams(half_life_touches=1.0))
-    memory = count_samples(memory, np.full((4, N), 0.1), np.ones((4, N)), touched(0))
-    expected = []
-    for _ in range(6):
-        expected.append(memory.frequency[0, 5, 1])
-        memory = count_samples(memory, np.full((1, N), -0.09), np.full((1, N), 2.9), touched(0))
-    np.testing.assert_allclose(expected, [1, 1, 1, 0.5, 0.25, 0.125])  # of 4, 2, 1, ½ … samples
-
-
-def test_a_memory_that_forgets_is_saved_with_its_fractions(tmp_path):
-    memory = random_memory(6, MemoryParams(half_life_touches=7.0))
-    memory = count_samples(memory, np.full((1, N), 0.09), np.full((1, N), 2.9), touched(0))
-    save_memory(tmp_path / "memory.npz", memory)
-    again = load_memory(tmp_path / "memory.npz")
-    np.testing.assert_array_equal(again.counts, memory.counts)
-    assert again.params.half_life_touches == 7.0
 
 
 def test_counters_pass_two_to_the_31():

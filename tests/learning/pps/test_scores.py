@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
 
-from learning.pps.scores import auroc, brier, expected_calibration_error, log_loss, reliability
+from learning.pps.scores import auroc, brier, expected_calibration_error, reliability
 
 
 @pytest.mark.parametrize("levels", [3, 1000])
@@ -26,12 +26,6 @@ def test_auroc_of_extremes():
 def test_brier_score():
     assert brier([1, 0], [1.0, 0.0]) == 0
     assert brier([[1], [0]], [[0.5], [0.2]]) == pytest.approx((0.25 + 0.04) / 2)
-
-
-def test_log_loss():
-    assert log_loss([1, 0], [0.5, 0.5]) == pytest.approx(np.log(2))
-    assert log_loss([1, 0], [0.8, 0.1]) == pytest.approx(-(np.log(0.8) + np.log(0.9)) / 2)
-    assert log_loss([1], [0.0]) == pytest.approx(-np.log(0.005))
 
 
 def test_reliability_of_a_worked_out_case():
