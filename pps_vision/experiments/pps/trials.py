@@ -18,14 +18,11 @@ from learning.pps.touch_trial import TouchTrial
 from pps_vision import geometry, robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.movements import STEP_S, Movement, SessionName, gaze_mask, movements
-from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub
-from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.robot.skin import Skin, icub_skin
+from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, Track3D
 from rendering.eyes import Eyes
-from rendering.names import CarrierName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus
@@ -68,20 +65,21 @@ def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLD
 def render_trial(movement: Movement) -> TouchTrial:
     """Return a movement as tracked in rendered eye views, the eyes following the track."""
     is_marker = movement.stimulus == "marker"
-    icub, rig, skin, eyes = _eyes("none" if is_marker else "hand")
-    eyes.set_stimulus(make_stimulus(movement.stimulus))
+    icub, skin, stimulus = load_icub(), icub_skin(), make_stimulus(movement.stimulus)
+    rig = icub_rig(icub)
     rng = np.random.default_rng(int(_digest(movement), 16))  # the noise depends on the movement, not on the code
     tracker = Tracker(TrackerParams("marker" if is_marker else "generic"), rig, rng, own_body=Silhouette(icub))
     pipeline = Pipeline(PipelineParams(), icub, skin, tracker, PPSMemory.empty(skin), rng)
     tracks: list[Track3D] = []
     joints: list[Array] = []
     q = movement.joints_rad[0]
-    for t, arms, p in zip(movement.stamps_s, movement.joints_rad, movement.positions, strict=True):
-        q = np.where(gaze_mask(icub), q, arms)
-        step = pipeline.step(eyes.render(SceneState(q, p, rotation=movement.rotation), t, rng))
-        tracks.append(step.tracking.track)
-        joints.append(q)
-        q = icub.clamp(q + STEP_S * step.command.dq_rad_s)
+    with Eyes(icub, rig, stimulus, "none" if is_marker else "hand", Sensor(noise_sigma=NOISE_SIGMA)) as eyes:
+        for t, arms, p in zip(movement.stamps_s, movement.joints_rad, movement.positions, strict=True):
+            q = np.where(gaze_mask(icub), q, arms)
+            step = pipeline.step(eyes.render(SceneState(q, p, rotation=movement.rotation), t, rng))
+            tracks.append(step.tracking.track)
+            joints.append(q)
+            q = icub.clamp(q + STEP_S * step.command.dq_rad_s)
     return TouchTrial(
         movement.stamps_s,
         np.array(joints),
@@ -99,15 +97,6 @@ def _exact(movement: Movement) -> TouchTrial:
     path = (movement.joints_rad, movement.positions, movement.velocities)
     certain = np.zeros((n, 3, 3)), np.full(n, movement.radius_m)
     return TouchTrial(movement.stamps_s, *path, *certain, movement.touched, movement.aimed)
-
-
-@cache
-def _eyes(carrier: CarrierName) -> tuple[Robot, StereoRig, Skin, Eyes]:
-    """This process's robot, its calibrated cameras, its skin, and its rendered eye views."""
-    icub = load_icub()
-    rig = icub_rig(icub)
-    eyes = Eyes(icub, rig, make_stimulus("ball"), carrier, Sensor(noise_sigma=NOISE_SIGMA))
-    return icub, rig, icub_skin(), eyes
 
 
 def _render_to(movement: Movement, file: Path) -> None:
