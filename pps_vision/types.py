@@ -2,7 +2,7 @@
 
 Time is a stamp in seconds, lengths are metres, angles radians, image points pixels
 (integer coordinates are pixel centres).  A name says its unit where that is not obvious.
-`T_root_left` maps left-camera coordinates into the root frame.
+`T_root_left` maps left-camera coordinates into the root frame.  Arrays are read-only.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,16 @@ Array = NDArray[np.floating]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 CameraName = Literal["left", "right"]
+
+
+def _read_only(message: object, *names: str) -> None:
+    """Replace the named arrays of a message by read-only views; None stays."""
+    for name in names:
+        array = getattr(message, name)
+        if array is not None:
+            view = array.view()
+            view.flags.writeable = False
+            object.__setattr__(message, name, view)
 
 
 class Status(StrEnum):
@@ -42,6 +52,9 @@ class StereoFrame:
     joints_left_rad: Array | None = None
     joints_right_rad: Array | None = None
 
+    def __post_init__(self) -> None:
+        _read_only(self, "left", "right", "joints_left_rad", "joints_right_rad")
+
     @property
     def stamp_s(self) -> float:
         """Mean stamp of the pair; what is derived from both eyes carries it."""
@@ -65,6 +78,9 @@ class Detection2D:
     angular_radius_rad: float
     box_px: tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 
+    def __post_init__(self) -> None:
+        _read_only(self, "center_px", "cov_px")
+
 
 @dataclass(frozen=True, slots=True)
 class Truth:
@@ -84,6 +100,9 @@ class Truth:
     visible_left: bool
     visible_right: bool
 
+    def __post_init__(self) -> None:
+        _read_only(self, "position", "velocity", "left_px", "right_px")
+
 
 @dataclass(frozen=True, slots=True)
 class Observation3D:
@@ -95,6 +114,9 @@ class Observation3D:
     radius_m: float
     radius_var_m2: float
     residual_px: float  # how far the two eyes disagree with one point, RMS reprojection error
+
+    def __post_init__(self) -> None:
+        _read_only(self, "p_root", "cov_root")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +134,9 @@ class Track3D:
     radius_m: float
     radius_var_m2: float
     status: Status
+
+    def __post_init__(self) -> None:
+        _read_only(self, "mean", "cov")
 
     @property
     def position(self) -> Array:
@@ -148,6 +173,9 @@ class TaxelEvents:
     ttc_s: Array
     touched: Mask
 
+    def __post_init__(self) -> None:
+        _read_only(self, "distance_m", "ttc_s", "touched")
+
 
 @dataclass(frozen=True, slots=True)
 class Activation:
@@ -156,6 +184,9 @@ class Activation:
     stamp_s: float
     taxel_ids: tuple[str, ...]
     probability: Array
+
+    def __post_init__(self) -> None:
+        _read_only(self, "probability")
 
 
 class ReachStatus(StrEnum):
@@ -182,6 +213,9 @@ class Reachability:
     degree: float
     status: ReachStatus
 
+    def __post_init__(self) -> None:
+        _read_only(self, "gaze_rad")
+
     @property
     def is_reachable(self) -> bool:
         """Whether the hand may be sent there."""
@@ -199,3 +233,6 @@ class JointVelocity:
 
     stamp_s: float
     dq_rad_s: Array
+
+    def __post_init__(self) -> None:
+        _read_only(self, "dq_rad_s")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from control import avoidance, fixation, search
+from control import arbiter, avoidance, fixation, search
 from control.avoidance import AvoidanceParams, AvoidanceState
 from control.fixation import FixationParams
 from control.head import gaze_of
@@ -136,7 +136,7 @@ class Pipeline:
         searching, gaze_command = self._move_gaze(state, posture, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s
         self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels))
-        command = JointVelocity(stamp_s, arm_command.dq_rad_s + gaze_command.dq_rad_s)
+        command = arbiter.combine((arm_command, gaze_command))
         return PipelineStep(posture, tracking, events, felt, reachability, response, command)
 
     def finish(self) -> PPSMemory:

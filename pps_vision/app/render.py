@@ -133,7 +133,9 @@ class Render(RenderParams):
         if self.head == "still":
             return dq
         if self.head == "follow":
-            dq = fixation.step(fixation.FixationParams(gain_per_s=min(8.0, 0.6 / dt)), robot.at(q), p, v, dt).dq_rad_s
+            dq = fixation.step(
+                fixation.FixationParams(gain_per_s=min(8.0, 0.6 / dt)), robot.at(q), p, v, dt
+            ).dq_rad_s.copy()
         phase = 2 * np.pi * _SWAY_HZ
         yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
         dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)
