@@ -69,7 +69,6 @@ class Measures(Study):
         charts.bars(
             axis, list(numbers["maps"]), {n: [row[key] for row in rows] for n, key in series.items()}, "measure"
         )
-        axis.set_yscale("log")
         axis.legend(fontsize=8)
         return figure
 

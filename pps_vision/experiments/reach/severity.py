@@ -248,7 +248,7 @@ class Severity(Study):
 
 
 def _panels(numbers: dict[str, Any], metric: str, label: str, bound: float | None) -> Figure:
-    cases = {name: numbers[name] for name in DISTURBANCES}
+    cases = {name: numbers[name] for name in DISTURBANCES if metric == "je" or "label" not in name}
     figure, axes = charts.panels(len(cases), 4, 3.4, 3.2)
     for axis, (name, case) in zip(axes, cases.items(), strict=True):
         charts.severity(axis, case, metric, label if axis in axes[::4] else "", bound)

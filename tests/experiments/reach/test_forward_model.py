@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawn_study import run_and_draw
 
 from learning.reach.babbling import Babbled
 from pps_vision.experiments.reach import forward_model
@@ -31,9 +32,8 @@ def test_the_revolute_model_is_exact_and_lwpr_nearly_as_good_as_in_the_paper(mon
     names = ("model of revolute joints", "LWPR, each sample once")
     monkeypatch.setattr(forward_model, "METHODS", {name: METHODS[name] for name in names})
     study = ForwardModel(4, sizes=(200, 1600))
-    numbers = study.run()
+    numbers, _ = run_and_draw(study)
     exact, lwpr = (numbers["methods"][name] for name in names)
     assert exact[-1]["rmse_deg"] < 1e-3
     assert lwpr[-1]["rmse_deg"] < min(1.2, lwpr[0]["rmse_deg"])
-    assert len(study.chart(numbers).axes) == 3
     assert [row[0] for row in study.tables(numbers)[""].rows] == list(names)

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from drawn_study import run_and_draw
 
 from learning.reach.babbling import gaze_at_hand, random_arms
 from learning.reach.map import MapPrediction
@@ -50,12 +51,10 @@ def test_a_short_run_is_measured_and_drawn(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(in_loop, "_SECONDS", 0.6)
     monkeypatch.setattr(in_loop, "_N_TIMED", 10)
     study = InLoop(3, n=1, n_labels=400)
-    numbers = study.run()
+    numbers, _ = run_and_draw(study)
     assert 0 < numbers["frames"] <= 12
     assert numbers["right"][0] > 50
-    assert numbers["processor_ms"]["closed form"]["worst_rad"] < 1e-9
-    assert len(study.chart(numbers).axes) == 2
-    assert len(study.tables(numbers)[""].rows) == 7
+    assert all(low <= high for low, _, high in numbers["processor_ms"].values())
 
 
 def test_no_run_is_an_error() -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawn_study import run_and_draw
 
 from pps_vision.experiments.reach.lwpr import SETTINGS, LwprCross, judge, train
 
@@ -9,16 +10,15 @@ from pps_vision.experiments.reach.lwpr import SETTINGS, LwprCross, judge, train
 def test_constant_metrics_come_near_the_authors_error_with_a_tenth_of_the_points() -> None:
     setting = SETTINGS["constant metrics"]
     model, update_us = train(setting, np.random.default_rng(1), share=0.1)
-    found = judge(model, setting, np.random.default_rng(1))
-    assert found["nmse"] < 0.09
+    assert judge(model)["nmse"] < 0.09
     assert update_us > 0
 
 
 def test_study_draws_a_dot_per_model_and_a_range_per_setting() -> None:
     study = LwprCross(1, n=2, share=0.02)
-    numbers = study.run()
+    numbers, drawn = run_and_draw(study)
     assert set(numbers["settings"]) == set(SETTINGS)
-    fields, _ = study.chart(numbers).axes
+    fields, _ = drawn[""].axes
     assert len(fields.patches) == len(SETTINGS)
     assert all(len(line.get_xdata()) == 2 for line in fields.lines)
 
