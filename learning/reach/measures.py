@@ -9,7 +9,7 @@ from learning.reach.names import MeasureName
 from learning.reach.training import HandModel, MapParams
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import Approach, FarFromLimits, Manipulability, Measure
+from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Manipulability, Measure
 from pps_vision.types import Array
 
 _N_SAMPLED = 20_000  # postures among which the greatest manipulability is looked for
@@ -28,9 +28,9 @@ def hand_and_params(
 
 def _measure(
     name: MeasureName, point: EndPoint, lower: Array, upper: Array
-) -> Callable[[Array, Array], Measure] | Approach:
+) -> Callable[[Array, Array], Measure] | DirectionCoverage:
     if name == "approach":
-        return Approach()
+        return DirectionCoverage()
     if name == "joint-limits":
         return FarFromLimits
     if name == "isotropy":

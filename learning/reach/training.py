@@ -19,7 +19,7 @@ from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.inverse_kinematics import ForwardModel, solve_ik
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import Approach, FarFromLimits, Measure, approaches
+from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Measure, covered_directions
 from pps_vision.robot.two_stage import TwoStage, TwoStageParams, two_stage
 from pps_vision.types import Array, Mask
 
@@ -46,7 +46,7 @@ class HandModel:
     """What inverse kinematics has to know, in coordinates that need not be the root frame's: `forward` from arm joints
     to the hand's place; `points`, the places that gaze postures (N, 3) fixate; `gaze`, what fixates places within
     limits (NaN where these forbid it); `tried` (n, k), arm postures to start from where it is not known of all;
-    `normals`, joints (N, k) to the way (N, 3) the hand faces, for `Approach`."""
+    `normals`, joints (N, k) to the way (N, 3) the hand faces, for `DirectionCoverage`."""
 
     forward: ForwardModel
     points: Callable[[Array], Array]
@@ -73,7 +73,9 @@ class MapParams:
     max_error: float = 0.0
     n_babble: int = 100_000
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
-    measure: Callable[[Array, Array], Measure] | Approach = FarFromLimits  # of the joints' limits: what is good
+    measure: Callable[[Array, Array], Measure] | DirectionCoverage = (
+        FarFromLimits  # of the joints' limits: what is good
+    )
     # in the map's isotropic coordinates:
     border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
     node_spacing: float = 0.0026  # border points nearer to one another than this say the same
@@ -117,23 +119,23 @@ class ReachOracle:
         points, measure = self.hand.points(gaze), self.params.measure
         starts = self.starts(points)
         ends, inverse = (self.lower, self.upper), self.params.inverse
-        if isinstance(measure, Approach):
+        if isinstance(measure, DirectionCoverage):
             found = two_stage(self.forward, points, starts, *ends, FarFromLimits(*ends), inverse)
-            good = np.where(found.reachable, self._approached(points, starts, measure), np.nan)
+            good = np.where(found.reachable, self._covered(points, starts, measure), np.nan)
             return TwoStage(found.q_rad, found.error, found.reachable, good)
         return two_stage(self.forward, points, starts, *ends, measure(*ends), inverse)
 
-    def _approached(self, points: Array, starts: Array, approach: Approach) -> Array:
+    def _covered(self, points: Array, starts: Array, coverage: DirectionCoverage) -> Array:
         """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
         if self.hand.normals is None:
-            raise ValueError(f"{approach} of a hand of which is not known how it faces; expected its normals")
-        met = np.zeros((len(points), approach.n), bool)
+            raise ValueError(f"{coverage} of a hand without normals; expected its normals")
+        met = np.zeros((len(points), coverage.n), bool)
         ends, inverse = (self.lower, self.upper), self.params.inverse
         for start in starts:
             first = solve_ik(self.forward, points, start[None], *ends, inverse.reach)
             there = first.converged
-            met[there] |= approaches(
-                self.forward, self.hand.normals, points[there], first.q_rad[there], *ends, approach, inverse.improve
+            met[there] |= covered_directions(
+                self.forward, self.hand.normals, points[there], first.q_rad[there], *ends, coverage, inverse.improve
             )
         share: Array = met.mean(axis=1)
         return share
@@ -148,7 +150,7 @@ class ReachOracle:
         border[failed] = np.where(settled[:, None], self.hand.gaze(nearest, self._beyond()), np.nan)
         error = found.error.copy()
         error[failed] = np.where(settled, error[failed], np.nan)
-        return Labels(gaze, found.reachable, error, found.good, border)
+        return Labels(gaze, found.reachable, error, found.quality, border)
 
     def starts(self, points: Array) -> Array:
         """(2, n, k) for each point (n, 3), of the postures whose hand was nearest to it, the nearest and the one most

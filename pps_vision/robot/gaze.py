@@ -1,8 +1,8 @@
-"""Where the eyes meet: the fixation point of a gaze posture, and the posture that fixates a point.
+"""Gaze kinematics: the fixation point of a gaze posture, and the gaze posture that fixates a point.
 
-A gaze posture is (neck yaw, neck pitch, vergence) in rad (J, "gaze"); the eyes verge symmetrically
-(version 0) and every other joint is 0.  A pitch beyond the neck's own limit stands for the
-fixation point it would reach; on the robot the eyes' tilt helps the neck get there.
+A gaze posture is (neck yaw, neck pitch, vergence) in rad (J, "gaze"); the eyes verge symmetrically (version 0) and
+every other joint is 0.  A pitch beyond the neck's own limit stands for the fixation point it would have; on the robot
+the eyes' tilt adds to the neck's pitch.
 """
 
 from dataclasses import dataclass
@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array
 
 _DEG = np.pi / 180
-_SAME_RAD = 1e-9  # a gaze this far beyond a limit stands at it
+_ROUNDING_RAD = 1e-9  # a gaze this far beyond a limit counts as at the limit
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,11 @@ class GazeLimits:
     """(lower, upper) of each gaze joint in rad; defaults from J."""
 
     yaw_rad: tuple[float, float] = (-55 * _DEG, 55 * _DEG)
+    """Neck yaw."""
     pitch_rad: tuple[float, float] = (-40 * _DEG, 40 * _DEG)
+    """Neck pitch."""
     vergence_rad: tuple[float, float] = (5 * _DEG, 90 * _DEG)
+    """Vergence, above 0."""
 
     def __post_init__(self) -> None:
         if not np.all(self.lower < self.upper) or self.lower[2] <= 0:
@@ -43,8 +47,10 @@ class GazeLimits:
 
 
 def fixation_point(posture: Posture) -> Array | None:
-    """(3,) root: midpoint of the shortest segment between the optical axes; None where they do
-    not meet in front of the eyes."""
+    """(3,) midpoint of the shortest segment between the optical axes, root frame, m.
+
+    None where they do not meet in front of the eyes.
+    """
     names = posture.robot.names
     left, right = posture.T_root(names.left_eye), posture.T_root(names.right_eye)
     meeting = _meeting_points(left[None, :3, 3], left[None, :3, 2], right[None, :3, 3], right[None, :3, 2])[0]
@@ -52,8 +58,10 @@ def fixation_point(posture: Posture) -> Array | None:
 
 
 def fixated_gaze(posture: Posture, limits: GazeLimits | None = None) -> Array:
-    """(3,) rad: the gaze posture that stands for what the eyes fixate, however tilt, version and torso are; NaN where
-    the limits forbid it."""
+    """(3,) gaze posture, rad, with the fixation point of a posture of any tilt, version and torso.
+
+    The torso carries eyes and arms, so it counts as upright.  NaN where the limits forbid the gaze.
+    """
     point = fixation_point(posture)
     if point is None:
         return np.full(3, np.nan)
@@ -62,24 +70,24 @@ def fixated_gaze(posture: Posture, limits: GazeLimits | None = None) -> Array:
 
 
 def fixation_points(robot: Robot, gaze_rad: ArrayLike) -> Array:
-    """(N, 3) root: fixation points of gaze postures (N, 3); NaN where the axes do not meet."""
+    """(N, 3) fixation points of gaze postures (N, 3), root frame, m; NaN where the axes do not meet."""
     return GazeModel(robot).points(np.asarray(gaze_rad, dtype=float))
 
 
 def gaze_for_points(robot: Robot, points_root: ArrayLike, limits: GazeLimits | None = None) -> Array:
-    """(N, 3) rad: the gaze postures that fixate points (N, 3); NaN where the limits forbid it."""
+    """(N, 3) gaze postures, rad, that fixate points (N, 3); NaN where the limits forbid it."""
     return GazeModel(robot).gaze(np.asarray(points_root, dtype=float), limits)
 
 
 class GazeModel:
-    """Gaze postures and fixation points of one robot, its kinematics read once.
+    """Gaze postures and fixation points of one robot, whose kinematics are read once.
 
-    The gaze is computed in closed form (see `_closed_form`): 25 µs a point, a map is asked in every frame; damped
-    least squares takes 0.9 ms.
+    The gaze is computed in closed form (see `_closed_form`), since the map is queried in every frame: 25 µs per point,
+    against 0.9 ms by damped least squares.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """ValueError for a head that the closed form does not describe: a round trip through `points` must return."""
+        """InputError for a head that the closed form does not describe (a round trip through `points` fails)."""
         names = robot.names
         yaw, pitch, _, left_pan, right_pan = names.gaze_joints
         self._left = Chain.of(robot, (yaw, pitch, left_pan), names.left_eye)
@@ -96,35 +104,38 @@ class GazeModel:
         self._yaw_axis = (on_yaw_axis - self._on_pitch_axis) @ self._axes
         self._eyes = (0.5 * (left + right) - self._on_pitch_axis) @ self._axes
         self._half_baseline_m = 0.5 * float(np.linalg.norm(right - left))
-        tried = np.array(np.meshgrid([-0.7, 0.3], [-0.6, 0.4], [0.1, 1.2])).reshape(3, -1).T
-        if not np.allclose(self._closed_form(self.points(tried)), tried, atol=1e-9):
-            raise ValueError(
-                f"gaze joints {', '.join(names.gaze_joints)}: expected a neck that pitches, then yaws, and eyes that "
-                "pan about axes parallel to the yaw axis, symmetric to the neck"
+        samples = np.array(np.meshgrid([-0.7, 0.3], [-0.6, 0.4], [0.1, 1.2])).reshape(3, -1).T
+        if not np.allclose(self._closed_form(self.points(samples)), samples, atol=1e-9):
+            raise InputError(
+                robot.urdf,
+                f"gaze joints {', '.join(names.gaze_joints)}; expected a neck that pitches, then yaws, and eyes that "
+                "pan about axes parallel to the yaw axis, symmetric to the neck",
             )
 
     def points(self, gaze_rad: Array) -> Array:
-        """(N, 3) root: fixation points of gaze postures (N, 3), torso at zero; NaN where the axes do not meet."""
+        """(N, 3) fixation points of gaze postures (N, 3), torso at zero; NaN where the axes do not meet."""
         half = np.array([1.0, 1.0, 0.5])
         R_left, c_left = self._left.frames(gaze_rad * half)
         R_right, c_right = self._right.frames(gaze_rad * half * [1, 1, -1])
         return _meeting_points(c_left, R_left[:, :, 2], c_right, R_right[:, :, 2])
 
     def gaze(self, points: Array, limits: GazeLimits | None = None) -> Array:
-        """(N, 3) rad: the gaze postures that fixate points (N, 3), torso at zero; NaN where the limits forbid it."""
+        """(N, 3) gaze postures that fixate points (N, 3), torso at zero; NaN where the limits forbid it."""
         limits = limits or GazeLimits()
         gaze, lower, upper = self._closed_form(points), limits.lower, limits.upper
-        within = np.all((gaze >= lower - _SAME_RAD) & (gaze <= upper + _SAME_RAD), axis=1)
+        within = np.all((gaze >= lower - _ROUNDING_RAD) & (gaze <= upper + _ROUNDING_RAD), axis=1)
         return np.where(within[:, None], gaze.clip(lower, upper), np.nan)
 
     def to_upright(self, q_rad: Array, p_root: Array) -> Array:
-        """(3,) where a point (3,) of the root frame lies for the head and the arms if the torso, which carries both, is
-        turned from the configuration q (n_joints,) back to zero."""
+        """(3,) position, root frame, of a point (3,) that the torso carries from configuration q (n_joints,) to zero.
+
+        That is where it lies for the head and the arms, which the torso carries too.
+        """
         p_eye = move_points(inverse(self._trunk.pose(q_rad[self._trunk_joints])), p_root)
         return move_points(self._trunk.T_root_frame, p_eye)
 
     def _closed_form(self, points: Array) -> Array:
-        """(N, 3) rad: the gaze that fixates points (N, 3), limits aside; NaN where there is none.
+        """(N, 3) gaze postures that fixate points (N, 3), whatever the limits; NaN where there is none.
 
         Of a neck that pitches first, then yaws, and of eyes that pan about axes parallel to the yaw axis and through
         their centres, one as far to the left of the neck as the other to the right.  The plane of sight then stays at

@@ -24,7 +24,7 @@ HOME_ARM_RAD = tuple(float(a) for a in np.deg2rad(HOME_ARM_DEG))
 
 
 def load_icub() -> Robot:
-    """The iCub's upper body, from our own URDF."""
+    """The iCub's upper body, from the package's URDF."""
     with as_file(files("pps_vision.robot") / "icub.urdf") as urdf:
         return Robot(urdf)
 

@@ -50,21 +50,21 @@ def walk(
     return best_q, best
 
 
-def approaches(
+def covered_directions(
     forward: ForwardModel,
     normals: Callable[[Array], Array],
     targets: Array,
     q: Array,
     lower: Array,
     upper: Array,
-    approach: "Approach",
+    coverage: "DirectionCoverage",
     params: WalkParams,
 ) -> Mask:
     """(N, n) which directions the hand's normal takes within the limits on the curve through each `q` (N, k).
 
     `targets` (N, m) are what the postures `q` reach; `normals` q (N, k) → unit normals (N, 3); limits (k,) rad.
     """
-    min_cosine, directions = np.cos(approach.within_rad), approach.directions
+    min_cosine, directions = np.cos(coverage.within_rad), coverage.directions
     met: Mask = normals(q) @ directions.T >= min_cosine
     for here, _, valid in _visited(forward, targets, q, lower, upper, params.step_rad, params.steps, params.tolerance):
         met |= valid[:, None] & (normals(here) @ directions.T >= min_cosine)
@@ -135,7 +135,7 @@ class Manipulability:
 
 
 @dataclass(frozen=True)
-class Approach:
+class DirectionCoverage:
     """Share of directions from which the hand can come to a place, the wrist kept still (Zacharias' capability map).
 
     Over all postures that reach the place; so it is no `Measure` of one posture.

@@ -35,7 +35,7 @@ class TwoStage:
     """(N,) smallest distance between hand and target, m."""
     reachable: Mask
     """(N,) whether a posture reaches the target."""
-    good: Array
+    quality: Array
     """(N,) quality of the best posture, NaN out of reach."""
 
 
@@ -63,17 +63,17 @@ def two_stage(
 
 def best_of_starts(reach: ReachStage, improve: ImproveStage, targets: Array, starts: Array) -> TwoStage:
     """Run both stages from every start (S, N, k) and keep the best posture of each target (N, m)."""
-    best_q, best_error, good = starts[0].copy(), np.full(len(targets), np.inf), np.full(len(targets), -np.inf)
+    best_q, best_error, best = starts[0].copy(), np.full(len(targets), np.inf), np.full(len(targets), -np.inf)
     for start in starts:
         first = reach(targets, start)
-        nearer = (first.error < best_error) & (good == -np.inf)
+        nearer = (first.error < best_error) & (best == -np.inf)
         best_q = np.where(nearer[:, None], first.q_rad, best_q)
         best_error = np.minimum(first.error, best_error)
         reached = np.flatnonzero(first.converged)
         if len(reached):
             q, quality = improve(targets[reached], first.q_rad[reached])
-            better = quality > good[reached]
+            better = quality > best[reached]
             best_q[reached] = np.where(better[:, None], q, best_q[reached])
-            good[reached] = np.where(better, quality, good[reached])
-    reachable = good > -np.inf
-    return TwoStage(best_q, best_error, reachable, np.where(reachable, good, np.nan))
+            best[reached] = np.where(better, quality, best[reached])
+    reachable = best > -np.inf
+    return TwoStage(best_q, best_error, reachable, np.where(reachable, best, np.nan))

@@ -107,7 +107,18 @@ def test_the_answer_persists_then_the_arm_goes_home_smoothly_and_rests(robot: Ro
     homeward = palm[12 + n_persist :]
     assert np.linalg.norm(np.diff(homeward, axis=0), axis=1).max() < 0.1 * DT * 1.05
     assert np.linalg.norm(np.diff(homeward, 2, axis=0), axis=1).max() < 0.1 * DT / 3  # no jump of speed
+    eased = 0.1 * DT * np.arange(6) * DT / AT_ONCE.ease_in_s  # from rest to full speed in six steps
+    assert np.all(np.linalg.norm(np.diff(homeward, axis=0), axis=1)[:6] <= eased * 1.05 + 1e-9)
     assert np.linalg.norm(palm[-1] - palm[0]) < 0.003
+
+
+def test_the_return_keeps_the_joints_rate_limit(robot: Robot) -> None:
+    """Forearm and wrist far from home move the palm little, so its speed limit does not slow them."""
+    q = home(robot)
+    q[robot.indices(("left_wrist_prosupination", "left_wrist_pitch"))] += (80 * DEG, -50 * DEG)
+    _, command, response = step(PARAMS, AvoidanceState("return"), robot.at(q), FOREARM, np.zeros(12), 1.0)
+    assert response.mode == "return"
+    assert np.abs(command.dq_rad_s).max() <= PARAMS.arm.max_rate_rad_s + 1e-9
 
 
 def test_what_is_felt_for_three_frames_only_is_not_answered(robot: Robot) -> None:

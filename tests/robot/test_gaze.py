@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
 from pps_vision.robot.gaze import GazeLimits, GazeModel, fixated_gaze, fixation_point, fixation_points, gaze_for_points
 from pps_vision.robot.icub import home, load_icub, set_gaze
@@ -167,7 +168,7 @@ def test_another_head_that_pitches_first(tmp_path):
 
 
 def test_a_head_that_yaws_first_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="expected a neck that pitches, then yaws"):
+    with pytest.raises(InputError, match="expected a neck that pitches, then yaws"):
         GazeModel(head(tmp_path, yaw_first=True))
 
 

@@ -42,10 +42,10 @@ def test_the_batch_against_the_closed_form():
     assert (off[found.reachable] <= 1e-4).all()
     assert np.all((found.q_rad >= LOWER) & (found.q_rad <= UPPER))
     both = found.reachable & reachable
-    short = (1 - effort[both]) - found.good[both]
+    short = (1 - effort[both]) - found.quality[both]
     assert short.min() > -5e-3, "better than the best: only by what the tolerance allows"
     assert np.quantile(short, 0.95) < 0.01
-    assert np.isnan(found.good[~found.reachable]).all()
+    assert np.isnan(found.quality[~found.reachable]).all()
 
 
 def test_what_does_not_converge_is_not_called_reachable():

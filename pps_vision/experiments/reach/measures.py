@@ -17,7 +17,7 @@ from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.robot.self_motion import Approach
+from pps_vision.robot.self_motion import DirectionCoverage
 from pps_vision.types import Array
 
 _CURVE, _ROWS = 121, 100  # postures per curve; gaze postures at a time
@@ -90,7 +90,7 @@ def best_measure(robot: Robot, side: str, end_point: str, params: MapParams, gaz
     for some in np.array_split(np.flatnonzero(np.isfinite(exact[:, 0])), max(len(gaze) // _ROWS, 1)):
         q = np.concatenate([arm.curves(places[some], _CURVE), exact[some, None]], axis=1)
         known = np.isfinite(q[..., 0])
-        if isinstance(params.measure, Approach):
+        if isinstance(params.measure, DirectionCoverage):
             near, directions = np.cos(params.measure.within_rad), params.measure.directions
             normals = [point.normals(one[ok]) for one, ok in zip(q, known, strict=True)]
             best[some] = [(normal @ directions.T >= near).any(axis=0).mean() for normal in normals]

@@ -139,7 +139,7 @@ class Solvers(Study):
 
 def _judge(found: TwoStage, problems: Problems) -> dict[str, Any]:
     """Return verdicts and optimality against the closed form; those within the solver's tolerance of 0.1 mm apart."""
-    reachable, good = np.asarray(found.reachable), np.asarray(found.good)
+    reachable, good = np.asarray(found.reachable), np.asarray(found.quality)
     both = reachable & problems.reachable
     return {
         "closed_form_percent": 100 * float(np.mean(reachable == problems.reachable)),

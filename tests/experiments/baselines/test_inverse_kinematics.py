@@ -32,6 +32,6 @@ def test_no_posture_is_better_than_the_best_and_none_is_found_out_of_reach(solve
     assert found.reachable[reachable & certain].mean() >= 0.5, "two starts do not find all"
     both = found.reachable & reachable
     assert both.any()
-    assert (found.good[both] <= 1 - effort[both] + 5e-3).all()
+    assert (found.quality[both] <= 1 - effort[both] + 5e-3).all()
     assert np.linalg.norm(CHAIN.positions(found.q_rad[both])[0] - points[both], axis=1).max() <= 1e-4
-    np.testing.assert_allclose(found.good[both], EFFORT(found.q_rad[both], None), atol=1e-12)
+    np.testing.assert_allclose(found.quality[both], EFFORT(found.q_rad[both], None), atol=1e-12)

@@ -12,7 +12,7 @@ from pps_vision.experiments.reach.measures import best_measure
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.self_motion import Approach
+from pps_vision.robot.self_motion import DirectionCoverage
 from pps_vision.robot.skin import icub_skin
 
 ROBOT, LIMITS = load_icub(), GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # arms are seen from above
@@ -66,7 +66,7 @@ def test_labels_are_what_the_whole_curve_says(side, end_point, measure, toleranc
 
 
 def test_directions_are_spread_evenly():
-    directions = Approach().directions
+    directions = DirectionCoverage().directions
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
     np.testing.assert_allclose(directions.mean(axis=0), 0, atol=0.01)
     one = directions @ np.array([0.6, 0.0, 0.8]) >= np.cos(np.deg2rad(20))
