@@ -29,7 +29,7 @@ FINE = MemoryParams(bins=(32, 16))
 _POOLED = 0.2  # weight of the samples of every other taxel in the fine map
 _SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)
 _AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
-_FAR_M = 0.2  # landing points are not told apart beyond
+_FAR_M = 0.2  # distances beyond count as this one
 
 
 @dataclass(frozen=True)

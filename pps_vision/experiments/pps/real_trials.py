@@ -18,13 +18,13 @@ from learning.pps.scores import auroc, brier
 from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.calibration import BINS, scores
+from pps_vision.experiments.pps.perceived import HORIZON_S
 from pps_vision.experiments.pps.simulated_sessions import two_sessions
 from pps_vision.experiments.pps.trial_methods import METHODS, OURS, Indices, Method, in_blocks, leave_one_out, outcomes
 from pps_vision.experiments.study import DATA, Study, interval, mean
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask
 
-HORIZON_S = 0.15
 HORIZONS_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5)
 OFFSETS_M = (0.0, 0.01, 0.02)
 BLOCKS = 4
@@ -106,13 +106,23 @@ class RealTrials(Study):
         return {"methods": methods, "horizon": horizon, "reliability": reliability}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the scores by method."""
+        """Return the scores by method, and of ours on another session."""
         if "skipped" in numbers:
             return {}
-        keys = [(split, key) for split in _SPLITS for key in ("auroc", "brier")]
-        rows = [[m, *(estimate(of[split][key]) for split, key in keys)] for m, of in numbers["methods"].items()]
+        splits = [(split, key) for split in _SPLITS for key in ("auroc", "brier")]
+        rows = [[m, *(estimate(of[split][key]) for split, key in splits)] for m, of in numbers["methods"].items()]
         names = {"auroc": "AUROC", "brier": "Brier score"}
-        return {"": Table(["", *(f"{names[key]}, {_SPLITS[split]}" for split, key in keys)], rows)}
+        ours = Table(["", *(f"{names[key]}, {_SPLITS[split]}" for split, key in splits)], rows)
+        keys = ("auroc", "brier", "base_rate_brier", "both_better_percent")
+        rows = []
+        for name in OTHER_SESSION:
+            simulated = {"offset_m": None, **numbers["simulated_sessions"][name]}
+            for of in [*numbers["other_session"][name], simulated]:
+                offset_m = of["offset_m"]
+                session = "simulated" if offset_m is None else f"real, displaced by {1000 * offset_m:g} mm"
+                rows.append([f"{session}, {name}", *(f"{of[key]:.3g}" for key in keys)])
+        other = Table(["test session, method", "AUROC", "Brier score", "base rate's", "both better than its (%)"], rows)
+        return {"": ours, "other_session": other}
 
 
 _SPLITS = {"leave_one_out": "leaving one out", "blocked": "by quarters of the session"}

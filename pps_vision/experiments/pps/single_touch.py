@@ -1,4 +1,4 @@
-"""What a single touch teaches: when the touched taxel predicts the same approach again."""
+"""What is learned from a single touch: when the touched taxel predicts the same approach again."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,6 +10,7 @@ from learning.pps.memory import MemoryParams, activation, count_samples
 from pps_vision.experiments.baselines.single_taxel import Simulation, empty_map, from_taxel, simulate
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.study import Study
+from pps_vision.experiments.tables import Table
 from pps_vision.types import Array
 
 THRESHOLD = 0.4  # activation that starts avoidance (R)
@@ -75,6 +76,14 @@ class SingleTouch(Study):
         axis.set_ylim(0, 1)
         axis.legend(fontsize=8)
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the share of approaches above the threshold 0.3 s before the touch."""
+        approaches = numbers["approaches"]
+        rows = [
+            [label, *(f"{maps[label]['above_at_lead_percent']:g}" for maps in approaches.values())] for label in MAPS
+        ]
+        return {"": Table([f"above {THRESHOLD} at {LEAD_S} s (%)", *approaches], rows)}
 
 
 def repeat_approaches(
