@@ -1,21 +1,20 @@
-"""A pinhole camera with OpenCV lens distortion, a camera at a place, and a pair of them."""
+"""Cameras: pinhole with OpenCV's lens distortion, a camera at a pose, a stereo pair, a stereo rig."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pps_vision.geometry.compiled import Lens, Linearised, Pose, Vector, projected, projected_from
+from pps_vision.geometry.compiled import Lens, Linearised, Pose, Vector, projected, projected_from, projected_points
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.types import Array, StereoFrame
 
-_GRID = 17  # pixels a side at which a lens is tried
-_INVERTED_PX = 1.0  # how well distorting must undo undistorting
-_NARROWEST_RAD = 0.01  # no camera sees less of the world than half a degree
+_GRID = 17  # pixels a side at which `is_usable` tests a lens
+_INVERTED_PX = 1.0  # largest error of distorting an undistorted pixel
+_NARROWEST_RAD = 0.01  # smallest field of view of a camera
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
@@ -49,14 +48,14 @@ class Camera:
 
     @cached_property
     def numbers(self) -> Lens:
-        """Intrinsics and distortion in plain floats, and `_r2_max`."""
+        """Intrinsics, distortion and `_r2_max` in plain floats, as the compiled functions take them."""
         k1, k2, p1, p2, k3 = map(float, self.distortion)
         return float(self.fx), float(self.fy), float(self.cx), float(self.cy), k1, k2, p1, p2, k3, self._r2_max
 
     @cached_property
     def _r2_max(self) -> float:
-        """Squared normalised radius up to which the distortion is one-to-one (with a margin
-        beyond the image, so that points just outside still project)."""
+        """Squared normalised radius up to which the distortion is one-to-one: the smallest positive root of
+        d(r·radial(r²))/dr = 1 + 3 k1 r² + 5 k2 r⁴ + 7 k3 r⁶."""
         k1, k2, _, _, k3 = self.distortion
         roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
         real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real
@@ -68,27 +67,17 @@ class Camera:
         p = np.asarray(points, dtype=float)
         if p.ndim == 1:
             return np.array(self.pixel(*p.tolist()))
-        z = np.where(p[..., 2] > 1e-9, p[..., 2], np.nan)
-        x, y = p[..., 0] / z, p[..., 1] / z
-        r2 = x * x + y * y
-        xd, yd = self._distort(x, y, np.where(r2 < self._r2_max, r2, np.nan))
-        return np.stack([self.fx * xd + self.cx, self.fy * yd + self.cy], axis=-1)
+        return projected_points(self.numbers, np.ascontiguousarray(p.reshape(-1, 3))).reshape(*p.shape[:-1], 2)
 
     def pixel(self, X: float, Y: float, Z: float) -> tuple[float, float]:
-        """The same for a single point, in plain floats, which is much faster than arrays of one."""
+        """Pixel u, v of one point in camera coordinates, in plain floats (10 times as fast as an array of one)."""
         return projected(self.numbers, X, Y, Z)[:2]
 
-    def _distort(self, x: Any, y: Any, r2: Any) -> tuple[Any, Any]:
-        k1, k2, p1, p2, k3 = self.distortion
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        )
-
     def project_linearised(self, X: float, Y: float, Z: float) -> Linearised:
-        """The pixel u, v of a point in camera coordinates, and by it ∂u and ∂v, px/m; in plain floats, NaN where it
-        cannot be seen."""
+        """Pixel u, v of one point in camera coordinates, and the gradients of u and v by it (px/m), in plain floats.
+
+        NaN where the point cannot be seen.
+        """
         return projected(self.numbers, X, Y, Z)
 
     def project_jacobian(self, point: ArrayLike) -> Array:
@@ -149,7 +138,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class View:
-    """A camera at a place: projects root-frame points and casts root-frame rays."""
+    """A camera at a pose: projects root-frame points and casts root-frame rays."""
 
     camera: Camera
     T_root_camera: Array
@@ -166,7 +155,7 @@ class View:
 
     @property
     def place(self) -> Vector:
-        """The same in plain floats."""
+        """The optical centre in plain floats."""
         pose = self.pose
         return pose[3], pose[7], pose[11]
 
@@ -178,12 +167,12 @@ class View:
         return self.camera.project(move_points(self.T_camera_root, points))
 
     def pixel(self, x: float, y: float, z: float) -> tuple[float, float]:
-        """The same for a single point, in plain floats."""
+        """Pixel u, v of one root-frame point, in plain floats."""
         return projected_from(self.pose, self.camera.numbers, x, y, z)[:2]
 
     def project_linearised(self, x: float, y: float, z: float) -> Linearised:
-        """The pixel u, v of a root-frame point, and by it ∂u and ∂v, px/m; in plain floats, NaN where it cannot be
-        seen."""
+        """Pixel u, v of one root-frame point, and the gradients of u and v by it (px/m), in plain floats; NaN where it
+        cannot be seen."""
         return projected_from(self.pose, self.camera.numbers, x, y, z)
 
     def project_jacobian(self, point_root: ArrayLike) -> Array:
@@ -208,7 +197,7 @@ class View:
 
 @dataclass(frozen=True)
 class StereoView:
-    """Both eyes at one moment."""
+    """Both cameras at one instant."""
 
     left: View
     right: View
@@ -216,7 +205,7 @@ class StereoView:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """Two cameras and where they are for given joints.
+    """Two cameras and their poses for given joints.
 
     `eye_poses(joints)` returns (T_root_left, T_root_right); a fixed pair ignores its argument.
     """
@@ -232,12 +221,12 @@ class StereoRig:
         return cls(left, right, lambda _: poses)
 
     def view(self, joints_left: Array | None = None, joints_right: Array | None = None) -> StereoView:
-        """Both eyes, each at its own joints (`joints_right` defaults to `joints_left`)."""
+        """Both cameras, each at its own joints (`joints_right` defaults to `joints_left`)."""
         T_root_left, T_root_right = self.eye_poses(joints_left)
         if joints_right is not None and (joints_left is None or joints_right.tolist() != joints_left.tolist()):
             T_root_right = self.eye_poses(joints_right)[1]
         return StereoView(View(self.left, T_root_left), View(self.right, T_root_right))
 
     def view_of(self, frame: StereoFrame) -> StereoView:
-        """Both eyes as they were when each image of the frame was taken."""
+        """Both cameras at the stamps of the frame's images."""
         return self.view(frame.joints_left_rad, frame.joints_right_rad)

@@ -1,34 +1,35 @@
-"""What a lens and two eyes do to a single point, compiled by numba: in Python, most of the time would go into the
-language.
+"""Projection and triangulation of single points, compiled by numba.
 
-Each function is compiled when it is first called, which takes seconds once; the code is then kept beside this file.
-They call none of another file, for numba would not see that one change.
+A function is compiled at its first call, which takes seconds once, and cached beside this file.  Functions here call
+none of another file, because numba's cache does not notice when that one changes.
 """
 
 import math
 
+import numpy as np
 from numba import njit
+
+from pps_vision.types import Array
 
 Vector = tuple[float, float, float]
 Lens = tuple[float, float, float, float, float, float, float, float, float, float]
 """fx, fy, cx, cy px; k1, k2, p1, p2, k3 as OpenCV's; the squared radius (of x = X/Z, y = Y/Z) where it folds back."""
 Pose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
-"""The first three rows of `T_root_camera`, one after the other."""
+"""The first three rows of `T_root_camera`."""
 Linearised = tuple[float, float, Vector, Vector]
-"""A pixel u, v, and ∂u and ∂v by the point that it is the image of, px/m."""
+"""A pixel u, v, and the gradients of u and v by the point (px/m)."""
 Measured = tuple[Pose, Lens, float, float, float, float, float]
-"""An eye, the pixel u, v it measured, and the covariance uu, uv, vv of that, px²."""
+"""Pose and lens of a camera, the measured pixel u, v, and its covariance uu, uv, vv (px²)."""
 
-_ROUNDS = 20  # two are usual; a strong lens takes more, for it is undone along the way
-_SETTLED = 1e-5  # a round that moves the rays so far (rad) leaves about 1e-11, for what is left goes by the square
-PARALLEL = 1e-10  # squared sine of the angle between rays that do not meet
-_UNDONE = 5  # rounds in which a lens is undone, before
+_ITERATIONS = 20  # of Kanatani's correction: 2 are usual, a strong lens takes more
+_CONVERGED_RAD = 1e-5  # of one iteration; convergence is quadratic, so about 1e-11 is left
+PARALLEL = 1e-10  # squared sine of the angle between rays that count as parallel
+_UNDISTORT_ITERATIONS = 5  # the correction above finishes the inversion
 
 
 @njit(cache=True, error_model="numpy")
 def distorted(lens: Lens, x: float, y: float) -> tuple[float, float, float, float, float, float]:
-    """Pixel (u, v) of a normalised point (X/Z, Y/Z), and ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y there, px; without a look at
-    where the distortion folds back."""
+    """Pixel u, v of a normalised point (X/Z, Y/Z), and ∂u/∂x, ∂u/∂y, ∂v/∂x, ∂v/∂y (px); no test of the fold."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3, _ = lens
     x2, xy, y2 = x * x, x * y, y * y
     r2 = x2 + y2
@@ -43,8 +44,7 @@ def distorted(lens: Lens, x: float, y: float) -> tuple[float, float, float, floa
 
 @njit(cache=True, error_model="numpy")
 def projected(lens: Lens, X: float, Y: float, Z: float) -> Linearised:
-    """The image of a point in camera coordinates, NaN where it cannot be seen: behind the camera, or so far aside
-    that the distortion folds back."""
+    """Projection of a point in camera coordinates; NaN behind the camera and where the distortion folds back."""
     if Z > 1e-9:
         x, y = X / Z, Y / Z
         if x * x + y * y < lens[9]:
@@ -55,8 +55,18 @@ def projected(lens: Lens, X: float, Y: float, Z: float) -> Linearised:
 
 
 @njit(cache=True, error_model="numpy")
+def projected_points(lens: Lens, points: Array) -> Array:
+    """Pixels (n, 2) of points (n, 3) in camera coordinates, as `projected`."""
+    pixels = np.empty((len(points), 2))
+    for k in range(len(points)):
+        u, v, _, _ = projected(lens, points[k, 0], points[k, 1], points[k, 2])
+        pixels[k, 0], pixels[k, 1] = u, v
+    return pixels
+
+
+@njit(cache=True, error_model="numpy")
 def projected_from(pose: Pose, lens: Lens, x: float, y: float, z: float) -> Linearised:
-    """The same for a point in the root frame and an eye at that pose."""
+    """Projection of a point in the root frame by a camera at a pose."""
     a, b, c, px, d, e, f, py, g, h, i, pz = pose
     x, y, z = x - px, y - py, z - pz
     X, Y, Z = a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
@@ -65,31 +75,34 @@ def projected_from(pose: Pose, lens: Lens, x: float, y: float, z: float) -> Line
 
 
 @njit(cache=True, error_model="numpy")
-def met(
+def triangulated(
     left: Measured, right: Measured
 ) -> tuple[bool, Vector, tuple[float, float, float, float, float, float], float, float]:
-    """Where the rays of two pixels meet once both are moved, each as its covariance lets it (Kanatani's optimal
-    correction): whether they do, in front of both eyes; the point; the upper half of its covariance, row by row; by
-    how many px² the pixels were moved, and what that costs (χ²)."""
+    """Triangulation after Kanatani's optimal correction: the pixels are moved by the least Mahalanobis distance that
+    makes their rays meet.
+
+    Returns whether they meet in front of both cameras; the point; the upper half of its covariance, row by row; the
+    squared length of the correction (px²); and its squared Mahalanobis distance (χ²).
+    """
     nothing = False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
     p, q = left[0], right[0]
     gap = q[3] - p[3], q[7] - p[7], q[11] - p[11]
-    x, y, settled, chi2, moved2 = _undistorted(left), _undistorted(right), False, 0.0, 0.0
-    for _ in range(_ROUNDS):
+    x, y, converged, chi2, moved2 = _undistorted(left), _undistorted(right), False, 0.0, 0.0
+    for _ in range(_ITERATIONS):
         a, b = _turned(p, x[0], x[1], 1.0), _turned(q, y[0], y[1], 1.0)
-        plane = _cross(gap, a)  # it holds the gap and the left ray
-        off_left, var_left, pull_left = _look(left, x, _cross(b, gap))
-        off_right, var_right, pull_right = _look(right, y, plane)
+        plane = _cross(gap, a)  # normal of the epipolar plane of the left ray
+        off_left, var_left, pull_left = _linearise(left, x, _cross(b, gap))
+        off_right, var_right, pull_right = _linearise(right, y, plane)
         off, var = _dot(b, plane) + off_left + off_right, var_left + var_right
         x, far_left, moved2_left = _moved(x, pull_left, off / var)
         y, far_right, moved2_right = _moved(y, pull_right, off / var)
-        if far_left + far_right < _SETTLED:
-            settled, chi2, moved2 = True, off * off / var, moved2_left + moved2_right
+        if far_left + far_right < _CONVERGED_RAD:
+            converged, chi2, moved2 = True, off * off / var, moved2_left + moved2_right
             break
     a, b = _turned(p, x[0], x[1], 1.0), _turned(q, y[0], y[1], 1.0)
     normal = _cross(a, b)
     sine2 = _dot(normal, normal)
-    if not (settled and sine2 > PARALLEL * _dot(a, a) * _dot(b, b)):
+    if not (converged and sine2 > PARALLEL * _dot(a, a) * _dot(b, b)):
         return nothing
     depth_left, depth_right = _dot(_cross(gap, b), normal) / sine2, _dot(_cross(gap, a), normal) / sine2
     if not (depth_left > 0 and depth_right > 0):
@@ -102,11 +115,11 @@ def met(
 
 @njit(cache=True, error_model="numpy")
 def _undistorted(eye: Measured) -> tuple[float, float]:
-    """About the normalised point of the pixel, to start from."""
+    """Approximate normalised point of the pixel, by fixed-point iteration."""
     (fx, fy, cx, cy, k1, k2, p1, p2, k3, _), u, v = eye[1], eye[2], eye[3]
     u, v = (u - cx) / fx, (v - cy) / fy
     x, y = u, v
-    for _ in range(_UNDONE):
+    for _ in range(_UNDISTORT_ITERATIONS):
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         x, y = (
@@ -117,11 +130,14 @@ def _undistorted(eye: Measured) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _look(
+def _linearise(
     eye: Measured, x: tuple[float, float], slope: Vector
 ) -> tuple[float, float, tuple[float, float, float, float, float, float, float, float]]:
-    """Of a constraint with that slope by the ray: how much further from it the measured pixel is than the ray,
-    and how far noise takes it (variance); NaN where the lens folds back.  And what `_moved` wants."""
+    """The epipolar constraint, linearised at the ray `x`, where `slope` is its gradient by the ray.
+
+    Returns its change from the ray to the measured pixel, its variance, and what `_moved` needs; NaN where the lens
+    folds back.
+    """
     pose, lens, at_u, at_v, uu, uv, vv = eye
     u, v, ux, uy, vx, vy = distorted(lens, x[0], x[1])
     det = ux * vy - uy * vx if x[0] * x[0] + x[1] * x[1] < lens[9] else math.nan
@@ -137,8 +153,8 @@ def _look(
 def _moved(
     x: tuple[float, float], pull: tuple[float, float, float, float, float, float, float, float], k: float
 ) -> tuple[tuple[float, float], float, float]:
-    """Where the pixel is, less `k` times what the constraint takes from it; how far that is from here, and by how
-    many px² from the pixel."""
+    """The normalised point of the pixel moved by `k` times its share of the constraint; its distance from `x`, and the
+    squared distance of the pixel (px²)."""
     du, dv, pu, pv, ux, uy, vx, vy = pull
     u, v = du - k * pu, dv - k * pv
     dx, dy = vy * u - uy * v, ux * v - vx * u
@@ -147,13 +163,12 @@ def _moved(
 
 @njit(cache=True, error_model="numpy")
 def _slopes(eye: Measured, at: tuple[float, float], depth: float) -> tuple[Vector, Vector]:
-    """∂pixel/∂p_root in units of its noise, 1/m, of a point that far ahead on the ray: whitened by Cholesky's
-    factor."""
+    """∂pixel/∂p_root (1/m) of a point at `depth` on the ray, whitened by Cholesky's factor of the pixel covariance."""
     pose, lens, _, _, uu, uv, vv = eye
     x, y = at
     _, _, ux, uy, vx, vy = distorted(lens, x, y)
     tilt, first, second = uv / uu, depth * math.sqrt(uu), depth * math.sqrt(vv - uv * uv / uu)
-    wx, wy = (vx - tilt * ux) / second, (vy - tilt * uy) / second  # of v less what u tells of it
+    wx, wy = (vx - tilt * ux) / second, (vy - tilt * uy) / second  # v given u
     ux, uy = ux / first, uy / first
     return _turned(pose, ux, uy, -(ux * x + uy * y)), _turned(pose, wx, wy, -(wx * x + wy * y))
 

@@ -1,4 +1,4 @@
-"""Where two eyes' image points meet, and how well that is known."""
+"""Triangulation of two image points, with its covariance."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import StereoView, View
-from pps_vision.geometry.compiled import PARALLEL, Measured, met
+from pps_vision.geometry.compiled import PARALLEL, Measured, triangulated
 from pps_vision.types import Array
 
 
@@ -55,7 +55,7 @@ def triangulate(
         _measured(view.left, left_px, cov_left_px, more_px2),
         _measured(view.right, right_px, cov_right_px, more_px2),
     )
-    found, p_root, (xx, xy, xz, yy, yz, zz), moved2_px2, chi2 = met(left, right)
+    found, p_root, (xx, xy, xz, yy, yz, zz), moved2_px2, chi2 = triangulated(left, right)
     if not found:
         return None
     cov_root = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
@@ -63,7 +63,7 @@ def triangulate(
 
 
 def _measured(eye: View, pixel: ArrayLike, cov: ArrayLike, more_px2: float) -> Measured:
-    """As compiled code takes it."""
+    """The measurement of one camera, as the compiled function takes it."""
     u, v = np.asarray(pixel, dtype=float).tolist()
     (uu, uv), (_, vv) = np.asarray(cov, dtype=float).tolist()
     return eye.pose, eye.camera.numbers, u, v, uu + more_px2, uv, vv + more_px2
