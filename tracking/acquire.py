@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Image, Mask
 from tracking import masks
-from tracking.color import ColorModel, color_bins, histogram
+from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.ego_motion import Box
 from tracking.motion_trigger import Region2D
 from tracking.optical_flow import Flow2D
-from tracking.outline import Optics, Outline
-from tracking.rim import see
+from tracking.outline import Optics, Outline, fit_outline
 
 
 @dataclass(frozen=True)
@@ -37,28 +36,7 @@ class Candidate:
     outline: Outline
     model: ColorModel
     evidence: float
-    spread: float  # of its mask; see `masks.spread`
     flow: Flow2D | None  # of the region that it was found by
-
-    @property
-    def vividness(self) -> float:
-        """How colourful it is, 0–1."""
-        return float(self.model.object @ _VIVIDNESS)
-
-
-def without_carriers(candidates: list[Candidate]) -> list[Candidate]:
-    """Without those that are dull beside another whose box they meet: what carries an object moves with it, and as
-    much."""
-    return [a for a in candidates if not any(carries(a, b) for b in candidates)]
-
-
-def carries(one: Candidate, other: Candidate) -> bool:
-    """Whether that one is dull beside the other and their boxes meet, or nearly: fingertips are no part of a hand's
-    box where they lie before what it holds."""
-    (x, y, w, h), (u, v, s, t) = one.outline.box_px, other.outline.box_px
-    gap = _GAP * max(s, t)
-    meet = x <= u + s + gap and u <= x + w + gap and y <= v + t + gap and v <= y + h + gap
-    return meet and one.vividness < _DULL * other.vividness
 
 
 def acquire(
@@ -88,12 +66,12 @@ def acquire(
     shape = _object_outline(params, image, mask, box, optics)
     if shape is None:
         return None
-    return Candidate(shape, model, region.evidence * distinctness, masks.spread(mask), region.flow)
+    return Candidate(shape, model, region.evidence * distinctness, region.flow)
 
 
 def _object_outline(params: AcquireParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
     """The mask's outline, unless it is too large or too ragged for an object."""
-    shape = see(image, mask, box, optics)
+    shape = fit_outline(image, mask, box, optics)
     if shape is None or shape.area_px > params.max_share * image.shape[0] * image.shape[1]:
         return None
     return shape if shape.area_px >= params.min_fill * shape.box_px[2] * shape.box_px[3] else None
@@ -129,13 +107,12 @@ def _with_other_sides(bins: NDArray[np.uint8], mask: Mask) -> tuple[Mask, ColorM
     return whole, _model(bins, whole)
 
 
-# Of what moves together the most colourful is the object, the rest what carries it (a hand, a sleeve).
+# Of what moves together the most colourful is taken for the object.
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
 
 
 _FAR = 0.005  # share of its surroundings up to which they do not have a colour
-_GAP = 0.25  # of the larger side of an object's box, between it and its carrier's
-_DULL = 0.4  # of the object's mean vividness, below which a colour is its carrier's
+_DULL = 0.4  # of the object's mean vividness, below which a colour is not the object's
 
 
 def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:

@@ -4,7 +4,7 @@
 
 All but the last step runs for the whole batch on one device, and its results are fetched once per batch.  Every image
 is processed by itself, so the results do not depend on the size of the batch.  An image that shows anything but
-one whole, round blob is left to the frame-by-frame tracker, which also rejects an outline that is not where the track
+one whole blob is left to the frame-by-frame tracker, which also rejects an outline that is not where the track
 predicts it, or not as large (`Tracker.step`).
 """
 
@@ -23,10 +23,10 @@ from torch.nn import functional
 
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import StereoFrame
-from tracking.color import ColorModel, color_bins
+from tracking.appearance import ColorModel, color_bins
 from tracking.kernels import BAND, LEAST_DET, LEVEL_VAR, SMALL_PX, UNIT, Moments
 from tracking.marker import Found, MarkerParams
-from tracking.outline import ROUND, Optics, placed
+from tracking.outline import Optics, outline_of
 from tracking.tracker import Appearance, Tracker, TrackerStep
 
 _PATCH = 64  # px at an image width of 320 px: side of the patch around a blob
@@ -35,7 +35,7 @@ _ROOM = 8  # px of background around a blob in its patch, as much as the outline
 _BLUR_PX = (2 * np.log(2)) ** -0.5  # its three weights are ¼, ½, ¼
 _STEP = 2  # blobs are located on every second row and column
 _BLOCK = 8  # of these a side, whose density is compared
-_LEVELS = 64  # of each of R, G, B in a likelihood table, as in `tracking.color`
+_LEVELS = 64  # of each of R, G, B in a likelihood table, as in `tracking.appearance`
 _ITERATIONS = 60  # of inverting the lens: 1e-9 px with the iCub's lenses; kornia's default of 5 leaves 0.4 px
 
 
@@ -112,7 +112,7 @@ class OutlineBatch:
         border[:, _ROOM:-_ROOM, _ROOM:-_ROOM] = False
         seen = moments(*coverage(patch.permute(0, 3, 1, 2).float(), blob), weights)
         single = (blob.sum(dim=(1, 2)) >= self._least_px) & ~border.any(dim=(1, 2))
-        single &= (seen[:, _AREA] >= 1) & (seen[:, _OUTSIDE] <= ROUND * seen[:, _AREA])
+        single &= seen[:, _AREA] >= 1
         if isinstance(self._appearance, MarkerParams):
             others = (marked & ~blob).sum(dim=(1, 2)) + _STEP**2 * (total - inside)
             single &= others < self._least_px
@@ -127,8 +127,8 @@ class OutlineBatch:
             return None
         x, y, width, height = (int(number) for number in seen[-4:])
         direction, omega, cov = (seen[0], seen[1], seen[2]), seen[3], tuple(seen[4:14])
-        one = Moments(direction, omega, cov, seen[_AREA], seen[_OUTSIDE], (x, y, width, height))
-        outline = placed(one, direction, (int(left), int(top)), self._optics)
+        one = Moments(direction, omega, cov, seen[_AREA], (x, y, width, height))
+        outline = outline_of(one, (int(left), int(top)), self._optics)
         return None if outline is None else [outline]
 
     def _locate(self, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -150,7 +150,7 @@ class OutlineBatch:
 
     def _mask(self, patch: Tensor) -> Tensor:
         """(n, h, w) whether each pixel of the patches (n, h, w, 3) is the object's, as frame by frame (`threshold`,
-        `EyeTracker`), but for the closing there, which moves no outline by more than 0.01 px."""
+        `ImageTracker`), but for the closing there, which moves no outline by more than 0.01 px."""
         if isinstance(self._appearance, MarkerParams):
             return is_marker(patch.permute(0, 3, 1, 2), self._appearance)
         smooth = gaussian_blur2d(likelihood(patch, self._table)[:, None], (3, 3), (_BLUR_PX, _BLUR_PX))
@@ -345,22 +345,17 @@ def _local_mean(patch: Tensor, where: Tensor, radius: int) -> Tensor:
 
 
 _UPPER = torch.triu_indices(4, 4)
-_AREA, _OUTSIDE = 14, 15  # columns of `moments`
+_AREA = 14  # column of `moments`
 
 
 def moments(alpha: Tensor, variance: Tensor, weights: Tensor) -> Tensor:
-    """(n, 20) numbers of `kernels.Moments` one after another, float64, of coverage and variance (n, h, w) and the
+    """(n, 19) numbers of `kernels.Moments` one after another, float64, of coverage and variance (n, h, w) and the
     lens's weights there (n, 4, h, w); the box's corner is relative to the patch."""
     shares, lens = alpha.double().flatten(1), weights.double().flatten(2)
     first = torch.bmm(lens, shares[..., None])[..., 0]
     second = torch.bmm(lens * variance.double().flatten(1)[:, None], lens.mT)
-    area, (direction, omega) = shares.sum(dim=1), (first[:, :3], first[:, 3])
-    reach = torch.acos(1 - (omega / (2 * np.pi)).clamp(max=1)) + (omega / area.clamp(min=1)).sqrt()
-    along = torch.bmm(direction[:, None], lens[:, :3])[:, 0]
-    cosine = torch.linalg.vector_norm(direction, dim=1) * reach.cos()
-    outside = (shares * (along < cosine[:, None] * lens[:, 3])).sum(dim=1)
     upper = second[:, _UPPER[0], _UPPER[1]]
-    return torch.cat([first, upper, torch.stack([area, outside, *_box(alpha > 0.5)], dim=1)], dim=1)
+    return torch.cat([first, upper, torch.stack([shares.sum(dim=1), *_box(alpha > 0.5)], dim=1)], dim=1)
 
 
 def _box(mask: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:

@@ -85,7 +85,9 @@ def forecast(params: FlightParams, belief: Belief, stamp_s: float) -> tuple[Beli
     share = float(np.mean(since > 0))
     if share > 0:
         P += share * _bounce_noise(params, mean[3:5], float(since.sum()) / np.count_nonzero(since))
-    ahead = Belief(stamp_s, mean.reshape(3, 3), P, belief.lasting, belief.updated_s, belief.rejections, belief.nis)
+    ahead = Belief(
+        stamp_s, mean.reshape(3, 3), P, belief.correlated_cov, belief.updated_s, belief.rejections, belief.nis
+    )
     return ahead, 0.5 * around[:-1].T @ neighbours
 
 

@@ -16,7 +16,7 @@ from tracking.names import DEFAULT_ORDER
 
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _TERMS = 16  # of a power series
-_UNREST = (0.025, 30.0)  # straight at constant speed; back and forth once a second
+_NOISE_SCALES = (0.025, 30.0)  # straight at constant speed; back and forth once a second
 # Chosen on training recordings (bench filter, seeds 8300 and 8310: 36 rendered balls and markers at 5–30 cm/s; every
 # second flight of tt3d): no error of order 3 and 4 larger than without decay, coverage of velocity nearest to 68 and
 # 95 %.
@@ -30,7 +30,7 @@ class KalmanParams:
 
     `noise_density` is the spectral density of the white noise that drives the derivative above the
     highest modelled one, (m/s^order)²·s, when the filter begins and where the motion jumps; from there it follows the
-    innovations at `unrest_rate` (a quiet motion is predicted the better the quieter it is taken for; 0: it stays).
+    innovations at `adaptation_rate` (a quiet motion is predicted the better the quieter it is taken for; 0: it stays).
     `decay_s` are the time constants with which acceleration and jerk decay (see `discretise`): what hands move does
     not accelerate for ever; inf: they do not decay, as in R.
     `prior_std` is the spread of each derivative before it was
@@ -46,7 +46,7 @@ class KalmanParams:
     noise_density: float = NOISE_DENSITY[DEFAULT_ORDER]
     prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
     white_share: float = 0.4
-    unrest_rate: float = 0.2
+    adaptation_rate: float = 0.2
     gate_chi2: float = 14.0
     jump_chi2: float = 26.0
     max_rejections: int = 3
@@ -64,8 +64,8 @@ class KalmanParams:
             raise ValueError(f"white share {self.white_share}; expected more than 0 and at most 1")
         if not min(self.decay_s) > 0:
             raise ValueError(f"acceleration and jerk decay within {self.decay_s} s; expected more than 0")
-        if not 0 <= self.unrest_rate <= 1:
-            raise ValueError(f"unrest rate {self.unrest_rate}; expected 0 to 1")
+        if not 0 <= self.adaptation_rate <= 1:
+            raise ValueError(f"adaptation rate {self.adaptation_rate}; expected 0 to 1")
 
     @classmethod
     def of_order(cls, order: int) -> "KalmanParams":
@@ -82,19 +82,19 @@ def scaled(params: KalmanParams, distance_m: float) -> KalmanParams:
 
 
 class Belief(NamedTuple):  # two are made every frame: a frozen dataclass takes thrice as long
-    """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`, but for the error `lasting`
+    """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`, but for the error `correlated_cov`
     (3, 3) m² of the position that the measurements share; when it was last updated; `rejections` so far in
-    a row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first; `unrest` how
-    much denser the process noise is than the parameters' own."""
+    a row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first; `noise_scale`
+    how much denser the process noise is than the parameters' own."""
 
     stamp_s: float
     mean: Array
     cov: Array
-    lasting: Array
+    correlated_cov: Array
     updated_s: float
     rejections: int = 0
     nis: float = float("nan")
-    unrest: float = 1.0
+    noise_scale: float = 1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -201,8 +201,8 @@ def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Beli
     if dt == 0:
         return belief, belief.cov
     b = belief
-    mean, P, cross = _moved(b.mean, b.cov, dt, b.unrest * params.noise_density, params.decay_s)
-    return Belief(stamp_s, mean, P, b.lasting, b.updated_s, b.rejections, b.nis, b.unrest), cross
+    mean, P, cross = _moved(b.mean, b.cov, dt, b.noise_scale * params.noise_density, params.decay_s)
+    return Belief(stamp_s, mean, P, b.correlated_cov, b.updated_s, b.rejections, b.nis, b.noise_scale), cross
 
 
 @njit(cache=True, error_model="numpy")
@@ -239,15 +239,15 @@ def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) ->
     position as uncertain as at the start); outside that too it is an outlier, which leaves the state
     as it was and counts.  The one after too many restarts the filter.
     """
-    admitted = admit(params, belief, position, cov)
-    if admitted is None:
+    gated = gate(params, belief, position, cov)
+    if gated is None:
         if belief.rejections + 1 >= params.max_rejections:
             return start(params, belief.stamp_s, position, cov)
         return belief._replace(rejections=belief.rejections + 1)
-    return correct(params, admitted, cov)
+    return correct(params, gated, cov)
 
 
-class Admitted(NamedTuple):
+class GatedMeasurement(NamedTuple):
     """A measurement that fits a belief: the belief it fits, squared Mahalanobis distance of the difference ν from
     what was expected, and (4, 3) what to multiply the covariance's first three rows with: L⁻¹, and below it
     ν weighed by its covariance L Lᵀ."""
@@ -257,26 +257,26 @@ class Admitted(NamedTuple):
     weights: Array
 
 
-def admit(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Admitted | None:
-    """The measurement beside the belief it fits, as it is or loosened; None for an outlier."""
-    admitted = _compared(params, belief, position, cov)
-    if admitted.nis <= params.gate_chi2:
-        return admitted
-    admitted = _compared(params, _loosened(params, belief), position, cov)
-    return admitted if admitted.nis <= params.jump_chi2 else None
+def gate(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> GatedMeasurement | None:
+    """The measurement beside the belief it fits, as it is or inflated; None for an outlier."""
+    gated = _compared(params, belief, position, cov)
+    if gated.nis <= params.gate_chi2:
+        return gated
+    gated = _compared(params, _inflated(params, belief), position, cov)
+    return gated if gated.nis <= params.jump_chi2 else None
 
 
-def correct(params: KalmanParams, admitted: Admitted, cov: Array) -> Belief:
-    """The belief after an admitted measurement of covariance `cov` (3, 3) m²."""
-    before = admitted.belief
-    mean, P = _corrected(before.mean, before.cov, admitted.weights)
-    lasting, unrest = (1 - params.white_share) * cov, _unrest(params, before.unrest, admitted.nis)
-    return Belief(before.stamp_s, mean, P, lasting, before.stamp_s, 0, admitted.nis, unrest)
+def correct(params: KalmanParams, gated: GatedMeasurement, cov: Array) -> Belief:
+    """The belief after an gated measurement of covariance `cov` (3, 3) m²."""
+    before = gated.belief
+    mean, P = _corrected(before.mean, before.cov, gated.weights)
+    correlated_cov, noise_scale = (1 - params.white_share) * cov, _adapted_scale(params, before.noise_scale, gated.nis)
+    return Belief(before.stamp_s, mean, P, correlated_cov, before.stamp_s, 0, gated.nis, noise_scale)
 
 
-def _unrest(params: KalmanParams, before: float, nis: float) -> float:
+def _adapted_scale(params: KalmanParams, before: float, nis: float) -> float:
     """Up where innovations are larger than expected, down where they are smaller."""
-    return min(max(before * math.exp(params.unrest_rate * (nis / 3 - 1)), _UNREST[0]), _UNREST[1])
+    return min(max(before * math.exp(params.adaptation_rate * (nis / 3 - 1)), _NOISE_SCALES[0]), _NOISE_SCALES[1])
 
 
 @njit(cache=True, error_model="numpy")
@@ -296,14 +296,14 @@ def _corrected(mean: Array, cov: Array, weights: Array) -> tuple[Array, Array]:
     return corrected, P
 
 
-def _compared(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Admitted:
+def _compared(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> GatedMeasurement:
     nis, weights = _weighed(belief.mean, belief.cov, position, cov, params.white_share)
-    return Admitted(belief, nis, weights)
+    return GatedMeasurement(belief, nis, weights)
 
 
 @njit(cache=True, error_model="numpy")
 def _weighed(mean: Array, cov: Array, position: Array, R: Array, w: float) -> tuple[float, Array]:
-    """`nis` and `weights` of `Admitted`; L is Cholesky's."""
+    """`nis` and `weights` of `GatedMeasurement`; L is Cholesky's."""
     i = 1 / math.sqrt(cov[0, 0] + w * R[0, 0])
     bi, ci = (cov[0, 1] + w * R[0, 1]) * i, (cov[0, 2] + w * R[0, 2]) * i
     j = 1 / math.sqrt(cov[1, 1] + w * R[1, 1] - bi * bi)
@@ -319,10 +319,10 @@ def _weighed(mean: Array, cov: Array, position: Array, R: Array, w: float) -> tu
     return x * x + y * y + z * z, weights
 
 
-def _loosened(params: KalmanParams, belief: Belief) -> Belief:
+def _inflated(params: KalmanParams, belief: Belief) -> Belief:
     """As if the motion had begun anew at the last update: its prior spread added to every derivative, and as
-    much unrest as at the start."""
+    much noise_scale as at the start."""
     prior = np.diag([0.0, *params.prior_std[: params.order - 1]]) ** 2
     F = discretise(params.order, belief.stamp_s - belief.updated_s, params.decay_s)[0]
     cov = belief.cov + np.kron(F @ prior @ F.T, np.eye(3))
-    return belief._replace(cov=cov, unrest=max(belief.unrest, 1.0))
+    return belief._replace(cov=cov, noise_scale=max(belief.noise_scale, 1.0))

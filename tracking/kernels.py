@@ -5,7 +5,6 @@ on its first call, which takes seconds once; the machine code is cached beside t
 writable, or the function is compiled again for the other layout.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -159,15 +158,13 @@ def _unmixed(pixel: Color, inner: Color, outer: Color) -> tuple[float, float, fl
 
 class Moments(NamedTuple):
     """Of what is covered: the sums of its directions times their solid angles, and of these, `omega` sr; the upper
-    half of their covariance (4, 4) were pixels to err apart, row by row; area px, and what of it lies more than a
-    pixel's side outside the cone of that solid angle around that direction; x, y, width, height of what is covered
-    by half."""
+    half of their covariance (4, 4) were pixels to err apart, row by row; area px; x, y, width, height of what is
+    covered by half."""
 
     direction: Color
     omega: float
     cov: Upper
     area: float
-    outside: float
     box: tuple[int, int, int, int]
 
 
@@ -199,21 +196,4 @@ def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Mom
                 zz, zo, oo = zz + spread * c * c, zo + spread * c * d, oo + spread * d * d
     cov = (xx, xy, xz, xo, yy, yz, yo, zz, zo, oo)
     direction = (x, y, z)
-    outside = _outside(alpha, weights, left, top, direction, omega, area)
-    return Moments(direction, omega, cov, area, outside, (x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)))
-
-
-@njit(cache=True, error_model="numpy")
-def _outside(alpha: Map, weights: Map, left: int, top: int, direction: Color, omega: float, area: float) -> float:
-    """What of the region lies more than a pixel's side outside the cone of a solid angle around a direction, px."""
-    x, y, z = direction
-    reach = math.acos(1 - min(omega / (2 * math.pi), 1.0)) + math.sqrt(max(omega, 0.0) / max(area, 1.0))
-    cosine, outside = math.sqrt(x * x + y * y + z * z) * math.cos(reach), 0.0
-    for row in range(len(alpha)):
-        for column in range(alpha.shape[1]):
-            if alpha[row, column] > 0:
-                v, u = top + row, left + column
-                along = x * weights[0, v, u] + y * weights[1, v, u] + z * weights[2, v, u]
-                if along < cosine * weights[3, v, u]:
-                    outside += alpha[row, column]
-    return outside
+    return Moments(direction, omega, cov, area, (x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)))

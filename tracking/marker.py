@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
-from tracking.outline import Optics, Outline
-from tracking.rim import see
+from tracking.outline import Optics, Outline, fit_outline
 
 _MARGIN_PX = 8  # of background around a blob, from which the outline takes its background colour
 
@@ -75,7 +74,7 @@ def find_markers(
     found = []
     for blob in sorted(blobs, key=lambda one: -one.weight)[: params.max_blobs]:
         mask, box = _cut_out(blob, (x0, y0), (x0, y0, x1, y1))
-        shape = see(image, mask, box, optics, notched=False)
+        shape = fit_outline(image, mask, box, optics)
         found += [shape] if shape else []
     return found
 

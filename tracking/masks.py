@@ -66,13 +66,3 @@ def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height:
     y, x = np.ogrid[box[1] : box[3], box[0] : box[2]]
     inside: Mask = (2 * (x - center[0]) / width) ** 2 + (2 * (y - center[1]) / height) ** 2 <= 1
     return inside
-
-
-def spread(mask: Mask) -> float:
-    """How far the farthest pixels are from the middle, relative to the ellipse of the mask's area and
-    its box's proportions: 1 for an ellipse, nearly 1.25 for a rectangle; the farthest
-    hundredth does not count."""
-    ys, xs = np.nonzero(mask)
-    w, h = np.ptp(xs) + 1.0, np.ptp(ys) + 1.0
-    farthest = np.quantile(np.hypot((xs - xs.mean()) / w, (ys - ys.mean()) / h), 0.99)
-    return max(float(farthest) / float(np.sqrt(len(xs) / (np.pi * w * h))), 1.0)

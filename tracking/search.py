@@ -10,13 +10,12 @@ import numpy as np
 
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.types import Array, Mask
-from tracking.acquire import AcquireParams, Candidate, acquire, carries, without_carriers
-from tracking.association import Association
+from tracking.acquire import AcquireParams, Candidate, acquire
 from tracking.background import Background
-from tracking.look import Look, Looks
 from tracking.marker import Found, MarkerParams, find_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline
+from tracking.stereo import Association, CameraFrame, CameraFrames
 
 OwnBody = Callable[[Array, View], Mask]  # joints (rad), an eye's view → where the robot sees itself
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
@@ -45,65 +44,65 @@ class Search:
         self,
         params: SearchParams,
         optics: tuple[Optics, Optics],
-        association: Association,
         own_body: OwnBody | None,
         stages: Stages,
     ) -> None:
         self.params, self.own_body, self.stages = params, own_body, stages
-        self._optics, self._association = optics, association
+        self._optics = optics
         self._triggers = tuple(MotionTrigger(params.trigger, one.camera) for one in optics)
 
     def step(
-        self, looks: Looks, view: StereoView, stamp_s: float, scenes: tuple[Background, Background] | None
+        self,
+        cameras: CameraFrames,
+        view: StereoView,
+        stamp_s: float,
+        scenes: tuple[Background, Background] | None,
+        association: Association,
     ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
         """The object in both eyes, if there is one, and what moves in each; `scenes` tell object from
         background where there is no colour."""
         with self.stages("trigger"):
-            left = self._moving(0, looks[0], True)
+            left = self._moving(0, cameras[0], True)
             # what one eye does not see move is nothing to look for, and what it does needs no second confirmation
-            right = self._moving(1, looks[1], bool(left), confirm=False)
+            right = self._moving(1, cameras[1], bool(left), confirm=False)
         if not (left and right):
             return None, (left, right)
         with self.stages("image"):
             pair = self._best_pair(
+                association,
                 view,
-                self._candidates(0, looks[0], left, scenes),
-                self._candidates(1, looks[1], right, scenes),
+                self._candidates(0, cameras[0], left, scenes),
+                self._candidates(1, cameras[1], right, scenes),
                 stamp_s,
                 scenes is not None,
             )
         return pair and _with_both_colors(*pair), (left, right)
 
-    def is_carrier(self, found: tuple[Candidate, Candidate], looks: Looks) -> bool:
-        """Whether beside what was `found` something moves by now that it seems to carry: a hand's edge may be noticed
-        before the object that it holds."""
-        for eye, (look, one) in enumerate(zip(looks, found, strict=True)):
-            with self.stages("trigger"):
-                regions = self._moving(eye, look, True)
-            with self.stages("image"):
-                if any(carries(one, other) for other in self._candidates(eye, look, regions, None)):
-                    return True
-        return False
-
-    def _moving(self, eye: int, look: Look, ask: bool, confirm: bool = True) -> list[Region2D]:
+    def _moving(self, eye: int, camera: CameraFrame, ask: bool, confirm: bool = True) -> list[Region2D]:
         """What moves in one eye; where nobody asks, its image is only remembered."""
-        joints, own_body = look.joints_rad, self.own_body
-        own = None if own_body is None or joints is None else lambda: own_body(joints, look.view)
+        joints, own_body = camera.joints_rad, self.own_body
+        own = None if own_body is None or joints is None else lambda: own_body(joints, camera.view)
         if not ask:
-            self._triggers[eye].remember(look.image, look.view, look.stamp_s, own)
+            self._triggers[eye].remember(camera.image, camera.view, camera.stamp_s, own)
             return []
-        return self._triggers[eye].step(look.image, look.view, look.stamp_s, own, confirm)
+        return self._triggers[eye].step(camera.image, camera.view, camera.stamp_s, own, confirm)
 
     def _candidates(
-        self, eye: int, look: Look, regions: list[Region2D], scenes: tuple[Background, Background] | None
+        self, eye: int, camera: CameraFrame, regions: list[Region2D], scenes: tuple[Background, Background] | None
     ) -> list[Candidate]:
         """Objects behind the strongest moving regions."""
-        evidence = scenes[eye].evidence(look.image, look.view) if scenes else None
-        found = (acquire(self.params.acquire, look.image, r, self._optics[eye], evidence) for r in regions)
-        return without_carriers([candidate for candidate in found if candidate is not None])
+        evidence = scenes[eye].evidence(camera.image, camera.view) if scenes else None
+        found = (acquire(self.params.acquire, camera.image, r, self._optics[eye], evidence) for r in regions)
+        return [candidate for candidate in found if candidate is not None]
 
     def _best_pair(
-        self, view: StereoView, left: list[Candidate], right: list[Candidate], stamp_s: float, grey: bool
+        self,
+        association: Association,
+        view: StereoView,
+        left: list[Candidate],
+        right: list[Candidate],
+        stamp_s: float,
+        grey: bool,
     ) -> tuple[Candidate, Candidate] | None:
         """The two candidates that are one object, with most evidence; colours must agree too."""
         strongest = (max((one.evidence for one in eye), default=0.0) for eye in (left, right))
@@ -115,7 +114,7 @@ class Search:
             evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
             if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > most_ratio:
                 continue
-            if self._association.observe(view, a.outline, b.outline, stamp_s):
+            if association.observe(view, a.outline, b.outline, stamp_s):
                 best, most = (a, b), evidence
         return best
 
@@ -128,7 +127,7 @@ def _with_both_colors(a: Candidate, b: Candidate) -> tuple[Candidate, Candidate]
 
 def search_marker(
     params: MarkerParams,
-    looks: Looks,
+    cameras: CameraFrames,
     view: StereoView,
     stamp_s: float,
     optics: tuple[Optics, Optics],
@@ -137,8 +136,8 @@ def search_marker(
 ) -> tuple[Outline, Outline] | None:
     """The marker anywhere in both images, of those `found` already if any; None where no two blobs are one thing."""
     lefts, rights = (
-        find_markers(params, look.image, one) if known is None else known
-        for look, one, known in zip(looks, optics, found, strict=True)
+        find_markers(params, camera.image, one) if known is None else known
+        for camera, one, known in zip(cameras, optics, found, strict=True)
     )
     for a, b in itertools.product(lefts, rights):
         if association.observe(view, a, b, stamp_s):

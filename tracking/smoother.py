@@ -7,7 +7,7 @@ import numpy as np
 
 from pps_vision.types import Array, Status, Track3D
 from tracking import kalman
-from tracking.kalman import Belief, KalmanParams, admit, scaled, start, update
+from tracking.kalman import Belief, KalmanParams, gate, scaled, start, update
 from tracking.tracker import TrackerStep
 
 Forecast = Callable[[Belief, float], tuple[Belief, Array]]
@@ -24,7 +24,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Passage:
-    """A filter's belief after a stamp, what it was before its measurement (loosened, if it was), and the
+    """A filter's belief after a stamp, what it was before its measurement (inflated, if it was), and the
     covariance of that state with the one before it; None where the filter began (again)."""
 
     belief: Belief
@@ -46,9 +46,9 @@ def follow(
             passages.append(Passage(expected, (expected, cross)))
             continue
         belief = update(params, expected, one.position, one.cov)
-        admitted = admit(params, expected, one.position, one.cov)
-        begun_again = admitted is None and belief.rejections == 0
-        before = admitted.belief if admitted else expected
+        gated = gate(params, expected, one.position, one.cov)
+        begun_again = gated is None and belief.rejections == 0
+        before = gated.belief if gated else expected
         passages.append(Passage(belief, None if begun_again else (before, cross)))
     return passages
 
@@ -109,7 +109,7 @@ def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
     mean[:n] = smoothed.mean
     beyond: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
     if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had begun anew: its filter was another
-        beyond = filtered.lasting
+        beyond = filtered.correlated_cov
     cov[: 3 * n, : 3 * n] = smoothed.cov
     cov[:3, :3] += beyond
     return replace(track, mean=mean, cov=cov)

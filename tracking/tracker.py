@@ -1,9 +1,9 @@
-"""From stereo frames to one tracked object: trigger → image → triangulation → filter (R Fig 13)."""
+"""Tracker of one object in stereo images: detect → associate → predict → update → initiate or delete (R Fig 13)."""
 
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,50 +11,54 @@ from numba import njit
 
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
+from tracking import frame_checks, kalman
 from tracking.acquire import Candidate
-from tracking.again import AgainParams, is_same
-from tracking.association import Association, AssociationParams
-from tracking.blind import Blindness
-from tracking.color import ColorModel
-from tracking.eye import EyeParams, Sighting
-from tracking.follow import Follower, find_both
-from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
-from tracking.look import Looks, is_grey, looks_of
+from tracking.appearance import ColorModel, ReidentificationParams, is_same_object
+from tracking.frame_checks import Fingerprints, Stamps
+from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, ImageTrackerParams
+from tracking.kalman import Belief, KalmanParams
 from tracking.marker import Found, MarkerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
-from tracking.pose_error import PoseError
 from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker
+from tracking.stereo import Association, CameraFrames, StereoParams, camera_frames, with_pose_error
 
 Appearance = MarkerParams | ColorModel
-Sightings = tuple[Sighting | None, Sighting | None]
+Detections = tuple[ImageDetection | None, ImageDetection | None]
+_RADIUS_MEMORY = 30  # frames over which the radius is averaged
+_NOTHING: Detections = (None, None)
+_NO_MODELS = (None, None)
 
 
 @dataclass(frozen=True)
 class TrackerParams:
-    """`mode`: any moving object, or a marker of known hue.  An object is tracked once seen in both
-    eyes on `confirm_frames` frames in a row, and lost when unseen for `lost_after_s`; until then it is
-    looked for everywhere (`again`).  Stamps may be `stamp_error_s` off the joints', so that a turning head
-    blurs where things are.  The centre of what is no ball may be `shape_error` of its radius off, frame
-    after frame the same; light from above may shift any by `light_error` px over the root of its radius in px,
-    up or down, in both eyes alike, and the less the more they see it from above.  Only `radius_white` of the
-    radius's variance is new with every frame."""
+    """Parameters of the tracker and of its parts."""
 
     mode: Literal["generic", "marker"] = "generic"
+    """Track any moving object, or a marker of known hue."""
     confirm_frames: int = 3
+    """An object is tracked once both cameras detected it in this many frames in a row."""
     lost_after_s: float = 0.5
+    """A track that was not updated for this long is deleted."""
     stamp_error_s: float = 0.0
+    """Standard deviation of the time between an image and the joints that come with it."""
+    correlated_error_px: float = 0.02
+    """Error of an outline's centre that both cameras share and that no frame averages out (light, defocus): a standard
+    deviation across the line of sight.  Chosen on rendered balls and markers (bench consistency)."""
     background_memory_s: float = 0.3
-    radius_drift: float = 0.05
-    shape_error: float = 0.09
-    light_error: float = 0.13
-    radius_white: float = 0.2
-    again: AgainParams = field(default_factory=AgainParams)
+    """Time over which the background of grey images is learnt."""
+    reidentification: ReidentificationParams = field(default_factory=ReidentificationParams)
+    """Gate for detections far from the track."""
     search: SearchParams = field(default_factory=SearchParams)
-    eye: EyeParams = field(default_factory=EyeParams)
+    """Motion trigger and acquisition."""
+    image: ImageTrackerParams = field(default_factory=ImageTrackerParams)
+    """Image tracker of each camera."""
     marker: MarkerParams = field(default_factory=MarkerParams)
-    association: AssociationParams = field(default_factory=AssociationParams)
+    """Colour of the marker."""
+    stereo: StereoParams = field(default_factory=StereoParams)
+    """Stereo association."""
     kalman: KalmanParams = field(default_factory=KalmanParams)
+    """Kalman filter, for an object at 0.4 m."""
 
     def __post_init__(self) -> None:
         if self.mode not in ("generic", "marker"):
@@ -67,8 +71,11 @@ class TrackerParams:
 
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
-    """What one frame gave: the track, the detections and observation behind it, while searching the moving
-    regions of the left and the right image, and the point (3,) midway between the eyes, root frame."""
+    """Result of one frame.
+
+    The track; the detections and the observation behind it; while searching the moving regions of the left and the
+    right image; and the point (3,) midway between the cameras, root frame.
+    """
 
     track: Track3D
     detections: tuple[Detection2D, ...]
@@ -77,11 +84,32 @@ class TrackerStep:
     head: Array
 
 
+@dataclass(frozen=True, slots=True)
+class TrackerState:
+    """Everything that the tracker carries from frame to frame, but for the images that the motion trigger keeps."""
+
+    association: Association
+    kalman: KalmanParams
+    """Scaled to the object's distance."""
+    appearance: tuple[Appearance, Appearance] | None = None
+    cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
+    belief: Belief | None = None
+    acquired: tuple[Candidate, Candidate] | None = None
+    """How the search found the object."""
+    radius_m: float = math.nan
+    radius_var_m2: float = math.nan
+    hits: int = 0
+    """Frames in which the object was observed."""
+    observed_s: float = -math.inf
+    stamps_s: Stamps = (-math.inf, -math.inf)
+    images: Fingerprints | None = None
+    view: StereoView | None = None
+
+
 class Tracker:
     """Tracks one object in 3D.  `step` takes frames in the order of their stamps.
 
-    `own_body` marks the robot's own image, which is no stimulus; `stages` is entered around each
-    stage (to time it).
+    `own_body` masks the robot's own image, which is no stimulus; `stages` is entered around each stage (to time it).
     """
 
     def __init__(
@@ -95,240 +123,325 @@ class Tracker:
         self.params, self.rig, self.stages = params, rig, stages
         self._optics = Optics(rig.left), Optics(rig.right)
         marker = params.marker if params.mode == "marker" else None
-        self._eyes = (
-            Follower("left", self._optics[0], params.eye, marker, params.background_memory_s, rng),
-            Follower("right", self._optics[1], params.eye, marker, params.background_memory_s, rng),
+        self._cameras = (
+            CameraTracker("left", self._optics[0], params.image, marker, params.background_memory_s, rng),
+            CameraTracker("right", self._optics[1], params.image, marker, params.background_memory_s, rng),
         )
-        self._association = Association(params.association, rig.left.width)
-        self._search = Search(params.search, self._optics, self._association, own_body, stages)
-        self._blindness, self._pose = Blindness(), PoseError(params.stamp_error_s)
-        self._kalman = params.kalman
-        self._belief: Belief | None = None
-        self._appearance: tuple[Appearance, Appearance] | None = (marker, marker) if marker else None
-        self._found: tuple[Candidate, Candidate] | None = None  # as which the search found it, until it is confirmed
-        self._head: Array = np.zeros(3)
-        self._radius = (np.nan, np.nan)  # m, m²
-        self._radius_lasting = 0.0  # m², as Belief.lasting
-        self._oddness = 0.0  # 0 a ball … 1 surely none
-        self._hits = 0
-        self._seen_s = -np.inf
-        self._stamps = (-np.inf, -np.inf)
-        self._period_s = np.inf
+        self._search = Search(params.search, self._optics, own_body, stages)
+        untrained = Association.untrained(params.stereo, rig.left.width)
+        self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
+        self.state = self._initial
 
     @property
     def appearance(self) -> tuple[Appearance, Appearance] | None:
         """The marker's hue, or the object's colours when it was confirmed, in the left and the right eye; None while
         there is no object, or no colour."""
-        return self._appearance
+        return self.state.appearance
 
     def step(self, frame: StereoFrame, found: tuple[Found, Found] = (None, None)) -> TrackerStep:
-        """The track after this frame; ValueError for a stamp that does not lie after the last one, or images that are
-        not the cameras'; nothing has changed then.
+        """The track after this frame.
 
-        `found` is the object in the left and the right image, where it has been looked for already (`batch`).
+        Args:
+            frame: The next stereo frame.
+            found: The object's outlines in the left and the right image, if they were found beforehand (`batch`).
+
+        Raises:
+            ValueError: A stamp that is not after the last one, or images or joints that are not the rig's; nothing
+                has changed then.
         """
-        self._check(frame)
+        frame_checks.check(frame, self.rig, self.state.stamps_s)
         view = self.rig.view_of(frame)
-        looks = looks_of(frame, view)
-        regions: Regions = ([], [])
-        grey = self.params.mode == "generic" and is_grey(frame.left)
-        if grey:
-            found = (None, None)
-        last = self._belief
-        if last is not None:
-            self._belief = predict(self._kalman, last, frame.stamp_s)
-        blind = self._blindness.step(frame)
-        if blind:
-            sightings: Sightings = (None, None)
-        elif last is None or self._belief is None:
-            sightings, regions = self._begin(looks, view, frame.stamp_s, grey, found)
-        elif not grey and self._is_carrier(looks):
-            self._forget()
-            sightings = None, None
-        else:
-            with self.stages("image"):
-                sightings = find_both(self._eyes, looks, last, self._belief, grey, self._oddness > 0.5, found)
-            if None in sightings and self._hits >= self.params.confirm_frames and not grey:
-                elsewhere, regions = self._begin(looks, view, frame.stamp_s, grey, found)
-                if elsewhere[0] is not None:  # what was known of its motion is void
-                    sightings, self._belief = elsewhere, None
-        self._head = 0.5 * (view.left.center + view.right.center)
+        self.state, result = self._advance(self.state, frame, view, found)
+        return result
+
+    def _advance(
+        self, state: TrackerState, frame: StereoFrame, view: StereoView, found: tuple[Found, Found]
+    ) -> tuple[TrackerState, TrackerStep]:
+        """Detect, associate, update, initiate or delete."""
+        cameras, stamp_s = camera_frames(frame, view), frame.stamp_s
+        images = frame_checks.fingerprints(frame)
+        blind = frame_checks.is_blind(images, state.images)
+        grey = self.params.mode == "generic" and frame_checks.is_grey(frame.left)
+        predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
+        state, predicted, detections, regions = self._detect(
+            state, predicted, cameras, view, stamp_s, blind=blind, grey=grey, found=(None, None) if grey else found
+        )
         with self.stages("triangulation"):
-            observation = self._pose.widen(self._observe(view, looks, sightings, frame.stamp_s), view, frame.stamp_s)
+            state, observation = self._associate(state, predicted, cameras, view, stamp_s, detections)
         with self.stages("filter"):
-            track = self._filter(observation, view, frame.stamp_s, blind)
-            if not blind:
-                self._after(looks, sightings, observation, grey)
-        seen = zip(self._eyes, looks, sightings, strict=True)
-        detections = tuple(eye.detection(look, one) for eye, look, one in seen if one is not None)
-        return TrackerStep(track, detections, observation, regions, self._head)
+            state, belief, updated = self._update(state, predicted, observation, view, stamp_s)
+            state, track = self._manage(state, belief, observation if updated else None, view, stamp_s, blind=blind)
+        if not blind:
+            state = self._learn(state, cameras, detections, observation, grey=grey)
+        state = replace(state, stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
+        parts = zip(self._cameras, cameras, detections, strict=True)
+        messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
+        return state, TrackerStep(track, messages, observation, regions, _middle(view))
 
-    def _check(self, frame: StereoFrame) -> None:
-        stamps, images = (frame.stamp_left_s, frame.stamp_right_s), (frame.left, frame.right)
-        for eye, new, old, image in zip(self._eyes, stamps, self._stamps, images, strict=True):
-            if not old < new < np.inf:
-                raise ValueError(f"{eye.name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
-            expected = eye.optics.camera.height, eye.optics.camera.width, 3
-            if image.shape != expected or image.dtype != np.uint8:
-                raise ValueError(f"{eye.name} image {image.shape} {image.dtype}; expected {expected} uint8")
-        self._period_s = stamps[0] - self._stamps[0]
-        self._stamps = stamps
+    def _detect(
+        self,
+        state: TrackerState,
+        predicted: Belief | None,
+        cameras: CameraFrames,
+        view: StereoView,
+        stamp_s: float,
+        *,
+        blind: bool,
+        grey: bool,
+        found: tuple[Found, Found],
+    ) -> tuple[TrackerState, Belief | None, Detections, Regions]:
+        """The object in both images: near the prediction, else anywhere.
 
-    def _begin(
-        self, looks: Looks, view: StereoView, stamp_s: float, grey: bool, found: tuple[Found, Found]
-    ) -> tuple[Sightings, Regions]:
-        """Look for an object anywhere in both images; while one is tracked, for no other."""
+        An object that is found elsewhere passes the re-identification gate; what was known of its motion is void then.
+        """
+        regions: Regions = ([], [])
+        if blind:
+            return state, predicted, _NOTHING, regions
+        if predicted is None:
+            state, detections, regions = self._acquire(state, cameras, view, stamp_s, grey=grey, found=found)
+            return state, None, detections, regions
+        with self.stages("image"):
+            state, detections = self._follow(state, predicted, cameras, grey=grey, found=found)
+        if None in detections and state.hits >= self.params.confirm_frames and not grey:
+            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, grey=grey, found=found)
+            if elsewhere[0] is not None:
+                return acquired, None, elsewhere, regions
+        return state, predicted, detections, regions
+
+    def _follow(
+        self,
+        state: TrackerState,
+        predicted: Belief,
+        cameras: CameraFrames,
+        *,
+        grey: bool,
+        found: tuple[Found, Found],
+    ) -> tuple[TrackerState, Detections]:
+        """The object near where the track predicts it: as it was found beforehand, if in both images, else searched."""
+        last = state.belief or predicted
+        each = list(zip(self._cameras, state.cameras, cameras, strict=True))
+        priors = [tracker.predict(one, camera, last, predicted) for tracker, one, camera in each]
+        left, right = (
+            tracker.accept(one, prior, outlines)
+            for (tracker, one, _), prior, outlines in zip(each, priors, found, strict=True)
+        )
+        if left is not None and right is not None:
+            a, b = (
+                tracker.follow(one, seen.outline) for (tracker, one, _), seen in zip(each, (left, right), strict=True)
+            )
+            return replace(state, cameras=(a, b)), (left, right)
+        (a, left), (b, right) = (
+            tracker.find(one, camera, prior, grey) for (tracker, one, camera), prior in zip(each, priors, strict=True)
+        )
+        return replace(state, cameras=(a, b)), (left, right)
+
+    def _acquire(
+        self,
+        state: TrackerState,
+        cameras: CameraFrames,
+        view: StereoView,
+        stamp_s: float,
+        *,
+        grey: bool,
+        found: tuple[Found, Found],
+    ) -> tuple[TrackerState, Detections, Regions]:
+        """An object anywhere in both images; while one is tracked, that one only."""
+        association = state.association
         if self.params.mode == "marker":
             with self.stages("image"):
-                marker = search_marker(self.params.marker, looks, view, stamp_s, self._optics, self._association, found)
-            same = marker is not None and self._is_wanted(view, marker, stamp_s, (None, None))
-            return _sightings(marker if marker and same else (None, None)), ([], [])
-        scenes = (self._eyes[0].background, self._eyes[1].background) if grey else None
-        pair, regions = self._search.step(looks, view, stamp_s, scenes)
-        if pair is None or not self._is_wanted(
-            view, (pair[0].outline, pair[1].outline), stamp_s, (pair[0].model, pair[1].model)
-        ):
-            return (None, None), regions
-        self._found = pair
+                marker = search_marker(self.params.marker, cameras, view, stamp_s, self._optics, association, found)
+            if marker is None or not self._passes_gate(state, view, marker, stamp_s, _NO_MODELS):
+                return state, _NOTHING, ([], [])
+            return state, _detections(*marker), ([], [])
+        scenes = (self._cameras[0].background, self._cameras[1].background) if grey else None
+        pair, regions = self._search.step(cameras, view, stamp_s, scenes, association)
+        if pair is None:
+            return state, _NOTHING, regions
+        outlines = pair[0].outline, pair[1].outline
+        if not self._passes_gate(state, view, outlines, stamp_s, (pair[0].model, pair[1].model)):
+            return state, _NOTHING, regions
+        period_s, targets = cameras[0].stamp_s - state.stamps_s[0], []
         with self.stages("image"):
-            for eye, look, one in zip(self._eyes, looks, pair, strict=True):
+            for tracker, camera, one in zip(self._cameras, cameras, pair, strict=True):
                 flow = one.flow
-                shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * self._period_s
-                eye.object.start(look.image, one.outline.box_px, one.model, one.spread, shift_px)
-        return _sightings((pair[0].outline, pair[1].outline)), regions
+                shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * period_s
+                targets.append(tracker.image_tracker.start(camera.image, one.outline.box_px, one.model, shift_px))
+        left, right = (one._replace(target=target) for one, target in zip(state.cameras, targets, strict=True))
+        return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines), regions
 
-    def _is_carrier(self, looks: Looks) -> bool:
-        """Whether what is not yet confirmed turns out to carry what should be tracked."""
-        if self._found is None or self._hits >= self.params.confirm_frames:
-            return False
-        return self._search.is_carrier(self._found, looks)
-
-    def _is_wanted(
-        self, view: StereoView, shapes: tuple[Outline, Outline], stamp_s: float, models: Sequence[ColorModel | None]
+    def _passes_gate(
+        self,
+        state: TrackerState,
+        view: StereoView,
+        outlines: tuple[Outline, Outline],
+        stamp_s: float,
+        models: Sequence[ColorModel | None],
     ) -> bool:
-        """Whether what was found may be tracked: anything while nothing is, else only the same again."""
-        if self._belief is None:
+        """Re-identification gate; open while nothing is tracked."""
+        if state.belief is None:
             return True
-        seen = self._association.observe(view, *shapes, stamp_s)
-        return is_same(self.params.again, [eye.object.model for eye in self._eyes], self._radius[0], models, seen)
+        known = [one.target.model if one.target else None for one in state.cameras]
+        observation = state.association.observe(view, *outlines, stamp_s)
+        return is_same_object(self.params.reidentification, known, state.radius_m, models, observation)
 
-    def _observe(self, view: StereoView, looks: Looks, sightings: Sightings, stamp_s: float) -> Observation3D | None:
-        left, right = sightings
+    def _associate(
+        self,
+        state: TrackerState,
+        predicted: Belief | None,
+        cameras: CameraFrames,
+        view: StereoView,
+        stamp_s: float,
+        detections: Detections,
+    ) -> tuple[TrackerState, Observation3D | None]:
+        """Triangulate what both cameras detected.
+
+        The first outline, grown from a moving region, is too rough to learn the calibration's error from.
+        """
+        left, right = detections
         if left is None or right is None:
-            return None
+            return state, None
         shift = None
-        if self._belief is not None and self.params.kalman.order > 1 and looks[0].stamp_s != looks[1].stamp_s:
-            p, v = self._belief.mean[0], self._belief.mean[1]
-            shift = tuple(look.view.project_jacobian(p) @ v * (stamp_s - look.stamp_s) for look in looks)
-        observation = self._association.observe(view, left.outline, right.outline, stamp_s, shift)
-        if observation is not None and self._belief is not None:  # the first outline, grown from motion, is rough
-            self._association.learn(observation, left.outline, right.outline)
-        return observation
+        if predicted is not None and state.kalman.order > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
+            p, v = predicted.mean[0], predicted.mean[1]
+            shift_left, shift_right = (
+                camera.view.project_jacobian(p) @ v * (stamp_s - camera.stamp_s) for camera in cameras
+            )
+            shift = shift_left, shift_right
+        observation = state.association.observe(view, left.outline, right.outline, stamp_s, shift)
+        if observation is None:
+            return state, None
+        if predicted is not None:
+            learned = state.association.learned(observation, left.outline, right.outline)
+            state = replace(state, association=learned)
+        if self.params.stamp_error_s > 0 and state.view is not None:
+            dt_s = stamp_s - 0.5 * sum(state.stamps_s)
+            observation = with_pose_error(observation, state.view, view, dt_s, self.params.stamp_error_s)
+        return state, observation
 
-    def _filter(self, observation: Observation3D | None, view: StereoView, stamp_s: float, blind: bool) -> Track3D:
-        """Take the observation into the belief and decide what is known; blind eyes refute nothing for a while."""
-        params = self._kalman
-        seen = observation is not None
-        if observation is not None:
-            if self._belief is None:
-                self._kalman = params = scaled(
-                    self.params.kalman, float(np.linalg.norm(observation.p_root - self._head))
-                )
-                self._belief = self._start(observation, view, stamp_s)
-            else:
-                self._belief = update(params, self._belief, observation.p_root, observation.cov_root)
-                seen = self._belief.rejections == 0
-        if self._belief is None:
-            return Track3D.unknown(stamp_s)
-        if seen and observation is not None:
-            self._blend_radius(observation, stamp_s)
-            self._hits += 1
-            self._seen_s = stamp_s
-        elif stamp_s - self._seen_s > self.params.lost_after_s:
-            status = Status.LOST if self._hits >= self.params.confirm_frames else Status.SEARCHING
-            self._forget()
-            return Track3D.unknown(stamp_s, status)
-        elif self._hits < self.params.confirm_frames and not blind:
-            self._forget()
-            return Track3D.unknown(stamp_s)
-        if self._hits < self.params.confirm_frames:
-            return Track3D.unknown(stamp_s)
-        return self._track(self._belief, Status.TRACKING if seen else Status.COASTING)
-
-    def _start(self, observation: Observation3D, view: StereoView, stamp_s: float) -> Belief:
-        """The belief after the first measurement; optical flow, where there is any, tells its velocity."""
-        found, params = self._found, self._kalman
-        flows = (found[0].flow, found[1].flow) if found else (None, None)
-        position_px = math.sqrt(params.white_share) * self._association.error_px
+    def _update(
+        self,
+        state: TrackerState,
+        predicted: Belief | None,
+        observation: Observation3D | None,
+        view: StereoView,
+        stamp_s: float,
+    ) -> tuple[TrackerState, Belief | None, bool]:
+        """The belief after the observation, and whether it was taken in; the first observation starts the filter, at
+        the velocity that the optical flow measured, if it did."""
+        if observation is None:
+            return state, predicted, False
+        if predicted is not None:
+            belief = kalman.update(state.kalman, predicted, observation.p_root, observation.cov_root)
+            return state, belief, belief.rejections == 0
+        params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, _middle(view)))
+        flows = (state.acquired[0].flow, state.acquired[1].flow) if state.acquired else (None, None)
+        position_px = math.sqrt(params.white_share) * state.association.error_px
         measured = velocity(flows, view, observation.p_root, params.prior_std[:2], position_px) or (None, None)
-        return start(params, stamp_s, observation.p_root, observation.cov_root, *measured)
+        belief = kalman.start(params, stamp_s, observation.p_root, observation.cov_root, *measured)
+        return replace(state, kalman=params), belief, True
 
-    def _track(self, belief: Belief, status: Status) -> Track3D:
-        """What an outline's centre is off the body's, and what hardly changes, no filter averages out."""
-        mean, cov = _whole_state(
-            *(belief.mean, belief.cov, belief.lasting, belief.mean[0] - self._head),
-            self.params.light_error / (self._optics[0].camera.focal_px ** 3 * self._radius[0]) ** 0.5,
-            (self.params.shape_error * self._oddness * self._radius[0]) ** 2,
+    def _manage(
+        self,
+        state: TrackerState,
+        belief: Belief | None,
+        observation: Observation3D | None,
+        view: StereoView,
+        stamp_s: float,
+        *,
+        blind: bool,
+    ) -> tuple[TrackerState, Track3D]:
+        """Confirm, coast or delete the track; a frame in which a camera is blind does not break a confirmation."""
+        state = replace(state, belief=belief)
+        if belief is None:
+            return state, Track3D.unknown(stamp_s)
+        confirmed = state.hits >= self.params.confirm_frames
+        if observation is not None:
+            state = _with_radius(replace(state, hits=state.hits + 1, observed_s=stamp_s), observation)
+        elif stamp_s - state.observed_s > self.params.lost_after_s:
+            return self._initial, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING)
+        elif not confirmed and not blind:
+            return self._initial, Track3D.unknown(stamp_s)
+        if state.hits < self.params.confirm_frames:
+            return state, Track3D.unknown(stamp_s)
+        status = Status.COASTING if observation is None else Status.TRACKING
+        error = self.params.correlated_error_px / self._optics[0].camera.focal_px
+        mean, cov = _full_state(
+            *(belief.mean, belief.cov, belief.correlated_cov), belief.mean[0] - _middle(view), error
         )
-        return Track3D(belief.stamp_s, mean, cov, self._radius[0], self._radius[1] + self._radius_lasting, status)
+        return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
-    def _blend_radius(self, observation: Observation3D, stamp_s: float) -> None:
-        """A scalar Kalman filter on a size that hardly changes."""
-        white = self.params.radius_white * observation.radius_var_m2
-        self._radius_lasting = observation.radius_var_m2 - white
-        if self._hits == 0:
-            self._radius = observation.radius_m, white
-            return
-        value, var = self._radius
-        var += (self.params.radius_drift * value) ** 2 * (stamp_s - self._seen_s)
-        gain = var / (var + white)
-        self._radius = value + gain * (observation.radius_m - value), (1 - gain) * var
+    def _learn(
+        self,
+        state: TrackerState,
+        cameras: CameraFrames,
+        detections: Detections,
+        observation: Observation3D | None,
+        *,
+        grey: bool,
+    ) -> TrackerState:
+        """Remember how each camera sees the object, its colours once it is confirmed, and the scene without it."""
+        each = list(zip(self._cameras, cameras, detections, strict=True))
+        if grey:
+            for tracker, camera, one in each:
+                boxes = [one.box_px] if one else []
+                tracker.background.learn(camera.image, camera.view, camera.stamp_s, boxes)
+        if state.belief is None:
+            return state
+        belief = state.belief
+        left, right = (
+            tracker.remember(known, camera, one.outline, belief)
+            if one is not None and observation is not None
+            else known
+            for (tracker, camera, one), known in zip(each, state.cameras, strict=True)
+        )
+        appearance = state.appearance
+        if (
+            appearance is None
+            and state.hits >= self.params.confirm_frames
+            and not grey
+            and left.target
+            and right.target
+        ):
+            appearance = left.target.model, right.target.model
+        return replace(state, cameras=(left, right), appearance=appearance)
 
-    def _forget(self) -> None:
-        self._belief, self._found, self._hits, self._oddness = None, None, 0, 0.0
-        if self.params.mode == "generic":
-            self._appearance = None
-        self._association.forget()
-        for eye in self._eyes:
-            eye.forget()
 
-    def _after(self, looks: Looks, sightings: Sightings, observation: Observation3D | None, grey: bool) -> None:
-        """Remember, for each eye, where the object is relative to the track, and the scene without it."""
-        if self._appearance is None and self._hits >= self.params.confirm_frames and not grey:
-            left, right = (eye.object.model for eye in self._eyes)
-            self._appearance = (left, right) if left and right else None
-        for eye, look, seen in zip(self._eyes, looks, sightings, strict=True):
-            if seen is not None and observation is not None and self._belief is not None:
-                eye.remember(look, seen.outline, self._belief)
-                rate = 0.5 / min(self._hits, 10)  # two eyes a frame
-                self._oddness += rate * (seen.outline.oddness - self._oddness)
-            if grey:
-                eye.background.learn(look.image, look.view, look.stamp_s, [seen.box_px] if seen else [])
+def _middle(view: StereoView) -> Array:
+    """(3,) midway between the cameras."""
+    middle: Array = 0.5 * (view.left.center + view.right.center)
+    return middle
 
 
-def _sightings(shapes: tuple[Outline | None, Outline | None]) -> Sightings:
-    """Outlines found without a tracker, as sightings."""
-    left, right = (None if shape is None else Sighting(shape, shape.box_px, 1.0) for shape in shapes)
-    return left, right
+def _detections(left: Outline, right: Outline) -> Detections:
+    """Outlines found without an image tracker, as detections."""
+    return ImageDetection(left, left.box_px, 1.0), ImageDetection(right, right.box_px, 1.0)
+
+
+def _with_radius(state: TrackerState, observation: Observation3D) -> TrackerState:
+    """The state with the radius averaged over the last frames; its error is correlated, so its variance is that of one
+    frame."""
+    weight = 1 / min(state.hits, _RADIUS_MEMORY)
+    radius = observation.radius_m if state.hits == 1 else state.radius_m
+    return replace(
+        state, radius_m=radius + weight * (observation.radius_m - radius), radius_var_m2=observation.radius_var_m2
+    )
 
 
 @njit(cache=True, error_model="numpy")
-def _whole_state(
-    mean: Array, cov: Array, lasting: Array, ahead: Array, light: float, shape_var: float
-) -> tuple[Array, Array]:
-    """The state (4, 3) with what a filter does not model at zero, and its covariance (12, 12); to its position comes
-    what is `lasting` (3, 3), what its shape does in all directions (m²), and, since what is lit from above seems to
-    be elsewhere, along the image's vertical there, at `ahead` (3,) of the head, `light` (m^-½: `light_error` over the
-    root of focal length in px cubed times radius)."""
+def _full_state(mean: Array, cov: Array, correlated: Array, ahead: Array, error_rad: float) -> tuple[Array, Array]:
+    """State (4, 3), zero where the filter does not model a derivative, and its covariance (12, 12).
+
+    To the position's covariance comes the error that all measurements share: `correlated` (3, 3) m², and an angle
+    `error_rad` across the line of sight to the object, `ahead` (3,) m of the cameras.
+    """
     whole, whole_cov = np.zeros((4, 3)), np.zeros((12, 12))
     for i in range(len(cov)):
         whole[i // 3, i % 3] = mean[i // 3, i % 3]
         for j in range(len(cov)):
             whole_cov[i, j] = cov[i, j]
-    x, y, z = ahead[0], ahead[1], ahead[2]
-    along = light * math.sqrt((x * x + y * y) / (x * x + y * y + z * z) ** 1.5)
-    shift = -x * z * along, -y * z * along, (x * x + y * y) * along
+    far2 = ahead[0] * ahead[0] + ahead[1] * ahead[1] + ahead[2] * ahead[2]
     for i in range(3):
         for j in range(3):
-            whole_cov[i, j] += lasting[i, j] + shift[i] * shift[j] + (shape_var if i == j else 0.0)
+            across = (far2 if i == j else 0.0) - ahead[i] * ahead[j]
+            whole_cov[i, j] += correlated[i, j] + error_rad**2 * across
     return whole, whole_cov

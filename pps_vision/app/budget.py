@@ -13,9 +13,9 @@ from scipy.stats import chi2
 
 from pps_vision.errors import InputError
 from pps_vision.types import Observation3D, Status, StereoFrame
-from tracking.eye import EyeParams
-from tracking.kalman import KalmanParams, admit, predict, scaled, start, update
-from tracking.particles import ParticleParams
+from tracking.image_tracker import ImageTrackerParams
+from tracking.kalman import KalmanParams, gate, predict, scaled, start, update
+from tracking.particle_filter import ParticleParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 _PROBE_PAIRS = 60  # since the object was found
@@ -77,7 +77,7 @@ class Choice:
 
 
 def _particles(count: int) -> TrackerParams:
-    return TrackerParams(eye=EyeParams(particles=ParticleParams(count=count)))
+    return TrackerParams(image=ImageTrackerParams(particles=ParticleParams(count=count)))
 
 
 CONFIGURATIONS = (  # `pps-vision bench budget --seed 9000`, on a busy machine: the times count by their order
@@ -163,7 +163,7 @@ def _innovations(params: KalmanParams, seen: Sequence[Observation3D]) -> list[fl
     belief, nis = start(params, seen[0].stamp_s, seen[0].p_root, seen[0].cov_root), []
     for one in seen[1:]:
         belief = predict(params, belief, one.stamp_s)
-        admitted = admit(params, belief, one.p_root, one.cov_root)
-        nis.append(admitted.nis if admitted and admitted.belief is belief else params.gate_chi2)
+        gated = gate(params, belief, one.p_root, one.cov_root)
+        nis.append(gated.nis if gated and gated.belief is belief else params.gate_chi2)
         belief = update(params, belief, one.p_root, one.cov_root)
     return nis

@@ -7,12 +7,12 @@ from pps_vision.app.cli.options import options_of
 from pps_vision.errors import InputError
 from pps_vision.recordings.images import ImageSequence
 from pps_vision.recordings.tables import Box
-from tracking.single import ColorTracker, ColorTrackerParams
+from tracking.image_tracker import BoxTracker, ImageTrackerParams
 
 
 def follow(sequence: ImageSequence, init: Box, seed: int) -> list[tuple[int, Box, float]]:
     """Frame number, box and score of every readable frame; `init` is the box in the first."""
-    tracker = ColorTracker(ColorTrackerParams(), np.random.default_rng(seed))
+    tracker = BoxTracker(ImageTrackerParams(), np.random.default_rng(seed))
     rows: list[tuple[int, Box, float]] = []
     for number, image in tqdm(sequence, total=len(sequence), desc="track2d", unit="frame", disable=None):
         if rows:

@@ -23,8 +23,8 @@ from pps_vision.experiments.study import Study
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Status, Track3D
 from rendering.names import MotionName, StimulusName
-from tracking.eye import EyeParams
-from tracking.particles import ParticleParams
+from tracking.image_tracker import ImageTrackerParams
+from tracking.particle_filter import ParticleParams
 from tracking.tracker import Tracker, TrackerParams
 
 ASKED_MM = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
@@ -184,4 +184,4 @@ def _median(tracks: list[Track3D], ms: list[float]) -> float:
 
 def _full() -> TrackerParams:
     """What one would run who does not choose: many particles."""
-    return TrackerParams(eye=EyeParams(particles=ParticleParams(count=500)))
+    return TrackerParams(image=ImageTrackerParams(particles=ParticleParams(count=500)))

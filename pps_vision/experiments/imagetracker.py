@@ -18,11 +18,10 @@ from pps_vision.experiments.study import DATA, Study
 from pps_vision.recordings.images import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName, StimulusName
-from tracking.eye import EyeParams
+from tracking.image_tracker import BoxTracker, ImageTrackerParams, assumed_optics
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
-from tracking.particles import ParticleParams
-from tracking.single import ColorTracker, ColorTrackerParams, flat_optics
+from tracking.particle_filter import ParticleParams
 
 COUNTS = (50, 100, 200, 500, 1000, 2000)
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
@@ -138,7 +137,7 @@ class Particles:
     """Our particle filter as a peer of the others."""
 
     def __init__(self, params: ParticleParams, seed: int) -> None:
-        self._tracker = ColorTracker(ColorTrackerParams(EyeParams(particles=params)), np.random.default_rng(seed))
+        self._tracker = BoxTracker(ImageTrackerParams(particles=params), np.random.default_rng(seed))
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn what is in the box."""
@@ -160,7 +159,7 @@ class HueBlob:
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn the place."""
-        self._optics = flat_optics(image.shape[1], image.shape[0])
+        self._optics = assumed_optics(image.shape[1], image.shape[0])
         self._last = box
 
     def step(self, image: Image) -> BoxPx | None:

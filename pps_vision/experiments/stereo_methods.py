@@ -12,8 +12,7 @@ from pps_vision.experiments.stereo_scenes import Scene
 from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Image, Observation3D
-from tracking.outline import Optics, Outline, cover
-from tracking.rim import see
+from tracking.outline import Optics, Outline, cover, fit_outline
 
 Grey = NDArray[np.uint8]
 Matcher = Callable[[Grey, Grey, float], float | None]  # two patches, the object's middle's radius (px) → disparity
@@ -42,7 +41,7 @@ def outlined(scene: Scene) -> Outlined | None:
     shapes = []
     cameras = scene.view.left.camera, scene.view.right.camera
     for camera, image, mask in zip(cameras, (scene.frame.left, scene.frame.right), scene.masks, strict=True):
-        shape = see(image, *mask, _optics(camera))
+        shape = fit_outline(image, *mask, _optics(camera))
         if shape is None:
             return None
         shapes.append(shape)

@@ -167,7 +167,7 @@ class FilteredPeer:
         order = self._params.order
         mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
         mean[:order], cov[: 3 * order, : 3 * order] = belief.mean, belief.cov
-        cov[:3, :3] += belief.lasting
+        cov[:3, :3] += belief.correlated_cov
         return Track3D(belief.stamp_s, mean, cov, np.nan, np.nan, status)
 
 

@@ -43,7 +43,7 @@ def _approach(rng: np.random.Generator, noise: float = 1.0) -> Sequence:
 def test_peers_compute_what_ours_does(rng: np.random.Generator) -> None:
     sequence = _approach(rng)
     ours = methods.Ours(4, sequence)
-    ours.params = params = replace(ours.params, unrest_rate=0)  # theirs does not follow the innovations
+    ours.params = params = replace(ours.params, adaptation_rate=0)  # theirs does not follow the innovations
     begin = ours.belief
     filters = ours, methods.OpenCV(sequence), methods.FilterPy(sequence)
     for stamp_s, z, cov in zip(sequence.stamps_s[1:], sequence.positions[1:], sequence.covs[1:], strict=True):
@@ -59,7 +59,7 @@ def test_a_constant_gain_ends_where_the_full_filter_settles(rng: np.random.Gener
     sequence = _approach(rng)
     even = replace(sequence, covs=np.tile(1e-8 * np.eye(3), (41, 1, 1)))
     full, steady = methods.Ours(4, even), methods.Steady(even)
-    full.params = replace(full.params, unrest_rate=0)
+    full.params = replace(full.params, adaptation_rate=0)
     for stamp_s, z, cov in zip(even.stamps_s[1:], even.positions[1:], even.covs[1:], strict=True):
         ours, theirs = full.step(float(stamp_s), z, cov), steady.step(float(stamp_s), z, cov)
     np.testing.assert_allclose(theirs, ours, atol=1e-4)

@@ -6,7 +6,7 @@ from data import shared_data
 
 from pps_vision.recordings.images import open_frames
 from pps_vision.types import Array
-from tracking.single import BoxPx, ColorTracker, ColorTrackerParams
+from tracking.image_tracker import BoxPx, BoxTracker, ImageTrackerParams
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def _overlap(a: BoxPx, b: Array) -> float:
 
 def test_the_ball_is_followed_over_the_whole_clip(truth: Array) -> None:
     for seed in (0, 1):
-        tracker = ColorTracker(ColorTrackerParams(), np.random.default_rng(seed))
+        tracker = BoxTracker(ImageTrackerParams(), np.random.default_rng(seed))
         overlap, off = [], []
         for (_, image), box in zip(open_frames(shared_data("vot_ball1", "frames")), truth, strict=True):
             found = tracker.step(image) if overlap else tracker.start(image, (box[0], box[1], box[2], box[3]))

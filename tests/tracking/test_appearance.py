@@ -1,6 +1,7 @@
 """Colour bins, particles, masks and the marker, each against something simpler."""
 
 import colorsys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,11 +11,12 @@ from scipy import ndimage
 
 from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import Observation3D
 from tracking import masks
-from tracking.color import N_BINS, ColorModel, color_bins, histogram
+from tracking.appearance import N_BINS, ColorModel, ReidentificationParams, color_bins, histogram, is_same_object
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
-from tracking.particles import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
+from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
 
 
 def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
@@ -101,12 +103,6 @@ def test_large_gaps_that_show_the_backdrop_stay_open() -> None:
     assert np.count_nonzero(whole) == 30 * 30 - 100
 
 
-def test_spread_is_one_for_ellipses_and_more_with_corners() -> None:
-    y, x = np.mgrid[:90, :120]
-    assert masks.spread(np.hypot((x - 60) / 50, (y - 45) / 30) < 1) == pytest.approx(1, abs=0.02)
-    assert 1.1 < masks.spread((abs(x - 60) < 50) & (abs(y - 45) < 30)) < np.sqrt(np.pi / 2)
-
-
 @pytest.mark.parametrize(("hue_deg", "color"), [(120.0, (30.0, 200.0, 40.0)), (0.0, (200.0, 30.0, 40.0))])
 def test_a_marker_is_found_by_its_hue(
     rng: np.random.Generator, hue_deg: float, color: tuple[float, float, float]
@@ -128,3 +124,34 @@ def test_bad_parameters_are_named() -> None:
         MarkerParams(hue_deg=400.0)
     with pytest.raises(ValueError, match="count=1"):
         ParticleParams(count=1)
+
+
+OBSERVED = Observation3D(0.0, np.zeros(3), np.eye(3), 0.03, 1e-6, 0.1)
+
+
+def model(share: float) -> ColorModel:
+    """A share of one colour, the rest of another."""
+    colors = np.zeros(N_BINS)
+    colors[[3, 40]] = share, 1 - share
+    return ColorModel(colors, np.full(N_BINS, 1 / N_BINS))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "radius_m", "same"),
+    [
+        (0.9, 0.9, 0.03, True),
+        (0.8, 0.95, 0.025, True),
+        (0.9, 0.1, 0.03, False),  # another colour in one eye
+        (0.1, 0.9, 0.03, False),
+        (0.9, 0.9, 0.02, False),  # another size
+        (0.9, 0.9, 0.04, False),
+    ],
+)
+def test_colours_in_either_eye_and_size_must_agree(left: float, right: float, radius_m: float, same: bool) -> None:
+    known, found = (model(0.9), model(0.9)), (model(left), model(right))
+    assert is_same_object(ReidentificationParams(), known, 0.03, found, replace(OBSERVED, radius_m=radius_m)) == same
+
+
+def test_what_no_pair_gives_is_not_the_same_and_a_marker_has_no_colours_to_compare() -> None:
+    assert not is_same_object(ReidentificationParams(), (None, None), 0.03, (None, None), None)
+    assert is_same_object(ReidentificationParams(), (None, model(0.9)), 0.03, (model(0.1), None), OBSERVED)

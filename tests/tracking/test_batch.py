@@ -15,8 +15,8 @@ from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image, Status, StereoFrame
 from tracking import batch
+from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.batch import BatchTracker, OutlineBatch
-from tracking.color import ColorModel, color_bins, histogram
 from tracking.marker import MarkerParams, find_markers, threshold
 from tracking.outline import Optics, cover
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
@@ -167,22 +167,9 @@ def test_moments_are_those_of_an_ellipse(device: torch.device) -> None:
     assert np.allclose(found, expected, rtol=5e-3, atol=0.1)
     assert zz == pytest.approx(1, rel=2e-3)
     half = np.sqrt(np.diag(turn @ np.diag([a * a, b * b]) @ turn.T))
-    assert np.allclose(numbers[16:18], center - half, atol=1)
-    assert np.allclose(numbers[18:20], 2 * half, atol=1)
-    assert not nothing[[0, 1, 14, 15, 18, 19]].any()
-
-
-def test_what_lies_outside_the_disc_is_counted() -> None:
-    """Of a bar and of a disc, as a share of the area: the bar's known geometrically."""
-    camera = Camera(64, 64, 2000.0, 2000.0, 31.5, 31.5)
-    weights = batch.lens_weights(camera, DEVICES[0])[None]
-    y, x = np.mgrid[:64, :64] - 31.5
-    bar, disc = (np.abs(x) < 24) & (np.abs(y) < 4), np.hypot(x, y) < 12
-    numbers = batch.moments(*[torch.from_numpy(np.stack([bar, disc])).double()] * 2, weights.expand(2, 4, 64, 64))
-    radius = np.sqrt(bar.sum() / np.pi) + 1
-    beyond = (bar & (np.hypot(x, y) > radius)).sum()
-    assert numbers[0, 15] == pytest.approx(beyond, abs=8)
-    assert numbers[1, 15] == 0
+    assert np.allclose(numbers[15:17], center - half, atol=1)
+    assert np.allclose(numbers[17:19], 2 * half, atol=1)
+    assert not nothing[[0, 1, 14, 17, 18]].any()
 
 
 def test_coverage_is_that_of_frame_by_frame(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
@@ -273,7 +260,7 @@ def test_spheres_are_where_the_rays_meet_the_image(
         assert np.allclose(one.cov_px, alone.cov_px, rtol=0.1, atol=1e-4)
         assert np.allclose(one.box_px, alone.box_px, atol=1)
         assert one.area_px == pytest.approx(alone.area_px, rel=0.02)
-        assert not one.at_border
+        assert not one.is_partial
 
 
 def test_what_is_not_one_whole_marker_is_left_to_the_tracker(
@@ -285,8 +272,6 @@ def test_what_is_not_one_whole_marker_is_left_to_the_tracker(
         return Sphere(view.center + 0.3 * view.rays([u, v]), radius_m, GREEN)
 
     one = ball(160, 120, 0.01)
-    half = look(view, [one], rng)
-    half[:, 160:] = (110, 100, 90)
     ring = look(view, [one], rng)
     ring[118:122, 158:162] = (250, 250, 250)
     two_apart, two_near = [one, ball(60, 60, 0.006)], [one, ball(180, 120, 0.006)]
@@ -294,12 +279,12 @@ def test_what_is_not_one_whole_marker_is_left_to_the_tracker(
         look(view, some, rng)
         for some in ([], [one], two_apart, two_near, [ball(6, 120, 0.01)], [ball(160, 120, 0.036)])
     ]
-    nothing, single, apart, near, border, huge, hidden, shiny = find(*scenes, half, ring)
+    nothing, single, apart, near, border, huge, shiny = find(*scenes, ring)
     assert nothing == []
     assert single is not None
     assert shiny is not None
     assert np.allclose(shiny[0].center_px, single[0].center_px, atol=0.1)  # the hole counts as covered
-    assert [apart, near, border, huge, hidden] == [None] * 5
+    assert [apart, near, border, huge] == [None] * 4
 
 
 def test_images_smaller_than_a_patch_are_left_to_the_tracker(rng: np.random.Generator) -> None:
@@ -359,7 +344,7 @@ def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(
             for a, b in zip(one.detections, other.detections, strict=True):
                 assert np.allclose(a.center_px, b.center_px, atol=0.05)
             if one.track.is_known:  # without an observation the velocity's difference adds up
-                limit_m = 1e-4 if one.observation else 1e-3
+                limit_m = 2e-4 if one.observation else 1e-3
                 assert np.linalg.norm(one.track.position - other.track.position) < limit_m
                 assert other.track.radius_m == pytest.approx(one.track.radius_m, rel=0.01)
     first, *rest = ([step.track.mean for step in steps] for steps in batched)
@@ -374,7 +359,7 @@ def test_a_confirmed_ball_is_found_in_batches_without_its_particles(
     batches = BatchTracker(tracker, DEVICES[0])
     batches.steps(frames[:6])
     assert tracker.appearance is not None
-    monkeypatch.setattr("tracking.eye.EyeTracker.step", lambda *_: pytest.fail("searched frame by frame"))
+    monkeypatch.setattr("tracking.image_tracker.ImageTracker.step", lambda *_: pytest.fail("searched frame by frame"))
     for step in batches.steps(frames[6:8]):
         assert len(step.detections) == 2
 

@@ -138,7 +138,7 @@ def test_flight_begins_with_the_spread_of_what_is_thrown() -> None:
     belief = start(params, 1.5, np.array([1.0, 2.0, 3.0]), cov)
     np.testing.assert_array_equal(belief.mean, [[1, 2, 3], [0, 0, 0], [0, 0, 0]])
     np.testing.assert_allclose(belief.cov, np.diag([1e-4, 2e-4, 3e-4, 25, 25, 25, 0.16, 0.16, 0.04]))
-    assert np.array_equal(belief.lasting, np.zeros((3, 3)))
+    assert np.array_equal(belief.correlated_cov, np.zeros((3, 3)))
 
 
 def test_a_bouncing_ball_is_followed(rng: np.random.Generator) -> None:

@@ -13,9 +13,9 @@ from scipy.stats import chi2
 from rendering.motions import make_motion
 from tracking.kalman import Belief, KalmanParams, discretise, predict, scaled, start, update
 
-# Tests against an exact model set `unrest_rate=0`: the model's process noise is known there and constant, while a
+# Tests against an exact model set `adaptation_rate=0`: the model's process noise is known there and constant, while a
 # filter that follows its innovations is by design another one than theirs.
-EXACT = {"white_share": 1.0, "unrest_rate": 0, "gate_chi2": 1e9}
+EXACT = {"white_share": 1.0, "adaptation_rate": 0, "gate_chi2": 1e9}
 
 
 def _close(found: Belief, x: np.ndarray, P: np.ndarray, tolerance: float) -> None:
@@ -139,7 +139,7 @@ def _drawn(
 @pytest.mark.parametrize("order", [2, 4])
 def test_errors_have_the_covariance_it_claims(order: int, rng: np.random.Generator) -> None:
     """NEES of the whole state and of the first position (with the share of the error that stays), and NIS."""
-    params, R = replace(KalmanParams.of_order(order), unrest_rate=0, gate_chi2=1e9), np.diag([4e-6, 1e-6, 9e-6])
+    params, R = replace(KalmanParams.of_order(order), adaptation_rate=0, gate_chi2=1e9), np.diag([4e-6, 1e-6, 9e-6])
     first, nees, nis = [], [], []
     for _ in range(150):
         true, z = _drawn(params, 12, R, params.white_share, rng)
@@ -149,7 +149,7 @@ def test_errors_have_the_covariance_it_claims(order: int, rng: np.random.Generat
                 belief = update(params, predict(params, belief, 0.05 * k), z[k], R)
                 nis.append(belief.nis)
             error, P = (belief.mean - true[k]).ravel(), belief.cov.copy()
-            P[:3, :3] += belief.lasting
+            P[:3, :3] += belief.correlated_cov
             (nees if k else first).append(error @ np.linalg.solve(P, error) / (len(error) if k else 1))
     # of one path the errors go on from step to step: the last of each is independent
     low, high = chi2.ppf([0.001, 0.999], 3 * order * 150) / (3 * order * 150)
@@ -168,7 +168,7 @@ def test_process_noise_follows_the_motion(scale: float, rng: np.random.Generator
     belief, settled = start(params, 0.0, z[0], R), []
     for k in range(1, 500):
         belief = update(params, predict(params, belief, 0.05 * k), z[k], R)
-        settled.append(math.log(belief.unrest))
+        settled.append(math.log(belief.noise_scale))
     assert math.exp(np.mean(settled[50:])) == pytest.approx(scale, rel=0.35)
 
 
@@ -176,15 +176,15 @@ def test_process_noise_falls_at_the_given_rate_and_no_lower_than_a_fortieth() ->
     """Measured just as predicted, the innovation is nothing: each time the density falls by its rate."""
     R = 1e-8 * np.eye(3)
     for rate in (0.1, 0.3):
-        params = KalmanParams(unrest_rate=rate)
+        params = KalmanParams(adaptation_rate=rate)
         belief = start(params, 0.0, np.zeros(3), R)
         fallen = []
         for k in range(1, 60):
             belief = update(params, predict(params, belief, 0.05 * k), np.zeros(3), R)
-            fallen.append(belief.unrest)
+            fallen.append(belief.noise_scale)
         np.testing.assert_allclose(np.diff(np.log(fallen[:10])), -rate, rtol=1e-9)
         assert fallen[-1] == pytest.approx(1 / 40)
-        assert predict(params, belief, 3.0).cov[0, 0] < predict(params, belief._replace(unrest=1.0), 3.0).cov[0, 0]
+        assert predict(params, belief, 3.0).cov[0, 0] < predict(params, belief._replace(noise_scale=1.0), 3.0).cov[0, 0]
 
 
 def _moving(params: KalmanParams, k: int, R: np.ndarray) -> Belief:
@@ -199,13 +199,13 @@ def _moving(params: KalmanParams, k: int, R: np.ndarray) -> Belief:
 @pytest.mark.parametrize("missed", [0, 3])
 def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> None:
     """Just inside and just outside each gate: an update, a change of motion (with the prior spread since the last
-    update, and unrest as at the start), an outlier."""
+    update, and noise_scale as at the start), an outlier."""
     params, R = replace(KalmanParams.of_order(order), white_share=0.5), np.diag([1e-6, 2e-6, 3e-6])
     params = replace(params, gate_chi2=9.0, jump_chi2=16.0)
     before = _moving(params, 12, R)
     dt = 0.05 * (1 + missed)
     ahead = predict(params, before, before.stamp_s + dt)
-    assert ahead.unrest < 1
+    assert ahead.noise_scale < 1
     F = matrices(params, dt)[0]
     prior = np.kron(np.diag([0.0, *params.prior_std[: order - 1]]) ** 2, np.eye(3))
     loose = ahead.cov + F @ prior @ F.T
@@ -216,8 +216,8 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
         S = P[:3, :3] + 0.5 * R
         return x[:3] + away * math.sqrt(chi / (away @ np.linalg.solve(S, away)))
 
-    for z, P, unrest in (
-        (at(8.99, ahead.cov), ahead.cov, ahead.unrest),
+    for z, P, noise_scale in (
+        (at(8.99, ahead.cov), ahead.cov, ahead.noise_scale),
         (at(9.01, ahead.cov), loose, 1.0),
         (at(15.99, loose), loose, 1.0),
     ):
@@ -227,13 +227,13 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
         mean, cov, nis = corrected(x, P, z, 0.5 * R)
         _close(after, mean, cov, 1e-8)
         assert (after.nis, after.rejections) == (pytest.approx(nis), 0)
-        assert after.unrest == pytest.approx(np.clip(unrest * math.exp(0.2 * (nis / 3 - 1)), 0.025, 30.0))
+        assert after.noise_scale == pytest.approx(np.clip(noise_scale * math.exp(0.2 * (nis / 3 - 1)), 0.025, 30.0))
         assert (after.updated_s, after.stamp_s) == (ahead.stamp_s, ahead.stamp_s)
-        np.testing.assert_allclose(after.lasting, 0.5 * R)
+        np.testing.assert_allclose(after.correlated_cov, 0.5 * R)
     outside = update(params, ahead, at(16.01, loose), R)
     assert outside.rejections == 1
     _close(outside, x, ahead.cov, 1e-12)
-    assert (outside.updated_s, outside.unrest) == (before.updated_s, ahead.unrest)
+    assert (outside.updated_s, outside.noise_scale) == (before.updated_s, ahead.noise_scale)
 
 
 @pytest.mark.parametrize("most", [1, 2, 3])
@@ -275,7 +275,7 @@ def test_coasting_lets_the_covariance_grow_and_stay_positive() -> None:
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_thousands_of_steps_leave_the_covariance_sound(order: int, rng: np.random.Generator) -> None:
     """Nearly exact measurements and rare gaps: symmetric, positive, and settled to what it was long before."""
-    params = replace(KalmanParams.of_order(order), unrest_rate=0)
+    params = replace(KalmanParams.of_order(order), adaptation_rate=0)
     R = np.diag([1e-12, 1e-10, 1e-6])
     belief, seen = start(params, 0.0, np.zeros(3), R), []
     for k in range(1, 5001):
@@ -296,7 +296,7 @@ def test_a_dash_is_a_change_of_motion_and_a_jump_is_an_outlier() -> None:
     belief = start(params, 0.0, np.zeros(3), R)
     for k in range(1, 41):
         belief = update(params, predict(params, belief, 0.05 * k), np.zeros(3), R)
-    assert belief.unrest < 0.1
+    assert belief.noise_scale < 0.1
     dashed, jumped = (update(params, predict(params, belief, 2.05), np.array([x, 0, 0]), R) for x in (0.065, 0.1))
     assert dashed.mean[0, 0] == pytest.approx(0.065, abs=1e-4)
     assert dashed.mean[1, 0] == pytest.approx(1.3, abs=0.05)
@@ -323,18 +323,18 @@ def test_a_quiet_motion_is_predicted_the_better_and_a_lively_one_no_worse(rng: n
     velocity = 0.2 * np.stack([np.cos(angle), np.sin(angle), 0 * t], axis=1)
     params = KalmanParams(white_share=1.0)
     R = np.diag(np.square([1e-4, 1e-4, 3e-4]))
-    error = {0.0: np.zeros((5, 160)), params.unrest_rate: np.zeros((5, 160))}
+    error = {0.0: np.zeros((5, 160)), params.adaptation_rate: np.zeros((5, 160))}
     for k in range(5):
         z = path + rng.standard_normal((160, 3)) @ np.sqrt(R)
         for rate, squared in error.items():
-            own = replace(params, unrest_rate=rate)
+            own = replace(params, adaptation_rate=rate)
             belief = start(own, 0.0, z[0], R)
             for i in range(1, 160):
                 belief = update(own, predict(own, belief, t[i]), z[i], R)
                 squared[k, i] = np.sum((belief.mean[1] - velocity[i]) ** 2)
     (straight, bent), (straight_still, bent_still) = (
         (squared[:, 40:80].mean() ** 0.5, squared[:, 100:].mean() ** 0.5)
-        for squared in (error[params.unrest_rate], error[0.0])
+        for squared in (error[params.adaptation_rate], error[0.0])
     )
     assert straight < 0.75 * straight_still
     assert bent < 1.15 * bent_still
@@ -371,8 +371,8 @@ def test_bad_input_is_named() -> None:
         replace(KalmanParams(), gate_chi2=-1.0)
     with pytest.raises(ValueError, match="jumps 0"):
         KalmanParams(jump_chi2=0.0)
-    with pytest.raises(ValueError, match="unrest rate 2"):
-        KalmanParams(unrest_rate=2.0)
+    with pytest.raises(ValueError, match="adaptation rate 2"):
+        KalmanParams(adaptation_rate=2.0)
     with pytest.raises(ValueError, match=r"decay within \(0\.1, 0\.0\) s"):
         KalmanParams(decay_s=(0.1, 0.0))
     with pytest.raises(ValueError, match=r"white share 0\.0"):

@@ -12,7 +12,7 @@ from pps_vision.robot.model import Robot
 from tracking.ego_motion import EgoMotion
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import Flow2D, GreyImage, Match, match, velocity
-from tracking.particles import ParticleParams, propagate, spawn
+from tracking.particle_filter import ParticleParams, propagate, spawn
 from tracking.search import SearchParams
 from tracking.tracker import Tracker, TrackerParams
 

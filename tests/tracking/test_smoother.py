@@ -44,7 +44,7 @@ def _batch(params: KalmanParams, stamps: np.ndarray, z: np.ndarray, jump: int | 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Generator) -> None:
-    params = replace(KalmanParams.of_order(order), gate_chi2=1e9, white_share=1.0, unrest_rate=0)
+    params = replace(KalmanParams.of_order(order), gate_chi2=1e9, white_share=1.0, adaptation_rate=0)
     stamps = np.cumsum(rng.uniform(0.03, 0.08, 15)).round(6)
     z = 0.05 * np.sin(3 * stamps)[:, None] + rng.standard_normal((15, 3)) * np.sqrt(np.diag(R))
     z[6:9] = np.nan  # not seen for a while
@@ -59,7 +59,7 @@ def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Gene
 @pytest.mark.parametrize("order", [2, 3, 4])
 def test_a_sudden_change_of_motion_is_smoothed_as_one(order: int) -> None:
     """At rest, and from the tenth measurement on at 0.6 m/s."""
-    params = replace(KalmanParams.of_order(order), white_share=1.0, unrest_rate=0)
+    params = replace(KalmanParams.of_order(order), white_share=1.0, adaptation_rate=0)
     stamps = 0.05 * np.arange(15)
     z = 0.6 * np.maximum(stamps - stamps[9], 0.0)[:, None] * np.array([1.0, 0.0, 0.0])
     passages = follow(
@@ -71,7 +71,7 @@ def test_a_sudden_change_of_motion_is_smoothed_as_one(order: int) -> None:
 
 def test_what_it_claims_is_what_it_errs(rng: np.random.Generator) -> None:
     """Paths drawn from the model itself: the smoothed state's squared Mahalanobis distance has its mean, 6."""
-    params = KalmanParams(order=2, noise_density=0.02, gate_chi2=1e9, white_share=1.0, unrest_rate=0)
+    params = KalmanParams(order=2, noise_density=0.02, gate_chi2=1e9, white_share=1.0, adaptation_rate=0)
     A, Q = discretised(2, 0.05, params.decay_s)
     root = np.linalg.cholesky(0.02 * Q)
     nees, gain = [], []
@@ -131,7 +131,7 @@ def _tracked(
         belief = belief if z is None else update(params, belief, z, cov)
     mean, P = np.zeros((4, 3)), np.zeros((12, 12))
     mean[:], P[:] = belief.mean, belief.cov
-    P[:3, :3] += belief.lasting + 1e-6 * np.eye(3)
+    P[:3, :3] += belief.correlated_cov + 1e-6 * np.eye(3)
     return belief, Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
 
 

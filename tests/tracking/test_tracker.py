@@ -12,7 +12,7 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Status, StereoFrame
-from tracking.eye import EyeParams
+from tracking.image_tracker import ImageTrackerParams
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
@@ -142,24 +142,17 @@ def test_a_failed_eye_loses_the_track_and_invents_none(
         assert not t.is_known or np.all(np.isfinite(t.cov))
 
 
-def test_a_body_of_two_colors_is_one_thing_and_less_certain_than_a_ball(world: World, rng: np.random.Generator) -> None:
+def test_a_body_of_two_colors_is_one_object(world: World, rng: np.random.Generator) -> None:
     """Two touching balls of different colours; their middle lies between them."""
     tracker = Tracker(TrackerParams(), world.rig, rng)
     half = np.array([0.0, 0.0, 0.022])
-    squared, stds = [], []
     for k in range(30):
         p = world.position(DT * k)
         balls = [Sphere(p + half, 0.025, (120.0, 30.0, 190.0)), Sphere(p - half, 0.025, (220.0, 110.0, 20.0))]
         track = tracker.step(frame(world.rig, world.q(DT * k), balls, DT * k, rng)).track
         if k >= 10:
             assert track.status is Status.TRACKING
-            off = track.position - p
-            squared.append(float(off @ np.linalg.solve(track.cov[:3, :3], off)) / 3)
-            stds.append(float(np.sqrt(np.trace(track.cov[:3, :3]) / 3)))
-            assert np.linalg.norm(off) < 0.008
-    assert min(stds) > 0.001
-    assert max(stds) < 0.012
-    assert np.mean(squared) < 3
+            assert np.linalg.norm(track.position - p) < 0.008
 
 
 def test_a_marker_hidden_by_something_larger_of_its_hue_is_not_claimed_elsewhere(
@@ -186,43 +179,6 @@ def test_a_marker_hidden_by_something_larger_of_its_hue_is_not_claimed_elsewhere
     assert max(off for _, off in errors[6:lost]) < 0.02
 
 
-def test_a_carrier_that_is_noticed_first_is_not_taken_for_what_it_carries(
-    world: World, rng: np.random.Generator
-) -> None:
-    """A bluish grey ball starts to move, and only once that was noticed a red one that touches it."""
-    tracker = Tracker(TrackerParams(), world.rig, rng)
-    ahead = world.rig.view(world.q(0.0)).left.T_root_camera
-    aside, noticed = 0.1 * DT, 10**6
-    for k in range(20):
-        moved = aside * max(k - 6, 0), aside * max(k - noticed, 0)
-        carrier, ball = (
-            (ahead @ np.array([0.02 + x, y, 0.42, 1.0]))[:3] for x, y in zip(moved, (-0.03, 0.05), strict=True)
-        )
-        balls = [Sphere(carrier, 0.045, (95.0, 105.0, 135.0)), Sphere(ball, world.radius_m, RED)]
-        step = tracker.step(frame(world.rig, world.q(0.0), balls, DT * k, rng))
-        noticed = min(noticed, k if step.detections else noticed)
-    assert noticed < 15
-    assert np.linalg.norm(step.track.position - ball) < 0.003
-
-
-def test_light_from_above_leaves_doubt_up_and_down_the_image(world: World) -> None:
-    """As many pixels as were asked for, over the root of the radius in pixels, less by the squared sine of the angle
-    between line of sight and plumb line, and none across."""
-    world, covs = replace(world, color=GREEN), []
-    for light_error in (0.0, 2.0):
-        rng = np.random.default_rng(1)
-        tracker = Tracker(TrackerParams(mode="marker", light_error=light_error), world.rig, rng)
-        steps, _ = _run(world, tracker, 8, rng)
-        covs.append(steps[-1].track.cov[:3, :3])
-    view, p = world.rig.view(world.q(7 * DT)).left, world.position(7 * DT)
-    J = view.project_jacobian(p)
-    std_px = np.sqrt(np.maximum(np.diag(J @ (covs[1] - covs[0]) @ J.T), 0))
-    sight = (p - view.center) / np.linalg.norm(p - view.center)
-    radius_px = view.camera.focal_px * world.radius_m / np.linalg.norm(p - view.center)
-    assert std_px[1] == pytest.approx(2.0 / np.sqrt(radius_px) * (1 - sight[2] ** 2), rel=0.15)
-    assert std_px[0] < 0.15 * std_px[1]
-
-
 def test_nothing_moves_nothing_is_tracked(world: World, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     for k in range(25):
@@ -247,7 +203,7 @@ def test_eyes_that_look_one_after_the_other(world: World, rng: np.random.Generat
     assert _rms(np.array(errors)) < 0.004
 
 
-def test_a_frame_that_cannot_be_is_refused_and_the_next_is_taken(world: World, rng: np.random.Generator) -> None:
+def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world: World, rng: np.random.Generator) -> None:
     tracker, good = Tracker(TrackerParams(), world.rig, rng), world.frame(0, rng)
     small = np.zeros((120, 160, 3), np.uint8)
     for changes, says in (
@@ -256,9 +212,13 @@ def test_a_frame_that_cannot_be_is_refused_and_the_next_is_taken(world: World, r
         ({"left": good.left[..., 0]}, r"left image \(240, 320\) uint8"),
         ({"stamp_left_s": np.inf}, "left stamp inf s after -inf s"),
         ({"stamp_right_s": np.nan}, "right stamp nan s"),
+        ({"joints_right_rad": np.zeros(3)}, "3"),
+        ({"joints_left_rad": None}, "joints"),
     ):
+        before = tracker.state
         with pytest.raises(ValueError, match=says):
             tracker.step(replace(good, **changes))  # type: ignore[arg-type]
+        assert tracker.state is before
     assert tracker.step(good).track.status is Status.SEARCHING
 
 
@@ -286,4 +246,4 @@ def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
     with pytest.raises(ValueError, match="lost after 0"):
         TrackerParams(lost_after_s=0.0)
     with pytest.raises(ValueError, match="reach"):
-        EyeParams(reach=0.5)
+        ImageTrackerParams(reach=0.5)

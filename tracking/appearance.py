@@ -1,5 +1,6 @@
-"""What the object looks like: a colour histogram against the one of its surroundings."""
+"""Appearance: the object's colour histogram against that of its surroundings, and the re-identification gate."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -7,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.types import Array, Image, Mask
+from pps_vision.types import Array, Image, Mask, Observation3D
 
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (FACTS §4)
 _GREY_SATURATION, _DARK_VALUE = 40, 25  # below either the hue is noise (of 255)
@@ -33,20 +34,27 @@ def color_bins(image: Image) -> NDArray[np.uint8]:
     return _bin_table()[index]
 
 
+def histogram(bins: NDArray[np.uint8], weights: NDArray[np.float32] | None = None) -> Array:
+    """(N_BINS,) normalised histogram of pixels, weighted; uniform where there is no weight at all."""
+    counts = np.bincount(bins.ravel(), None if weights is None else weights.ravel(), minlength=N_BINS).astype(float)
+    total = counts.sum()
+    return counts / total if total > 0 else np.full(N_BINS, 1 / N_BINS)
+
+
 @dataclass(frozen=True)
 class ColorModel:
-    """Normalised histograms (N_BINS,) of the object and of what surrounds it."""
+    """Normalised histograms (N_BINS,) of the object and of its surroundings."""
 
     object: Array
     background: Array
 
     def table(self) -> NDArray[np.float32]:
-        """(N_BINS,) probability that a pixel of each bin belongs to the object, prior ½; a colour seen
-        in neither is rather something new in the background than in the object."""
+        """(N_BINS,) probability that a pixel of each bin belongs to the object, prior ½; a colour seen in neither
+        more likely belongs to the background."""
         return (self.object / (self.object + self.background + _NEVER_SEEN)).astype(np.float32)
 
     def backdrop(self) -> Mask:
-        """(N_BINS,) whether a colour is rather the surroundings' than the object's or one never seen."""
+        """(N_BINS,) whether a colour is more frequent in the surroundings than in the object."""
         likely: Mask = self.background > self.object + _NEVER_SEEN
         return likely
 
@@ -62,8 +70,28 @@ class ColorModel:
         )
 
 
-def histogram(bins: NDArray[np.uint8], weights: NDArray[np.float32] | None = None) -> Array:
-    """(N_BINS,) normalised histogram of pixels, weighted; uniform where there is no weight at all."""
-    counts = np.bincount(bins.ravel(), None if weights is None else weights.ravel(), minlength=N_BINS).astype(float)
-    total = counts.sum()
-    return counts / total if total > 0 else np.full(N_BINS, 1 / N_BINS)
+@dataclass(frozen=True)
+class ReidentificationParams:
+    """Re-identification gate: does a new detection show the object that was tracked before?"""
+
+    min_similarity: float = 0.85
+    """Least Bhattacharyya coefficient of the colours, where both are known."""
+    max_radius_ratio: float = 1.25
+    """Largest ratio of the radii."""
+
+
+def is_same_object(
+    params: ReidentificationParams,
+    known: Sequence[ColorModel | None],
+    radius_m: float,
+    found: Sequence[ColorModel | None],
+    observation: Observation3D | None,
+) -> bool:
+    """Whether the colours `found` in each eye and the radius observed by both are those of the `known` object."""
+    for before, now in zip(known, found, strict=True):
+        if before and now and before.similarity(now.object) < params.min_similarity:
+            return False
+    if observation is None:
+        return False
+    ratio = observation.radius_m / radius_m
+    return max(ratio, 1 / ratio) <= params.max_radius_ratio

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tracking.particles import ParticleParams, Prior, box_sums, propagate, spawn
+from tracking.particle_filter import ParticleParams, Prior, box_sums, propagate, spawn
 
 
 def test_impossible_numbers_are_named() -> None:

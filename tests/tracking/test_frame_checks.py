@@ -3,7 +3,7 @@
 import numpy as np
 
 from pps_vision.types import Image, StereoFrame
-from tracking.blind import Blindness
+from tracking.frame_checks import Fingerprints, fingerprints, is_blind
 
 
 def picture(rng: np.random.Generator, contrast: float = 40.0) -> Image:
@@ -12,6 +12,17 @@ def picture(rng: np.random.Generator, contrast: float = 40.0) -> Image:
 
 def pair(left: Image, right: Image, stamp_s: float) -> StereoFrame:
     return StereoFrame(left, right, stamp_s, stamp_s)
+
+
+class Blindness:
+    """`is_blind` of one frame after the other."""
+
+    def __init__(self) -> None:
+        self._last: Fingerprints | None = None
+
+    def step(self, frame: StereoFrame) -> bool:
+        before, self._last = self._last, fingerprints(frame)
+        return is_blind(self._last, before)
 
 
 def test_new_pictures_are_seen(rng: np.random.Generator) -> None:

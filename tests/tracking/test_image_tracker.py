@@ -1,0 +1,224 @@
+"""The image tracker of one camera: what it finds where, and what it does not take for its object."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from raycast import Sphere, look
+
+from pps_vision.geometry.camera import StereoRig, View
+from pps_vision.robot.icub import LEFT_EYE, home
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array, Image
+from tracking.acquire import AcquireParams, acquire
+from tracking.image_tracker import (
+    BoxTracker,
+    CameraState,
+    CameraTracker,
+    ImageDetection,
+    ImageTracker,
+    ImageTrackerParams,
+)
+from tracking.kalman import Belief, KalmanParams, predict
+from tracking.marker import MarkerParams
+from tracking.motion_trigger import Region2D
+from tracking.outline import Optics, Outline
+from tracking.particle_filter import Prior
+from tracking.stereo import CameraFrame
+
+BLUE, RED = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0)
+
+
+def test_a_small_object_is_found_anywhere_in_a_wide_prior_with_any_particles() -> None:
+    """5 px of radius, 45 px from where it was, a large thing of half its colour beside it."""
+    optics, here = Optics(LEFT_EYE), View(LEFT_EYE, np.eye(4))
+    before, now = np.array([0.0, 0.0, 0.5]), np.array([0.09, 0.03, 0.5])
+    clutter = Sphere(np.array([-0.1, 0.0, 0.6]), 0.06, RED)
+    was, true = LEFT_EYE.project(before), LEFT_EYE.project(now)
+    assert np.linalg.norm(true - was) > 40
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        eye = ImageTracker(ImageTrackerParams(), optics, rng)
+        image = look(here, [clutter, Sphere(before, 0.012, BLUE)], rng)
+        target = eye.start(image, (was[0] - 5, was[1] - 5, 11.0, 11.0))
+        _, seen = eye.step(target, look(here, [clutter, Sphere(now, 0.012, BLUE)], rng), Prior(was, 40.0, 1.0))
+        assert seen is not None
+        assert np.linalg.norm(seen.outline.center_px - true) < 0.5
+
+
+def _discs(rng: np.random.Generator, *discs: tuple[float, float, float], bar: bool = False) -> np.ndarray:
+    """Blue discs (x, y, radius px) amid grey noise, with a bar of their colour to the right of the first."""
+    v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
+    image = np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120.0)
+    for x, y, radius in discs:
+        image[np.hypot(u - x, v - y) < radius] = BLUE
+    if bar:
+        x, y, _ = discs[0]
+        image[(abs(v - y) < 3.5) & (u > x) & (u < x + 70)] = BLUE
+    return np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+
+
+def _seen(rng: np.random.Generator, image: np.ndarray, prior: Prior) -> ImageDetection | None:
+    """In an image, by a tracker that knows a disc of 18 px at (150, 110)."""
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    return eye.step(eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0)), image, prior)[1]
+
+
+def test_what_is_of_quite_another_size_is_not_it(rng: np.random.Generator) -> None:
+    """Four fifths of its radius pass, for two thirds of the score; half the radius, a quarter of the area, does not."""
+    prior = Prior(np.array([150.0, 110.0]), 3.0, 1.0)
+    smaller = _seen(rng, _discs(rng, (150, 110, 0.8 * 18)), prior)
+    assert smaller is not None
+    assert abs(smaller.score - 0.64) < 0.1
+    assert _seen(rng, _discs(rng, (150, 110, 0.5 * 18)), prior) is None
+
+
+def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng: np.random.Generator) -> None:
+    seen = _seen(rng, _discs(rng, (150, 110, 18), bar=True), Prior(np.array([150.0, 110.0]), 3.0, 1.0))
+    assert seen is not None
+    assert np.linalg.norm(seen.outline.center_px - [150, 110]) < 0.5
+    assert abs(seen.outline.area_px / (np.pi * 18**2) - 1) < 0.03
+
+
+def _moved_at(box: tuple[int, int, int, int]) -> Region2D:
+    return Region2D(box, np.ones((box[3], box[2]), bool), 1.0)
+
+
+def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng: np.random.Generator) -> None:
+    """Blue among specks: as many as in the disc, half as many, or none."""
+    v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
+    disc, optics = np.hypot(u - 150, v - 110) < 15, Optics(LEFT_EYE)
+    taken = []
+    for around in (0.0, 0.25, 0.6):
+        blue = rng.random(disc.shape) < np.where(disc, 0.9, around)
+        image = np.where(blue[..., None], BLUE, RED).astype(np.uint8)
+        taken.append(acquire(AcquireParams(), image, _moved_at((138, 98, 25, 25)), optics) is not None)
+    assert taken == [True, True, False]
+
+
+def test_what_fills_little_of_its_box_is_no_object(rng: np.random.Generator) -> None:
+    """A streak of 8 px across, along the image's diagonal and along its edge."""
+    v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
+    optics = Optics(LEFT_EYE)
+    for slope, taken in ((0.0, True), (1.0, False)):
+        image = np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120.0)
+        image[(abs(v - 110 - slope * (u - 150)) < 4 * np.hypot(1, slope)) & (abs(u - 150) < 30)] = BLUE
+        image = np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+        assert (acquire(AcquireParams(), image, _moved_at((140, 104, 21, 13)), optics) is not None) == taken
+
+
+def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random.Generator) -> None:
+    """To another place, and a size that they would take for another object's."""
+    view, p, image = View(LEFT_EYE, np.eye(4)), np.array([0.06, 0.03, 0.4]), _discs(rng, (150, 110, 18))
+    (x, y), camera = view.project(p), CameraFrame(image, view, 0.0, None)
+    tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
+    belief = Belief(0.0, np.array([p, np.zeros(3)]), 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
+    box = (x - 28, y - 28, 56.0, 56.0)
+    large = Outline(np.array([x, y]), 0.01 * np.eye(2), 28 / LEFT_EYE.focal_px, 1e-6, box, np.pi * 28**2, False)
+    state = CameraState(tracker.image_tracker.start(image, (132.0, 92.0, 37.0, 37.0)))
+    state = tracker.remember(state, camera, large, belief)
+    prior = tracker.predict(state, camera, belief, belief)
+    found = tracker.accept(state, prior, [large])
+    assert found is not None
+    moved = tracker.follow(state, found.outline)
+    assert moved.target is not None
+    _, seen = tracker.image_tracker.step(moved.target, _discs(rng, (x, y, 28)), Prior(np.array([x, y]), 1.0, 1.0))
+    assert seen is not None
+    assert np.linalg.norm(seen.outline.center_px - [x, y]) < 0.3
+
+
+V = np.array([0.0, 0.5, 0.0])
+
+
+@pytest.mark.parametrize("late_s", [-0.02, 0.0, 0.02])
+def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
+    robot: Robot, rig: StereoRig, rng: np.random.Generator, late_s: float
+) -> None:
+    """50 cm/s across at 40 cm is 5 px in 20 ms; the eye's image is always as late as that."""
+    view = rig.view(home(robot)).left
+    start = (view.T_root_camera @ [0.0, 0.05, 0.4, 1.0])[:3]
+    tracker = CameraTracker("left", Optics(rig.left), ImageTrackerParams(), MarkerParams(), 0.3, rng)
+    image = np.zeros((240, 320, 3), np.uint8)
+
+    def at(stamp_s: float) -> Array:
+        return start + V * stamp_s
+
+    def camera(stamp_s: float) -> CameraFrame:
+        return CameraFrame(image, view, stamp_s + late_s, None)
+
+    belief = Belief(0.0, np.array([at(0.0), V]), 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
+    seen = Outline(view.project(at(late_s)), 0.01 * np.eye(2), 0.08, 1e-6, (100, 100, 35, 35), 900.0, False)
+    state = tracker.remember(CameraState(), camera(0.0), seen, belief)
+    now = predict(KalmanParams(order=2), belief, 0.05)
+    prior = tracker.predict(state, camera(0.05), belief, now)
+    assert prior is not None
+    np.testing.assert_allclose(prior.center_px, view.project(at(0.05 + late_s)), atol=0.1)
+    prior = prior._replace(std_px=2.0)
+    here, elsewhere = (replace(seen, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0))
+    found = tracker.accept(state, prior, [elsewhere, here])
+    assert found is not None
+    assert found.outline is here
+    assert tracker.accept(state, prior, [elsewhere]) is None
+
+
+def _scene(rng: np.random.Generator) -> Image:
+    return cv2.resize(rng.integers(60, 150, (30, 40, 3), dtype=np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
+
+
+def _draw(scene: Image, center: tuple[float, float], radius: float, rng: np.random.Generator) -> Image:
+    """An orange ball with a white patch, blurred and noisy."""
+    image = scene.copy()
+    at = (round(16 * center[0]), round(16 * center[1]))
+    cv2.circle(image, at, round(16 * radius), (240, 120, 20), cv2.FILLED, cv2.LINE_AA, 4)
+    cv2.circle(
+        image, (at[0] + round(5 * radius), at[1]), round(4 * radius), (235, 230, 220), cv2.FILLED, cv2.LINE_AA, 4
+    )
+    image = cv2.GaussianBlur(image, (0, 0), 1.0).astype(float)
+    return np.clip(image + 3 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+
+
+def test_it_follows_a_ball_that_moves_and_grows(rng: np.random.Generator) -> None:
+    scene = _scene(rng)
+    tracker = BoxTracker(ImageTrackerParams(), rng)
+    overlap = []
+    for k in range(40):
+        x, y, r = 200 + 150 * np.sin(0.12 * k), 230 + 80 * np.sin(0.2 * k), 18 + 0.4 * k
+        image = _draw(scene, (x, y), r, rng)
+        box = (x - r, y - r, 2 * r, 2 * r)
+        found = tracker.start(image, box) if k == 0 else tracker.step(image)
+        fx, fy, fw, fh = found.box_px
+        w = max(min(fx + fw, x + r) - max(fx, x - r), 0)
+        h = max(min(fy + fh, y + r) - max(fy, y - r), 0)
+        overlap.append(w * h / (fw * fh + 4 * r * r - w * h))
+    assert np.mean(overlap) > 0.85
+    assert min(overlap) > 0.7
+
+
+def test_an_object_that_vanishes_scores_nothing_and_is_found_again(rng: np.random.Generator) -> None:
+    scene = _scene(rng)
+    tracker = BoxTracker(ImageTrackerParams(), rng)
+    tracker.start(_draw(scene, (200, 200), 20, rng), (180, 180, 40, 40))
+    assert tracker.step(_draw(scene, (203, 200), 20, rng)).score > 0.8
+    gone = tracker.step(np.clip(scene + 3 * rng.standard_normal(scene.shape), 0, 255).astype(np.uint8))
+    assert gone.score == 0
+    assert np.all(np.isfinite(gone.box_px))
+    assert tracker.step(_draw(scene, (206, 200), 20, rng)).score > 0.8
+
+
+def test_an_object_that_jumps_is_caught_again(rng: np.random.Generator) -> None:
+    scene = _scene(rng)
+    tracker = BoxTracker(ImageTrackerParams(), rng)
+    tracker.start(_draw(scene, (200, 200), 20, rng), (180, 180, 40, 40))
+    found = [tracker.step(_draw(scene, (270, 245), 20, rng)) for _ in range(3)][-1]
+    assert found.score > 0.8
+    assert np.linalg.norm([found.box_px[0] + 20 - 270, found.box_px[1] + 20 - 245]) < 4
+
+
+def test_bad_use_is_named(rng: np.random.Generator) -> None:
+    tracker = BoxTracker(ImageTrackerParams(), rng)
+    image = np.zeros((48, 64, 3), np.uint8)
+    with pytest.raises(ValueError, match="before start"):
+        tracker.step(image)
+    with pytest.raises(ValueError, match=r"60 5 10 10.*64×48"):
+        tracker.start(image, (60, 5, 10, 10))

@@ -1,0 +1,93 @@
+"""Checks of a stereo frame before it is tracked: is it well-formed, does it show anything, is it new, is it grey?
+
+Some camera drivers repeat their last image under new stamps.  With a moving head, an object that rests in the image
+would then move through the world.  Such an image is no observation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.types import Image, StereoFrame
+
+_STRIDE = 40  # every such row is compared first: images that differ there are not the same
+_DARK_STD = 2.0  # grey levels: the noise of a dark sensor has less, any picture more
+
+Stamps = tuple[float, float]
+
+
+def check(frame: StereoFrame, rig: StereoRig, last_s: Stamps) -> None:
+    """ValueError for stamps that are not after the last ones, or images that are not the rig's cameras'."""
+    eyes = (
+        ("left", frame.stamp_left_s, last_s[0], frame.left, rig.left),
+        ("right", frame.stamp_right_s, last_s[1], frame.right, rig.right),
+    )
+    for name, new, old, image, camera in eyes:
+        if not old < new < np.inf:
+            raise ValueError(f"{name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
+        expected = camera.height, camera.width, 3
+        if image.shape != expected or image.dtype != np.uint8:
+            raise ValueError(f"{name} image {image.shape} {image.dtype}; expected {expected} uint8")
+
+
+def is_grey(image: Image) -> bool:
+    """Whether an RGB image carries no colour at all."""
+    few = image[::16, ::16]
+    return bool((few[..., 1:] == few[..., :1]).all())
+
+
+Sums = tuple[float, float, float, float, float, float, float]
+
+
+class Fingerprint(NamedTuple):
+    """An image, and sums over some of its rows: a driver may fill the same buffer anew."""
+
+    image: Image
+    sums: Sums
+
+    @classmethod
+    def of(cls, image: Image) -> "Fingerprint":
+        """That of an RGB image."""
+        return cls(image, _sums(image))
+
+    @property
+    def is_dark(self) -> bool:
+        """Whether no colour channel has any contrast."""
+        n, *of = self.sums
+        colors = zip(of[:3], of[3:], strict=True)
+        return all(n * squares - total**2 < (n * _DARK_STD) ** 2 for total, squares in colors)
+
+    def repeats(self, before: "Fingerprint") -> bool:
+        """Whether both images are the same to the last bit."""
+        return self.sums == before.sums and np.array_equal(self.image, before.image)
+
+
+Fingerprints = tuple[Fingerprint, Fingerprint]  # left, right
+
+
+def fingerprints(frame: StereoFrame) -> Fingerprints:
+    """Those of both images."""
+    return Fingerprint.of(frame.left), Fingerprint.of(frame.right)
+
+
+def is_blind(now: Fingerprints, before: Fingerprints | None) -> bool:
+    """Whether either eye shows nothing, or what it showed in the frame before."""
+    if before is not None and (now[0].repeats(before[0]) or now[1].repeats(before[1])):
+        return True
+    return now[0].is_dark or now[1].is_dark
+
+
+@njit(cache=True, error_model="numpy")
+def _sums(image: Image) -> Sums:
+    """Over some rows: number of pixels, sums of red, green and blue, and sums of their squares."""
+    a = b = c = d = e = f = n = 0.0
+    for y in range(0, len(image), _STRIDE):
+        row = image[y]
+        for x in range(len(row)):
+            red, green, blue = float(row[x, 0]), float(row[x, 1]), float(row[x, 2])
+            a, b, c = a + red, b + green, c + blue
+            d, e, f = d + red * red, e + green * green, f + blue * blue
+        n += len(row)
+    return n, a, b, c, d, e, f

@@ -1,0 +1,422 @@
+"""Image tracker of one camera: colour likelihood → particle filter → mask → sub-pixel outline (R Fig 13)."""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pps_vision.geometry.camera import Camera
+from pps_vision.geometry.compiled import Vector
+from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
+from tracking import masks
+from tracking.appearance import ColorModel, color_bins, histogram
+from tracking.background import Background
+from tracking.ego_motion import Box, EgoMotion
+from tracking.kalman import Belief
+from tracking.marker import Found, MarkerParams, find_markers
+from tracking.outline import Optics, Outline, fit_outline
+from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
+from tracking.stereo import CameraFrame
+
+BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
+_WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
+_THIN = 0.22  # of the object's size: radius of the disc that opens its mask
+_SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
+_MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
+
+
+@dataclass(frozen=True)
+class ImageTrackerParams:
+    """Parameters of the image tracker."""
+
+    particles: ParticleParams = field(default_factory=ParticleParams)
+    """Of the particle filter."""
+    min_score: float = 0.4
+    """Score below which the object counts as not seen."""
+    learn_rate: float = 0.03
+    """Rate at which the object's colours follow the newest image."""
+    background_rate: float = 0.2
+    """The same for the colours of its surroundings."""
+    size_rate: float = 0.3
+    """The same for its size and proportions."""
+    min_area_px: float = 10.0
+    """Smallest image of an object."""
+    reach: float = 1.25
+    """Largest mask, as a multiple of the expected size."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.min_score < 1 and self.reach > 1 and 0 <= self.size_rate <= 1):
+            raise ValueError(
+                f"least score {self.min_score}, reach {self.reach}, size rate {self.size_rate}: "
+                "expected a score in (0, 1), a reach above 1 and a rate in [0, 1]"
+            )
+
+
+class ImageDetection(NamedTuple):
+    """The object in one image: its outline, its box with the size smoothed over time, and how well colours and area
+    fit, 0–1."""
+
+    outline: Outline
+    box_px: BoxPx
+    score: float
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """State of the image tracker: colours, particles, √(width·height) of the box in px, the box's sides at unit size,
+    and the share of the box that the object covers."""
+
+    model: ColorModel
+    cloud: Cloud
+    size: float
+    shape: tuple[float, float]
+    fill: float
+
+
+class ImageTracker:
+    """Follows one object in one camera's images.  Holds no state: `start` gives a `Target`, `step` the next one."""
+
+    def __init__(self, params: ImageTrackerParams, optics: Optics, rng: np.random.Generator) -> None:
+        self.params, self.optics, self.rng = params, optics, rng
+
+    def start(self, image: Image, box: BoxPx, model: ColorModel | None = None, shift_px: Array | None = None) -> Target:
+        """The target that fills a box, its colours taken from the image or from another `model`.
+
+        `shift_px` (2,) is its motion from one image to the next (None: at rest).
+        """
+        x, y, w, h = box
+        center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
+        roi = self._region(center, 1.2 * w + 4, 1.2 * h + 4)
+        bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
+        inside, around = masks.ellipse(roi, center, 0.9 * w, 0.9 * h), masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
+        model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
+        size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
+        shape = (aspect, 1 / aspect)
+        mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
+        whole = None if mask is None else fit_outline(image, mask, roi, self.optics)
+        fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
+        cloud = spawn(self.params.particles, center, size, 0.5, self.rng, shift_px)
+        return Target(model, cloud, size, shape, fill)
+
+    def step(
+        self, target: Target, image: Image, prior: Prior | None = None, evidence: NDArray[np.float32] | None = None
+    ) -> tuple[Target, ImageDetection | None]:
+        """The target in the next image, and its detection; None where it does not show.
+
+        `evidence` (H, W) replaces the colour likelihood in grey images.
+        """
+        s, p = target, self.params.particles
+        if prior:
+            s = replace(s, size=s.size * prior.growth)
+            if prior.std_px > _WIDE_PRIOR * s.size:
+                prior = self._narrowed(s, image, prior, evidence)
+        cloud = propagate(p, s.cloud, prior, self.rng)
+        middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
+        half = self.params.reach * s.size * np.array(s.shape) / 2 + reach + 4
+        roi = self._region(middle, *half)
+        if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
+            return s, None
+        crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
+        bins = color_bins(image[crop])
+        likelihood = s.model.table()[bins] if evidence is None else evidence[crop]
+        weights = weigh(p, cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
+        center = _mode(cloud, weights, s.size)
+        s = replace(s, cloud=resample(cloud, weights, self.rng))
+        backdrop = None if evidence is not None else s.model.backdrop()[bins]
+        mask = self._mask(likelihood, backdrop, roi, center, s.size, s.shape)
+        expected_area = s.fill * s.size**2
+        outline = None if mask is None else fit_outline(image, mask, roi, self.optics, expected_area)
+        if mask is None or outline is None:
+            return s, None
+        ratio = outline.area_px / expected_area
+        score = s.model.similarity(histogram(bins[mask])) if evidence is None else float(likelihood[mask].mean())
+        score *= min(ratio, 1 / ratio)
+        if score < self.params.min_score:
+            return s, None
+        return self._learn(s, bins, mask, outline, score, ratio)
+
+    def follow(self, target: Target, outline: Outline) -> Target:
+        """The target moved to an outline that was found without it; its colours stay."""
+        size = float(np.sqrt(outline.area_px / target.fill))
+        return replace(target, cloud=_moved_to(target.cloud, outline.center_px, size), size=size)
+
+    def _narrowed(self, s: Target, image: Image, prior: Prior, evidence: NDArray[np.float32] | None) -> Prior:
+        """Instead of a wide prior, one around the place in it where something of the object's size stands out most
+        from its surroundings."""
+        w, h = (s.size * side for side in s.shape)
+        roi = self._region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
+        if roi[2] <= roi[0] or roi[3] <= roi[1]:
+            return prior
+        crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
+        likelihood = s.model.table()[color_bins(image[crop])] if evidence is None else evidence[crop]
+        inside, wider = (_box_mean(likelihood, w * k, h * k) for k in (1, 2))
+        x, y = (np.arange(roi[k], roi[k + 2]) - prior.center_px[k] for k in (0, 1))
+        far = (x * x)[None, :] + (y * y)[:, None]
+        log = self.params.particles.sharpness * 4 / 3 * (inside - wider) - far / (2 * prior.std_px**2)
+        row, column = np.unravel_index(int(np.argmax(log)), log.shape)
+        return Prior(np.array([roi[0] + column, roi[1] + row]), 0.25 * s.size, prior.growth)
+
+    def _learn(
+        self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
+    ) -> tuple[Target, ImageDetection]:
+        """Cloud, size and colours follow what was seen."""
+        k = self.params.size_rate
+        size = s.size * ratio ** (0.5 * k)
+        seen_aspect = s.shape[0] ** 2 if outline.is_partial else outline.box_px[2] / outline.box_px[3]
+        aspect = (s.shape[0] ** 2) ** (1 - k) * seen_aspect**k
+        newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
+        model = s.model.blend(newest, self.params.learn_rate, self.params.background_rate)
+        sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
+        target = Target(model, _moved_to(s.cloud, outline.center_px, size), size, sides, s.fill)
+        w, h = size * sides[0], size * sides[1]
+        x, y = outline.center_px.tolist()
+        return target, ImageDetection(outline, (x - (w - 1) / 2, y - (h - 1) / 2, w, h), score)
+
+    def _region(self, center: Array, half_w: float, half_h: float) -> Box:
+        camera = self.optics.camera
+        x0, y0 = max(int(center[0] - half_w), 0), max(int(center[1] - half_h), 0)
+        return x0, y0, min(int(center[0] + half_w) + 2, camera.width), min(int(center[1] + half_h) + 2, camera.height)
+
+    def _mask(
+        self,
+        likelihood: NDArray[np.float32],
+        backdrop: Mask | None,
+        roi: Box,
+        center: Array,
+        size: float,
+        shape: tuple[float, float],
+    ) -> Mask | None:
+        """The object's pixels near `center`, holes filled; None where there are too few.
+
+        What reaches past the expected outline is cut off there, and what is much thinner than the object is opened
+        away (a part of the background that has the object's colour and touches it).
+        """
+        hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
+        if size >= 12:
+            hard = masks.closed(hard, masks.square(1))
+        w, h = size * shape[0], size * shape[1]
+        one = hard
+        for _ in range(2):
+            found = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
+            if found is None:
+                return None
+            one = found
+            allowed = masks.ellipse(roi, center, self.params.reach * w, self.params.reach * h)
+            if not (one & ~allowed).any():
+                break
+            one = _without_thin_parts(one & allowed, size)
+            ys, xs = np.nonzero(one)
+            center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
+        whole = masks.filled(one, backdrop)
+        return whole if np.count_nonzero(whole) >= self.params.min_area_px else None
+
+
+def _without_thin_parts(mask: Mask, size: float) -> Mask:
+    """Without what is less than half as wide as the object; the mask itself where that leaves little."""
+    if size <= 12:
+        return mask
+    core = masks.opened(mask, masks.disc(int(_THIN * size)))
+    return core if np.count_nonzero(core) > 0.3 * np.count_nonzero(mask) else mask
+
+
+def _moved_to(cloud: Cloud, center_px: Array, size: float) -> Cloud:
+    """The cloud about another centre (2,), with another mean size."""
+    now = cloud.now.copy()
+    now[:, :2] += center_px - now[:, :2].mean(axis=0)
+    now[:, 2] *= size / now[:, 2].mean()
+    return Cloud(now, cloud.before)
+
+
+def _mode(cloud: Cloud, weights: Array, size: float) -> Array:
+    """Weighted mean of the particles around the best one; the mean of all may lie between two candidates."""
+    away = cloud.now[:, :2] - cloud.now[np.argmax(weights), :2]
+    near = weights * (np.vecdot(away, away) < (0.5 * size) ** 2)
+    mean: Array = near @ cloud.now[:, :2] / near.sum()
+    return mean
+
+
+def _box_mean(values: NDArray[np.float32], width: float, height: float) -> NDArray[np.float32]:
+    sides = (2 * int(width / 2) + 1, 2 * int(height / 2) + 1)
+    return np.asarray(cv2.boxFilter(values, cv2.CV_32F, sides, borderType=cv2.BORDER_CONSTANT), dtype=np.float32)
+
+
+def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    return np.asarray(cv2.integral(values, sdepth=cv2.CV_64F), dtype=np.float64)
+
+
+class CameraState(NamedTuple):
+    """What one camera's tracker knows of the object: its target, None for a marker; the offset of its outline's centre
+    from the track's projection (calibration error), px; its apparent diameter, px."""
+
+    target: Target | None = None
+    offset_px: tuple[float, float] = (0.0, 0.0)
+    size_px: float = 0.0
+
+
+class CameraTracker:
+    """One camera's tracker: where the track predicts the object, and where it is.  Holds no state but the background of
+    grey images."""
+
+    def __init__(
+        self,
+        name: CameraName,
+        optics: Optics,
+        params: ImageTrackerParams,
+        marker: MarkerParams | None,
+        background_memory_s: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.name, self.optics, self.marker = name, optics, marker
+        self.image_tracker = ImageTracker(params, optics, rng)
+        self.background = Background(EgoMotion(optics.camera), background_memory_s)
+
+    def predict(self, state: CameraState, camera: CameraFrame, last: Belief, now: Belief) -> Prior | None:
+        """Where the belief says that this camera sees the object; None outside the image."""
+        x, y, z = _position_at(now, camera.stamp_s)
+        u, v, of_u, of_v = camera.view.project_linearised(x, y, z)
+        center = u + state.offset_px[0], v + state.offset_px[1]
+        if not self.optics.camera.contains(center, margin_px=-0.5 * state.size_px):
+            return None
+        eye = camera.view.place
+        growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
+        std_px = min(max(_std_px(now.cov, of_u, of_v), _MIN_STD_PX), _MAX_STD_PX)
+        return Prior(np.array(center), std_px, min(max(growth, 0.8), 1.25))
+
+    def find(
+        self, state: CameraState, camera: CameraFrame, prior: Prior | None, grey: bool
+    ) -> tuple[CameraState, ImageDetection | None]:
+        """The object near its prior."""
+        if prior is None:
+            return state, None
+        if self.marker is not None:
+            return state, self._find_marker(self.marker, state, camera, prior)
+        if state.target is None:
+            return state, None
+        evidence = self.background.evidence(camera.image, camera.view) if grey else None
+        target, found_object = self.image_tracker.step(state.target, camera.image, prior, evidence)
+        return state._replace(target=target), found_object
+
+    def _find_marker(
+        self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
+    ) -> ImageDetection | None:
+        """The blob nearest to the prior, unless its area is quite another."""
+        x, y = prior.center_px.tolist()
+        found = find_markers(marker, camera.image, self.optics, (x, y, state.size_px + 4 * prior.std_px + 3))
+        nearest = min(found, key=lambda one: math.dist(one.center_px.tolist(), (x, y)), default=None)
+        if nearest is None:
+            return None
+        ratio = (self._size_px(nearest) / (prior.growth * state.size_px)) ** 2
+        score = min(ratio, 1 / ratio)
+        return ImageDetection(nearest, nearest.box_px, score) if score >= self.image_tracker.params.min_score else None
+
+    def accept(self, state: CameraState, prior: Prior | None, found: Found) -> ImageDetection | None:
+        """The outline that was `found` beforehand, if it lies near the prior and is as large as predicted."""
+        if prior is None or found is None:
+            return None
+        half, expected_px = 0.5 * state.size_px + 2 * prior.std_px + 4, prior.growth * state.size_px
+        for one in found:
+            near = float(np.abs(one.center_px - prior.center_px).max()) < half
+            if near and abs(self._size_px(one) / expected_px - 1) < _SAME_SIZE:
+                return ImageDetection(one, one.box_px, 1.0)
+        return None
+
+    def follow(self, state: CameraState, outline: Outline) -> CameraState:
+        """The state after an accepted outline."""
+        if state.target is None:
+            return state
+        return state._replace(target=self.image_tracker.follow(state.target, outline))
+
+    def remember(self, state: CameraState, camera: CameraFrame, outline: Outline, belief: Belief) -> CameraState:
+        """The state with the object's offset from the track and its size."""
+        (u, v), (x, y) = camera.view.pixel(*_position_at(belief, camera.stamp_s)), outline.center_px.tolist()
+        return state._replace(offset_px=(x - u, y - v), size_px=self._size_px(outline))
+
+    def detection(self, camera: CameraFrame, found: ImageDetection) -> Detection2D:
+        """The message of an image detection."""
+        shape = found.outline
+        return Detection2D(
+            *(camera.stamp_s, self.name, shape.center_px, shape.cov_px),
+            *(found.score, shape.angular_radius_rad, found.box_px),
+        )
+
+    def _size_px(self, outline: Outline) -> float:
+        return 2 * outline.angular_radius_rad * self.optics.camera.focal_px
+
+
+def _position_at(belief: Belief, stamp_s: float) -> Vector:
+    """The object's position when a camera's image was taken, which may differ from the belief's stamp."""
+    (x, y, z), *rates = belief.mean.tolist()
+    if not rates:
+        return x, y, z
+    dt, (vx, vy, vz) = stamp_s - belief.stamp_s, rates[0]
+    return x + vx * dt, y + vy * dt, z + vz * dt
+
+
+@njit(cache=True, error_model="numpy")
+def _std_px(cov: Array, of_u: Vector, of_v: Vector) -> float:
+    """Standard deviation of a point's image, of the covariance's first three rows and columns; ∂u and ∂v by it."""
+    var = 0.0
+    for i in range(3):
+        for j in range(3):
+            var += cov[i, j] * (of_u[i] * of_u[j] + of_v[i] * of_v[j])
+    return math.sqrt(var)
+
+
+@dataclass(frozen=True, slots=True)
+class BoxDetection:
+    """Where the object is (x, y, width, height px) and how well it fits, 0–1; 0 where it was not seen and the box is
+    the last one."""
+
+    box_px: BoxPx
+    score: float
+
+
+class BoxTracker:
+    """Follows one object in the images of an uncalibrated camera: `start` with the first image and box, then `step`
+    per image."""
+
+    def __init__(self, params: ImageTrackerParams, rng: np.random.Generator) -> None:
+        self.params, self.rng = params, rng
+        self._tracker: ImageTracker | None = None
+        self._target: Target | None = None
+        self._last = BoxDetection((0.0, 0.0, 0.0, 0.0), 0.0)
+        self._misses = 0
+
+    def start(self, image: Image, box_px: BoxPx) -> BoxDetection:
+        """Learn the object in `box_px` of the first RGB image; ValueError where the box is no part of it."""
+        height, width = image.shape[:2]
+        x, y, w, h = box_px
+        if not (w >= 2 and h >= 2 and x >= 0 and y >= 0 and x + w <= width and y + h <= height):
+            raise ValueError(f"first box {x:g} {y:g} {w:g} {h:g}: expected a box inside the {width}×{height} image")
+        self._tracker = ImageTracker(self.params, assumed_optics(width, height), self.rng)
+        self._target = self._tracker.start(image, box_px)
+        self._last = BoxDetection(box_px, 1.0)
+        return self._last
+
+    def step(self, image: Image) -> BoxDetection:
+        """The object in the next image."""
+        if self._tracker is None or self._target is None:
+            raise ValueError("step before start; the tracker needs a first image and box")
+        self._target, seen = self._tracker.step(self._target, image)
+        if seen is None:
+            self._target, seen = self._tracker.step(self._target, image, self._wide_prior())
+        self._misses = 0 if seen else self._misses + 1
+        self._last = BoxDetection(seen.box_px, seen.score) if seen else BoxDetection(self._last.box_px, 0.0)
+        return self._last
+
+    def _wide_prior(self) -> Prior:
+        """Around the last box, the wider the longer the object has not been seen."""
+        x, y, w, h = self._last.box_px
+        side = float(np.sqrt(w * h))
+        return Prior(np.array([x + (w - 1) / 2, y + (h - 1) / 2]), side * min(1.0 + 0.3 * self._misses, 4.0), 1.0)
+
+
+def assumed_optics(width: int, height: int) -> Optics:
+    """For an unknown camera: a lens of about 30° without distortion.  (With a much longer one the angles would be too
+    small for single precision.)"""
+    focal = 2.0 * max(width, height)
+    return Optics(Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2))

@@ -1,0 +1,187 @@
+"""Stereo association: which outlines in the two images show one object, and where it is (R Fig 13)."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pps_vision.geometry.camera import StereoView, View
+from pps_vision.geometry.se3 import move_points
+from pps_vision.geometry.triangulation import triangulate
+from pps_vision.types import Array, Image, Observation3D, StereoFrame
+from tracking.outline import Outline
+
+
+class CameraFrame(NamedTuple):
+    """One camera's image, its pose and stamp, and the robot's joints then (None: no robot)."""
+
+    image: Image
+    view: View
+    stamp_s: float
+    joints_rad: Array | None
+
+
+CameraFrames = tuple[CameraFrame, CameraFrame]  # left, right
+
+
+def camera_frames(frame: StereoFrame, view: StereoView) -> CameraFrames:
+    """The left and right half of a stereo frame whose cameras are at `view`."""
+    return (
+        CameraFrame(frame.left, view.left, frame.stamp_left_s, frame.joints_left_rad),
+        CameraFrame(frame.right, view.right, frame.stamp_right_s, frame.joints_right_rad),
+    )
+
+
+@dataclass(frozen=True)
+class StereoParams:
+    """Gates of the association, and how the calibration's error is learnt from the residuals."""
+
+    unknown_error: float = 0.008
+    """Standard deviation of the calibration's error before any pair was seen, as a share of the image's width."""
+    min_error_px: float = 0.005
+    """Least standard deviation that the calibration is ever given, px."""
+    gate_sigma: float = 3.5
+    """Width of the epipolar gate in standard deviations of the expected residual."""
+    memory: float = 20.0
+    """Number of pairs over which the residuals are averaged."""
+    max_radius_ratio: float = 1.7
+    """Largest ratio of the two angular radii."""
+    distance_range: tuple[float, float] = (0.7, 300.0)
+    """Least and largest distance, in baselines."""
+
+
+@dataclass(frozen=True)
+class Association:
+    """Triangulates pairs of outlines.  Immutable; `learned` gives the association after one more pair.
+
+    Four image coordinates and three unknowns leave one degree of freedom, so 4·residual² less the outlines' own
+    variance estimates the variance that the calibration adds to each coordinate.
+    """
+
+    params: StereoParams
+    gate_var_px2: float
+    error_var_px2: float
+    pairs: float = 0.0
+
+    @classmethod
+    def untrained(cls, params: StereoParams, width: int) -> "Association":
+        """Before any pair was seen, for images of that width (px)."""
+        unknown = (params.unknown_error * width) ** 2
+        return cls(params, unknown, unknown)
+
+    @property
+    def error_px(self) -> float:
+        """Standard deviation that the calibration adds to each image coordinate."""
+        return max(math.sqrt(max(self.error_var_px2, 0.0)), self.params.min_error_px)
+
+    def observe(
+        self,
+        view: StereoView,
+        left: Outline,
+        right: Outline,
+        stamp_s: float,
+        shift_px: tuple[Array, Array] | None = None,
+    ) -> Observation3D | None:
+        """The object that both outlines show; None where they cannot show one object.
+
+        `shift_px` moves each centre from its own stamp to the pair's, for cameras that are not synchronised.
+        """
+        p = self.params
+        ratio = left.angular_radius_rad / right.angular_radius_rad
+        if max(ratio, 1 / ratio) > p.max_radius_ratio:
+            return None
+        left_px, right_px = left.center_px, right.center_px
+        if shift_px is not None:
+            left_px, right_px = left_px + shift_px[0], right_px + shift_px[1]
+        found = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
+        if found is None:
+            return None
+        if 4 * found.residual_px**2 > p.gate_sigma**2 * (_mean_var(left, right) + self.gate_var_px2):
+            return None
+        baseline = math.dist(view.right.place, view.left.place)
+        distance = math.dist(found.p_root, view.left.place)
+        if not p.distance_range[0] * baseline <= distance <= p.distance_range[1] * baseline:
+            return None
+        radius, radius_var = _radius(
+            *(found.p_root, found.cov_root),
+            (*view.left.place, left.angular_radius_rad, left.angular_radius_var),
+            (*view.right.place, right.angular_radius_rad, right.angular_radius_var),
+        )
+        return Observation3D(stamp_s, found.p_root, found.cov_root, radius, radius_var, found.residual_px)
+
+    def learned(self, observation: Observation3D, left: Outline, right: Outline) -> "Association":
+        """The association after an accepted pair; unchanged where a part of the object is hidden, since its centre is
+        then off by more than the calibration.
+
+        The first few pairs estimate the variance badly: 1 + 3/n times the mean is stated.  Residuals that are smaller
+        than the outlines' own noise count too, or that noise would be counted twice.
+        """
+        if left.is_partial or right.is_partial:
+            return self
+        excess = 4 * observation.residual_px**2 - _mean_var(left, right)
+        gate = self.gate_var_px2 + (max(excess, 0.0) - self.gate_var_px2) / self.params.memory
+        mean = self.error_var_px2 / (1 + 3 / self.pairs) if self.pairs else 0.0
+        pairs = min(self.pairs + 1, self.params.memory)
+        return replace(
+            self,
+            gate_var_px2=gate,
+            error_var_px2=(mean + (excess - mean) / pairs) * (1 + 3 / pairs),
+            pairs=pairs,
+        )
+
+
+Seen = tuple[float, float, float, float, float]
+"""An eye's place (x, y, z), the angular radius (rad) that it sees and its variance."""
+
+
+@njit(cache=True, error_model="numpy")
+def _radius(p: Array, cov: Array, left: Seen, right: Seen) -> tuple[float, float]:
+    """Radius (m) of a ball at p (3,) with cov (3, 3), the mean of both eyes' by their weights, and its variance: that
+    of the better eye alone, since the distance's error is common to both."""
+    total = most = sum_of_weights = 0.0
+    for eye in (left, right):
+        u, v, w, angle, angle_var = eye
+        x, y, z = p[0] - u, p[1] - v, p[2] - w
+        far2, sine = x * x + y * y + z * z, math.sin(angle)
+        along = x * x * cov[0, 0] + y * y * cov[1, 1] + z * z * cov[2, 2]
+        along += 2 * (x * y * cov[0, 1] + x * z * cov[0, 2] + y * z * cov[1, 2])
+        weight = 1 / (far2 * (1 - sine**2) * angle_var + sine**2 * along / far2)
+        total, most, sum_of_weights = (
+            total + weight * math.sqrt(far2) * sine,
+            max(most, weight),
+            sum_of_weights + weight,
+        )
+    return total / sum_of_weights, 1 / most
+
+
+def _mean_var(left: Outline, right: Outline) -> float:
+    """Mean variance of the four coordinates, px²."""
+    ((a, _), (_, b)), ((c, _), (_, d)) = left.cov_px.tolist(), right.cov_px.tolist()
+    return 0.25 * float(a + b + c + d)
+
+
+def with_pose_error(
+    observation: Observation3D, before: StereoView, now: StereoView, dt_s: float, stamp_error_s: float
+) -> Observation3D:
+    """The observation with the covariance that joints of another moment add.
+
+    Joints that are `stamp_error_s` (a standard deviation) off the images put a resting object off by the apparent
+    velocity of what rests in both images while the head turns.
+    """
+    off_m = stamp_error_s * apparent_velocity(before, now, observation.p_root, dt_s)
+    return replace(observation, cov_root=observation.cov_root + np.outer(off_m, off_m))
+
+
+def apparent_velocity(before: StereoView, now: StereoView, p_root: Array, dt_s: float) -> Array:
+    """(3,) m/s: the velocity that a point at rest in both images, now seen at `p_root` (3,), has in the root frame
+    as the head turns and the eyes converge from one view to the next."""
+    slopes, drifts = [], []
+    for then, eye in ((before.left, now.left), (before.right, now.right)):
+        was = move_points(then.T_root_camera, move_points(eye.T_camera_root, p_root))
+        slopes.append(eye.project_jacobian(p_root))
+        drifts.append(slopes[-1] @ (p_root - was) / dt_s)
+    J, drift = np.concatenate(slopes), np.concatenate(drifts)
+    velocity: Array = np.linalg.solve(J.T @ J, J.T @ drift)
+    return velocity
