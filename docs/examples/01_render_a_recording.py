@@ -1,4 +1,4 @@
-"""Render a short recording of a ball that an iCub watches, and look at what it holds."""
+"""Render a short recording of a ball that an iCub watches, and read it."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory

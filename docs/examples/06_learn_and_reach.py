@@ -1,4 +1,4 @@
-"""Learn what touches look like before they happen, and ask which fixated points the hand can reach."""
+"""Learn which approaches touch, and ask which fixated points the hand can reach."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""No more than the scene needs: the cheapest tracker that meets an asked-for error (`track --max-error-mm`).
+"""The fastest tracker configuration within an error limit (`track --max-error-mm`).
 
-Every configuration, the cheapest first, follows the first seconds of the recording; its own covariance,
-corrected by how far `pps-vision bench budget` found that to be from the truth, says whether it will do.
+The configurations track the first seconds of the recording, the fastest first.  The expected error of each is that of
+its covariance, times the ratio of true to reported error that `pps-vision bench budget` measured.
 """
 
 import itertools
@@ -18,43 +18,47 @@ from tracking.kalman import KalmanParams, gate, predict, scaled, start, update
 from tracking.particle_filter import ParticleParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
-_PROBE_PAIRS = 60  # since the object was found
-_SEARCH_PAIRS = 600
-_WARM_UP = 10  # pairs after the first tracked one before the covariance has settled
-_MIN_TRACKED = 0.9
+_PROBE_PAIRS = 60  # tracked from the first detection on
+_SEARCH_PAIRS = 600  # searched for the first detection
+_WARM_UP = 10  # pairs after the first detection until the covariance has converged
+_MIN_TRACKED = 0.9  # smallest share of tracked pairs
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """One way to track: what it cost a pair and how its true 3D RMS error compared with the one it reports
-    itself (the worst scene), both measured by `bench budget`."""
+    """Parameters of the tracker, and what `bench budget` measured of them."""
 
     name: str
     params: TrackerParams
     ms_per_pair: float
+    """Time of a stereo pair."""
     true_over_reported: float
+    """Ratio of the true 3D RMS error to that of the covariance, in the worst scene."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """What a configuration made of the recording's first seconds: the share of pairs tracked since it had the
-    object, and the 3D error (mm, RMS) to be expected; NaN where it never had it."""
+    """Result of a configuration on the first seconds of the recording."""
 
     name: str
     ms_per_pair: float
     tracked_share: float
+    """Share of pairs tracked from the first detection on."""
     expected_mm: float
+    """Expected 3D RMS error; NaN where nothing was detected."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The configuration to use, its filter's order for this motion included, why, and what every one that was
-    tried promised."""
+    """The chosen configuration, with the filter's order chosen for this motion."""
 
     configuration: Configuration
     meets: bool
+    """Whether its expected error is within the limit."""
     reason: str
+    """Why it was chosen, in words."""
     probes: tuple[Probe, ...]
+    """Results of the configurations that were tried."""
 
     def summary(self) -> dict[str, object]:
         """For summary.json."""
@@ -93,8 +97,10 @@ def cheapest(
     tracker_for: Callable[[TrackerParams], Tracker],
     configurations: Sequence[Configuration] = CONFIGURATIONS,
 ) -> Choice:
-    """The cheapest configuration whose 3D RMS error will be `max_error_mm` or less, from the first of a
-    recording's `frames` (iterated anew for each); the most accurate one, saying so, where none will."""
+    """The fastest configuration whose expected 3D RMS error is within `max_error_mm`, or else the most accurate one.
+
+    `frames` are iterated once for each configuration that is tried.
+    """
     if not max_error_mm > 0:
         raise InputError("track", f"--max-error-mm {max_error_mm}; expected a positive number of millimetres")
     probes: list[Probe] = []
@@ -106,14 +112,14 @@ def cheapest(
         ordered.append(_with_order(configuration, steps))
         if probe.tracked_share >= _MIN_TRACKED and probe.expected_mm <= max_error_mm:
             reason = (
-                f"the cheapest of {len(by_cost)} that keeps the object and whose expected error, "
+                f"the fastest of {len(by_cost)} that tracks the object and whose expected error, "
                 f"{probe.expected_mm:.2g} mm, is within {max_error_mm:g} mm"
             )
             return Choice(ordered[-1], True, reason, tuple(probes))
     k = int(np.nanargmin([_regret(probe) for probe in probes]))
-    reason = f"none of {len(by_cost)} is within {max_error_mm:g} mm; of those that keep the object, the most accurate"
+    reason = f"none of {len(by_cost)} is within {max_error_mm:g} mm; the most accurate of those that track the object"
     if not probes[k].tracked_share >= _MIN_TRACKED:
-        reason = f"none of {len(by_cost)} keeps the object at first; our default"
+        reason = f"none of {len(by_cost)} tracks the object in the first seconds; the default"
         k = next(i for i, c in enumerate(by_cost) if c.params == TrackerParams())
     return Choice(ordered[k], False, reason, tuple(probes))
 
@@ -123,7 +129,7 @@ def _regret(probe: Probe) -> float:
 
 
 def _follow(frames: Iterable[StereoFrame], tracker: Tracker) -> list[TrackerStep]:
-    """What the tracker makes of the first pairs, from the first on which it knows the object."""
+    """The tracker's steps from the first detection on."""
     steps: list[TrackerStep] = []
     for frame in itertools.islice(frames, _SEARCH_PAIRS):
         step = tracker.step(frame)

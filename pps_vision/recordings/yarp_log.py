@@ -1,6 +1,6 @@
 """The data.log of one yarpdatadumper port: "index stamp payload" a line, read row by row.
 
-A dumper told to write both times puts the sender's stamp before the receiver's; the sender's counts.
+With both times in a row the sender's stamp comes before the receiver's; the sender's is used.
 """
 
 from bisect import bisect_left, bisect_right

@@ -67,7 +67,7 @@ def test_where_nothing_is_seen_the_default_is_used_and_that_is_said() -> None:
     default = replace(Configuration("default", TrackerParams(), 2.0, 1.0))
     blind = cheapest([None] * 5, 1.0, lambda _: Scripted(np.nan, 0.0), (default,))  # type: ignore[list-item,arg-type,return-value]
     assert (blind.configuration, blind.meets) == (default, False)
-    assert "keeps the object" in blind.reason
+    assert "tracks the object" in blind.reason
 
 
 def test_the_filter_is_of_the_lowest_order_that_the_motion_allows() -> None:

@@ -31,7 +31,7 @@ def test_a_memory_of_another_skin() -> None:
         pipeline(("left_forearm", "left_palm"), ("left_forearm",))
 
 
-def test_a_touch_by_what_nobody_saw_is_counted() -> None:
+def test_a_touch_without_a_track_is_counted() -> None:
     one = pipeline(("left_forearm",), ("left_forearm",))
     q, black = home(one.robot), np.zeros((240, 320, 3), np.uint8)
     touched = np.arange(12) == 3

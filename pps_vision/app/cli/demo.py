@@ -1,4 +1,4 @@
-"""`pps-vision demo`: the robot learns what touches feel like, then meets something it has never seen."""
+"""`pps-vision demo`: learn which approaches touch, then avoid an object that was never seen."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Demo:
-    """Close the loop: learn the left forearm from rendered approaches, then meet the octopus.
+    """Close the loop: learn the left forearm from rendered approaches, then avoid an octopus.
 
     With avoidance off, with avoidance on, receding, and standing still; everything in report.html.
     """
@@ -21,7 +21,7 @@ class Demo:
     """Seed of everything left to chance."""
 
     def run(self) -> None:
-        """Learn, meet, and write the report."""
+        """Train, run the episodes, and write the report."""
         from pps_vision.app.demo import demo
 
         demo(self.out, self.trials, self.noise, self.seed)

@@ -40,12 +40,12 @@ class Train:
     """What makes a posture good: far from the joints' limits; hand velocities large for the joints' (manipulability) or
     the same in all directions (isotropy: far from singularities); or from how many sides the skin can approach."""
     into: Path | None = None
-    """An earlier map of the same arm to go on from."""
+    """An earlier map of the same arm to continue from."""
     seed: int = 0
     """Seed of the postures that are asked for."""
 
     def run(self) -> None:
-        """Learn, and say how much was asked and how sure the map is."""
+        """Learn, and print the number of problems solved and the expected error."""
         from tqdm import tqdm
 
         from learning.reach.map import both, save_map

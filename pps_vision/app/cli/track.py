@@ -52,7 +52,7 @@ class Track:
     unit_m: float = 1.0
     """Metres per length unit of the OpenCV calibration (0.01 if its board was measured in cm)."""
     mode: Mode = "generic"
-    """generic: whatever moves; marker: a green marker, the cheaper road."""
+    """generic: whatever moves; marker: a green marker (faster)."""
     order: int = DEFAULT_ORDER
     """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
     max_error_mm: float | None = None
@@ -64,7 +64,7 @@ class Track:
     batch: int = 16
     """Stereo pairs in a batch of --device."""
     smooth: bool = False
-    """Let what is seen later correct what was seen before (RTS smoothing): trajectory.csv and the errors are those of
+    """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""
     max_skew_s: float = 0.02
     """Left and right images further apart in time are no pair."""
