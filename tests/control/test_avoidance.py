@@ -54,12 +54,27 @@ def test_p_and_n_are_activation_weighted_means_over_what_exceeds_the_threshold(r
     np.testing.assert_allclose(n, mean / np.linalg.norm(mean))
 
 
-def test_the_most_excited_body_part_answers(robot: Robot) -> None:
+@pytest.mark.parametrize(
+    ("forearm", "palms", "part"), [(0.9, (0.6, 0.6), "left_palm"), (0.9, (0.6, 0.0), "left_forearm")]
+)
+def test_the_most_excited_body_part_answers(
+    robot: Robot, forearm: float, palms: tuple[float, float], part: str
+) -> None:
+    """By the sum of its activations."""
     skin = icub_skin(("left_forearm", "left_palm"))
-    a = felt(skin, left_forearm_27=0.9, left_palm_101=0.6, left_palm_99=0.6)
+    a = felt(skin, left_forearm_27=forearm, left_palm_101=palms[0], left_palm_99=palms[1])
     found = control_point(0.4, robot.at(home(robot)), skin, a)
     assert found is not None
-    assert found[0] == "left_palm"
+    assert found[0] == part
+
+
+def test_an_arm_that_responds_follows_a_new_activation_at_once(robot: Robot) -> None:
+    """Activation that pauses for a frame and moves on to another taxel needs no second confirmation."""
+    first, second = felt(FOREARM, left_forearm_27=1.0), felt(FOREARM, left_forearm_87=1.0)
+    *_, before, pause, after = live(robot, [first] * 5 + [0 * first, second])
+    assert before[2].mode == pause[2].mode == after[2].mode == "avoid"
+    normal = FOREARM.at(robot.at(after[0]))[1][FOREARM.index("left_forearm:87")]
+    np.testing.assert_allclose(after[2].velocity_root, -0.1 * normal, atol=1e-12)
 
 
 def test_an_arm_without_skin_has_no_control_point(robot: Robot) -> None:

@@ -155,6 +155,25 @@ def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot: Robot, 
     assert gaze_of(robot.at(q))[3] >= 5 * DEG - 1e-6
 
 
+def test_a_point_straight_above_an_eye_has_finite_derivatives(robot: Robot) -> None:
+    """Its azimuth is undefined."""
+    posture = robot.at(home(robot))
+    x, dx_dq, dx_dp = features(posture, posture.point("left_eye", (0.0, -0.3, 0.0)))
+    assert np.isfinite(x).all()
+    assert max(np.abs(dx_dq).max(), np.abs(dx_dp).max()) < 1e7
+
+
+def test_gaze_at_ends_on_the_point(robot: Robot) -> None:
+    p = np.array([-0.4, 0.1, 0.3])
+    assert fixation_error(robot.at(gaze_at(robot, home(robot), p)), p) < 1e-7
+
+
+def test_a_joint_may_reach_its_limit_in_one_step(robot: Robot) -> None:
+    q = set_gaze(robot, home(robot), pitch=-39 * DEG, vergence=10 * DEG)
+    q = move(robot, q, step(PARAMS, robot.at(q), (-0.2, 0.0, -0.2), dt_s=DT).dq_rad_s)
+    assert gaze_of(robot.at(q))[1] == pytest.approx(-40 * DEG, abs=1e-6)
+
+
 def test_a_gaze_outside_its_range_is_led_back(robot: Robot) -> None:
     q = set_gaze(robot, home(robot), vergence=0.0)
     for _ in range(10):

@@ -31,6 +31,14 @@ def test_parts_hold_the_published_taxels() -> None:
     np.testing.assert_allclose(skin.parts[0].normals[i], [-0.639, 0.054, 0.768], atol=1e-3)
 
 
+def test_the_right_forearm_mirrors_the_left_one() -> None:
+    """In y and z (FACTS §2), positions and normals."""
+    left, right = icub_skin(("left_forearm", "right_forearm")).parts
+    assert left.ids == right.ids
+    np.testing.assert_allclose(right.positions_m[0], [-0.031, 0.097, -0.014])
+    np.testing.assert_allclose(right.normals[0], [-0.976, -0.061, -0.208], atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("part", "file"),
     [
