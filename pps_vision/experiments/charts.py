@@ -81,10 +81,11 @@ def speed_error(
     else:
         axis.set_ylim(0, 1.1 * float(np.nanmax([*shown, *high])))
     axis.set_xscale("log")
-    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    decades = float(np.ptp(np.log10(ms[:, 1])))
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2 else (1.0,)))
     axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())
-    axis.margins(x=0.15)
+    axis.margins(x=0.2)
     axis.set(xlabel=time, ylabel=error)
     axis.grid(alpha=0.25, which="both")
     axis.plot([], [], "o", color=_OURS, label="ours")
@@ -142,7 +143,7 @@ def bars(axis: Axes, groups: Sequence[str], series: Mapping[str, Sequence[Any]],
         at = np.arange(len(groups)) + width * (k - (len(series) - 1) / 2)
         axis.bar(at, value, width, label=name)
         axis.errorbar(at, value, np.maximum([value - low, high - value], 0), fmt="none", ecolor=_INK, capsize=2)
-    axis.set_xticks(range(len(groups)), list(groups), rotation=30 if max(map(len, groups)) > 8 else 0, ha="right")
+    axis.set_xticks(range(len(groups)), list(groups), rotation=30, ha="right")
     axis.set_ylabel(label)
     axis.grid(alpha=0.25, axis="y")
 

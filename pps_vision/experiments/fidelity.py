@@ -1,51 +1,62 @@
-"""How faithfully a scene must be drawn: time against the image's error and against the tracking's."""
+"""How faithfully a scene must be drawn: the renderer's time against the image error and the tracking error."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 from pps_vision.app.render import Render
-from pps_vision.experiments.chart import Variant, legend, speed_against_error
-from pps_vision.experiments.fidelity_images import compare, eyes_of, place_of
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.charts import panels, speed_error
+from pps_vision.experiments.raycast import ray_cast
+from pps_vision.experiments.study import Metric, Study, Values, compare, rms
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array, StereoFrame
+from pps_vision.types import Array, Image
+from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity as Drawn
 from rendering.names import StimulusName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor, expose
+from rendering.stimuli import make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
 SHARP = {
-    "scale 1, fineness 1": Drawn(fineness=1),
     "scale 1, fineness 2": Drawn(fineness=2),
     "scale 1": Drawn(scale=1.0),
     "scale 1, fineness 4": Drawn(fineness=4),
-    "scale 1.25": Drawn(scale=1.25),
     "scale 1.5": Drawn(scale=1.5),
     "scale 2": Drawn(scale=2.0),
-    "scale 2, fineness 4": Drawn(scale=2.0, fineness=4),
     "scale 1, lights": Drawn(lighting="lights"),
     "scale 1, shadows": Drawn(lighting="shadows"),
 }
 BLURRED = {f"{step:g} px": Drawn(blur_step_px=step) for step in (1.0, 1.7, 2.5, 5.0)}
+DEFAULT, DEFAULT_BLUR = "scale 1", "2.5 px"
+OBJECTS: tuple[StimulusName, ...] = ("ball", "marker")
 _BLUR_S, _BLUR_PX = 0.02, 6.0
-_TICKS_MS = (20, 50, 100, 200, 500)
-DEFAULT = "scale 1"
-_MODE: dict[StimulusName, Any] = {"ball": "generic", "marker": "marker"}
+_MARGIN_PX, _RAYS, _BLUR_RAYS, _INSTANTS = 2.0, 5, 3, 8  # of the reference: rays along a pixel's side, moments
+_METRICS = {"object_error": Metric("object", rms), "rim_error": Metric("rim", rms)}
+_TRACKING = {"error_mm": Metric("error_mm", rms)}
+
+
+class Scene(NamedTuple):
+    """A state, its ray-cast images (grey levels), and how far each pixel is outside the object's image (px)."""
+
+    state: SceneState
+    exact: tuple[Array, Array]
+    beyond_px: tuple[Array, Array]
 
 
 @dataclass(frozen=True)
 class Fidelity(Study):
-    """Rendered balls and markers, drawn in many ways, beside ray-cast images: image error and tracking error."""
+    """Rendered balls and markers, drawn in many ways, beside ray-cast images: error over the object and at its rim, and
+    3D error of the tracker before its filter."""
 
     n: int = 4
     """Scenes of each object whose images are compared."""
@@ -54,113 +65,160 @@ class Fidelity(Study):
     seed: int = 0
     """Seed of the first scene; the others count up."""
 
-    def run(self) -> dict[str, object]:
-        """By object: each way's ms of processor time a pair, image error (RMS grey levels over the object and 2 px
-        around it, over 1.5 px to both sides of its rim, over the whole image; structural similarity), tracking
-        error (mm)."""
+    def run(self) -> dict[str, Any]:
+        """Return by object and way to draw: time of a pair, image error (grey levels), tracking error (mm)."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench fidelity: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
-        numbers: dict[str, object] = {}
-        for stimulus in _MODE:
-            scenes = [next(self.scenes(stimulus, k, 1.0)) for k in range(self.n)]
-            images = compare(stimulus, scenes, SHARP, Sensor())
-            numbers[stimulus] = {"image": images, "tracking": self._track(stimulus)}
-        fast = [_in_flight(*scene) for scene in (next(self.scenes("ball", k, 1.0)) for k in range(self.n))]
-        numbers["blur"] = compare(
-            "ball", fast, BLURRED, Sensor(blur_s=_BLUR_S), margin_px=_BLUR_PX, samples=1, fine_samples=3, instants=8
-        )
-        return numbers
+        seeds = range(self.seed, self.seed + self.n)
+        images: dict[str, Any] = {}
+        tracking: dict[str, Any] = {}
+        for stimulus in OBJECTS:
+            images |= self.images(stimulus, seeds, SHARP)
+            with ExitStack() as stack:
+                eyes = open_eyes(stack, stimulus, SHARP, Sensor())
+                ways = {name: partial(_tracked, stimulus, one) for name, one in eyes.items()}
+                recording: dict[str, Any] = {stimulus: partial(self._states, stimulus, self.seconds)}
+                tracking |= compare(recording, ways, _TRACKING, (self.seed,))
+        images |= self.images("ball", seeds, BLURRED, Sensor(blur_s=_BLUR_S), "moving ball")
+        return {"images": images, "tracking": tracking}
 
-    def scenes(self, stimulus: StimulusName, k: int, seconds: float) -> Iterator[tuple[float, SceneState]]:
-        """Stamps and states of one random motion, the eyes following."""
-        seed = self.seed + k
-        render = Render(stimulus, "figure8" if k % 2 else "circle", Path(), seconds=seconds, seed=seed)
-        robot = load_icub()
-        return render.scene(robot, icub_rig(robot), np.random.default_rng(seed))
-
-    def _track(self, stimulus: StimulusName) -> dict[str, dict[str, float]]:
-        """3D error of each pair's triangulation, and its mean along the line of sight (away is positive)."""
-        robot = load_icub()
-        rig = icub_rig(robot)
-        errors: dict[str, list[tuple[float, float]]] = {name: [] for name in SHARP}
-        params, body = TrackerParams(mode=_MODE[stimulus]), Silhouette(robot)
-        trackers = {name: Tracker(params, rig, np.random.default_rng(self.seed), own_body=body) for name in errors}
-        scenes = list(self.scenes(stimulus, 0, self.seconds))
+    def images(
+        self,
+        stimulus: StimulusName,
+        seeds: Any,
+        drawn: Mapping[str, Drawn],
+        sensor: Sensor | None = None,
+        name: str = "",
+    ) -> dict[str, Any]:
+        """Return each way's time and image error; with a sensor that blurs the object moves fast."""
+        sensor = sensor or Sensor()
         with ExitStack() as stack:
-            eyes = {name: stack.enter_context(eyes_of(stimulus, drawn, Sensor())) for name, drawn in SHARP.items()}
-            for k, (t, state) in enumerate(tqdm(scenes, desc=f"tracking a {stimulus}", unit="pair", disable=None)):
-                for name, tracker in trackers.items():
-                    frame = _noisy(eyes[name].render(state, t), np.random.default_rng((self.seed, k)))
-                    seen = tracker.step(frame).observation
-                    if seen is not None:
-                        view, off = rig.view(state.q_rad), seen.p_root - place_of(state)
-                        sight = place_of(state) - 0.5 * (view.left.center + view.right.center)
-                        errors[name].append((float(np.linalg.norm(off)), float(off @ sight / np.linalg.norm(sight))))
-        return {name: _summary(np.array(rows).reshape(-1, 2), len(scenes)) for name, rows in errors.items()}
+            eyes = open_eyes(stack, stimulus, drawn, sensor)
+            ways = {key: partial(_image_errors, one) for key, one in eyes.items()}
+            scenes = {name or stimulus: lambda seed: _exact(self._states(stimulus, 1.0, seed)[0], stimulus, sensor)}
+            return compare(scenes, ways, _METRICS, seeds)
+
+    def _states(self, stimulus: StimulusName, seconds: float, seed: int) -> list[SceneState]:
+        """The states of a random motion that the eyes follow."""
+        what = Render(stimulus, "figure8" if seed % 2 else "circle", Path(), seconds=seconds, seed=seed)
+        robot = load_icub()
+        return [state for _, state in what.scene(robot, icub_rig(robot), np.random.default_rng(seed))]
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Time against the image's error, sharp and blurred, and against the tracking's; a key to the numbers."""
-        figure, axes = plt.subplots(2, 3, figsize=(13, 8.5), width_ratios=(3, 3, 1.6), layout="constrained")
-        sharp, blur = numbers["ball"]["image"], numbers["blur"]
-        worse = {k: max(numbers[o]["image"][k]["error"] for o in _MODE) for k in sharp}
-        what = "drawn pair, of processors"
-        speed_against_error(axes[0, 0], _variants(sharp, worse), what, "image error, ball or marker (grey levels)")
-        for axis, stimulus in zip((axes[0, 1], axes[1, 0]), _MODE, strict=True):
-            errors = {k: v["rms_mm"] for k, v in numbers[stimulus]["tracking"].items()}
-            speed_against_error(axis, _variants(sharp, errors), what, f"3D RMS error of a tracked {stimulus} (mm)")
-            axis.set_ylim(0, 1.15 * max(errors.values()))
-        smeared = {k: v["error"] for k, v in blur.items()}
-        title = f"image error of a ball that moves {_BLUR_PX:g} px (grey levels)"
-        speed_against_error(axes[1, 1], _variants(blur, smeared, "2.5 px"), what, title)
-        usual = "sharp: fineness 3,\nbaked light unless said"
-        for axis, about, names in ((axes[0, 2], usual, sharp), (axes[1, 2], "blurred: one image every", BLURRED)):
-            key = "\n".join(f"{k + 1}  {name}" for k, name in enumerate(names))
-            axis.axis("off")
-            axis.text(0, 1, f"{about}\n\n{key}", va="top", fontsize=9, linespacing=1.6)
-        for axis in axes[:, :2].ravel():
-            limits = axis.get_xlim()
-            axis.set_xticks(_TICKS_MS, [str(ms) for ms in _TICKS_MS])
-            axis.set_xticks([], minor=True)
-            axis.set_xlim(limits)
-        legend(axes[0, 0])
+        """Time against the image error and against the tracking error of each object, and against the error of blur."""
+        figure, axes = panels(5, 3)
+        time = "time (ms per drawn pair)"
+        for k, stimulus in enumerate(OBJECTS):
+            cells = numbers["images"][stimulus]
+            speed_error(axes[k], cells, "object_error", (), DEFAULT, time, f"image error, {stimulus} (grey levels)")
+            tracked = {
+                way: {**cells[way], **numbers["tracking"][stimulus][way], "ms": cells[way]["ms"]} for way in cells
+            }
+            speed_error(
+                axes[2 + k], tracked, "error_mm", (), DEFAULT, time, f"3D RMS error of a tracked {stimulus} (mm)"
+            )
+        label = f"image error of a ball that moves {_BLUR_PX:g} px (grey levels)"
+        speed_error(axes[4], numbers["images"]["moving ball"], "object_error", (), DEFAULT_BLUR, time, label)
         return figure
 
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return time, image error and tracking error, one row a way to draw."""
+        images, tracking = numbers["images"], numbers["tracking"]
+        rows = []
+        for way in SHARP:
+            errors = [estimate(images[o][way]["object_error"]) for o in OBJECTS]
+            tracked = [estimate(tracking[o][way]["error_mm"][:1]) for o in OBJECTS]
+            rows.append([way, f"{images['ball'][way]['ms'][1]:.0f}", *errors, *tracked])
+        header = [
+            "drawn with",
+            "ms",
+            "image error, ball",
+            "image error, marker",
+            "3D error, ball (mm)",
+            "3D, marker (mm)",
+        ]
+        return {"": Table(header, rows)}
 
-def _in_flight(t: float, state: SceneState) -> tuple[float, SceneState]:
-    """The head still, and the object so fast that it smears over `_BLUR_PX` in the left eye."""
+
+def open_eyes(stack: ExitStack, stimulus: StimulusName, drawn: Mapping[str, Drawn], sensor: Sensor) -> dict[str, Eyes]:
+    """Return the robot's eyes for every way to draw, warmed up, open as long as the stack."""
     robot = load_icub()
-    eye = icub_rig(robot).view(state.q_rad).left
+    rig, found = icub_rig(robot), {}
+    for name, way in drawn.items():
+        shape = make_stimulus(stimulus, fineness=way.fineness)
+        found[name] = stack.enter_context(Eyes(robot, rig, shape, sensor=sensor, fidelity=way))
+        found[name].render(SceneState(np.zeros(robot.n_joints), np.array([-0.4, 0.0, 0.3])), 0.0)
+    return found
+
+
+def _exact(state: SceneState, stimulus: StimulusName, sensor: Sensor) -> Scene:
+    """Cast 1 ray a pixel, and many around the object, at each of several moments of the exposure."""
+    robot = load_icub()
+    rig, shape = icub_rig(robot), make_stimulus(stimulus)
+    rays, instants = _RAYS, 1
+    if sensor.blur_s > 0:
+        rays, instants, state = _BLUR_RAYS, _INSTANTS, _in_flight(state)
+    moments = [state.moved(sensor.blur_s * ((k + 0.5) / instants - 0.5)) for k in range(instants)]
+    ball, images, beyond = (shape.radius_m, shape.parts[0].color), [], []
+    views = rig.view(state.q_rad)
+    for view in (views.left, views.right):
+        beyond.append(_beyond_rim_px(view, _place(state), shape.radius_m))
+        near = beyond[-1] < (_BLUR_PX if sensor.blur_s > 0 else _MARGIN_PX)
+        image = np.mean([ray_cast(robot, view, moment, *ball, 1) for moment in moments], axis=0)
+        image[near] = np.mean([ray_cast(robot, view, moment, *ball, rays, near) for moment in moments], axis=0)[near]
+        images.append(image)
+    return Scene(state, (images[0], images[1]), (beyond[0], beyond[1]))
+
+
+def _place(state: SceneState) -> Array:
+    if state.position is None:
+        raise ValueError("a scene without an object; expected one to compare")
+    return state.position
+
+
+def _in_flight(state: SceneState) -> SceneState:
+    """The head still, and the object so fast that it smears over `_BLUR_PX` in the left eye."""
+    eye = icub_rig(load_icub()).view(state.q_rad).left
     across = eye.T_root_camera[:3, :3] @ [0.8, 0.6, 0.0]
-    px_per_m = np.linalg.norm(eye.project_jacobian(place_of(state)) @ across)
-    return t, replace(state, velocity=across * _BLUR_PX / px_per_m / _BLUR_S, dq_rad_s=None)
+    px_per_m = np.linalg.norm(eye.project_jacobian(_place(state)) @ across)
+    return replace(state, velocity=across * _BLUR_PX / px_per_m / _BLUR_S, dq_rad_s=None)
 
 
-def _noisy(frame: StereoFrame, rng: np.random.Generator) -> StereoFrame:
-    """With pixel noise of 2 grey levels, the same for every way to draw."""
-    noise = Sensor(noise_sigma=2.0)
-    left, right = (expose(noise, image.astype(np.float32), rng) for image in (frame.left, frame.right))
-    return replace(frame, left=left, right=right)
+def _beyond_rim_px(view: View, p: Array, radius_m: float) -> Array:
+    """(h, w) how far each pixel is outside the image of a ball at `p`, px."""
+    away = p - view.center
+    distance = float(np.linalg.norm(away))
+    cosine = view.camera.bearing_map @ (view.T_root_camera[:3, :3].T @ (away / distance))
+    beyond: Array = (np.arccos(np.clip(cosine, -1, 1)) - np.arcsin(radius_m / distance)) * view.camera.focal_px
+    return beyond
 
 
-def _summary(errors: Array, pairs: int) -> dict[str, float]:
-    """Of errors (n, 2): distance and depth, m."""
-    if not len(errors):
-        return {"rms_mm": float("nan"), "bias_mm": float("nan"), "seen_share": 0.0}
-    return {
-        "rms_mm": 1000 * float(np.sqrt(np.mean(errors[:, 0] ** 2))),
-        "bias_mm": 1000 * float(errors[:, 1].mean()),
-        "seen_share": len(errors) / pairs,
-    }
+def _image_errors(eyes: Eyes, scene: Scene, seed: int) -> Values:
+    """Differences (grey levels) over the object and a margin, and at its rim."""
+    frame = eyes.render(scene.state, 0.0)
+    margin_px = _MARGIN_PX if scene.state.dq_rad_s is not None else _BLUR_PX
+    on_object, rim = [], []
+    for image, exact, beyond in zip((frame.left, frame.right), scene.exact, scene.beyond_px, strict=True):
+        difference = image.astype(float) - exact
+        on_object.append(difference[beyond < margin_px].ravel())
+        rim.append(difference[np.abs(beyond) < 1.5].ravel())
+    return {"object": np.concatenate(on_object), "rim": np.concatenate(rim)}
 
 
-def _variants(times: Mapping[str, Any], errors: Mapping[str, float], default: str = DEFAULT) -> list[Variant]:
-    """For the chart: time quartiles of each way with an error, by its number in the key."""
-    return [
-        Variant(
-            str(k + 1),
-            np.array([times[name][q] for q in ("q25_ms", "median_ms", "q75_ms")]),
-            error,
-            default=name == default,
-        )
-        for k, (name, error) in enumerate(errors.items())
-    ]
+def _tracked(stimulus: StimulusName, eyes: Eyes, states: list[SceneState], seed: int) -> Values:
+    """Errors of each pair's triangulation; the noise is the same for every way to draw."""
+    robot = load_icub()
+    params = TrackerParams("marker" if stimulus == "marker" else "generic")
+    tracker = Tracker(params, icub_rig(robot), np.random.default_rng(seed), own_body=Silhouette(robot))
+    error_mm = []
+    for k, state in enumerate(states):
+        frame, rng = eyes.render(state, k / 20), np.random.default_rng((seed, k))
+        left, right = (_noisy(image, rng) for image in (frame.left, frame.right))
+        seen = tracker.step(replace(frame, left=left, right=right)).observation
+        if seen is not None:
+            error_mm.append(1000 * float(np.linalg.norm(seen.p_root - _place(state))))
+    return {"error_mm": error_mm}
+
+
+def _noisy(image: Image, rng: np.random.Generator) -> Image:
+    return expose(Sensor(noise_sigma=2.0), image.astype(np.float32), rng)

@@ -1,205 +1,306 @@
-"""How much a filter's order, its choice, its gain and a look back are worth, on rendered motion and on real flights."""
+"""The Kalman filter's order, gain and smoother beside OpenCV's and filterpy's filters, on the same measurements."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
+from time import process_time
 from typing import Any
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.experiments import filter_methods as methods
-from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
-from pps_vision.experiments.filter_methods import State
-from pps_vision.experiments.filter_scenes import (
-    SETTLED,
-    Sequence,
-    approach_sequences,
-    flights,
-    rendered_sequences,
-    simulated_sequences,
-)
-from pps_vision.experiments.study import DATA, Study
+from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
+from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
+from pps_vision.experiments.charts import panels, speed_error
+from pps_vision.experiments.scenarios import Recording, moving, sources
+from pps_vision.experiments.score import steps_of
+from pps_vision.experiments.study import DATA, Method, Metric, Scenes, SceneSource, Study, Values, compare, median, rms
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.geometry.camera import Camera, StereoView, View
+from pps_vision.geometry.se3 import inverse, transform
+from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Mask
+from rendering.names import MotionName
+from tracking import flight, kalman
+from tracking.flight import FlightParams
+from tracking.kalman import Belief, KalmanParams
 from tracking.names import DEFAULT_ORDER
+from tracking.smoother import Measured, follow, smooth
 
+MOTIONS: tuple[MotionName, ...] = ("approach", "linear", "circle", "figure8", "jerk")
 SPEEDS_M_S = (0.05, 0.1, 0.2, 0.3)
 DEFAULT = f"order {DEFAULT_ORDER}"
-PEERS = ("cv2", "filterpy", "filterpy, RTS")
-_ORDERS = (1, 2, 3, 4)
-Online = Callable[[Sequence], methods.Filter]
-Smoothed = Callable[[Sequence], list[State]]
+BASELINES = ("cv2", "filterpy")
+_SETTLED = 10  # measurements before a filter is judged
+_LATE_S = (0.02, 0.5)
+_PIXEL_STD = 2.0  # of the noisy tt3d projections, found between the two cameras' rays
+_METRICS = {
+    "position_mm": Metric("position_mm", rms),
+    "velocity_mm_s": Metric("velocity_mm_s", rms),
+    "ttc_percent": Metric("ttc_percent", median),
+}
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What a filter gets and what it should make of it; arrays have one row a measurement."""
+
+    stamps_s: Array
+    """(n,)"""
+    positions: Array
+    """(n, 3) m, measured."""
+    covs: Array
+    """(n, 3, 3) m² of them."""
+    path: Array
+    """(n, 3) m, true."""
+    velocity: Array
+    """(n, 3) m/s, true; NaN where it is not known."""
+    distance_m: float
+    """Distance from the eyes at the beginning."""
+    counts: Mask
+    """(n,) where a filter is judged."""
+    touched: Array
+    """(3,) point that is touched at the end; NaN if none."""
+    ttc_s: Array
+    """(n,) time until then; NaN if it is not touched."""
+    radius_m: float = 0.0
+    """The object's."""
+    white_share: float = KalmanParams().white_share
+    """Share of the measured variance that is new with every frame."""
+
+    def params(self, order: int = DEFAULT_ORDER) -> KalmanParams:
+        """Return the filter's defaults of an order for these measurements."""
+        return kalman.scaled(replace(KalmanParams.of_order(order), white_share=self.white_share), self.distance_m)
+
+    def first(self, params: KalmanParams) -> Belief:
+        """Return the belief after the first measurement."""
+        return kalman.start(params, float(self.stamps_s[0]), self.positions[0], self.covs[0])
+
+    def later(self) -> Iterator[tuple[float, Array, Array]]:
+        """Yield stamp, position and covariance of the others."""
+        for stamp_s, position, cov in zip(self.stamps_s[1:], self.positions[1:], self.covs[1:], strict=True):
+            yield float(stamp_s), position, cov
 
 
 @dataclass(frozen=True)
 class Filter(Study):
-    """Filters of orders 1–4, of automatic order, with constant gain, with and without RTS smoothing, and peers.
-
-    On the measurements of rendered balls and markers (noisy images, head moving), and on tt3d's noisy flights,
-    where that folder is.  filterpy is skipped where it is not installed.
-    """
+    """Filters of orders 1–4, with constant gain, and with RTS smoothing, beside OpenCV's and filterpy's, on what the
+    tracker measured of balls and markers, and on the table-tennis flights of tt3d."""
 
     n: int = 1
-    """Recordings of each object on each motion, and of each at each speed of approach."""
+    """Recordings of each object on each motion and at each speed of approach."""
     seconds: float = 5.0
     """Length of the recordings that are no approaches."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    data: Path = DATA
-    """Folder that holds tt3d (default: PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
     """Seed of the first recordings; the others count up."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
+    data: Path = DATA
+    """Folder that holds tt3d (default: PPS_VISION_DATA, else ../shared/data)."""
 
-    def run(self) -> dict[str, object]:
-        """By data and filter: milliseconds an update, RMS errors of position and velocity, median error of the
-        time to contact in the last half second before a touch; of fast simulated motion the orders' velocity only."""
+    def run(self) -> dict[str, Any]:
+        """Return by data and filter: time of an update, errors of position, velocity and time to contact."""
         if self.n < 1 or self.seconds < 1:
             raise ValueError(f"bench filter: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
-        in_the_air = rendered_sequences(self.n, self.seconds, self.noise, self.seed)
-        onto_skin = approach_sequences(self.n, SPEEDS_M_S, self.noise, self.seed)
+        kinds: list[tuple[str, str, float | None]] = [(o, m, None) for o in ("ball", "marker") for m in MOTIONS]
+        kinds += [(o, "approach", v) for o in ("ball", "marker") for v in SPEEDS_M_S]
+        scenarios: dict[str, Callable[[int], Any]] = {
+            source: partial(self._measured, kinds, source) for source in sources(self.scenes)
+        }
+        cells = compare(scenarios, methods(), _METRICS, range(len(kinds) * self.n), reference="cv2")
         folder = self.data / "tt3d"
+        if not folder.exists():
+            return {"cells": cells, "skipped": f"tt3d: no {folder}"}
+        thrown = flights(folder)
+        ballistic = {"flight": partial(_per_update, _flight), "flight, RTS": partial(_per_update, _smoothed_flight)}
+        throws = methods() | ballistic
         return {
-            "rendered": compare([*in_the_air, *onto_skin], *rendered_filters(), settled=SETTLED),
-            "tt3d": compare(flights(folder), *flight_filters(), settled=0)
-            if folder.exists()
-            else f"skipped: no {folder}",
-            "simulated": {f"{fps} images/s": simulated(20, fps, self.seed) for fps in (20, 60)},
-            "filterpy": "compared" if find_spec("filterpy") else "skipped: not installed (extra: test)",
+            "cells": cells
+            | compare({"tt3d": thrown.__getitem__}, throws, _METRICS, range(len(thrown)), reference="cv2")
         }
 
-    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Rendered motion, forward and with the way back: three errors each; flights: position."""
-        of = numbers["rendered"]
-        figures = {
-            "rendered": _chart([(of, key, label, False) for key, label in _RENDERED_ERRORS.items()]),
-            "smoothed": _chart([(of, key, f"{label}, smoothed", True) for key, label in _RENDERED_ERRORS.items()]),
-        }
-        if isinstance(numbers["tt3d"], dict):
-            label = "position error on tt3d (mm RMS)"
-            figures["tt3d"] = _chart(
-                [(numbers["tt3d"], "position_rms_mm", label + also, bool(also)) for also in ("", ", smoothed")]
-            )
-        return figures
+    def _measured(self, kinds: list[tuple[str, str, float | None]], source: SceneSource, number: int) -> Measurements:
+        stimulus, motion, speed = kinds[number % len(kinds)]
+        seed = self.seed + number // len(kinds)
+        also = {} if speed is None else {"speed": speed}
+        seconds = self.seconds if speed is None else 0.31 / speed + 0.2
+        return measurements(moving(stimulus, motion, seed, seconds, self.noise, source, **also), seed)
+
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Time against each error, forward and smoothed, one row for each kind of data."""
+        cells = numbers["cells"]
+        figure, axes = panels(3 * len(cells), 3)
+        labels = (
+            "position error (mm RMS)",
+            "velocity error (mm/s RMS)",
+            "time to contact, last 0.5 s: median error (%)",
+        )
+        for row, (name, methods) in enumerate(cells.items()):
+            for axis, metric, label in zip(axes[3 * row :], _METRICS, labels, strict=False):
+                known = {m: c for m, c in methods.items() if c[metric][0] is not None}
+                axis.set_title(name, fontsize=9)
+                if known:
+                    speed_error(axis, known, metric, BASELINES, DEFAULT, "time (ms per update)", label)
+                else:
+                    axis.axis("off")
+        axes[0].legend(fontsize=7)
+        return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return one table for each kind of data, one row a filter."""
+        header = ["filter", "position (mm)", "velocity (mm/s)", "time to contact (%)", "ratio of time to cv2"]
+        tables = {}
+        for name, cell in numbers["cells"].items():
+            rows = [[m, *(estimate(c[k]) for k in _METRICS), estimate(c["ratio"], 2)] for m, c in cell.items()]
+            tables[name] = Table(header, rows)
+        return tables
 
 
-def simulated(n: int, fps: float, seed: int) -> dict[str, dict[str, float]]:
-    """Velocity error, mm/s RMS, by fast motion and order."""
-    sequences, found = simulated_sequences(n, fps, seed), {}
-    online = {f"order {order}": partial(methods.Ours, order) for order in _ORDERS[1:]}
-    for name in {sequence.name: None for sequence in sequences}:
-        errors = compare([one for one in sequences if one.name == name], online, {}, settled=SETTLED)
-        found[name] = {order: errors[order]["velocity_rms_mm_s"] for order in online}
-    return found
+def measurements(recording: Recording, seed: int) -> Measurements:
+    """Return what our tracker measured in a recording, before its filter."""
+    steps, _ = steps_of(recording, seed)
+    known = [k for k, step in enumerate(steps) if step.observation is not None]
+    seen = [one for one in (steps[k].observation for k in known) if one is not None]
+    touched, ttc = recording.touch()
+    return Measurements(
+        np.array([one.stamp_s for one in seen]),
+        np.array([one.p_root for one in seen]),
+        np.array([one.cov_root for one in seen]),
+        recording.position[known],
+        recording.velocity[known],
+        float(np.linalg.norm(seen[0].p_root - steps[known[0]].head)),
+        (~recording.jumped[known]) & (np.arange(len(known)) >= _SETTLED),
+        touched,
+        ttc[known],
+        recording.radius_m,
+    )
 
 
-def rendered_filters() -> tuple[dict[str, Online], dict[str, Smoothed]]:
-    """What runs on rendered motion: forward, and forward and back."""
-    online: dict[str, Online] = {f"order {order}": partial(methods.Ours, order) for order in _ORDERS}
-    smoothed: dict[str, Smoothed] = {f"order {o}, RTS": partial(methods.smoothed_ours, o) for o in _ORDERS}
-    online |= {"automatic order": methods.Automatic, "constant gain": methods.Steady, "cv2": methods.OpenCV}
-    smoothed |= {"constant gain, RTS": methods.smoothed_steady}
-    if find_spec("filterpy"):
-        online["filterpy"] = methods.FilterPy
-        smoothed["filterpy, RTS"] = methods.smoothed_filterpy
-    return online, smoothed
-
-
-def flight_filters() -> tuple[dict[str, Online], dict[str, Smoothed]]:
-    """The same and the flight model."""
-    online, smoothed = rendered_filters()
-    return {**online, "flight": methods.Flight}, {**smoothed, "flight, RTS": methods.smoothed_flight}
-
-
-def compare(
-    sequences: list[Sequence], online: Mapping[str, Online], smoothed: Mapping[str, Smoothed], settled: int
-) -> dict[str, Any]:
-    """Errors and times by filter; every filter takes each measurement before the next comes."""
-    names = [*online, *smoothed]
-    ms: dict[str, list[float]] = {name: [] for name in names}
-    states: dict[str, list[list[State]]] = {name: [] for name in ["as measured", *names]}
-    for sequence in sequences:
-        filters = {name: make(sequence) for name, make in online.items()}
-        paths: dict[str, list[State]] = {name: [sequence.positions[:1]] for name in online}
-        rows = zip(sequence.stamps_s[1:], sequence.positions[1:], sequence.covs[1:], strict=True)
-        for stamp_s, position, cov in rows:
-            for name, one in filters.items():
-                state, spent = timed(partial(one.step, float(stamp_s), position, cov))
-                paths[name].append(state.copy())
-                ms[name].append(spent)
-        for name, whole in smoothed.items():
-            paths[name], spent = timed(partial(whole, sequence))
-            ms[name].append(spent / len(sequence.stamps_s))
-        paths["as measured"] = [position[None] for position in sequence.positions]
-        for name, path in paths.items():
-            states[name].append(path)
-    result: dict[str, Any] = {name: _errors(sequences, path, settled) for name, path in states.items()}
-    for name in names:
-        q25, median, q75 = (round(float(q), 5) for q in np.percentile(ms[name], (25, 50, 75)))
-        result[name] |= {"q25_ms": q25, "median_ms": median, "q75_ms": q75}
-    return result
-
-
-def _errors(sequences: list[Sequence], paths: list[list[State]], settled: int) -> dict[str, float]:
-    position, velocity, ttc = [], [], []
-    for sequence, path in zip(sequences, paths, strict=True):
-        p = np.array([state[0] for state in path])
-        position.append(np.sum((p - sequence.path)[settled:] ** 2, axis=1))
-        if len(path[-1]) < 2:
-            continue
-        v = np.array([state[1] if len(state) > 1 else np.zeros(3) for state in path])
-        calm = ~sequence.jumped & (np.arange(len(p)) >= settled)
-        velocity.append(np.sum((v - sequence.velocity)[calm] ** 2, axis=1))
-        ttc.append(_ttc_error(sequence, p, v, sequence.late & calm))
-    return {
-        "position_rms_mm": 1000 * _rms(position),
-        "velocity_rms_mm_s": 1000 * _rms(velocity),
-        "ttc_median_percent": 100 * float(np.median(np.concatenate(ttc))) if sum(map(len, ttc)) else np.nan,
+def methods() -> dict[str, Method]:
+    """Return the filters and smoothers by name."""
+    ours = {f"order {order}": partial(_online, partial(_Ours, order)) for order in (1, 2, 3, 4)}
+    smoothed = {f"order {order}, RTS": partial(_smoothed, order) for order in (2, 3, 4)}
+    steady = {"constant gain": partial(_online, _steady)}
+    libraries: dict[str, Callable[[KalmanParams, Belief], OnlineFilter]] = {
+        "cv2": OpenCVFilter,
+        "filterpy": FilterPyFilter,
     }
+    baselines = {name: partial(_online, partial(_baseline, make)) for name, make in libraries.items()}
+    return {name: partial(_per_update, run) for name, run in {**ours, **smoothed, **steady, **baselines}.items()}
 
 
-def _ttc_error(sequence: Sequence, p: Array, v: Array, at: Mask) -> Array:
-    """Relative error of the time until the surface (of the true radius) is at the point it touches, where `at`."""
-    line = p[at] - sequence.touched
+def _per_update(run: Method, data: Measurements, seed: int) -> Values:
+    """Return a filter's values with its processor time per update."""
+    begun = process_time()
+    values = run(data, seed)
+    return {**values, "ms": [1000 * (process_time() - begun) / len(data.stamps_s)]}
+
+
+class _Ours:
+    """Our filter of an order with the interface of the baselines."""
+
+    def __init__(self, order: int, data: Measurements) -> None:
+        self.params = data.params(order)
+        self.belief = data.first(self.params)
+
+    def step(self, stamp_s: float, position: Array, cov: Array) -> Array:
+        """Predict and update."""
+        self.belief = kalman.update(self.params, kalman.predict(self.params, self.belief, stamp_s), position, cov)
+        return self.belief.mean
+
+
+def _baseline(make: Callable[[KalmanParams, Belief], OnlineFilter], data: Measurements) -> OnlineFilter:
+    return make(data.params(), data.first(data.params()))
+
+
+def _steady(data: Measurements) -> OnlineFilter:
+    variance = float(np.median(np.trace(data.covs, axis1=1, axis2=2))) / 3
+    return ConstantGain(data.params(), data.first(data.params()), variance, float(np.median(np.diff(data.stamps_s))))
+
+
+def _online(make: Callable[[Measurements], OnlineFilter], data: Measurements, seed: int) -> Values:
+    one = make(data)
+    first = data.first(data.params())
+    states = [first.mean[:1], *(one.step(*row).copy() for row in data.later())]
+    return errors(data, states)
+
+
+def _smoothed(order: int, data: Measurements, seed: int) -> Values:
+    params = data.params(order)
+    passages = follow(params, data.first(params), [Measured(*row) for row in data.later()])
+    return errors(data, [belief.mean for belief in smooth(passages)])
+
+
+def _flight(data: Measurements, seed: int) -> Values:
+    params = FlightParams()
+    beliefs = [flight.start(params, data.stamps_s[0], data.positions[0], data.covs[0])]
+    for stamp_s, position, cov in data.later():
+        beliefs.append(kalman.update(params.filter, flight.forecast(params, beliefs[-1], stamp_s)[0], position, cov))
+    return errors(data, [belief.mean for belief in beliefs])
+
+
+def _smoothed_flight(data: Measurements, seed: int) -> Values:
+    params = FlightParams()
+    first = flight.start(params, data.stamps_s[0], data.positions[0], data.covs[0])
+    rows = [Measured(*row) for row in data.later()]
+    passages = follow(params.filter, first, rows, lambda belief, stamp_s: flight.forecast(params, belief, stamp_s))
+    return errors(data, [belief.mean for belief in smooth(passages)])
+
+
+def errors(data: Measurements, states: list[Array]) -> dict[str, Array]:
+    """Return the errors where a filter is judged; no velocity and time to contact of a filter without velocity."""
+    p = np.array([state[0] for state in states])
+    found = {"position_mm": 1000 * np.linalg.norm(p - data.path, axis=1)[data.counts]}
+    if len(states[-1]) < 2:
+        return found
+    v = np.array([state[1] if len(state) > 1 else np.zeros(3) for state in states])
+    found["velocity_mm_s"] = (
+        1000 * np.linalg.norm(v - data.velocity, axis=1)[data.counts & np.isfinite(data.velocity[:, 0])]
+    )
+    late = data.counts & (data.ttc_s > _LATE_S[0]) & (data.ttc_s <= _LATE_S[1])
+    line = p[late] - data.touched
     distance = np.linalg.norm(line, axis=1)
-    closing = -np.einsum("ij,ij->i", line, v[at]) / distance
-    ttc = np.where(closing > 0, (distance - sequence.radius_m) / np.where(closing > 0, closing, 1.0), np.inf)
-    return np.abs(ttc / sequence.ttc_s[at] - 1)
+    closing = -np.einsum("ij,ij->i", line, v[late]) / distance
+    ttc = np.where(closing > 0, (distance - data.radius_m) / np.where(closing > 0, closing, 1.0), np.inf)
+    return found | {"ttc_percent": 100 * np.abs(ttc / data.ttc_s[late] - 1)}
 
 
-def _rms(squares: list[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else np.nan
+def flights(folder: Path) -> list[Measurements]:
+    """Return every noisy flight of a tt3d folder, triangulated from its two cameras."""
+    view = StereoView(_camera(folder / "side.yaml"), _camera(folder / "oblique.yaml"))
+    return [_thrown(file, folder / "oblique" / file.name, view) for file in sorted((folder / "side").glob("*.csv"))]
 
 
-_RENDERED_ERRORS = {
-    "position_rms_mm": "position error (mm RMS)",
-    "velocity_rms_mm_s": "velocity error (mm/s RMS)",
-    "ttc_median_percent": "TTC error, last 0.5 s (median, %)",
-}
+def _camera(file: Path) -> View:
+    """Read lines `name: number or [numbers]`: rvec, tvec (world to camera), f, w, h; the principal point is amid."""
+    of = {name: json.loads(value) for name, value in (s.split(":", 1) for s in file.read_text().splitlines() if s)}
+    T_camera_world = transform(cv2.Rodrigues(np.array(of["rvec"]))[0], of["tvec"])
+    return View(Camera(of["w"], of["h"], of["f"], of["f"], of["w"] / 2, of["h"] / 2), inverse(T_camera_world))
 
 
-def _chart(plots: list[tuple[dict[str, Any], str, str, bool]]) -> Figure:
-    """A panel for each of (numbers, which error, its label, whether of the smoothed)."""
-    figure, axes = panels(len(plots), width=5.6, height=4.6)
-    for axis, (numbers, key, label, smoothed) in zip(axes, plots, strict=True):
-        errors = {name: np.nan if of[key] is None else of[key] for name, of in numbers.items()}
-        variants = [
-            Variant(
-                name.removeprefix("order ").removesuffix(", RTS").removesuffix(" order"),
-                np.array([of["q25_ms"], of["q25_ms"], of["median_ms"], of["q75_ms"], of["q75_ms"]]),
-                errors[name],
-                ours=name not in PEERS,
-                default=name == DEFAULT,
-            )
-            for name, of in numbers.items()
-            if name != "as measured" and name.endswith(", RTS") == smoothed and np.isfinite(errors[name])
-        ]
-        raw = errors["as measured"]
-        speed_against_error(axis, variants, "update", label, ("as measured", raw) if np.isfinite(raw) else None)
-        finite = [error for error in errors.values() if np.isfinite(error)]
-        axis.set_yscale("log")
-        axis.set_ylim(0.7 * min(finite), 1.5 * max(finite))  # the same for both ways
-        axis.set_xlim(right=4 * max(float(np.median(v.ms)) for v in variants))  # room for names
-    legend(axes[-1])
-    return figure
+def _thrown(side: Path, oblique: Path, view: StereoView) -> Measurements:
+    one, other = (np.genfromtxt(file, delimiter=",", names=True) for file in (side, oblique))
+    noise = _PIXEL_STD**2 * np.eye(2)
+    pixels = zip(np.stack([one["u"], one["v"]], 1), np.stack([other["u"], other["v"]], 1), strict=True)
+    points = [triangulate(view, left, right, noise, noise) for left, right in pixels]
+    kept = [k for k, point in enumerate(points) if point is not None]
+    found = [point for point in points if point is not None]
+    truth = np.stack([one["X"], one["Y"], one["Z"]], axis=1)[kept]
+    positions, unknown = np.array([point.p_root for point in found]), np.full(len(kept), np.nan)
+    return Measurements(
+        one["Timestamp"][kept],
+        positions,
+        np.array([point.cov_root for point in found]),
+        truth,
+        np.full_like(truth, np.nan),
+        float(np.linalg.norm(positions[0] - 0.5 * (view.left.center + view.right.center))),
+        np.ones(len(kept), bool),
+        np.full(3, np.nan),
+        unknown,
+        white_share=1.0,
+    )

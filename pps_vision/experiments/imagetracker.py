@@ -1,247 +1,201 @@
-"""Following an object in one eye: our blob and particles, and OpenCV's trackers, on the same frames."""
+"""Image trackers in one eye, the true box given in the first frame: our particles and marker blob beside OpenCV's."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Protocol, get_args
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
-from pps_vision.app.render import Render
-from pps_vision.experiments.chart import Variant, legend, panels, speed_against_error, timed
-from pps_vision.experiments.peers import BoxPx, ImagePeer, ImagePeerName, image_peer, middle
+from pps_vision.experiments.baselines.image_trackers import BoxPx, ImageTrackerName, image_tracker, middle
+from pps_vision.experiments.charts import panels, speed_error
 from pps_vision.experiments.real import intersection_over_union
-from pps_vision.experiments.rendered import rendered
-from pps_vision.experiments.study import DATA, Study
+from pps_vision.experiments.scenarios import HUES_DEG, moving, sources
+from pps_vision.experiments.score import timed_steps
+from pps_vision.experiments.study import (
+    DATA,
+    Method,
+    Metric,
+    Scenes,
+    SceneSource,
+    Study,
+    Values,
+    compare,
+    mean,
+    median,
+    percent,
+)
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.recordings.images import open_frames
 from pps_vision.types import Image
-from rendering.names import MotionName, StimulusName
-from tracking.image_tracker import BoxTracker, ImageTrackerParams, assumed_optics
+from rendering.names import MotionName
+from tracking.eye import EyeParams
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
-from tracking.particle_filter import ParticleParams
+from tracking.particles import ParticleParams
+from tracking.single import ColorTracker, ColorTrackerParams, flat_optics
 
-COUNTS = (50, 100, 200, 500, 1000, 2000)
+COUNTS = (50, 100, 500, 1000)
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
-_HUES_DEG = {"ball": 0.0, "marker": 120.0}
+DEFAULT = f"{ParticleParams().count} particles"
+BASELINES: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
 _FAST_M_S = 0.6
-_SEEDS_FAST = 3  # of the particles, for whom luck decides there
-_BLOB = "blob of known hue"
-_DEFAULT = f"{ParticleParams().count} particles"
+_METRICS = {
+    "lost_overlap": Metric("iou", lambda values: 1 - mean(values)),
+    "held_percent": Metric("held", percent),
+    "center_px": Metric("center_px", median),
+}
 
 
 @dataclass(frozen=True)
-class ImageTracker(Study):
-    """Blob, particles and OpenCV's trackers in one eye, the first box given: time, overlap and centre error.
-
-    Rendered balls and markers, slow and watched (5–15 cm/s, eyes that follow while the head sways) and fast
-    (60 cm/s, eyes that do not follow: up to twice the object's size a frame); and the real ball vot_ball1.
-    """
-
-    n: int = 6
-    """Rendered recordings, slow and fast each; balls and markers in turn."""
-    seconds: float = 2.5
-    """Length of each."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    data: Path = DATA
-    """Folder that holds vot_ball1 (default: PPS_VISION_DATA, else ../shared/data)."""
-    seed: int = 0
-    """Seed of the motions, the noise and the particles."""
-
-    def run(self) -> dict[str, object]:
-        """By set of frames and by variant: ms a frame, mean IoU, centre error, share of frames with the object."""
-        if self.n < 1:
-            raise ValueError(f"bench imagetracker: --n {self.n}; expected at least 1")
-        place = self.data / "vot_ball1"
-        real: dict[str, object] | str = f"skipped: no {place}"
-        if place.exists():
-            real = compare([real_ball(place)], (self.seed,))
-        return {
-            "slow": compare(self._sequences(fast=False), (self.seed,)),
-            "fast": compare(self._sequences(fast=True), range(self.seed, self.seed + _SEEDS_FAST)),
-            "vot_ball1": real,
-        }
-
-    def _sequences(self, fast: bool) -> Iterator["Sequence"]:
-        for k in tqdm(range(self.n), desc="fast" if fast else "slow", unit="recording", disable=None):
-            stimulus: StimulusName = "marker" if k % 2 else "ball"
-            motion = MOTIONS[k // 2 % len(MOTIONS)]
-            slow = Render(stimulus, motion, Path(), seconds=self.seconds, noise=self.noise, seed=self.seed + k)
-            film = rendered(replace(slow, speed=_FAST_M_S, head="sway") if fast else slow)
-            yield Sequence(
-                tuple(frame.left for frame in film.frames), tuple(left for left, _ in film.boxes), _HUES_DEG[stimulus]
-            )
-
-    def chart(self, numbers: Mapping[str, Any]) -> dict[str, Figure]:
-        """Overlap lost: against time, beside the peers; against the number of particles."""
-        return {"peers": _peers_chart(numbers), "particles": _particles_chart(numbers)}
-
-
-def _shown(numbers: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    """What there are numbers of, with its title."""
-    titles = {"slow": "rendered, eyes follow", "fast": "rendered, 0.6 m/s, head sways", "vot_ball1": "vot_ball1"}
-    return [(title, numbers[name]) for name, title in titles.items() if isinstance(numbers[name], dict)]
-
-
-def _peers_chart(numbers: Mapping[str, Any]) -> Figure:
-    peers = get_args(ImagePeerName)
-    shown = _shown(numbers)
-    figure, axes = panels(len(shown))
-    for axis, (title, measured) in zip(axes, shown, strict=True):
-        names = [name for name in measured if name in (*peers, _BLOB, _DEFAULT)]
-        variants = [Variant.of(name, measured[name], name not in peers, name == _DEFAULT) for name in names]
-        speed_against_error(axis, variants, "frame", "1 − mean IoU")
-        axis.margins(0.12)
-        axis.set_title(title, fontsize=9)
-    legend(axes[0])
-    return figure
-
-
-def _particles_chart(numbers: Mapping[str, Any]) -> Figure:
-    figure, (error_axis, time_axis) = panels(2)
-    for k, (title, measured) in enumerate(_shown(numbers)):
-        for axis, key in ((error_axis, "error"), (time_axis, "median_ms")):
-            axis.plot(COUNTS, [measured[str(n)][key] for n in COUNTS], "o-", color=f"C{k}", label=title)
-    for axis, label in ((error_axis, "1 − mean IoU"), (time_axis, "time (ms per frame)")):
-        axis.set_xscale("log")
-        axis.set_xticks(COUNTS, [str(n) for n in COUNTS])
-        axis.set_ylim(bottom=0)
-        axis.set_xlabel("particles")
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.25)
-    error_axis.legend(fontsize=7)
-    return figure
-
-
-@dataclass(frozen=True)
-class Sequence:
-    """`images` (n) of one eye, the true `boxes` (n), None where the object is not in view, and its hue."""
+class View:
+    """One eye's images (n), the true boxes (n; None where the object is not in view), and the object's hue."""
 
     images: tuple[Image, ...]
     boxes: tuple[BoxPx | None, ...]
     hue_deg: float
 
 
-def real_ball(folder: Path) -> Sequence:
-    """VOT's ball1, boxes upright around the annotated polygons; the ball is red."""
+@dataclass(frozen=True)
+class ImageTracker(Study):
+    """Particles, marker blob and OpenCV's trackers in one eye, the first box given: time, overlap and centre error.
+
+    Balls and markers, slow and fixated (5–15 cm/s while the head sways) and fast (60 cm/s, eyes that do not follow: up
+    to twice the object's size a frame); and the real ball of vot_ball1.
+    """
+
+    n: int = 6
+    """Recordings of each kind; balls and markers in turn."""
+    seconds: float = 2.5
+    """Length of each."""
+    noise: float = 2.0
+    """Pixel noise, grey levels of 255."""
+    seed: int = 0
+    """Seed of the first recording and of the particles."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
+    data: Path = DATA
+    """Folder that holds vot_ball1 (default: PPS_VISION_DATA, else ../shared/data)."""
+
+    def run(self) -> dict[str, Any]:
+        """Return by kind of sequence and tracker: lost overlap, frames with the object, centre error, time."""
+        if self.n < 1:
+            raise ValueError(f"bench imagetracker: --n {self.n}; expected at least 1")
+        scenarios = {f"{s}, {v}": partial(self._film, v, s) for s in sources(self.scenes) for v in ("slow", "fast")}
+        seeds = range(self.seed, self.seed + self.n)
+        cells = compare(scenarios, methods(), _METRICS, seeds, reference="CSRT")
+        folder = self.data / "vot_ball1"
+        if not folder.exists():
+            return {"cells": cells, "skipped": f"vot_ball1: no {folder}"}
+        real = compare({"vot_ball1": lambda _: real_ball(folder)}, methods(), _METRICS, (self.seed,), reference="CSRT")
+        return {"cells": cells | real}
+
+    def _film(self, speed: str, source: SceneSource, seed: int) -> View:
+        k = seed - self.seed
+        stimulus, motion = ("ball", "marker")[k % 2], MOTIONS[k // 2 % len(MOTIONS)]
+        how = {"speed": _FAST_M_S, "head": "sway"} if speed == "fast" else {}
+        recording = moving(stimulus, motion, seed, self.seconds, self.noise, source, **how)
+        lefts = tuple(frame.left for frame in recording.frames)
+        return View(lefts, tuple(left for left, _ in recording.boxes), HUES_DEG[stimulus])
+
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Time against lost overlap, one panel for each kind of sequence."""
+        figure, axes = panels(len(numbers["cells"]), 3)
+        for axis, (name, cell) in zip(axes, numbers["cells"].items(), strict=True):
+            speed_error(axis, cell, "lost_overlap", BASELINES, DEFAULT, error="1 − mean IoU")
+            axis.set_title(name, fontsize=9)
+        axes[0].legend(fontsize=7)
+        return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the lost overlap: one row a tracker, one column a kind of sequence."""
+        cells = numbers["cells"]
+        rows = [[m, *(estimate(cell[m]["lost_overlap"], 2) for cell in cells.values())] for m in methods()]
+        return {"": Table(["1 − mean IoU", *cells], rows)}
+
+
+def real_ball(folder: Path) -> View:
+    """Return VOT's ball1, with upright boxes around the annotated polygons; the ball is red."""
     polygons = np.loadtxt(folder / "groundtruth.txt", delimiter=",").reshape(-1, 4, 2)
     low, high = polygons.min(axis=1), polygons.max(axis=1)
     boxes = [(float(x), float(y), float(w), float(h)) for x, y, w, h in np.hstack([low, high - low])]
-    return Sequence(tuple(image for _, image in open_frames(folder / "frames")), tuple(boxes), 0.0)
+    return View(tuple(image for _, image in open_frames(folder / "frames")), tuple(boxes), 0.0)
+
+
+class _OneEye(Protocol):
+    def start(self, image: Image, box: BoxPx) -> None: ...
+
+    def step(self, image: Image) -> BoxPx | None: ...
 
 
 class Particles:
-    """Our particle filter as a peer of the others."""
+    """Our particle filter with the interface of the baselines."""
 
-    def __init__(self, params: ParticleParams, seed: int) -> None:
-        self._tracker = BoxTracker(ImageTrackerParams(particles=params), np.random.default_rng(seed))
+    def __init__(self, count: int, seed: int) -> None:
+        params = ColorTrackerParams(EyeParams(particles=ParticleParams(count=count)))
+        self._tracker = ColorTracker(params, np.random.default_rng(seed))
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn what is in the box."""
         self._tracker.start(image, box)
 
     def step(self, image: Image) -> BoxPx | None:
-        """None where it was not seen."""
+        """Return the box; None where the object is not seen."""
         seen = self._tracker.step(image)
         return seen.box_px if seen.score > 0 else None
 
 
+@dataclass
 class HueBlob:
-    """Our marker's blob: the hue told, the nearest blob around the last place, anywhere when there is none."""
+    """Our marker detector: the hue is told; the blob nearest to the last place, anywhere when there is none."""
 
-    def __init__(self, hue_deg: float) -> None:
-        self._params = MarkerParams(hue_deg=hue_deg)
-        self._optics: Optics | None = None
-        self._last: BoxPx | None = None
+    hue_deg: float
+    last: BoxPx | None = None
+    optics: Optics | None = None
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn the place."""
-        self._optics = assumed_optics(image.shape[1], image.shape[0])
-        self._last = box
+        self.last, self.optics = box, flat_optics(image.shape[1], image.shape[0])
 
     def step(self, image: Image) -> BoxPx | None:
-        """The box of the disc that has the blob's area."""
-        if self._optics is None:
+        """Return the box of the disc that has the blob's area."""
+        if self.optics is None:
             raise ValueError("step before start; the tracker needs a first image and box")
-        near = None
-        if self._last is not None:
-            x, y = middle(self._last)
-            near = float(x), float(y), max(self._last[2:]) + 3
-        found = find_markers(self._params, image, self._optics, near)
-        self._last = None
+        params, near = MarkerParams(hue_deg=self.hue_deg), None
+        if self.last is not None:
+            x, y = middle(self.last)
+            near = float(x), float(y), max(self.last[2:]) + 3
+        found = find_markers(params, image, self.optics, near)
+        self.last = None
         if found:
-            shape = found[0]
-            side = 2 * float(np.sqrt(shape.area_px / np.pi))
-            x, y = shape.center_px - (side - 1) / 2
-            self._last = float(x), float(y), side, side
-        return self._last
+            side = 2 * float(np.sqrt(found[0].area_px / np.pi))
+            x, y = found[0].center_px - (side - 1) / 2
+            self.last = float(x), float(y), side, side
+        return self.last
 
 
-def variants(hue_deg: float, seed: int) -> dict[str, Callable[[], ImagePeer]]:
-    """Everything that is compared, by name."""
-
-    def particles(params: ParticleParams) -> Callable[[], ImagePeer]:
-        return lambda: Particles(params, seed)
-
-    def peer(name: ImagePeerName) -> Callable[[], ImagePeer]:
-        return lambda: image_peer(name)
-
-    return {
-        _BLOB: lambda: HueBlob(hue_deg),
-        _DEFAULT: particles(ParticleParams()),
-        **{str(n): particles(ParticleParams(count=n)) for n in COUNTS},
-        **{name: peer(name) for name in get_args(ImagePeerName)},
-    }
+def methods() -> dict[str, Method]:
+    """Return everything that is compared, by name."""
+    ours: dict[str, Method] = {f"{n} particles": partial(_run, lambda _, seed, n=n: Particles(n, seed)) for n in COUNTS}
+    default: dict[str, Method] = {DEFAULT: partial(_run, lambda _, seed: Particles(ParticleParams().count, seed))}
+    blob: dict[str, Method] = {"marker blob": partial(_run, lambda view, _: HueBlob(view.hue_deg))}
+    return ours | default | blob | {name: partial(_run, lambda _, __, n=name: image_tracker(n)) for name in BASELINES}
 
 
-@dataclass
-class _Log:
-    """What one variant did: ms, IoU (0 where lost) and centre error (NaN where lost) of every frame."""
-
-    ms: list[float] = field(default_factory=list)
-    iou: list[float] = field(default_factory=list)
-    center_px: list[float] = field(default_factory=list)
-
-    def add(self, ms: float, found: BoxPx | None, true: BoxPx | None) -> None:
-        self.ms.append(ms)
+def _run(make: Any, view: View, seed: int) -> Values:
+    """Return overlap (0 where lost), whether it is held, and the centre error where held, of every frame."""
+    tracker: _OneEye = make(view, seed)
+    if view.boxes[0] is None:
+        raise ValueError("the object is not in view of the first frame; expected a box to start with")
+    tracker.start(view.images[0], view.boxes[0])
+    found, ms = timed_steps(tracker.step, view.images[1:])
+    iou: list[float] = []
+    center_px: list[float] = []
+    for box, true in zip(found, view.boxes[1:], strict=True):
         if true is None:
-            return
-        overlap = 0.0 if found is None else intersection_over_union(np.array([found]), np.array([true]))[0]
-        self.iou.append(float(overlap))
-        off = np.nan if found is None else float(np.linalg.norm(middle(found) - middle(true)))
-        self.center_px.append(off if overlap > 0 else np.nan)
-
-    def summary(self, name: str) -> dict[str, object]:
-        """The error is what of the overlap is missing."""
-        held = np.isfinite(self.center_px)
-        return {
-            **Variant(name, np.array(self.ms), 1 - float(np.mean(self.iou))).summary(),
-            "mean_iou": float(np.mean(self.iou)),
-            "held_share": float(np.mean(held)),
-            "center_px_median_where_held": float(np.median(np.array(self.center_px)[held])) if held.any() else None,
-        }
-
-
-def compare(sequences: Iterable[Sequence], seeds: Iterable[int]) -> dict[str, object]:
-    """All variants on every frame in turn; those that draw random numbers once a seed."""
-    logs: dict[str, _Log] = {}
-    for sequence in sequences:
-        first = sequence.boxes[0]
-        if first is None:
-            raise ValueError("the object is not in view of the first frame; expected a box to start with")
-        trackers = [
-            (name, make())
-            for k, seed in enumerate(seeds)
-            for name, make in variants(sequence.hue_deg, seed).items()
-            if k == 0 or name not in (_BLOB, *get_args(ImagePeerName))
-        ]
-        for _, tracker in trackers:
-            tracker.start(sequence.images[0], first)
-        for image, true in zip(sequence.images[1:], sequence.boxes[1:], strict=True):
-            for name, tracker in trackers:
-                found, ms = timed(lambda t=tracker, i=image: t.step(i))  # type: ignore[misc]
-                logs.setdefault(name, _Log()).add(ms, found, true)
-    return {name: log.summary(name) for name, log in logs.items()}
+            continue
+        iou.append(0.0 if box is None else float(intersection_over_union(np.array([box]), np.array([true]))[0]))
+        if box is not None and iou[-1] > 0:
+            center_px.append(float(np.linalg.norm(middle(box) - middle(true))))
+    return {"ms": ms, "iou": iou, "held": np.array(iou) > 0, "center_px": center_px}

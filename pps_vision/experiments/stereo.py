@@ -1,184 +1,178 @@
-"""From two images to one place: how far off, at which distance, for how long, and which method where."""
+"""From two images to one point: our triangulation beside OpenCV's and beside disparity maps, over the distance."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from functools import partial
+from time import process_time
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+import trimesh
 from matplotlib.figure import Figure
 
-from pps_vision.experiments.chart import timed
-from pps_vision.experiments.motorcycle import motorcycle
-from pps_vision.experiments.stereo_charts import depth_chart, motorcycle_chart, speed_chart, tracked_chart
-from pps_vision.experiments.stereo_methods import METHODS, outlined, plain_centroid
-from pps_vision.experiments.stereo_scenes import Scene, Theatre, open_theatre, patched_ball
-from pps_vision.experiments.study import DATA, Study
+from pps_vision.experiments.baselines import disparity
+from pps_vision.experiments.charts import panels, severity, speed_error
+from pps_vision.experiments.scenarios import EYES_M, Recording, film, follow, sources, watching
+from pps_vision.experiments.score import steps_of
+from pps_vision.experiments.study import (
+    Axis,
+    Break,
+    Method,
+    Metric,
+    Scenes,
+    SceneSource,
+    Study,
+    Values,
+    compare,
+    compare_severities,
+    percent,
+    rms,
+)
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
-from pps_vision.types import Array
-from rendering.stimuli import Stimulus, make_stimulus
-from tracking.tracker import Tracker, TrackerParams
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array, Detection2D, StereoFrame
+from rendering.motions import Circle
+from rendering.sensor import Sensor
+from rendering.shapes import Part
+from rendering.stimuli import RED, Stimulus, make_stimulus
 
-VERGENCE_DEPTH_M = 0.3
-_MARKER_REACH_M = 0.8  # how far away a marker is tracked
-_ASKED_MM = (0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-_SETTLED = 5  # frames a tracker is given before its observations count
-_LEAST_SHARE = 0.5  # of answers, below which a method counts as failing
+DEPTHS_M = (0.3, 0.4, 0.6, 0.8, 1.2)
+BALL_M = 0.035
+OURS = "covariance (ours)"
+BASELINES = ("midpoint", "linear (OpenCV)", "corrected (OpenCV)", "whole BM", "whole SGBM")
+_SECONDS, _SETTLED = 1.5, 10
+_METRICS = {"rms_mm": Metric("error_mm", rms), "found_percent": Metric("found", percent)}
+
+
+class Pair(NamedTuple):
+    """A stereo pair, its view, the tracker's detections in it, and where the ball really is."""
+
+    frame: StereoFrame
+    view: StereoView
+    left: Detection2D
+    right: Detection2D
+    p: Array
 
 
 @dataclass(frozen=True)
 class Stereo(Study):
-    """3D error and time of centroid triangulation and of disparity in the region or the whole image, over
-    distance and vergence, textured and not; of the tracker's observations before its filter; and of disparity
-    on `motorcycle`."""
+    """3D error and time of triangulating the tracker's detections, and of disparity in the whole image, of a plain and
+    a textured ball of 35 mm while the head sways, over its distance. The error counts before any filter; the ball's
+    direction is given to the disparity maps."""
 
-    n: int = 20
-    """Scenes for each distance and vergence; a tenth of the windows on `motorcycle`."""
-    frames: int = 60
-    """Length of each tracked recording."""
-    depths_m: tuple[float, ...] = (0.2, 0.3, 0.4, 0.6, 0.8, 1.2, 2.0)
-    """Distances, 0.4 m among them; a marker is tracked at those up to 0.8 m."""
-    vergences_deg: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
-    """Vergences at 0.3 m; 0 is parallel."""
+    n: int = 3
+    """Recordings of each ball at each distance."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    data: Path = DATA
-    """Folder that holds `motorcycle` (default: PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
-    """Seed of scenes and noise."""
+    """Seed of the first; the others count up."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
 
-    def run(self) -> dict[str, object]:
-        """By texture and place, each method's RMS in mm, share of answers and ms; marker and ball as tracked."""
-        if self.n < 2 or self.frames <= _SETTLED + 1:
-            raise ValueError(
-                f"bench stereo: --n {self.n}, --frames {self.frames}; expected 2 and {_SETTLED + 2} at least"
+    def run(self) -> dict[str, Any]:
+        """Return by scenes: errors and times at 0.4 m, and errors over the distance."""
+        if self.n < 1:
+            raise ValueError(f"bench stereo: --n {self.n}; expected at least 1")
+        kinds = {f"{s}, {b}": partial(self._pairs, b, s) for s in sources(self.scenes) for b in ("plain", "textured")}
+        seeds = range(self.seed, self.seed + self.n)
+        near = {name: partial(make, depth_m=0.4) for name, make in kinds.items()}
+        broken, distance = Break("found_percent", 50.0, above=False), Axis("distance (m)", DEPTHS_M)
+        over = {
+            name: compare_severities(make, distance, methods(), _METRICS, seeds, broken) for name, make in kinds.items()
+        }
+        return {
+            "cells": compare(near, methods(), _METRICS, seeds, reference="midpoint"),
+            "distance": over,
+        }
+
+    def _pairs(self, ball: str, source: SceneSource, seed: int, depth_m: float) -> list[Pair]:
+        rng, robot = np.random.default_rng(seed), load_icub()
+        plane = np.linalg.qr(rng.standard_normal((3, 3)))[0][:2]
+        center = EYES_M + depth_m * np.array([-1.0, *rng.uniform(-0.1, 0.1, 2)])
+        states = watching(Circle(center, plane, 0.03, 0.1), _SECONDS, follow(robot))
+        stimulus = make_stimulus("ball", BALL_M) if ball == "plain" else patched_ball(BALL_M)
+        recording = film(states, stimulus, source, Sensor(noise_sigma=self.noise), seed)
+        return list(pairs(recording, seed))
+
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Time against error at 0.4 m, and error over the distance."""
+        cells = numbers["cells"]
+        figure, axes = panels(2 * len(cells), len(cells))
+        for k, name in enumerate(cells):
+            speed_error(
+                axes[k], cells[name], "rms_mm", BASELINES, OURS, "time (ms per pair)", "3D RMS error, 0.4 m (mm)"
             )
-        rng = np.random.default_rng(self.seed)
-        near = [d for d in self.depths_m if d <= _MARKER_REACH_M]
-        with open_theatre(self.noise) as theatre:
-            textured, plain = patched_ball(rng), make_stimulus("ball")
-            numbers: dict[str, Any] = {
-                "depth_textured": {str(d): self._compare(theatre, textured, d, None, rng) for d in self.depths_m},
-                "depth_plain": {str(d): self._compare(theatre, plain, d, None, rng) for d in self.depths_m},
-                "vergence_textured": {
-                    str(v): self._compare(theatre, textured, VERGENCE_DEPTH_M, v, rng) for v in self.vergences_deg
-                },
-                "marker": {
-                    head: {str(d): self._track(theatre, "marker", d, head == "moving", rng) for d in near}
-                    for head in ("still", "moving")
-                },
-                "ball_0.3_m": {
-                    head: self._track(theatre, "generic", 0.3, head == "moving", rng) for head in ("still", "moving")
-                },
-            }
-        numbers["cheapest_within_mm"] = {
-            texture: {place: _cheapest(of["methods"]) for place, of in numbers[f"depth_{texture}"].items()}
-            for texture in ("textured", "plain")
-        }
-        folder = self.data / "motorcycle"
-        numbers["motorcycle"] = motorcycle(folder, 10 * self.n, rng) if folder.exists() else f"skipped: no {folder}"
-        return numbers
+            axes[k].set_title(f"{name} ball", fontsize=9)
+            severity(axes[len(cells) + k], numbers["distance"][name], "rms_mm", "3D RMS error (mm)")
+            axes[len(cells) + k].set_yscale("log")
+        axes[len(cells)].legend(fontsize=7)
+        return figure
 
-    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Error over distance and vergence; time against error, textured and not; as tracked; `motorcycle`."""
-        charts = {"depth": depth_chart(numbers), "speed": speed_chart(numbers), "tracked": tracked_chart(numbers)}
-        if isinstance(numbers["motorcycle"], dict):
-            charts["motorcycle"] = motorcycle_chart(numbers["motorcycle"])
-        return charts
-
-    def _compare(
-        self, theatre: Theatre, stimulus: Stimulus, depth_m: float, vergence_deg: float | None, rng: np.random.Generator
-    ) -> dict[str, Any]:
-        """All methods on the same scenes in turn; the bound is that of the outlines' measured pixel error."""
-        vergence = None if vergence_deg is None else float(np.deg2rad(vergence_deg))
-        errors: dict[str, list[float]] = {name: [] for name in METHODS}
-        ms: dict[str, list[float]] = {name: [] for name in METHODS}
-        pixels, unit = [], []
-        for scene in theatre.scenes(stimulus, depth_m, vergence, self.n, rng):
-            for name, method in METHODS.items():
-                p, took = timed(lambda method=method, scene=scene: method(scene))  # type: ignore[misc]
-                errors[name].append(np.nan if p is None else float(np.linalg.norm(p - scene.p)))
-                ms[name].append(took)
-            if (found := outlined(scene)) is not None:
-                pixels.append(_pixel_errors(scene.view, found.left.center_px, found.right.center_px, scene.p))
-                unit.append(_unit_bound_m2(scene))
-        rms_px = _rms(np.array(pixels))
-        return {
-            "pixel_rms": rms_px,
-            "bound_mm": 1000 * rms_px * float(np.sqrt(np.mean(unit))),
-            "methods": {name: _method_summary(np.array(errors[name]), np.array(ms[name])) for name in METHODS},
-        }
-
-    def _track(
-        self,
-        theatre: Theatre,
-        mode: Literal["marker", "generic"],
-        depth_m: float,
-        moving_head: bool,
-        rng: np.random.Generator,
-    ) -> dict[str, float]:
-        """The tracker's observations before its filter, bias included, over two recordings."""
-        pixels, errors, naive, unit = [], [], [], []
-        stimulus = make_stimulus("marker" if mode == "marker" else "ball")
-        for _ in range(2):
-            tracker = Tracker(TrackerParams(mode=mode), theatre.rig, rng)
-            for k, scene in enumerate(theatre.film(stimulus, depth_m, moving_head, self.frames, rng)):
-                step = tracker.step(scene.frame)
-                if k < _SETTLED or step.observation is None:
-                    continue
-                left, right = step.detections
-                pixels.append(_pixel_errors(scene.view, left.center_px, right.center_px, scene.p))
-                errors.append(step.observation.p_root - scene.p)
-                unit.append(_unit_bound_m2(scene))
-                if (flat := plain_centroid(scene)) is not None:
-                    naive.append(flat - scene.p)
-        rms_px = _rms(np.array(pixels))
-        rms, bound = _rms_3d(np.array(errors)), rms_px * float(np.sqrt(np.mean(unit)))
-        return {
-            "seen_share": len(errors) / (2 * (self.frames - _SETTLED)),
-            "pixel_rms": rms_px,
-            "rms_mm": 1000 * rms,
-            "bias_mm": 1000 * float(np.linalg.norm(np.mean(errors, axis=0))),
-            "bound_mm": 1000 * bound,
-            "of_bound": rms / bound,
-            "plain_centroid_rms_mm": 1000 * _rms_3d(np.array(naive)),
-        }
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return error at 0.4 m and time ratio, one row a method."""
+        cells = numbers["cells"]
+        rows = []
+        for m in methods():
+            ms = [cell[m]["ms"][1] for cell in cells.values()]
+            rows.append([m, *(estimate(cell[m]["rms_mm"]) for cell in cells.values()), f"{ms[0]:.3f}"])
+        return {"": Table(["3D RMS error at 0.4 m (mm)", *cells, "ms per pair"], rows)}
 
 
-def _pixel_errors(view: StereoView, left_px: Array, right_px: Array, p: Array) -> Array:
-    """(4,) px."""
-    return np.concatenate([left_px - view.left.project(p), right_px - view.right.project(p)])
+def pairs(recording: Recording, seed: int) -> Iterator[Pair]:
+    """Yield the pairs in which the settled tracker detects the ball in both eyes."""
+    steps, _ = steps_of(recording, seed)
+    for k, (frame, step) in enumerate(zip(recording.frames, steps, strict=True)):
+        if k >= _SETTLED and len(step.detections) == 2:
+            left, right = step.detections
+            yield Pair(frame, recording.rig.view_of(frame), left, right, recording.position[k])
 
 
-def _unit_bound_m2(scene: Scene) -> float:
-    """Mean squared 3D error (m²) that a pixel of noise in all four coordinates leaves at best."""
-    exact = scene.view.left.project(scene.p), scene.view.right.project(scene.p)
-    found = triangulate(scene.view, *exact, np.eye(2), np.eye(2))
-    return float(np.trace(found.cov_root)) if found else np.nan
+def methods() -> dict[str, Method]:
+    """Return the ways from a pair to a point, by name."""
 
+    def pixels(find: Callable[[StereoView, Array, Array], Array | None]) -> Method:
+        return partial(_run, lambda pair: find(pair.view, pair.left.center_px, pair.right.center_px))
 
-def _method_summary(error_m: Array, ms: Array) -> dict[str, Any]:
-    """RMS of the answers; NaN where they are too few."""
-    found = np.isfinite(error_m)
-    share = float(found.mean())
-    rms = 1000 * float(np.sqrt(np.mean(error_m[found] ** 2))) if share >= _LEAST_SHARE else np.nan
-    q25, median, q75 = (round(float(value), 4) for value in np.percentile(ms, (25, 50, 75)))
-    return {"rms_mm": rms, "found": share, "q25_ms": q25, "median_ms": median, "q75_ms": q75}
+    def whole(make: Callable[[], cv2.StereoMatcher]) -> Method:
+        return partial(_run, lambda pair: disparity.in_whole_image(make, pair.frame, pair.view, pair.p, BALL_M))
 
-
-def _cheapest(methods: dict[str, Any]) -> dict[str, str | None]:
-    """By asked-for RMS error in mm, the fastest method that had an answer everywhere and met it."""
-    by_time = sorted(
-        (name for name, of in methods.items() if of["found"] == 1.0), key=lambda k: methods[k]["median_ms"]
-    )
     return {
-        f"{most:g}": next((name for name in by_time if methods[name]["rms_mm"] <= most), None) for most in _ASKED_MM
+        OURS: partial(_run, _ours),
+        "midpoint": pixels(disparity.midpoint),
+        "linear (OpenCV)": pixels(disparity.linear),
+        "corrected (OpenCV)": pixels(disparity.corrected),
+        "whole BM": whole(disparity.block_matching),
+        "whole SGBM": whole(disparity.semi_global),
     }
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _ours(pair: Pair) -> Array | None:
+    left, right = pair.left, pair.right
+    found = triangulate(pair.view, left.center_px, right.center_px, left.cov_px, right.cov_px)
+    return None if found is None else found.p_root
 
 
-def _rms_3d(errors: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+def _run(find: Callable[[Pair], Array | None], recording: list[Pair], seed: int) -> Values:
+    error_mm, found, ms = [], [], []
+    for pair in recording:
+        begun = process_time()
+        p = find(pair)
+        ms.append(1000 * (process_time() - begun))
+        found.append(p is not None)
+        if p is not None:
+            error_mm.append(1000 * float(np.linalg.norm(p - pair.p)))
+    return {"error_mm": error_mm, "found": found, "ms": ms}
+
+
+def patched_ball(radius_m: float) -> Stimulus:
+    """Return a red ball with every other patch of its surface half as bright."""
+    mesh: Any = trimesh.creation.icosphere(4, radius_m)
+    middle = mesh.triangles_center / radius_m
+    azimuth, height = np.arctan2(middle[:, 1], middle[:, 0]), np.arcsin(np.clip(middle[:, 2], -1, 1))
+    dark = (np.floor(azimuth * 5 / np.pi) + np.floor(height * 5 / np.pi)) % 2 > 0
+    plain, patches = mesh.submesh([np.flatnonzero(~dark), np.flatnonzero(dark)], repair=False)
+    r, g, b = RED
+    return Stimulus("ball", radius_m, (Part(plain, RED), Part(patches, (0.5 * r, g, b))))

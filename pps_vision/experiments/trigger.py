@@ -1,179 +1,248 @@
-"""How soon, how quietly and at what cost a motion trigger says that something moves by itself."""
+"""How soon, how quietly and at what cost a motion trigger finds what moves by itself."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from time import thread_time
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.experiments.chart import Variant, legend, speed_against_error
-from pps_vision.experiments.footage import Studio, open_studio
-from pps_vision.experiments.motion_peers import PEERS
-from pps_vision.experiments.study import DATA, Study
-from pps_vision.experiments.trigger_scenes import (
-    AFTER,
-    FPS,
-    STARTS,
-    Scene,
-    independent,
-    independent_film,
-    quiet,
-    starting,
-)
-from pps_vision.experiments.trigger_trial import (
-    MISSED,
-    Watcher,
-    best_level,
-    delay,
-    flow_errors,
-    ours,
-    peer,
-    quartiles,
-    references,
-    watch,
-)
-from pps_vision.experiments.trigger_velocity import first_velocities
-from pps_vision.geometry.camera import Camera
-from pps_vision.robot.silhouette import Silhouette
-from pps_vision.types import Array
-from tracking.motion_trigger import TriggerParams
+from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
+from pps_vision.experiments.charts import bars, panels, speed_error
+from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.independent_scenes import SensorChain
+from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, film, from_film, turning, watching
+from pps_vision.experiments.study import DATA, Method, Metric, Study, Values, compare, mean
+from pps_vision.experiments.tables import Table, estimate
+from pps_vision.geometry.camera import Camera, View
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.types import Array, Image
+from rendering.sensor import Sensor
+from rendering.stimuli import make_stimulus
+from tracking.motion_trigger import MotionTrigger, TriggerParams
 
 DEFAULT = "ours"
-OURS = {
-    DEFAULT: TriggerParams(),
-    "ours, without flow": TriggerParams(flow=False),
+OURS = {DEFAULT: TriggerParams(), "ours, without flow": TriggerParams(flow=False)}
+HEADS_DEG_S = {"still": 0.0, "turning": 20.0, "independent": 20.0}
+"""Fastest turn of the head by setting; the last before photographs, joints 0–20 ms late, changing light."""
+OBJECTS = {
+    "nothing": (0.030, 0.0),
+    "ball, 5 px": (0.035, 5.0),
+    "marker, 5 px": (0.010, 5.0),
+    "ball, 1 px": (0.035, 1.0),
 }
-HEADS = {"still": 0.0, "moving": 20.0, "independent": 20.0}
-"""By setting, degrees a second, at most; the last on films of the other source, its joints 0–20 ms late."""
-BALLS = {"ball, 5 px a frame": (0.035, 5.0), "marker, 5 px a frame": (0.010, 5.0), "ball, 1 px a frame": (0.035, 1.0)}
-_CALIBRATION_S = 3.0
-_FLOOR = 0.3  # where the chart draws no alarm at all
+"""What starts to move: radius in m, and px per frame."""
+STARTS, AFTER = 20, 12
+"""Frame at which the object starts to move, when every method has seen a second of images; and how many it moves."""
+MISSED = AFTER + 1.0
+"""Frames that count for what is not found."""
+_NEAR_PX = 4.0  # how far beside the ball's path a region may lie
+_OWN_SHARE = 0.3  # of a region on the robot itself, above which it is no alarm
+_HEAD_RATE, _FOCAL = 3.9, 0.86  # of an independent film: fastest turn per amplitude (1/s); focal length per width
+_METRICS = {
+    "alarms_per_minute": Metric("alarm", lambda values: 60 * FPS * mean(values)),
+    "found_in_3_percent": Metric("delay", lambda values: 100 * float(np.mean(values <= 3)) if len(values) else np.nan),
+    "delay_frames": Metric("delay", mean),
+}
 
 
 @dataclass(frozen=True)
 class Trigger(Study):
-    """Head still or turning at up to 20°/s, the arms in view, and turning before photographs, with late joints and
-    changing light: time per image, false alarms, images until a ball or marker that starts to move is found; flow
-    error on RubberWhale; the velocity with which the tracker begins, with and without flow.  Ours has one setting;
-    each peer gets, for either setting, its best level: the lowest without a false alarm in another scene."""
+    """Head still or turning at up to 20°/s with the arms in view, and turning before photographs with late joints and
+    changing light: time per image, false alarms, images until a ball or marker that starts to move is found.
+
+    Ours has one setting. Each baseline gets, for each setting, the lowest level without a false alarm in another
+    recording of that setting. Regions on the robot's own body count for no method.
+    """
 
     n: int = 2
-    """Scenes of each kind, each in both eyes."""
+    """Recordings of each kind, each in both eyes."""
     seconds: float = 10.0
-    """How long nothing moves, in each of `n` scenes of the last setting and in one of the others."""
+    """Length of the recordings in which nothing moves."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
     seed: int = 0
     """Seed of places, motions and noise."""
-    peers: bool = True
-    """With --no-peers only ours, for long runs."""
-    films: int = 20
-    """Films of either source on which the tracker's first velocity is measured."""
     data: Path = DATA
-    """Folder that holds rubberwhale and the photographs (default: PPS_VISION_DATA, else ../shared/data)."""
+    """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data)."""
 
-    def run(self) -> dict[str, object]:
-        """Numbers by setting and variant."""
+    def run(self) -> dict[str, Any]:
+        """Return by setting, object and method: false alarms a minute, share found within 3 images, delay, time."""
         if self.n < 1 or self.seconds * FPS <= STARTS:
             raise ValueError(f"bench trigger: --n {self.n}, --seconds {self.seconds}; expected 1 or more, over 1 s")
-        with open_studio({}) as studio:
-            heads = {name: self._measure(studio, k, name) for k, name in enumerate(HEADS)}
-            first = first_velocities(studio, self.data, self.films, self.noise, self.seed)
-        flow = flow_errors(self.data / "rubberwhale") if self.peers else "not asked for"
-        return {"heads": heads, "first_velocity": first, "flow": flow}
+        seeds = range(self.seed, self.seed + self.n)
+        cells = {}
+        for setting in HEADS_DEG_S:
+            calm = self._recording(setting, "nothing", self.seed + 10_000)
+            scenarios = {name: partial(self._recording, setting, name) for name in OBJECTS}
+            cells[setting] = compare(scenarios, methods(calm), _METRICS, seeds, reference="DIS ultrafast − ego")
+        return {"cells": cells}
 
-    def _quiet(self, studio: Studio, rng: np.random.Generator, setting: str, seconds: float) -> list[Scene]:
+    def _recording(self, setting: str, name: str, seed: int) -> Recording:
+        radius_m, px = OBJECTS[name]
+        seconds = self.seconds if px == 0 else (STARTS + AFTER) / FPS
+        rng = np.random.default_rng((seed, *map(ord, setting + name)))
         if setting == "independent":
-            return independent(independent_film(rng, self.data, seconds, 0.03, 0.0, HEADS[setting], self.noise))
-        return quiet(studio, rng, seconds, np.deg2rad(HEADS[setting]), self.noise)
+            scene = independent_scene(rng, seconds, radius_m, px, HEADS_DEG_S[setting], self.noise)
+            return from_film(Film(scene, int(rng.integers(2**31)), self.data))
+        return starting(rng, seconds, radius_m, px, np.deg2rad(HEADS_DEG_S[setting]), self.noise)
 
-    def _starting(
-        self, studio: Studio, rng: np.random.Generator, setting: str, radius_m: float, px: float
-    ) -> list[Scene]:
-        if setting == "independent":
-            seconds = (STARTS + AFTER) / FPS
-            return independent(independent_film(rng, self.data, seconds, radius_m, px, HEADS[setting], self.noise))
-        return starting(studio, rng, radius_m, px, np.deg2rad(HEADS[setting]), self.noise)
-
-    def _measure(self, studio: Studio, k: int, setting: str) -> dict[str, object]:
-        """What each variant is worth in one setting."""
-        rng, silhouette = np.random.default_rng((self.seed, k)), Silhouette(studio.robot)
-        body = None if setting == "independent" else silhouette
-        levels = {}
-        if self.peers:
-            calm = self._quiet(studio, rng, setting, _CALIBRATION_S)[0]
-            levels = {name: best_level(name, calm) for name in PEERS}
-        ms: dict[str, list[float]] = {name: [] for name in (*OURS, *levels, *references())}
-        alarms, frames = dict.fromkeys((*OURS, *levels), 0), 0
-        delays: dict[str, dict[str, list[float]]] = {name: {ball: [] for ball in BALLS} for name in alarms}
-        for _ in range(self.n if setting == "independent" else 1):
-            for scene in self._quiet(studio, rng, setting, self.seconds):
-                frames += len(scene.glimpses) - STARTS
-                watchers = {**_watchers(scene.camera, body, levels), **references()}
-                for name, (boxes, times) in watch(watchers, scene).items():
-                    ms[name] += times[STARTS:]
-                    if name in alarms:
-                        alarms[name] += sum(bool(found) for found in boxes[STARTS:])
-        for ball, (radius_m, px) in BALLS.items():
-            for _ in range(self.n):
-                for scene in self._starting(studio, rng, setting, radius_m, px):
-                    for name, (boxes, _) in watch(_watchers(scene.camera, body, levels), scene).items():
-                        delays[name][ball].append(delay(boxes, scene))
-        rows = {name: _row(ms[name], 60 * FPS * alarms[name] / frames, delays[name]) for name in alarms}
-        reference = {name: quartiles(ms[name]) for name in references()}
-        return {"seconds_watched": frames / FPS, "levels": levels, "variants": rows, "reference_ms": reference}
-
-    def chart(self, numbers: Mapping[str, Any]) -> Figure:
-        """False alarms before photographs against time, and what was found in time."""
-        figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.8), layout="constrained")
-        rows = numbers["heads"]["independent"]["variants"]
-        points = [
-            Variant(name, _times(row), max(row["alarms_per_minute"], _FLOOR), name in OURS, name == DEFAULT)
-            for name, row in rows.items()
-        ]
-        speed_against_error(left, points, "image", f"false alarms a minute (0 is drawn at {_FLOOR:g})")
-        left.axhline(1.0, color="0.25", ls="--", lw=1)
-        left.set_title("only the head moves, ≤ 20°/s, before photographs", fontsize=10)
-        legend(left)
-        names, colors = list(rows), ["tab:blue" if name in OURS else "tab:orange" for name in rows]
-        right.barh(names, [100 * _in_time(row) for row in rows.values()], color=colors)
-        right.invert_yaxis()
-        right.set_xlabel("found within 3 images at 5 px an image (%)")
-        right.set_title("a ball or marker that starts to move", fontsize=10)
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """False alarms against time before photographs, and what is found within three images in each setting."""
+        figure, axes = panels(2, width=6.5)
+        cells = numbers["cells"]
+        quiet, time = cells["independent"]["nothing"], "time (ms per image)"
+        speed_error(axes[0], quiet, "alarms_per_minute", TRIGGERS, DEFAULT, time, "false alarms a minute, head turning")
+        axes[0].set_yscale("symlog", linthresh=1)
+        axes[0].legend(fontsize=7)
+        found = {s: [of["ball, 5 px"][m]["found_in_3_percent"] for m in quiet] for s, of in cells.items()}
+        bars(axes[1], list(quiet), found, "ball at 5 px an image: found within 3 images (%)")
+        axes[1].legend(fontsize=7)
         return figure
 
-
-def _watchers(camera: Camera, silhouette: Silhouette | None, levels: Mapping[str, float]) -> dict[str, Watcher]:
-    """Every variant, knowing nothing yet."""
-    own = {name: ours(params, camera, silhouette) for name, params in OURS.items()}
-    return {**own, **{name: peer(name, camera, level) for name, level in levels.items()}}
-
-
-def _row(ms: list[float], alarms_per_minute: float, delays: Mapping[str, list[float]]) -> dict[str, object]:
-    return {
-        **quartiles(ms),
-        "alarms_per_minute": alarms_per_minute,
-        "mean_delay_frames": float(np.mean([one for of_ball in delays.values() for one in of_ball])),
-        "by_ball": {
-            ball: {
-                "mean": float(np.mean(one)),
-                "within_3": float(np.mean(np.array(one) <= 3)),
-                "missed": float(np.mean(np.array(one) >= MISSED)),
-                "scenes": len(one),
-            }
-            for ball, one in delays.items()
-        },
-    }
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return alarms, detection and time ratio of every method, one table a setting."""
+        header = ["trigger", "false alarms a minute", *(f"{o}: within 3 images (%)" for o in list(OBJECTS)[1:])]
+        tables = {}
+        for setting, of in numbers["cells"].items():
+            rows = []
+            for method, cell in of["nothing"].items():
+                found = [estimate(of[name][method]["found_in_3_percent"][:1]) for name in list(OBJECTS)[1:]]
+                rows.append([method, estimate(cell["alarms_per_minute"]), *found, estimate(cell["ratio"], 2)])
+            tables[setting] = Table([*header, "ratio of time to DIS ultrafast"], rows)
+        return tables
 
 
-def _times(row: Mapping[str, Any]) -> Array:
-    return np.array([row["q25_ms"], row["median_ms"], row["q75_ms"]])
+def starting(
+    rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_rad_s: float, noise: float
+) -> Recording:
+    """Return a rendered ball at rest that at frame `STARTS` starts to cross the view; with 0 px there is none."""
+    robot, place = load_icub(), _place(rng)
+    pose = turning(robot, rng, place, speed_rad_s)
+    view = icub_rig(robot).view(pose(STARTS / FPS, place, place)).left
+    line = place - view.center
+    across = np.cross(line, rng.standard_normal(3))
+    per_px = float(np.linalg.norm(line)) / view.camera.focal_px
+    velocity = across / np.linalg.norm(across) * px_per_frame * per_px * FPS
+
+    def motion(t_s: float) -> tuple[Array, Array]:
+        moved_s = max(t_s - (STARTS - 1) / FPS, 0.0)
+        return place + moved_s * velocity, velocity if moved_s > 0 else np.zeros(3)
+
+    states = watching(motion, seconds, pose, empty=px_per_frame == 0)
+    return film(states, make_stimulus("ball", radius_m), "rendered", Sensor(noise_sigma=noise), rng=rng)
 
 
-def _in_time(row: Mapping[str, Any]) -> float:
-    """Share of what moved 5 px an image that was found within 3 images."""
-    fast = [one for name, one in row["by_ball"].items() if "5 px" in name]
-    return float(np.average([one["within_3"] for one in fast], weights=[one["scenes"] for one in fast]))
+def _place(rng: np.random.Generator) -> Array:
+    """A point 0.35–0.6 m before the eyes."""
+    azimuth, elevation = np.deg2rad([rng.uniform(-20, 20), rng.uniform(-30, 5)])
+    ahead = [-np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    return EYES_M + rng.uniform(0.35, 0.6) * np.array(ahead)
+
+
+def independent_scene(
+    rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_deg_s: float, noise: float
+) -> IndependentScene:
+    """Return a ray-cast scene before photographs: the head sways, its joints are 0–20 ms late, the light drifts and
+    flickers; a ball starts to move at frame `STARTS`, or (0 px) rests."""
+    distance = float(rng.uniform(0.4, 0.7))
+    return IndependentScene(
+        width=320,
+        height=240,
+        fps=FPS,
+        seconds=seconds,
+        rig="head",
+        head_deg=speed_deg_s / _HEAD_RATE,
+        stale_s=float(rng.uniform(0, 0.02)),
+        radius_m=radius_m,
+        color=tuple(rng.uniform(20, 235, 3).tolist()),
+        motion="straight" if px_per_frame else "still",
+        start="rest",
+        rest_s=(STARTS - 1) / FPS,
+        speed_m_s=px_per_frame * FPS * distance / (_FOCAL * 320),
+        distance_m=distance,
+        background=int(rng.integers(0, 100)),
+        gain_drift=0.1,
+        flicker=0.03,
+        sensor=SensorChain(read_noise=noise, bayer=True),
+    )
+
+
+Watcher = Callable[[Image, View, float, Array | None], list[BoxPx]]
+"""Takes an image, its view, stamp and joints; returns the regions that move."""
+
+
+def methods(calm: Recording) -> dict[str, Method]:
+    """Return ours, and the baselines at their best levels for a setting, which `calm` shows without motion."""
+    ours: dict[str, Method] = {name: partial(watch, partial(_ours, params)) for name, params in OURS.items()}
+    return ours | {name: partial(watch, partial(_baseline, name, best_level(name, calm))) for name in TRIGGERS}
+
+
+def _ours(params: TriggerParams, camera: Camera, recording: Recording) -> Watcher:
+    trigger = MotionTrigger(params, camera)
+
+    def look(image: Image, view: View, stamp_s: float, joints_rad: Array | None) -> list[BoxPx]:
+        own = None if joints_rad is None else partial(recording.own_body, joints_rad, view)
+        return [region.box_px for region in trigger.step(image, view, stamp_s, own)]
+
+    return look
+
+
+def _baseline(name: str, level: float, camera: Camera, recording: Recording) -> Watcher:
+    method = TRIGGERS[name].make(camera, level)
+    return lambda image, view, _stamp_s, _joints_rad: method.step(image, view)
+
+
+def watch(make: Callable[[Camera, Recording], Watcher], recording: Recording, seed: int) -> Values:
+    """Return alarms frame by frame where nothing moves, delays where something starts to, and processor times."""
+    moves = bool(np.any(np.linalg.norm(np.nan_to_num(recording.velocity), axis=1) > 0))
+    ms, alarm, delays = [], [], []
+    for eye in ("left", "right"):
+        look, found = make(getattr(recording.rig, eye), recording), []
+        for frame in recording.frames:
+            view = getattr(recording.rig.view_of(frame), eye)
+            joints = getattr(frame, f"joints_{eye}_rad")
+            begun = thread_time()
+            boxes = look(getattr(frame, eye), view, frame.stamp_s, joints)
+            ms.append(1000 * (thread_time() - begun))
+            own = None if joints is None else recording.own_body(joints, view)
+            found.append([box for box in boxes if own is None or not _is_own(box, own)])
+        if moves:
+            delays.append(delay(found, recording, eye))
+        else:
+            alarm += [bool(boxes) for boxes in found[STARTS:]]
+    return {"ms": ms, "alarm": alarm, "delay": delays}
+
+
+def best_level(name: str, calm: Recording) -> float:
+    """Return the lowest level without a false alarm where nothing moves; the highest if there is none."""
+    levels = TRIGGERS[name].levels
+    short = replace(calm, frames=calm.frames[: STARTS + 40])
+    low, high = 0, len(levels) - 1
+    while low < high:  # the higher, the calmer
+        middle = (low + high) // 2
+        is_calm = not np.any(watch(partial(_baseline, name, levels[middle]), short, 0)["alarm"])
+        low, high = (low, middle) if is_calm else (middle + 1, high)
+    return levels[low]
+
+
+def delay(boxes: list[list[BoxPx]], recording: Recording, eye: str) -> float:
+    """Return the frames until a region meets the path that the ball has come, from the first that shows it moved."""
+    views = [getattr(recording.rig.view_of(frame), eye) for frame in recording.frames]
+    pixels = np.array([view.project(p) for view, p in zip(views, recording.position, strict=True)])
+    nearest = min(np.linalg.norm(p - v.center) for v, p in zip(views, recording.position, strict=True))
+    margin = views[0].camera.focal_px * recording.radius_m / float(nearest) + _NEAR_PX
+    for k in range(STARTS, len(boxes)):
+        path = pixels[STARTS - 1 : k + 1]
+        low, high = path.min(axis=0) - margin, path.max(axis=0) + margin
+        if any(x < high[0] and y < high[1] and x + w > low[0] and y + h > low[1] for x, y, w, h in boxes[k]):
+            return float(k - STARTS + 1)
+    return MISSED
+
+
+def _is_own(box: BoxPx, own: Any) -> bool:
+    x, y, w, h = box
+    return bool(own[y : y + h, x : x + w].mean() > _OWN_SHARE)

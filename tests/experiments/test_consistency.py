@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from drawn_study import run_and_draw
 
-from pps_vision.experiments.consistency import Consistency, consistency, coverage, ttc_errors
-from pps_vision.experiments.filter_scenes import Sequence
-from pps_vision.types import Status, Track3D
+from pps_vision.experiments.consistency import QUANTITIES, Consistency, values_of
+from pps_vision.experiments.scenarios import Recording
+from pps_vision.experiments.study import Values
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.types import Status, StereoFrame, Track3D
 from tracking.tracker import TrackerStep
 
 N = 200
@@ -16,10 +19,12 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def _sequence(rng: np.random.Generator, factor: float) -> Sequence:
-    """An approach whose every track errs by itself, `factor` times what it says."""
-    stamps, v = 0.02 * np.arange(N), np.array([-0.1, 0.0, 0.0])
+def _values(rng: np.random.Generator, factor: float) -> Values:
+    """An approach that ends in a touch, whose every track errs independently, `factor` times what it states."""
+    stamps, v = 0.02 * np.arange(N + 1), np.array([-0.1, 0.0, 0.0])
     path = np.outer(4.0 - stamps, -v) + np.array([0.03, 0.0, 0.0])
+    velocity = np.tile(v, (N + 1, 1))
+    velocity[-1] = 0.0  # it has touched the origin
     A = rng.standard_normal((6, 6)) * np.repeat([2e-4, 2e-3], 3)[:, None]
     cov = np.zeros((12, 12))
     cov[:6, :6] = A @ A.T + np.diag(np.repeat([1e-8, 1e-6], 3))
@@ -29,38 +34,40 @@ def _sequence(rng: np.random.Generator, factor: float) -> Sequence:
         mean[:2] = np.stack([p, v]) + factor * rng.multivariate_normal(np.zeros(6), cov[:6, :6]).reshape(2, 3)
         track = Track3D(float(stamp_s), mean, cov, 0.03, 0.0, Status.TRACKING)
         steps.append(TrackerStep(track, (), None, ([], []), np.zeros(3)))
-    return Sequence(
-        name="ball 10 cm/s",
-        stamps_s=stamps,
-        positions=path,
-        covs=np.tile(1e-8 * np.eye(3), (N, 1, 1)),
-        path=path,
-        velocity=np.tile(v, (N, 1)),
-        distance_m=0.4,
-        jumped=np.zeros(N, bool),
-        touched=np.zeros(3),
-        ttc_s=4.0 - stamps,
-        radius_m=0.03,
-        steps=tuple(steps),
-    )
+    image, q = np.zeros((2, 2, 3), np.uint8), np.zeros(1)
+    frames = tuple(StereoFrame(image, image, float(s), float(s), q, q) for s in stamps)
+    seen, boxes = np.ones(N + 1, bool), ((None, None),) * (N + 1)
+    recording = Recording(frames, path, velocity, seen, boxes, 0.03, icub_rig(load_icub()), None)
+    return values_of(recording, steps)
 
 
-def test_what_errs_as_it_says_is_consistent(rng: np.random.Generator) -> None:
-    honest, vain = ([_sequence(rng, factor) for _ in range(4)] for factor in (1.0, 2.0))
-    assert consistency(honest)["nees"] == pytest.approx(6, rel=0.1)
-    found = consistency(vain)
-    assert found["nees"] == pytest.approx(24, rel=0.1)
-    assert found["nees"] > found["nees_band"][1]
-    for quantity, inside in coverage([], honest).items():
-        assert inside["68"] == pytest.approx(68, abs=5), quantity
-        assert inside["95"] == pytest.approx(95, abs=2.5), quantity
-    assert all(inside["95"] < 80 for inside in coverage([], vain).values())
+def test_what_errs_as_it_states_is_consistent(rng: np.random.Generator) -> None:
+    honest, vain = ([_values(rng, factor) for _ in range(4)] for factor in (1.0, 2.0))
+    assert np.mean([one["nees"] for one in honest]) == pytest.approx(6, rel=0.1)
+    assert np.mean([one["nees"] for one in vain]) == pytest.approx(24, rel=0.1)
+    for quantity in QUANTITIES:
+        found = {s: 100 * np.mean(np.concatenate([one[f"{quantity} {s}"] for one in honest])) for s in (68, 95)}
+        assert found[68] == pytest.approx(68, abs=5), quantity
+        assert found[95] == pytest.approx(95, abs=2.5), quantity
+        assert np.mean(np.concatenate([one[f"{quantity} 95"] for one in vain])) < 0.8
 
 
-def test_time_to_contact_errs_as_much_as_the_closing_speed(rng: np.random.Generator) -> None:
-    sequence = _sequence(rng, 1e-6)
-    assert ttc_errors([sequence])["median_percent"] < 1e-3
-    assert ttc_errors([sequence])["samples"] == np.count_nonzero(sequence.late)
+def test_time_to_contact_is_exact_where_the_track_is(rng: np.random.Generator) -> None:
+    values = _values(rng, 1e-6)
+    assert np.median(values["ttc_percent"]) < 1e-3
+    assert len(values["ttc_percent"]) == 25  # the last half second, but for the touch itself and the frame before
+
+
+def test_coverage_has_intervals_over_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The study on simulated tracks: every number has an interval that holds it, and a place in chart and table."""
+    rng = np.random.default_rng(6)
+    monkeypatch.setattr("pps_vision.experiments.consistency.moving", lambda *_, **__: None)
+    monkeypatch.setattr("pps_vision.experiments.consistency._run", lambda *_: _values(rng, 1.0))
+    numbers, charts = run_and_draw(Consistency(n=2, scenes="rendered"))
+    value, low, high = numbers["cells"]["rendered"]["all"]["position 95"]
+    assert 90 < low < value < high < 99
+    assert numbers["cells"]["rendered"]["ball"]["n"] == 18
+    assert list(charts) == ["rendered"]
 
 
 def test_bad_input_is_named() -> None:

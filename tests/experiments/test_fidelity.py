@@ -6,21 +6,28 @@ import numpy as np
 import pytest
 
 from pps_vision.app.render import Render
-from pps_vision.experiments.fidelity import Fidelity
-from pps_vision.experiments.fidelity_images import compare
+from pps_vision.experiments.fidelity import BLURRED, OBJECTS, SHARP, Fidelity
 from pps_vision.recordings.yarp import open_yarp
 from rendering.fidelity import Fidelity as Drawn
-from rendering.sensor import Sensor
 
 
 def test_a_finer_scale_is_nearer_to_the_ray_cast_image_and_slower() -> None:
-    scenes = [next(Fidelity().scenes("marker", 0, 1.0))]
     scales = {"1": Drawn(), "1.5": Drawn(scale=1.5), "2": Drawn(scale=2)}
-    measured = compare("marker", scenes, scales, Sensor(), samples=1)
-    errors = [measured[name]["error"] for name in scales]
+    measured = Fidelity().images("marker", (0,), scales)["marker"]
+    errors = [measured[name]["object_error"][0] for name in scales]
     assert errors == sorted(errors, reverse=True)
     assert 1 < errors[-1] < errors[0] < 6  # grey levels
-    assert measured["1"]["median_ms"] < measured["2"]["median_ms"]
+    assert measured["1"]["ms"][1] < measured["2"]["ms"][1]
+
+
+def test_charts_and_table_show_every_way_to_draw() -> None:
+    cell = {"ms": [1.0, 2.0, 3.0], "object_error": [2.0, 1.0, 3.0], "rim_error": [2.0, 1.0, 3.0]}
+    images = {name: dict.fromkeys(SHARP, cell) for name in OBJECTS} | {"moving ball": dict.fromkeys(BLURRED, cell)}
+    tracked = {"error_mm": [0.5, 0.4, 0.6]}
+    tracking = {name: dict.fromkeys(SHARP, tracked) for name in OBJECTS}
+    study, numbers = Fidelity(), {"images": images, "tracking": tracking}
+    assert sum(axis.axison for axis in study.chart(numbers).axes) == 5
+    assert [row[0] for row in study.tables(numbers)[""].rows] == list(SHARP)
 
 
 def test_senseless_parameters_are_refused() -> None:

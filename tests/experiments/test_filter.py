@@ -1,4 +1,4 @@
-"""What the filter chart rests on: peers that compute the same, flights read right, errors that are the errors."""
+"""What the filter chart rests on: baselines that compute the same, flights read right, errors that are the errors."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from pps_vision.experiments import filter_methods as methods
-from pps_vision.experiments.filter import Filter, compare, flight_filters, rendered_filters
-from pps_vision.experiments.filter_scenes import Sequence, flights
-from tracking.smoother import follow, smooth
+from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
+from pps_vision.experiments.filter import Filter, Measurements, _flight, _smoothed, errors, flights, methods
+from pps_vision.experiments.study import median, rms
+from tracking import kalman
 
 STD = np.array([1e-4, 1e-4, 3e-4])
 
@@ -20,19 +20,18 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def _approach(rng: np.random.Generator, noise: float = 1.0) -> Sequence:
+def _approach(rng: np.random.Generator, noise: float = 1.0) -> Measurements:
     """2 s at 10 cm/s towards the origin, which the surface (radius 3 cm) touches at the end."""
     stamps, v = 0.05 * np.arange(41), np.array([-0.08, 0.06, 0.0])
     path = -v * (2.0 - stamps)[:, None] + 0.03 * np.array([0.8, -0.6, 0.0])
-    return Sequence(
-        name="approach",
+    return Measurements(
         stamps_s=stamps,
         positions=path + noise * STD * rng.standard_normal((41, 3)),
         covs=np.tile(np.diag(STD**2), (41, 1, 1)),
         path=path,
         velocity=np.tile(v, (41, 1)),
         distance_m=0.4,
-        jumped=np.zeros(41, bool),
+        counts=np.arange(41) >= 10,
         touched=np.zeros(3),
         ttc_s=2.0 - stamps,
         white_share=1.0,
@@ -40,44 +39,55 @@ def _approach(rng: np.random.Generator, noise: float = 1.0) -> Sequence:
     )
 
 
-def test_peers_compute_what_ours_does(rng: np.random.Generator) -> None:
-    sequence = _approach(rng)
-    ours = methods.Ours(4, sequence)
-    ours.params = params = replace(ours.params, adaptation_rate=0)  # theirs does not follow the innovations
-    begin = ours.belief
-    filters = ours, methods.OpenCV(sequence), methods.FilterPy(sequence)
-    for stamp_s, z, cov in zip(sequence.stamps_s[1:], sequence.positions[1:], sequence.covs[1:], strict=True):
-        own, *peers = (one.step(float(stamp_s), z, cov) for one in filters)
-        for theirs in peers:
-            np.testing.assert_allclose(theirs, own, atol=1e-9)
-    back = smooth(follow(params, begin, methods.measured(sequence)))
-    np.testing.assert_allclose(methods.smoothed_filterpy(sequence), [one.mean for one in back], atol=1e-9)
+def test_baselines_compute_what_ours_does(rng: np.random.Generator) -> None:
+    data = _approach(rng)
+    params = replace(data.params(), unrest_rate=0)  # theirs does not follow the innovations
+    belief = data.first(params)
+    theirs = OpenCVFilter(params, belief), FilterPyFilter(params, belief)
+    for stamp_s, z, cov in data.later():
+        belief = kalman.update(params, kalman.predict(params, belief, stamp_s), z, cov)
+        for one in theirs:
+            np.testing.assert_allclose(one.step(stamp_s, z, cov), belief.mean, atol=1e-9)
 
 
 def test_a_constant_gain_ends_where_the_full_filter_settles(rng: np.random.Generator) -> None:
     """The same variance on all axes and equal steps: after a while there is no difference."""
-    sequence = _approach(rng)
-    even = replace(sequence, covs=np.tile(1e-8 * np.eye(3), (41, 1, 1)))
-    full, steady = methods.Ours(4, even), methods.Steady(even)
-    full.params = replace(full.params, adaptation_rate=0)
-    for stamp_s, z, cov in zip(even.stamps_s[1:], even.positions[1:], even.covs[1:], strict=True):
-        ours, theirs = full.step(float(stamp_s), z, cov), steady.step(float(stamp_s), z, cov)
-    np.testing.assert_allclose(theirs, ours, atol=1e-4)
+    data = replace(_approach(rng), covs=np.tile(1e-8 * np.eye(3), (41, 1, 1)))
+    params = replace(data.params(), unrest_rate=0)
+    belief = data.first(params)
+    steady = ConstantGain(params, belief, 1e-8, 0.05)
+    for stamp_s, z, cov in data.later():
+        belief = kalman.update(params, kalman.predict(params, belief, stamp_s), z, cov)
+        last = steady.step(stamp_s, z, cov)
+    np.testing.assert_allclose(last, belief.mean, atol=1e-4)
 
 
-def test_looking_back_helps_and_order_has_its_price(rng: np.random.Generator) -> None:
-    numbers = compare([_approach(rng) for _ in range(3)], *rendered_filters(), settled=10)
-    raw = numbers["as measured"]["position_rms_mm"]
-    assert raw == pytest.approx(1000 * np.linalg.norm(STD), rel=0.1)
+def test_smoothing_helps_and_order_has_its_price(rng: np.random.Generator) -> None:
+    data = [_approach(rng) for _ in range(3)]
+    found = {name: [method(one, 0) for one in data] for name, method in methods().items()}
+
+    def error(name: str, metric: str) -> float:
+        return rms(np.concatenate([np.asarray(values[metric]) for values in found[name]]))
+
+    raw = 1000 * float(np.linalg.norm(STD))
     for order in (2, 3):
-        assert numbers[f"order {order}, RTS"]["velocity_rms_mm_s"] < numbers[f"order {order}"]["velocity_rms_mm_s"]
-        assert numbers[f"order {order}"]["position_rms_mm"] < raw
-    assert numbers["order 2"]["velocity_rms_mm_s"] < numbers["order 4"]["velocity_rms_mm_s"]
-    assert numbers["order 3"]["ttc_median_percent"] < 5
-    exact = compare([_approach(rng, noise=0.0)], *rendered_filters(), settled=10)
-    assert exact["order 3"]["ttc_median_percent"] < 0.1
-    figures = Filter().chart({"rendered": numbers, "tt3d": "skipped"})
-    assert [len(figure.axes) for figure in figures.values()] == [3, 3]
+        assert error(f"order {order}, RTS", "velocity_mm_s") < error(f"order {order}", "velocity_mm_s")
+        assert error(f"order {order}", "position_mm") < raw
+    assert error("order 2", "velocity_mm_s") < error("order 4", "velocity_mm_s")
+    assert "velocity_mm_s" not in found["order 1"][0]
+    assert error("filterpy", "position_mm") == pytest.approx(error("cv2", "position_mm"))
+    exact = methods()["order 3"](_approach(rng, noise=0.0), 0)
+    assert median(np.asarray(exact["ttc_percent"])) < 0.1
+
+
+def test_errors_are_those_of_the_states(rng: np.random.Generator) -> None:
+    data = _approach(rng)
+    off = np.array([[0.003, 0, 0], [0, 0.02, 0]])
+    states = [np.stack([p, v]) + off for p, v in zip(data.path, data.velocity, strict=True)]
+    found = errors(data, states)
+    np.testing.assert_allclose(found["position_mm"], 3)
+    np.testing.assert_allclose(found["velocity_mm_s"], 20)
+    assert len(found["position_mm"]) == 31
 
 
 def _write_flight(folder: Path) -> np.ndarray:
@@ -106,8 +116,20 @@ def test_flights_are_triangulated_from_their_images(tmp_path: Path) -> None:
     path = _write_flight(tmp_path / "tt3d")
     (flight,) = flights(tmp_path / "tt3d")
     np.testing.assert_allclose(flight.positions, path, atol=1e-6)
-    numbers = compare([flight], *flight_filters(), settled=0)
-    assert numbers["flight, RTS"]["position_rms_mm"] < numbers["order 2, RTS"]["position_rms_mm"]
+    ballistic, usual = _flight(flight, 0), _smoothed(2, flight, 0)
+    assert rms(np.asarray(ballistic["position_mm"])) < rms(np.asarray(usual["position_mm"]))
+    assert len(ballistic["velocity_mm_s"]) == 0
+
+
+def test_the_chart_has_a_panel_for_every_error_that_is_known() -> None:
+    numbers = {"ms": [1, 2, 3], "ratio": [1, 1, 1], "position_mm": [1, 1, 2], "velocity_mm_s": [1, 1, 2]}
+    cells = {
+        name: {method: numbers | {"ttc_percent": ttc} for method in methods()}
+        for name, ttc in (("rendered", [1, 1, 1]), ("tt3d", [None, None, None]))
+    }
+    figure = Filter().chart({"cells": cells})
+    assert sum(axis.axison for axis in figure.axes) == 5
+    assert len(Filter().tables({"cells": cells})["tt3d"].rows) == len(methods())
 
 
 def test_bad_input_is_named() -> None:

@@ -1,39 +1,41 @@
-"""The stereo methods on a few rendered scenes, against where the ball really is."""
-
-from pathlib import Path
+"""Triangulations and disparity maps of one recording against its truth."""
 
 import numpy as np
 import pytest
-from data import shared_data
+from data import SEED
 
-from pps_vision.experiments.motorcycle import motorcycle
-from pps_vision.experiments.stereo import Stereo
+from pps_vision.experiments.stereo import OURS, Stereo, methods
+from pps_vision.experiments.study import compare
 
-
-def test_the_centroid_needs_no_texture_and_disparity_does(tmp_path: Path) -> None:
-    experiment = Stereo(n=2, frames=9, depths_m=(0.4,), vergences_deg=(30.0,), data=tmp_path, seed=1)
-    numbers = experiment.run()
-    textured, plain = (numbers[f"depth_{kind}"]["0.4"]["methods"] for kind in ("textured", "plain"))  # type: ignore[index]
-    for methods in (textured, plain):
-        assert methods["centroid (ours)"]["rms_mm"] < 2.0
-    assert textured["whole BM"]["rms_mm"] < 10.0
-    assert plain["region BM"]["found"] < 0.5
-    for head in ("still", "moving"):
-        assert numbers["marker"][head]["0.4"]["of_bound"] < 1.3  # type: ignore[index]
-        assert numbers["ball_0.3_m"][head]["rms_mm"] < 1.0  # type: ignore[index]
-    assert numbers["motorcycle"] == f"skipped: no {tmp_path / 'motorcycle'}"
-    assert set(experiment.chart(numbers)) == {"depth", "speed", "tracked"}
+STUDY = Stereo(n=1, seed=SEED, noise=1.0, scenes="rendered")
 
 
-def test_too_little_to_measure_is_refused() -> None:
-    with pytest.raises(ValueError, match="--n 1"):
-        Stereo(n=1).run()
+def test_every_method_is_near_a_textured_ball_and_ours_is_the_nearest() -> None:
+    recording = STUDY._pairs("textured", "rendered", SEED, 0.4)
+    assert len(recording) > 10
+    errors = {name: method(recording, SEED) for name, method in methods().items()}
+    assert all(np.mean(values["found"]) > 0.9 for values in errors.values())
+    rms = {name: float(np.sqrt(np.mean(np.square(values["error_mm"])))) for name, values in errors.items()}
+    assert rms[OURS] < 1.5
+    assert rms["whole BM"] < 15
+    assert rms["whole SGBM"] < 15
+    assert rms[OURS] == min(rms[OURS], rms["whole BM"], rms["whole SGBM"])
+    for triangulation in ("midpoint", "linear (OpenCV)", "corrected (OpenCV)"):
+        assert rms[triangulation] == pytest.approx(rms[OURS], rel=0.3)
 
 
-def test_on_real_images_the_maps_are_as_bad_as_others_found() -> None:
-    """bad-2 of SGBM: 6.3 % of matched pixels, 20.9 % with unmatched, by others' parameters."""
-    numbers = motorcycle(shared_data("motorcycle"), 40, np.random.default_rng(0))
-    whole = numbers["maps"]["SGBM"]
-    assert 0.04 < whole["bad2_of_matched"] < 0.09
-    assert 0.15 < whole["bad2_of_all"] < 0.25
-    assert set(numbers["windows"]) == {"whole BM", "whole SGBM", "BM in windows", "SGBM in windows"}
+def test_chart_and_table_show_methods_and_distances() -> None:
+    values = {name: lambda _, __: {"error_mm": [1.0], "found": [True], "ms": [1.0, 2.0]} for name in methods()}
+    cells = compare({"rendered, plain": int}, values, {}, (0,))
+    for cell in cells["rendered, plain"].values():
+        cell["rms_mm"] = [1.0, 0.5, 2.0]
+    over = {name: {"rms_mm": [[1.0, 1.0, 1.0]], "breaks_at": None} for name in methods()}
+    distance = {"rendered, plain": {"axis": "distance (m)", "severities": [0.4], "methods": over}}
+    figure = STUDY.chart({"cells": cells, "distance": distance})
+    assert len(figure.axes) == 2
+    assert [row[:2] for row in STUDY.tables({"cells": cells})[""].rows] == [[name, "1 (0.5–2)"] for name in methods()]
+
+
+def test_bad_input_is_named() -> None:
+    with pytest.raises(ValueError, match="--n 0"):
+        Stereo(n=0).run()

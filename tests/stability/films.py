@@ -7,7 +7,7 @@ import numpy as np
 from data import SEED
 from raycast import Sphere, frame
 
-from pps_vision.experiments.footage import Footage
+from pps_vision.experiments.scenarios import Recording
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame
@@ -39,18 +39,17 @@ def film(
     others: Callable[[float], list[Sphere]] = lambda _: [],
     fps: int = FPS,
     noise: bool = True,
-) -> Footage:
+) -> Recording:
     """A red ball, and other spheres, with pixel noise of 2/255."""
     rng = np.random.default_rng(SEED) if noise else None
     stamps = np.arange(round(seconds * fps)) / fps
     frames = [frame(RIG, pose(t), [Sphere(position(t), RADIUS_M, RED), *others(t)], t, rng) for t in stamps]
-    path, nowhere = np.array([position(t) for t in stamps]), (0.0, 0.0, 1.0, 1.0)
-    return Footage(
-        tuple(frames), path, np.ones(len(frames), bool), (nowhere, nowhere), RADIUS_M, RIG, Silhouette(ROBOT)
-    )
+    path = np.array([position(t) for t in stamps])
+    seen, boxes = np.ones(len(frames), bool), ((None, None),) * len(frames)
+    return Recording(tuple(frames), path, np.zeros_like(path), seen, boxes, RADIUS_M, RIG, Silhouette(ROBOT))
 
 
-def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Footage:
+def during(usual: Recording, disturbed: Recording, from_s: float, to_s: float) -> Recording:
     """The usual film, but for what is disturbed from one moment to another."""
     # a disturbed stamp may be some ms off its place
     parts = (usual, disturbed), (0.0, 0.5 / FPS)
@@ -65,12 +64,12 @@ def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Fo
     return replace(usual, frames=frames, position=position, seen=np.ones(len(frames), bool))
 
 
-def each(footage: Footage, change: Callable[[StereoFrame], StereoFrame]) -> Footage:
+def each(footage: Recording, change: Callable[[StereoFrame], StereoFrame]) -> Recording:
     """Every frame changed."""
     return replace(footage, frames=tuple(change(one) for one in footage.frames))
 
 
-def held(footage: Footage, stale: Mask) -> Footage:
+def held(footage: Recording, stale: Mask) -> Recording:
     """Both images shown again, under the new stamp and joints, in the frames (n,) that are `stale`."""
     frames = [footage.frames[0]]
     for one, again in zip(footage.frames[1:], stale[1:], strict=True):
@@ -78,13 +77,13 @@ def held(footage: Footage, stale: Mask) -> Footage:
     return replace(footage, frames=tuple(frames))
 
 
-def right_black(footage: Footage, out: Mask) -> Footage:
+def right_black(footage: Recording, out: Mask) -> Recording:
     """The right eye black in the frames (n,) where it is `out`."""
     pairs = zip(footage.frames, out, strict=True)
     return replace(footage, frames=tuple(replace(f, right=0 * f.right) if dark else f for f, dark in pairs))
 
 
-def without(footage: Footage, gone: Mask) -> Footage:
+def without(footage: Recording, gone: Mask) -> Recording:
     """Only the frames that are not `gone` (n,)."""
     frames = tuple(f for f, missing in zip(footage.frames, gone, strict=True) if not missing)
     return replace(footage, frames=frames, position=footage.position[~gone], seen=footage.seen[~gone])

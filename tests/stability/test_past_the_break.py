@@ -12,13 +12,14 @@ from judge import HONEST, Demand, check, whole
 from raycast import Sphere
 
 from pps_vision.experiments import disturbances as d
-from pps_vision.experiments.failure_methods import OURS
-from pps_vision.experiments.footage import Footage
+from pps_vision.experiments.scenarios import Recording
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Image, Mask, Status, Track3D
+from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
 
 FROM_S, TO_S, SECONDS = 1.0, 1.8, 2.8
+OURS = {"ours": TrackerParams(), "ours, marker": TrackerParams("marker", marker=MarkerParams(hue_deg=0.0))}
 
 
 def rng() -> np.random.Generator:
@@ -26,17 +27,17 @@ def rng() -> np.random.Generator:
 
 
 @cache
-def fine() -> Footage:
+def fine() -> Recording:
     """At twice the rate, so that images of other moments are at hand."""
     return film(SECONDS, fps=FPS * EVERY)
 
 
 @cache
-def usual() -> Footage:
+def usual() -> Recording:
     return d.at_rate(fine(), EVERY)
 
 
-def now_and_then(missing: Callable[[Footage, Mask], Footage]) -> Footage:
+def now_and_then(missing: Callable[[Recording, Mask], Recording]) -> Recording:
     """Nothing new but every sixth frame."""
     k = np.arange(len(usual().frames))
     stamps = usual().stamps_s
@@ -56,7 +57,7 @@ def passing(t_s: float) -> list[Sphere]:
 
 @dataclass(frozen=True)
 class Disturbance:
-    footage: Callable[[], Footage]  # of which what lies in between is taken
+    footage: Callable[[], Recording]  # of which what lies in between is taken
     demand: Demand = Demand(from_s=FROM_S, to_s=TO_S)
     stamp_error_s: float = 0.0
 
@@ -76,7 +77,7 @@ DISTURBANCES: dict[str, Disturbance] = {
     "missing pairs": Disturbance(lambda: now_and_then(without), DEGRADED),
     "repeated pairs": Disturbance(lambda: now_and_then(held), DEGRADED),
     "stamp jitter": Disturbance(lambda: d.jittered(fine(), EVERY, 0.05, rng()), DEGRADED),
-    "right eye late": Disturbance(lambda: d.right_late(fine(), EVERY, 0.25, stamped=False), DEGRADED),
+    "right eye late": Disturbance(lambda: d.right_late(fine(), EVERY, 0.25), DEGRADED),
     "stale head pose": Disturbance(lambda: d.stale_joints(fine(), EVERY, 0.25), DEGRADED),
     "stale head pose, said so": Disturbance(
         lambda: d.stale_joints(fine(), EVERY, 0.25), replace(DEGRADED, accuracy_m=0.01), 0.25
@@ -108,11 +109,11 @@ FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly 
 
 
 @cache
-def disturbed(how: str) -> Footage:
+def disturbed(how: str) -> Recording:
     return during(usual(), DISTURBANCES[how].footage(), FROM_S, TO_S)
 
 
-def tracked(footage: Footage, params: TrackerParams) -> list[Track3D]:
+def tracked(footage: Recording, params: TrackerParams) -> list[Track3D]:
     tracker = Tracker(params, footage.rig, rng(), own_body=Silhouette(ROBOT))
     return [tracker.step(frame).track for frame in footage.frames]
 

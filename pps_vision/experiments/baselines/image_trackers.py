@@ -1,7 +1,7 @@
-"""What people would pick instead of our image tracker: OpenCV's.
+"""Baselines of the image tracker: OpenCV's trackers and CamShift.
 
 Images are RGB; what wants BGR or grey gets it converted, which is part of its time.  All are told the
-true box in the first frame, which ours has to find by itself.
+true box in the first frame, which our tracker finds by itself in the pipeline.
 """
 
 from typing import Literal, Protocol, get_args
@@ -15,11 +15,11 @@ from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array, Image
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-ImagePeerName = Literal["CamShift", "MOSSE", "KCF", "CSRT"]
+ImageTrackerName = Literal["CamShift", "MOSSE", "KCF", "CSRT"]
 _RANGES = (0.0, 180.0, 0.0, 256.0)  # of hue and saturation
 
 
-class ImagePeer(Protocol):
+class ImageTracker(Protocol):
     """Follows one object in one camera's images."""
 
     def start(self, image: Image, box: BoxPx) -> None:
@@ -113,12 +113,12 @@ class CamShift:
         return x - (w - 1) / 2, y - (h - 1) / 2, w, h
 
 
-def image_peer(name: ImagePeerName) -> ImagePeer:
+def image_tracker(name: ImageTrackerName) -> ImageTracker:
     """A fresh tracker; ValueError for another name."""
     if name == "CamShift":
         return CamShift()
-    if name not in get_args(ImagePeerName):
-        raise ValueError(f"peer {name!r}; expected one of {', '.join(get_args(ImagePeerName))}")
+    if name not in get_args(ImageTrackerName):
+        raise ValueError(f"image tracker {name!r}; expected one of {', '.join(get_args(ImageTrackerName))}")
     return OpenCVTracker(name)
 
 

@@ -1,18 +1,15 @@
 """True boxes against what is drawn, and the comparison against a square that jumps where it is told to."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from pps_vision.app.render import Render
-from pps_vision.experiments.imagetracker import HueBlob, ImageTracker, Sequence, compare
-from pps_vision.experiments.peers import image_peer
-from pps_vision.experiments.rendered import rendered
+from pps_vision.experiments.baselines.image_trackers import image_tracker
+from pps_vision.experiments.imagetracker import DEFAULT, HueBlob, ImageTracker, View, methods
+from pps_vision.experiments.scenarios import moving
 
 
 def test_the_true_box_is_the_drawn_ball_s() -> None:
-    film = rendered(Render("ball", "circle", Path(), seconds=0.1, seed=3))
+    film = moving("ball", "circle", 3, 0.1, 0.0)
     for frame, boxes in zip(film.frames, film.boxes, strict=True):
         for image, box in zip((frame.left, frame.right), boxes, strict=True):
             assert box is not None
@@ -32,22 +29,22 @@ def test_a_square_that_jumps_is_held_by_who_looks_everywhere() -> None:
         image[y : y + 20, x : x + 20] = (230, 20, 20)
         images.append(image)
         boxes.append((float(x), float(y), 20.0, 20.0))
-    found = compare([Sequence(tuple(images), tuple(boxes), hue_deg=0.0)], seeds=[0])
-    blob, kcf = found["blob of known hue"], found["KCF"]
-    assert isinstance(blob, dict)
-    assert isinstance(kcf, dict)
-    assert blob["held_share"] == pytest.approx(10 / 11)  # it looks around the last place first
-    assert blob["center_px_median_where_held"] < 0.3
-    assert blob["mean_iou"] == pytest.approx(10 / 11 * np.pi / 4, abs=0.03)  # the box of the disc as large
-    assert kcf["held_share"] < 0.7
+    view = View(tuple(images), tuple(boxes), hue_deg=0.0)
+    blob, kcf, particles = (methods()[name](view, 0) for name in ("marker blob", "KCF", DEFAULT))
+    assert np.mean(blob["held"]) == pytest.approx(10 / 11)  # it looks around the last place first
+    assert np.median(blob["center_px"]) < 0.3
+    assert np.mean(blob["iou"]) == pytest.approx(10 / 11 * np.pi / 4, abs=0.03)  # the box of the disc as large
+    assert np.mean(kcf["held"]) < 0.7
+    assert np.mean(particles["held"][:5]) == 1
+    assert len(kcf["ms"]) == len(particles["ms"]) == 11
 
 
 def test_use_before_the_first_box_is_named() -> None:
     image = np.zeros((48, 64, 3), np.uint8)
-    for tracker in (image_peer("CSRT"), image_peer("CamShift"), HueBlob(0.0)):
+    for tracker in (image_tracker("CSRT"), image_tracker("CamShift"), HueBlob(0.0)):
         with pytest.raises(ValueError, match="before start"):
             tracker.step(image)
     with pytest.raises(ValueError, match=r"Boosting.*CSRT"):
-        image_peer("Boosting")  # type: ignore[arg-type]
+        image_tracker("Boosting")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="--n 0"):
         ImageTracker(n=0).run()

@@ -1,6 +1,6 @@
-"""What people would pick instead of our pipeline: two of OpenCV's trackers, or a whole disparity map.
+"""Baselines of the pipeline: two image trackers of OpenCV, or the colour blob in a whole disparity map (SGBM).
 
-All are told the true boxes in the first frame, which ours has to find by itself.
+All are told the true boxes in the first frame, and their points go through our Kalman filter.
 """
 
 from typing import Literal, Protocol, get_args
@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.experiments.peers import BoxPx, HueModel, ImagePeerName, image_peer, middle
+from pps_vision.experiments.baselines.image_trackers import BoxPx, HueModel, ImageTrackerName, image_tracker, middle
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.geometry.triangulation import midpoint
 from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 
-StereoPeerName = Literal["two CamShift", "two KCF", "two CSRT", "SGBM + blob"]
-_POINT_STD_PX = 1.0  # what the filter is told of the peers' centres: their boxes are whole pixels
+StereoPipelineName = Literal["two CamShift", "two KCF", "two CSRT", "SGBM + blob"]
+_POINT_STD_PX = 1.0  # what the filter is told of the baselines' centres: their boxes are whole pixels
 
 
-class StereoPeer(Protocol):
+class StereoPipeline(Protocol):
     """Follows one object in both eyes."""
 
     def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> None:
@@ -33,8 +33,8 @@ class StereoPeer(Protocol):
 class TwoTrackers:
     """One image tracker an eye; the rays through the middles of their boxes meet at their midpoint."""
 
-    def __init__(self, rig: StereoRig, name: ImagePeerName) -> None:
-        self._rig, self._eyes = rig, (image_peer(name), image_peer(name))
+    def __init__(self, rig: StereoRig, name: ImageTrackerName) -> None:
+        self._rig, self._eyes = rig, (image_tracker(name), image_tracker(name))
 
     def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> None:
         """Learn what is in the boxes, left and right."""
@@ -76,7 +76,7 @@ class BlobInDisparity:
         if self._model is None:
             raise ValueError("step before start; the pipeline needs a first frame and boxes")
         view = self._rig.view_of(frame)
-        left, right, R_root_rect, Q = _rectified(view, frame)
+        left, right, R_root_rect, Q = rectified(view, frame)
         blob = _largest(self._model.likelihood(left))
         if blob is None:
             return None
@@ -90,7 +90,7 @@ class BlobInDisparity:
         return center
 
 
-def _rectified(view: StereoView, frame: StereoFrame) -> tuple[Image, Image, Array, Array]:
+def rectified(view: StereoView, frame: StereoFrame) -> tuple[Image, Image, Array, Array]:
     """Both images with rows that match, the rectified left eye's axes in the root frame, and OpenCV's Q (4, 4)."""
     T_right_left = view.right.T_camera_root @ view.left.T_root_camera
     cameras = view.left.camera, view.right.camera
@@ -110,41 +110,41 @@ def _largest(likelihood: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
     return None if count < 2 else np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
 
 
-def stereo_peer(name: StereoPeerName, rig: StereoRig) -> StereoPeer:
+def stereo_pipeline(name: StereoPipelineName, rig: StereoRig) -> StereoPipeline:
     """A fresh pipeline; ValueError for another name."""
-    if name not in get_args(StereoPeerName):
-        raise ValueError(f"peer {name!r}; expected one of {', '.join(get_args(StereoPeerName))}")
+    if name not in get_args(StereoPipelineName):
+        raise ValueError(f"pipeline {name!r}; expected one of {', '.join(get_args(StereoPipelineName))}")
     if name == "SGBM + blob":
         return BlobInDisparity(rig)
-    kind: dict[str, ImagePeerName] = {"two CamShift": "CamShift", "two KCF": "KCF", "two CSRT": "CSRT"}
+    kind: dict[str, ImageTrackerName] = {"two CamShift": "CamShift", "two KCF": "KCF", "two CSRT": "CSRT"}
     return TwoTrackers(rig, kind[name])
 
 
-class FilteredPeer:
-    """A peer's points through our own filter, so that a chart compares what comes before it.
+class FilteredPipeline:
+    """A pipeline's points through our own filter, so that a chart compares what comes before it.
 
     `start` with the first frame and the true boxes, then `step`; the track is lost after
     `lost_after_s` without a point, and known again with the next one.
     """
 
     def __init__(
-        self, peer: StereoPeer, rig: StereoRig, params: KalmanParams | None = None, lost_after_s: float = 0.5
+        self, pipeline: StereoPipeline, rig: StereoRig, params: KalmanParams | None = None, lost_after_s: float = 0.5
     ) -> None:
-        self._peer, self._rig, self._lost_after_s = peer, rig, lost_after_s
+        self._pipeline, self._rig, self._lost_after_s = pipeline, rig, lost_after_s
         self._default = self._params = params or KalmanParams()
         self._belief: Belief | None = None
         self._seen_s = -np.inf
 
     def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> Track3D:
         """The track after the first frame."""
-        self._peer.start(frame, boxes)
+        self._pipeline.start(frame, boxes)
         self._belief = None
         view = self._rig.view_of(frame)
         return self._filter(view, meet(view, *boxes), frame.stamp_s)
 
     def step(self, frame: StereoFrame) -> Track3D:
         """The track after the next frame."""
-        return self._filter(self._rig.view_of(frame), self._peer.step(frame), frame.stamp_s)
+        return self._filter(self._rig.view_of(frame), self._pipeline.step(frame), frame.stamp_s)
 
     def _filter(self, view: StereoView, point: Array | None, stamp_s: float) -> Track3D:
         if point is not None and (cov := _cov(view, point)) is not None:

@@ -1,7 +1,7 @@
-"""What people would pick instead of our motion trigger: flow, differences, background models.
+"""Baselines of the motion trigger: optical flow, frame differences, background models.
 
-Each has one level above which it fires, which is for the experiment to choose.  All look at the same central
-part of the image (R's grid at its own 75 %) and join what they find to regions in the same way.
+Each has one level above which it fires, which the study chooses.  All look at the same central part of the image (R's
+grid at its own 75 %) and join what they find to regions in the same way.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ _STEP, _WINDOW, _LEVELS, _CENTRAL_R = 6, 15, 5, 0.75  # of R's grid (FACTS §4)
 _MIN_NEIGHBOURS, _MIN_NODES = 4, 10
 
 
-class MotionPeer(Protocol):
+class MotionTrigger(Protocol):
     """Finds what moves in one camera's images."""
 
     def step(self, image: Image, view: View) -> list[BoxPx]:
@@ -159,22 +159,22 @@ FLOWS: dict[str, Callable[[], Flow]] = {
 
 @dataclass(frozen=True)
 class Candidate:
-    """A peer to be made for a camera at one of its `levels`."""
+    """A trigger to be made for a camera at one of its `levels`."""
 
-    make: Callable[[Camera, float], MotionPeer]
+    make: Callable[[Camera, float], MotionTrigger]
     levels: tuple[float, ...]
 
 
 _GREY, _PX = (4, 6, 8, 12, 16, 24, 32, 48, 64), (0.5, 0.75, 1, 1.5, 2, 3, 4, 6)
 
 
-def _flow_peer(name: str) -> Candidate:
+def _flow_baseline(name: str) -> Candidate:
     return Candidate(lambda camera, level: FlowMinusEgo(FLOWS[name](), camera, level), _PX)
 
 
-PEERS: dict[str, Candidate] = {
+TRIGGERS: dict[str, Candidate] = {
     "LK residual grid (R)": Candidate(lambda _, level: ResidualGrid(level), (2, 3, 4, 6, 8, 12, 16, 24)),
-    **{f"{name} − ego": _flow_peer(name) for name in FLOWS},
+    **{f"{name} − ego": _flow_baseline(name) for name in FLOWS},
     "frame difference": Candidate(lambda camera, level: Difference(camera, level, warped=False), _GREY),
     "difference, warped": Candidate(lambda camera, level: Difference(camera, level, warped=True), _GREY),
     "MOG2": Candidate(

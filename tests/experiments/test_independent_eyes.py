@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from control.fixation import gaze_at
-from pps_vision.app.render import Render
-from pps_vision.experiments.rendered import rendered
-from pps_vision.experiments.scene_sources import IndependentEyes, by_source, eyes_of, own_body_of
+from pps_vision.experiments.independent_eyes import IndependentEyes
+from pps_vision.experiments.scenarios import moving
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from rendering.eyes import Eyes
 from rendering.scene import Placed, SceneState
@@ -51,22 +50,12 @@ def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
 
 def test_the_tracker_follows_what_the_independent_eyes_saw() -> None:
     """A recording by either source, through the same studies' function; truth and tracker agree to a millimetre."""
-    film = rendered(Render("ball", "circle", Path(), seconds=1.5, noise=2.0, seed=3), "independent")
+    film = moving("ball", "circle", 3, 1.5, 2.0, "independent")
     tracker = Tracker(TrackerParams(), film.rig, np.random.default_rng(0), film.own_body)
     tracks = [tracker.step(frame).track for frame in film.frames]
-    error = [np.linalg.norm(t.position - row.position) for t, row in zip(tracks, film.truth, strict=True)]
+    error = [np.linalg.norm(t.position - p) for t, p in zip(tracks, film.position, strict=True)]
     assert np.median(error[12:]) < 0.003
     assert not film.own_body(np.zeros(23), film.rig.view_of(film.frames[0]).left).any()
-
-
-def test_numbers_are_kept_apart_by_source() -> None:
-    def measure(source: str) -> dict[str, str]:
-        return {"of": source}
-
-    assert by_source("both", measure) == {"of": "rendered", "independent": {"of": "independent"}}
-    assert by_source("independent", measure) == {"of": "independent"}
-    assert eyes_of("rendered") is Eyes
-    assert own_body_of("rendered", load_icub()).margin_px == 4
 
 
 def test_what_it_cannot_show_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""Where a tracking study's frames come from: our renderer, or the independent ray caster with the same interface."""
+"""The eyes' views by the independent ray caster, with the interface of the renderer's `Eyes`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +22,7 @@ from pps_vision.experiments.independent_scenes import (
     noise_tape,
     visible_share,
 )
-from pps_vision.experiments.study import DATA, Scenes, SceneSource
+from pps_vision.experiments.study import DATA, SceneSource
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.robot.silhouette import Silhouette
@@ -37,13 +37,6 @@ T_STAGE_ROOT = np.linalg.inv(T_ROOT_STAGE_HEAD)
 _ROOM = Room(0, 1.3)
 _ROUND = 1.05  # a prop's extents differ by less if it is a ball
 _POINT_M = 1e-4
-
-
-def by_source(scenes: Scenes, measure: Callable[[SceneSource], dict[str, Any]]) -> dict[str, Any]:
-    """A study's numbers on rendered scenes, or on independent ones; of both, the latter under "independent"."""
-    if scenes == "both":
-        return {**measure("rendered"), "independent": measure("independent")}
-    return measure(scenes)
 
 
 def eyes_of(source: SceneSource, photo: int = 0, data: Path = DATA) -> Callable[..., Any]:

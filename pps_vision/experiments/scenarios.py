@@ -1,0 +1,246 @@
+"""Recordings with their truth for the tracking studies, drawn by our renderer or by the independent ray caster."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from control.fixation import gaze_at
+from pps_vision.app.render import Render
+from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
+from pps_vision.experiments.independent_eyes import eyes_of, own_body_of
+from pps_vision.experiments.study import Scenes, SceneSource
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.types import Array, Mask, StereoFrame
+from rendering.motions import Motion
+from rendering.scene import Placed, SceneState
+from rendering.sensor import Sensor
+from rendering.shapes import Part
+from rendering.stimuli import Stimulus
+from tracking.marker import MarkerParams
+from tracking.tracker import TrackerParams
+
+FPS = 20.0
+EYES_M = np.array([-0.063, 0.0, 0.341])
+"""Midway between the eyes of the robot at home, root frame."""
+HUES_DEG = {"ball": 0.0, "marker": 120.0}
+Boxes = tuple[BoxPx | None, BoxPx | None]
+Posing = Callable[[float, Array, Array], Array]
+"""Time, configuration of the last frame, object's position → configuration."""
+_JUMP_M_S = 0.04  # between two frames
+_SWAY_RAD, _SWAY_HZ = np.deg2rad([4.0, 2.5]), np.array([0.31, 0.23])
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Stereo frames of one object with their truth; arrays have one row a frame, in the root frame."""
+
+    frames: tuple[StereoFrame, ...]
+    """(n) stereo pairs."""
+    position: Array
+    """(n, 3) m, the object's centre."""
+    velocity: Array
+    """(n, 3) m/s."""
+    seen: Mask
+    """(n,) whether both eyes see the object."""
+    boxes: tuple[Boxes, ...]
+    """(n) true boxes in the left and the right image; None where an eye does not see the object."""
+    radius_m: float
+    """The object's radius."""
+    rig: StereoRig
+    """The eyes as the tracker is told of them."""
+    own_body: Any
+    """Where the robot sees itself, as the tracker wants it."""
+    stimulus: str = "ball"
+    """What the object is."""
+    asked: Mask | None = None
+    """(n,) frames that count, if not all."""
+    other_position: Array | None = None
+    """(n, 3) m of a second object that is as good as the first, if there is one."""
+
+    @property
+    def stamps_s(self) -> Array:
+        """(n,) of the pairs."""
+        return np.array([frame.stamp_s for frame in self.frames])
+
+    @property
+    def first_boxes(self) -> tuple[int, tuple[BoxPx, BoxPx]]:
+        """The first frame in which both eyes see the object, and its boxes there: what baselines are told."""
+        for k, (left, right) in enumerate(self.boxes):
+            if left is not None and right is not None:
+                return k, (left, right)
+        raise ValueError("the object is never in view of both eyes; expected boxes to start with")
+
+    @property
+    def hue_deg(self) -> float:
+        """The object's hue."""
+        return HUES_DEG[self.stimulus]
+
+    @property
+    def jumped(self) -> Mask:
+        """(n,) frames within two frames after a jump of the velocity, as nothing that a hand moves makes."""
+        jump = np.concatenate([[False], np.linalg.norm(np.diff(self.velocity, axis=0), axis=1) > _JUMP_M_S])
+        return jump | np.concatenate([[False], jump[:-1]])
+
+    def touch(self) -> tuple[Array, Array]:
+        """Return the point (3,) that an object on a straight path touches when it stops, and the time (n,) until then.
+
+        NaN where the object does not come to rest, or did not move uniformly before.
+        """
+        speed = np.linalg.norm(self.velocity, axis=1)
+        ttc, rests = np.full(len(speed), np.nan), np.flatnonzero(speed < 1e-9)
+        if not len(rests) or rests[0] == 0 or np.ptp(speed[: rests[0]]) > 1e-6:
+            return np.full(3, np.nan), ttc
+        first = int(rests[0])
+        way = self.position[first] - self.position[0]
+        ttc[:first] = np.linalg.norm(self.position[first] - self.position[:first], axis=1) / speed[:first]
+        return self.position[first] + self.radius_m * way / np.linalg.norm(way), ttc
+
+    def judged(self, settle_s: float) -> Mask:
+        """(n,) frames that count: asked for, and the object in sight for `settle_s`."""
+        since, judged = np.nan, np.zeros(len(self.frames), bool)
+        for k, (stamp, seen) in enumerate(zip(self.stamps_s, self.seen, strict=True)):
+            since = (since if np.isfinite(since) else stamp) if seen else np.nan
+            judged[k] = seen and stamp - since >= settle_s - 1e-6
+        return judged if self.asked is None else judged & self.asked
+
+
+def tracker_params(recording: Recording, mode: str | None = None) -> TrackerParams:
+    """Return the tracker's defaults in the mode for the recording's object, or in the given mode."""
+    if (mode or {"ball": "generic"}.get(recording.stimulus, "marker")) == "generic":
+        return TrackerParams()
+    return TrackerParams("marker", marker=MarkerParams(recording.hue_deg))
+
+
+def sources(scenes: Scenes) -> tuple[SceneSource, ...]:
+    """Return the scene sources that are asked for."""
+    return ("rendered", "independent") if scenes == "both" else (scenes,)
+
+
+def film(
+    states: Iterable[tuple[float, SceneState]],
+    stimulus: Stimulus,
+    source: SceneSource = "rendered",
+    sensor: Sensor | None = None,
+    seed: int = 0,
+    rng: np.random.Generator | None = None,
+    props: tuple[tuple[Part, ...], ...] = (),
+) -> Recording:
+    """Draw a robot's views of stamps and states.
+
+    The seed chooses the photograph behind independent scenes, and drives the sensor unless `rng` does.
+    """
+    robot, sensor = load_icub(), sensor or Sensor()
+    rig = icub_rig(robot)
+    rng = np.random.default_rng(seed) if rng is None else rng
+    frames, truth = [], []
+    with eyes_of(source, seed)(robot, rig, stimulus, "none", sensor, props=props) as eyes:
+        for t, state in states:
+            truth.append(eyes.truth(state, t))
+            frames.append(eyes.render(state, t, rng))
+    boxes = []
+    for frame, row in zip(frames, truth, strict=True):
+        views = rig.view_of(frame)
+        left = sphere_box(views.left, row.position, row.radius_m) if row.visible_left else None
+        boxes.append((left, sphere_box(views.right, row.position, row.radius_m) if row.visible_right else None))
+    return Recording(
+        tuple(frames),
+        np.array([row.position for row in truth]),
+        np.array([row.velocity for row in truth]),
+        np.array([row.visible_left and row.visible_right for row in truth]),
+        tuple(boxes),
+        stimulus.radius_m,
+        rig,
+        own_body_of(source, robot),
+        stimulus.name,
+    )
+
+
+def rendered(what: Render, source: SceneSource = "rendered") -> Recording:
+    """Return what `pps-vision render` would write (its folder is not used), or the same states by ray casting."""
+    rng, robot = np.random.default_rng(what.seed), load_icub()
+    states = list(what.scene(robot, icub_rig(robot), rng))
+    sensor = Sensor(what.noise, what.shot, what.exposure, what.blur_s)
+    return film(states, what.object(3), source, sensor, what.seed, rng)
+
+
+def moving(
+    stimulus: Any,
+    motion: Any,
+    seed: int,
+    seconds: float,
+    noise: float = 2.0,
+    source: SceneSource = "rendered",
+    **also: Any,
+) -> Recording:
+    """Return a recording of one of `pps-vision render`'s motions."""
+    return rendered(Render(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **also), source)
+
+
+def watching(
+    motion: Motion,
+    seconds: float,
+    pose: Posing,
+    fps: float = FPS,
+    props: Callable[[float], tuple[Placed | None, ...]] = lambda _: (),
+    empty: bool = False,
+) -> Iterator[tuple[float, SceneState]]:
+    """Yield stamps and states of a robot that watches a motion; `empty` leaves the object out."""
+    q = home(load_icub())
+    for t in np.arange(round(seconds * fps)) / fps:
+        p, v = motion(t)
+        q = pose(t, q, p)
+        yield float(t), SceneState(q, None if empty else p, v, props=props(t))
+
+
+def follow(robot: Robot) -> Posing:
+    """Keep the eyes on the object while the neck sways by itself."""
+    yaw_pitch = robot.indices(robot.names.gaze_joints)[:2]
+
+    def pose(t: float, q: Array, p: Array) -> Array:
+        q = gaze_at(robot, q, p)
+        q[yaw_pitch] += _SWAY_RAD * np.sin(2 * np.pi * _SWAY_HZ * t)
+        return robot.clamp(q)
+
+    return pose
+
+
+def stare_at(robot: Robot, point: Array) -> Posing:
+    """Keep the head still and the eyes on a point (3,)."""
+    q = gaze_at(robot, home(robot), point)
+    return lambda *_: q
+
+
+def turning(robot: Robot, rng: np.random.Generator, point: Array, speed_rad_s: float) -> Posing:
+    """Look at a point (3,) while neck yaw and pitch swing about it, together at most `speed_rad_s`."""
+    q0 = gaze_at(robot, home(robot), point)
+    joints = robot.indices(robot.names.gaze_joints)[:2]
+    omega, phase = 2 * np.pi * rng.uniform(0.3, 0.6, 2), rng.uniform(0, 2 * np.pi, 2)
+    share = rng.uniform(0, np.pi / 2)
+    amplitude = speed_rad_s * np.array([np.cos(share), np.sin(share)]) / omega
+
+    def pose(t: float, _q: Array, _p: Array) -> Array:
+        q = q0.copy()
+        q[joints] += amplitude * np.sin(omega * t + phase)
+        return robot.clamp(q)
+
+    return pose
+
+
+def from_film(independent: Any) -> Recording:
+    """Return a film of the independent scene source, which shows no robot."""
+    frames, truth = tuple(independent), independent.truth
+    return Recording(
+        frames,
+        np.array([row.position for row in truth]),
+        np.array([row.velocity for row in truth]),
+        np.array([row.visible_left and row.visible_right for row in truth]),
+        ((None, None),) * len(frames),
+        float(truth[0].radius_m),
+        independent.rig,
+        own_body_of("independent", load_icub()),
+    )

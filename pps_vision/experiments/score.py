@@ -1,0 +1,103 @@
+"""Run trackers on recordings and judge their tracks against the truth."""
+
+from collections.abc import Callable, Sequence
+from time import process_time
+from typing import TypeVar
+
+import numpy as np
+
+from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, stereo_pipeline
+from pps_vision.experiments.scenarios import EYES_M, Recording, tracker_params
+from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
+from pps_vision.types import Array, Track3D
+from tracking.tracker import Tracker, TrackerStep
+
+F = TypeVar("F")
+T = TypeVar("T")
+NEAR = 1 / 6
+"""Share of its distance within which a track is near the object."""
+SETTLE_S = 0.5
+"""Time that a tracker has to find what comes into sight."""
+METRICS = {
+    "near_percent": Metric("near", percent),
+    "rms_mm": Metric("error_mm", rms),
+    "worst_recording_mm": Metric("recording_rms_mm", lambda values: float(np.max(values)) if len(values) else np.nan),
+    "mean_recording_mm": Metric("recording_rms_mm", mean),
+    "false_percent": Metric("false", percent),
+}
+
+
+def steps_of(recording: Recording, seed: int, mode: str | None = None) -> tuple[list[TrackerStep], list[float]]:
+    """Return our tracker's steps on all frames, nothing given, and their processor times (ms)."""
+    rng = np.random.default_rng(seed)
+    tracker = Tracker(tracker_params(recording, mode), recording.rig, rng, own_body=recording.own_body)
+    return timed_steps(tracker.step, recording.frames)
+
+
+def timed_steps(step: Callable[[F], T], frames: Sequence[F]) -> tuple[list[T], list[float]]:
+    """Return the results of a step on every frame and their processor times (ms)."""
+    found, ms = [], []
+    for frame in frames:
+        begun = process_time()
+        found.append(step(frame))
+        ms.append(1000 * (process_time() - begun))
+    return found, ms
+
+
+def tracker(mode: str | None = None, settle_s: float = SETTLE_S) -> Method:
+    """Our tracker as a study's method, in the mode for the recording's object or in the given one."""
+
+    def run(recording: Recording, seed: int) -> Values:
+        steps, ms = steps_of(recording, seed, mode)
+        return judge(recording, [step.track for step in steps], settle_s) | {"ms": ms}
+
+    return run
+
+
+def baseline_tracks(recording: Recording, name: StereoPipelineName) -> tuple[list[Track3D], list[float]]:
+    """Return a baseline's tracks on all frames, the true boxes given in the first that shows the object, and ms."""
+    first, boxes = recording.first_boxes
+    pipeline = FilteredPipeline(stereo_pipeline(name, recording.rig), recording.rig)
+    known = [Track3D.unknown(frame.stamp_s) for frame in recording.frames[:first]]
+    known.append(pipeline.start(recording.frames[first], boxes))
+    tracks, ms = timed_steps(pipeline.step, recording.frames[first + 1 :])
+    return known + tracks, ms
+
+
+def baseline(name: StereoPipelineName, settle_s: float = SETTLE_S) -> Method:
+    """A baseline's pipeline as a study's method."""
+
+    def run(recording: Recording, seed: int) -> Values:
+        tracks, ms = baseline_tracks(recording, name)
+        return judge(recording, tracks, settle_s) | {"ms": ms}
+
+    return run
+
+
+def judge(recording: Recording, tracks: Sequence[Track3D], settle_s: float = SETTLE_S) -> dict[str, Array]:
+    """Return the values that `METRICS` summarizes.
+
+    Over the frames that count: whether the track is near the object (within a sixth of its distance from the eyes),
+    and the error of the known tracks. Over all frames from the first of these on: whether the track is false, that is,
+    not near and farther off than three of its own standard deviations. Of two equally good objects the one followed
+    first counts.
+    """
+    counts = recording.judged(settle_s)
+    known = np.array([track.is_known for track in tracks])
+    path = np.array([track.position for track in tracks])
+    truth = recording.position
+    if recording.other_position is not None and known.any():
+        k = int(np.argmax(known))
+        both = (truth, recording.other_position)
+        truth = min(both, key=lambda one: float(np.linalg.norm(one[k] - path[k])))
+    error = np.linalg.norm(path - truth, axis=1)
+    near = known & (error <= NEAR * np.linalg.norm(truth - EYES_M, axis=1))
+    std = [np.sqrt(np.linalg.eigvalsh(t.cov[:3, :3])[-1]) if t.is_known else np.nan for t in tracks]
+    after = np.arange(len(tracks)) >= (int(np.argmax(counts)) if counts.any() else 0)
+    counted = 1000 * error[counts & known]
+    return {
+        "near": near[counts],
+        "error_mm": counted,
+        "recording_rms_mm": np.array([rms(counted)]) if len(counted) else np.empty(0),
+        "false": (known & ~near & (error > 3 * np.array(std)))[after],
+    }
