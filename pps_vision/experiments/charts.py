@@ -79,7 +79,7 @@ def speed_error(
     if wide:
         axis.set_yscale("log")
     else:
-        axis.set_ylim(0, 1.1 * float(np.nanmax([*shown, *high])))
+        axis.set_ylim(0, 1.1 * max(float(np.nanmax([*shown, *high])), 1e-9))
     axis.set_xscale("log")
     decades = float(np.ptp(np.log10(ms[:, 1])))
     axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2 else (1.0,)))
