@@ -78,6 +78,7 @@ def speed_error(
         axis.annotate(label, at, xytext=(5, offset), textcoords="offset points", fontsize=7, color=_INK)
     if wide:
         axis.set_yscale("log")
+        axis.margins(y=0.15)
     else:
         axis.set_ylim(0, 1.1 * max(float(np.nanmax([*shown, *high])), 1e-9))
     axis.set_xscale("log")

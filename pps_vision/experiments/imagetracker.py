@@ -30,11 +30,10 @@ from pps_vision.experiments.tables import Table, estimate
 from pps_vision.recordings.images import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName
-from tracking.eye import EyeParams
+from tracking.image_tracker import BoxTracker, ImageTrackerParams, assumed_optics
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
-from tracking.particles import ParticleParams
-from tracking.single import ColorTracker, ColorTrackerParams, flat_optics
+from tracking.particle_filter import ParticleParams
 
 COUNTS = (50, 100, 500, 1000)
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
@@ -133,8 +132,8 @@ class Particles:
     """Our particle filter with the interface of the baselines."""
 
     def __init__(self, count: int, seed: int) -> None:
-        params = ColorTrackerParams(EyeParams(particles=ParticleParams(count=count)))
-        self._tracker = ColorTracker(params, np.random.default_rng(seed))
+        params = ImageTrackerParams(particles=ParticleParams(count=count))
+        self._tracker = BoxTracker(params, np.random.default_rng(seed))
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn what is in the box."""
@@ -156,7 +155,7 @@ class HueBlob:
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn the place."""
-        self.last, self.optics = box, flat_optics(image.shape[1], image.shape[0])
+        self.last, self.optics = box, assumed_optics(image.shape[1], image.shape[0])
 
     def step(self, image: Image) -> BoxPx | None:
         """Return the box of the disc that has the blob's area."""

@@ -41,7 +41,7 @@ def _approach(rng: np.random.Generator, noise: float = 1.0) -> Measurements:
 
 def test_baselines_compute_what_ours_does(rng: np.random.Generator) -> None:
     data = _approach(rng)
-    params = replace(data.params(), unrest_rate=0)  # theirs does not follow the innovations
+    params = replace(data.params(), adaptation_rate=0)  # theirs does not follow the innovations
     belief = data.first(params)
     theirs = OpenCVFilter(params, belief), FilterPyFilter(params, belief)
     for stamp_s, z, cov in data.later():
@@ -53,7 +53,7 @@ def test_baselines_compute_what_ours_does(rng: np.random.Generator) -> None:
 def test_a_constant_gain_ends_where_the_full_filter_settles(rng: np.random.Generator) -> None:
     """The same variance on all axes and equal steps: after a while there is no difference."""
     data = replace(_approach(rng), covs=np.tile(1e-8 * np.eye(3), (41, 1, 1)))
-    params = replace(data.params(), unrest_rate=0)
+    params = replace(data.params(), adaptation_rate=0)
     belief = data.first(params)
     steady = ConstantGain(params, belief, 1e-8, 0.05)
     for stamp_s, z, cov in data.later():
