@@ -21,29 +21,35 @@ _N = 9
 
 @dataclass(frozen=True)
 class FlightParams:
-    """In a frame whose z points up, in metres; the defaults are a table-tennis ball's, measured on recorded
-    flights (docs/speed_accuracy.md says how well they carry over to others).
+    """Flight model in a frame whose z points up, in metres.
 
-    `drag_per_m` is deceleration over squared speed; `speed_std`, `lift_std` (level, upright: sidespin is rarer)
-    what may be before anything is seen, m/s and 1/s; `noise_density` of unmodelled acceleration, (m/s²)²·s.
-
-    At the bounce the ball's centre is `floor_m` high (−inf: no floor); it keeps `restitution` of its vertical
-    and `grip` of its horizontal velocity, its spin drives it on by `drive_m` (m/s per 1/s of lift), and keeps
-    `spin_kept`.  `bounce_std` (along, across, up), m/s, and `bounce_lift_std`, 1/s, say how far it departs.
+    The defaults are a table-tennis ball's, measured on recorded flights (docs/speed_accuracy.md).
     """
 
     drag_per_m: float = 0.14
+    """Deceleration over squared speed."""
     speed_std: float = 8.0
+    """Standard deviation of each velocity component before it was observed, m/s."""
     lift_std: tuple[float, float] = (0.3, 0.1)
+    """Standard deviation of the level and the upright component of the lift, 1/s; sidespin is rarer."""
     noise_density: float = 0.08
+    """Spectral density of unmodelled acceleration, (m/s²)²·s."""
     floor_m: float = 0.016
+    """Height of the ball's centre at the bounce; −inf: no floor."""
     restitution: float = 0.935
+    """Share of the vertical velocity that a bounce keeps."""
     grip: float = 0.86
+    """Share of the horizontal velocity that a bounce keeps."""
     drive_m: float = 0.65
+    """Horizontal velocity that spin adds at a bounce, m/s per 1/s of lift."""
     spin_kept: float = 0.6
+    """Share of the spin that a bounce keeps."""
     bounce_std: tuple[float, float, float] = (0.6, 0.06, 0.08)
+    """Standard deviation of the velocity after a bounce along, across and up, m/s."""
     bounce_lift_std: float = 0.12
+    """Standard deviation of the lift after a bounce, 1/s."""
     gate_chi2: float = 20.0
+    """Gate of the Kalman filter (`KalmanParams.gate_chi2`)."""
 
     def __post_init__(self) -> None:
         if not (self.drag_per_m >= 0 and self.noise_density > 0 and 0 <= self.restitution <= 1):

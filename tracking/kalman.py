@@ -1,7 +1,6 @@
-"""A Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter").
+"""Kalman filter on position and its derivatives, for measurements at any stamps (R, "Kalman filter").
 
-What is reckoned on matrices this small is compiled by numba: of calls on arrays, most of the time would go into the
-calling.
+The matrix code is compiled by numba: for matrices this small, calls on arrays would take most of the time.
 """
 
 import math
@@ -25,32 +24,28 @@ NOISE_DENSITY = {1: 4e-3, 2: 1.5e-3, 3: 0.2, 4: 270.0}
 
 @dataclass(frozen=True)
 class KalmanParams:
-    """`order` 1–4: how many of position, velocity, acceleration, jerk are modelled (R: 4); `of_order` gives another
-    order the noise that was measured for it.
-
-    `noise_density` is the spectral density of the white noise that drives the derivative above the
-    highest modelled one, (m/s^order)²·s, when the filter begins and where the motion jumps; from there it follows the
-    innovations at `adaptation_rate` (a quiet motion is predicted the better the quieter it is taken for; 0: it stays).
-    `decay_s` are the time constants with which acceleration and jerk decay (see `discretise`): what hands move does
-    not accelerate for ever; inf: they do not decay, as in R.
-    `prior_std` is the spread of each derivative before it was
-    observed (position excepted: the first measurement gives it), m/s, m/s², m/s³.  Of a measurement's
-    covariance only `white_share` is new with every frame; the rest (shape, light, head pose) stays from
-    frame to frame, so no filtering averages it out.  `gate_chi2` is the squared Mahalanobis distance
-    (3 degrees of freedom) above which a measurement is no longer taken for the motion going on, `jump_chi2` that
-    above which it is no sudden change of motion either but an outlier (a hundred thousandth of those `prior_std`
-    expects); after `max_rejections` outliers in a row the filter starts again from the newest.
-    """
+    """Parameters for an object at 0.4 m; `scaled` gives those for another distance, `of_order` those of an order."""
 
     order: int = DEFAULT_ORDER
+    """How many of position, velocity, acceleration and jerk are modelled, 1–4 (R: 4)."""
     noise_density: float = NOISE_DENSITY[DEFAULT_ORDER]
+    """Spectral density of the white noise that drives the derivative above the highest modelled one, (m/s^order)²·s,
+    when the filter starts and where the motion jumps."""
     prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
+    """Standard deviation of velocity, acceleration and jerk before they were observed, m/s, m/s², m/s³."""
     white_share: float = 0.4
+    """Share of a measurement's covariance that is independent from frame to frame; the rest (shape, light, head pose)
+    is a correlated error, which no filtering averages out."""
     adaptation_rate: float = 0.2
+    """Rate at which the process noise follows the innovations; 0 keeps it constant."""
     gate_chi2: float = 14.0
+    """Squared Mahalanobis distance (3 degrees of freedom) above which the motion may have jumped."""
     jump_chi2: float = 26.0
+    """The same, of a belief whose motion may have jumped, above which it is an outlier (1e-5 of a χ² distribution)."""
     max_rejections: int = 3
+    """Number of outliers in a row after which the filter starts again from the newest."""
     decay_s: tuple[float, float] = (0.4, 0.03)
+    """Time constants with which acceleration and jerk decay (`discretise`); inf: no decay, as in R."""
 
     def __post_init__(self) -> None:
         if self.order not in NOISE_DENSITY:
@@ -81,7 +76,7 @@ def scaled(params: KalmanParams, distance_m: float) -> KalmanParams:
     return replace(params, noise_density=params.noise_density * scale**2, prior_std=(std[0], std[1], std[2]))
 
 
-class Belief(NamedTuple):  # two are made every frame: a frozen dataclass takes thrice as long
+class Belief(NamedTuple):  # constructing a frozen dataclass is three times slower
     """`mean` (order, 3) and `cov` (3·order, 3·order) of the state at `stamp_s`, but for the error `correlated_cov`
     (3, 3) m² of the position that the measurements share; when it was last updated; `rejections` so far in
     a row; `nis` the last innovation's squared Mahalanobis distance (expected 3), NaN before the first; `noise_scale`

@@ -1,4 +1,4 @@
-"""The few operations on pixel masks that the trackers share; masks are boolean (h, w)."""
+"""Operations on boolean pixel masks (h, w)."""
 
 from functools import cache
 

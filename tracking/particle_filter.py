@@ -11,20 +11,23 @@ from pps_vision.types import Array
 
 @dataclass(frozen=True)
 class ParticleParams:
-    """`count` particles; `std_position` (of the object's size) and `std_scale` (relative) drive the
-    second-order autoregression x ← 2x₁ − x₂ + noise; `sharpness` scales the log-likelihood."""
+    """Parameters of the particle filter; x ← 2x₁ − x₂ + noise, a second-order autoregression."""
 
     count: int = 120
+    """Number of particles."""
     std_position: float = 0.25
+    """Standard deviation of the position's noise, as a share of the object's size."""
     std_scale: float = 0.04
+    """Standard deviation of the scale's noise, relative."""
     sharpness: float = 12.0
+    """Factor of the log-likelihood."""
 
     def __post_init__(self) -> None:
         if self.count < 2 or not (self.std_position > 0 and self.std_scale > 0 and self.sharpness > 0):
             raise ValueError(f"{self}: expected at least 2 particles and positive spreads")
 
 
-class Prior(NamedTuple):  # several a frame: a frozen dataclass takes thrice as long
+class Prior(NamedTuple):  # constructing a frozen dataclass is three times slower
     """Where the object should be: centre (2,) px, standard deviation px, and its image's size relative
     to the last one."""
 

@@ -1,4 +1,4 @@
-"""The whole path in the light of all that was measured: Rauch–Tung–Striebel smoothing of a filter's beliefs."""
+"""Rauch–Tung–Striebel smoother: the path given all measurements, later ones too."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,8 +24,8 @@ class Measured:
 
 @dataclass(frozen=True)
 class Passage:
-    """A filter's belief after a stamp, what it was before its measurement (inflated, if it was), and the
-    covariance of that state with the one before it; None where the filter began (again)."""
+    """A filter's belief after a stamp; and the predicted belief (inflated, if the motion jumped) with the covariance of
+    that state with the one before it, None where the filter started (again)."""
 
     belief: Belief
     expected: tuple[Belief, Array] | None
@@ -34,9 +34,9 @@ class Passage:
 def follow(
     params: KalmanParams, begin: Belief, measured: Sequence[Measured], forecast: Forecast | None = None
 ) -> list[Passage]:
-    """The filter's way from a first belief through later measurements in the order of their stamps.
+    """Run the filter from a first belief through later measurements in the order of their stamps.
 
-    `forecast` (default: the Kalman filter's own) says how the state moves on.
+    `forecast` predicts the state (default: the Kalman filter's).
     """
     ahead = forecast or (lambda belief, stamp_s: kalman.forecast(params, belief, stamp_s))
     passages = [Passage(begin, None)]
@@ -47,9 +47,9 @@ def follow(
             continue
         belief = update(params, expected, one.position, one.cov)
         gated = gate(params, expected, one.position, one.cov)
-        begun_again = gated is None and belief.rejections == 0
+        restarted = gated is None and belief.rejections == 0
         before = gated.belief if gated else expected
-        passages.append(Passage(belief, None if begun_again else (before, cross)))
+        passages.append(Passage(belief, None if restarted else (before, cross)))
     return passages
 
 
@@ -58,7 +58,7 @@ def smooth(passages: Sequence[Passage]) -> list[Belief]:
     smoothed = [passages[-1].belief]
     for here, after in zip(reversed(passages[:-1]), reversed(passages[1:]), strict=True):
         belief = here.belief
-        if after.expected is None:  # begun again: what comes later says nothing
+        if after.expected is None:  # restarted: later measurements say nothing of it
             smoothed.append(belief)
             continue
         expected, cross = after.expected
@@ -70,9 +70,9 @@ def smooth(passages: Sequence[Passage]) -> list[Belief]:
 
 
 def smoothed_tracks(params: KalmanParams, steps: Sequence[TrackerStep]) -> list[Track3D]:
-    """The tracks of a tracker's steps (`params` its filter's), each known one given what was measured later too.
+    """The tracks of a tracker's steps (`params` its filter's), smoothed where they are known.
 
-    What the track said beyond the filter's covariance (the error of a shape) it still says.
+    The correlated error that the track adds to the filter's covariance stays.
     """
     tracks = [step.track for step in steps]
     for first, end in _runs(tracks, [step.observation is not None for step in steps]):
@@ -93,7 +93,7 @@ def smoothed_tracks(params: KalmanParams, steps: Sequence[TrackerStep]) -> list[
 
 
 def _runs(tracks: Sequence[Track3D], seen: Sequence[bool]) -> list[tuple[int, int]]:
-    """Where objects were followed: from the first of the unbroken sightings that led to a track to its end."""
+    """First and end of every tracked stretch, from the first of the unbroken observations that led to it."""
     known = np.array([False, *(track.is_known for track in tracks), False])
     changes = np.flatnonzero(known[1:] != known[:-1])
     runs = []
@@ -108,7 +108,7 @@ def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
     mean, cov, n = track.mean.copy(), np.zeros((12, 12)), len(smoothed.mean)
     mean[:n] = smoothed.mean
     beyond: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
-    if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had begun anew: its filter was another
+    if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had restarted with another filter
         beyond = filtered.correlated_cov
     cov[: 3 * n, : 3 * n] = smoothed.cov
     cov[:3, :3] += beyond
