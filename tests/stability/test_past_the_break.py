@@ -95,6 +95,7 @@ GENERIC, MARKER = OURS
 FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly (χ² of 3 degrees of freedom)
     ("noise", MARKER): "measures blobs of noise: 595 mm off, χ² 3609",
     ("blur", GENERIC): "does not know of an exposure as long as 2.5 frames: 3 mm off, χ² 52",
+    ("blur", MARKER): "does not know of an exposure as long as 2.5 frames: 4 mm off, χ² 150",
     ("stamp jitter", GENERIC): "does not know that stamps are off: 74 mm off, χ² 8864",
     ("stamp jitter", MARKER): "does not know that stamps are off: 1 mm off, χ² 1696",
     ("right eye late", GENERIC): "takes the two eyes' images for simultaneous: 728 mm off, χ² 325000",
