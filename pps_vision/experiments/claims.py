@@ -1,0 +1,128 @@
+"""What README.md claims, beside its goal: read from the results of the other studies, so that no number is typed."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pps_vision.experiments.study import Study
+from pps_vision.experiments.tables import Table
+
+Cells = Mapping[str, Any]
+
+
+class Claim(NamedTuple):
+    """What is claimed, its goal, the study that measures it, and its sentence made from that study's numbers."""
+
+    what: str
+    goal: str
+    study: str
+    measured: Callable[[Cells], str]
+
+
+def _tracking(numbers: Cells) -> str:
+    cells = [numbers["cells"][f"rendered, {o}"]["tracker"] for o in ("ball", "marker")]
+    means = " / ".join(f"{cell['mean_recording_mm'][0]:.2f}" for cell in cells)
+    worst = " / ".join(f"{cell['worst_recording_mm'][0]:.2f}" for cell in cells)
+    return f"{means} mm, worst recording {worst} mm"
+
+
+def _coverage(numbers: Cells) -> str:
+    cell = numbers["cells"]["rendered"]["all"]
+    quantities = sorted({key.rsplit(" ", 1)[0] for key in cell if key.endswith((" 68", " 95"))})
+    return ", ".join(f"{q} {cell[f'{q} 68'][0]:.0f} / {cell[f'{q} 95'][0]:.0f}" for q in quantities)
+
+
+def _pipeline(mode: str, scene: str) -> Callable[[Cells], str]:
+    def measured(numbers: Cells) -> str:
+        cell = numbers["cells"][f"rendered, {scene}"]
+        ours, csrt = cell[f"ours, {mode}"], cell["two CSRT"]
+        return (
+            f"{ours['ms'][1]:.2f} ms, {1 / ours['ratio'][0]:.0f} times as fast; "
+            f"{ours['rms_mm'][0]:.2f} against {csrt['rms_mm'][0]:.1f} mm"
+        )
+
+    return measured
+
+
+def _trigger(numbers: Cells) -> str:
+    cell = numbers["cells"]["independent"]["nothing"]
+    alarms = [cell[name]["alarms_per_minute"][0] for name in ("ours", "ours, without flow")]
+    return f"{alarms[0]:.2g} (without optical flow {alarms[1]:.2g}); {cell['ours']['ms'][1]:.2f} ms"
+
+
+def _real_ball(numbers: Cells) -> str:
+    cell = next(cell for name, cell in numbers["cells"].items() if "vot" in name)
+    ours, csrt = next(c for m, c in cell.items() if m.startswith("particles")), cell["CSRT"]
+    overlaps = [1 - c["lost_overlap"][0] for c in (ours, csrt)]
+    return f"{overlaps[0]:.3f}, CSRT {overlaps[1]:.3f}; {1 / ours['ratio'][0]:.0f} times as fast"
+
+
+def _loop(numbers: Cells) -> str:
+    n, touched = numbers["n"], [numbers[case]["touched"] for case in ("avoidance on", "avoidance off")]
+    moved = [numbers[case]["commanded"] for case in ("receding", "static", "own arm")]
+    return f"{touched[0]} / {touched[1]} of {n}; {', '.join(map(str, moved))} of {n}"
+
+
+def _contact(numbers: Cells) -> str:
+    scores = numbers["methods"]["displacement (ours)"]["leave_one_out"]
+    base = numbers["methods"]["base rate"]["leave_one_out"]
+    pairs = (f"{scores[key][0]:.3f} ({base[key][0]:.3f})" for key in ("auroc", "brier"))
+    return "AUROC {}, Brier {}".format(*pairs)
+
+
+def _map(numbers: Cells) -> str:
+    return " / ".join(f"{numbers['maps']['ours'][truth]['je']:.2f}" for truth in ("true", "learned")) + " %"
+
+
+def _map_in_loop(numbers: Cells) -> str:
+    return f"{numbers['right'][0]:.1f} % of {numbers['frames']} frames; {numbers['processor_ms']['all'][1]:.2f} ms"
+
+
+CLAIMS = (
+    Claim("3D error of a rendered ball / marker, moving head, 0.25–0.6 m", "≤ 1 mm", "tracking", _tracking),
+    Claim("stated 68 / 95 % intervals hold the truth (%)", "68 ± 5 / 95 ± 3", "consistency", _coverage),
+    Claim("a stereo pair, generic (ball), beside two CSRT", "≤ 4.5 ms", "pipeline", _pipeline("generic", "ball")),
+    Claim("a stereo pair, marker, beside two CSRT", "≤ 0.8 ms", "pipeline", _pipeline("marker", "marker")),
+    Claim("false alarms a minute, head turning before photographs; idle image", "< 1; ≤ 1 ms", "trigger", _trigger),
+    Claim("IoU on `vot_ball1` (real; choices were made on it)", "≥ 0.80", "imagetracker", _real_ball),
+    Claim("touched with / without avoidance; moved by what recedes, rests, own arm", "0 / all; 0", "loop", _loop),
+    Claim(
+        "contact on a real robot, 37 trials left out in turn (base rate)", "0.909, 0.109", "pps_real_trials", _contact
+    ),
+    Claim("misjudged gaze postures, against true / learned kinematics", "≤ 0.2 %", "reach_whole_paper", _map),
+    Claim("the map asked in every frame: right; time", "≤ 0.3 ms", "reach_in_loop", _map_in_loop),
+)
+
+
+@dataclass(frozen=True)
+class Claims(Study):
+    """What README.md claims beside its goals, from the results that are there; run it after the other studies."""
+
+    results: Path = Path("docs/results")
+    """Folder of the results."""
+
+    def run(self) -> dict[str, Any]:
+        """Return for each claim its text, goal, study, what was measured, and commit and seed of the measurement."""
+        rows = []
+        for claim in CLAIMS:
+            file = self.results / f"{claim.study}.json"
+            if file.exists():
+                numbers = json.loads(file.read_text())
+                rows.append(
+                    {
+                        "what": claim.what,
+                        "goal": claim.goal,
+                        "study": claim.study,
+                        "measured": claim.measured(numbers),
+                        "commit": numbers["machine"]["commit"],
+                        "seed": numbers["parameters"].get("seed"),
+                    }
+                )
+        return {"claims": rows}
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return one row a claim."""
+        rows = [[c["what"], c["goal"], c["measured"], f"`{c['study']}`"] for c in numbers["claims"]]
+        return {"": Table(["what", "goal", "measured", "`bench`"], rows)}

@@ -1,0 +1,32 @@
+"""The README's table says what the result files say."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pps_vision.experiments.claims import CLAIMS, Claims
+from pps_vision.experiments.study import catalogue
+
+MACHINE = {"machine": {"commit": "abc1234"}, "parameters": {"seed": 7}}
+
+
+def test_every_claim_is_measured_by_a_study() -> None:
+    assert {claim.study for claim in CLAIMS} <= set(catalogue())
+
+
+def test_a_claim_is_read_from_its_study_and_absent_ones_are_left_out(tmp_path: Path) -> None:
+    counts = {"avoidance on": 1, "avoidance off": 19, "receding": 0, "static": 2, "own arm": 3}
+    numbers = {case: {"touched": count, "commanded": count} for case, count in counts.items()}
+    (tmp_path / "loop.json").write_text(json.dumps({**MACHINE, "n": 20, **numbers}))
+    study = Claims(tmp_path)
+    (row,) = study.run()["claims"]
+    assert row["measured"] == "1 / 19 of 20; 0, 2, 3 of 20"
+    assert (row["commit"], row["seed"], row["study"]) == ("abc1234", 7, "loop")
+    assert study.tables({"claims": [row]})[""].rows[0][2] == row["measured"]
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.study)
+def test_the_results_in_the_documents_have_what_a_claim_reads(claim) -> None:
+    file = Path(__file__).parents[2] / "docs" / "results" / f"{claim.study}.json"
+    assert claim.measured(json.loads(file.read_text()))
