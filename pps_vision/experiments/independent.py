@@ -15,6 +15,7 @@ from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film
 from pps_vision.experiments.independent_scenes import PHOTOS
 from pps_vision.experiments.study import DATA, Study
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask, Status, Track3D, Truth
 from tracking.tracker import Tracker
 
@@ -92,6 +93,13 @@ class Independent(Study):
         axes[1].set_xscale("log")
         axes[3].set_xscale("log")
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return one row a case: means over its films."""
+        keys = ("right_percent", "false_percent", "median_mm", "covered_percent", "ms_per_pair")
+        header = ["case", "right (%)", "false claims (%)", "median error (mm)", "95 % ellipsoid (%)", "ms per pair"]
+        cases = numbers["cases"].items()
+        return {"": Table(header, [[name, *(estimate([cell[key]]) for key in keys)] for name, cell in cases])}
 
 
 def measure(case: Case, number: int, seed: int, data: Path) -> dict[str, float]:

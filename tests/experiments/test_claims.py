@@ -8,6 +8,8 @@ import pytest
 from pps_vision.experiments.claims import CLAIMS, Claims
 from pps_vision.experiments.study import catalogue
 
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+MEASURED = [claim for claim in CLAIMS if (RESULTS / f"{claim.study}.json").exists()]
 MACHINE = {"machine": {"commit": "abc1234"}, "parameters": {"seed": 7}}
 
 
@@ -26,7 +28,6 @@ def test_a_claim_is_read_from_its_study_and_absent_ones_are_left_out(tmp_path: P
     assert study.tables({"claims": [row]})[""].rows[0][2] == row["measured"]
 
 
-@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.study)
+@pytest.mark.parametrize("claim", MEASURED, ids=lambda claim: claim.study)
 def test_the_results_in_the_documents_have_what_a_claim_reads(claim) -> None:
-    file = Path(__file__).parents[2] / "docs" / "results" / f"{claim.study}.json"
-    assert claim.measured(json.loads(file.read_text()))
+    assert claim.measured(json.loads((RESULTS / f"{claim.study}.json").read_text()))
