@@ -26,13 +26,14 @@ _PLACES = 24  # where something may be, along each axis
 
 @dataclass(frozen=True)
 class JointOffsetParams:
-    """What is believed before the first touch, standard deviations: `joint_rad` of an encoder's offset (R's sources of
-    error: joints, links and cameras together), `taxel_m`, each axis, of a taxel's own place and of what is seen.
-    A touch further than `outlier_sigmas` off counts less and less."""
+    """Prior and noise of the calibration, as standard deviations."""
 
     joint_rad: float = np.deg2rad(1.5)
+    """Of an encoder's offset (R: errors of joints, links and cameras together)."""
     taxel_m: float = 0.005
+    """Of a taxel's own position and of the triangulated one, each axis."""
     outlier_sigmas: float = 3.0
+    """A touch with a larger residual gets less weight (Cauchy)."""
 
     def __post_init__(self) -> None:
         if not all(sigma > 0 for sigma in (self.joint_rad, self.taxel_m, self.outlier_sigmas)):  # NaN is not
@@ -41,12 +42,14 @@ class JointOffsetParams:
 
 @dataclass(frozen=True)
 class JointOffsets:
-    """`offsets_rad` (n_joints,), to be added to what the encoders say; how far beside where they were felt k touches
-    were seen, `before_m` and with these offsets `after_m` (k,)."""
+    """Result of the calibration from k touches."""
 
     offsets_rad: Array
+    """(n_joints,) to be added to the encoders' angles."""
     before_m: Array
+    """(k,) distance between where a touch was felt and where it was seen."""
     after_m: Array
+    """(k,) the same with the offsets added."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +81,12 @@ def joint_offsets(
     def missed(offsets: Array) -> Array:
         return np.array([_missed(robot, rig, sighting, offsets) for sighting in sightings]).reshape(-1, 3)
 
-    def surprises(offsets: Array) -> Array:
+    def residuals(offsets: Array) -> Array:
         sigmas = np.einsum("kij,kj->ki", whitening, missed(offsets))
         return np.concatenate([offsets / params.joint_rad, _bounded(sigmas, params.outlier_sigmas).ravel()])
 
     none = np.zeros(robot.n_joints)
-    found: Array = least_squares(surprises, none, xtol=1e-4, ftol=1e-4).x
+    found: Array = least_squares(residuals, none, xtol=1e-4, ftol=1e-4).x
     before, after = (np.linalg.norm(missed(offsets), axis=1) for offsets in (none, found))
     return JointOffsets(found, before, after)
 

@@ -1,4 +1,4 @@
-"""Motor babbling: random arm postures, which of them the eyes can fixate, and what is learned from them (J, IV C)."""
+"""Motor babbling: random arm postures and the gaze postures that fixate the hand (J IV C)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,11 +14,14 @@ from pps_vision.types import Array
 
 @dataclass(frozen=True)
 class Babbled:
-    """Postures in rad whose hand was fixated: `arm_rad` (N, 4), `gaze_rad` (N, 3); `n_tried` postures were tried."""
+    """Postures whose hand was fixated."""
 
     arm_rad: Array
+    """(N, 4)"""
     gaze_rad: Array
+    """(N, 3)"""
     n_tried: int
+    """Number of arm postures tried, fixated or not."""
 
 
 def babble(
@@ -29,8 +32,8 @@ def babble(
     arm_limits: ArmLimits | None = None,
     gaze_limits: GazeLimits | None = None,
 ) -> Babbled:
-    """`n` postures of the four joints, spread evenly within their limits; the hand (origin of the palm frame) is
-    fixated by kinematics, and the limits of the gaze decide whether it can be.  ValueError for an unknown side."""
+    """Try `n` postures of four joints, uniform within their limits, and keep those whose hand (origin of the palm
+    frame) the eyes can fixate within the limits of the gaze, by kinematics.  ValueError for an unknown side."""
     arm = random_arms(n, rng, arm_limits)
     gaze = gaze_at_hand(robot, side, arm, gaze_limits)
     fixated = np.isfinite(gaze).all(axis=1)
@@ -38,7 +41,7 @@ def babble(
 
 
 def random_arms(n: int, rng: np.random.Generator, limits: ArmLimits | None = None) -> Array:
-    """(n, 4) rad: postures spread evenly within the limits."""
+    """(n, 4) rad: postures uniform within the limits."""
     limits = limits or ArmLimits()
     return rng.uniform(limits.lower_rad, limits.upper_rad, (n, len(limits.lower_rad)))
 
@@ -54,7 +57,7 @@ def gaze_at_hand(robot: Robot, side: str, arm_rad: Array, limits: GazeLimits | N
 
 
 def crossing(gaze_rad: Array) -> Array:
-    """(N, 3) where the lines of sight of eyes one unit apart cross; a smoother function of the arm than the angles."""
+    """(N, 3) where the lines of sight of eyes one unit apart cross, a smoother function of the arm than the angles."""
     yaw, pitch, vergence = gaze_rad.T
     ahead = np.cos(yaw)
     ray = np.stack([np.sin(yaw), ahead * np.sin(pitch), ahead * np.cos(pitch)], axis=1)

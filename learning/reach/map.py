@@ -1,4 +1,4 @@
-"""The reachable-space map: can the hand get to what the eyes fixate, and how well (J).
+"""The reachable-space map: whether the hand can reach what the eyes fixate, and how well (J).
 
 The map lives in gaze space: a fixation point is its gaze posture (neck yaw, neck pitch, vergence).
 It interpolates the signed distance to the border of the reachable region, which is smooth where
@@ -34,15 +34,19 @@ def isotropic(gaze_rad: Array) -> Array:
 
 @dataclass(frozen=True)
 class Labels:
-    """Answers for `gaze_rad` (n, 3): within reach, the error in m (NaN where inverse kinematics came to no answer,
-    which says nothing about reach), how good the best posture is (NaN where out of reach), and the gaze posture
-    (n, 3) of the border point found (NaN where there is none)."""
+    """Answers of inverse kinematics for n gaze postures."""
 
     gaze_rad: Array
+    """(n, 3)"""
     reachable: Mask
+    """(n,) whether the hand reaches the fixation point."""
     error_m: Array
+    """(n,) distance left between hand and fixation point; NaN where inverse kinematics did not converge, which says
+    nothing about reach."""
     optimality: Array
+    """(n,) of the best posture; NaN where out of reach."""
     border_rad: Array
+    """(n, 3) gaze posture of the nearest point that the hand does reach; NaN where there is none."""
 
     def __post_init__(self) -> None:
         n = len(self.gaze_rad)
@@ -67,16 +71,16 @@ class Labels:
 
 @dataclass(frozen=True)
 class MapPrediction:
-    """What a map predicts of N gaze postures.
-
-    `within_limits`: the map knows this posture; elsewhere `reachable` is False, the rest NaN.
-    `probability` of being reachable; `degree` R in [0, 1], above 0.5 where reachable (J IV.6–IV.7).
-    """
+    """Prediction for N gaze postures."""
 
     within_limits: Mask
+    """(N,) whether the posture is within the map's limits; elsewhere `reachable` is False and the rest NaN."""
     reachable: Mask
+    """(N,) whether the probability exceeds the threshold of the query."""
     probability: Array
+    """(N,) of being reachable."""
     degree: Array
+    """(N,) degree of reachability R in [0, 1], above 0.5 where reachable (J IV.6–IV.7)."""
 
 
 @dataclass(frozen=True)
@@ -118,29 +122,32 @@ class Lattice:
 
 @dataclass(frozen=True)
 class ReachableMap:
-    """What was learned for an arm, or for both.
-
-    On the lattice between the gaze `limits`: the `signed_distance` to the border in `isotropic` coordinates, positive
-    inside; the `optimality` of the best posture, 1 − M of J IV.5, inside; and the `error_m` left between hand and
-    fixation point, outside (a, b, c each).  `softness` is how uncertain the border's place is, in the same
-    coordinates; `expected_error` the share of gaze postures that the last labels said it misjudges (an upper estimate:
-    they were asked for where least was known); `max_error_m` the largest error there is.  `labels` are what it was
-    learned from, to go on from; to `unanswered` more problems inverse kinematics found no answer.  `end_point` is
-    what of the arm gets there, `measure` what `optimality` is.
-    """
+    """Map of one arm, or of both."""
 
     side: str
+    """One of left, right and both."""
     limits: GazeLimits
+    """Gaze limits that the lattice spans."""
     signed_distance: Array
+    """(a, b, c) to the border in `isotropic` coordinates, positive inside."""
     optimality: Array
+    """(a, b, c) of the best posture, 1 − M of J IV.5, inside."""
     error_m: Array
+    """(a, b, c) distance left between hand and fixation point, outside."""
     max_error_m: float
+    """The largest such distance."""
     softness: float
+    """Standard uncertainty of the border in `isotropic` coordinates."""
     expected_error: float
+    """Share of gaze postures misjudged, from the last labels: an upper estimate, as they lie near the border."""
     labels: Labels
+    """What it was learned from; training can go on from them."""
     unanswered: int = 0
+    """Number of further problems for which inverse kinematics did not converge."""
     end_point: str = "palm"
+    """Point of the arm that reaches: "palm" or a taxel."""
     measure: str = "joint-limits"
+    """What `optimality` measures."""
 
     def __post_init__(self) -> None:
         shape = self.signed_distance.shape
@@ -163,7 +170,7 @@ class ReachableMap:
 
     @cached_property
     def lattice(self) -> Lattice:
-        """Where the values stand."""
+        """The lattice of the values."""
         a, b, c = self.signed_distance.shape
         return Lattice(self.limits, (a, b, c))
 
@@ -174,8 +181,8 @@ class ReachableMap:
         return np.stack([part.ravel() for part in parts], axis=1)
 
     def threshold(self, max_false_positives: float) -> float:
-        """The least probability, at least 0.5, above which to call postures reachable if no more than this share of
-        the unreachable ones is to be; as the map's own probabilities have it."""
+        """Least probability, at least 0.5, above which no more than this share of the unreachable postures is called
+        reachable, according to the map's own probabilities."""
         if not 0 < max_false_positives < 1:
             raise ValueError(f"a share of {max_false_positives} false positives: expected above 0 and below 1")
         probability = np.sort(expit(self.signed_distance.ravel() / self.softness))
@@ -187,8 +194,8 @@ class ReachableMap:
         return max(float(probability[first - 1]), 0.5) if first else 0.5
 
     def query(self, gaze_rad: ArrayLike, threshold: float = 0.5, device: str | None = None) -> MapPrediction:
-        """The verdict on gaze postures (N, 3): reachable above the `threshold` of probability.  `device`: where torch
-        computes it (cpu, cuda, …); default: without torch."""
+        """Predict for gaze postures (N, 3): reachable above the `threshold` of probability.  `device`: compute with
+        torch there (cpu, cuda, …)."""
         gaze = np.asarray(gaze_rad, dtype=float)
         if gaze.ndim != 2 or gaze.shape[1] != 3:
             raise ValueError(f"gaze postures of shape {gaze.shape}: expected (N, 3)")
@@ -208,9 +215,9 @@ class ReachableMap:
 
 
 def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
-    """What both hands can get to at once, as well as the worse of them; ValueError where limits or lattices differ.
+    """Map of what both hands reach at once, with the degree of the worse; ValueError where limits or lattices differ.
 
-    Such a map is not learned on: its labels are none.
+    It has no labels, so that training cannot go on from it.
     """
     if left.limits != right.limits or left.signed_distance.shape != right.signed_distance.shape:
         raise ValueError(f"maps of {left.limits} and {right.limits}: expected the same limits and lattice")

@@ -1,8 +1,8 @@
-"""Learning the reachable-space map from inverse kinematics (J, "Training the maps").
+"""Training of the reachable-space map with inverse kinematics (J, "Training the maps").
 
-Each label is one inverse-kinematics problem: can the hand get to this fixation point?  A failed one
-tells more than no: the nearest point the hand does reach lies on the border of the reachable
-region.  Labels are asked for where the border is, as far from earlier ones as there is room.
+Each label is one inverse-kinematics problem: can the hand reach this fixation point?  Where it cannot, the nearest
+point that it does reach lies on the border of the reachable region.  After a first round over all gaze postures,
+labels are drawn near the border, far from earlier ones (active learning).
 """
 
 from collections.abc import Callable
@@ -29,8 +29,8 @@ _MARGIN_RAD = 0.5
 _NEAR = 16
 _COARSER = 4
 _VOTERS = 8
-_ROUNDEST = 0.5  # times step²: how far off a border that curves with a radius of 0.25 may be between lattice points
-_LEVEL = 5e-3  # m/rad: where the hand could come nearer faster than this, it is not within 0.1 mm of the nearest
+_CURVATURE = 0.5  # times step²: error between lattice points of a border with a radius of curvature of 0.25
+_SETTLED = 5e-3  # m/rad: with a steeper descent left, inverse kinematics is farther than 0.1 mm from the nearest point
 
 
 @dataclass(frozen=True)
@@ -43,16 +43,18 @@ class ArmLimits:
 
 @dataclass(frozen=True)
 class HandModel:
-    """What inverse kinematics has to know, in coordinates that need not be the root frame's: `forward` from arm joints
-    to the hand's place; `points`, the places that gaze postures (N, 3) fixate; `gaze`, what fixates places within
-    limits (NaN where these forbid it); `tried` (n, k), arm postures to start from where it is not known of all;
-    `normals`, joints (N, k) to the way (N, 3) the hand faces, for `DirectionCoverage`."""
+    """Kinematics that inverse kinematics needs, in any frame common to all fields."""
 
     forward: ForwardModel
+    """Arm joints (N, k) → positions of the hand (N, 3) and Jacobians (N, 3, k)."""
     points: Callable[[Array], Array]
+    """Gaze postures (N, 3) → the points (N, 3) that they fixate."""
     gaze: Callable[[Array, GazeLimits], Array]
+    """Points (N, 3), limits → the gaze postures (N, 3) that fixate them; NaN where the limits forbid it."""
     tried: Array | None = None
+    """(n, k) arm postures to start from; None: random ones."""
     normals: Callable[[Array], Array] | None = None
+    """Arm joints (N, k) → directions (N, 3) that the hand faces, for `DirectionCoverage`."""
 
     @classmethod
     def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":
@@ -62,25 +64,32 @@ class HandModel:
 
 @dataclass(frozen=True)
 class MapParams:
-    """How much is asked of inverse kinematics: at most `n_labels`, in rounds of `round_labels`, the first spread over
-    all gaze postures, until no more than `max_error` (share of all gaze postures) are expected to be misjudged.
-    `n_babble` random arm postures supply the starts."""
+    """Extent and cost of the training."""
 
     gaze_limits: GazeLimits = field(default_factory=GazeLimits)
+    """Gaze postures that the map covers."""
     arm_limits: ArmLimits = field(default_factory=ArmLimits)
+    """Limits of the arm's joints."""
     n_labels: int = 6000
+    """Largest number of labels."""
     round_labels: int = 1500
+    """Labels per round; the first round is uniform over all gaze postures."""
     max_error: float = 0.0
+    """Training ends when no larger share of gaze postures is expected to be misjudged."""
     n_babble: int = 100_000
+    """Random arm postures among which inverse kinematics finds its starts."""
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
-    measure: Callable[[Array, Array], Measure] | DirectionCoverage = (
-        FarFromLimits  # of the joints' limits: what is good
-    )
-    # in the map's isotropic coordinates:
-    border_band: tuple[float, float] = (-0.14, 0.05)  # where later labels are asked for
-    node_spacing: float = 0.0026  # border points nearer to one another than this say the same
-    border_clearance: float = 0.017  # labels nearer to the border than this leave its place to border points
-    lattice: float = 0.04  # steps of the lattice the map is drawn on
+    """Of inverse kinematics."""
+    measure: Callable[[Array, Array], Measure] | DirectionCoverage = FarFromLimits
+    """What the second stage optimises, made from the joints' lower and upper limits."""
+    border_band: tuple[float, float] = (-0.14, 0.05)
+    """Signed distances, in isotropic coordinates, between which later labels are drawn."""
+    node_spacing: float = 0.0026
+    """Border points closer together than this, in isotropic coordinates, count once."""
+    border_clearance: float = 0.017
+    """Labels closer to the border than this, in isotropic coordinates, are no nodes of the spline."""
+    lattice: float = 0.04
+    """Step of the map's lattice in isotropic coordinates."""
 
     def __post_init__(self) -> None:
         if not 2 <= 2 * self.round_labels <= self.n_labels:
@@ -128,7 +137,7 @@ class ReachOracle:
     def _covered(self, points: Array, starts: Array, coverage: DirectionCoverage) -> Array:
         """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
         if self.hand.normals is None:
-            raise ValueError(f"{coverage} of a hand without normals; expected its normals")
+            raise ValueError(f"{coverage} of a hand of which is not known how it faces; expected its normals")
         met = np.zeros((len(points), coverage.n), bool)
         ends, inverse = (self.lower, self.upper), self.params.inverse
         for start in starts:
@@ -146,11 +155,11 @@ class ReachOracle:
         failed = ~found.reachable
         border = np.full(gaze.shape, np.nan)
         nearest, J = self.forward(found.q_rad[failed])
-        settled = _slope(points[failed] - nearest, J, found.q_rad[failed], self.lower, self.upper) < _LEVEL
+        settled = _slope(points[failed] - nearest, J, found.q_rad[failed], self.lower, self.upper) < _SETTLED
         border[failed] = np.where(settled[:, None], self.hand.gaze(nearest, self._beyond()), np.nan)
         error = found.error.copy()
         error[failed] = np.where(settled, error[failed], np.nan)
-        return Labels(gaze, found.reachable, error, found.quality, border)
+        return Labels(gaze, found.reachable, error, found.good, border)
 
     def starts(self, points: Array) -> Array:
         """(2, n, k) for each point (n, 3), of the postures whose hand was nearest to it, the nearest and the one most
@@ -186,7 +195,7 @@ def learned_from(
     params: MapParams,
     into: ReachableMap | None = None,
 ) -> ReachableMap:
-    """The same from whatever answers gaze postures (n, 3)."""
+    """As `train_reachable_map`, with any function that labels gaze postures (n, 3)."""
     limits, n = params.gaze_limits, params.round_labels
     if into is None:
         labels = label(rng.uniform(limits.lower, limits.upper, (n, 3)))
@@ -198,16 +207,16 @@ def learned_from(
         raise ValueError(f"a map of {into.side}, {into.limits}: expected one of {side}, {limits}, to go on from")
     softness, expected = np.nan, 1.0
     while spent + n <= params.n_labels and expected > params.max_error:
-        border = GazeSpline(*_nodes(_believed(labels), params))
+        border = GazeSpline(*_nodes(_consistent(labels), params))
         asked, share = _near_border(border, labels, n, params, rng)
         more = label(asked)
         spent, unanswered = spent + n, unanswered + n - int(more.answered.sum())
         more = more.only(more.answered)
         predicted = border(more.gaze_rad)
-        softness = _softness(predicted, more.reachable, _ROUNDEST * params.lattice**2)
+        softness = _softness(predicted, more.reachable, _CURVATURE * params.lattice**2)
         expected = share * float(np.mean((predicted > 0) != more.reachable))
         labels = labels.joined(more)
-    return replace(_drawn(side, labels, softness, expected, params), unanswered=unanswered)
+    return replace(_on_lattice(side, labels, softness, expected, params), unanswered=unanswered)
 
 
 def _slope(residual: Array, J: Array, q: Array, lower: Array, upper: Array) -> Array:
@@ -219,16 +228,16 @@ def _slope(residual: Array, J: Array, q: Array, lower: Array, upper: Array) -> A
     return np.where(np.isfinite(distance), np.abs(np.where(stuck, 0, nearer)).max(axis=1), np.inf)
 
 
-def _drawn(side: str, labels: Labels, softness: float, expected: float, params: MapParams) -> ReachableMap:
-    """The map of these labels: the splines' values on the lattice, computed only where they matter."""
+def _on_lattice(side: str, labels: Labels, softness: float, expected: float, params: MapParams) -> ReachableMap:
+    """The map of these labels: values of the splines on the lattice."""
     lattice = Lattice.of_spacing(params.gaze_limits, params.lattice)
     coarse = Lattice.of_spacing(params.gaze_limits, _COARSER * params.lattice)
-    believed = _believed(labels)
-    inside, outside = believed.reachable, ~believed.reachable
+    consistent = _consistent(labels)
+    inside, outside = consistent.reachable, ~consistent.reachable
     gaze = lattice.gaze_rad
 
-    def drawn(at: Array, values: Array, where: Callable[[Array], Mask] | None) -> Array:
-        """On the coarse lattice, and on the fine one `where` asked for."""
+    def evaluate(at: Array, values: Array, where: Callable[[Array], Mask] | None) -> Array:
+        """Values of a spline on the lattice: interpolated from the coarse one, exact `where` that matters."""
         spline = GazeSpline(at, values)
         rough = coarse.interpolate(spline(coarse.gaze_rad)[:, None], gaze)[:, 0]
         if where is not None:
@@ -237,20 +246,22 @@ def _drawn(side: str, labels: Labels, softness: float, expected: float, params: 
         return rough
 
     near_m = params.lattice * 3 + 0.06
-    signed = drawn(*_nodes(believed, params), lambda s: np.abs(s) < near_m)
+    signed = evaluate(*_nodes(consistent, params), lambda s: np.abs(s) < near_m)
     good: Array = np.zeros(len(gaze))
     if inside.any():
-        good = drawn(believed.gaze_rad[inside], believed.optimality[inside], lambda _: signed > -2 * params.lattice)
-    error = drawn(believed.gaze_rad[outside], believed.error_m[outside], None)
+        good = evaluate(
+            consistent.gaze_rad[inside], consistent.optimality[inside], lambda _: signed > -2 * params.lattice
+        )
+    error = evaluate(consistent.gaze_rad[outside], consistent.error_m[outside], None)
     signed, good, error = (v.reshape(lattice.shape) for v in (signed, good, error))
     return ReachableMap(
         side, params.gaze_limits, signed, good, error, float(labels.error_m.max()), softness, expected, labels
     )
 
 
-def _believed(labels: Labels) -> Labels:
-    """All but those outvoted by their neighbours: of the nearest labels that are nearer than any border point, so that
-    no border parts them, two at least and more than half say the other thing."""
+def _consistent(labels: Labels) -> Labels:
+    """All labels but those that contradict their neighbours: of the nearest labels, counting only those nearer than any
+    border point, at least two and more than half have the other answer."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
     if len(border) == 0 or len(labels.gaze_rad) <= _VOTERS:
         return labels
@@ -267,7 +278,7 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
     distance to the nearest of them."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
     if len(labels.gaze_rad) == 0:
-        raise ValueError("inverse kinematics came to no answer at all: expected a forward model that it can invert")
+        raise ValueError("inverse kinematics never converged: expected a forward model that it can invert")
     if len(border) == 0:
         raise ValueError(
             f"all {len(labels.gaze_rad)} labels are within reach: expected some beyond the border to learn"
@@ -282,8 +293,8 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
 def _near_border(
     border: GazeSpline, labels: Labels, n: int, params: MapParams, rng: np.random.Generator
 ) -> tuple[Array, float]:
-    """(n, 3) gaze postures in the band about the border, or nearest to it where it is small, those farthest from what
-    is labelled already; and what share of all gaze postures lies in that band."""
+    """(n, 3) gaze postures in the band about the border (or nearest to it where the band is small), those farthest from
+    the labels so far; and the share of all gaze postures that lies in the band."""
     limits = params.gaze_limits
     candidates = rng.uniform(limits.lower, limits.upper, (8 * n, 3))
     signed = border(candidates)
@@ -297,11 +308,13 @@ def _near_border(
 
 
 def _softness(predicted: Array, reachable: Mask, least: float) -> float:
-    """The scale τ for which P = 1/(1 + e^(−s/τ)) best explains answers that were predicted as s, no less than
-    `least`: few answers may all be right by chance."""
+    """Maximum-likelihood scale τ of P = 1/(1 + e^(−s/τ)) for answers with predicted signed distance s, at least
+    `least`, as few answers may all be right by chance."""
     sign = np.where(reachable, -1.0, 1.0)
 
-    def surprise(log_tau: float) -> float:
+    def negative_log_likelihood(log_tau: float) -> float:
         return float(np.logaddexp(0, sign * predicted / np.exp(log_tau)).sum())
 
-    return float(np.exp(minimize_scalar(surprise, bounds=(np.log(least), np.log(0.5)), method="bounded").x))
+    return float(
+        np.exp(minimize_scalar(negative_log_likelihood, bounds=(np.log(least), np.log(0.5)), method="bounded").x)
+    )

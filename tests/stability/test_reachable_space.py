@@ -7,6 +7,7 @@ import pytest
 from data import SEED
 
 from learning.reach.babbling import Babbled, babble
+from learning.reach.forward_model import RevoluteArm
 from learning.reach.map import Labels, isotropic
 from learning.reach.training import (
     ArmLimits,
@@ -16,7 +17,6 @@ from learning.reach.training import (
     learned_from,
     train_reachable_map,
 )
-from learning.reach.turning_joints import TurningJoints
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -42,7 +42,7 @@ def misjudged(learned):
 
 
 def taught(babbled):
-    model = TurningJoints()
+    model = RevoluteArm()
     model.learn(babbled.arm_rad, babbled.gaze_rad)
     return HandModel(model.forward, model.points, model.gaze)
 

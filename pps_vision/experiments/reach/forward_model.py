@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from learning.reach.babbling import Babbled, babble, score
+from learning.reach.forward_model import RevoluteArm
 from learning.reach.gaussian_process import GaussianProcess
-from learning.reach.turning_joints import TurningJoints
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.regressors import ArmToGaze, boosted_trees, network, quintic_spline
 from pps_vision.experiments.reach import jamone
@@ -34,7 +34,7 @@ class Model(Protocol):
 
 
 METHODS: dict[str, Callable[[], Model]] = {
-    "model of revolute joints": TurningJoints,
+    "model of revolute joints": RevoluteArm,
     "Gaussian process": lambda: ArmToGaze(GaussianProcess()),
     "LWPR, each sample once": jamone.arm_model,
     "LWPR, each sample 4 times": lambda: jamone.arm_model(n_epochs=4),

@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.reach.babbling import Babbled, babble
+from learning.reach.forward_model import RevoluteArm
 from learning.reach.map import Labels, MapPrediction
 from learning.reach.training import HandModel, MapParams, ReachOracle, learned_from
-from learning.reach.turning_joints import TurningJoints
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import closed_form, first
@@ -124,7 +124,7 @@ class Learner(NamedTuple):
 
 
 def _revolute(babbled: Babbled) -> tuple[Callable[[Array], Array], HandModel]:
-    model = TurningJoints()
+    model = RevoluteArm()
     model.learn(babbled.arm_rad, babbled.gaze_rad)
     return model, HandModel(model.forward, model.points, model.gaze)
 

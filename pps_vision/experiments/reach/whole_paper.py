@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.reach.babbling import Babbled, babble, score
+from learning.reach.forward_model import RevoluteArm
 from learning.reach.map import MapPrediction
 from learning.reach.training import HandModel, MapParams, ReachOracle, train_reachable_map
-from learning.reach.turning_joints import TurningJoints
 from pps_vision.experiments.reach import jamone, paper_figures
 from pps_vision.experiments.reach.map_truth import MapTruth, closed_form, first, judge_by_labels
 from pps_vision.experiments.study import Study
@@ -53,7 +53,7 @@ class WholePaper(Study):
         with _timed(seconds, "babbling"):
             babbled = babble(robot, "right", self.n_tried, rng)
         with _timed(seconds, "forward model"):
-            model = TurningJoints()
+            model = RevoluteArm()
             model.learn(babbled.arm_rad, babbled.gaze_rad)
             model.forward(babbled.arm_rad[:1])  # fitted when first asked
         hand = HandModel(model.forward, model.points, model.gaze)

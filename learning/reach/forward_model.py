@@ -1,11 +1,10 @@
-"""Arm posture → what the eyes fixate, exact from a hundred samples, for joints that turn.
+"""Forward model arm posture → gaze posture for revolute joints, exact from a hundred exact samples.
 
-Whatever an arm of revolute joints looks like, the place of its hand is linear in the products of 1, cos and sin of
-the joints' angles.  The eyes see it from a head that the neck carries about: where the lines of sight cross is that
-place but for C(gaze) o, where o says where eyes and neck stand to one another and does not change.  So
-Φ(arm) W = crossing(gaze) + C(gaze) o is linear in all that is unknown, which gives a first guess; noisy is the gaze,
-so that it is then fitted in its angles.  Samples that disagree with the most (something else was fixated, an encoder
-stuck) are given little weight, or none.
+The position of the hand is linear in the products Φ of 1, cos q and sin q of the joint angles.  The eyes see it from a
+head that the neck carries: the lines of sight cross there but for C(gaze) o, where o holds the constant offsets between
+eyes and neck.  So Φ(arm) W = crossing(gaze) + C(gaze) o is linear in the unknown W and o, which gives a first estimate;
+the noise is in the gaze, so that both are then fitted in its angles.  Outliers (another point fixated, an encoder
+stuck) get little weight.
 """
 
 import numpy as np
@@ -15,17 +14,17 @@ from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 from pps_vision.types import Array
 
-_DISTANCES, _FROM_FAR, _FOLLOWING = 20, 10, 4  # rounds of each kind
-_NO_ERROR = 1e-9
+_LINEAR_ROUNDS, _FIXED_ROUNDS, _FREE_ROUNDS = 20, 10, 4  # iterations of each kind until they converge
+_NO_ERROR = 1e-9  # residuals below this count as this
 _PRIOR_STD = 1.0  # eye distances, of every coefficient; 0.5 to 2 measured on 20 simulated arms with other end points
-_ANYWHERE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
+_WIDE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
 _FINE = IKParams(tolerance=1e-9, max_steps=30)
 
 
-class TurningJoints:
-    """Learns where the hand is from arm postures (N, k) in rad and the gaze postures (N, 3) that fixate it.
+class RevoluteArm:
+    """Learns the position of the hand from arm postures (N, k) in rad and the gaze postures (N, 3) that fixate it.
 
-    Places are in units of the distance between the eyes times `eyes_apart_m`, seen from the neck."""
+    Positions are seen from the neck and measured in eye distances; `eyes_apart_m` scales them to metres."""
 
     def __init__(self, n_joints: int = 4, eyes_apart_m: float = 0.068) -> None:
         self.n_joints, self.eyes_apart_m = n_joints, eyes_apart_m
@@ -33,16 +32,16 @@ class TurningJoints:
         self._known: tuple[Array, Array] | None = None
 
     def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
-        """From any number of samples; the order does not matter."""
+        """Add samples; their order does not matter."""
         self._samples.append((arm_rad, gaze_rad))
         self._known = None
 
     def _fitted(self) -> tuple[Array, Array]:
         """W (3^k, 3) and o (4,), fitted when first asked for; ValueError before the second sample.
 
-        First the least sum of distances by iteratively reweighted least squares, which few outliers move; then
-        Gauss–Newton steps in the angles of the gaze, which are what is noisy, with Geman–McClure weights.  Both have
-        the prior W, o ~ N(0, _PRIOR_STD²), weighted by the noise variance that the residuals show."""
+        First the least sum of distances, by iteratively reweighted least squares, on which outliers have little
+        influence; then Gauss–Newton steps in the angles of the gaze with Geman–McClure weights.  Both have the prior
+        W, o ~ N(0, _PRIOR_STD²) and estimate the noise variance from the median residual."""
         if self._known is None:
             n = sum(len(arm) for arm, _ in self._samples)
             if n < 2:
@@ -51,20 +50,20 @@ class TurningJoints:
             Z = np.concatenate([crossing(gaze)[:, :, None], _carried(gaze)], axis=2)
             A, weight = _products(self._bases(arm)), np.ones(n)
             spread = np.median(np.linalg.norm(Z[:, :, 0] - np.median(Z[:, :, 0], axis=0), axis=1))
-            noise = spread**2 / 3  # variance of a coordinate, before anything is explained
-            for _ in range(_DISTANCES):
+            noise = spread**2 / 3  # variance of a coordinate before the first estimate
+            for _ in range(_LINEAR_ROUNDS):
                 W, o = _least_squares(A, Z, weight, noise / _PRIOR_STD**2)
                 off = np.linalg.norm(Z[:, :, 0] + Z[:, :, 1:] @ o - A @ W, axis=1)
                 middle = np.median(off) + _NO_ERROR
                 weight, noise = 1 / np.maximum(off, 0.1 * middle), middle / 3  # the variance times the weight
             seen = gaze
-            for k in range(_FROM_FAR + _FOLLOWING):
-                W, o, seen = _better_explained(A, gaze, W, o, seen, follows=k >= _FROM_FAR)
+            for k in range(_FIXED_ROUNDS + _FREE_ROUNDS):
+                W, o, seen = _gauss_newton(A, gaze, W, o, seen, moves=k >= _FIXED_ROUNDS)
             self._known = W, o
         return self._known
 
     def forward(self, arm_rad: Array) -> tuple[Array, Array]:
-        """Places of the hand (N, 3) m, and their derivatives by the joints (N, 3, k)."""
+        """Positions of the hand (N, 3) m, and their Jacobians by the joints (N, 3, k)."""
         W, bases = self.eyes_apart_m * self._fitted()[0], self._bases(arm_rad)
         slopes = [np.stack([0 * b[:, 0], -b[:, 2], b[:, 1]], axis=1) for b in bases]
         half = self.n_joints // 2
@@ -84,12 +83,11 @@ class TurningJoints:
         return place(first, second), np.stack(columns, axis=2)
 
     def points(self, gaze_rad: Array) -> Array:
-        """(N, 3) m: the places that gaze postures (N, 3) fixate."""
+        """(N, 3) m: the points that gaze postures (N, 3) fixate."""
         return self.eyes_apart_m * (crossing(gaze_rad) + _carried(gaze_rad) @ self._fitted()[1])
 
-    def gaze(self, points: Array, limits: GazeLimits = _ANYWHERE) -> Array:
-        """(N, 3) rad: the gaze postures that fixate places (N, 3); NaN where the limits forbid it."""
-
+    def gaze(self, points: Array, limits: GazeLimits = _WIDE) -> Array:
+        """(N, 3) rad: the gaze postures that fixate points (N, 3); NaN where the limits forbid it."""
         o, eyes = self._fitted()[1], self.eyes_apart_m
 
         def forward(gaze: Array) -> tuple[Array, Array]:
@@ -121,19 +119,18 @@ def _least_squares(A: Array, Z: Array, weight: Array, prior: float) -> tuple[Arr
     return X @ np.append(1.0, o), o
 
 
-def _better_explained(
-    A: Array, gaze: Array, W: Array, o: Array, seen: Array, follows: bool
-) -> tuple[Array, Array, Array]:
-    """A Gauss–Newton step of W (m, 3) and o (4,) towards the gaze postures (N, 3) that were observed, from what they
-    have the eyes see: nearly `seen` (N, 3) before, returned as it is known then.  The head stays as it was `seen`,
-    which leads there from far, or `follows` what the step has the eyes see, which ends sooner."""
+def _gauss_newton(A: Array, gaze: Array, W: Array, o: Array, seen: Array, moves: bool) -> tuple[Array, Array, Array]:
+    """One Gauss–Newton step of W (m, 3) and o (4,) towards the observed gaze postures (N, 3).
+
+    Linearised about `seen` (N, 3), the gaze that the previous W and o predict; returned updated.  The head stays at
+    `seen`, which converges from far, or `moves` with the predicted gaze, which converges faster."""
     carried = _carried(seen)
     seen = gaze_at(A @ W - carried @ o)
-    place, slope = _fixated(seen, o if follows else np.zeros(4))
+    place, slope = _fixated(seen, o if moves else np.zeros(4))
     G = np.linalg.inv(slope)  # ∂gaze/∂place
-    if follows:
+    if moves:
         nearer = seen + (G @ (A @ W - place)[..., None])[..., 0]
-        seen = np.clip(nearer, _ANYWHERE.lower, _ANYWHERE.upper)
+        seen = np.clip(nearer, _WIDE.lower, _WIDE.upper)
         carried = _carried(seen)
     off = np.linalg.norm(gaze - seen, axis=1)
     middle = np.median(off) + _NO_ERROR
@@ -148,7 +145,7 @@ def _better_explained(
 
 
 def _fixated(gaze_rad: Array, o: Array) -> tuple[Array, Array]:
-    """Places (N, 3) that gaze postures (N, 3) fixate, in eye distances, and their slopes (N, 3, 3)."""
+    """Points (N, 3) that gaze postures (N, 3) fixate, in eye distances, and their Jacobians (N, 3, 3)."""
     h = 1e-7
     asked = np.concatenate([gaze_rad, *(gaze_rad + h * axis for axis in np.eye(3))])
     here, *there = (crossing(asked) + _carried(asked) @ o).reshape(4, -1, 3)
@@ -164,7 +161,7 @@ def _products(bases: list[Array]) -> Array:
 
 
 def _carried(gaze_rad: Array) -> Array:
-    """(N, 3, 4) ahead of the face, to its right and up, and ahead of the neck where only its pitch has turned."""
+    """(N, 3, 4) C: unit vectors ahead of the face, to its right and up, and ahead of the neck after its pitch."""
     yaw, pitch, _ = gaze_rad.T
     cy, sy, cp, sp, none = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.zeros(len(yaw))
     axes = [(sy, cy * sp, cy * cp), (cy, -sy * sp, -sy * cp), (none, cp, -sp), (none, sp, cp)]
