@@ -137,7 +137,7 @@ class ReachOracle:
     def _covered(self, points: Array, starts: Array, coverage: DirectionCoverage) -> Array:
         """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
         if self.hand.normals is None:
-            raise ValueError(f"{coverage} of a hand of which is not known how it faces; expected its normals")
+            raise ValueError(f"{coverage} of a hand without normals; expected its normals")
         met = np.zeros((len(points), coverage.n), bool)
         ends, inverse = (self.lower, self.upper), self.params.inverse
         for start in starts:
@@ -159,7 +159,7 @@ class ReachOracle:
         border[failed] = np.where(settled[:, None], self.hand.gaze(nearest, self._beyond()), np.nan)
         error = found.error.copy()
         error[failed] = np.where(settled, error[failed], np.nan)
-        return Labels(gaze, found.reachable, error, found.good, border)
+        return Labels(gaze, found.reachable, error, found.quality, border)
 
     def starts(self, points: Array) -> Array:
         """(2, n, k) for each point (n, 3), of the postures whose hand was nearest to it, the nearest and the one most
@@ -291,7 +291,7 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
 
 
 def _near_border(
-    border: GazeSpline, labels: Labels, n: int, params: MapParams, rng: np.random.Generator
+    border: Callable[[Array], Array], labels: Labels, n: int, params: MapParams, rng: np.random.Generator
 ) -> tuple[Array, float]:
     """(n, 3) gaze postures in the band about the border (or nearest to it where the band is small), those farthest from
     the labels so far; and the share of all gaze postures that lies in the band."""

@@ -40,8 +40,8 @@ def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.rando
     assert activation(memory, 0.05, 0.5, device=device) == pytest.approx(activation(memory, 0.05, 0.5), abs=1e-12)
 
 
-@pytest.mark.parametrize("device", DEVICES)
-def test_reachability(device: str, rows: int, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("device", [None, *DEVICES])
+def test_reachability(device: str | None, rows: int, rng: np.random.Generator) -> None:
     """Against SciPy's interpolation in yaw, pitch and ln tan(vergence/2)."""
     limits, shape = GazeLimits(), (5, 6, 7)
     values = rng.uniform(-0.3, 0.3, shape), rng.uniform(0, 1, shape), rng.uniform(0, 0.2, shape)

@@ -276,3 +276,10 @@ def test_a_taxel_comes_once():
     memory = random_memory()
     with pytest.raises(ValueError, match="24 taxels, 23 different names"):
         replace(memory, taxel_ids=(memory.taxel_ids[1], *memory.taxel_ids[1:]))
+
+
+def test_the_upper_limit_of_a_single_bin_does_not_count():
+    empty = PPSMemory.empty(FOREARMS, MemoryParams(bins=(8, 1)))
+    for ttc_s, n in ((3.0, 0), (np.nextafter(3.0, 0), 1)):
+        memory = count_samples(empty, np.full((1, N), 0.1), np.full((1, N), ttc_s), touched(0))
+        assert memory.counts[0, ..., 0].sum() == n

@@ -167,3 +167,9 @@ def test_of_a_large_object_the_surface_counts_as_far_as_the_field_reaches():
     assert one((0, 0, 0.24), (0, 0, -0.1), surface, radius_m=0.05) == pytest.approx((0.19, 1.9))
     assert np.isnan(one((0, 0, 0.26), (0, 0, -0.1), surface, radius_m=0.05)).all()
     assert np.isnan(one((0, 0, 0.24), (0, 0, -0.1), radius_m=0.05)).all()
+
+
+def test_the_cone_ends_at_its_length():
+    for distance, perceived in ((0.2 * (1 - 1e-9), True), (0.2 * (1 + 1e-6), False)):
+        D, TTC = distance_and_ttc(FIELD, [[0, 0, distance]], UP, (0, 0, -0.1))
+        assert np.isfinite([D, TTC]).all() == perceived

@@ -93,7 +93,7 @@ def test_fewer_samples_than_unknowns_are_held_by_the_prior(babbled):
 
 
 def test_one_hundred_exact_samples_teach_the_arm(babbled):
-    """247 unknowns, 300 angles: 0.01° on average; with a ridge of 1e-12 in place of the prior of the first estimate 0.05°."""
+    """247 unknowns, 300 angles: 0.01° on average; with a ridge of 1e-12 in place of the first prior 0.05°."""
     train, errors = babbled[0], []
     for k in range(0, 1000, 200):
         learned = RevoluteArm()

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from data import SEED
 
-from learning.reach.map import both, load_map, save_map
-from learning.reach.training import ArmLimits, HandModel, MapParams, ReachOracle, train_reachable_map
+from learning.reach.map import Labels, ReachableMap, both, load_map, save_map
+from learning.reach.training import ArmLimits, HandModel, MapParams, ReachOracle, _near_border, train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -296,3 +297,31 @@ def test_it_stops_when_sure_enough_and_goes_on_when_asked():
     assert wrong[1] < wrong[0]
     with pytest.raises(ValueError, match="to go on from"):
         train_reachable_map(ROBOT, "left", np.random.default_rng(12), rough, into=first)
+
+
+def test_both_hands_have_the_worse_of_every_number():
+    none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    rng = np.random.default_rng(SEED)
+    parts = [tuple(rng.uniform(0, 1, (2, 3, 4)) for _ in range(3)) for _ in range(2)]
+    left = ReachableMap("left", LIMITS, *parts[0], 1.0, 0.03, 0.01, none, 5)
+    right = ReachableMap("right", LIMITS, *parts[1], 2.0, 0.02, 0.04, none, 7)
+    for made in (both(left, right), both(right, left)):
+        np.testing.assert_array_equal(made.signed_distance, np.minimum(parts[0][0], parts[1][0]))
+        np.testing.assert_array_equal(made.optimality, np.minimum(parts[0][1], parts[1][1]))
+        np.testing.assert_array_equal(made.error_m, np.maximum(parts[0][2], parts[1][2]))
+        assert (made.max_error_m, made.softness, made.unanswered) == (2.0, 0.03, 12)
+        assert made.expected_error == pytest.approx(0.05)
+
+
+def test_labels_are_asked_for_near_the_border_and_far_from_earlier_ones():
+    """The border is the plane of yaw 0; earlier labels lie in the lower half of the pitch."""
+    rng, params = np.random.default_rng(SEED), MapParams()
+    earlier = rng.uniform(LIMITS.lower, LIMITS.upper, (2000, 3))
+    earlier = earlier[earlier[:, 1] < 0.5 * (LIMITS.lower[1] + LIMITS.upper[1])]
+    n = len(earlier)
+    labels = Labels(earlier, np.ones(n, bool), np.zeros(n), np.zeros(n), np.full((n, 3), np.nan))
+    asked, share = _near_border(lambda gaze: 0.3 * gaze[:, 0], labels, 300, params, rng)
+    low, high = np.array(params.border_band) / 0.3
+    assert ((asked[:, 0] >= low) & (asked[:, 0] <= high)).mean() > 0.99
+    assert (asked[:, 1] > 0.5 * (LIMITS.lower[1] + LIMITS.upper[1])).mean() > 0.7
+    assert share == pytest.approx((high - low) / (LIMITS.upper[0] - LIMITS.lower[0]), rel=0.15)
