@@ -96,6 +96,6 @@ def test_a_palm_outside_its_sphere_is_brought_back(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])
-def test_a_velocity_that_is_none_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
+def test_a_velocity_that_is_not_finite_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="expected three finite numbers"):
         arm_velocity(PARAMS, robot.at(home(robot)), "left", "left_palm", (0, 0, 0), velocity, REST)

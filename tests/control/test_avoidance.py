@@ -20,7 +20,7 @@ AT_ONCE = AvoidanceParams(PARAMS.home_arm_rad, confirm_s=0.0)
 FOREARM = icub_skin(("left_forearm",))
 
 
-def felt(skin: Skin, **activations: float) -> Array:
+def activations_of(skin: Skin, **activations: float) -> Array:
     a = np.zeros(len(skin.taxel_ids))
     for name, value in activations.items():
         part, _, taxel = name.rpartition("_")
@@ -28,7 +28,7 @@ def felt(skin: Skin, **activations: float) -> Array:
     return a
 
 
-def live(
+def simulate(
     robot: Robot, activations: list[Array], params: AvoidanceParams = PARAMS
 ) -> Iterator[tuple[Array, Array, Response]]:
     """Runs the arm through a list of activations; yields (q before, command, response)."""
@@ -43,7 +43,9 @@ def live(
 def test_p_and_n_are_activation_weighted_means_over_what_exceeds_the_threshold(robot: Robot) -> None:
     posture = robot.at(home(robot))
     positions, normals = FOREARM.at(posture)
-    a = felt(FOREARM, left_forearm_27=0.5, left_forearm_135=1.0, left_forearm_15=0.4)  # 0.4 does not exceed 0.4
+    a = activations_of(
+        FOREARM, left_forearm_27=0.5, left_forearm_135=1.0, left_forearm_15=0.4
+    )  # 0.4 does not exceed 0.4
     found = control_point(0.4, posture, FOREARM, a)
     assert found is not None
     frame, p, n = found
@@ -57,12 +59,12 @@ def test_p_and_n_are_activation_weighted_means_over_what_exceeds_the_threshold(r
 @pytest.mark.parametrize(
     ("forearm", "palms", "part"), [(0.9, (0.6, 0.6), "left_palm"), (0.9, (0.6, 0.0), "left_forearm")]
 )
-def test_the_most_excited_body_part_answers(
+def test_the_most_active_body_part_has_the_control_point(
     robot: Robot, forearm: float, palms: tuple[float, float], part: str
 ) -> None:
     """By the sum of its activations."""
     skin = icub_skin(("left_forearm", "left_palm"))
-    a = felt(skin, left_forearm_27=forearm, left_palm_101=palms[0], left_palm_99=palms[1])
+    a = activations_of(skin, left_forearm_27=forearm, left_palm_101=palms[0], left_palm_99=palms[1])
     found = control_point(0.4, robot.at(home(robot)), skin, a)
     assert found is not None
     assert found[0] == part
@@ -70,8 +72,8 @@ def test_the_most_excited_body_part_answers(
 
 def test_an_arm_that_responds_follows_a_new_activation_at_once(robot: Robot) -> None:
     """Activation that pauses for a frame and moves on to another taxel needs no second confirmation."""
-    first, second = felt(FOREARM, left_forearm_27=1.0), felt(FOREARM, left_forearm_87=1.0)
-    *_, before, pause, after = live(robot, [first] * 5 + [0 * first, second])
+    first, second = activations_of(FOREARM, left_forearm_27=1.0), activations_of(FOREARM, left_forearm_87=1.0)
+    *_, before, pause, after = simulate(robot, [first] * 5 + [0 * first, second])
     assert before[2].mode == pause[2].mode == after[2].mode == "avoid"
     normal = FOREARM.at(robot.at(after[0]))[1][FOREARM.index("left_forearm:87")]
     np.testing.assert_allclose(after[2].velocity_root, -0.1 * normal, atol=1e-12)
@@ -85,7 +87,7 @@ def test_an_arm_without_skin_has_no_control_point(robot: Robot) -> None:
 def test_the_control_point_moves_10_cm_per_second_along_the_normal(robot: Robot, behaviour: str, sign: int) -> None:
     params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour, confirm_s=0.0)  # type: ignore[arg-type]
     i = FOREARM.index("left_forearm:27")
-    ((q, dq, response),) = live(robot, [felt(FOREARM, left_forearm_27=0.8)], params)
+    ((q, dq, response),) = simulate(robot, [activations_of(FOREARM, left_forearm_27=0.8)], params)
     (p, n), p_next = (array[i] for array in FOREARM.at(robot.at(q))), FOREARM.at(robot.at(q + 1e-4 * dq))[0][i]
     assert response.mode == behaviour
     np.testing.assert_allclose(response.velocity_root, sign * 0.1 * n)
@@ -93,14 +95,14 @@ def test_the_control_point_moves_10_cm_per_second_along_the_normal(robot: Robot,
     np.testing.assert_allclose((p_next - p) / 1e-4, sign * 0.1 * n, atol=0.005)
 
 
-def test_nothing_felt_nothing_done(robot: Robot) -> None:
-    for _, dq, response in live(robot, [felt(FOREARM, left_forearm_27=0.4)] * 20):
+def test_without_activation_nothing_is_commanded(robot: Robot) -> None:
+    for _, dq, response in simulate(robot, [activations_of(FOREARM, left_forearm_27=0.4)] * 20):
         assert response.mode == "idle"
         assert not np.any(dq)
         assert not np.any(response.velocity_root)
 
 
-def test_an_arm_that_someone_else_moves_is_left_alone(robot: Robot) -> None:
+def test_an_idle_arm_away_from_home_stays_there(robot: Robot) -> None:
     """Idle away from home: only an answer of its own ends in a return."""
     q = home(robot)
     q[robot.indices(("left_elbow",))] += 20 * DEG
@@ -109,9 +111,9 @@ def test_an_arm_that_someone_else_moves_is_left_alone(robot: Robot) -> None:
     assert not np.any(command.dq_rad_s)
 
 
-def test_the_answer_persists_then_the_arm_goes_home_smoothly_and_rests(robot: Robot) -> None:
-    on = felt(FOREARM, left_forearm_27=1.0)
-    run = list(live(robot, [on] * 12 + [0 * on] * 120, AT_ONCE))
+def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot: Robot) -> None:
+    on = activations_of(FOREARM, left_forearm_27=1.0)
+    run = list(simulate(robot, [on] * 12 + [0 * on] * 120, AT_ONCE))
     modes = [response.mode for _, _, response in run]
     assert modes[:12] == ["avoid"] * 12
     n_persist = modes[12:].index("return")
@@ -136,26 +138,28 @@ def test_the_return_keeps_the_joints_rate_limit(robot: Robot) -> None:
     assert np.abs(command.dq_rad_s).max() <= PARAMS.arm.max_rate_rad_s + 1e-9
 
 
-def test_what_is_felt_for_three_frames_only_is_not_answered(robot: Robot) -> None:
-    on = felt(FOREARM, left_forearm_27=1.0)
+def test_activation_of_three_frames_is_not_confirmed(robot: Robot) -> None:
+    on = activations_of(FOREARM, left_forearm_27=1.0)
     flicker = [on, on, on, 0 * on] * 5
-    assert {response.mode for _, _, response in live(robot, flicker)} == {"idle"}
-    modes = [response.mode for _, _, response in live(robot, [on] * 5)]
+    assert {response.mode for _, _, response in simulate(robot, flicker)} == {"idle"}
+    modes = [response.mode for _, _, response in simulate(robot, [on] * 5)]
     assert modes == ["idle", "idle", "idle", "avoid", "avoid"]
 
 
-def test_a_new_threat_on_the_way_home_is_answered(robot: Robot) -> None:
-    on = felt(FOREARM, left_forearm_27=1.0)
-    modes = [response.mode for _, _, response in live(robot, [on] * 10 + [0 * on] * 12 + [on], AT_ONCE)]
+def test_activation_during_the_return_is_responded_to(robot: Robot) -> None:
+    on = activations_of(FOREARM, left_forearm_27=1.0)
+    modes = [response.mode for _, _, response in simulate(robot, [on] * 10 + [0 * on] * 12 + [on], AT_ONCE)]
     assert modes[-2:] == ["return", "avoid"]
 
 
 @pytest.mark.parametrize("taxel", FOREARM.parts[0].ids)
 @pytest.mark.parametrize("behaviour", ["avoid", "reach"])
-def test_a_lasting_threat_drives_the_palm_no_further_than_its_sphere(robot: Robot, taxel: int, behaviour: str) -> None:
+def test_persistent_activation_moves_the_palm_no_further_than_its_sphere(
+    robot: Robot, taxel: int, behaviour: str
+) -> None:
     params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour)  # type: ignore[arg-type]
-    on = felt(FOREARM, **{f"left_forearm_{taxel}": 1.0})
-    palm = [robot.at(q).point("left_palm") for q, _, _ in live(robot, [on] * 80, params)]
+    on = activations_of(FOREARM, **{f"left_forearm_{taxel}": 1.0})
+    palm = [robot.at(q).point("left_palm") for q, _, _ in simulate(robot, [on] * 80, params)]
     away = np.linalg.norm(np.array(palm) - palm[0], axis=1)
     assert 0.05 < away.max() < 0.202
 
@@ -181,7 +185,7 @@ def test_activations_that_are_not_one_number_a_taxel_are_refused(robot: Robot, a
         ({"behaviour": "flee"}, "'flee' by"),
     ],
 )
-def test_an_arm_that_could_not_answer_is_refused(changes: dict[str, object], says: str) -> None:
+def test_bad_parameters_are_refused(changes: dict[str, object], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         replace(PARAMS, **changes)  # type: ignore[arg-type]
 
@@ -242,7 +246,7 @@ class Encounter:
 
 @pytest.mark.parametrize("relative", [False, True], ids=["ball's speed", "relative speed"])
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_no_ball_ever_touches_an_arm_that_is_warned(
+def test_no_ball_touches_an_arm_with_avoidance(
     robot: Robot, rng: np.random.Generator, side: str, relative: bool
 ) -> None:
     skin = icub_skin((f"{side}_forearm",))  # type: ignore[arg-type]
@@ -252,7 +256,7 @@ def test_no_ball_ever_touches_an_arm_that_is_warned(
         assert not encounter.touches(params, lead_s=1.2, relative=relative)
 
 
-def test_the_same_ball_touches_an_arm_that_is_not_warned(robot: Robot, rng: np.random.Generator) -> None:
+def test_the_same_ball_touches_an_arm_without_activation(robot: Robot, rng: np.random.Generator) -> None:
     for taxel in range(12):
         assert Encounter(robot, FOREARM, taxel, rng, 0.1).touches(PARAMS, lead_s=-1.0)
 
@@ -270,7 +274,7 @@ def test_two_control_periods_of_warning_are_enough(robot: Robot, rng: np.random.
 def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot: Robot) -> None:
     """And it begins anew what it feels then: nothing is carried over from before it was allowed."""
     params = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach", confirm_s=0.1)
-    posture, a = robot.at(home(robot)), felt(FOREARM, left_forearm_27=0.9)
+    posture, a = robot.at(home(robot)), activations_of(FOREARM, left_forearm_27=0.9)
     modes, state = [], AvoidanceState()
     for k, may in enumerate([None] * 4 + [True] * 4 + [None] + [True] * 3):
         given = {} if may is None else {"may_reach": may}

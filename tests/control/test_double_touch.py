@@ -39,7 +39,7 @@ def by_the_skin(robot: Robot, taxel: int, touch: DoubleTouch) -> tuple[np.ndarra
     return np.array(height), np.array(aside)
 
 
-def test_most_starts_lead_to_a_touch_and_the_others_say_why(planned):
+def test_most_starts_lead_to_a_touch_and_the_others_have_a_reason(planned):
     outcomes = [found for one in planned.values() for found in one]
     reasons = [found for found in outcomes if not isinstance(found, DoubleTouch)]
     print(f"seed {SEED}: {len(outcomes)} starts, {reasons}")
@@ -97,7 +97,7 @@ def test_the_speed_is_that_of_a_minimum_jerk_movement_that_presses_on(robot, tou
         assert speed[0] < 0.2 * speed.max()
 
 
-def test_what_cannot_be_is_said(robot):
+def test_every_reason_of_failure_is_reported(robot):
     rng = np.random.default_rng(1)
     rushed = DoubleTouching(robot, PART, DoubleTouchParams(max_rate_rad_s=np.deg2rad(2.0)))
     assert set(rushed.plan(0, 2, rng)) == {"too fast"}

@@ -115,7 +115,7 @@ def test_a_moving_point_is_held_although_it_is_seen_one_frame_late(robot: Robot,
     assert worst < 2 * DEG
 
 
-def test_the_image_alone_will_do(robot: Robot) -> None:
+def test_triangulated_pixels_are_fixated(robot: Robot) -> None:
     """Two raw, distorted pixel centres a frame, as a blob finder gives them."""
     rig, p, q = icub_rig(robot), np.array([-0.35, -0.12, 0.2]), gaze_at(robot, home(robot), (-0.4, 0.0, 0.25))
     for _ in range(30):
@@ -194,6 +194,6 @@ def test_fixation_error_is_the_worse_eyes_angle(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("p", "v"), [((np.nan, 0, 0), (0, 0, 0)), ((-0.3, 0, 0), (0, np.inf, 0)), ((-0.3, 0), (0, 0, 0))]
 )
-def test_an_unknown_target_is_refused(robot: Robot, p: tuple[float, ...], v: tuple[float, ...]) -> None:
+def test_a_target_that_is_not_finite_is_refused(robot: Robot, p: tuple[float, ...], v: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="expected a known point and velocity"):
         step(PARAMS, robot.at(home(robot)), p, v)

@@ -74,6 +74,11 @@ def test_what_lies_aside_is_brought_into_reach_and_the_arm_goes_to_its_goal():
     np.testing.assert_allclose(q[ARM], [*GOAL, 0, 0, 0], atol=np.deg2rad(0.3))
     assert max(fixation_error(ROBOT.at(q), ASIDE) for _, q, _ in rows) < np.deg2rad(0.5)
     assert max(np.abs(dq[TORSO]).max() for _, _, dq in rows) <= np.deg2rad(15) + 1e-9
+    neck = ROBOT.indices(ROBOT.names.gaze_joints[:2])
+    turning = [dq for mode, _, dq in rows if mode == "turning"]
+    reaching = [dq for mode, _, dq in rows if mode == "reaching"]
+    assert max(np.abs(dq[ARM]).max() for dq in reaching) == pytest.approx(PARAMS.arm_rad_s)
+    assert max(np.abs(dq[neck]).max() for dq in turning) == pytest.approx(PARAMS.gaze_rad_s)
 
 
 def test_what_is_within_reach_needs_no_turn():
@@ -132,7 +137,7 @@ def test_the_torso_ends_near_where_the_plan_ends():
     np.testing.assert_allclose(way[-1], rows[-1][1][TORSO], atol=PARAMS.lattice_rad)
 
 
-def test_the_gaze_beyond_the_limits_stands_for_nothing():
+def test_a_gaze_beyond_the_limits_is_nan():
     looking_down = GazeLimits(pitch_rad=(np.deg2rad(-40), np.deg2rad(-20)))
     posture = ROBOT.at(gaze_at(ROBOT, START, [-0.4, 0.0, 0.34]))
     assert np.isnan(fixated_gaze(posture, looking_down)).all()

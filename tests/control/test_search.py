@@ -48,7 +48,7 @@ def test_below_the_necks_end_the_eyes_tilt_searches_on(robot: Robot) -> None:
     assert gazes[:, 1].min() >= -40 * DEG - 1e-9
 
 
-def test_the_seed_decides(robot: Robot) -> None:
+def test_equal_seeds_give_equal_searches(robot: Robot) -> None:
     q = home(robot)
     np.testing.assert_array_equal(look_around(robot, q, 50, seed=3), look_around(robot, q, 50, seed=3))
     assert not np.allclose(look_around(robot, q, 50, seed=3), look_around(robot, q, 50, seed=4))

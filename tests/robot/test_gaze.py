@@ -22,7 +22,7 @@ def random_gaze(n, limits=None):
     return np.random.default_rng(0).uniform(limits.lower, limits.upper, (n, 3))
 
 
-def test_the_check_of_the_kinematic_tables():
+def test_the_published_fixation_point_at_20_degrees_of_vergence():
     np.testing.assert_allclose(fixation_points(ROBOT, [[0, 0, np.deg2rad(20)]]), [[-0.2556, 0, 0.3408]], atol=1e-4)
 
 
@@ -38,7 +38,7 @@ def test_batch_and_posture_agree_and_both_eyes_look_there():
             assert z > 0
 
 
-def test_any_posture_even_where_the_eyes_do_not_quite_meet():
+def test_skew_optical_axes_give_the_midpoint_between_them():
     """With the left eye turned about its own axis of sight's normal the rays are skew: the midpoint is
     as far from one ray as from the other, and no point is nearer to both."""
     posture = ROBOT.at(set_gaze(ROBOT, ZERO + 0.1, version=0.2, vergence=0.3))
@@ -78,7 +78,7 @@ def test_axes_that_cross_behind_one_eye_only_fixate_nothing(pans_deg):
 
 
 @pytest.mark.parametrize("limits", [GazeLimits(), GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))])
-def test_there_and_back(limits):
+def test_gaze_of_a_fixation_point_is_the_gaze_posture(limits):
     gaze = random_gaze(500, limits)
     np.testing.assert_allclose(gaze_for_points(ROBOT, fixation_points(ROBOT, gaze), limits), gaze, atol=1e-9)
 
@@ -103,7 +103,7 @@ def test_closed_form_and_least_squares_agree_everywhere_around_the_robot():
         np.testing.assert_allclose(gaze, gaze_by_least_squares(MODEL, points, limits), atol=1e-6)
 
 
-def test_a_turned_torso_carries_what_the_head_and_the_arms_see():
+def test_points_that_the_torso_carries_back_to_upright():
     """Pinocchio's chest, which all joints of the torso move, roll too, and no joint of the neck or an arm."""
     rng = np.random.default_rng(2)
     for _ in range(20):
@@ -113,7 +113,7 @@ def test_a_turned_torso_carries_what_the_head_and_the_arms_see():
         np.testing.assert_allclose(MODEL.to_upright(ROBOT.at(q).q_rad, turned), point, atol=1e-12)
 
 
-def test_the_gaze_that_stands_for_eyes_that_tilt_and_turn_aside():
+def test_the_gaze_posture_with_the_fixation_point_of_any_posture():
     q = set_gaze(ROBOT, home(ROBOT), 0.2, -0.3, -0.2, 0.15, 0.35)
     q[ROBOT.indices(("neck_roll",))] = 0.25
     upright = fixation_point(ROBOT.at(q))

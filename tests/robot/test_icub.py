@@ -143,7 +143,7 @@ def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
     np.testing.assert_allclose(q[robot.indices(robot.names.gaze_joints)], [0.1, -0.2, 0.05, 0.16, -0.04])
 
 
-def test_encoders_go_round(robot: Robot) -> None:
+def test_encoders_to_joints_and_back(robot: Robot) -> None:
     rng = np.random.default_rng(5)
     for _ in range(20):
         q = rng.uniform(robot.lower_rad, robot.upper_rad)

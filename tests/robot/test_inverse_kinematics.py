@@ -13,7 +13,7 @@ ARM = ROBOT.names.arm("right")
 LOWER, UPPER = (bound[ROBOT.indices(ARM)] for bound in (ROBOT.lower_rad, ROBOT.upper_rad))
 
 
-def test_reaches_what_the_arm_was_seen_to_reach():
+def test_positions_of_random_postures_are_reached():
     rng = np.random.default_rng(0)
     chain = Chain.of(ROBOT, ARM, "right_index_tip")
     targets, _ = chain.positions(rng.uniform(LOWER, UPPER, (500, 7)))

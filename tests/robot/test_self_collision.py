@@ -99,7 +99,7 @@ def test_adjacent_bodies_are_not_compared(roll_deg: float):
     assert SelfCollision(ROBOT).distance_m(q) == pytest.approx(reference(q), abs=1e-3)
 
 
-def test_an_ignored_body_counts_no_more():
+def test_ignored_bodies_do_not_count():
     """Postures in which nothing is as near as the right index finger."""
     rng, finger = np.random.default_rng(2), ("right_palm_4",)
     every, without = SelfCollision(ROBOT), SelfCollision(ROBOT, finger)

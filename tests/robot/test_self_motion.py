@@ -43,7 +43,7 @@ def test_it_walks_to_the_best_of_the_whole_curve():
     assert np.median(good - measure(q, None)) > 0.01
 
 
-def test_a_stride_that_loses_the_target_does_not_count():
+def test_postures_off_the_target_do_not_count():
     """Steps so long that two corrections do not bring the hand back, although the limits allow them."""
     rng = np.random.default_rng(SEED)
     q = rng.uniform(-1.5, 1.5, (300, 3))

@@ -40,12 +40,25 @@ def test_the_batch_against_the_closed_form():
     assert (found.reachable == reachable).mean() >= 0.97, "six random starts (FACTS §6: 96.8–99.2 % with 2–4)"
     off = np.linalg.norm(CHAIN.positions(found.q_rad)[0] - points, axis=1)
     assert (off[found.reachable] <= 1e-4).all()
+    np.testing.assert_allclose(off[~found.reachable], found.error[~found.reachable], atol=1e-9)
+    np.testing.assert_allclose(found.quality[found.reachable], EFFORT(found.q_rad[found.reachable], None), atol=1e-12)
     assert np.all((found.q_rad >= LOWER) & (found.q_rad <= UPPER))
     both = found.reachable & reachable
     short = (1 - effort[both]) - found.quality[both]
     assert short.min() > -5e-3, "better than the best: only by what the tolerance allows"
     assert np.quantile(short, 0.95) < 0.01
     assert np.isnan(found.quality[~found.reachable]).all()
+
+
+def test_the_best_posture_of_all_starts_is_kept():
+    points, starts = problems(60, 2)
+    both, *single = (
+        two_stage(CHAIN.positions, points, some, LOWER, UPPER, EFFORT) for some in (starts, starts[:1], starts[1:])
+    )
+    best = np.fmax(single[0].quality, single[1].quality)
+    np.testing.assert_array_equal(both.quality, best)
+    assert (single[0].quality > single[1].quality + 1e-6).any()
+    assert (single[1].quality > single[0].quality + 1e-6).any()
 
 
 def test_what_does_not_converge_is_not_called_reachable():

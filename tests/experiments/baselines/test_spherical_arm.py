@@ -37,7 +37,7 @@ def arm(side):
     return SphericalArm.of(CHAINS[side], LOWER, UPPER)
 
 
-def test_whatever_an_arm_reached_is_reached_again(arm, side, rng):
+def test_positions_of_random_postures_are_reached(arm, side, rng):
     points = np.array([palm(side, q) for q in rng.uniform(LOWER, UPPER, (300, 4))])
     q = arm.solve(points)
     assert np.isfinite(q).all()
@@ -47,7 +47,7 @@ def test_whatever_an_arm_reached_is_reached_again(arm, side, rng):
     np.testing.assert_allclose(again, points, atol=1e-9)
 
 
-def test_what_it_denies_no_search_finds(arm, side, rng):
+def test_unreachable_points_are_not_found_by_least_squares(arm, side, rng):
     """Points anywhere about the shoulder: a posture that is found gets there, and where none is, descent from sixteen
     starts stops short."""
     points = arm.shoulder + rng.uniform(-0.4, 0.4, (400, 3))
@@ -104,7 +104,7 @@ def test_least_effort_is_never_beaten(arm, side, rng):
     assert np.isnan(none).all()
 
 
-def test_refuses_what_is_no_such_arm(arm):
+def test_arms_of_other_geometry_are_refused(arm):
     with pytest.raises(ValueError, match="four joints"):
         SphericalArm.of(Chain.of(ROBOT, ROBOT.names.arm("left")[:3], "left_palm"), LOWER, UPPER)
     with pytest.raises(ValueError, match="spherical shoulder"):
