@@ -25,8 +25,9 @@ from pps_vision.geometry.camera import Camera
 from pps_vision.types import StereoFrame
 from tracking.appearance import ColorModel, color_bins
 from tracking.kernels import BAND, LEAST_DET, LEVEL_VAR, SMALL_PX, UNIT, Moments
-from tracking.marker import Found, MarkerParams
+from tracking.marker import MarkerParams
 from tracking.outline import Optics, outline_of
+from tracking.stereo import Found
 from tracking.tracker import Appearance, Tracker, TrackerStep
 
 _PATCH = 64  # px at an image width of 320 px: side of the patch around a blob

@@ -17,10 +17,10 @@ from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import Background
 from tracking.ego_motion import Box, EgoMotion
 from tracking.kalman import Belief
-from tracking.marker import Found, MarkerParams, find_markers
+from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
-from tracking.stereo import CameraFrame
+from tracking.stereo import CameraFrame, Found
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 _WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object

@@ -15,9 +15,6 @@ from tracking.outline import Optics, Outline, fit_outline
 
 _MARGIN_PX = 8  # of background around a blob, from which the outline takes its background colour
 
-Found = list[Outline] | None
-"""Outlines of the object in an image, at most one; None if the image has not been searched, or not with certainty."""
-
 
 @dataclass(frozen=True)
 class MarkerParams:

@@ -13,24 +13,29 @@ from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Image, Observation3D, StereoFrame
 from tracking.outline import Outline
 
+Found = list[Outline] | None
+"""Outlines of the object in an image, at most one; None if the image has not been searched, or not with certainty."""
+
 
 class CameraFrame(NamedTuple):
-    """One camera's image, its pose and stamp, and the robot's joints then (None: no robot)."""
+    """One camera's image, its pose and stamp, the robot's joints then (None: no robot), and what was found in the image
+    beforehand."""
 
     image: Image
     view: View
     stamp_s: float
     joints_rad: Array | None
+    found: Found = None
 
 
 CameraFrames = tuple[CameraFrame, CameraFrame]  # left, right
 
 
-def camera_frames(frame: StereoFrame, view: StereoView) -> CameraFrames:
+def camera_frames(frame: StereoFrame, view: StereoView, found: tuple[Found, Found] = (None, None)) -> CameraFrames:
     """The left and right half of a stereo frame whose cameras are at `view`."""
     return (
-        CameraFrame(frame.left, view.left, frame.stamp_left_s, frame.joints_left_rad),
-        CameraFrame(frame.right, view.right, frame.stamp_right_s, frame.joints_right_rad),
+        CameraFrame(frame.left, view.left, frame.stamp_left_s, frame.joints_left_rad, found[0]),
+        CameraFrame(frame.right, view.right, frame.stamp_right_s, frame.joints_right_rad, found[1]),
     )
 
 

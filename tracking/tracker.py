@@ -12,16 +12,15 @@ from numba import njit
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import frame_checks, kalman
-from tracking.acquire import Candidate
+from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, Regions, Stages, find_marker_pair
 from tracking.appearance import ColorModel, ReidentificationParams, is_same_object
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
-from tracking.marker import Found, MarkerParams
+from tracking.marker import MarkerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
-from tracking.search import OwnBody, Regions, Search, SearchParams, Stages, search_marker
-from tracking.stereo import Association, CameraFrames, StereoParams, camera_frames, with_pose_error
+from tracking.stereo import Association, CameraFrames, Found, StereoParams, camera_frames, with_pose_error
 
 Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
@@ -49,7 +48,7 @@ class TrackerParams:
     """Time over which the background of grey images is learnt."""
     reidentification: ReidentificationParams = field(default_factory=ReidentificationParams)
     """Gate for detections far from the track."""
-    search: SearchParams = field(default_factory=SearchParams)
+    acquisition: AcquisitionParams = field(default_factory=AcquisitionParams)
     """Motion trigger and acquisition."""
     image: ImageTrackerParams = field(default_factory=ImageTrackerParams)
     """Image tracker of each camera."""
@@ -127,7 +126,7 @@ class Tracker:
             CameraTracker("left", self._optics[0], params.image, marker, params.background_memory_s, rng),
             CameraTracker("right", self._optics[1], params.image, marker, params.background_memory_s, rng),
         )
-        self._search = Search(params.search, self._optics, own_body, stages)
+        self._acquisition = Acquisition(params.acquisition, self._optics, own_body, stages)
         untrained = Association.untrained(params.stereo, rig.left.width)
         self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
         self.state = self._initial
@@ -158,13 +157,13 @@ class Tracker:
         self, state: TrackerState, frame: StereoFrame, view: StereoView, found: tuple[Found, Found]
     ) -> tuple[TrackerState, TrackerStep]:
         """Detect, associate, update, initiate or delete."""
-        cameras, stamp_s = camera_frames(frame, view), frame.stamp_s
         images = frame_checks.fingerprints(frame)
         blind = frame_checks.is_blind(images, state.images)
         grey = self.params.mode == "generic" and frame_checks.is_grey(frame.left)
+        cameras, stamp_s = camera_frames(frame, view, (None, None) if grey else found), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
         state, predicted, detections, regions = self._detect(
-            state, predicted, cameras, view, stamp_s, blind=blind, grey=grey, found=(None, None) if grey else found
+            state, predicted, cameras, view, stamp_s, blind=blind, grey=grey
         )
         with self.stages("triangulation"):
             state, observation = self._associate(state, predicted, cameras, view, stamp_s, detections)
@@ -188,7 +187,6 @@ class Tracker:
         *,
         blind: bool,
         grey: bool,
-        found: tuple[Found, Found],
     ) -> tuple[TrackerState, Belief | None, Detections, Regions]:
         """The object in both images: near the prediction, else anywhere.
 
@@ -198,12 +196,12 @@ class Tracker:
         if blind:
             return state, predicted, _NOTHING, regions
         if predicted is None:
-            state, detections, regions = self._acquire(state, cameras, view, stamp_s, grey=grey, found=found)
+            state, detections, regions = self._acquire(state, cameras, view, stamp_s, grey=grey)
             return state, None, detections, regions
         with self.stages("image"):
-            state, detections = self._follow(state, predicted, cameras, grey=grey, found=found)
+            state, detections = self._follow(state, predicted, cameras, grey=grey)
         if None in detections and state.hits >= self.params.confirm_frames and not grey:
-            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, grey=grey, found=found)
+            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, grey=grey)
             if elsewhere[0] is not None:
                 return acquired, None, elsewhere, regions
         return state, predicted, detections, regions
@@ -215,15 +213,13 @@ class Tracker:
         cameras: CameraFrames,
         *,
         grey: bool,
-        found: tuple[Found, Found],
     ) -> tuple[TrackerState, Detections]:
         """The object near where the track predicts it: as it was found beforehand, if in both images, else searched."""
         last = state.belief or predicted
         each = list(zip(self._cameras, state.cameras, cameras, strict=True))
         priors = [tracker.predict(one, camera, last, predicted) for tracker, one, camera in each]
         left, right = (
-            tracker.accept(one, prior, outlines)
-            for (tracker, one, _), prior, outlines in zip(each, priors, found, strict=True)
+            tracker.accept(one, prior, camera.found) for (tracker, one, camera), prior in zip(each, priors, strict=True)
         )
         if left is not None and right is not None:
             a, b = (
@@ -243,18 +239,17 @@ class Tracker:
         stamp_s: float,
         *,
         grey: bool,
-        found: tuple[Found, Found],
     ) -> tuple[TrackerState, Detections, Regions]:
         """An object anywhere in both images; while one is tracked, that one only."""
         association = state.association
         if self.params.mode == "marker":
             with self.stages("image"):
-                marker = search_marker(self.params.marker, cameras, view, stamp_s, self._optics, association, found)
+                marker = find_marker_pair(self.params.marker, cameras, view, stamp_s, self._optics, association)
             if marker is None or not self._passes_gate(state, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
             return state, _detections(*marker), ([], [])
         scenes = (self._cameras[0].background, self._cameras[1].background) if grey else None
-        pair, regions = self._search.step(cameras, view, stamp_s, scenes, association)
+        pair, regions = self._acquisition.step(cameras, view, stamp_s, scenes, association)
         if pair is None:
             return state, _NOTHING, regions
         outlines = pair[0].outline, pair[1].outline

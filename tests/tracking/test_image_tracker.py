@@ -11,7 +11,7 @@ from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.icub import LEFT_EYE, home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image
-from tracking.acquire import AcquireParams, acquire
+from tracking.acquisition import AcquisitionParams, segment
 from tracking.image_tracker import (
     BoxTracker,
     CameraState,
@@ -93,7 +93,7 @@ def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng:
     for around in (0.0, 0.25, 0.6):
         blue = rng.random(disc.shape) < np.where(disc, 0.9, around)
         image = np.where(blue[..., None], BLUE, RED).astype(np.uint8)
-        taken.append(acquire(AcquireParams(), image, _moved_at((138, 98, 25, 25)), optics) is not None)
+        taken.append(segment(AcquisitionParams(), image, _moved_at((138, 98, 25, 25)), optics) is not None)
     assert taken == [True, True, False]
 
 
@@ -105,7 +105,7 @@ def test_what_fills_little_of_its_box_is_no_object(rng: np.random.Generator) -> 
         image = np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120.0)
         image[(abs(v - 110 - slope * (u - 150)) < 4 * np.hypot(1, slope)) & (abs(u - 150) < 30)] = BLUE
         image = np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
-        assert (acquire(AcquireParams(), image, _moved_at((140, 104, 21, 13)), optics) is not None) == taken
+        assert (segment(AcquisitionParams(), image, _moved_at((140, 104, 21, 13)), optics) is not None) == taken
 
 
 def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random.Generator) -> None:

@@ -1,0 +1,246 @@
+"""Acquisition of an object while none is tracked (R Fig 13, left half).
+
+A motion region grows to the whole object, by its colours; what moves in both eyes and has the same colours and size is
+the object.  A marker needs no motion: it is searched by its hue.
+"""
+
+import itertools
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.geometry.camera import StereoView, View
+from pps_vision.types import Array, Image, Mask
+from tracking import masks
+from tracking.appearance import ColorModel, color_bins, histogram
+from tracking.background import Background
+from tracking.ego_motion import Box
+from tracking.marker import MarkerParams, find_markers
+from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
+from tracking.optical_flow import Flow2D
+from tracking.outline import Optics, Outline, fit_outline
+from tracking.stereo import Association, CameraFrame, CameraFrames
+
+OwnBody = Callable[[Array, View], Mask]
+"""Joints (rad) and an eye's view → the pixels (H, W) where the robot sees itself."""
+Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
+Regions = tuple[list[Region2D], list[Region2D]]
+
+# Saturation of each colour bin, squared; the bins without a hue count as a tenth saturated.
+_VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
+_LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
+
+
+@dataclass(frozen=True)
+class AcquisitionParams:
+    """What counts as an object, and as the same object in both eyes."""
+
+    margin: float = 1.0
+    """Searched around a motion region, relative to its size."""
+    max_likeness: float = 0.8
+    """Bhattacharyya coefficient of a region's colours and its surroundings', above which nothing stands out."""
+    rounds: int = 4
+    """At most so often colours and extent are estimated in turn."""
+    min_area_px: int = 16
+    """Smallest object."""
+    min_fill: float = 0.35
+    """Least share of its box that an object covers."""
+    max_share: float = 0.25
+    """Largest share of the image that an object covers."""
+    min_likeness: float = 0.7
+    """Least Bhattacharyya coefficient of one object's colours in both eyes."""
+    max_ratio: float = 1.2
+    """Largest ratio of one object's angular radii in both eyes."""
+    trigger: TriggerParams = field(default_factory=TriggerParams)
+    """Motion trigger of either eye."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An object that may be tracked, in one image; its evidence is the region's residual, less where its colours are
+    the surroundings'."""
+
+    outline: Outline
+    model: ColorModel
+    evidence: float
+    flow: Flow2D | None
+
+
+class Acquisition:
+    """Finds a moving object anywhere in both images; `step` takes frames in the order of their stamps."""
+
+    def __init__(
+        self, params: AcquisitionParams, optics: tuple[Optics, Optics], own_body: OwnBody | None, stages: Stages
+    ) -> None:
+        self.params, self.own_body, self.stages = params, own_body, stages
+        self._optics = optics
+        self._triggers = tuple(MotionTrigger(params.trigger, one.camera) for one in optics)
+
+    def step(
+        self,
+        cameras: CameraFrames,
+        view: StereoView,
+        stamp_s: float,
+        backgrounds: tuple[Background, Background] | None,
+        association: Association,
+    ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
+        """Return the object in both eyes, if there is one, and the motion regions of each.
+
+        `backgrounds` replace colour in grey images.  The right image is searched only if something moves in the left
+        one; flow need not confirm it again.
+        """
+        with self.stages("trigger"):
+            left = self._trigger(0, cameras[0], confirm=True)
+            right = self._trigger(1, cameras[1], confirm=False) if left else self._remember(1, cameras[1])
+        if not (left and right):
+            return None, (left, right)
+        with self.stages("image"):
+            a, b = (
+                self._candidates(eye, camera, regions, backgrounds)
+                for eye, (camera, regions) in enumerate(zip(cameras, (left, right), strict=True))
+            )
+            pair = self._best_pair(association, view, a, b, stamp_s, grey=backgrounds is not None)
+        return pair and _with_both_colors(*pair), (left, right)
+
+    def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
+        own = self._own(camera)
+        return self._triggers[eye].step(camera.image, camera.view, camera.stamp_s, own, confirm)
+
+    def _remember(self, eye: int, camera: CameraFrame) -> list[Region2D]:
+        self._triggers[eye].remember(camera.image, camera.view, camera.stamp_s, self._own(camera))
+        return []
+
+    def _own(self, camera: CameraFrame) -> Callable[[], Mask] | None:
+        joints, own_body = camera.joints_rad, self.own_body
+        return None if own_body is None or joints is None else lambda: own_body(joints, camera.view)
+
+    def _candidates(
+        self, eye: int, camera: CameraFrame, regions: list[Region2D], backgrounds: tuple[Background, Background] | None
+    ) -> list[Candidate]:
+        evidence = backgrounds[eye].evidence(camera.image, camera.view) if backgrounds else None
+        found = (segment(self.params, camera.image, one, self._optics[eye], evidence) for one in regions)
+        return [candidate for candidate in found if candidate is not None]
+
+    def _best_pair(
+        self,
+        association: Association,
+        view: StereoView,
+        left: list[Candidate],
+        right: list[Candidate],
+        stamp_s: float,
+        *,
+        grey: bool,
+    ) -> tuple[Candidate, Candidate] | None:
+        """The two candidates that are one object, those with most evidence."""
+        best, most = None, 0.0
+        for a, b in itertools.product(left, right):
+            likeness = 1.0 if grey else a.model.similarity(b.model.object)
+            ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
+            evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
+            if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > self.params.max_ratio:
+                continue
+            if association.observe(view, a.outline, b.outline, stamp_s):
+                best, most = (a, b), evidence
+        return best
+
+
+def find_marker_pair(
+    params: MarkerParams,
+    cameras: CameraFrames,
+    view: StereoView,
+    stamp_s: float,
+    optics: tuple[Optics, Optics],
+    association: Association,
+) -> tuple[Outline, Outline] | None:
+    """Return the marker anywhere in both images; None where no two blobs are one thing."""
+    lefts, rights = (
+        find_markers(params, camera.image, one) if camera.found is None else camera.found
+        for camera, one in zip(cameras, optics, strict=True)
+    )
+    for a, b in itertools.product(lefts, rights):
+        if association.observe(view, a, b, stamp_s):
+            return a, b
+    return None
+
+
+def segment(
+    params: AcquisitionParams,
+    image: Image,
+    region: Region2D,
+    optics: Optics,
+    evidence: NDArray[np.float32] | None = None,
+) -> Candidate | None:
+    """Return the object whose edge or body moved in `region`; None where nothing stands out there.
+
+    `evidence` (H, W), the probability that a pixel is not the background, replaces colour in grey images.
+    """
+    x, y, w, h = region.box_px
+    height, width = image.shape[:2]
+    reach = int(params.margin * max(w, h)) + 6
+    box = max(x - reach, 0), max(y - reach, 0), min(x + w + reach, width), min(y + h + reach, height)
+    crop = np.s_[box[1] : box[3], box[0] : box[2]]
+    seed = np.zeros((box[3] - box[1], box[2] - box[0]), bool)
+    seed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
+    bins = color_bins(image[crop])
+    mask: Mask | None
+    model: ColorModel | None
+    distinctness = 1.0
+    if evidence is None:
+        mask, model = _grow(params, bins, seed)
+        distinctness = 1 - model.similarity(model.background) if model else 0.0
+    else:
+        mask = _connected(evidence[crop] > 0.5, seed)
+        model = None if mask is None else _model(bins, mask)
+    if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
+        return None
+    shape = _object_outline(params, image, mask, box, optics)
+    return None if shape is None else Candidate(shape, model, region.evidence * distinctness, region.flow)
+
+
+def _object_outline(params: AcquisitionParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
+    """The mask's outline, unless it is too large or too ragged for an object."""
+    shape = fit_outline(image, mask, box, optics)
+    if shape is None or shape.area_px > params.max_share * image.shape[0] * image.shape[1]:
+        return None
+    return shape if shape.area_px >= params.min_fill * shape.box_px[2] * shape.box_px[3] else None
+
+
+def _grow(params: AcquisitionParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
+    """Estimate colours and extent in turn; background in the seed drops out, because it is around as well."""
+    mask: Mask = seed
+    for _ in range(params.rounds):
+        model = _model(bins, mask)
+        if model.similarity(model.background) > params.max_likeness:
+            return None, None
+        hard: Mask = np.asarray(cv2.GaussianBlur(model.table()[bins], (3, 3), 0)) > 0.5
+        grown = _connected(hard, seed, model.backdrop()[bins])
+        if grown is None:
+            return None, None
+        if np.count_nonzero(grown != mask) < 0.02 * np.count_nonzero(grown):
+            break
+        mask = grown
+    return mask, _model(bins, mask)
+
+
+def _model(bins: NDArray[np.uint8], mask: Mask) -> ColorModel:
+    """Colours of the mask, without those of low saturation beside vivid ones, and of what surrounds it."""
+    colors = histogram(bins[mask], _VIVIDNESS[bins[mask]])
+    colors[_LOW_SATURATION * (colors @ _VIVIDNESS) > _VIVIDNESS] = 0.0
+    return ColorModel(colors / colors.sum(), histogram(bins[~masks.dilated(mask, 2)]))
+
+
+def _connected(hard: Mask, seed: Mask, backdrop: Mask | None = None) -> Mask | None:
+    """The component that holds most of the seed, gaps and holes filled."""
+    one = masks.component(masks.closed(hard, masks.square(1)), seed)
+    return None if one is None else masks.filled(one, backdrop)
+
+
+def _with_both_colors(a: Candidate, b: Candidate) -> tuple[Candidate, Candidate]:
+    """Each with the colours of both: what one eye sees of the object now, the other may see later."""
+    seen = 0.5 * (a.model.object + b.model.object)
+    return replace(a, model=replace(a.model, object=seen)), replace(b, model=replace(b.model, object=seen))
