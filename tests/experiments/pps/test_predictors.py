@@ -7,10 +7,11 @@ from data import SEED
 from learning.pps.touch_trial import TouchTrial
 from learning.pps.trials import Trial
 from pps_vision.experiments.pps import calibration
-from pps_vision.experiments.pps.perceived import FOREARM, at_horizon, displacements
-from pps_vision.experiments.pps.predictors import METHODS, Inputs, landing_gap
+from pps_vision.experiments.pps.perceived import FOREARM, PerceivedTrial, at_horizon, displacements
+from pps_vision.experiments.pps.predictors import METHODS, Inputs, by_fine_map, corrected, landing_gap
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
+from pps_vision.types import Array
 
 ROBOT, SKIN = load_icub(), icub_skin()
 POSITIONS, NORMALS = SKIN.at(ROBOT.at(home(ROBOT)))
@@ -63,6 +64,28 @@ def test_a_prediction_uses_nothing_later_than_its_horizon(trials: tuple[Trials, 
         np.testing.assert_allclose(
             predictor(training, Inputs.of(trials[1])), predictor(training, Inputs.of(tuple(changed)))
         )
+
+
+def test_the_fine_map_weighs_other_taxels_a_fifth_and_empty_bins_not_at_all() -> None:
+    """One trial touches the first of two taxels that perceive the same samples: 1 : 0.2 and 0.2 : 1."""
+    left_s, same = np.array([0.5, 0.15]), np.full((2, 2), 0.5)
+    trial = PerceivedTrial(left_s, 0.1 * same, same, np.array([True, False]))
+    inputs = Inputs((trial,), (trial,), (), np.zeros((1, 2)))
+    np.testing.assert_allclose(by_fine_map(inputs, inputs), [[1 / 1.2, 0.2 / 1.2]])
+
+
+def test_the_correction_is_fitted_on_trials_left_out(trials: tuple[Trials, Trials]) -> None:
+    training, test = (Inputs.of(some) for some in trials)
+    overlaps = []
+
+    def predictor(seen: Inputs, asked: Inputs) -> Array:
+        overlaps.append(set(map(id, seen.center)) & set(map(id, asked.center)))
+        return np.full(asked.touched.shape, 0.5)
+
+    p = corrected(predictor)(training, test)
+    assert len(overlaps) == 9  # eight folds and the test trials
+    assert not any(overlaps)
+    np.testing.assert_allclose(p, training.touched.mean())
 
 
 def test_displacements_are_in_the_taxels_frames(trials: tuple[Trials, Trials]) -> None:

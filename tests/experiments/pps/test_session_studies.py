@@ -7,6 +7,8 @@ import pytest
 from data import SEED
 from drawn_study import run_and_draw
 
+from control.double_touch import DoubleTouch, DoubleTouching
+from learning.pps.memory import PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField, perceive
 from learning.pps.touch_trial import TouchTrial, perceived
 from pps_vision.experiments.pps import compensation, double_touches, invariance, landscapes, offsets, table5
@@ -17,6 +19,7 @@ from pps_vision.experiments.pps.invariance import Invariance, in_other_posture
 from pps_vision.experiments.pps.landscapes import TITLES, Landscapes
 from pps_vision.experiments.pps.movements import TRIALS, SessionName
 from pps_vision.experiments.pps.offsets import Offsets
+from pps_vision.experiments.pps.perceived import Session
 from pps_vision.experiments.pps.robot_errors import SOURCES
 from pps_vision.experiments.pps.table5 import PAPER, Table5, load_session
 from pps_vision.experiments.pps.trials import exact_trials
@@ -49,6 +52,18 @@ def test_table_5_has_the_papers_trials_and_counts_the_steps_that_are_perceived(
     assert numbers["sessions"]["inner"]["ours"]["samples"] == n
 
 
+def test_a_session_counts_its_first_trials_and_shows_the_taxel_with_the_most_samples() -> None:
+    session = Session.of("inner", exact_trials("inner", 3, SEED))
+    first = PPSMemory.empty(session.skin)
+    first = count_samples(
+        first, session.perceived[0].distance_m, session.perceived[0].ttc_s, session.perceived[0].touched
+    )
+    np.testing.assert_array_equal(session.memory(n=1).counts, first.counts)
+    memory = session.memory()
+    samples = memory.counts.sum(axis=(1, 2, 3))
+    assert samples[session.shown_taxel(memory)] == samples[list(session.aimed)].max()
+
+
 def test_landscapes_of_all_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table5, "TRIALS", small())
     numbers, charts = run_and_draw(Landscapes(SEED, rendered=False, n=2))
@@ -60,6 +75,8 @@ def test_landscapes_of_all_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
         assert 0 <= low <= high < 8
         assert of["ridge_width_erring_cm"][0] != width
     assert len(numbers["fig9"]) == 2 * len(landscapes.AFTER)
+    pair = {FOREARM.index(title.split(",")[0]) for title in numbers["fig9"]}
+    assert np.linalg.norm(np.subtract(*FOREARM.parts[0].positions_m[list(pair)])) < 0.03  # neighbours
     assert set(charts) == {"", "ridge", "fig9"}
 
 
@@ -71,6 +88,14 @@ def test_a_finger_without_encoder_offsets_touches_the_aimed_taxel(monkeypatch: p
     exact_one, off = numbers["encoder_offsets"].values()
     assert exact_one["aimed_is_touched_percent"][0] == 100
     assert off["aimed_is_touched_percent"][0] < 100
+
+
+def test_a_finger_on_its_way_touches_no_taxel_and_then_the_aimed_one() -> None:
+    planner = DoubleTouching(ROBOT, FOREARM.parts[0])
+    plans = planner.plan(0, 8, np.random.default_rng(SEED))
+    touch = next(plan for plan in plans if isinstance(plan, DoubleTouch))
+    assert double_touches.first_touched(planner, touch.joints_rad[:5]) == len(FOREARM.taxel_ids)
+    assert double_touches.first_touched(planner, touch.joints_rad) == 0
 
 
 def test_offsets_of_an_erring_robot_are_found_within_3_mm(monkeypatch: pytest.MonkeyPatch) -> None:
