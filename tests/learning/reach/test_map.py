@@ -7,7 +7,15 @@ import pytest
 from data import SEED
 
 from learning.reach.map import Labels, ReachableMap, both, load_map, save_map
-from learning.reach.training import ArmLimits, HandModel, MapParams, ReachOracle, _near_border, train_reachable_map
+from learning.reach.training import (
+    ArmLimits,
+    HandModel,
+    MapParams,
+    ReachOracle,
+    _near_border,
+    learned_from,
+    train_reachable_map,
+)
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -325,3 +333,20 @@ def test_labels_are_asked_for_near_the_border_and_far_from_earlier_ones():
     assert ((asked[:, 0] >= low) & (asked[:, 0] <= high)).mean() > 0.99
     assert (asked[:, 1] > 0.5 * (LIMITS.lower[1] + LIMITS.upper[1])).mean() > 0.7
     assert share == pytest.approx((high - low) / (LIMITS.upper[0] - LIMITS.lower[0]), rel=0.15)
+
+
+def test_problems_without_an_answer_are_counted_and_not_learned_from():
+    """What lies to the left is reachable; inverse kinematics fails for every tenth posture."""
+
+    def label(gaze):
+        reachable, failed = gaze[:, 0] < 0, np.arange(len(gaze)) % 10 == 0
+        border = np.where(reachable[:, None], np.nan, gaze * [0, 1, 1])
+        error = np.where(failed, np.nan, np.where(reachable, 0.0, gaze[:, 0]))
+        return Labels(gaze, reachable & ~failed, error, np.where(reachable, 0.5, np.nan), border)
+
+    params = MapParams(n_labels=600, round_labels=200, lattice=0.2)
+    learned = learned_from(label, "right", np.random.default_rng(SEED), params)
+    assert learned.unanswered == 60
+    assert len(learned.labels.gaze_rad) == 540
+    gaze = np.random.default_rng(SEED).uniform(LIMITS.lower, LIMITS.upper, (500, 3))
+    assert (learned.query(gaze).reachable == (gaze[:, 0] < 0)).mean() > 0.98
