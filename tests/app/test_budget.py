@@ -82,9 +82,11 @@ def test_an_error_that_cannot_be_asked_for(asked_mm: float) -> None:
         choose(asked_mm, 0.001, 0.001)
 
 
-def test_the_table_it_chooses_from_is_the_one_that_was_measured() -> None:
-    measured = json.loads((Path(__file__).parents[2] / "docs" / "results" / "budget.json").read_text())["table"]
-    assert [c.name for c in CONFIGURATIONS] == list(measured)
-    for c in CONFIGURATIONS:
-        assert c.ms_per_pair == pytest.approx(measured[c.name]["ms_per_pair"], rel=0.25)  # of that machine, that day
-        assert c.true_over_reported == pytest.approx(measured[c.name]["true_over_reported"], rel=0.05)
+def test_the_ratios_it_counts_on_are_those_that_were_measured() -> None:
+    """Within the interval of the worst kind of scene that a configuration tracks."""
+    cells = json.loads((Path(__file__).parents[2] / "docs" / "results" / "budget.json").read_text())["cells"]
+    for configuration in CONFIGURATIONS:
+        of_scenes = [cell[configuration.name] for cell in cells.values()]
+        ratios = [one["true_over_reported"] for one in of_scenes if one["near_percent"][0] >= 90]
+        _, low, high = max(ratios)
+        assert low <= configuration.true_over_reported <= high
