@@ -54,7 +54,7 @@ def _trigger(numbers: Cells) -> str:
 
 def _real_ball(numbers: Cells) -> str:
     cell = next(cell for name, cell in numbers["cells"].items() if "vot" in name)
-    ours, csrt = next(c for m, c in cell.items() if m.startswith("particles")), cell["CSRT"]
+    ours, csrt = cell["120 particles"], cell["CSRT"]
     overlaps = [1 - c["lost_overlap"][0] for c in (ours, csrt)]
     return f"{overlaps[0]:.3f}, CSRT {overlaps[1]:.3f}; {1 / ours['ratio'][0]:.0f} times as fast"
 
