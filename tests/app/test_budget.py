@@ -82,11 +82,10 @@ def test_an_error_that_cannot_be_asked_for(asked_mm: float) -> None:
         choose(asked_mm, 0.001, 0.001)
 
 
-def test_the_ratios_it_counts_on_are_those_that_were_measured() -> None:
-    """Within the interval of the worst kind of scene that a configuration tracks."""
+def test_the_ratios_it_counts_on_are_no_smaller_than_those_that_were_measured() -> None:
+    """Of the worst kind of scene that a configuration tracks, and not more than three times as large."""
     cells = json.loads((Path(__file__).parents[2] / "docs" / "results" / "budget.json").read_text())["cells"]
     for configuration in CONFIGURATIONS:
         of_scenes = [cell[configuration.name] for cell in cells.values()]
-        ratios = [one["true_over_reported"] for one in of_scenes if one["near_percent"][0] >= 90]
-        _, low, high = max(ratios)
-        assert low <= configuration.true_over_reported <= high
+        worst = max(one["true_over_reported"][0] for one in of_scenes if one["near_percent"][0] >= 90)
+        assert worst <= configuration.true_over_reported <= 3 * worst
