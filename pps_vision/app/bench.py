@@ -70,7 +70,9 @@ def _is_asked(name: str, asked: str) -> bool:
 def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> None:
     """Run a study and write its result and charts; nothing where this commit has measured the same."""
     file = out / "results" / f"{name}.json"
-    setting = plain({"study": name, "parameters": asdict(study), "machine": _machine(commit)})  # type: ignore[call-overload]
+    fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
+    parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
+    setting = plain({"study": name, "parameters": parameters, "machine": _machine(commit)})
     assert isinstance(setting, dict)
     if not again and not commit.endswith(("dirty", "unknown")) and file.exists():
         before = json.loads(file.read_text())
