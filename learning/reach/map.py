@@ -187,7 +187,7 @@ class ReachableMap:
             raise ValueError(f"a share of {max_false_positives} false positives: expected above 0 and below 1")
         probability = np.sort(expit(self.signed_distance.ravel() / self.softness))
         order = np.argsort(self.signed_distance.ravel())
-        # the lattice stands densest where the eyes verge least: what a point stands for, in rad of vergence
+        # weight of a lattice point: its spacing in vergence, since the lattice is densest where the eyes verge least
         share = (1 - probability) * np.sin(self.lattice.gaze_rad[order, 2])
         wrong = np.cumsum(share[::-1])[::-1] / share.sum()  # if all from here on are called reachable
         first = int(np.searchsorted(-wrong, -max_false_positives))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from PIL import Image
 
 from pps_vision.app.report.figures import save
 from pps_vision.errors import InputError
@@ -72,8 +73,7 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     file = out / "results" / f"{name}.json"
     fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
     parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
-    setting = plain({"study": name, "parameters": parameters, "machine": _machine(commit)})
-    assert isinstance(setting, dict)
+    setting = {"study": name, "parameters": plain(parameters), "machine": _machine(commit)}
     if not again and not commit.endswith(("dirty", "unknown")) and file.exists():
         before = json.loads(file.read_text())
         if all(before.get(key) == value for key, value in setting.items()):
@@ -92,6 +92,8 @@ def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
         file = out / "figures" / (f"{name}_{part}.png" if part else f"{name}.png")
         with whole_file(file) as partial:
             save(figure, partial)
+            with Image.open(partial) as image:
+                image.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(partial, "PNG", optimize=True)
         print(f"→ {file}")
 
 

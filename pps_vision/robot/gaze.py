@@ -1,7 +1,7 @@
 """Gaze kinematics: the fixation point of a gaze posture, and the gaze posture that fixates a point.
 
 A gaze posture is (neck yaw, neck pitch, vergence) in rad (J, "gaze"); the eyes verge symmetrically (version 0) and
-every other joint is 0.  A pitch beyond the neck's own limit stands for the fixation point it would have; on the robot
+every other joint is 0.  A pitch beyond the neck's own limit denotes the fixation point it would have; on the robot
 the eyes' tilt adds to the neck's pitch.
 """
 

@@ -1,6 +1,6 @@
 """The artificial skin as data: virtual taxels, their frames, and what a touch is.
 
-A virtual taxel stands for one triangular module (R, "Pressure-sensitive skin").
+A virtual taxel represents one triangular module (R, "Pressure-sensitive skin").
 """
 
 from dataclasses import dataclass

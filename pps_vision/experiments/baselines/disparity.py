@@ -63,7 +63,7 @@ def in_whole_image(
 ) -> Array | None:
     """Return a ball's centre (3,) from the median disparity of its middle in a map of the whole image.
 
-    The ball's direction, taken from its true place `p` (3,), stands for an image tracker's.
+    The ball's direction, taken from its true place `p` (3,), replaces an image tracker's.
     """
     left, right, R_root_rect, Q = rectified(view, frame)
     grey = [

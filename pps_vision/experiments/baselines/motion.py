@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera, View
-from pps_vision.types import Array, Image
+from pps_vision.types import Image
 from tracking.ego_motion import EgoMotion
 
 BoxPx = tuple[int, int, int, int]  # x, y of the top-left corner, width, height
@@ -184,9 +184,3 @@ TRIGGERS: dict[str, Candidate] = {
         lambda _, level: BackgroundModel(cv2.createBackgroundSubtractorKNN(100, level, False)), (400, 800, 1600, 6400)
     ),
 }
-
-
-def endpoint_error(flow: NDArray[np.float32], truth: Array) -> float:
-    """Mean px by which a flow (h, w, 2) misses the true one, where that is known."""
-    known = (np.abs(truth) < 1e9).all(axis=-1)
-    return float(np.linalg.norm(flow - truth, axis=-1)[known].mean())

@@ -45,7 +45,8 @@ def hand_model(model: ArmToGaze, babbled: Babbled) -> HandModel:
     does.  ValueError where fewer than two of them are answered.
     """
     local = model.regressor
-    assert isinstance(local, LocalModels)
+    if not isinstance(local, LocalModels):
+        raise TypeError(f"forward model of {type(local).__name__}; expected one of LocalModels")
 
     def forward(arm: Array) -> tuple[Array, Array]:
         x = (arm - model.middle) / model.half
