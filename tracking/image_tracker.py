@@ -332,7 +332,8 @@ class CameraTracker:
 
     def remember(self, state: CameraState, camera: CameraFrame, outline: Outline, belief: Belief) -> CameraState:
         """The state with the object's offset from the track and its size."""
-        (u, v), (x, y) = camera.view.pixel(*_position_at(belief, camera.stamp_s)), outline.center_px.tolist()
+        u, v, _, _ = camera.view.project_linearised(*_position_at(belief, camera.stamp_s))
+        x, y = outline.center_px.tolist()
         return state._replace(offset_px=(x - u, y - v), size_px=self._size_px(outline))
 
     def detection(self, camera: CameraFrame, found: ImageDetection) -> Detection2D:

@@ -14,8 +14,8 @@ from pps_vision.app.render_params import RenderParams
 from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.yarp import open_yarp
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import home, icub_rig, load_icub
@@ -200,7 +200,7 @@ def _as_function(options: Callable[_P, RenderParams]) -> Callable[_P, Recording]
         asked = options(*args, **kwargs)
         out = Path(asked.out)
         Render(**{**vars(asked), "out": out}).record()
-        return open_yarp(out)
+        return open_recording(out)
 
     return render
 

@@ -5,7 +5,7 @@ from tqdm import tqdm
 
 from pps_vision.app.cli.options import options_of
 from pps_vision.errors import InputError
-from pps_vision.recordings.images import ImageSequence
+from pps_vision.recordings.image_sequence import ImageSequence
 from pps_vision.recordings.tables import Box
 from tracking.image_tracker import BoxTracker, ImageTrackerParams
 

@@ -27,7 +27,7 @@ from pps_vision.experiments.study import (
     percent,
 )
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.recordings.images import open_frames
+from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName
 from tracking.image_tracker import BoxTracker, ImageTrackerParams, assumed_optics

@@ -13,9 +13,10 @@ from learning.pps.trials import load_trials
 from pps_vision.app.track2d import follow
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.images import open_frames, open_stereo_images
+from pps_vision.recordings.formats.stereo_images import open_stereo_images
+from pps_vision.recordings.image_sequence import open_frames
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
-from pps_vision.recordings.yarp import open_yarp
 from pps_vision.types import Array
 from tracking.tracker import Tracker, TrackerParams
 
@@ -107,5 +108,8 @@ def contact_prediction(file: Path) -> dict[str, float]:
 
 def pairing(folder: Path) -> dict[str, int]:
     """Pairs found at three tolerances, and what is reported as unpaired at the default one."""
-    pairs = {f"pairs_within_{round(1000 * skew)}_ms": len(open_yarp(folder, skew)) for skew in (0.010, 0.020, 0.033)}
-    return {**pairs, "reported_unpaired_at_20_ms": len(open_yarp(folder).problems)}
+    pairs = {
+        f"pairs_within_{round(1000 * skew)}_ms": len(open_recording(folder, max_skew_s=skew))
+        for skew in (0.010, 0.020, 0.033)
+    }
+    return {**pairs, "reported_unpaired_at_20_ms": len(open_recording(folder).problems)}

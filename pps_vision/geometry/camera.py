@@ -1,4 +1,13 @@
-"""Cameras: pinhole with OpenCV's lens distortion, a camera at a pose, a stereo pair, a stereo rig."""
+"""Cameras: pinhole with OpenCV's lens distortion, a camera at a pose, a stereo pair, a stereo rig.
+
+`Camera` takes points in camera coordinates, `View` in the root frame.  Both project with the same compiled code:
+
+| purpose | method |
+|---|---|
+| pixels of any number of points, as an array | `project` |
+| pixel of one point with its gradients, in plain floats (10 times as fast as an array of one) | `project_linearised` |
+| Jacobian of the pixel of one point, as an array | `project_jacobian` |
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -65,19 +74,10 @@ class Camera:
         """Pixels (…, 2) of points (…, 3) in camera coordinates; NaN where they cannot be seen
         (behind the camera, or so far aside that the distortion model folds back)."""
         p = np.asarray(points, dtype=float)
-        if p.ndim == 1:
-            return np.array(self.pixel(*p.tolist()))
         return projected_points(self.numbers, np.ascontiguousarray(p.reshape(-1, 3))).reshape(*p.shape[:-1], 2)
 
-    def pixel(self, X: float, Y: float, Z: float) -> tuple[float, float]:
-        """Pixel u, v of one point in camera coordinates, in plain floats (10 times as fast as an array of one)."""
-        return projected(self.numbers, X, Y, Z)[:2]
-
     def project_linearised(self, X: float, Y: float, Z: float) -> Linearised:
-        """Pixel u, v of one point in camera coordinates, and the gradients of u and v by it (px/m), in plain floats.
-
-        NaN where the point cannot be seen.
-        """
+        """Pixel u, v of one point, and the gradients of u and v by its coordinates (px/m); NaN where it cannot be seen."""
         return projected(self.numbers, X, Y, Z)
 
     def project_jacobian(self, point: ArrayLike) -> Array:
@@ -163,16 +163,11 @@ class View:
         """Pixels (…, 2) of root-frame points (…, 3); NaN where they cannot be seen."""
         points = np.asarray(points_root, dtype=float)
         if points.ndim == 1:
-            return np.array(self.pixel(*points.tolist()))
+            return np.array(self.project_linearised(*points.tolist())[:2])
         return self.camera.project(move_points(self.T_camera_root, points))
 
-    def pixel(self, x: float, y: float, z: float) -> tuple[float, float]:
-        """Pixel u, v of one root-frame point, in plain floats."""
-        return projected_from(self.pose, self.camera.numbers, x, y, z)[:2]
-
     def project_linearised(self, x: float, y: float, z: float) -> Linearised:
-        """Pixel u, v of one root-frame point, and the gradients of u and v by it (px/m), in plain floats; NaN where it
-        cannot be seen."""
+        """Pixel u, v of one point, and the gradients of u and v by its coordinates (px/m); NaN where it cannot be seen."""
         return projected_from(self.pose, self.camera.numbers, x, y, z)
 
     def project_jacobian(self, point_root: ArrayLike) -> Array:

@@ -1,20 +1,17 @@
-"""Open a recording, however it is stored: `pps_vision.open_recording`."""
+"""Open a recording, whatever its format: `pps_vision.open_recording`.
+
+A format is a module of `pps_vision.recordings.formats` with `FORMAT`, what it is in words, `recognises(source)` and
+`open_source(source)`; it is found there without being named here.
+"""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-
-import numpy as np
+from pkgutil import iter_modules
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.images import open_stereo_images
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
-from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.tables import read_joint_offsets
-from pps_vision.recordings.taxels_ini import read_taxels, representatives
-from pps_vision.recordings.yarp import open_yarp
-from pps_vision.robot.icub import load_icub
+from pps_vision.recordings import formats
+from pps_vision.recordings.recording import Recording, Source
 
 
 def open_recording(
@@ -48,20 +45,25 @@ def open_recording(
     Raises:
         InputError: Nothing usable is there; names the file, the line and what was expected.
     """
-    calibration = tuple(map(Path, calib))
     if (folder is None) == (not left and not right):
         raise InputError("recording", "expected either a folder REC, or left and right images with calib")
-    if folder is not None:
-        if len(calibration) > 1:
-            raise InputError("recording", f"calib has {len(calibration)} files; expected one icubEyes.ini with REC")
-        names = load_icub().joint_names
-        offsets = read_joint_offsets(Path(joints), names) if joints else np.zeros(len(names))
-        virtual = representatives(read_taxels(Path(taxels))) if taxels else None
-        return open_yarp(Path(folder), max_skew_s, virtual, offsets, *calibration)
-    if joints:
-        raise InputError("recording", f"joints {joints} with left and right images; expected it with a folder REC")
-    if not (left and right and calibration):
-        raise InputError("recording", "left, right and calib go together; one is missing")
-    recording = open_stereo_images(left, right, fps)
-    cameras = read_stereo_calibration(calibration, recording.image_size, unit_m)
-    return replace(recording, rig=StereoRig.fixed(*cameras))
+    source = Source(
+        folder=None if folder is None else Path(folder),
+        left=tuple(left),
+        right=tuple(right),
+        calib=tuple(map(Path, calib)),
+        fps=fps,
+        unit_m=unit_m,
+        joints=Path(joints) if joints else None,
+        taxels=Path(taxels) if taxels else None,
+        max_skew_s=max_skew_s,
+    )
+    if source.folder is not None and not source.folder.is_dir():
+        raise InputError(source.folder, "no such folder; expected a recording")
+    names = sorted(module.name for module in iter_modules(formats.__path__))
+    known = [import_module(f"{formats.__name__}.{name}") for name in names]
+    for module in known:
+        if module.recognises(source):
+            recording: Recording = module.open_source(source)
+            return recording
+    raise InputError(source.folder or "recording", f"expected {' or '.join(module.FORMAT for module in known)}")

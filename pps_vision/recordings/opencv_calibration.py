@@ -22,7 +22,7 @@ import numpy as np
 from pps_vision.errors import InputError, first_line
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.se3 import inverse, transform
-from pps_vision.recordings.icub_eyes import fit_to_images
+from pps_vision.recordings.calibration import fit_to_images
 from pps_vision.types import Array
 
 _KEYS = {

@@ -17,6 +17,21 @@ Pair = tuple[ImageFile, ImageFile]
 
 
 @dataclass(frozen=True, slots=True)
+class Source:
+    """What a recording is opened from; the fields are those of `pps_vision.open_recording`."""
+
+    folder: Path | None = None
+    left: tuple[str, ...] = ()
+    right: tuple[str, ...] = ()
+    calib: tuple[Path, ...] = ()
+    fps: float = 30.0
+    unit_m: float = 1.0
+    joints: Path | None = None
+    taxels: Path | None = None
+    max_skew_s: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
 class Touch:
     """Which virtual taxels "part:id" were touched at a stamp; empty when the skin reports none."""
 

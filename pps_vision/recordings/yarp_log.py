@@ -7,8 +7,9 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
-from pps_vision.errors import InputError, first_line
+from pps_vision.errors import InputError
 from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.text import number, read_lines
 
 _STAMP_LIMIT_S = 1e12  # beyond any clock; keeps differences of stamps finite
 
@@ -30,18 +31,14 @@ def read_log(log: Path, n_numbers: int | None, problems: list[Problem], distinct
     noted and skipped.  InputError if the log cannot be opened, or holds rows but no readable one.
     """
     expected = "index, stamp and " + ("words" if n_numbers is None else f"{n_numbers} numbers")
-    try:
-        lines = log.read_bytes().decode(errors="replace").split("\n")
-    except OSError as error:
-        raise InputError(log, f"cannot be read: {first_line(error)}; expected rows of {expected}") from error
     rows, bad = [], []
-    for number, text in enumerate(lines, start=1):
+    for line, text in enumerate(read_lines(log, f"rows of {expected}"), start=1):
         words = text.split()
-        row = _parse(number, words, n_numbers) if words else None
+        row = _parse(line, words, n_numbers) if words else None
         if row is not None:
             rows.append(row)
         elif words:
-            bad.append(Problem(ProblemKind.ROW, log, number, f"'{' '.join(words)[:60]}'; expected {expected}"))
+            bad.append(Problem(ProblemKind.ROW, log, line, f"'{' '.join(words)[:60]}'; expected {expected}"))
     if bad and not rows:
         raise InputError(log, f"{bad[0].message}; none of {len(bad)} rows can be read", bad[0].line)
     problems += bad
@@ -50,20 +47,20 @@ def read_log(log: Path, n_numbers: int | None, problems: list[Problem], distinct
 
 def _parse(line: int, words: list[str], n_numbers: int | None) -> LogRow | None:
     """The row, or None if it has not the form of one."""
-    numbers = [_number(word) for word in words]
+    numbers = [_number_or_none(word) for word in words]
     begin = len(words) - n_numbers if n_numbers is not None else (*numbers, None).index(None)
     head, payload = numbers[: max(begin, 0)], numbers[max(begin, 0) :]
-    if len(head) not in (2, 3) or any(number is None or not abs(number) < _STAMP_LIMIT_S for number in head):
+    if len(head) not in (2, 3) or any(value is None or not abs(value) < _STAMP_LIMIT_S for value in head):
         return None
     if n_numbers is not None and None in payload:
         return None
     return LogRow(line, float(words[1]), tuple(words[begin:]))
 
 
-def _number(word: str) -> float | None:
+def _number_or_none(word: str) -> float | None:
     """The number a word spells, NaN and infinity included; None if it is none."""
     try:
-        return float(word)
+        return number(word)
     except ValueError:
         return None
 

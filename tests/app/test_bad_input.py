@@ -182,6 +182,6 @@ def test_a_bug_shows_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def defective(folder: Path) -> None:
         raise ValueError("defect")
 
-    monkeypatch.setattr("pps_vision.recordings.images.open_frames", defective)
+    monkeypatch.setattr("pps_vision.recordings.image_sequence.open_frames", defective)
     with pytest.raises(ValueError, match="defect"):
         main(["track2d", str(tmp_path), "--init", *"1199", "--out", str(tmp_path / "b.csv")])

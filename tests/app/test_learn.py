@@ -11,7 +11,6 @@ from learning.pps.memory import load_memory
 from pps_vision.app.cli import main
 from pps_vision.app.learn import touched_at
 from pps_vision.recordings.recording import Touch
-from pps_vision.recordings.skin_events import SkinContact, SkinEvent, write_skin_events
 from pps_vision.recordings.taxels_ini import PartMap, write_taxels
 from pps_vision.robot.skin import icub_skin
 
@@ -54,13 +53,13 @@ def test_the_robots_own_skin_events_teach_the_same(
     rec = tmp_path / "rec"
     shutil.copytree(approach, rec)
     log = next(rec.rglob("skin/data.log"))
-    events = []
+    rows = []
     for index, stamp, *names in (row.split() for row in log.read_text().splitlines()):
         assert all(name.startswith("left_forearm:") for name in names)
-        physical = tuple(2 * int(name.partition(":")[2]) + 1 for name in names)
-        contact = SkinContact(0, 3, 4, 2, *5 * [(0.0, 0.0, 0.0)], physical, 10.0)
-        events.append(SkinEvent(int(index), float(stamp), (contact,) if names else ()))
-    write_skin_events(log, events)
+        physical = " ".join(str(2 * int(name.partition(":")[2]) + 1) for name in names)
+        contact = f"((0 3 4 2) {5 * '(0.0 0.0 0.0) '} ({physical}) 10.0)" if names else ""
+        rows.append(f"{index} {stamp} {contact}\n")
+    log.write_text("".join(rows))
     taxels = tmp_path / "taxels.ini"
     mapping = tuple(n // 2 for n in range(800))
     write_taxels(taxels, [PartMap("l_forearm", (-0.1, 0.2), (8, 1), mapping, {3: np.zeros((8, 1, 2), np.int64)})])

@@ -12,7 +12,7 @@ from data import SEED
 
 from learning.reach.map import Labels, Lattice, ReachableMap, isotropic, save_map
 from pps_vision.app.cli import main
-from pps_vision.recordings.yarp import open_yarp
+from pps_vision.recordings.open import open_recording
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
@@ -200,7 +200,7 @@ def test_what_is_bad_in_one_frame_does_not_stop_the_others(
     assert "head/data.log:21" in said
     assert "head/data.log:31" in said
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["frames"] == len(open_yarp(approach)) - 1
+    assert summary["frames"] == len(open_recording(approach)) - 1
     assert summary["skipped"]["bad_image"] == 1
     assert summary["skipped"]["bad_joints"] + summary["skipped"]["bad_row"] == 2
 

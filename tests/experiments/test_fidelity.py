@@ -7,7 +7,7 @@ import pytest
 
 from pps_vision.app.render import Render
 from pps_vision.experiments.fidelity import BLURRED, OBJECTS, SHARP, Fidelity
-from pps_vision.recordings.yarp import open_yarp
+from pps_vision.recordings.open import open_recording
 from rendering.fidelity import Fidelity as Drawn
 
 
@@ -39,7 +39,7 @@ def test_render_draws_at_the_scale_it_is_asked_for(tmp_path: Path) -> None:
     fine, usual = (Render("ball", "circle", tmp_path / str(k), seconds=0.1, seed=3, scale=k) for k in (2.0, 1.0))
     for render in (fine, usual):
         render.run()
-    one, other = (open_yarp(render.out) for render in (fine, usual))
+    one, other = (open_recording(render.out) for render in (fine, usual))
     assert np.array_equal(one.truth[0].position, other.truth[0].position)
     error = np.sqrt(np.mean((next(iter(one)).left.astype(float) - next(iter(other)).left) ** 2))
     assert 0.5 < error < 9  # grey levels

@@ -6,8 +6,8 @@ import pytest
 from data import shared_data
 
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.icub_eyes import read_icub_eyes
-from pps_vision.recordings.images import open_stereo_images
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 

@@ -1,5 +1,6 @@
-"""The robot's own files: maps, skin positions and skin events, read and written again without a loss."""
+"""The robot's own files: maps read and written again without a loss, and skin events."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ from data import shared_data
 
 from learning.pps.memory import activation, load_memory
 from pps_vision.app.cli import main
-from pps_vision.recordings.skin_events import read_skin_events, touches_of, write_skin_events
+from pps_vision.recordings.problems import Problem
+from pps_vision.recordings.skin_log import read_touches
 from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
 
 MAPS = (
@@ -51,27 +53,23 @@ def test_a_map_learned_on_the_robot_expects_here_what_it_expected_there(tmp_path
     assert near.mean() > 1.3 * far.mean()
 
 
-def test_skin_events_read_and_written_are_the_same(tmp_path: Path) -> None:
-    log = shared_data("icub_files", "skin_events.data.log")
-    problems: list[object] = []
-    events = read_skin_events(log, problems)  # type: ignore[arg-type]
-    assert (len(events), problems) == (3479, [])
-    write_skin_events(tmp_path / "data.log", events)
-    assert words(tmp_path / "data.log") == words(log)
-
-
 def test_skin_events_touch_the_virtual_taxels_they_should() -> None:
     """A contact's centre lies within 3 cm of the virtual taxels the skin position file assigns it to."""
-    events = read_skin_events(shared_data("icub_files", "skin_events.data.log"), [])
+    log = shared_data("icub_files", "skin_events.data.log")
     lines = shared_data("icub_files", "skin_positions", "left_forearm_mesh.txt").read_text().splitlines()
     mapping = tuple(int(word) for word in lines[2].split(maxsplit=1)[1].strip("()").split())
     positions = np.array([line.split()[:3] for line in lines[4:] if line], dtype=float)
     assert len(positions) == len(mapping) == 384
+    problems: list[Problem] = []
+    touches = read_touches(log, {"left_forearm": mapping}, problems)
+    assert (len(touches), problems) == (3479, [])
+    # after the four numbers and three vectors comes the geometric centre
+    of_forearm = re.compile(r"\(\(\d+ \d+ \d+ 2\) " + 3 * r"\([^()]*\) " + r"\(([^()]*)\)")
     away = []
-    for event, touch in zip(events, touches_of(events, {"left_forearm": mapping}), strict=True):
-        contacts = [contact for contact in event.contacts if contact.skin_part == 2]
+    for row, touch in zip(log.read_text().splitlines(), touches, strict=True):
+        centers = [np.array(text.split(), dtype=float) for text in of_forearm.findall(row)]
         for name in touch.taxel_ids:
             taxel = positions[int(name.partition(":")[2])]
-            away.append(min(np.linalg.norm(np.subtract(c.geometric_center, taxel)) for c in contacts))
+            away.append(min(np.linalg.norm(center - taxel) for center in centers))
     assert len(away) > 1000
     assert np.percentile(away, 95) < 0.03

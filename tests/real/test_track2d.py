@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from data import shared_data
 
-from pps_vision.recordings.images import open_frames
+from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.types import Array
 from tracking.image_tracker import BoxPx, BoxTracker, ImageTrackerParams
 

@@ -8,7 +8,8 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
-from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes, write_icub_eyes
+from pps_vision.recordings.calibration import fit_to_images
+from pps_vision.recordings.icub_eyes import read_icub_eyes, write_icub_eyes
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 
@@ -32,11 +33,11 @@ def test_tabs_comments_and_foreign_keys_are_taken(ini: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("fx 219.057", "fx abc", r"icubEyes\.ini:5: fx abc; expected a number"),
-        ("fx 219.057", "fx nan", r"icubEyes\.ini:5: fx nan; expected a finite"),
+        ("fx 219.057", "fx abc", r"icubEyes\.ini:5: fx abc; expected a finite number"),
+        ("fx 219.057", "fx nan", r"icubEyes\.ini:5: fx nan; expected a finite number"),
         ("fx 219.057", "fx 0", r"icubEyes\.ini:5: fx 0; expected a positive"),
         ("w 320", "w 0.3", r"icubEyes\.ini:3: w 0\.3; expected a whole number"),
-        ("h 240", "h 0", r"icubEyes\.ini:4: h 0; expected a whole number"),
+        ("h 240", "h 0", r"icubEyes\.ini:4: h 0; expected a positive number"),
         ("h 240", "h 240.5", r"icubEyes\.ini:4: h 240\.5; expected a whole number"),
         ("fx 219.057", "fx 1e308", r"icubEyes\.ini: .*fx 1e\+308.*; expected a camera whose"),
         ("fx 219.057", "fx 1e-300", r"icubEyes\.ini: .*fx 1e-300.*; expected a camera whose"),

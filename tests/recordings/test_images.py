@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.images import natural_order, open_frames, open_stereo_images
+from pps_vision.recordings.formats.stereo_images import open_stereo_images
+from pps_vision.recordings.image_sequence import natural_order, open_frames
 from pps_vision.recordings.problems import ProblemKind
 
 

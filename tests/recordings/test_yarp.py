@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from recorded import ROBOT, START_S, Written, write_recording
 
 from pps_vision.errors import InputError
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import ProblemKind
-from pps_vision.recordings.yarp import open_yarp
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def change(log: Path, line: int, text: str) -> None:
 
 def problems_of(folder: Path) -> tuple[list[tuple[ProblemKind, str, int | None]], list[int]]:
     """(kind, file, line) of every problem and the numbers of the frames that remain."""
-    recording = open_yarp(folder)
+    recording = open_recording(folder)
     numbers = [number for number, _ in recording.numbered()]
     return [(p.kind, p.file.relative_to(folder).as_posix(), p.line) for p in recording.problems], numbers
 
@@ -93,7 +93,7 @@ def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, va
         [before.stamp_right_s, after.stamp_right_s],
         [before.joints_right_rad[roll], after.joints_right_rad[roll]],
     )
-    frame = dict(open_yarp(rec.folder).numbered())[1]
+    frame = dict(open_recording(rec.folder).numbered())[1]
     assert frame.joints_left_rad[roll] == pytest.approx(expected, abs=1e-6)
 
 
@@ -112,7 +112,7 @@ def test_frames_that_the_joints_do_not_span(rec: Written) -> None:
     log.write_text(f"{first}\n{' '.join(words)}\n")
     assert problems_of(rec.folder)[1] == [0, 1]
     neck = ROBOT.indices(("neck_yaw",))[0]
-    held = dict(open_yarp(rec.folder).numbered())[1].joints_left_rad[neck]
+    held = dict(open_recording(rec.folder).numbered())[1].joints_left_rad[neck]
     assert held == pytest.approx(rec.frames[0].joints_right_rad[neck], abs=1e-8)
 
 
@@ -142,7 +142,7 @@ def test_an_unpaired_frame_is_named(rec: Written) -> None:
     problems, numbers = problems_of(rec.folder)
     assert problems == [(ProblemKind.UNPAIRED, f"cam/{side}/data.log", 2) for side in ("left", "right")]
     assert numbers == [0, 2, 3]
-    assert len(open_yarp(rec.folder, max_skew_s=0.03)) == 4
+    assert len(open_recording(rec.folder, max_skew_s=0.03)) == 4
 
 
 def test_two_stamps_and_pixel_codes_are_read(rec: Written) -> None:
@@ -150,7 +150,7 @@ def test_two_stamps_and_pixel_codes_are_read(rec: Written) -> None:
         rows = [row.split() for row in log.read_text().splitlines()]
         code = ["[rgb]"] if log.parent.parent.name == "cam" else []
         log.write_text("\n".join(" ".join([r[0], r[1], repr(float(r[1]) + 0.7), *r[2:], *code]) for r in rows))
-    recording = open_yarp(rec.folder)
+    recording = open_recording(rec.folder)
     assert recording.problems == []
     assert [f.stamp_left_s for f in recording] == [f.stamp_left_s for f in rec.frames]
     np.testing.assert_allclose(next(iter(recording)).joints_left_rad, rec.frames[0].joints_left_rad, atol=1e-8)
@@ -174,7 +174,7 @@ def test_ports_are_found_by_other_names(rec: Written, with_info: bool) -> None:
     if not with_info:
         for info in rec.folder.rglob("info.log"):
             info.unlink()
-    recording = open_yarp(rec.folder)
+    recording = open_recording(rec.folder)
     assert (len(recording), recording.problems) == (4, [])
     joints = next(iter(recording)).joints_left_rad
     right, left = (ROBOT.indices(ROBOT.names.arm(side)) for side in ("right", "left"))
@@ -186,7 +186,7 @@ def test_without_truth_touches_and_calibration(rec: Written) -> None:
     (rec.folder / "truth.csv").unlink()
     (rec.folder / "icubEyes.ini").unlink()
     shutil.rmtree(rec.folder / "skin")
-    recording = open_yarp(rec.folder)
+    recording = open_recording(rec.folder)
     assert (recording.truth, recording.touches, recording.rig) == ((), (), None)
 
 
@@ -194,7 +194,7 @@ def test_without_truth_touches_and_calibration(rec: Written) -> None:
 def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> None:
     change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} {name}")
     with pytest.raises(InputError, match=r"cam/left/data\.log:2: file name .* points outside"):
-        open_yarp(rec.folder)
+        open_recording(rec.folder)
 
 
 @pytest.mark.parametrize(
@@ -215,47 +215,47 @@ def test_a_file_name_that_points_outside_is_refused(rec: Written, name: str) -> 
 def test_what_cannot_be_read_at_all_is_refused(rec: Written, log: str, text: str, message: str) -> None:
     (rec.folder / log / "data.log").write_text(text)
     with pytest.raises(InputError, match=message):
-        open_yarp(rec.folder)
+        open_recording(rec.folder)
 
 
 def test_an_empty_log_is_named_even_if_nothing_says_what_it_holds(rec: Written) -> None:
     (rec.folder / "cam/left/info.log").unlink()
     (rec.folder / "cam/left/data.log").write_text("")
     with pytest.raises(InputError, match=r"cam/left/data\.log: names no image"):
-        open_yarp(rec.folder)
+        open_recording(rec.folder)
 
 
 def test_a_recording_is_called_as_it_was_given(rec: Written, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(rec.folder)
-    assert (open_yarp(Path("../rec")).name, open_yarp(rec.folder).name) == ("../rec", str(rec.folder))
+    assert (open_recording(Path("../rec")).name, open_recording(rec.folder).name) == ("../rec", str(rec.folder))
 
 
 @pytest.mark.parametrize(("port", "message"), [("cam/left", "no left images"), ("head", "no head joints")])
 def test_a_missing_port_is_named(rec: Written, port: str, message: str) -> None:
     shutil.rmtree(rec.folder / port)
     with pytest.raises(InputError, match=message):
-        open_yarp(rec.folder)
+        open_recording(rec.folder)
 
 
 def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None:
     with pytest.raises(InputError, match="none: no such folder"):
-        open_yarp(rec.folder / "none")
+        open_recording(rec.folder / "none")
     shutil.copytree(rec.folder / "head", rec.folder / "old" / "head")
     with pytest.raises(InputError, match=r"a second log for head; expected one, and .*head/data\.log is there"):
-        open_yarp(rec.folder)
+        open_recording(rec.folder)
 
 
 def test_a_log_that_is_no_file_is_named(rec: Written) -> None:
     shutil.rmtree(rec.folder / "head")
     (rec.folder / "head/data.log").mkdir(parents=True)
-    with pytest.raises(InputError, match=r"head/data\.log: cannot be read: Is a directory"):
-        open_yarp(rec.folder)
+    with pytest.raises(InputError, match=r"head/data\.log: is a folder; expected rows"):
+        open_recording(rec.folder)
 
 
 def test_images_of_two_sizes_are_refused(rec: Written) -> None:
     (rec.folder / "cam/right/00000001.ppm").write_bytes(b"P6 2 1 255\nabcdef")
     with pytest.raises(InputError, match=r"cam/right/data\.log:2: 00000001\.ppm is 2×1 pixels; expected 8×6"):
-        list(open_yarp(rec.folder))
+        list(open_recording(rec.folder))
 
 
 rows = st.lists(
@@ -280,7 +280,7 @@ def test_no_content_of_a_log_breaks_the_reader(rec: Written, port: str, content:
     log.write_bytes(content)
     refusal, joints = str(rec.folder), []
     try:
-        joints = [frame.joints_left_rad for frame in open_yarp(rec.folder)]
+        joints = [frame.joints_left_rad for frame in open_recording(rec.folder)]
     except InputError as error:
         refusal = str(error)
     finally:

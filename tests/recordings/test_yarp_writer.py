@@ -8,14 +8,14 @@ from recorded import ROBOT, random_joints, write_recording
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes
-from pps_vision.recordings.yarp import open_yarp
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     written = write_recording(tmp_path / "rec")
-    recording = open_yarp(tmp_path / "rec")
+    recording = open_recording(tmp_path / "rec")
     assert (recording.name, recording.image_size, recording.problems) == (str(tmp_path / "rec"), (8, 6), [])
     frames = list(recording)
     assert len(recording) == len(frames) == len(written.frames)
@@ -68,7 +68,7 @@ def test_joints_may_come_at_their_own_rate(tmp_path: Path) -> None:
             writer.write_joints(written.frames[0].stamp_s + 0.004 * k, 0.004 * k * rate)
         for frame in written.frames:
             writer.write_frame(frame)
-    for frame in open_yarp(tmp_path / "rec"):
+    for frame in open_recording(tmp_path / "rec"):
         t = frame.stamp_left_s - written.frames[0].stamp_s
         np.testing.assert_allclose(frame.joints_left_rad, t * rate, atol=1e-6)
         np.testing.assert_allclose(frame.joints_right_rad, (t + 0.005) * rate, atol=1e-6)

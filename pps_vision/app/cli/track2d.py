@@ -24,7 +24,7 @@ class Track2d:
     def run(self) -> None:
         """Track through all frames; what could not be read is reported and left out."""
         from pps_vision.app.track2d import follow
-        from pps_vision.recordings.images import open_frames
+        from pps_vision.recordings.image_sequence import open_frames
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import write_boxes
 

@@ -1,20 +1,39 @@
-"""Image sequences without a log: stereo by file-name patterns, or one folder of frames."""
+"""Image files of a stereo camera, paired by the numbers in their names, with an OpenCV calibration."""
 
-import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from glob import glob
 from itertools import pairwise
 from pathlib import Path
 from statistics import median_low
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.image_file import ImageFile, check_size, decode, number_in
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.image_file import ImageFile, number_in
+from pps_vision.recordings.image_sequence import natural_order
+from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Recording, note_unpaired, size_of_first
-from pps_vision.types import Image
+from pps_vision.recordings.recording import Recording, Source, note_unpaired, size_of_first
 
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
+FORMAT = "left and right images with calib"
+
+
+def recognises(source: Source) -> bool:
+    """Return whether this is the format of a source."""
+    return source.folder is None
+
+
+def open_source(source: Source) -> Recording:
+    """Open the images `source.left` and `source.right`; InputError if they or the calibration cannot be used."""
+    if source.joints:
+        raise InputError(
+            "recording", f"joints {source.joints} with left and right images; expected it with a folder REC"
+        )
+    if not (source.left and source.right and source.calib):
+        raise InputError("recording", "left, right and calib go together; one is missing")
+    recording = open_stereo_images(source.left, source.right, source.fps)
+    cameras = read_stereo_calibration(source.calib, recording.image_size, source.unit_m)
+    return replace(recording, rig=StereoRig.fixed(*cameras))
 
 
 def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fps: float) -> Recording:
@@ -66,43 +85,3 @@ def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Pa
 def _briefly(patterns: Sequence[str]) -> str:
     """The first of what may be hundreds of names, where a shell expanded the pattern."""
     return patterns[0] + (f" (and {len(patterns) - 1} more)" if len(patterns) > 1 else "")
-
-
-@dataclass(frozen=True)
-class ImageSequence:
-    """One camera's frames in natural order; iterating yields (frame, image), the first file being 1."""
-
-    files: tuple[ImageFile, ...]
-    image_size: tuple[int, int]  # width, height
-    problems: list[Problem]  # grows while images are decoded
-
-    def __len__(self) -> int:
-        return len(self.files)
-
-    def __iter__(self) -> Iterator[tuple[int, Image]]:
-        """InputError if an image has another size than the first."""
-        for frame, file in enumerate(self.files, start=1):
-            image = decode(file)
-            if not isinstance(image, Problem):
-                check_size(file, image, self.image_size)
-                yield frame, image
-            elif image not in self.problems:
-                self.problems.append(image)
-
-
-def open_frames(folder: Path) -> ImageSequence:
-    """The images of a folder in natural order; InputError if there is none that can be read."""
-    if not folder.is_dir():
-        raise InputError(folder, "no such folder; expected one with the frames of a sequence")
-    paths = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()]
-    files = tuple(ImageFile(path, 0.0) for path in sorted(paths, key=natural_order))
-    first = next((image for image in map(decode, files) if not isinstance(image, Problem)), None)
-    if first is None:
-        raise InputError(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")
-    return ImageSequence(files, (first.shape[1], first.shape[0]), [])
-
-
-def natural_order(path: Path) -> tuple[tuple[int, str], ...]:
-    """A sorting key under which frame2 comes before frame10."""
-    words = re.findall(r"[0-9]+|[^0-9]+", str(path))
-    return tuple((int(word[-18:]), "") if word[0] in "0123456789" else (-1, word) for word in words)

@@ -1,24 +1,27 @@
-"""Reads a yarpdatadumper recording: two image ports, joint ports, touches, in one folder."""
+"""Recordings of yarpdatadumper: two image ports, joint ports and skin, each a folder with its data.log."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path, PurePath
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Pair, Recording, Touch, pair_by_stamp, size_of_first
-from pps_vision.recordings.skin_events import holds_contacts, read_skin_events, touches_of
-from pps_vision.recordings.tables import read_truth
+from pps_vision.recordings.recording import Pair, Recording, Source, pair_by_stamp, size_of_first
+from pps_vision.recordings.skin_log import read_touches
+from pps_vision.recordings.tables import read_joint_offsets, read_truth
+from pps_vision.recordings.taxels_ini import read_taxels, representatives
+from pps_vision.recordings.text import first_row
 from pps_vision.recordings.yarp_log import read_log
 from pps_vision.robot.icub import ARM_PORT_JOINTS, HEAD_PORT, TORSO_PORT, icub_rig, load_icub, q_from_encoders
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
+FORMAT = "a yarpdatadumper recording, folders with a data.log each"
 JOINT_PORTS = {
     "torso": len(TORSO_PORT),
     "head": len(HEAD_PORT),
@@ -39,41 +42,39 @@ _STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts sec
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
 
-def open_yarp(
-    folder: Path,
-    max_skew_s: float = 0.02,
-    representatives: Mapping[str, tuple[int, ...]] | None = None,
-    joint_offsets_rad: ArrayLike = 0.0,
-    calibration: Path | None = None,
-) -> Recording:
-    """The recording in `folder`: pairs of images within `max_skew_s`, joints (rad) at each image's stamp, with
-    `joint_offsets_rad` (n_joints,) added.
+def recognises(source: Source) -> bool:
+    """Return whether this is the format of a source."""
+    return source.folder is not None and any(_logs(source.folder))
 
-    Touches are read from a log of virtual taxels, as ours are, or of the robot's contacts; for these
-    `representatives` says by body part which virtual taxel each physical one belongs to (`touches_of`).
 
-    Ports are found by what their folders are called, wherever they lie.  A joint port that was
-    not recorded reads 0; the head must be there.  Bad rows, unpaired images and images without
-    joints go to `problems`.  The cameras are those of `calibration`, an icubEyes.ini (default: the one in the
-    folder).  InputError if no frame remains, or a log or the calibration cannot be read at all.
+def open_source(source: Source) -> Recording:
+    """Open `source.folder`: pairs of images with the joints at each image's stamp.
+
+    Ports are found by what their folders are called, wherever they lie.  A joint port that was not recorded reads 0;
+    the head must be there.  Bad rows, unpaired images and images without joints go to `problems`.
+
+    Raises:
+        InputError: No frame remains, or a log, the calibration or another file cannot be read at all.
     """
-    if not folder.is_dir():
-        raise InputError(folder, "no such folder; expected a yarpdatadumper recording")
-    problems: list[Problem] = []
+    folder, problems = Path(str(source.folder)), list[Problem]()
+    if len(source.calib) > 1:
+        raise InputError("recording", f"calib has {len(source.calib)} files; expected one icubEyes.ini with REC")
+    robot = load_icub()
+    offsets_rad = read_joint_offsets(source.joints, robot.joint_names) if source.joints else 0.0
+    virtual = representatives(read_taxels(source.taxels)) if source.taxels else None
     ports = find_ports(folder)
     for port in ("left", "right", "head"):
         if port not in ports:
             what = "head joints" if port == "head" else f"{port} images"
             raise InputError(folder, f"no {what}; expected a folder '{port}' with a data.log")
     joints = {port: _read_joints(ports[port], n, problems) for port, n in JOINT_PORTS.items() if port in ports}
-    touches = _read_touches(ports["skin"], representatives, problems) if "skin" in ports else ()
+    touches = read_touches(ports["skin"], virtual, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
-    pairs = pair_by_stamp(eyes[0], eyes[1], max_skew_s, problems)
-    robot = load_icub()
-    posed = _with_joints(pairs, joints, problems, robot, np.asarray(joint_offsets_rad))
+    pairs = pair_by_stamp(eyes[0], eyes[1], source.max_skew_s, problems)
+    posed = _with_joints(pairs, joints, problems, robot, offsets_rad)
     image_size = size_of_first(folder, posed, problems)
     own, truth = folder / "icubEyes.ini", folder / "truth.csv"
-    eyes_file = calibration or (own if own.exists() else None)
+    eyes_file = source.calib[0] if source.calib else own if own.exists() else None
     return Recording(
         name=str(folder),
         pairs=posed,
@@ -120,41 +121,12 @@ def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Arr
     return np.array(stamps), np.array(samples)
 
 
-def _read_touches(
-    log: Path, representatives: Mapping[str, tuple[int, ...]] | None, problems: list[Problem]
-) -> tuple[Touch, ...]:
-    """Touched taxels by stamp."""
-    if holds_contacts(log):
-        if representatives is None:
-            found = "the robot's contacts; expected --taxels TAXELS.ini, which says what virtual taxels they touch"
-            problems.append(Problem(ProblemKind.TOUCHES, log, None, found))
-            return ()
-        return touches_of(read_skin_events(log, problems), representatives)
-    touches, foreign_rows = [], []
-    for row in read_log(log, None, problems):
-        foreign = [word for word in row.words if not _is_taxel(word)]
-        if foreign:
-            found = f"'{foreign[0]}'; expected touched taxels as part:id"
-            foreign_rows.append(Problem(ProblemKind.ROW, log, row.line, found))
-        else:
-            touches.append(Touch(row.stamp_s, row.words))
-    if foreign_rows and not touches:
-        raise InputError(log, f"{foreign_rows[0].message}; no row can be read", foreign_rows[0].line)
-    problems += foreign_rows
-    return tuple(touches)
-
-
-def _is_taxel(word: str) -> bool:
-    part, _, number = word.partition(":")
-    return part.isidentifier() and number.isdecimal()
-
-
 def _with_joints(
     pairs: tuple[Pair, ...],
     joints: dict[str, tuple[Array, Array]],
     problems: list[Problem],
     robot: Robot,
-    offsets_rad: Array,
+    offsets_rad: Array | float,
 ) -> tuple[Pair, ...]:
     """Every pair with the joints at each eye's stamp; what the joint logs do not cover is noted and left out."""
     posed = []
@@ -199,7 +171,7 @@ def find_ports(folder: Path) -> dict[str, Path]:
     whose name holds left or right.  InputError if two logs claim one port.
     """
     ports: dict[str, Path] = {}
-    logs = sorted(folder.rglob("data.log"))
+    logs = sorted(_logs(folder))
     for log in logs:
         port = _port(log.parent.relative_to(folder), log)
         if port in ports:
@@ -207,7 +179,7 @@ def find_ports(folder: Path) -> dict[str, Path]:
         if port is not None:
             ports[port] = log
     for log in logs:
-        if log.parent.name in ("left", "right") and not _first_line(log).strip():
+        if log.parent.name in ("left", "right") and not first_row(log):
             ports.setdefault(log.parent.name, log)  # it names no image, which its reader reports
     return ports
 
@@ -225,15 +197,18 @@ def _port(place: Path, log: Path) -> str | None:
 def _holds_images(log: Path) -> bool:
     """By the type info.log states, or else by what the first row names."""
     info = log.with_name("info.log")
-    kind = _first_line(info) if info.is_file() else ""
+    kind = first_row(info)
     if kind.startswith("Type:"):
         return kind.removeprefix("Type:").strip().startswith("Image")
-    return any(word.lower().endswith(_IMAGE_SUFFIXES) for word in _first_line(log).split())
+    return any(word.lower().endswith(_IMAGE_SUFFIXES) for word in first_row(log).split())
 
 
-def _first_line(file: Path) -> str:
-    try:
-        with file.open(errors="replace") as stream:
-            return stream.readline(10_000)
-    except OSError:  # whoever reads the whole file says so
-        return ""
+def _logs(folder: Path) -> Iterator[Path]:
+    """Every data.log below a folder; linked folders are followed, each once."""
+    seen = {os.path.realpath(folder)}
+    for place, folders, files in os.walk(folder, followlinks=True):
+        if "data.log" in files or "data.log" in folders:  # a folder of that name is refused by its reader
+            yield Path(place, "data.log")
+        real = {name: os.path.realpath(Path(place, name)) for name in folders}
+        folders[:] = [name for name in sorted(folders) if real[name] not in seen]
+        seen.update(real.values())

@@ -1,0 +1,53 @@
+"""One camera's image sequence: a folder of frames."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.image_file import ImageFile, check_size, decode
+from pps_vision.recordings.problems import Problem
+from pps_vision.types import Image
+
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
+
+
+@dataclass(frozen=True)
+class ImageSequence:
+    """One camera's frames in natural order; iterating yields (frame, image), the first file being 1."""
+
+    files: tuple[ImageFile, ...]
+    image_size: tuple[int, int]  # width, height
+    problems: list[Problem]  # grows while images are decoded
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __iter__(self) -> Iterator[tuple[int, Image]]:
+        """InputError if an image has another size than the first."""
+        for frame, file in enumerate(self.files, start=1):
+            image = decode(file)
+            if not isinstance(image, Problem):
+                check_size(file, image, self.image_size)
+                yield frame, image
+            elif image not in self.problems:
+                self.problems.append(image)
+
+
+def open_frames(folder: Path) -> ImageSequence:
+    """The images of a folder in natural order; InputError if there is none that can be read."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder; expected one with the frames of a sequence")
+    paths = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()]
+    files = tuple(ImageFile(path, 0.0) for path in sorted(paths, key=natural_order))
+    first = next((image for image in map(decode, files) if not isinstance(image, Problem)), None)
+    if first is None:
+        raise InputError(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")
+    return ImageSequence(files, (first.shape[1], first.shape[0]), [])
+
+
+def natural_order(path: Path) -> tuple[tuple[int, str], ...]:
+    """A sorting key under which frame2 comes before frame10."""
+    words = re.findall(r"[0-9]+|[^0-9]+", str(path))
+    return tuple((int(word[-18:]), "") if word[0] in "0123456789" else (-1, word) for word in words)
