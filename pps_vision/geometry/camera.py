@@ -77,7 +77,7 @@ class Camera:
         return projected_points(self.numbers, np.ascontiguousarray(p.reshape(-1, 3))).reshape(*p.shape[:-1], 2)
 
     def project_linearised(self, X: float, Y: float, Z: float) -> Linearised:
-        """Pixel u, v of one point, and the gradients of u and v by its coordinates (px/m); NaN where it cannot be seen."""
+        """Pixel u, v of one point and the gradients of u and v by its coordinates (px/m); NaN if it cannot be seen."""
         return projected(self.numbers, X, Y, Z)
 
     def project_jacobian(self, point: ArrayLike) -> Array:
@@ -167,7 +167,7 @@ class View:
         return self.camera.project(move_points(self.T_camera_root, points))
 
     def project_linearised(self, x: float, y: float, z: float) -> Linearised:
-        """Pixel u, v of one point, and the gradients of u and v by its coordinates (px/m); NaN where it cannot be seen."""
+        """Pixel u, v of one point and the gradients of u and v by its coordinates (px/m); NaN if it cannot be seen."""
         return projected_from(self.pose, self.camera.numbers, x, y, z)
 
     def project_jacobian(self, point_root: ArrayLike) -> Array:

@@ -44,7 +44,7 @@ def test_neither_or_both_kinds_of_input(refused, tmp_path: Path) -> None:
 
 def test_an_unreadable_calibration_is_named_with_its_line(refused, approach: Path, tmp_path: Path) -> None:
     bad = tmp_path / "eyes.ini"
-    bad.write_text("[CAMERA_CALIBRATION_LEFT]\nw 320\nh 240\nfx many\n")
+    bad.write_text("[CAMERA_CALIBRATION_LEFT]\nw 320\nh 240\nfx many\nfy 1\ncx 1\ncy 1\nk1 0\nk2 0\np1 0\np2 0\n")
     assert "eyes.ini:4" in refused("track", approach, "--calib", bad, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
