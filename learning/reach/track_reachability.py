@@ -24,8 +24,8 @@ class TrackReachability:
         """
         if not track.is_known:
             return Reachability.without_answer(track.stamp_s, ReachStatus.UNKNOWN)
-        point = self._gaze.to_upright(q_rad, track.position)
-        gaze = self._gaze.gaze(point[None], self.map.limits)
+        point = self._gaze.to_upright(q_rad[None], track.position)
+        gaze = self._gaze.gaze(point, self.map.limits)
         predicted = self.map.query(gaze, self.threshold)
         if not predicted.within_limits[0]:
             return Reachability.without_answer(track.stamp_s, ReachStatus.NOT_FIXATED)

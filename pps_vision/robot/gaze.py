@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array
@@ -66,7 +66,7 @@ def fixated_gaze(posture: Posture, limits: GazeLimits | None = None) -> Array:
     if point is None:
         return np.full(3, np.nan)
     model = GazeModel(posture.robot)
-    return model.gaze(model.to_upright(posture.q_rad, point)[None], limits)[0]
+    return model.gaze(model.to_upright(posture.q_rad[None], point), limits)[0]
 
 
 def fixation_points(robot: Robot, gaze_rad: ArrayLike) -> Array:
@@ -127,11 +127,12 @@ class GazeModel:
         return np.where(within[:, None], gaze.clip(lower, upper), np.nan)
 
     def to_upright(self, q_rad: Array, p_root: Array) -> Array:
-        """(3,) position, root frame, of a point (3,) that the torso carries from configuration q (n_joints,) to zero.
+        """(N, 3) root positions of a point (3,) that the torso carries from configurations (N, n_joints) to zero.
 
         That is where it lies for the head and the arms, which the torso carries too.
         """
-        p_eye = move_points(inverse(self._trunk.pose(q_rad[self._trunk_joints])), p_root)
+        R, t = self._trunk.frames(q_rad[:, self._trunk_joints])
+        p_eye = ((p_root - t)[:, None] @ R)[:, 0]
         return move_points(self._trunk.T_root_frame, p_eye)
 
     def _closed_form(self, points: Array) -> Array:

@@ -110,7 +110,7 @@ def test_points_that_the_torso_carries_back_to_upright():
         q, point = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.uniform(-0.5, 0.5, 3)
         in_chest = np.linalg.inv(ROBOT.at(ZERO).T_root("chest")) @ [*point, 1]
         turned = (ROBOT.at(q).T_root("chest") @ in_chest)[:3]
-        np.testing.assert_allclose(MODEL.to_upright(ROBOT.at(q).q_rad, turned), point, atol=1e-12)
+        np.testing.assert_allclose(MODEL.to_upright(ROBOT.at(q).q_rad[None], turned), point[None], atol=1e-12)
 
 
 def test_the_gaze_posture_with_the_fixation_point_of_any_posture():
@@ -164,7 +164,9 @@ def test_another_head_that_pitches_first(tmp_path):
             x, y, z = np.linalg.inv(posture.T_root(eye))[:3] @ [*point, 1]
             assert np.hypot(x, y) < 1e-9
             assert z > 0
-    np.testing.assert_allclose(model.to_upright(np.ones(5), np.arange(3.0)), np.arange(3.0), atol=1e-12)  # no torso
+    np.testing.assert_allclose(
+        model.to_upright(np.ones((1, 5)), np.arange(3.0)), [np.arange(3.0)], atol=1e-12
+    )  # no torso
 
 
 def test_a_head_that_yaws_first_is_refused(tmp_path):

@@ -7,14 +7,11 @@ the paper recurs); fields are added where none responds, and adapt their reach. 
 rows of one table: a sample updates those it activates in one go, and no others.
 """
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from learning.archive import read_archive, write_archive
 from pps_vision.experiments.baselines.lwpr_fields import Fields, field_type, new_field, quadratic
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams, adapt_metric
 from pps_vision.experiments.baselines.lwpr_regression import (
@@ -26,7 +23,6 @@ from pps_vision.experiments.baselines.lwpr_regression import (
 )
 from pps_vision.types import Array
 
-_KIND, _VERSION = "LWPR model", 2
 _PAIRS_AT_ONCE = 4_000_000  # queries × fields looked at together
 
 
@@ -49,15 +45,6 @@ class LWPRParams:
                 f"init_D {self.init_D}, cutoff {self.cutoff}, w_gen {self.w_gen}, w_prune {self.w_prune}: "
                 "expected init_D above 0 and 0 < cutoff < w_gen < w_prune"
             )
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Answers to N queries: `mean` (N, outputs), NaN where no field that has seen enough responds, and `std`
-    (N, outputs), the paper's confidence bound: how far a new observation may lie from it."""
-
-    mean: Array
-    std: Array
 
 
 class LWPR:
@@ -113,32 +100,23 @@ class LWPR:
         first = p.regression.first_forgetting, p.regression.first_projections
         self.fields.append(new_field(x, y, output, metric, log_rate, *first))
 
-    def predict(self, x: ArrayLike) -> Prediction:
-        """The answers to queries x (N, inputs)."""
+    def predict(self, x: ArrayLike) -> Array:
+        """(N, outputs) the answers to queries x (N, inputs), the fields weighted by their responses.
+
+        NaN where no field that has seen enough responds.
+        """
         x = np.asarray(x, dtype=float)
         if x.ndim != 2 or x.shape[1] != self.n_inputs:
             raise ValueError(f"queries of shape {x.shape}: expected (N, {self.n_inputs})")
         step = max(1, _PAIRS_AT_ONCE // max(1, self.fields.n))
-        parts = [self._predict(x[k : k + step]) for k in range(0, max(1, len(x)), step)]
-        return Prediction(*(np.concatenate(answers) for answers in zip(*parts, strict=True)))
+        return np.concatenate([self._predict(x[k : k + step]) for k in range(0, max(1, len(x)), step)])
 
-    def _predict(self, x: Array) -> tuple[Array, Array]:
-        """Means and standard deviations, the fields weighted by their responses w:
-        σ² = Σ w (ŷ_k − ŷ)² / (Σ w)² + Σ w σ²_k / (Σ w)²."""
+    def _predict(self, x: Array) -> Array:
         i, k, w, y = self._responses(x)
-        rows = self.fields.rows
-        cell, shape = i * self.n_outputs + rows["output"][k], (len(x), self.n_outputs)
-
-        def total(values: Array) -> Array:
-            return np.bincount(cell, values, minlength=shape[0] * shape[1]).reshape(shape).astype(float)
-
-        weight = total(w)
-        known = np.where(weight > 0, weight, np.nan)
-        mean = total(w * y) / known
-        scores = (rows["directions"][k] @ (x[i] - rows["mean_x"][k])[..., None])[..., 0]
-        own = rows["noise"][k] * (1 + w * np.sum(scores**2, axis=1))
-        var = total(w * ((y - mean.ravel()[cell]) ** 2 + own)) / known**2
-        return mean, np.sqrt(var)
+        cell, n = i * self.n_outputs + self.fields.rows["output"][k], len(x) * self.n_outputs
+        weight = np.bincount(cell, w, minlength=n).astype(float)
+        mean = np.bincount(cell, w * y, minlength=n) / np.where(weight > 0, weight, np.nan)
+        return mean.reshape(len(x), self.n_outputs)
 
     def jacobian(self, x: Array) -> Array:
         """(N, outputs, inputs) ∂mean/∂x at queries x (N, inputs), the responses' own change included; NaN where there
@@ -175,44 +153,3 @@ class LWPR:
         w = np.exp(-0.5 * np.maximum(q[i, k], 0.0))
         y = rows["offset"][k] + np.einsum("pi,pi->p", rows["slope"][k], x[i])
         return i, k, w, y
-
-
-def save_lwpr(path: Path, model: LWPR) -> None:
-    """Write a model as .npz, whole or not at all."""
-    p = model.params
-    arrays: dict[str, ArrayLike] = {
-        "params": (p.init_D, p.w_gen, p.w_prune, p.cutoff),
-        "metric": tuple(asdict(p.metric).values()),
-        "regression": tuple(asdict(p.regression).values()),
-        "n_outputs": model.n_outputs,
-        "fields": model.fields.rows,
-    }
-    write_archive(path, _KIND, _VERSION, arrays)
-
-
-def load_lwpr(path: Path) -> LWPR:
-    """Read a model, which goes on exactly where it was; ValueError names the file and what is wrong with it."""
-    data: dict[str, Any] = read_archive(
-        path, _KIND, _VERSION, ("params", "metric", "regression", "n_outputs", "fields")
-    )
-    try:
-        rate, penalty, full, meta_rate = (float(value) for value in data["metric"])
-        metric = MetricParams(rate, penalty, bool(full), meta_rate)
-        first, last, pace, threshold, n_first = (float(value) for value in data["regression"])
-        regression = RegressionParams(first, last, pace, threshold, int(n_first))
-        init_D, w_gen, w_prune, cutoff = (float(value) for value in data["params"])
-        params = LWPRParams(init_D, w_gen, w_prune, cutoff, metric, regression)
-        rows, n_inputs = data["fields"], data["fields"]["center"].shape[1]
-        model = LWPR(n_inputs, int(data["n_outputs"]), params)
-        if rows.dtype != field_type(n_inputs) or not all(
-            np.isfinite(rows[name]).all() for name in rows.dtype.names or ()
-        ):
-            raise ValueError(f"fields of type {rows.dtype}, expected finite numbers of {field_type(n_inputs)}")
-        if not np.all((rows["output"] >= 0) & (rows["output"] < model.n_outputs)):
-            raise ValueError(f"fields of output {rows['output'].max()}, expected {model.n_outputs} outputs")
-        if not np.all((rows["n_projections"] >= 1) & (rows["n_projections"] <= n_inputs)):
-            raise ValueError(f"fields with {rows['n_projections'].max()} projections, expected 1 to {n_inputs}")
-        model.fields = Fields(rows)
-        return model
-    except (ValueError, TypeError, IndexError) as error:
-        raise ValueError(f"{path}: {_KIND} that does not fit together: {error}") from error

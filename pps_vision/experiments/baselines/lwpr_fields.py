@@ -14,15 +14,15 @@ LITTLE = 1e-10  # weight of what was never seen; keeps first divisions finite
 
 def field_type(n: int) -> np.dtype[np.void]:
     """One field of `n` inputs.  `metric` M (upper triangular) gives the activation exp(−½|M(x − centre)|²); `xx`, `xy`
-    the weighted co-moments; per number of projections the left-out errors `sum_e2_cv`; what queries need (`offset` to
-    `noise`) is worked out from them where it is `stale`."""
+    the weighted co-moments; per number of projections the left-out errors `sum_e2_cv`; what queries need (`offset`,
+    `slope`) is worked out from them where it is `stale`."""
     vector, matrix = (np.float64, (n,)), (np.float64, (n, n))
     names: list[tuple[str, type[np.generic], tuple[int, ...]]] = [
         *(("output", np.intp, ()), ("n_projections", np.intp, ())),
         *((name, *vector) for name in ("center", "mean_x", "xy", "slope", "trace_h", "trace_r", "sum_e2_cv")),
-        *((name, *matrix) for name in ("xx", "metric", "log_rate", "rate_trace", "directions")),
+        *((name, *matrix) for name in ("xx", "metric", "log_rate", "rate_trace")),
         *((name, np.float64, ()) for name in ("mean_y", "forgetting", "weight", "n_seen")),
-        *((name, np.float64, ()) for name in ("sum_e2", "sum_residual2", "sum_p", "offset", "noise")),
+        *((name, np.float64, ()) for name in ("sum_e2", "offset")),
         ("stale", np.bool_, ()),
     ]
     return np.dtype(names)

@@ -64,8 +64,6 @@ def regress(rows: Rows, x: Array, y: Array, w: Array, params: RegressionParams) 
     on, last = _on(rows), (np.arange(len(rows)), rows["n_projections"] - 1)
     scores, scaled, e_last = scores * on, scaled * on, e[last]
     leverage = w * (scores * scaled).sum(axis=1)
-    rows["sum_p"] = forget * rows["sum_p"] + w * leverage
-    rows["sum_residual2"] = forget * rows["sum_residual2"] + w * e_last**2
     settled = has_settled(rows)
     if settled.any():
         w_settled = w * settled
@@ -133,16 +131,13 @@ def is_trusted(rows: Rows, which: NDArray[np.intp] | EllipsisType = ...) -> Mask
 
 
 def refresh_models(rows: Rows) -> None:
-    """Work out, in place, what queries need: `offset` and `slope` of the line, `directions` (projections, inputs) such
-    that the squared scores of x − mean_x add up to s Pₛ s, and the variance of the `noise`."""
+    """Work out, in place, what queries need: `offset` and `slope` of the linear model."""
     n, on = rows["center"].shape[1], _on(rows)
     rows["slope"] = 0.0
     z = np.tile(np.eye(n), (len(rows), 1, 1))  # ∂(what is left of x)/∂x
-    for r, (unit, load, slope, ss) in enumerate(_projections(rows)):
+    for r, (unit, load, slope, _) in enumerate(_projections(rows)):
         s = on[:, r, None] * (unit[:, None] @ z)[:, 0]  # ∂score/∂x
         rows["slope"] += s * slope[:, None]
-        rows["directions"][:, r] = s / np.sqrt(ss)[:, None]
         z = z - load[:, :, None] * s[:, None]
     rows["offset"] = rows["mean_y"] - np.sum(rows["slope"] * rows["mean_x"], axis=1)
-    rows["noise"] = rows["sum_residual2"] / np.maximum(rows["weight"] - rows["sum_p"], LITTLE)
     rows["stale"] = False

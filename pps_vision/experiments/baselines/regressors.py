@@ -1,11 +1,15 @@
 """Forward models arm → gaze from any regressor: LWPR, SciPy's and scikit-learn's."""
 
+import warnings
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neural_network import MLPRegressor
 
@@ -66,7 +70,7 @@ class LocalModels:
 
     def predict(self, x: Array) -> Array:
         """Return y (N, outputs)."""
-        return self.model.predict(x).mean
+        return self.model.predict(x)
 
 
 class Refitted:
@@ -86,6 +90,25 @@ class Refitted:
 def quintic_spline() -> Refitted:
     """Return SciPy's polyharmonic spline of degree 5 through all samples."""
     return Refitted(lambda x, y: RBFInterpolator(x, y, kernel="quintic"))
+
+
+def gaussian_process(n_tune: int = 600) -> Refitted:
+    """Return scikit-learn's process: squared exponential with a length scale per input, plus noise, for all outputs.
+
+    The kernel is chosen by marginal likelihood on the first `n_tune` samples.
+    """
+
+    def fit(x: Array, y: Array) -> Predict:
+        mean = y.mean(axis=0)
+        lengths = np.clip(2 * x.std(axis=0), 0.1, 10.0)
+        kernel = ConstantKernel(1.0, (1e-3, 1e6)) * RBF(lengths, (0.1, 100.0)) + WhiteKernel(1e-6, (1e-12, 1.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # samples without noise end at the least noise
+            tuned = GaussianProcessRegressor(kernel, alpha=0.0).fit(x[:n_tune], (y - mean)[:n_tune])
+        model = GaussianProcessRegressor(tuned.kernel_, alpha=0.0, optimizer=None).fit(x, y - mean)
+        return lambda at: np.asarray(model.predict(at)) + mean
+
+    return Refitted(fit)
 
 
 def network(seed: int) -> Refitted:

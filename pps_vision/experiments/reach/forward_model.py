@@ -11,9 +11,14 @@ from tqdm import tqdm
 
 from learning.reach.babbling import Babbled, babble, score
 from learning.reach.forward_model import RevoluteArm
-from learning.reach.gaussian_process import GaussianProcess
 from pps_vision.experiments import charts
-from pps_vision.experiments.baselines.regressors import ArmToGaze, boosted_trees, network, quintic_spline
+from pps_vision.experiments.baselines.regressors import (
+    ArmToGaze,
+    boosted_trees,
+    gaussian_process,
+    network,
+    quintic_spline,
+)
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import first
 from pps_vision.experiments.study import Study
@@ -35,7 +40,7 @@ class Model(Protocol):
 
 METHODS: dict[str, Callable[[], Model]] = {
     "model of revolute joints": RevoluteArm,
-    "Gaussian process": lambda: ArmToGaze(GaussianProcess()),
+    "Gaussian process (scikit-learn)": lambda: ArmToGaze(gaussian_process()),
     "LWPR, each sample once": jamone.arm_model,
     "LWPR, each sample 4 times": lambda: jamone.arm_model(n_epochs=4),
     "quintic spline (SciPy)": lambda: ArmToGaze(quintic_spline()),

@@ -83,7 +83,7 @@ def lwpr_map(labels: Labels, max_error_m: float, limits: GazeLimits) -> MapQuery
         model.update(x, y)
 
     def query(gaze: Array) -> MapPrediction:
-        mean = model.predict((gaze - middle) / half).mean
+        mean = model.predict((gaze - middle) / half)
         within = np.ones(len(gaze), dtype=bool)
         return MapPrediction(within, mean[:, 0] > 0.5, np.clip(2 * mean[:, 0] - 0.5, 0, 1), mean[:, 1])
 

@@ -70,7 +70,7 @@ def judge(model: LWPR) -> dict[str, float]:
         model.predict(x[None])
     query_us = 1e6 * (process_time() - begun) / len(_GRID[::4])
     truth = cross(_GRID)
-    error = np.mean((model.predict(_GRID).mean[:, 0] - truth) ** 2) / truth.var()
+    error = np.mean((model.predict(_GRID)[:, 0] - truth) ** 2) / truth.var()
     return {"fields": int(model.n_fields[0]), "nmse": float(error), "query_us": query_us}
 
 

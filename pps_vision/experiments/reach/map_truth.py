@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from learning.reach.babbling import Babbled
-from learning.reach.map import Labels, MapPrediction
+from learning.reach.map import Labels, MapPrediction, isotropic
 from learning.reach.training import ArmLimits, MapParams, ReachOracle
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.reach import jamone
@@ -89,3 +89,10 @@ def closed_form(robot: Robot, side: str = "right", limits: ArmLimits | None = No
 def first(babbled: Babbled, n: int) -> Babbled:
     """Return the first `n` samples."""
     return replace(babbled, arm_rad=babbled.arm_rad[:n], gaze_rad=babbled.gaze_rad[:n])
+
+
+def random_gaze(limits: GazeLimits, n: int, rng: np.random.Generator) -> Array:
+    """Return (n, 3) gaze postures in all directions, their distances spread evenly in the logarithm."""
+    at = rng.uniform(isotropic(limits.lower), isotropic(limits.upper), (n, 3))
+    at[:, 2] = 2 * np.arctan(np.exp(at[:, 2]))
+    return at

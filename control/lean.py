@@ -1,0 +1,85 @@
+"""Lean: turn the torso until what lies just outside the reachable space is within it (J's outlook).
+
+The torso carries hand and eyes alike, so the reachable-space map holds whatever the torso does: it is asked for the
+gaze that fixates the object from each posture of the torso.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pps_vision.robot.gaze import GazeLimits, GazeModel
+from pps_vision.robot.model import Posture
+from pps_vision.types import Array, JointVelocity, Mask
+
+_DEG = np.pi / 180
+LeanStatus = Literal["within reach", "leaning", "out of reach"]
+
+
+@dataclass(frozen=True)
+class LeanParams:
+    """How the torso turns."""
+
+    torso_rad_s: float = 15 * _DEG
+    """Speed of the torso."""
+    spacing_rad: float = 4 * _DEG
+    """Spacing of the torso postures that are looked at."""
+
+
+def step(
+    params: LeanParams,
+    model: GazeModel,
+    limits: GazeLimits,
+    reachable: Callable[[Array], Mask],
+    posture: Posture,
+    p_root: Array,
+    dt_s: float = 0.05,
+    stamp_s: float = 0.0,
+) -> tuple[LeanStatus, JointVelocity]:
+    """Turn the torso straight to the nearest posture from which the object is reachable; rest where it already is.
+
+    Args:
+        params: speed of the torso and spacing of its postures.
+        model: gaze kinematics of the robot.
+        limits: gaze limits of the map.
+        reachable: the map's verdict (N,) on gaze postures (N, 3); False for NaN.
+        posture: the robot now.
+        p_root: (3,) position of the object, root frame, m.
+        dt_s: duration of the command.
+        stamp_s: stamp of the command.
+
+    Returns:
+        Whether the object is within reach, will be, or cannot be; and the rates of the torso's joints.
+    """
+    robot = posture.robot
+    index, dq = robot.indices(robot.names.torso), np.zeros(robot.n_joints)
+    axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, params.spacing_rad) for i in index]
+    here = posture.q_rad[index]
+    torso = np.vstack([here, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)])
+    q = np.tile(posture.q_rad, (len(torso), 1))
+    q[:, index] = torso
+    within = reachable(model.gaze(model.to_upright(q, p_root), limits))
+    status: LeanStatus = "within reach"
+    if not within.any():
+        status = "out of reach"
+    elif not within[0]:
+        status = "leaning"
+        turns = torso[within] - here
+        distance = np.linalg.norm(turns, axis=1)
+        nearest = int(distance.argmin())
+        dq[index] = turns[nearest] / max(dt_s, float(distance[nearest]) / params.torso_rad_s)
+    return status, JointVelocity(stamp_s, dq)
+
+
+def carried_velocity(posture: Posture, p_root: Array, dq_rad_s: Array) -> Array:
+    """(3,) m/s velocity of a point `p_root` that moves with the torso, whose joints turn at `dq_rad_s` (n_joints,).
+
+    For the eyes, which the torso carries, an object at rest moves as fast the other way: the fixation controller
+    compensates for the torso if this velocity is subtracted from the object's.
+    """
+    eye, index = posture.robot.names.left_eye, posture.robot.indices(posture.robot.names.torso)
+    T = posture.T_root(eye)
+    J: Array = posture.jacobian(eye, (p_root - T[:3, 3]) @ T[:3, :3])[:3, index]
+    return J @ dq_rad_s[index]

@@ -1,0 +1,98 @@
+"""Leaning with a map that is plain geometry: a ball that moves with the torso."""
+
+import numpy as np
+import pytest
+
+from control import fixation, lean
+from control.fixation import FixationParams, fixation_error, gaze_at
+from control.lean import LeanParams
+from pps_vision.robot.gaze import GazeLimits, GazeModel
+from pps_vision.robot.icub import load_icub
+
+ROBOT, PARAMS, DT = load_icub(), LeanParams(), 0.05
+MODEL, LIMITS = GazeModel(ROBOT), GazeLimits()
+TORSO = ROBOT.indices(ROBOT.names.torso)
+CENTER, RADIUS = np.array([-0.32, 0.08, 0.25]), 0.10  # what is reachable, as it lies for an upright torso
+ASIDE, FAR = CENTER + np.array([0.0, 0.18, 0.0]), CENTER - np.array([0.35, 0.0, 0.0])
+START = ROBOT.clamp(np.zeros(ROBOT.n_joints))
+
+
+def in_ball(gaze):
+    known = np.isfinite(gaze).all(axis=1)
+    off = np.full(len(gaze), np.inf)
+    off[known] = np.linalg.norm(MODEL.points(gaze[known]) - CENTER, axis=1)
+    return off < RADIUS
+
+
+def step(q, point, dt_s=DT):
+    return lean.step(PARAMS, MODEL, LIMITS, in_ball, ROBOT.at(q), point, dt_s, 3.0)
+
+
+def upright(q, point):
+    """Where a point that moves with the torso would lie, by Pinocchio's frames instead of the gaze model's chain."""
+    straight = q.copy()
+    straight[TORSO] = 0
+    now, then = ROBOT.at(q).T_root("chest"), ROBOT.at(straight).T_root("chest")
+    return (then @ np.linalg.inv(now) @ np.append(point, 1))[:3]
+
+
+def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
+    q, turned = START.copy(), 0.0
+    for _ in range(100):
+        status, command = step(q, ASIDE)
+        if status == "within reach":
+            break
+        assert status == "leaning"
+        rates = command.dq_rad_s.copy()
+        assert np.linalg.norm(rates[TORSO]) <= PARAMS.torso_rad_s + 1e-12
+        rates[TORSO] = 0
+        assert not rates.any()
+        q, turned = q + DT * command.dq_rad_s, turned + DT * np.linalg.norm(command.dq_rad_s)
+    assert status == "within reach"
+    assert np.linalg.norm(upright(q, ASIDE) - CENTER) < RADIUS
+    assert turned == pytest.approx(np.linalg.norm(q[TORSO] - START[TORSO]), rel=0.02)
+    grid = np.stack(np.meshgrid(*[np.deg2rad(np.arange(-40, 41, 1.0))] * 2), axis=-1).reshape(-1, 2)
+    smallest = np.inf
+    for torso in grid:
+        q_there = START.copy()
+        q_there[TORSO] = torso
+        if np.linalg.norm(upright(q_there, ASIDE) - CENTER) < RADIUS:
+            smallest = min(smallest, float(np.linalg.norm(torso - START[TORSO])))
+    assert smallest - np.deg2rad(1.5) <= turned <= smallest + PARAMS.spacing_rad
+
+
+def test_the_last_step_does_not_pass_the_goal():
+    """However long the command is held, the torso stays within its limits and ends where the object is reachable."""
+    status, command = step(START, ASIDE, dt_s=30.0)
+    q = START + 30.0 * command.dq_rad_s
+    assert status == "leaning"
+    assert step(q, ASIDE)[0] == "within reach"
+    np.testing.assert_array_equal(ROBOT.clamp(q), q)
+
+
+def test_within_reach_and_out_of_reach_the_torso_rests():
+    for point, expected in ((CENTER, "within reach"), (FAR, "out of reach")):
+        status, command = step(START, point)
+        assert status == expected
+        assert not command.dq_rad_s.any()
+        assert command.stamp_s == 3.0
+
+
+def test_the_head_compensates_for_the_torso():
+    q, dq, error = gaze_at(ROBOT, START, ASIDE), np.zeros(ROBOT.n_joints), {}
+    dq[TORSO] = np.deg2rad([12.0, -9.0])
+    carried = lean.carried_velocity(ROBOT.at(q), ASIDE, dq)
+    for velocity in (-carried, 0 * carried):
+        gaze = fixation.step(FixationParams(), ROBOT.at(q), ASIDE, velocity, DT).dq_rad_s
+        error[velocity.any()] = fixation_error(ROBOT.at(q + DT * (dq + gaze)), ASIDE)
+    assert error[True] < 0.05 * error[False]
+
+
+def test_a_carried_point_moves_with_the_torso_whatever_else_moves():
+    q, dq, h = START + 0.05, np.full(ROBOT.n_joints, 0.3), 1e-6
+    of_torso = np.zeros(ROBOT.n_joints)
+    of_torso[TORSO] = 0.3
+    moved = q + h * of_torso
+    T = ROBOT.at(moved).T_root("chest") @ np.linalg.inv(ROBOT.at(q).T_root("chest"))
+    expected = ((T @ np.append(ASIDE, 1))[:3] - ASIDE) / h
+    np.testing.assert_allclose(lean.carried_velocity(ROBOT.at(q), ASIDE, dq), expected, atol=1e-5)
