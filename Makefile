@@ -37,6 +37,7 @@ test: setup .venv/.installed-test
 	@$(BIN)/mypy & types=$$!; OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile; tests=$$?; wait $$types && exit $$tests
 
 demo: setup
+	rm -rf demo
 	$(BIN)/pps-vision demo --out demo
 
 clean:

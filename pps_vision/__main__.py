@@ -1,19 +1,81 @@
-"""`python -m pps_vision`, and the command `pps-vision`."""
+"""`python -m pps_vision`, and the command `pps-vision`: what the whole process needs before a command runs."""
 
+import io
+import os
+import signal
 import sys
+import warnings
+from typing import TextIO
 
 
 def main() -> None:
-    """Run the command line; what is missing to even start (a system library) is said in one line."""
+    """Run the command line; a system library that is missing is said in one line."""
+    for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(signum) is not signal.SIG_IGN:  # as under nohup
+            signal.signal(signum, _end)
+    sys.stdout, sys.stderr = _Output.instead_of(sys.stdout), _Output.instead_of(sys.stderr)
+    warnings.formatwarning = _on_one_line
     try:
-        from pps_vision.app.cli import main as run  # here, so that an interrupt or a missing library is caught
+        from pps_vision.app.cli import main as run  # here, so that a signal or a missing library is caught
 
         run()
     except ImportError as error:
+        if ".so" not in str(error):
+            raise
         print(f"pps-vision: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+
+
+def _end(signum: int, frame: object) -> None:
+    """Remove what is half-written and end, as the signal does by itself.
+
+    No exception, because code that a signal interrupts (imports, callbacks, finalizers) may swallow it.
+    """
+    outputs = sys.modules.get("pps_vision.recordings.outputs")
+    remove_unfinished = getattr(outputs, "remove_unfinished", None)  # None: not loaded, so nothing is half-written
+    if remove_unfinished is not None:
+        remove_unfinished()
+    signal.signal(signum, signal.SIG_DFL)
+    signal.raise_signal(signum)
+
+
+class _Output(io.TextIOWrapper):
+    """A standard stream whose reader may go away or whose disk may be full: the rest is dropped, the work goes on."""
+
+    @classmethod
+    def instead_of(cls, stream: TextIO | None) -> "_Output":
+        """Take the place of a stream; characters that it cannot encode are escaped."""
+        if not isinstance(stream, io.TextIOWrapper):  # None: it was closed before the start
+            return cls(open(os.devnull, "wb"), encoding="utf-8")
+        encoding, line_buffering = stream.encoding, stream.line_buffering
+        return cls(stream.detach(), encoding, "backslashreplace", line_buffering=line_buffering)
+
+    def write(self, text: str) -> int:
+        """Write, or drop what cannot be written."""
+        try:
+            return super().write(text)
+        except OSError:
+            self._drop()
+            return len(text)
+
+    def flush(self) -> None:
+        """Flush, or drop what cannot be written."""
+        try:
+            super().flush()
+        except OSError:
+            self._drop()
+
+    def _drop(self) -> None:
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, self.fileno())
+        os.close(null)
+
+
+def _on_one_line(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """How a library's warning is shown."""
+    return f"pps-vision: {category.__name__}: {' '.join(str(message).split())}\n"
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from pps_vision.errors import InputError
+
 Lighting = Literal["baked", "lights", "shadows"]
 
 
@@ -26,8 +28,8 @@ class Fidelity:
 
     def __post_init__(self) -> None:
         if not (0.5 <= self.scale <= 2 and 0 <= self.fineness <= 6):
-            raise ValueError(f"{self}; expected scale 0.5–2, fineness 0–6")
+            raise InputError("fidelity", f"{self}; expected scale 0.5–2, fineness 0–6")
         if self.lighting not in get_args(Lighting):
-            raise ValueError(f"{self}; expected a lighting of {', '.join(get_args(Lighting))}")
+            raise InputError("fidelity", f"{self}; expected a lighting of {', '.join(get_args(Lighting))}")
         if not self.blur_step_px > 0:
-            raise ValueError(f"{self}; expected a positive step of the blur")
+            raise InputError("fidelity", f"{self}; expected a positive step of the blur")

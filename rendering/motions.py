@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array
 from rendering.names import MotionName
@@ -225,13 +226,13 @@ def make_motion(
     The path may leave the view: the caller checks and draws again.
     """
     if kind not in get_args(MotionName):
-        raise ValueError(f"motion {kind!r}; expected one of {', '.join(get_args(MotionName))}")
+        raise InputError("motion", f"{kind!r}; expected one of {', '.join(get_args(MotionName))}")
     if not (np.isfinite(speed_m_s) and speed_m_s > 0):
-        raise ValueError(f"speed {speed_m_s} m/s; expected a positive number")
+        raise InputError("motion", f"speed {speed_m_s} m/s; expected a positive number")
     middle = np.array(center, dtype=float)
     if kind in ("approach", "recede"):
         if target is None:
-            raise ValueError(f"motion {kind!r} needs a target: a point of the skin and its normal")
+            raise InputError("motion", f"{kind!r} needs a target: a point of the skin and its normal")
         approach = make_approach(rng, target, speed_m_s)
         return approach if kind == "approach" else Recede(approach.end, approach.start, speed_m_s)
     if kind == "static":

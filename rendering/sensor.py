@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pps_vision.errors import InputError
 from pps_vision.types import Array, Image
 
 _LARGEST = 255.0  # grey levels; no parameter is meaningful above full scale
@@ -27,7 +28,7 @@ class Sensor:
         for name in ("noise_sigma", "shot", "exposure", "blur_s"):
             value = getattr(self, name)
             if not 0 <= value <= _LARGEST:
-                raise ValueError(f"sensor {name} = {value}; expected a number from 0 to {_LARGEST:.0f}")
+                raise InputError("sensor", f"{name} = {value}; expected a number from 0 to {_LARGEST:.0f}")
 
     @property
     def is_noisy(self) -> bool:

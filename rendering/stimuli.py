@@ -6,6 +6,7 @@ from typing import get_args
 import numpy as np
 import trimesh
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import transform
 from rendering.names import StimulusName
 from rendering.shapes import Color, Part, sides_of, sphere, tube
@@ -35,10 +36,10 @@ class Stimulus:
 def make_stimulus(name: StimulusName, radius_m: float | None = None, fineness: int = 3) -> Stimulus:
     """Return a marker, ball, cube or octopus of its default radius or of `radius_m`."""
     if name not in get_args(StimulusName):
-        raise ValueError(f"stimulus {name!r}; expected one of {', '.join(get_args(StimulusName))}")
+        raise InputError("stimulus", f"{name!r}; expected one of {', '.join(get_args(StimulusName))}")
     radius = _RADIUS_M[name] if radius_m is None else radius_m
     if not (np.isfinite(radius) and radius > 0):
-        raise ValueError(f"stimulus radius {radius} m; expected a positive number")
+        raise InputError("stimulus", f"radius {radius} m; expected a positive number")
     if name == "marker":
         parts: tuple[Part, ...] = (sphere(radius, GREEN, fineness=fineness),)
     elif name == "ball":

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.types import Image, StereoFrame
 
@@ -19,17 +20,17 @@ Stamps = tuple[float, float]
 
 
 def check(frame: StereoFrame, rig: StereoRig, last_s: Stamps) -> None:
-    """ValueError for stamps that are not after the last ones, or images that are not the rig's cameras'."""
+    """InputError for stamps that are not after the last ones, or images that are not the rig's cameras'."""
     eyes = (
         ("left", frame.stamp_left_s, last_s[0], frame.left, rig.left),
         ("right", frame.stamp_right_s, last_s[1], frame.right, rig.right),
     )
     for name, new, old, image, camera in eyes:
         if not old < new < np.inf:
-            raise ValueError(f"{name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
+            raise InputError("frame", f"{name} stamp {new:.6f} s after {old:.6f} s; expected rising stamps")
         expected = camera.height, camera.width, 3
         if image.shape != expected or image.dtype != np.uint8:
-            raise ValueError(f"{name} image {image.shape} {image.dtype}; expected {expected} uint8")
+            raise InputError("frame", f"{name} image {image.shape} {image.dtype}; expected {expected} uint8")
 
 
 def is_grey(image: Image) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
@@ -388,11 +389,13 @@ class BoxTracker:
         self._misses = 0
 
     def start(self, image: Image, box_px: BoxPx) -> BoxDetection:
-        """Learn the object in `box_px` of the first RGB image; ValueError where the box is no part of it."""
+        """Learn the object in `box_px` of the first RGB image; InputError where the box is no part of it."""
         height, width = image.shape[:2]
         x, y, w, h = box_px
         if not (w >= 2 and h >= 2 and x >= 0 and y >= 0 and x + w <= width and y + h <= height):
-            raise ValueError(f"first box {x:g} {y:g} {w:g} {h:g}: expected a box inside the {width}×{height} image")
+            raise InputError(
+                "image tracker", f"first box {x:g} {y:g} {w:g} {h:g}: expected a box inside the {width}×{height} image"
+            )
         self._tracker = ImageTracker(self.params, assumed_optics(width, height), self.rng)
         self._target = self._tracker.start(image, box_px)
         self._last = BoxDetection(box_px, 1.0)

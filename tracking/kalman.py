@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pps_vision.errors import InputError
 from pps_vision.types import Array
 from tracking.names import DEFAULT_ORDER
 
@@ -49,18 +50,21 @@ class KalmanParams:
 
     def __post_init__(self) -> None:
         if self.order not in NOISE_DENSITY:
-            raise ValueError(f"filter order {self.order}; expected 1, 2, 3 or 4")
+            raise InputError("Kalman filter", f"filter order {self.order}; expected 1, 2, 3 or 4")
         if not (self.noise_density > 0 and self.gate_chi2 > 0 and self.jump_chi2 > 0 and self.max_rejections >= 1):
-            raise ValueError(
+            raise InputError(
+                "Kalman filter",
                 f"noise density {self.noise_density}, gate {self.gate_chi2}, gate of jumps {self.jump_chi2}, "
-                f"rejections {self.max_rejections}: expected positive numbers"
+                f"rejections {self.max_rejections}: expected positive numbers",
             )
         if not 0 < self.white_share <= 1:
-            raise ValueError(f"white share {self.white_share}; expected more than 0 and at most 1")
+            raise InputError("Kalman filter", f"white share {self.white_share}; expected more than 0 and at most 1")
         if not min(self.decay_s) > 0:
-            raise ValueError(f"acceleration and jerk decay within {self.decay_s} s; expected more than 0")
+            raise InputError(
+                "Kalman filter", f"acceleration and jerk decay within {self.decay_s} s; expected more than 0"
+            )
         if not 0 <= self.adaptation_rate <= 1:
-            raise ValueError(f"adaptation rate {self.adaptation_rate}; expected 0 to 1")
+            raise InputError("Kalman filter", f"adaptation rate {self.adaptation_rate}; expected 0 to 1")
 
     @classmethod
     def of_order(cls, order: int) -> "KalmanParams":

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numba import njit
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import frame_checks, kalman
@@ -61,10 +62,11 @@ class TrackerParams:
 
     def __post_init__(self) -> None:
         if self.mode not in ("generic", "marker"):
-            raise ValueError(f"tracker mode {self.mode!r}; expected 'generic' or 'marker'")
+            raise InputError("tracker", f"mode {self.mode!r}; expected 'generic' or 'marker'")
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
-            raise ValueError(
-                f"confirm after {self.confirm_frames} frames, lost after {self.lost_after_s} s; expected more than 0"
+            raise InputError(
+                "tracker",
+                f"confirm after {self.confirm_frames} frames, lost after {self.lost_after_s} s; expected more than 0",
             )
 
 
@@ -145,7 +147,7 @@ class Tracker:
             found: The object's outlines in the left and the right image, if they were found beforehand (`batch`).
 
         Raises:
-            ValueError: A stamp that is not after the last one, or images or joints that are not the rig's; nothing
+            InputError: A stamp that is not after the last one, or images or joints that are not the rig's; nothing
                 has changed then.
         """
         frame_checks.check(frame, self.rig, self.state.stamps_s)

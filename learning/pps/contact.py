@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import betaincinv, expit
 
 from learning.pps.trials import Trial
+from pps_vision.errors import InputError
 from pps_vision.types import Array, Mask
 
 
@@ -41,9 +42,11 @@ class ContactParams:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.horizon_s) and self.horizon_s >= 0):
-            raise ValueError(f"a horizon of {self.horizon_s} s: expected 0 or more")
+            raise InputError("contact", f"a horizon of {self.horizon_s} s: expected 0 or more")
         if not (self.samples >= 1 and self.prior_trials > 0 and self.offset_m > 0 and 0 < self.level < 1):
-            raise ValueError(f"{self}: expected samples, prior trials and an offset above 0, a level between 0 and 1")
+            raise InputError(
+                "contact", f"{self}: expected samples, prior trials and an offset above 0, a level between 0 and 1"
+            )
 
 
 @dataclass(frozen=True)

@@ -184,7 +184,9 @@ class ReachableMap:
         """Least probability, at least 0.5, above which no more than this share of the unreachable postures is called
         reachable, according to the map's own probabilities."""
         if not 0 < max_false_positives < 1:
-            raise ValueError(f"a share of {max_false_positives} false positives: expected above 0 and below 1")
+            raise InputError(
+                "reachable-space map", f"a share of {max_false_positives} false positives: expected above 0 and below 1"
+            )
         probability = np.sort(expit(self.signed_distance.ravel() / self.softness))
         order = np.argsort(self.signed_distance.ravel())
         # weight of a lattice point: its spacing in vergence, since the lattice is densest where the eyes verge least

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from learning.reach.gaze_spline import GazeSpline, first_of_close
 from learning.reach.map import Labels, Lattice, ReachableMap, isotropic
+from pps_vision.errors import InputError
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.inverse_kinematics import ForwardModel, solve_ik
@@ -93,14 +94,17 @@ class MapParams:
 
     def __post_init__(self) -> None:
         if not 2 <= 2 * self.round_labels <= self.n_labels:
-            raise ValueError(
+            raise InputError(
+                "reachable-space map",
                 f"{self.n_labels} labels in rounds of {self.round_labels}: expected at least two rounds, "
-                "of which the later ones test what the earlier ones learned"
+                "of which the later ones test what the earlier ones learned",
             )
         if self.n_babble < _NEAR:
-            raise ValueError(f"{self.n_babble} random arm postures: expected at least {_NEAR}")
+            raise InputError("reachable-space map", f"{self.n_babble} random arm postures: expected at least {_NEAR}")
         if not 0 <= self.max_error < 1:
-            raise ValueError(f"a share of {self.max_error} misjudged: expected at least 0 and below 1")
+            raise InputError(
+                "reachable-space map", f"a share of {self.max_error} misjudged: expected at least 0 and below 1"
+            )
 
 
 class ReachOracle:
@@ -109,9 +113,9 @@ class ReachOracle:
     def __init__(
         self, robot: Robot, side: str, params: MapParams, rng: np.random.Generator, hand: HandModel | None = None
     ) -> None:
-        """ValueError for a side other than left or right."""
+        """InputError for a side other than left or right."""
         if side not in ("left", "right"):
-            raise ValueError(f"side {side!r}: expected left or right")
+            raise InputError("reachable-space map", f"side {side!r}: expected left or right")
         self.robot, self.params = robot, params
         palm = robot.names.palms[("left", "right").index(side)]
         self.lower, self.upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
@@ -204,7 +208,9 @@ def learned_from(
     elif into.side == side and into.limits == limits:
         labels, spent, unanswered = into.labels, 0, into.unanswered
     else:
-        raise ValueError(f"a map of {into.side}, {into.limits}: expected one of {side}, {limits}, to go on from")
+        raise InputError(
+            "reachable-space map", f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from"
+        )
     softness, expected = np.nan, 1.0
     while spent + n <= params.n_labels and expected > params.max_error:
         border = GazeSpline(*_nodes(_consistent(labels), params))
@@ -278,10 +284,13 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
     distance to the nearest of them."""
     border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
     if len(labels.gaze_rad) == 0:
-        raise ValueError("inverse kinematics never converged: expected a forward model that it can invert")
+        raise InputError(
+            "reachable-space map", "inverse kinematics never converged; expected a forward model that it can invert"
+        )
     if len(border) == 0:
-        raise ValueError(
-            f"all {len(labels.gaze_rad)} labels are within reach: expected some beyond the border to learn"
+        raise InputError(
+            "reachable-space map",
+            f"all {len(labels.gaze_rad)} labels are within reach: expected some beyond the border to learn",
         )
     border = border[first_of_close(isotropic(border), params.node_spacing)]
     distance, _ = cKDTree(isotropic(border)).query(isotropic(labels.gaze_rad))

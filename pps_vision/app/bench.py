@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
-from PIL import Image
 
 from pps_vision.app.report.figures import save
 from pps_vision.errors import InputError
@@ -90,10 +89,7 @@ def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
     drawn = study.chart(numbers)
     for part, figure in ({"": drawn} if isinstance(drawn, Figure) else drawn).items():
         file = out / "figures" / (f"{name}_{part}.png" if part else f"{name}.png")
-        with whole_file(file) as partial:
-            save(figure, partial)
-            with Image.open(partial) as image:
-                image.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(partial, "PNG", optimize=True)
+        save(figure, file, colors=128)
         print(f"→ {file}")
 
 

@@ -6,7 +6,7 @@ its covariance, times the ratio of true to reported error that `pps-vision bench
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -52,6 +52,8 @@ class Probe:
 class Choice:
     """The chosen configuration, with the filter's order chosen for this motion."""
 
+    asked_mm: float
+    """The limit of the 3D RMS error."""
     configuration: Configuration
     meets: bool
     """Whether its expected error is within the limit."""
@@ -62,21 +64,13 @@ class Choice:
 
     def summary(self) -> dict[str, object]:
         """For summary.json."""
-        tried = [
-            {
-                "name": p.name,
-                "ms_per_pair": p.ms_per_pair,
-                "tracked_share": p.tracked_share,
-                "expected_mm": p.expected_mm,
-            }
-            for p in self.probes
-        ]
         return {
+            "asked_mm": self.asked_mm,
             "configuration": self.configuration.name,
             "filter_order": self.configuration.params.kalman.order,
             "meets": self.meets,
             "why": self.reason,
-            "tried": tried,
+            "tried": [asdict(probe) for probe in self.probes],
         }
 
 
@@ -115,13 +109,13 @@ def cheapest(
                 f"the fastest of {len(by_cost)} that tracks the object and whose expected error, "
                 f"{probe.expected_mm:.2g} mm, is within {max_error_mm:g} mm"
             )
-            return Choice(ordered[-1], True, reason, tuple(probes))
+            return Choice(max_error_mm, ordered[-1], True, reason, tuple(probes))
     k = int(np.nanargmin([_regret(probe) for probe in probes]))
     reason = f"none of {len(by_cost)} is within {max_error_mm:g} mm; the most accurate of those that track the object"
     if not probes[k].tracked_share >= _MIN_TRACKED:
         reason = f"none of {len(by_cost)} tracks the object in the first seconds; the default"
         k = next(i for i, c in enumerate(by_cost) if c.params == TrackerParams())
-    return Choice(ordered[k], False, reason, tuple(probes))
+    return Choice(max_error_mm, ordered[k], False, reason, tuple(probes))
 
 
 def _regret(probe: Probe) -> float:

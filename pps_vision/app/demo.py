@@ -32,7 +32,6 @@ from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.types import Image, ReachStatus, Status
 
-_FILES = ("report.html", "demo.mp4", "memory.npz", "reach.npz", "summary.json")
 _TAXEL = "left_forearm:3"
 _THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
@@ -56,7 +55,7 @@ _COLUMNS = {
 
 def demo(out: Path, trials: int, noise: float, seed: int) -> None:
     """Train, run the episodes, and write the report; arguments as of `pps-vision demo`."""
-    with whole_folder(out, _FILES) as folder, open_world(noise, seed) as world:
+    with whole_folder(out) as folder, open_world(noise, seed) as world:
         memory = train(world, TrainingParams(trials, noise))
         save_memory(folder / "memory.npz", memory)
         with tqdm(total=1, desc="reachable space", unit="map", disable=None) as bar:
@@ -70,7 +69,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         given = {"seed": seed, "trials": trials, "noise_grey_levels": noise}
         write_json(folder / "summary.json", {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
         text = _page(trials, noise, seed, folder, memory, logs, numbers, stopwatch)
-        (folder / "report.html").write_text(text)
+        (folder / "report.html").write_text(text, encoding="utf-8")
     for log in logs:
         touched, moved = "touched" if log.was_touched else "not touched", "moved" if log.was_commanded else "still"
         print(f"{log.title:42s} {touched:12s} arm {moved}")

@@ -4,6 +4,7 @@ Rendered and recorded frames take the same steps; a recording does not obey the 
 """
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from learning.pps.memory import PPSMemory, activation
 from learning.pps.receptive_field import ReceptiveField, perceive
 from learning.reach.map import ReachableMap
 from learning.reach.track_reachability import TrackReachability
+from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.skin import Skin
@@ -95,12 +97,12 @@ class Pipeline:
         rng: np.random.Generator,
         reachable_map: ReachableMap | None = None,
     ) -> None:
-        if memory.taxel_ids != skin.taxel_ids:
-            n, m = len(memory.taxel_ids), len(skin.taxel_ids)
-            raise ValueError(f"memory has {n} taxels but the skin has {m}; expected a memory of this skin")
+        check_memory(memory, skin)
         side, map_side = params.avoidance.side, reachable_map.side if reachable_map else "no arm"
         if params.avoidance.behaviour == "reach" and map_side != side:
-            raise ValueError(f"reachable-space map of {map_side}; expected one of the {side} arm, which is to reach")
+            raise InputError(
+                "pipeline", f"reachable-space map of {map_side}; expected one of the {side} arm, which is to reach"
+            )
         self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
         self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(side)))
         self._on_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
@@ -111,7 +113,7 @@ class Pipeline:
         """Process one frame and the taxels `touched` (n,) that the skin reports with it.
 
         Raises:
-            ValueError: The frame has no joints, or the images or `touched` do not fit this robot; the state is
+            InputError: The frame has no joints, or the images or `touched` do not fit this robot; the state is
                 unchanged.
         """
         params, state, stamp_s = self.params, self._state, frame.stamp_s
@@ -159,7 +161,7 @@ class Pipeline:
         if touched is None:
             return np.zeros(n, bool)
         if touched.shape != (n,):
-            raise ValueError(f"touched {touched.shape}; expected the skin's {n} taxels")
+            raise InputError("pipeline", f"touched {touched.shape}; expected the skin's {n} taxels")
         return touched
 
     def _perceive(
@@ -193,14 +195,21 @@ class Pipeline:
         return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints))
 
 
+def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline") -> None:
+    """InputError, naming the source, unless the memory has exactly the skin's taxels."""
+    if memory.taxel_ids != skin.taxel_ids:
+        n, m = len(memory.taxel_ids), len(skin.taxel_ids)
+        raise InputError(source, f"memory has {n} taxels but the skin has {m}; expected a memory of this skin")
+
+
 def joints_of(frame: StereoFrame) -> Array:
     """(n_joints,) rad, the mean of the joints at the two images, which is that at the frame's stamp.
 
     Raises:
-        ValueError: The frame has no joints.
+        InputError: The frame has no joints.
     """
     if frame.joints_left_rad is None or frame.joints_right_rad is None:
-        raise ValueError("frame without joints; expected a robot's recording")
+        raise InputError("pipeline", "frame without joints; expected a robot's recording")
     joints: Array = 0.5 * (frame.joints_left_rad + frame.joints_right_rad)
     return joints
 

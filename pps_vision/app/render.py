@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ParamSpec, get_args
+from typing import ParamSpec, get_args
 
 import numpy as np
 from tqdm import tqdm
 
 from control import fixation
-from pps_vision.app.cli.options import options_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
 from pps_vision.errors import InputError
@@ -39,107 +39,107 @@ _LARGEST_M = 0.3  # radius of an object that fits into the view
 _FINGER_IK = IKParams(tolerance=1e-5)
 
 
-class Render(RenderParams):
-    """Renders what its parameters ask for."""
+def record(options: RenderParams) -> tuple[int, int]:
+    """Write the recording; returns how many pairs there are, and in how many the skin is touched.
 
-    def run(self) -> None:
-        """Render, and report what was written."""
-        pairs, touches = self.record()
-        print(f"{pairs} pairs, skin touched in {touches} → {self.out}")
+    Raises:
+        InputError: An option is out of its range, nothing can be seen so, or the folder cannot be written.
+    """
+    if not (0 < options.seconds < math.inf and 0 < options.fps < math.inf):
+        raise InputError("render", f"--seconds {options.seconds}, --fps {options.fps}; expected positive numbers")
+    if options.radius is not None and not 0 < options.radius <= _LARGEST_M:
+        raise InputError("render", f"--radius {options.radius} m; expected above 0 and at most {_LARGEST_M}")
+    if options.center is not None and not np.all(np.isfinite(options.center)):
+        raise InputError("render", f"--center {options.center}; expected three numbers in metres")
+    rng = np.random.default_rng(options.seed)
+    robot, skin = load_icub(), icub_skin()
+    rig = icub_rig(robot)
+    fidelity = Fidelity(scale=options.scale)
+    stimulus = stimulus_of(options, fidelity.fineness)
+    sensor = Sensor(options.noise, options.shot, options.exposure, options.blur_s)
+    carrier: CarrierName = "none" if options.carrier == "finger" else options.carrier
+    states, touches = list(scene(options, robot, rig, rng)), 0
+    with (
+        YarpWriter(options.out, robot, rig.left, rig.right) as writer,
+        Eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
+    ):
+        for t, state in tqdm(states, desc="render", unit="pair", disable=None):
+            truth = eyes.truth(state, t)
+            touched = touched_taxels(skin.at(robot.at(state.q_rad))[0], truth.position, stimulus.radius_m)
+            touches += bool(touched.any())
+            writer.write_frame(eyes.render(state, t, rng))
+            writer.write_joints(t, state.q_rad)
+            writer.write_touches(t, np.array(skin.taxel_ids)[touched])
+            writer.write_truth(truth)
+    return len(states), touches
 
-    def record(self, make_eyes: Callable[..., Any] = Eyes) -> tuple[int, int]:
-        """Render; returns how many pairs there are, and in how many the skin is touched.
 
-        `make_eyes` draws the views; called like `Eyes`.
-        """
-        if not (0 < self.seconds < math.inf and 0 < self.fps < math.inf):
-            raise InputError("render", f"--seconds {self.seconds}, --fps {self.fps}; expected positive numbers")
-        if self.radius is not None and not 0 < self.radius <= _LARGEST_M:
-            raise InputError("render", f"--radius {self.radius} m; expected above 0 and at most {_LARGEST_M}")
-        if self.center is not None and not np.all(np.isfinite(self.center)):
-            raise InputError("render", f"--center {self.center}; expected three numbers in metres")
-        rng = np.random.default_rng(self.seed)
-        robot, skin = load_icub(), icub_skin()
-        rig = icub_rig(robot)
-        with options_of("render"):
-            fidelity = Fidelity(scale=self.scale)
-            stimulus = self.object(fidelity.fineness)
-            sensor = Sensor(self.noise, self.shot, self.exposure, self.blur_s)
-        carrier: CarrierName = "none" if self.carrier == "finger" else self.carrier
-        states, touches = list(self.scene(robot, rig, rng)), 0
-        with (
-            YarpWriter(self.out, robot, rig.left, rig.right) as writer,
-            make_eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
-        ):
-            for t, state in tqdm(states, desc="render", unit="pair", disable=None):
-                truth = eyes.truth(state, t)
-                touched = touched_taxels(skin.at(robot.at(state.q_rad))[0], truth.position, stimulus.radius_m)
-                touches += bool(touched.any())
-                writer.write_frame(eyes.render(state, t, rng))
-                writer.write_joints(t, state.q_rad)
-                writer.write_touches(t, np.array(skin.taxel_ids)[touched])
-                writer.write_truth(truth)
-        return len(states), touches
+def stimulus_of(options: RenderParams, fineness: int) -> Stimulus:
+    """What is shown; InputError and OSError name a mesh file that cannot be shown."""
+    if isinstance(options.stimulus, Path):
+        if options.stimulus.suffix.lower() not in MESH_SUFFIXES:
+            names = ", ".join((*get_args(StimulusName), *(f"FILE{suffix}" for suffix in MESH_SUFFIXES)))
+            raise InputError("render", f"--stimulus {options.stimulus}; expected one of {names}")
+        return load_stimulus(options.stimulus, options.unit, options.radius)
+    return make_stimulus(options.stimulus, options.radius, fineness)
 
-    def object(self, fineness: int) -> Stimulus:
-        """What is shown; ValueError and OSError name a mesh file that cannot be shown."""
-        if isinstance(self.stimulus, Path):
-            if self.stimulus.suffix.lower() not in MESH_SUFFIXES:
-                names = ", ".join((*get_args(StimulusName), *(f"FILE{suffix}" for suffix in MESH_SUFFIXES)))
-                raise InputError("render", f"--stimulus {self.stimulus}; expected one of {names}")
-            return load_stimulus(self.stimulus, self.unit, self.radius)
-        return make_stimulus(self.stimulus, self.radius, fineness)
 
-    def scene(self, robot: Robot, rig: StereoRig, rng: np.random.Generator) -> Iterator[tuple[float, SceneState]]:
-        """Stamp and state of each frame."""
-        finger = RightFinger(robot) if self.carrier == "finger" else None
-        q, motion = self._begin(robot, rig, rng, self.object(0).radius_m, finger)
-        dt = 1 / self.fps
-        for k in range(max(1, round(self.seconds * self.fps))):
-            t = k * dt
-            p, v = motion(t)
-            dq = self._head_rate(robot, q, p, v, t, dt)
-            if finger is not None and (q_next := finger.at(q, motion(t + dt)[0])) is not None:
-                dq += (q_next - q) / dt
-            yield t, SceneState(q, p, v, dq)
-            q = robot.clamp(q + dt * dq)
+def scene(
+    options: RenderParams, robot: Robot, rig: StereoRig, rng: np.random.Generator
+) -> Iterator[tuple[float, SceneState]]:
+    """Stamp and state of each frame."""
+    finger = RightFinger(robot) if options.carrier == "finger" else None
+    q, motion = _begin(options, robot, rig, rng, stimulus_of(options, 0).radius_m, finger)
+    dt = 1 / options.fps
+    for k in range(max(1, round(options.seconds * options.fps))):
+        t = k * dt
+        p, v = motion(t)
+        dq = _head_rate(options, robot, q, p, v, t, dt)
+        if finger is not None and (q_next := finger.at(q, motion(t + dt)[0])) is not None:
+            dq += (q_next - q) / dt
+        yield t, SceneState(q, p, v, dq)
+        q = robot.clamp(q + dt * dq)
 
-    def _begin(
-        self, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float, finger: "RightFinger | None"
-    ) -> tuple[Array, Motion]:
-        """The robot at home fixating the start of a random motion that both eyes can follow."""
-        q_home, skin = home(robot), icub_skin()
-        taxels, _ = skin.at(robot.at(q_home))
-        with options_of("render"):
-            target = skin.index(self.target)
-        aim = at_taxel(skin, robot.at(q_home), target, radius_m + REACH_M.get(self.motion, 0.0))
-        for _ in range(200):
-            speed = rng.uniform(0.05, 0.15) if self.speed is None else self.speed
-            center = _before_the_eyes(rng) if self.center is None else np.array(self.center)
-            with options_of("render"):
-                motion = make_motion(self.motion, rng, center, speed, aim)
-            path = [motion(t)[0] for t in np.linspace(0, self.seconds, 4 * math.ceil(self.seconds) + 1)]
-            q = q_home if finger is None else finger.follow(q_home, path)
-            begins_touching = touched_taxels(taxels, path[0], radius_m).any()
-            if q is not None and not begins_touching and can_follow(robot, rig, q, motion, self.seconds):
-                return fixation.gaze_at(robot, q, path[0]), motion
-        place = self.target if self.center is None else self.center
-        where = "in view of both eyes" + ("" if finger is None else " and in reach of the finger")
-        raise InputError("render", f"no {self.motion} about {place} stays {where}; expected another target or center")
 
-    def _head_rate(self, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
-        """Joint rates until the next frame: fixation of where the object will be, and the sway."""
-        dq: Array = np.zeros(robot.n_joints)
-        if self.head == "still":
-            return dq
-        if self.head == "follow":
-            dq = fixation.step(
-                fixation.FixationParams(gain_per_s=min(8.0, 0.6 / dt)), robot.at(q), p, v, dt
-            ).dq_rad_s.copy()
-        phase = 2 * np.pi * _SWAY_HZ
-        yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
-        dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)
+def _begin(
+    options: RenderParams,
+    robot: Robot,
+    rig: StereoRig,
+    rng: np.random.Generator,
+    radius_m: float,
+    finger: "RightFinger | None",
+) -> tuple[Array, Motion]:
+    """The robot at home fixating the start of a random motion that both eyes can follow."""
+    q_home, skin = home(robot), icub_skin()
+    taxels, _ = skin.at(robot.at(q_home))
+    target = skin.index(options.target)
+    aim = at_taxel(skin, robot.at(q_home), target, radius_m + REACH_M.get(options.motion, 0.0))
+    for _ in range(200):
+        speed = rng.uniform(0.05, 0.15) if options.speed is None else options.speed
+        center = _before_the_eyes(rng) if options.center is None else np.array(options.center)
+        motion = make_motion(options.motion, rng, center, speed, aim)
+        path = [motion(t)[0] for t in np.linspace(0, options.seconds, 4 * math.ceil(options.seconds) + 1)]
+        q = q_home if finger is None else finger.follow(q_home, path)
+        begins_touching = touched_taxels(taxels, path[0], radius_m).any()
+        if q is not None and not begins_touching and can_follow(robot, rig, q, motion, options.seconds):
+            return fixation.gaze_at(robot, q, path[0]), motion
+    place = options.target if options.center is None else options.center
+    where = "in view of both eyes" + ("" if finger is None else " and in reach of the finger")
+    raise InputError("render", f"no {options.motion} about {place} stays {where}; expected another target or center")
+
+
+def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
+    """Joint rates until the next frame: fixation of where the object will be, and the sway."""
+    dq: Array = np.zeros(robot.n_joints)
+    if options.head == "still":
         return dq
+    if options.head == "follow":
+        gains = fixation.FixationParams(gain_per_s=min(8.0, 0.6 / dt))
+        dq = fixation.step(gains, robot.at(q), p, v, dt).dq_rad_s.copy()
+    phase = 2 * np.pi * _SWAY_HZ
+    yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
+    dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)
+    return dq
 
 
 class RightFinger:
@@ -199,7 +199,7 @@ def _as_function(options: Callable[_P, RenderParams]) -> Callable[_P, Recording]
         """
         asked = options(*args, **kwargs)
         out = Path(asked.out)
-        Render(**{**vars(asked), "out": out}).record()
+        record(replace(asked, out=out))
         return open_recording(out)
 
     return render

@@ -283,7 +283,9 @@ def make_episode(
         begins_touching = touched_taxels(taxels, motion(0.0)[0], radius).any()
         if not begins_touching and can_follow(world.robot, world.rig, q_home, motion, seconds):
             return Episode(f"{stimulus} {title}", stimulus, motion, seconds)
-    raise ValueError(f"no {kind} about {taxel} stays in view of both eyes; expected a taxel that they see at home")
+    raise InputError(
+        "episode", f"no {kind} about {taxel} stays in view of both eyes; expected a taxel that they see at home"
+    )
 
 
 def watching(robot: Robot, skin: Skin, q: Array) -> Array:

@@ -1,6 +1,6 @@
 """A recording to a 3D path: `pps_vision.track`, on which `pps-vision track` is built."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -14,6 +14,7 @@ from pps_vision.app.device import torch_device
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
@@ -24,6 +25,8 @@ from tracking.smoother import smoothed_tracks
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 _WARM_UP = 10  # frames a tracker is given before its errors count
+_TRUTH_WITHIN_S = 0.02  # of a track's stamp
+_BATCH = 16  # stereo pairs that are processed together on a device
 
 
 @dataclass(frozen=True)
@@ -60,13 +63,9 @@ class TrackedRecording:
         params: TrackerParams,
         seed: int = 0,
         device: str | None = None,
-        batch: int = 16,
         choice: Choice | None = None,
     ) -> None:
-        if batch < 1:
-            raise InputError("track", f"batch {batch}; expected at least 1")
-        self.recording, self.params, self.seed, self.choice = recording, params, seed, choice
-        self._device, self._batch = device, batch
+        self.recording, self.params, self.seed, self.device, self.choice = recording, params, seed, device, choice
         self.stopwatch = Stopwatch()
 
     def __len__(self) -> int:
@@ -79,7 +78,7 @@ class TrackedRecording:
         """Yield the number of each frame (as `Recording.numbered`), the frame, and what tracking it gave."""
         self.stopwatch.ms.clear()
         tracker = tracker_for(self.recording, self.params, self.seed, self.stopwatch)
-        if self._device is None:
+        if self.device is None:
             for number, frame in self.recording.numbered():
                 with self.stopwatch("total"):
                     step = tracker.step(frame)
@@ -87,8 +86,8 @@ class TrackedRecording:
             return
         from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
 
-        batches = BatchTracker(tracker, torch_device(self._device))
-        for chunk in chunks(self.recording.numbered(), self._batch):
+        batches = BatchTracker(tracker, torch_device(self.device))
+        for chunk in chunks(self.recording.numbered(), _BATCH):
             with self.stopwatch("total", len(chunk)):
                 steps = batches.steps([frame for _, frame in chunk])
             yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
@@ -103,6 +102,37 @@ class TrackedRecording:
         if not steps:
             raise InputError(self.recording.name, "no usable frame; expected at least one readable stereo pair")
         return smoothed_tracks(self.params.kalman, steps) if smooth else [step.track for step in steps]
+
+    def summary(self, tracks: Sequence[Track3D]) -> dict[str, object]:
+        """What was tracked and how, for summary.json; `tracks` as returned by `path`."""
+        summary: dict[str, object] = {
+            "source": self.recording.name,
+            "mode": self.params.mode,
+            "device": self.device,
+            "seed": self.seed,
+            "pairs": len(self),
+            "frames": len(tracks),
+            "status": {status.value: sum(track.status == status for track in tracks) for status in Status},
+            "ms_per_pair": self.stopwatch.summary(),
+            "skipped": count_by_kind(self.recording.problems),
+        }
+        if self.choice:
+            summary["max_error"] = self.choice.summary()
+        if self.recording.truth:
+            summary["errors"] = errors_against(self.recording.truth, tracks)
+        return summary
+
+    def headline(self, tracks: Sequence[Track3D]) -> str:
+        """The same in one line for the terminal."""
+        tracked = sum(track.status == Status.TRACKING for track in tracks)
+        line = f"{tracked} of {len(tracks)} pairs tracked, median {np.median(self.stopwatch.ms['total']):.1f} ms a pair"
+        if self.recording.truth:
+            errors = errors_against(self.recording.truth, tracks)
+            rms_mm, all_mm = errors["position_rms_mm"], errors["position_rms_all_mm"]
+            if np.isfinite(all_mm):
+                line += f", 3D RMS {rms_mm:.2f} mm where tracked, {all_mm:.2f} mm with predicted positions"
+        skipped = len(self.recording.problems)
+        return line + (f", {skipped} problems skipped" if skipped else "")
 
     def arrays(self, smooth: bool = False) -> TrackArrays:
         """Track the recording and return its path as arrays; `smooth` as in `path`."""
@@ -125,7 +155,6 @@ def track(
     params: TrackerParams | None = None,
     max_error_mm: float | None = None,
     device: str | None = None,
-    batch: int = 16,
     seed: int = 0,
 ) -> TrackedRecording:
     """Track the moving object of a recording in 3D.
@@ -142,7 +171,6 @@ def track(
             `mode` and `order`.
         device: Process batches of frames with torch on this device (cpu, cuda, cuda:1); None: frame by frame, without
             torch.
-        batch: Stereo pairs in a batch of `device`.
         seed: Seed of the particles.
 
     Raises:
@@ -154,9 +182,9 @@ def track(
     if max_error_mm is not None and params != TrackerParams():
         raise InputError("track", "max_error_mm chooses mode and order itself; expected no mode, no order")
     if max_error_mm is None:
-        return TrackedRecording(recording, params, seed, device, batch)
+        return TrackedRecording(recording, params, seed, device)
     choice = cheapest(recording, max_error_mm, lambda tried: tracker_for(recording, tried, seed))
-    return TrackedRecording(recording, choice.configuration.params, seed, device, batch, choice)
+    return TrackedRecording(recording, choice.configuration.params, seed, device, choice)
 
 
 def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: Stages | None = None) -> Tracker:
@@ -172,23 +200,29 @@ def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: 
     return Tracker(params, recording.rig, np.random.default_rng(seed), own_body, **timed)
 
 
-def errors_against(truth: tuple[Truth, ...], tracks: list[Track3D]) -> dict[str, float]:
-    """How far the path is from the truth, after the first ten frames: share tracked, 3D RMS, median, velocity RMS."""
+def errors_against(truth: Sequence[Truth], tracks: Sequence[Track3D]) -> dict[str, float]:
+    """Share tracked, RMS and median error of the position, RMS error of the velocity, after the first ten frames.
+
+    The errors are of the frames with status tracking; `position_rms_all_mm` is of all frames with a position,
+    predicted ones (coasting) included.
+    """
     stamps = np.array([row.stamp_s for row in truth])
-    position, velocity = [], []
+    errors, measured = [], []
     later = tracks[_WARM_UP:]
     for track in later:
         row = truth[int(np.argmin(np.abs(stamps - track.stamp_s)))]
-        if track.status == Status.TRACKING and abs(row.stamp_s - track.stamp_s) < 0.02:
+        if track.is_known and abs(row.stamp_s - track.stamp_s) < _TRUTH_WITHIN_S:
             at = row.position + row.velocity * (track.stamp_s - row.stamp_s)
-            position.append(np.linalg.norm(track.position - at))
-            velocity.append(np.linalg.norm(track.velocity - row.velocity))
-    error, slip = np.array(position), np.array(velocity)
+            errors.append((np.linalg.norm(track.position - at), np.linalg.norm(track.velocity - row.velocity)))
+            measured.append(track.status == Status.TRACKING)
+    position, velocity = np.reshape(errors, (-1, 2)).T
+    tracked = np.array(measured, dtype=bool)
     return {
-        "tracked_share": len(error) / len(later) if later else np.nan,
-        "position_rms_mm": 1000 * _rms(error),
-        "position_median_mm": 1000 * float(np.median(error)) if len(error) else np.nan,
-        "velocity_rms_m_s": _rms(slip),
+        "tracked_share": int(tracked.sum()) / len(later) if later else np.nan,
+        "position_rms_mm": 1000 * _rms(position[tracked]),
+        "position_rms_all_mm": 1000 * _rms(position),
+        "position_median_mm": 1000 * float(np.median(position[tracked])) if tracked.any() else np.nan,
+        "velocity_rms_m_s": _rms(velocity[tracked]),
     }
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 from tqdm import tqdm
 
-from pps_vision.app.cli.options import options_of
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_sequence import ImageSequence
 from pps_vision.recordings.tables import Box
@@ -20,7 +19,6 @@ def follow(sequence: ImageSequence, init: Box, seed: int) -> list[tuple[int, Box
         elif sequence.problems:
             raise InputError("track2d", f"--init is the box in that image: {sequence.problems[0]}")
         else:
-            with options_of("track2d"):
-                found = tracker.start(image, init)
+            found = tracker.start(image, init)
         rows.append((number, found.box_px, found.score))
     return rows

@@ -8,7 +8,6 @@ import numpy as np
 from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_session
 from learning.pps.scores import auroc, brier
 from learning.pps.trials import Trial, load_trials, touch_rates
-from pps_vision.app.cli.options import options_of
 from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import whole_file
 from pps_vision.recordings.tables import write_table
@@ -19,11 +18,12 @@ COLUMNS = ("trial", "taxel", "activation", "lower", "upper", "outcome")
 
 def trials(train_path: Path, test_path: Path, out: Path, horizon_s: float) -> None:
     """Learn, predict, write, and say how good it was; the arguments are those of `pps-vision trials`."""
-    with options_of("trials"):
-        params = ContactParams(horizon_s=horizon_s)
+    if train_path.exists() and test_path.exists() and train_path.samefile(test_path):
+        raise InputError(test_path, "is also TRAIN; expected other trials than those learned from")
+    params = ContactParams(horizon_s=horizon_s)
     train, test = load_trials(train_path), load_trials(test_path)
     _refuse_what_teaches_nothing(train_path, train, test_path, test)
-    with whole_file(out) as partial:
+    with whole_file(out, [train_path, test_path]) as partial:
         predicted = predict_session(params, learn_contact(params, train), test)
         touched = np.array([trial.touched for trial in test])
         write_table(partial, COLUMNS, _rows(predicted, touched))

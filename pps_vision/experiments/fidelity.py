@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.app.render import Render
+from pps_vision.app.render import scene
+from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.charts import panels, speed_error
 from pps_vision.experiments.raycast import ray_cast
 from pps_vision.experiments.study import Metric, Study, Values, compare, rms
@@ -100,9 +101,9 @@ class Fidelity(Study):
 
     def _states(self, stimulus: StimulusName, seconds: float, seed: int) -> list[SceneState]:
         """The states of a random motion that the eyes follow."""
-        what = Render(stimulus, "figure8" if seed % 2 else "circle", Path(), seconds=seconds, seed=seed)
+        what = RenderParams(stimulus, "figure8" if seed % 2 else "circle", Path(), seconds=seconds, seed=seed)
         robot = load_icub()
-        return [state for _, state in what.scene(robot, icub_rig(robot), np.random.default_rng(seed))]
+        return [state for _, state in scene(what, robot, icub_rig(robot), np.random.default_rng(seed))]
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against the image error and against the tracking error of each object, and against the error of blur."""

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.app.render import Render
+from pps_vision.app.render import scene, stimulus_of
+from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
 from pps_vision.experiments.independent_eyes import eyes_of, own_body_of
 from pps_vision.experiments.study import Scenes, SceneSource
@@ -160,12 +161,12 @@ def film(
     )
 
 
-def rendered(what: Render, source: SceneSource = "rendered") -> Recording:
+def rendered(what: RenderParams, source: SceneSource = "rendered") -> Recording:
     """Return what `pps-vision render` would write (its folder is not used), or the same states by ray casting."""
     rng, robot = np.random.default_rng(what.seed), load_icub()
-    states = list(what.scene(robot, icub_rig(robot), rng))
+    states = list(scene(what, robot, icub_rig(robot), rng))
     sensor = Sensor(what.noise, what.shot, what.exposure, what.blur_s)
-    return film(states, what.object(3), source, sensor, what.seed, rng)
+    return film(states, stimulus_of(what, 3), source, sensor, what.seed, rng)
 
 
 def moving(
@@ -178,7 +179,7 @@ def moving(
     **also: Any,
 ) -> Recording:
     """Return a recording of one of `pps-vision render`'s motions."""
-    return rendered(Render(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **also), source)
+    return rendered(RenderParams(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **also), source)
 
 
 def watching(

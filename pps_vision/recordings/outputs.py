@@ -1,10 +1,18 @@
-"""Outputs that appear whole or not at all: written under a temporary name, then renamed."""
+"""Outputs that appear whole or not at all: written under a temporary name, then renamed.
 
+One rule for all commands.  Refused are an output that is also read, one that is no regular file (a device, a FIFO), a
+folder that holds anything, and an output that another run is writing to.  What a killed run has left behind is removed
+by the next run with the same output.
+"""
+
+import fcntl
 import json
 import math
 import os
+import re
+import secrets
 import shutil
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,75 +20,130 @@ import numpy as np
 
 from pps_vision.errors import InputError, first_line
 
+_unfinished: set[Path] = set()  # lock files and temporary folders of the outputs that this process is writing
+
 
 @contextmanager
-def whole_folder(folder: Path, results: Collection[str] = ()) -> Iterator[Path]:
-    """A temporary folder whose files become those of `folder` when the block ends; it vanishes if it fails.
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A temporary folder whose files become those of `folder` when the block ends; it vanishes if the block fails.
 
-    `results` names the files a run may write: where `folder` exists, an earlier run's are replaced
-    or removed and everything else in it stays.  Without names it must be new or empty.
-    An existing folder is never replaced: a shell may stand in it, or a disk be mounted there.
-    Entering is the check: InputError if the place cannot be written.
+    An existing folder that is empty is filled, not replaced: a shell may stand in it, or a disk be mounted there.
+
+    Raises:
+        InputError: On entering: `folder` is refused (see above) or cannot be written.
     """
-    final = folder.resolve()
+    final = _resolved(folder)
     if final.exists() and not final.is_dir():
-        raise InputError(folder, "is a file; expected a folder to write to")
+        raise InputError(folder, "is no folder; expected a new or empty folder to write to")
     exists = final.exists()
-    partial = _beside(final / "out" if exists else final, "partial")
-    try:
-        present = sorted(os.listdir(final)) if exists else []
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
-    try:
-        if present and not results:
+    with _temporary_folder(folder, final.name, final if exists else final.parent) as partial:
+        present = sorted(name for name in os.listdir(final) if not _is_ours(name, final.name)) if exists else []
+        if present:
             raise InputError(folder, f"already holds {present[0]}; expected a new or empty folder to write to")
-        for name in results:
-            if (final / name).is_dir():
-                raise InputError(final / name, "is a folder; expected none where a file is to be written")
         yield partial
         if not exists:
-            partial.replace(final)
+            _rename(partial, final, folder)
             return
-        written = [file.name for file in partial.iterdir()]
-        for name in written:
-            (partial / name).replace(final / name)
-        for name in set(results).difference(written):
-            (final / name).unlink(missing_ok=True)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        for file in list(partial.iterdir()):
+            _rename(file, final / file.name, folder)
 
 
 @contextmanager
-def whole_file(file: Path) -> Iterator[Path]:
+def whole_file(file: Path, inputs: Iterable[Path | None] = ()) -> Iterator[Path]:
     """A temporary file that becomes `file` when the block ends, and vanishes if it fails.
 
-    Entering is the check: InputError if the place cannot be written.  An older file is replaced.
+    An older file is replaced, unless it is one of `inputs` or lies in one of them.  The temporary file has the same
+    name, since writers choose a format by its suffix.
+
+    Raises:
+        InputError: On entering: `file` is refused (see above) or cannot be written.
     """
-    final = file.resolve()
+    final = _resolved(file)
     if final.is_dir():
         raise InputError(file, "is a folder; expected a file to write to")
-    partial = _beside(final, "partial").with_suffix(final.suffix)  # writers choose a format by suffix
+    if final.exists():
+        if not final.is_file():
+            raise InputError(file, "is no regular file; expected a file to write to")
+        for source in filter(None, inputs):
+            if source.exists() and (final.samefile(source) or source.resolve() in final.parents):
+                raise InputError(file, f"belongs to {source}, which is read; expected another file to write to")
+    with _temporary_folder(file, final.name, final.parent) as folder:
+        yield folder / final.name
+        _rename(folder / final.name, final, file)
+
+
+def remove_unfinished() -> None:
+    """Remove what this process has begun to write; for handlers of signals, after which nothing is written any more."""
+    for path in _unfinished:
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _resolved(path: Path) -> Path:
     try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        partial.touch(exist_ok=False)
+        return path.resolve()
+    except (OSError, RuntimeError) as error:  # up to Python 3.12 a loop of symbolic links is a RuntimeError
+        raise InputError(path, f"cannot be written: {first_line(error)}; expected a writable place") from error
+
+
+@contextmanager
+def _temporary_folder(output: Path, name: str, place: Path) -> Iterator[Path]:
+    """A new hidden folder in `place` for the output of this name, which is locked until the block ends."""
+    lock = place / f".{name}.lock"
+    partial = place / f".{name}.{secrets.token_hex(4)}.partial"
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        held = _lock(lock, output)
     except OSError as error:
-        raise InputError(file, f"cannot be written: {first_line(error)}; expected a writable place") from error
+        raise InputError(output, f"cannot be written: {first_line(error)}; expected a writable place") from error
     try:
+        _unfinished.update((lock, partial))
+        for file in list(place.iterdir()):
+            if file != lock and _is_ours(file.name, name):  # of a run that was killed, since the lock is ours
+                shutil.rmtree(file, ignore_errors=True)
+        partial.mkdir()
         yield partial
-        partial.replace(final)
     finally:
-        partial.unlink(missing_ok=True)
+        shutil.rmtree(partial, ignore_errors=True)
+        lock.unlink(missing_ok=True)
+        _unfinished.difference_update((lock, partial))
+        os.close(held)
 
 
-def _beside(final: Path, what: str) -> Path:
-    """A hidden name in the same folder, this process's own."""
-    return final.with_name(f".{final.name}.{os.getpid()}.{what}")
+def _is_ours(file: str, name: str) -> bool:
+    """Whether this is the lock or a temporary folder of the output `name`."""
+    return re.fullmatch(rf"\.{re.escape(name)}\.(lock|[0-9a-f]+\.partial)", file) is not None
+
+
+def _lock(lock: Path, output: Path) -> int:
+    """The descriptor of a lock file that this process holds.  The system frees it even after kill -9."""
+    while True:
+        held = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(held), lock.stat()):
+                return held
+        except BlockingIOError as error:
+            os.close(held)
+            raise InputError(output, "another run is writing to it; expected one at a time") from error
+        except FileNotFoundError:  # its holder has just ended and removed it: lock a new one
+            pass
+        os.close(held)
+
+
+def _rename(partial: Path, final: Path, output: Path) -> None:
+    """Move what was written to its place, or, where something has appeared there, beside it."""
+    try:
+        partial.replace(final)
+    except OSError as error:
+        kept = final.with_name(f"{final.stem}-{secrets.token_hex(4)}{final.suffix}")
+        partial.replace(kept)
+        raise InputError(output, f"cannot be written: {first_line(error)}; what was written is {kept}") from error
 
 
 def write_json(file: Path, content: Mapping[str, object]) -> None:
     """Write JSON: NumPy numbers, arrays and paths as plain ones, NaN and infinity as null."""
-    file.write_text(json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    file.write_text(text, encoding="utf-8", errors="backslashreplace")  # a file's name may hold any bytes
 
 
 def plain(value: object) -> object:

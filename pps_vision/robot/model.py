@@ -119,7 +119,7 @@ class Robot:
     def eye_poses(self, q_rad: ArrayLike | None) -> tuple[Array, Array]:
         """(T_root_left, T_root_right), the form `StereoRig` asks for."""
         if q_rad is None:
-            raise ValueError("the frame carries no joints, but this robot's eyes move with them")
+            raise InputError("robot", "the frame carries no joints, but this robot's eyes move with them")
         q = self._checked(q_rad)
         (left, of_left), (right, of_right) = self._eyes
         return left.pose(q[of_left]), right.pose(q[of_right])

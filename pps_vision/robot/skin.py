@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array, Mask
 
@@ -79,9 +80,9 @@ class Skin:
         return np.repeat(np.arange(len(self.parts)), [len(part.ids) for part in self.parts])
 
     def index(self, taxel_id: str) -> int:
-        """Position of a taxel "part:id"; ValueError for an unknown one."""
+        """Position of a taxel "part:id"; InputError for an unknown one."""
         if taxel_id not in self.taxel_ids:
-            raise ValueError(f"no taxel {taxel_id!r}; this skin has {', '.join(self.taxel_ids)}")
+            raise InputError("skin", f"no taxel {taxel_id!r}; this skin has {', '.join(self.taxel_ids)}")
         return self.taxel_ids.index(taxel_id)
 
     def at(self, posture: Posture) -> tuple[Array, Array]:

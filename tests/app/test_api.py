@@ -71,8 +71,6 @@ def test_bad_input_has_one_exception(approach: Path, tmp_path: Path) -> None:
         pv.open_recording()
     with pytest.raises(pv.InputError, match="max_error_mm"):
         pv.track(approach, "marker", max_error_mm=5.0)
-    with pytest.raises(pv.InputError, match="batch 0"):
-        pv.track(approach, device="cpu", batch=0)
     (tmp_path / "map.npz").write_text("none")
     with pytest.raises(pv.InputError, match=r"map\.npz"):
         pv.ReachableMap.load(tmp_path / "map.npz")

@@ -1,14 +1,12 @@
 """Bad input ends in one line that names what is wrong, exit code 2, and nothing half-written."""
 
 import shutil
-import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pps_vision.app.cli import main
-from pps_vision.recordings.outputs import whole_file
 
 
 def test_no_such_recording(refused, tmp_path: Path) -> None:
@@ -150,25 +148,6 @@ def test_python_control_beside_us_is_refused(refused, monkeypatch: pytest.Monkey
     (tmp_path / "control-0.10.2.dist-info").mkdir()
     monkeypatch.syspath_prepend(str(tmp_path))
     assert "python-control" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
-
-
-def ended_while_writing(file: Path) -> None:
-    with whole_file(file) as partial:
-        partial.write_text("half")
-        signal.raise_signal(signal.SIGTERM)
-
-
-def test_what_is_ended_from_outside_leaves_nothing_half_written(tmp_path: Path) -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    try:
-        with pytest.raises(SystemExit):
-            main(["--help"])  # whatever the command, it is ready to be ended
-        with pytest.raises(SystemExit) as end:
-            ended_while_writing(tmp_path / "half.csv")
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    assert end.value.code == 128 + signal.SIGTERM
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_stimulus_that_is_neither_known_nor_a_mesh(refused, tmp_path: Path) -> None:

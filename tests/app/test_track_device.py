@@ -16,9 +16,9 @@ def _path(folder: Path) -> np.ndarray:
 
 def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
     recording = tmp_path / "recording"
-    words = "--stimulus marker --motion circle --seconds 0.5 --noise 2 --seed 3"
+    words = "--stimulus marker --motion circle --seconds 1 --noise 2 --seed 3"
     main(["render", *words.split(), "--out", str(recording)])
-    for name, device in (("alone", []), ("batches", ["--device", "cpu", "--batch", "4"])):
+    for name, device in (("alone", []), ("batches", ["--device", "cpu"])):
         main(["track", str(recording), "--mode", "marker", *device, "--out", str(tmp_path / name)])
     alone, batches = _path(tmp_path / "alone"), _path(tmp_path / "batches")
     assert np.isfinite(alone[2:]).all()
@@ -29,7 +29,6 @@ def test_what_it_cannot_do_is_refused(approach: Path, tmp_path: Path, refused: C
     out = ("--out", tmp_path / "out")
     images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
     assert "--map map.npz with --left" in refused("track", *images, "--map", "map.npz", *out)
-    assert "batch 0" in refused("track", approach, "--device", "cpu", "--batch", 0, *out)
     assert "--device tpu" in refused("track", approach, "--device", "tpu", *out)
     missing = f"cuda:{torch.cuda.device_count()}"
     line = refused("track", approach, "--device", missing, *out)

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pps_vision.app.render import Render
+from pps_vision.app.render import record
+from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.fidelity import BLURRED, OBJECTS, SHARP, Fidelity
 from pps_vision.recordings.open import open_recording
 from rendering.fidelity import Fidelity as Drawn
@@ -36,13 +37,13 @@ def test_senseless_parameters_are_refused() -> None:
 
 
 def test_render_draws_at_the_scale_it_is_asked_for(tmp_path: Path) -> None:
-    fine, usual = (Render("ball", "circle", tmp_path / str(k), seconds=0.1, seed=3, scale=k) for k in (2.0, 1.0))
+    fine, usual = (RenderParams("ball", "circle", tmp_path / str(k), seconds=0.1, seed=3, scale=k) for k in (2.0, 1.0))
     for render in (fine, usual):
-        render.run()
+        record(render)
     one, other = (open_recording(render.out) for render in (fine, usual))
     assert np.array_equal(one.truth[0].position, other.truth[0].position)
     error = np.sqrt(np.mean((next(iter(one)).left.astype(float) - next(iter(other)).left) ** 2))
     assert 0.5 < error < 9  # grey levels
     with pytest.raises(ValueError, match=r"expected scale 0\.5–2"):
-        Render("ball", "circle", tmp_path / "none", scale=3.0).run()
+        record(RenderParams("ball", "circle", tmp_path / "none", scale=3.0))
     assert not (tmp_path / "none").exists()

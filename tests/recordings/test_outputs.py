@@ -1,12 +1,13 @@
 """Outputs appear whole or not at all."""
 
+import json
 import os
 from pathlib import Path
 
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.outputs import whole_file, whole_folder
+from pps_vision.recordings.outputs import whole_file, whole_folder, write_json
 
 
 def test_a_folder_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -39,34 +40,18 @@ def test_an_empty_folder_is_taken_and_a_full_one_refused(tmp_path: Path) -> None
     assert (target / "mine").read_text() == "1"
 
 
-def test_a_previous_run_is_replaced_and_everything_else_stays(tmp_path: Path) -> None:
-    target = tmp_path / "out"
-    names = ("report.html", "overlay.webm")
-    with whole_folder(target, names) as folder:
-        (folder / "report.html").write_text("old")
-        (folder / "overlay.webm").write_text("of the old run")
-    (target / "thesis.txt").write_text("mine")
-    with whole_folder(target, names) as folder:
-        (folder / "report.html").write_text("new")
-    assert {p.name: p.read_text() for p in target.iterdir()} == {"report.html": "new", "thesis.txt": "mine"}
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-    with pytest.raises(InputError, match=r"already holds report\.html"), whole_folder(target):
-        pass
-
-
 def test_an_existing_folder_stays_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "out"
     target.mkdir()
     monkeypatch.chdir(target)  # as a shell would
     before = target.stat().st_ino
-    for results in ((), ("a",)):
-        with whole_folder(Path(), results) as folder:
-            (folder / "a").write_text("1")
-            assert [p.name for p in tmp_path.iterdir()] == ["out"]
-        assert os.listdir() == ["a"]
-    with pytest.raises(ZeroDivisionError), whole_folder(target, ("a",)) as folder:
+    with pytest.raises(ZeroDivisionError), whole_folder(Path()) as folder:
         (folder / "a").write_text(f"broken {1 / 0}")
-    assert (os.listdir(), Path("a").read_text(), target.stat().st_ino) == (["a"], "1", before)
+    assert os.listdir() == []
+    with whole_folder(Path()) as folder:
+        (folder / "a").write_text("1")
+        assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    assert (os.listdir(), target.stat().st_ino) == (["a"], before)
 
 
 def test_folders_are_moved_into_an_empty_one(tmp_path: Path) -> None:
@@ -74,22 +59,6 @@ def test_folders_are_moved_into_an_empty_one(tmp_path: Path) -> None:
         (folder / "cam").mkdir()
         (folder / "cam" / "a").write_text("1")
     assert [p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*")] == ["cam", "cam/a"]
-
-
-def test_a_folder_in_the_place_of_a_result_is_refused_on_entering(tmp_path: Path) -> None:
-    (tmp_path / "b.csv" / "mine").mkdir(parents=True)
-    with pytest.raises(InputError, match=r"b\.csv: is a folder"), whole_folder(tmp_path, ("a.csv", "b.csv")):
-        pytest.fail("entered")
-    assert [p.name for p in tmp_path.rglob("*")] == ["b.csv", "mine"]
-
-
-def test_a_failed_second_run_keeps_the_first(tmp_path: Path) -> None:
-    target = tmp_path / "out"
-    with whole_folder(target) as folder:
-        (folder / "a").write_text("old")
-    with pytest.raises(RuntimeError), whole_folder(target, results=("a",)):
-        raise RuntimeError
-    assert (target / "a").read_text() == "old"
 
 
 @pytest.mark.parametrize("whole", [whole_folder, whole_file])
@@ -101,7 +70,7 @@ def test_an_unwritable_place_is_refused_on_entering(tmp_path: Path, whole) -> No
 
 def test_a_file_where_a_folder_is_asked_for_and_the_reverse(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="is a file"), whole_folder(tmp_path / "file"):
+    with pytest.raises(InputError, match="is no folder"), whole_folder(tmp_path / "file"):
         pass
     with pytest.raises(InputError, match="is a folder"), whole_file(tmp_path):
         pass
@@ -119,3 +88,102 @@ def test_a_file_appears_when_the_block_ends_and_keeps_its_suffix(tmp_path: Path)
         partial.write_text(f"broken {1 / 0}")
     assert target.read_text() == "new"
     assert [p.name for p in tmp_path.iterdir()] == ["boxes.csv"]
+
+
+@pytest.mark.parametrize("link", ["same", "symbolic", "hard"])
+def test_what_is_read_is_not_written_over(tmp_path: Path, link: str) -> None:
+    source, out = tmp_path / "source.npz", tmp_path / "out.npz"
+    source.write_text("mine")
+    match link:
+        case "same":
+            out = source
+        case "symbolic":
+            out.symlink_to(source)
+        case "hard":
+            out.hardlink_to(source)
+    with pytest.raises(InputError, match=r"belongs to .*source\.npz, which is read"), whole_file(out, [None, source]):
+        pytest.fail("entered")
+    assert source.read_text() == "mine"
+
+
+def test_a_file_of_a_folder_that_is_read_is_not_written_over_but_a_new_one_may_lie_there(tmp_path: Path) -> None:
+    log = tmp_path / "rec" / "head" / "data.log"
+    log.parent.mkdir(parents=True)
+    log.write_text("mine")
+    with pytest.raises(InputError, match="which is read"), whole_file(log, [tmp_path / "rec"]):
+        pytest.fail("entered")
+    with whole_file(tmp_path / "rec" / "boxes.csv", [tmp_path / "rec"]) as partial:
+        partial.write_text("new")
+    assert sorted(p.name for p in (tmp_path / "rec").iterdir()) == ["boxes.csv", "head"]
+
+
+def test_a_fifo_and_a_device_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    for place in (tmp_path / "fifo", Path("/dev/null")):
+        with pytest.raises(InputError, match="is no regular file"), whole_file(place):
+            pytest.fail("entered")
+        with pytest.raises(InputError, match="is no folder"), whole_folder(place):
+            pytest.fail("entered")
+    assert (tmp_path / "fifo").is_fifo()
+
+
+@pytest.mark.parametrize("whole", [whole_folder, whole_file])
+def test_a_loop_of_symbolic_links_is_refused(tmp_path: Path, whole) -> None:
+    (tmp_path / "a").symlink_to(tmp_path / "b")
+    (tmp_path / "b").symlink_to(tmp_path / "a")
+    with pytest.raises(InputError, match="cannot be written"), whole(tmp_path / "a"):
+        pytest.fail("entered")
+
+
+@pytest.mark.parametrize("whole", [whole_folder, whole_file])
+def test_a_second_run_is_refused_before_it_works_and_the_first_finishes(tmp_path: Path, whole) -> None:
+    target = tmp_path / "out"
+    with whole(target) as partial:
+        with pytest.raises(InputError, match="another run is writing to it"), whole(target):
+            pytest.fail("entered")
+        with whole(tmp_path / "other") as other:  # another output is no matter
+            (other.mkdir if whole is whole_folder and not other.exists() else other.touch)()
+        (partial / "a" if whole is whole_folder else partial).write_text("1")
+    assert (target / "a" if whole is whole_folder else target).read_text() == "1"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["other", "out"]
+
+
+@pytest.mark.parametrize("exists", [False, True])
+@pytest.mark.parametrize("whole", [whole_folder, whole_file])
+def test_what_a_killed_run_has_left_is_removed_and_no_ones_else(tmp_path: Path, whole, exists: bool) -> None:
+    """Killed runs of this output, of one whose name begins the same, and of an earlier version (with its number)."""
+    target = tmp_path / "out"
+    place = target if whole is whole_folder and exists else tmp_path
+    place.mkdir(exist_ok=True)
+    for name in (".out.12ab34cd.partial", f".out.{os.getpid()}.partial", ".out.b.12ab34cd.partial"):
+        (place / name / "cam").mkdir(parents=True)
+    (place / ".out.lock").touch()
+    kept = ".out.b.12ab34cd.partial"
+    if place == target:
+        (place / kept / "cam").rmdir()
+        (place / kept).rmdir()
+    with whole(target) as partial:
+        (partial / "a" if whole is whole_folder else partial).write_text("1")
+    found = sorted(p.name for p in tmp_path.iterdir())
+    assert found == (["out"] if place == target else [kept, "out"])
+
+
+def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path: Path) -> None:
+    def write_while_another_program_does() -> None:
+        with whole_folder(tmp_path / "out") as folder:
+            (folder / "a").write_text("1")
+            (tmp_path / "out" / "mine").mkdir(parents=True)
+
+    with pytest.raises(InputError, match="what was written is ") as error:
+        write_while_another_program_does()
+    (kept,) = (p for p in tmp_path.iterdir() if p.name != "out")
+    assert str(kept) in str(error.value)
+    assert (kept / "a").read_text() == "1"
+    assert (tmp_path / "out" / "mine").is_dir()
+
+
+def test_json_holds_the_name_of_a_file_that_is_not_utf8(tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    write_json(tmp_path / "a.json", {"source": name, "map": Path(name)})
+    found = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert found == {"source": name, "map": name}

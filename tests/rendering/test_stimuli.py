@@ -104,7 +104,7 @@ def test_a_carrier_stands_where_it_is_told(direction: tuple[float, float, float]
 
 
 def test_senseless_things_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"stimulus 'whale'.*marker"):
+    with pytest.raises(ValueError, match=r"stimulus: 'whale'.*marker"):
         make_stimulus("whale")  # type: ignore[arg-type]
     for radius in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="radius"):

@@ -3,7 +3,6 @@
 A command's file holds only what its `--help` needs; what it works with is imported when it runs.
 """
 
-import signal
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -30,8 +29,6 @@ class Command(Protocol):
 
 def main(args: list[str] | None = None) -> None:
     """Run one command; bad input ends with exit code 2 and one line on the error stream, a bug with a traceback."""
-    for ended in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ended, _end)
     try:
         _refuse_python_control()
         _parsed(sys.argv[1:] if args is None else args).run()
@@ -56,11 +53,6 @@ def _class(name: str) -> type[Command]:
     words = name.split("-")
     found: type[Command] = getattr(import_module(f"{__name__}.{'_'.join(words)}"), "".join(map(str.capitalize, words)))
     return found
-
-
-def _end(signum: int, frame: object) -> None:
-    """Leave by way of every `finally`, so that nothing half-written stays behind."""
-    sys.exit(128 + signum)
 
 
 def _refuse_python_control() -> None:

@@ -51,7 +51,7 @@ class ConvertTaxels:
             raise InputError("convert-taxels", "--parts, --own-skin; expected only where a .ini is converted")
         memory = load_memory(self.input)
         maps = to_maps(memory, read_taxels(self.like), self.input, self.like)
-        with whole_file(self.out) as partial:
+        with whole_file(self.out, [self.input, self.like]) as partial:
             write_taxels(partial, maps)
         print(f"{len(memory.taxel_ids)} taxels on {', '.join(part.name for part in maps)} → {self.out}")
         paper = MemoryParams()
@@ -79,7 +79,7 @@ class ConvertTaxels:
                 f"{common} of {len(found)} taxels are on this skin, the others left out; "
                 f"{len(memory.taxel_ids) - common} of its stay empty"
             )
-        with whole_file(self.out) as partial:
+        with whole_file(self.out, [self.input]) as partial:
             save_memory(partial, memory)
         names = memory.taxel_ids
         print(f"{len(names)} taxels on {', '.join(dict.fromkeys(name.split(':')[0] for name in names))} → {self.out}")

@@ -28,13 +28,14 @@ class Joints(RecordingOptions):
 
         robot, skin = load_icub(), icub_skin()
         touches: list[TouchTrial] = []
-        self.use_each("joints", lambda one: touches.extend(tracked_touches(one, skin, self.mode, self.seed)))
-        learned = joint_offsets(JointOffsetParams(), robot, icub_rig(robot), skin, touches)
-        n = len(learned.before_m)
-        if not n:
-            names = ", ".join(map(str, self.recordings))
-            raise InputError("joints", f"no touch by a tracked object in {names}; expected one or more")
-        with whole_file(self.out) as partial:
+        with whole_file(self.out, self.inputs) as partial:
+            used = self.use_each("joints", lambda one: touches.extend(tracked_touches(one, skin, self.mode, self.seed)))
+            learned = joint_offsets(JointOffsetParams(), robot, icub_rig(robot), skin, touches)
+            n = len(learned.before_m)
+            if not n:
+                names = ", ".join(map(str, self.recordings))
+                raise InputError("joints", f"no touch by a tracked object in {names}; expected one or more")
             write_joint_offsets(partial, robot.joint_names, learned.offsets_rad)
         before, after = (1000 * float(np.median(missed)) for missed in (learned.before_m, learned.after_m))
         print(f"{n} touches, seen {before:.0f} mm from where they were felt, {after:.0f} with offsets → {self.out}")
+        used.raise_bugs()

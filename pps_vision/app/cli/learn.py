@@ -24,15 +24,13 @@ class Learn(RecordingOptions):
         """Learn from each recording in turn."""
         from learning.pps.memory import PPSMemory, load_memory, save_memory
         from pps_vision.app.learn import learn_from
-        from pps_vision.errors import InputError
+        from pps_vision.app.pipeline import check_memory
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.robot.skin import icub_skin
 
         skin = icub_skin()
         before = memory = load_memory(self.into) if self.into else PPSMemory.empty(skin)
-        if self.into and memory.taxel_ids != skin.taxel_ids:
-            n, m = len(memory.taxel_ids), len(skin.taxel_ids)
-            raise InputError(self.into, f"memory has {n} taxels but the skin has {m}; expected a memory of this skin")
+        check_memory(memory, skin, self.into or "learn")
 
         def use(recording: "Recording") -> None:
             nonlocal memory
@@ -44,9 +42,10 @@ class Learn(RecordingOptions):
                 + (f"; rejected: {rejected}" if rejected else "")
             )
 
-        with whole_file(self.out) as partial:
+        with whole_file(self.out, (*self.inputs, self.into, self.joints)) as partial:
             used = self.use_each("learn", use, self.joints)
             save_memory(partial, memory)
         if memory is before:
             print("nothing learned: no recording has a touch by a tracked object", file=sys.stderr)
-        print(f"{used} of {len(self.recordings)} recordings learned → {self.out}")
+        print(f"{used.n} of {len(self.recordings)} recordings learned → {self.out}")
+        used.raise_bugs()

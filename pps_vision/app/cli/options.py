@@ -1,8 +1,7 @@
-"""What several commands share: options of recordings of a robot, and how problems are reported."""
+"""What several commands share: options of recordings of a robot, and how problems are printed."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,11 +34,17 @@ class RecordingOptions:
     seed: int = 0
     """Seed of the particle filter."""
 
-    def use_each(self, command: str, use: "Callable[[Recording], None]", joints: Path | None = None) -> int:
-        """Open and use every recording, and print what was skipped; returns the number of usable ones.
+    @property
+    def inputs(self) -> tuple[Path | None, ...]:
+        """What is read, and must not be written over."""
+        return (*self.recordings, self.calib, self.taxels)
+
+    def use_each(self, command: str, use: "Callable[[Recording], None]", joints: Path | None = None) -> "Used":
+        """Open and use every recording, and print what was skipped; one that fails does not stop the others.
 
         Raises:
             InputError: There is no recording, or none can be used.
+            ExceptionGroup: None can be used, and some for a bug.
         """
         from tqdm import tqdm
 
@@ -47,7 +52,8 @@ class RecordingOptions:
 
         if not self.recordings:
             raise InputError(command, "no recording given; expected one folder or more")
-        failed: list[InputError] = []
+        skipped: list[InputError | OSError] = []
+        bugs: list[Exception] = []
         for folder in tqdm(self.recordings, desc=command, unit="recording", disable=None):
             try:
                 recording = open_recording(
@@ -61,28 +67,35 @@ class RecordingOptions:
                     use(recording)
                 finally:
                     print_skipped(recording.problems)
-            except InputError as error:
-                failed.append(error)
+            except (InputError, OSError) as error:
+                skipped.append(error)
                 if len(self.recordings) > 1:
                     print_skipped([error])
-        n = len(self.recordings)
-        if len(failed) == n:
-            raise failed[-1] if n == 1 else InputError(command, f"none of {n} recordings is usable")
-        return n - len(failed)
+            except Exception as error:
+                error.add_note(f"while using {folder}")
+                bugs.append(error)
+        used = Used(len(self.recordings) - len(skipped) - len(bugs), bugs)
+        if not used.n:
+            used.raise_bugs()
+            n = len(self.recordings)
+            raise skipped[0] if n == 1 else InputError(command, f"none of {n} recordings is usable")
+        return used
 
 
-def print_skipped(problems: Sequence[object]) -> None:
+@dataclass(frozen=True)
+class Used:
+    """How many recordings were used, and the bugs that kept others from it."""
+
+    n: int
+    bugs: list[Exception]
+
+    def raise_bugs(self) -> None:
+        """Show the bugs' tracebacks; to be called when the others' result is written."""
+        if self.bugs:
+            raise ExceptionGroup("bugs of pps-vision; the recordings are left out", self.bugs)
+
+
+def print_skipped(problems: Iterable[object]) -> None:
     """Print what was skipped on the error stream."""
     for problem in problems:
         print(f"skipped: {problem}", file=sys.stderr)
-
-
-@contextmanager
-def options_of(command: str) -> Iterator[None]:
-    """Turn the ValueError of parameters made from options into an InputError of the command."""
-    try:
-        yield
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(command, str(error)) from error

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, subcommand
 
 from learning.reach.names import MeasureName
-from pps_vision.app.cli.options import options_of
 from pps_vision.errors import InputError
 
 if TYPE_CHECKING:
@@ -58,11 +57,10 @@ class Train:
         if self.ik_budget < _LEAST_BUDGET:
             raise InputError("reach train", f"--ik-budget {self.ik_budget}; expected at least {_LEAST_BUDGET}")
         rounds = min(MapParams().round_labels, self.ik_budget // 2)
-        with options_of("reach train"):
-            params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
+        params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
         into = self._earlier()
         robot = load_icub()
-        with whole_file(self.out) as partial:
+        with whole_file(self.out, [self.into]) as partial:
             sides = ("left", "right") if self.arm == "both" else (self.arm,)
             maps = [
                 self._learn(robot, side, params, into)
@@ -98,8 +96,7 @@ class Train:
         from learning.reach.measures import hand_and_params
         from learning.reach.training import train_reachable_map
 
-        with options_of("reach train"):
-            hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
+        hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
         learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
         return replace(learned, end_point=self.end_point, measure=self.measure)
 
@@ -128,13 +125,12 @@ class Query:
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import read_gaze, write_reachability
 
-        device = None if self.device is None else str(torch_device(self.device))
-        reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)
-        with options_of("reach query"):
+        with whole_file(self.out, [self.map, self.gaze]) as partial:
+            device = None if self.device is None else str(torch_device(self.device))
+            reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)
             threshold = 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp)
-        verdict = reachable_map.query(gaze, threshold, device)
-        columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
-        with whole_file(self.out) as partial:
+            verdict = reachable_map.query(gaze, threshold, device)
+            columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
             write_reachability(partial, zip(*columns, strict=True))
         outside = int((~verdict.within_limits).sum())
         print(f"{int(verdict.reachable.sum())} of {len(gaze)} reachable, {outside} outside the map → {self.out}")
@@ -153,12 +149,9 @@ class Show:
         """Draw it."""
         from learning.reach.map import load_map
         from pps_vision.app.report import figures
-        from pps_vision.recordings.outputs import whole_file
 
         reachable_map = load_map(self.map)
-        figure = figures.reachable_space(reachable_map)
-        with whole_file(self.out) as partial:
-            figures.save(figure, partial)
+        figures.save(figures.reachable_space(reachable_map), self.out, [self.map])
         print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")
 
 

@@ -10,7 +10,8 @@ class Render(RenderParams):
     """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
 
     def run(self) -> None:
-        """Render, and report what was written."""
-        from pps_vision.app import render
+        """Render, and print what was written."""
+        from pps_vision.app.render import record
 
-        render.Render(**vars(self)).run()
+        pairs, touches = record(self)
+        print(f"{pairs} pairs, skin touched in {touches} → {self.out}")

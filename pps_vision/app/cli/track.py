@@ -1,23 +1,14 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
-from statistics import median
-from typing import TYPE_CHECKING
 
 from tyro import MISSING
 from tyro.conf import Positional
 
-from pps_vision.app.cli.options import options_of, print_skipped
+from pps_vision.app.cli.options import print_skipped
 from pps_vision.errors import InputError
 from tracking.names import DEFAULT_ORDER, Mode
-
-if TYPE_CHECKING:
-    from pps_vision.app.track import TrackedRecording
-    from pps_vision.types import Reachability, Track3D
-
-_FILES = ("detections.csv", "trajectory.csv", "summary.json", "overlay.mp4")
 
 
 @dataclass(frozen=True)
@@ -61,8 +52,6 @@ class Track:
     device: str | None = None
     """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
     frame, without torch."""
-    batch: int = 16
-    """Stereo pairs in a batch of --device."""
     smooth: bool = False
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""
@@ -74,7 +63,7 @@ class Track:
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Read, track, and write everything at once; what had to be skipped is reported."""
+        """Read, track, and write everything at once; what had to be skipped is printed."""
         from tqdm import tqdm
 
         from learning.reach.map import load_map
@@ -85,37 +74,29 @@ class Track:
         from pps_vision.recordings.open import open_recording
         from pps_vision.recordings.outputs import whole_folder, write_json
         from pps_vision.recordings.tables import write_detections, write_trajectory
+        from pps_vision.types import ReachStatus
         from tracking.kalman import KalmanParams
         from tracking.tracker import TrackerParams
 
         if self.map and self.rec is None:
             raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
-        recording = open_recording(
-            self.rec,
-            left=self.left,
-            right=self.right,
-            calib=self.calib,
-            fps=self.fps,
-            unit_m=self.unit_m,
-            joints=self.joints,
-            max_skew_s=self.max_skew_s,
-        )
-        with options_of("track"):
+        with whole_folder(self.out) as folder:
+            recording = open_recording(
+                self.rec,
+                left=self.left,
+                right=self.right,
+                calib=self.calib,
+                fps=self.fps,
+                unit_m=self.unit_m,
+                joints=self.joints,
+                max_skew_s=self.max_skew_s,
+            )
             params = TrackerParams(mode=self.mode, kalman=KalmanParams.of_order(self.order))
-        run = track(
-            recording,
-            params=params,
-            max_error_mm=self.max_error_mm,
-            device=self.device,
-            batch=self.batch,
-            seed=self.seed,
-        )
-        reach = None
-        if self.map and recording.robot:
-            with options_of("track"):
+            run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
+            reach = None
+            if self.map and recording.robot:
                 reach = TrackReachability(recording.robot, load_map(self.map), self.max_fp)
-        detections, steps, joints = [], [], []
-        with whole_folder(self.out, _FILES) as folder:
+            detections, steps, joints = [], [], []
             with VideoFile(folder / "overlay.mp4", recording.fps) as film:
                 for number, frame, step in tqdm(
                     run.numbered(), total=len(run), desc="track", unit="pair", disable=None
@@ -127,53 +108,14 @@ class Track:
                     if self.video and recording.rig is not None:
                         film.add(draw_pair(frame, recording.rig.view_of(frame), step.track, step.detections))
             tracks = run.path(steps, self.smooth)
+            reachability = [reach(q, one) for q, one in zip(joints, tracks, strict=True)] if reach else []
             write_detections(folder / "detections.csv", detections)
-            reachability = [reach(q, track) for q, track in zip(joints, tracks, strict=True)] if reach else []
             write_trajectory(folder / "trajectory.csv", tracks, reachability)
-            write_json(folder / "summary.json", self._summary(run, tracks, reachability))
+            summary = run.summary(tracks) | {"smoothed": self.smooth, "joints": self.joints, "map": self.map}
+            if reachability:
+                found = [reach.status for reach in reachability]
+                counts = {status.value: found.count(status) for status in ReachStatus}
+                summary["reach"] = {"max_fp": self.max_fp, **counts}
+            write_json(folder / "summary.json", summary)
         print_skipped(recording.problems)
-        print(_headline(run, tracks), f"→ {self.out}")
-
-    def _summary(
-        self, run: "TrackedRecording", tracks: "list[Track3D]", reachability: "list[Reachability]"
-    ) -> dict[str, object]:
-        from pps_vision.app.track import errors_against
-        from pps_vision.recordings.problems import count_by_kind
-        from pps_vision.types import ReachStatus, Status
-
-        summary: dict[str, object] = {
-            "source": run.recording.name,
-            "joints": str(self.joints) if self.joints else None,
-            "map": str(self.map) if self.map else None,
-            "mode": run.params.mode,
-            "device": self.device,
-            "smoothed": self.smooth,
-            "seed": self.seed,
-            "pairs": len(run),
-            "frames": len(tracks),
-            "status": {status.value: sum(track.status == status for track in tracks) for status in Status},
-            "ms_per_pair": run.stopwatch.summary(),
-            "skipped": count_by_kind(run.recording.problems),
-        }
-        if reachability:
-            found = [reach.status for reach in reachability]
-            counts = {status.value: found.count(status) for status in ReachStatus}
-            summary["reach"] = {"max_fp": self.max_fp, **counts}
-        if run.choice:
-            summary["max_error"] = {"asked_mm": self.max_error_mm, **run.choice.summary()}
-        if run.recording.truth:
-            summary["errors"] = errors_against(run.recording.truth, tracks)
-        return summary
-
-
-def _headline(run: "TrackedRecording", tracks: "list[Track3D]") -> str:
-    from pps_vision.app.track import errors_against
-    from pps_vision.types import Status
-
-    tracked = sum(track.status == Status.TRACKING for track in tracks)
-    line = f"{tracked} of {len(tracks)} pairs tracked, median {median(run.stopwatch.ms['total']):.1f} ms a pair"
-    if run.recording.truth:
-        rms_mm = errors_against(run.recording.truth, tracks)["position_rms_mm"]
-        line += f", 3D RMS {rms_mm:.2f} mm" if isfinite(rms_mm) else ""
-    skipped = len(run.recording.problems)
-    return line + (f", {skipped} problems skipped" if skipped else "")
+        print(run.headline(tracks), f"→ {self.out}")

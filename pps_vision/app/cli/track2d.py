@@ -28,8 +28,8 @@ class Track2d:
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import write_boxes
 
-        sequence = open_frames(self.frames_dir)
-        with whole_file(self.out) as partial:
+        with whole_file(self.out, [self.frames_dir]) as partial:
+            sequence = open_frames(self.frames_dir)
             rows = follow(sequence, self.init, self.seed)
             write_boxes(partial, rows)
         print_skipped(sequence.problems)

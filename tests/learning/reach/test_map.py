@@ -303,7 +303,7 @@ def test_it_stops_when_sure_enough_and_goes_on_when_asked():
     print(f"expected {first.expected_error:.4f}, {more.expected_error:.4f}, measured {wrong[0]:.4f}, {wrong[1]:.4f}")
     assert wrong[0] <= 0.03
     assert wrong[1] < wrong[0]
-    with pytest.raises(ValueError, match="to go on from"):
+    with pytest.raises(ValueError, match="to continue from"):
         train_reachable_map(ROBOT, "left", np.random.default_rng(12), rough, into=first)
 
 

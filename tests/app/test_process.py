@@ -1,0 +1,106 @@
+"""The process of the command line: signals, its output streams, and warnings of libraries."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+STAND_IN = """
+import pps_vision.app.cli
+from pps_vision.__main__ import main
+{function}
+pps_vision.app.cli.main = run
+main()
+"""
+
+
+def start(function: str, **options: Any) -> subprocess.Popen[str]:
+    """A process of pps-vision in which `run` stands for the command."""
+    code = STAND_IN.format(function=function)
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
+    return subprocess.Popen([sys.executable, "-c", code], **streams)
+
+
+@pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_ends_the_program_even_where_exceptions_are_swallowed(tmp_path: Path, signum: signal.Signals) -> None:
+    """As numba swallows them while it loads."""
+    process = start(f"""
+import signal
+from pathlib import Path
+from pps_vision.recordings.outputs import whole_file, whole_folder
+def run():
+    with whole_file(Path({str(tmp_path / "a.csv")!r})) as file, whole_folder(Path({str(tmp_path / "b")!r})) as folder:
+        file.write_text("half")
+        (folder / "c").write_text("half")
+        try:
+            signal.raise_signal({int(signum)})
+        except BaseException:
+            print("swallowed")
+    print("ran on")
+""")
+    printed, _ = process.communicate()
+    assert (process.returncode, printed) == (-signum, "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_hangup_does_not_end_what_nohup_started() -> None:
+    function = "import signal\ndef run():\n    signal.raise_signal(signal.SIGHUP)\n    print('ran on')"
+    process = start(function, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    assert process.communicate() == ("ran on\n", "")
+
+
+@pytest.mark.parametrize("where", ["full", "broken pipe", "closed"])
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_stream_that_takes_nothing_does_not_stop_the_work(tmp_path: Path, stream: str, where: str) -> None:
+    out = tmp_path / "out.txt"
+    function = f"""
+import sys
+from pathlib import Path
+def run():
+    for _ in range(1000):
+        print("x" * 100, file=sys.{stream}, flush=True)
+    Path({str(out)!r}).write_text("whole")
+"""
+    read, write = os.pipe()
+    os.close(read)
+    options: dict[str, Any] = {stream: write}
+    if where == "full":
+        with Path("/dev/full").open("wb") as full:
+            process = start(function, **{stream: full})
+    elif where == "closed":
+        number = {"stdout": 1, "stderr": 2}[stream]
+        process = start(function, **{stream: None}, preexec_fn=lambda: os.close(number))
+    else:
+        process = start(function, **options)
+    os.close(write)
+    said = "".join(filter(None, process.communicate()))
+    assert (process.returncode, said) == (0, "")
+    assert out.read_text() == "whole"
+
+
+def test_characters_that_a_terminal_lacks_are_escaped() -> None:
+    function = "def run():\n    print('3 pairs → caf\\udce9')"
+    process = start(function, env=os.environ | {"PYTHONIOENCODING": "latin-1"}, encoding="latin-1")
+    assert process.communicate() == ("3 pairs \\u2192 caf\\udce9\n", "")
+    assert process.returncode == 0
+
+
+def test_a_warning_of_a_library_is_one_line() -> None:
+    process = start("import warnings\ndef run():\n    warnings.warn('two\\nlines', RuntimeWarning)")
+    assert process.communicate()[1] == "pps-vision: RuntimeWarning: two lines\n"
+
+
+def test_a_missing_system_library_is_one_line() -> None:
+    process = start("def run():\n    raise ImportError('libEGL.so.1: cannot open shared object file')")
+    assert process.communicate()[1] == "pps-vision: libEGL.so.1: cannot open shared object file\n"
+    assert process.returncode == 2
+
+
+def test_a_bug_in_an_import_shows_its_traceback() -> None:
+    process = start("def run():\n    from pathlib import nothing")
+    assert process.communicate()[1].startswith("Traceback")
+    assert process.returncode == 1
