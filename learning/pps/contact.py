@@ -133,17 +133,6 @@ def _shifts(params: ContactParams, learned: ContactModel, u: Array) -> Array:
     return shifts if learned.seen > 1 else np.zeros_like(shifts)
 
 
-def leave_one_out(params: ContactParams, trials: tuple[Trial, ...]) -> ContactPrediction:
-    """Predict each trial by a model of all the others."""
-    u, touched = displacements(params, trials), np.array([trial.touched for trial in trials])
-    parts = []
-    for i in range(len(trials)):
-        others = np.arange(len(trials)) != i
-        parts.append(_predict(params, _fit(params, u[others], touched[others]), u[~others]))
-    columns = zip(*((p.probability, p.lower, p.upper, p.in_reach) for p in parts), strict=True)
-    return ContactPrediction(*(np.concatenate(column) for column in columns))
-
-
 def _fit(params: ContactParams, u: Array, touched: Mask) -> ContactModel:
     seen: Mask = ~np.isnan(u[..., 0])
     at = np.where(seen[..., None], u, 0.0)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.geometry.triangulation import midpoint

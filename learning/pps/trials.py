@@ -1,6 +1,7 @@
-"""Recorded trials: an object approaches the taxels of a real robot, and some are touched at the end.
+"""Trials: an object approaches the skin and touches some taxels at the end.
 
-The layout of the files is that of the authors' released data.
+A `TouchTrial` is in the robot's root frame, a `Trial` in the taxels' own frames. Files of trials have the layout of the
+authors' released data.
 """
 
 from dataclasses import dataclass
@@ -13,22 +14,47 @@ from learning.archive import named, read_arrays
 from pps_vision.errors import InputError
 from pps_vision.types import Array, Mask
 
-SAMPLE_PERIOD_S = 0.1  # of the released, resampled positions and velocities
+_SAMPLE_PERIOD_S = 0.1  # of the released, resampled positions and velocities
 _ARRAYS = ("position_m", "velocity_m_s", "offsets", "outcome")
+
+
+@dataclass(frozen=True, slots=True)
+class TouchTrial:
+    """T samples of a robot and an object, from the start of a movement to its touch or its end; NaN while the object is
+    unknown."""
+
+    stamps_s: Array
+    """(T,)"""
+    joints_rad: Array
+    """(T, k) all joints of the robot."""
+    positions: Array
+    """(T, 3) m, root frame: centre of the object."""
+    velocities: Array
+    """(T, 3) m/s, root frame."""
+    velocity_covs: Array
+    """(T, 3, 3) m²/s²."""
+    radius_m: Array
+    """(T,)"""
+    touched: Mask
+    """(n,) taxels of the skin that were touched at the end."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One approach to n taxels, T samples."""
+    """One approach to n taxels, T samples; NaN while the object is unknown."""
 
     stamps_s: Array
     """(T,)"""
     d_m: Array
-    """(T, n, 3) displacement from taxel to object in the taxel's frame, z along its normal; NaN where unknown."""
+    """(T, n, 3) displacement from taxel to object in the taxel's frame, z along its normal."""
     v_m_s: Array
-    """(T, n, 3) velocity of the object in the taxel's frame; NaN where unknown."""
+    """(T, n, 3) velocity of the object relative to the taxel, in the taxel's frame."""
     touched: Mask
     """(n,) which taxels were touched at the end."""
+    radius_m: float = 0.0
+    """Radius of the object."""
+    velocity_covs: Array | None = None
+    """(T, n, 3, 3) m²/s², covariance of `v_m_s`; None where it is not known."""
 
 
 def touch_rates(trials: tuple[Trial, ...]) -> Array:
@@ -50,7 +76,7 @@ def load_trials(path: Path) -> tuple[Trial, ...]:
     for i in range(n_trials):
         rows = slice(starts[i * n_taxels], starts[(i + 1) * n_taxels])
         d, v = (data[name][rows].reshape(n_taxels, -1, 3).swapaxes(0, 1) for name in _ARRAYS[:2])
-        stamps = SAMPLE_PERIOD_S * np.arange(len(d))
+        stamps = _SAMPLE_PERIOD_S * np.arange(len(d))
         trials.append(Trial(stamps, _finite(d), _finite(v), outcome[i] > 0))
     return tuple(trials)
 

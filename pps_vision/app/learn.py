@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from learning.pps.memory import PPSMemory
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial
 from pps_vision.app.pipeline import Pipeline, PipelineParams, joints_of
 from pps_vision.app.track import tracker_for
 from pps_vision.errors import InputError
@@ -86,7 +86,6 @@ def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> 
                     track.cov[None, 3:6, 3:6],
                     np.array([track.radius_m]),
                     touched,
-                    "",
                 )
             )
         counted = bool(touched.any()) and (counted or track.is_known)

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.pps.contact import ContactParams, leave_one_out
 from learning.pps.scores import auroc, brier
 from learning.pps.trials import load_trials
 from pps_vision.app.track2d import follow
+from pps_vision.experiments.pps.perceived import HORIZON_S
+from pps_vision.experiments.pps.predictors import by_displacement, in_blocks
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
@@ -96,7 +97,7 @@ def contact_prediction(file: Path) -> dict[str, float]:
     """Leave-one-out prediction of touch 0.15 s ahead, beside each taxel's base rate."""
     trials = load_trials(file)
     touched = np.array([trial.touched for trial in trials])
-    probability = leave_one_out(ContactParams(), trials).probability
+    probability = in_blocks(by_displacement, trials, HORIZON_S)
     base_rate = (touched.sum(axis=0) - touched) / (len(trials) - 1)
     return {
         "auroc": auroc(touched, probability),

@@ -18,7 +18,7 @@ class Joints(RecordingOptions):
         import numpy as np
 
         from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
-        from learning.pps.touch_trial import TouchTrial
+        from learning.pps.trials import TouchTrial
         from pps_vision.app.learn import tracked_touches
         from pps_vision.errors import InputError
         from pps_vision.recordings.outputs import whole_file

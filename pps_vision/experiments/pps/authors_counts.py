@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from learning.pps.memory import MemoryParams, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
+from learning.pps.trials import load_trials
 from pps_vision.experiments.baselines.single_taxel import empty_map, from_landing
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.tables import Table
@@ -77,21 +78,13 @@ def fig9(folder: Path) -> dict[str, dict[str, Any]]:
     with np.load(folder / "histograms_after_1_and_4_trials.npz") as file:
         named = [[file[f"E{n}_{sign}"] for sign in ("positive", "negative")] for n in FIG9_TRIALS]
     theirs = np.array(named).astype(np.int64).transpose(0, *range(2, np.ndim(named)), 1)
-    with np.load(folder / "trials_forearm_internal.npz") as file:
-        data = dict(file)
-    paths = [_path(data, t) for t in range(len(data["outcome"]))]
+    trials = load_trials(folder / "trials_forearm_internal.npz")
+    paths = [(trial.d_m, trial.v_m_s, trial.touched) for trial in trials]
     points = {"the last sample": _from_last, "the taxel": _from_taxel}
     return {
         point: _compare(np.stack([_counts((of(*paths[t]) for t in ts), 4, 1.2) for ts in FIG9_TRIALS.values()]), theirs)
         for point, of in points.items()
     }
-
-
-def _path(data: dict[str, NDArray[Any]], t: int, n: int = 4) -> Path3D:
-    """Trial t of the released, resampled paths."""
-    spans = [slice(data["offsets"][t * n + k], data["offsets"][t * n + k + 1]) for k in range(n)]
-    d, v = (np.stack([data[name][span] for span in spans], axis=1) for name in ("position_m", "velocity_m_s"))
-    return d, v, data["outcome"][t] > 0
 
 
 def _compare(ours: Counts, theirs: Counts) -> dict[str, Any]:

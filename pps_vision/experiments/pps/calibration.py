@@ -11,14 +11,36 @@ from scipy.stats import binomtest
 from learning.pps.scores import auroc, brier, expected_calibration_error
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.movements import TRIALS
-from pps_vision.experiments.pps.predictors import METHODS, Inputs
+from pps_vision.experiments.pps.perceived import HORIZON_S, in_taxel_frames
+from pps_vision.experiments.pps.predictors import (
+    Predictor,
+    Trials,
+    by_base_rate,
+    by_displacement,
+    by_fine_map,
+    by_landing,
+    by_map,
+    combined,
+    corrected,
+    outcomes,
+)
 from pps_vision.experiments.pps.trials import FOLDER, rendered_trials
 from pps_vision.experiments.study import Study
 from pps_vision.experiments.tables import Table
 from pps_vision.types import Array, Mask
 
 HELD_OUT, BINS = 40, 10
-SHOWN = ("R's map", "fine map, displacement, landing, corrected")
+COMBINATION = "fine map, displacement, landing, corrected"
+METHODS: dict[str, Predictor] = {
+    "base rate": by_base_rate,
+    "R's map": by_map,
+    "R's map, corrected": corrected(by_map),
+    "fine map, corrected": corrected(by_fine_map),
+    "displacement": by_displacement,
+    "landing point": by_landing,
+    COMBINATION: corrected(combined(by_fine_map, by_displacement, by_landing)),
+}
+SHOWN = ("R's map", COMBINATION)
 
 
 @dataclass(frozen=True)
@@ -36,7 +58,7 @@ class Calibration(Study):
     def run(self) -> dict[str, Any]:
         """Return scores and the reliability diagram by method."""
         n = (TRIALS["inner"], HELD_OUT)
-        training, test = (Inputs.of(rendered_trials("inner", n[k], self.seed + k, self.trials)) for k in (0, 1))
+        training, test = (in_taxel_frames(rendered_trials("inner", n[k], self.seed + k, self.trials)) for k in (0, 1))
         return {"methods": evaluate(training, test)}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
@@ -56,10 +78,9 @@ class Calibration(Study):
         return {"": Table(["", "AUROC", "Brier score", "calibration error"], rows)}
 
 
-def evaluate(training: Inputs, test: Inputs) -> dict[str, dict[str, Any]]:
+def evaluate(training: Trials, test: Trials) -> dict[str, dict[str, Any]]:
     """Return the scores of every method."""
-    predicted = {name: predictor(training, test) for name, predictor in METHODS.items()}
-    return {name: scores(test.touched, p) for name, p in predicted.items()}
+    return {name: scores(outcomes(test), predict(training, test, HORIZON_S)) for name, predict in METHODS.items()}
 
 
 def scores(touched: Mask, p: Array) -> dict[str, Any]:

@@ -5,7 +5,7 @@ taxel, in which a constant error cancels (`learning/pps/contact.py`), and encode
 touches (`learning/pps/joint_offsets.py`).
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,42 +13,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.pps.contact import ContactParams, learn_contact, predict_contact
 from learning.pps.scores import auroc, brier
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.movements import TRIALS
-from pps_vision.experiments.pps.predictors import predict_by_map
-from pps_vision.experiments.pps.robot_errors import (
-    SOURCES,
-    ErringRobot,
-    ErrorSources,
-    ObservedTrials,
-    displacement_error_mm,
-    only,
-)
+from pps_vision.experiments.pps.perceived import HORIZON_S, in_taxel_frames
+from pps_vision.experiments.pps.predictors import Predictor, Trials, by_displacement, by_map, outcomes
+from pps_vision.experiments.pps.robot_errors import SOURCES, ErringRobot, ErrorSources, only
 from pps_vision.experiments.pps.trials import exact_trials
 from pps_vision.experiments.study import Study, interval
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.types import Array
 
 CASES = ("no errors", "errors, map trained without", "errors, map trained with", "encoder offsets estimated too")
-Sets = tuple[ObservedTrials, ObservedTrials]
-"""Training and test trials of one robot."""
-
-
-def _by_map(training: ObservedTrials, test: ObservedTrials) -> Array:
-    return predict_by_map(training.perceived, test.perceived)
-
-
-def _by_displacement(training: ObservedTrials, test: ObservedTrials) -> Array:
-    params = ContactParams()
-    return predict_contact(params, learn_contact(params, training.displacements), test.displacements).probability
-
-
-METHODS: dict[str, Callable[[ObservedTrials, ObservedTrials], Array]] = {
-    "map": _by_map,
-    "displacement": _by_displacement,
-}
+METHODS: dict[str, Predictor] = {"map": by_map, "displacement": by_displacement}
 
 
 @dataclass(frozen=True)
@@ -64,25 +41,33 @@ class Compensation(Study):
     """Robots for each source."""
 
     def run(self) -> dict[str, Any]:
-        """Return, by source, the position error in mm before and after calibration, and scores by method and case."""
-        perfect = self._observe(ErringRobot.draw(only(), np.random.default_rng(self.seed)), 0)
+        """Return scores by source, method and case, with 95 % over robots."""
+        perfect = [in_taxel_frames(exact_trials("inner", TRIALS["inner"], self.seed + i)) for i in (0, 1)]
         sources = {**{name: only(name) for name in SOURCES}, "all": ErrorSources()}
-        found = {
-            name: compare_cases(perfect, [self._robot(of, k) for k in range(self.n)])
-            for name, of in tqdm(sources.items(), desc="errors", unit="source", disable=None)
-        }
+        found: dict[str, Any] = {}
+        for name, of in tqdm(sources.items(), desc="errors", unit="source", disable=None):
+            robots = [self._observed(of, k) for k in range(self.n)]
+            found[name] = {
+                method: {case: _scores(predict, [cases(perfect, *r)[case] for r in robots]) for case in CASES}
+                for method, predict in METHODS.items()
+            }
         return {"sources": found}
 
-    def _robot(self, sources: ErrorSources, k: int) -> tuple[Sets, Sets]:
-        """Trials of robot `k`, and the same with its encoder offsets estimated."""
-        erring = self._observe(ErringRobot.draw(sources, np.random.default_rng((self.seed, k))), k)
-        return erring, self._observe(erring[0].corrected_robot(), k)
+    def _observed(self, sources: ErrorSources, k: int) -> tuple[list[Trials], ...]:
+        """Training and test trials as robot `k` perceives them, without and with its encoder offsets estimated."""
+        robot = ErringRobot.draw(sources, np.random.default_rng((self.seed, k)))
+        erring = self._observe(robot, k)
+        calibrated = robot.calibrated(erring[0])
+        return tuple(
+            [in_taxel_frames(some, robot.model, robot.skin) for some in observed]
+            for observed in (erring, self._observe(calibrated, k))
+        )
 
-    def _observe(self, robot: ErringRobot, k: int) -> Sets:
+    def _observe(self, robot: ErringRobot, k: int) -> list[list[TouchTrial]]:
+        """Training and test trials as a robot observes them; the same slack of robot `k` each time."""
         rng = np.random.default_rng((self.seed, k, 1))
-        trials = (exact_trials("inner", TRIALS["inner"], self.seed + i) for i in (0, 1))
-        training, test = (ObservedTrials.of(robot, some, rng) for some in trials)
-        return training, test
+        true = (exact_trials("inner", TRIALS["inner"], self.seed + i) for i in (0, 1))
+        return [[robot.observe(trial, True, rng) for trial in some] for some in true]
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """Draw AUROC by source and case, for each method."""
@@ -97,37 +82,23 @@ class Compensation(Study):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return both scores with all sources together."""
+        of = numbers["sources"]["all"]
         rows = [
-            [
-                f"{method}: {case}",
-                *(estimate(numbers["sources"]["all"][method][case][key]) for key in ("auroc", "brier")),
-            ]
+            [f"{method}: {case}", *(estimate(of[method][case][key]) for key in ("auroc", "brier"))]
             for method in METHODS
             for case in CASES
         ]
         return {"": Table(["all five sources", "AUROC", "Brier score"], rows)}
 
 
-def compare_cases(perfect: Sets, robots: list[tuple[Sets, Sets]]) -> dict[str, Any]:
-    """Return position errors and scores by method and case, with 95 % over robots."""
-    errors = [[displacement_error_mm(perfect[1], sets[1]) for sets in robot] for robot in robots]
-    found: dict[str, Any] = {
-        name: interval([[row[k]] for row in errors]) for k, name in enumerate(("error_mm", "error_after_mm"))
-    }
-    for method, predict in METHODS.items():
-        by_robot = [[_scores(predict, *of) for of in cases(perfect, *robot)] for robot in robots]
-        found[method] = {
-            case: {key: interval([[row[k][key]] for row in by_robot]) for key in ("auroc", "brier")}
-            for k, case in enumerate(CASES)
-        }
-    return found
-
-
-def cases(perfect: Sets, erring: Sets, corrected: Sets) -> tuple[Sets, ...]:
+def cases(
+    perfect: Sequence[Trials], erring: Sequence[Trials], calibrated: Sequence[Trials]
+) -> dict[str, Sequence[Trials]]:
     """Return training and test trials of each of `CASES`."""
-    return perfect, (perfect[0], erring[1]), erring, corrected
+    return dict(zip(CASES, (perfect, [perfect[0], erring[1]], erring, calibrated), strict=True))
 
 
-def _scores(predict: Callable[..., Array], training: ObservedTrials, test: ObservedTrials) -> dict[str, float]:
-    p, touched = predict(training, test), np.array([trial.touched for trial in test.perceived])
-    return {"auroc": auroc(touched, p), "brier": brier(touched, p)}
+def _scores(predict: Predictor, robots: list[Sequence[Trials]]) -> dict[str, list[float]]:
+    """AUROC and Brier score with 95 % over robots."""
+    found = [(outcomes(test), predict(training, test, HORIZON_S)) for training, test in robots]
+    return {score.__name__: interval([[score(*one)] for one in found]) for score in (auroc, brier)}

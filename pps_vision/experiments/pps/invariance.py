@@ -1,6 +1,5 @@
 """One map for all postures and modalities: does what was learned in one hold in the others?"""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,18 +9,17 @@ from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
 from learning.pps.scores import auroc, brier
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.movements import TRIALS, SessionName
-from pps_vision.experiments.pps.perceived import FOREARM, PerceivedTrial, perceive_trials
-from pps_vision.experiments.pps.predictors import predict_by_map
-from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources, ObservedTrials, only
+from pps_vision.experiments.pps.perceived import FOREARM, HORIZON_S, in_taxel_frames
+from pps_vision.experiments.pps.predictors import Trials, by_map, outcomes
+from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources, only
 from pps_vision.experiments.pps.trials import FOLDER, exact_trials, rendered_trials
 from pps_vision.experiments.study import Study, interval
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import icub_skin
 
 POSTURES = 50
 MODALITIES: dict[SessionName, str] = {"motor": "finger, felt", "visual": "finger, seen", "inner": "objects, seen"}
@@ -62,10 +60,7 @@ class Invariance(Study):
         }
         found: dict[str, Any] = {}
         for name, some in robots.items():
-            sets = [
-                [[ObservedTrials.of(r, t, rng).perceived for t in where] for where in (at_home, elsewhere)]
-                for r in some
-            ]
+            sets = [[[_perceived(r, t, rng) for t in where] for where in (at_home, elsewhere)] for r in some]
             found[name] = {
                 "home → home": _means([_scores(home[0], home[1]) for home, _ in sets]),
                 "home → others": _means([_scores(home[0], others[1]) for home, others in sets]),
@@ -78,7 +73,7 @@ class Invariance(Study):
         for name, n in _TRIALS.items():
             is_felt = name == "motor"
             trials = exact_trials(name, n, self.seed) if is_felt else rendered_trials(name, n, self.seed, self.trials)
-            perceived = perceive_trials(trials, load_icub(), icub_skin())
+            perceived = in_taxel_frames(trials)
             sets[name] = perceived[: 2 * n // 3], perceived[2 * n // 3 :]
         return {a: {b: _scores(training, test) for b, (_, test) in sets.items()} for a, (training, _) in sets.items()}
 
@@ -119,8 +114,13 @@ def in_other_posture(trial: TouchTrial, robot: Robot, rng: np.random.Generator) 
     return replace(trial, joints_rad=joints_rad, positions=path, velocities=trial.velocities @ R.T, velocity_covs=covs)
 
 
-def _scores(training: Sequence[PerceivedTrial], test: Sequence[PerceivedTrial]) -> dict[str, float]:
-    touched, p = np.array([trial.touched for trial in test]), predict_by_map(training, test)
+def _perceived(robot: ErringRobot, trials: tuple[TouchTrial, ...], rng: np.random.Generator) -> Trials:
+    """Trials as a robot observes and perceives them."""
+    return in_taxel_frames([robot.observe(trial, True, rng) for trial in trials], robot.model, robot.skin)
+
+
+def _scores(training: Trials, test: Trials) -> dict[str, float]:
+    touched, p = outcomes(test), by_map(training, test, HORIZON_S)
     return {"auroc": auroc(touched, p), "brier": brier(touched, p)}
 
 

@@ -54,11 +54,11 @@ class Landscapes(Study):
         return {"sessions": found, "fig9": _fig9(sessions["inner"])}
 
     def _measure(self, name: SessionName, session: Session, robots: list[ErringRobot]) -> dict[str, Any]:
-        memory = session.memory()
+        memory = train_memory(session.trials)
         shown = session.shown_taxel(memory)
-        by_trial = [_pooled(session, train_memory([one], FINE).counts) for one in session.perceived]
+        by_trial = [_pooled(session, train_memory([one], FINE).counts) for one in session.trials]
         return {
-            "taxel": session.skin.taxel_ids[shown],
+            "taxel": session.name(shown),
             "trials": len(session.trials),
             "samples": int(memory.counts[shown].sum()),
             "activation": np.round(landscape(memory, shown), 3).tolist(),
@@ -68,9 +68,9 @@ class Landscapes(Study):
 
     def _erring_width(self, name: SessionName, n: int, robot: ErringRobot) -> float:
         rng = np.random.default_rng(self.seed)
-        trials = tuple(robot.observe(t, name != "motor", rng) for t in exact_trials(name, n, self.seed))
+        trials = [robot.observe(t, name != "motor", rng) for t in exact_trials(name, n, self.seed)]
         session = Session.of(name, trials, robot.model, robot.skin)
-        return 100 * ridge_width(_pooled(session, session.memory(FINE).counts))
+        return 100 * ridge_width(_pooled(session, train_memory(session.trials, FINE).counts))
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """Draw the maps of the sessions, the widths of their ridges, and the maps of Fig 9."""
@@ -107,12 +107,14 @@ def _width_interval(by_trial: list[Counts], seed: int, draws: int = 200) -> list
 
 def _fig9(session: Session) -> dict[str, Any]:
     """Maps of the two nearest taxels that the first trial touched both, after each number of trials."""
-    positions = session.skin.parts[0].positions_m
-    touched = [i for i in session.aimed if session.perceived[0].touched[i]]
+    positions = session.part.positions_m
+    touched = [i for i in session.aimed if session.trials[0].touched[i]]
     pairs = combinations(touched if len(touched) > 1 else session.aimed, 2)
     pair = min(pairs, key=lambda ij: float(np.linalg.norm(positions[ij[0]] - positions[ij[1]])))
     return {
-        f"{session.skin.taxel_ids[i]}, {n} trial{'s'[: n > 1]}": np.round(landscape(session.memory(n=n), i), 3).tolist()
+        f"{session.name(i)}, {n} trial{'s'[: n > 1]}": np.round(
+            landscape(train_memory(session.trials[:n]), i), 3
+        ).tolist()
         for i in pair
         for n in AFTER
     }

@@ -1,16 +1,16 @@
 """The movements of R's three milestones: the robot's own finger, or an object in a hand, touches the skin."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from itertools import count, cycle, islice
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from control.fixation import gaze_at
+from learning.pps.trials import TouchTrial
 from pps_vision.app.simulation import can_follow
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
@@ -49,25 +49,14 @@ _BATCH = 12  # double touches planned at once
 _BEGIN = 0.15  # share of the time to the touch that is left out: a reach hardly moves at first
 
 
-@dataclass(frozen=True, slots=True)
-class Movement:
-    """True course of a trial: stamps (T,) s, the last that of the touch; joints (T, k) rad, with the eyes as at the
-    start; the object's positions and velocities (T, 3) in the root frame and its rotation (3, 3); which taxels of the
-    whole skin it touches at the end, `touched` (n,); and the name of the taxel aimed at."""
+class Movement(NamedTuple):
+    """An object, its orientation, and the trial known exactly, with the eyes as at the start."""
 
     stimulus: StimulusName
     rotation: Array
-    stamps_s: Array
-    joints_rad: Array
-    positions: Array
-    velocities: Array
-    touched: Mask
-    aimed: str
-
-    @property
-    def radius_m(self) -> float:
-        """Radius of the object."""
-        return make_stimulus(self.stimulus, fineness=0).radius_m
+    """(3, 3) from the object's to the root frame."""
+    trial: TouchTrial
+    """With `touched` (n,) of the whole skin."""
 
 
 @cache  # several studies use the same movements
@@ -127,7 +116,7 @@ def _approach(session: SessionName, k: int, seed: int) -> Movement:
         if allowed and can_follow(robot, icub_rig(robot), q, reach, reach.arrives_s):
             rotation = Rotation.random(random_state=rng).as_matrix()
             joints = np.tile(gaze_at(robot, q, path[0]), (len(stamps), 1))
-            return Movement(stimulus, rotation, stamps - stamps[0], joints, path, velocities, touched, aimed)
+            return Movement(stimulus, rotation, _true_trial(stamps, joints, path, velocities, touched, radius))
     raise ValueError(f"no approach to {aimed} stays in view of both eyes; expected a taxel that its posture shows")
 
 
@@ -146,24 +135,34 @@ def _plans(session: SessionName, taxel: int, seed: int) -> Iterator[Movement]:
         rng = np.random.default_rng((seed, get_args(SessionName).index(session), taxel, batch))
         for touch in planner.plan(taxel, _BATCH, rng):
             if isinstance(touch, DoubleTouch):
-                movement = _finger_movement(robot, skin, touch, f"{planner.part.name}:{planner.part.ids[taxel]}")
-                if session == "motor" or _is_in_view(robot, movement):
+                movement = _finger_movement(robot, skin, touch)
+                if session == "motor" or _is_in_view(robot, movement.trial):
                     yield movement
 
 
-def _finger_movement(robot: Robot, skin: Skin, touch: DoubleTouch, aimed: str) -> Movement:
+def _finger_movement(robot: Robot, skin: Skin, touch: DoubleTouch) -> Movement:
     tip = np.array([robot.at(q).point(robot.names.index_tips[1]) for q in touch.joints_rad])
     velocities = np.gradient(tip, touch.stamps_s, axis=0, edge_order=2)
     joints = np.where(gaze_mask(robot), gaze_at(robot, touch.joints_rad[0], tip[0]), touch.joints_rad)
     positions, _ = skin.at(robot.at(joints[-1]))
     touched = touched_taxels(positions, tip[-1], FINGERTIP_RADIUS_M)
-    return Movement("marker", np.eye(3), touch.stamps_s, joints, tip, velocities, touched, aimed)
+    trial = _true_trial(touch.stamps_s, joints, tip, velocities, touched, FINGERTIP_RADIUS_M)
+    return Movement("marker", np.eye(3), trial)
 
 
-def _is_in_view(robot: Robot, movement: Movement) -> bool:
+def _true_trial(
+    stamps_s: Array, joints_rad: Array, path: Array, velocities: Array, touched: Mask, radius_m: float
+) -> TouchTrial:
+    """The trial of an object known exactly, its stamps from 0."""
+    n = len(path)
+    certain = np.zeros((n, 3, 3)), np.full(n, radius_m)
+    return TouchTrial(stamps_s - stamps_s[0], joints_rad, path, velocities, *certain, touched)
+
+
+def _is_in_view(robot: Robot, trial: TouchTrial) -> bool:
     """Return whether both eyes, fixating the fingertip, have it in their image along its way."""
     rig = icub_rig(robot)
-    for q, tip in zip(movement.joints_rad[::-8], movement.positions[::-8], strict=True):
+    for q, tip in zip(trial.joints_rad[::-8], trial.positions[::-8], strict=True):
         view = rig.view(gaze_at(robot, q, tip))
         if not (view.left.sees(tip, _MARGIN_PX) and view.right.sees(tip, _MARGIN_PX)):
             return False

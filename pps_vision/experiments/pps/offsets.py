@@ -5,18 +5,20 @@ to the touch, known once the touch has happened. TTC as perceived beforehand (R 
 approach, which shifts D and TTC alike; R's weights and that TTC are measured beside.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.pps.memory import MemoryParams
+from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.offsets import offsets
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial, Trial
+from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.movements import TRIALS, SessionName
-from pps_vision.experiments.pps.perceived import PerceivedTrial, Session, train_memory
+from pps_vision.experiments.pps.perceived import Session, perceive, train_memory
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
 from pps_vision.experiments.pps.trials import exact_trials
 from pps_vision.experiments.study import Study, interval, mean, median, percent
@@ -70,15 +72,15 @@ class Offsets(Study):
         """True and estimated offsets in mm of the taxels that one robot's session touches often enough."""
         rng = np.random.default_rng((self.seed, number))
         robot = ErringRobot.draw(ErrorSources(), rng)
-        trials = tuple(robot.observe(_end(t), True, rng) for t in exact_trials(part, TRIALS[part], self.seed))
+        trials = [robot.observe(_end(t), True, rng) for t in exact_trials(part, TRIALS[part], self.seed)]
         session = Session.of(part, trials, robot.model, robot.skin)
-        memory = train_memory(map(_with_time_left, session.perceived), LAST)
+        memory = by_time_left(session.trials)
         found = {
             "found": offsets(memory),
             "weighted_by_f": offsets(memory, memory.frequency),
-            "perceived_ttc": offsets(session.memory()),
+            "perceived_ttc": offsets(train_memory(session.trials)),
         }
-        at_touch = np.array([np.where(one.touched, one.distance_m[-1], np.nan) for one in session.perceived])
+        at_touch = np.array([np.where(one.touched, perceive(one)[0][-1], np.nan) for one in session.trials])
         enough = (np.isfinite(at_touch).sum(axis=0) >= MIN_TOUCHES) & np.isfinite(found["found"])
         return [
             {"part": part, "true": 1000 * float(np.nanmean(at_touch[:, i]))}
@@ -114,6 +116,11 @@ def _end(trial: TouchTrial) -> TouchTrial:
     return replace(trial, **{name: getattr(trial, name)[last] for name in _SAMPLED})
 
 
-def _with_time_left(trial: PerceivedTrial) -> PerceivedTrial:
-    """The trial with the time left to the touch as its TTC."""
-    return replace(trial, ttc_s=np.where(np.isfinite(trial.distance_m), trial.left_s[:, None], np.nan))
+def by_time_left(trials: Sequence[Trial]) -> PPSMemory:
+    """Return the map of D and the time left to the touch."""
+    memory = empty_map(len(trials[0].touched), LAST)
+    for trial in trials:
+        D, _ = perceive(trial)
+        left_s = np.broadcast_to((trial.stamps_s[-1] - trial.stamps_s)[:, None], D.shape)
+        memory = count_samples(memory, D, left_s, trial.touched)
+    return memory

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_contact, predict_session
 from learning.pps.scores import auroc, brier
@@ -19,8 +20,15 @@ from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.calibration import BINS, scores
 from pps_vision.experiments.pps.perceived import HORIZON_S
-from pps_vision.experiments.pps.simulated_sessions import two_sessions
-from pps_vision.experiments.pps.trial_methods import METHODS, OURS, Indices, Method, in_blocks, leave_one_out, outcomes
+from pps_vision.experiments.pps.predictors import (
+    Predictor,
+    by_authors_map,
+    by_base_rate,
+    by_displacement,
+    by_displacement_along_skin,
+    in_blocks,
+    outcomes,
+)
 from pps_vision.experiments.study import DATA, Study, interval, mean
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask
@@ -28,6 +36,13 @@ from pps_vision.types import Array, Mask
 HORIZONS_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5)
 OFFSETS_M = (0.0, 0.01, 0.02)
 BLOCKS = 4
+OURS = "displacement (ours)"
+METHODS: dict[str, Predictor] = {
+    "base rate": by_base_rate,
+    "R's map": by_authors_map,
+    "displacement along the skin": by_displacement_along_skin,
+    OURS: by_displacement,
+}
 Predict = Callable[[ContactParams, Any, tuple[Trial, ...]], ContactPrediction]
 OTHER_SESSION: dict[str, Predict] = {
     "offset ignored": predict_contact,
@@ -42,13 +57,11 @@ class RealTrials(Study):
     data: Path = DATA
     """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""
     seed: int = 0
-    """Seed of splits, permutations and simulated sessions."""
+    """Seed of splits and permutations."""
     splits: int = 60
     """Random splits in two thirds to train on and one third to test on."""
     permutations: int = 200
     """Times that the outcomes are dealt to other trials."""
-    pairs: int = 60
-    """Pairs of simulated sessions."""
 
     def run(self) -> dict[str, Any]:
         """Return the scores; only "skipped" without the data."""
@@ -59,22 +72,20 @@ class RealTrials(Study):
         touched = outcomes(trials)
         rng = np.random.default_rng(self.seed)
         splits = [np.split(rng.permutation(len(trials)), [round(len(trials) * 2 / 3)]) for _ in range(self.splits)]
-        ours = leave_one_out(METHODS[OURS], trials, HORIZON_S)
         return {
             "trials": len(trials),
             "touched": touched.sum(axis=0).tolist(),
             "methods": {name: self._scores(method, trials) for name, method in METHODS.items()},
-            "reliability": scores(touched, ours),
+            "reliability": scores(touched, in_blocks(METHODS[OURS], trials, HORIZON_S)),
             "horizons": {
-                name: [brier(touched, leave_one_out(method, trials, h)) for h in HORIZONS_S]
+                name: [brier(touched, in_blocks(method, trials, h)) for h in HORIZONS_S]
                 for name, method in METHODS.items()
             },
             "other_session": {name: displaced(predict, trials, splits) for name, predict in OTHER_SESSION.items()},
-            "simulated_sessions": {name: simulated(p, self.pairs, self.seed) for name, p in OTHER_SESSION.items()},
             "permuted": _permuted(trials, self.permutations, rng),
         }
 
-    def _scores(self, method: Method, trials: tuple[Trial, ...]) -> dict[str, Any]:
+    def _scores(self, method: Predictor, trials: tuple[Trial, ...]) -> dict[str, Any]:
         """AUROC and Brier score leaving one out and by blocks of time, and the Brier score's gain on the base rate."""
         touched, found = outcomes(trials), {}
         for name, blocks in (("leave_one_out", len(trials)), ("blocked", BLOCKS)):
@@ -116,11 +127,8 @@ class RealTrials(Study):
         keys = ("auroc", "brier", "base_rate_brier", "both_better_percent")
         rows = []
         for name in OTHER_SESSION:
-            simulated = {"offset_m": None, **numbers["simulated_sessions"][name]}
-            for of in [*numbers["other_session"][name], simulated]:
-                offset_m = of["offset_m"]
-                session = "simulated" if offset_m is None else f"real, displaced by {1000 * offset_m:g} mm"
-                rows.append([f"{session}, {name}", *(f"{of[key]:.3g}" for key in keys)])
+            for of in numbers["other_session"][name]:
+                rows.append([f"displaced by {1000 * of['offset_m']:g} mm, {name}", *(f"{of[key]:.3g}" for key in keys)])
         other = Table(["test session, method", "AUROC", "Brier score", "base rate's", "both better than its (%)"], rows)
         return {"": ours, "other_session": other}
 
@@ -134,7 +142,9 @@ def _interval_of(touched: Mask, p: Array) -> list[float]:
     return interval(list(units), lambda rows: auroc(rows[:, 0], rows[:, 1]))
 
 
-def displaced(predict: Predict, trials: tuple[Trial, ...], splits: Sequence[list[Indices]]) -> list[dict[str, float]]:
+def displaced(
+    predict: Predict, trials: tuple[Trial, ...], splits: Sequence[list[NDArray[np.intp]]]
+) -> list[dict[str, float]]:
     """Return scores on test trials displaced as by another calibration, means over splits and six directions."""
     rows, params = [], ContactParams(horizon_s=HORIZON_S)
     for offset_m in OFFSETS_M:
@@ -145,13 +155,6 @@ def displaced(predict: Predict, trials: tuple[Trial, ...], splits: Sequence[list
                 found.append(_against_base_rate(predict, params, tuple(trials[i] for i in train), moved))
         rows.append({"offset_m": offset_m} | _means(found))
     return rows
-
-
-def simulated(predict: Predict, pairs: int, seed: int) -> dict[str, float]:
-    """Return scores on simulated sessions predicted from another one, means over pairs."""
-    params = ContactParams(horizon_s=HORIZON_S)
-    sessions = (two_sessions(np.random.default_rng((seed, k))) for k in range(pairs))
-    return _means([_against_base_rate(predict, params, *pair) for pair in sessions])
 
 
 def _against_base_rate(
@@ -175,6 +178,6 @@ def _permuted(trials: tuple[Trial, ...], n: int, rng: np.random.Generator) -> di
     for _ in range(n):
         touched = outcomes(trials)[rng.permutation(len(trials))]
         dealt = tuple(replace(trial, touched=now) for trial, now in zip(trials, touched, strict=True))
-        p = leave_one_out(METHODS[OURS], dealt, HORIZON_S)
+        p = in_blocks(METHODS[OURS], dealt, HORIZON_S)
         rows.append((auroc(touched, p), brier(touched, p)))
     return {"auroc": float(np.mean([a for a, _ in rows])), "brier": float(np.mean([b for _, b in rows]))}

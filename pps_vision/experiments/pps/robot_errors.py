@@ -1,7 +1,8 @@
 """Robots that misjudge themselves: R's five sources of error, applied to trials whose truth is known."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,9 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
-from learning.pps.touch_trial import TouchTrial
-from learning.pps.trials import Trial
-from pps_vision.experiments.pps.perceived import PerceivedTrial, displacements, perceive_trials
+from learning.pps.trials import TouchTrial
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.geometry.triangulation import midpoint
@@ -101,9 +100,10 @@ class ErringRobot:
         at = np.array([locate(*sample) for sample in zip(around, q_true, q, strict=True)])
         return replace(trial, joints_rad=q, positions=at[:, 1], velocities=(at[:, 2] - at[:, 0]) / (2 * _H_S))
 
-    def corrected(self, offsets_rad: Array) -> "ErringRobot":
-        """Return the robot that adds offsets (n_joints,) to its encoders."""
-        return replace(self, joint_offsets_rad=self.joint_offsets_rad + offsets_rad)
+    def calibrated(self, observed: Iterable[TouchTrial]) -> "ErringRobot":
+        """Return the robot that adds to its encoders the offsets estimated from touches that it observed."""
+        found = joint_offsets(JointOffsetParams(), self.model, self.rig, self.skin, observed)
+        return replace(self, joint_offsets_rad=self.joint_offsets_rad + found.offsets_rad)
 
     def _triangulate(self, points: Array, q_true: Array, q: Array) -> Array:
         """Points (k, 3) as triangulated with cameras that are not where they are assumed to be; NaN if impossible."""
@@ -119,42 +119,6 @@ class ErringRobot:
         tip = robot.names.index_tips[1]
         in_tip = move_points(inverse(robot.at(q_true).T_root(tip)), points)
         return self.model.at(q).point(tip, in_tip)
-
-
-@dataclass(frozen=True)
-class ObservedTrials:
-    """Trials as a robot takes them, and what its forearm perceives of them."""
-
-    robot: ErringRobot
-    trials: tuple[TouchTrial, ...]
-
-    @classmethod
-    def of(
-        cls, robot: ErringRobot, trials: tuple[TouchTrial, ...], rng: np.random.Generator, sees: bool = True
-    ) -> "ObservedTrials":
-        """Return true trials as a robot observes them."""
-        return cls(robot, tuple(robot.observe(trial, sees, rng) for trial in trials))
-
-    @cached_property
-    def perceived(self) -> tuple[PerceivedTrial, ...]:
-        """D and TTC."""
-        return perceive_trials(self.trials, self.robot.model, self.robot.skin)
-
-    @cached_property
-    def displacements(self) -> tuple[Trial, ...]:
-        """Displacements from each taxel."""
-        return displacements(self.trials, self.robot.model, self.robot.skin)
-
-    def corrected_robot(self) -> ErringRobot:
-        """Return the robot with encoder offsets estimated from the touches of these trials."""
-        r = self.robot
-        return r.corrected(joint_offsets(JointOffsetParams(), r.model, r.rig, r.skin, self.trials).offsets_rad)
-
-
-def displacement_error_mm(true: ObservedTrials, observed: ObservedTrials) -> float:
-    """Return the median error of an object's position relative to a taxel, over all samples and taxels."""
-    found = [np.concatenate([trial.d_m for trial in trials.displacements]) for trials in (true, observed)]
-    return 1000 * float(np.nanmedian(np.linalg.norm(found[0] - found[1], axis=-1)))
 
 
 def _perturbed_model(sources: ErrorSources, rng: np.random.Generator) -> Robot:

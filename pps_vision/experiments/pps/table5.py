@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pps_vision.experiments.pps.movements import TRIALS, SessionName
-from pps_vision.experiments.pps.perceived import Session
+from pps_vision.experiments.pps.perceived import Session, perceive, train_memory
 from pps_vision.experiments.pps.trials import FOLDER, exact_trials, rendered_trials
 from pps_vision.experiments.study import Study
 from pps_vision.experiments.tables import Table
@@ -60,12 +60,12 @@ def load_session(study: Any, name: SessionName) -> Session:
 
 def count(session: Session) -> dict[str, Any]:
     """Return the columns of Table 5."""
-    memory = session.memory()
-    touched = np.any([one.touched for one in session.perceived], axis=0)[list(session.aimed)]
+    memory = train_memory(session.trials)
+    touched = np.any([trial.touched for trial in session.trials], axis=0)[list(session.aimed)]
     return {
         "minutes": round(sum(float(np.ptp(trial.stamps_s)) for trial in session.trials) / 60, 2),
         "trials": len(session.trials),
-        "samples": sum(int(np.isfinite(one.distance_m).any(axis=1).sum()) for one in session.perceived),
+        "samples": sum(int(np.isfinite(perceive(trial)[0]).any(axis=1).sum()) for trial in session.trials),
         "samples_of_shown_taxel": int(memory.counts[session.shown_taxel(memory)].sum()),
         "taxels_touched": f"{touched.sum()} of {len(session.aimed)}",
     }

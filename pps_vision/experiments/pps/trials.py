@@ -1,6 +1,7 @@
 """The trials that learning starts from: movements known exactly, or rendered, tracked and followed by the eyes."""
 
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache
 from hashlib import sha256
 from multiprocessing import get_context
@@ -14,7 +15,7 @@ import tracking
 from control import differential_kinematics, fixation, head
 from learning.archive import read_archive, write_archive
 from learning.pps.memory import PPSMemory
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial
 from pps_vision import geometry, robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.movements import STEP_S, Movement, SessionName, gaze_mask, movements
@@ -36,10 +37,9 @@ _KIND, _VERSION = "touch trial", 1
 _TRACKED = ("joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
 
 
-@cache
 def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, ...]:
     """Return the first `n` trials of a session with the object known exactly."""
-    return tuple(_exact(movement) for movement in movements(session, n, seed))
+    return tuple(movement.trial for movement in movements(session, n, seed))
 
 
 def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLDER) -> tuple[TouchTrial, ...]:
@@ -72,31 +72,23 @@ def render_trial(movement: Movement) -> TouchTrial:
     pipeline = Pipeline(PipelineParams(), icub, skin, tracker, PPSMemory.empty(skin), rng)
     tracks: list[Track3D] = []
     joints: list[Array] = []
-    q = movement.joints_rad[0]
+    true = movement.trial
+    q = true.joints_rad[0]
     with Eyes(icub, rig, stimulus, "none" if is_marker else "hand", Sensor(noise_sigma=NOISE_SIGMA)) as eyes:
-        for t, arms, p in zip(movement.stamps_s, movement.joints_rad, movement.positions, strict=True):
+        for t, arms, p in zip(true.stamps_s, true.joints_rad, true.positions, strict=True):
             q = np.where(gaze_mask(icub), q, arms)
             step = pipeline.step(eyes.render(SceneState(q, p, rotation=movement.rotation), t, rng))
             tracks.append(step.tracking.track)
             joints.append(q)
             q = icub.clamp(q + STEP_S * step.command.dq_rad_s)
-    return TouchTrial(
-        movement.stamps_s,
-        np.array(joints),
-        np.array([track.position for track in tracks]),
-        np.array([track.velocity for track in tracks]),
-        np.array([track.cov[3:6, 3:6] for track in tracks]),
-        np.array([track.radius_m for track in tracks]),
-        movement.touched,
-        movement.aimed,
+    return replace(
+        true,
+        joints_rad=np.array(joints),
+        positions=np.array([track.position for track in tracks]),
+        velocities=np.array([track.velocity for track in tracks]),
+        velocity_covs=np.array([track.cov[3:6, 3:6] for track in tracks]),
+        radius_m=np.array([track.radius_m for track in tracks]),
     )
-
-
-def _exact(movement: Movement) -> TouchTrial:
-    n = len(movement.stamps_s)
-    path = (movement.joints_rad, movement.positions, movement.velocities)
-    certain = np.zeros((n, 3, 3)), np.full(n, movement.radius_m)
-    return TouchTrial(movement.stamps_s, *path, *certain, movement.touched, movement.aimed)
 
 
 def _render_to(movement: Movement, file: Path) -> None:
@@ -106,14 +98,14 @@ def _render_to(movement: Movement, file: Path) -> None:
 
 def _read(movement: Movement, file: Path) -> TouchTrial:
     tracked = {name: array.astype(float) for name, array in read_archive(file, _KIND, _VERSION, _TRACKED).items()}
-    return TouchTrial(stamps_s=movement.stamps_s, touched=movement.touched, aimed=movement.aimed, **tracked)
+    return replace(movement.trial, **tracked)
 
 
 def _digest(movement: Movement, code: bytes = b"") -> str:
     """Hexadecimal digest of a movement, and of the `code` that renders and tracks it."""
     digest = sha256(code)
     digest.update(f"{movement.stimulus} {NOISE_SIGMA}".encode())
-    for array in (movement.rotation, movement.stamps_s, movement.joints_rad, movement.positions):
+    for array in (movement.rotation, movement.trial.stamps_s, movement.trial.joints_rad, movement.trial.positions):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:24]
 

@@ -1,21 +1,24 @@
 """Predictors of touch on balls that approach taxels along their normals, some passing beside."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from data import SEED
 
-from learning.pps.touch_trial import TouchTrial
-from learning.pps.trials import Trial
-from pps_vision.experiments.pps import calibration
-from pps_vision.experiments.pps.perceived import FOREARM, PerceivedTrial, at_horizon, displacements
-from pps_vision.experiments.pps.predictors import METHODS, Inputs, by_fine_map, corrected, landing_gap
+from learning.pps.receptive_field import ReceptiveField
+from learning.pps.receptive_field import perceive as perceive_at
+from learning.pps.trials import TouchTrial, Trial
+from pps_vision.experiments.pps import calibration, real_trials
+from pps_vision.experiments.pps.calibration import COMBINATION, METHODS
+from pps_vision.experiments.pps.perceived import HORIZON_S, at_horizon, in_taxel_frames, perceive
+from pps_vision.experiments.pps.predictors import Trials, by_fine_map, corrected, landing_gap, outcomes
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
 
 ROBOT, SKIN = load_icub(), icub_skin()
 POSITIONS, NORMALS = SKIN.at(ROBOT.at(home(ROBOT)))
-Trials = tuple[TouchTrial, ...]
 
 
 def straight(taxel: int, aside_m: float, rng: np.random.Generator) -> TouchTrial:
@@ -28,79 +31,110 @@ def straight(taxel: int, aside_m: float, rng: np.random.Generator) -> TouchTrial
     certain = np.zeros((31, 3, 3)), np.full(31, 0.03)
     touched = touched_taxels(POSITIONS, end, 0.03)
     joints = np.tile(home(ROBOT), (31, 1))
-    return TouchTrial(1.5 - left_s, joints, path, np.tile(velocity, (31, 1)), *certain, touched, SKIN.taxel_ids[taxel])
+    return TouchTrial(1.5 - left_s, joints, path, np.tile(velocity, (31, 1)), *certain, touched)
 
 
 @pytest.fixture(scope="module")
 def trials() -> tuple[Trials, Trials]:
     rng = np.random.default_rng(SEED)
-    made = [straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(32)]
-    return tuple(made[::2]), tuple(made[1::2])
+    made = in_taxel_frames([straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(32)])
+    return made[::2], made[1::2]
 
 
 def test_every_predictor_returns_probabilities_and_the_combination_beats_the_base_rate(
     trials: tuple[Trials, Trials],
 ) -> None:
-    training, test = (Inputs.of(some) for some in trials)
     for predictor in METHODS.values():
-        p = predictor(training, test)
+        p = predictor(*trials, HORIZON_S)
         assert p.shape == (16, 12)
         assert np.all((p >= 0) & (p <= 1))
-    found = calibration.evaluate(training, test)
-    ours, base = found["fine map, displacement, landing, corrected"], found["base rate"]
+    found = calibration.evaluate(*trials)
+    ours, base = found[COMBINATION], found["base rate"]
     assert ours["auroc"] > base["auroc"]
     assert ours["brier"] < base["brier"]
 
 
 def test_a_prediction_uses_nothing_later_than_its_horizon(trials: tuple[Trials, Trials]) -> None:
     """The last two samples of the test trials may be anything."""
-    training = Inputs.of(trials[0])
-    changed = [TouchTrial(*(getattr(t, name) for name in t.__slots__)) for t in trials[1]]
-    for k, t in enumerate(changed):
-        path = t.positions.copy()
-        path[-2:] += 0.05
-        changed[k] = TouchTrial(*(path if name == "positions" else getattr(t, name) for name in t.__slots__))
-    for predictor in METHODS.values():
-        np.testing.assert_allclose(
-            predictor(training, Inputs.of(trials[1])), predictor(training, Inputs.of(tuple(changed)))
-        )
+    training, test = trials
+    changed = [replace(trial, d_m=trial.d_m.copy(), v_m_s=trial.v_m_s.copy()) for trial in test]
+    for trial in changed:
+        trial.d_m[-2:], trial.v_m_s[-2:] = 0.05, -1.0
+    for predictor in {**METHODS, **real_trials.METHODS}.values():
+        np.testing.assert_allclose(predictor(training, test, HORIZON_S), predictor(training, changed, HORIZON_S))
+
+
+def test_the_radius_is_the_median_known_at_the_horizon() -> None:
+    trial = straight(0, 0.0, np.random.default_rng(SEED))
+    radius = np.linspace(0.01, 0.04, 31)
+    radius[0] = np.nan
+    (seen,) = in_taxel_frames([replace(trial, radius_m=radius)])
+    assert seen.radius_m == pytest.approx(np.median(radius[1:28]))
+    (unknown,) = in_taxel_frames([replace(trial, radius_m=np.full(31, np.nan))])
+    assert unknown.radius_m == 0
 
 
 def test_the_fine_map_weighs_other_taxels_a_fifth_and_empty_bins_not_at_all() -> None:
     """One trial touches the first of two taxels that perceive the same samples: 1 : 0.2 and 0.2 : 1."""
-    left_s, same = np.array([0.5, 0.15]), np.full((2, 2), 0.5)
-    trial = PerceivedTrial(left_s, 0.1 * same, same, np.array([True, False]))
-    inputs = Inputs((trial,), (trial,), (), np.zeros((1, 2)))
-    np.testing.assert_allclose(by_fine_map(inputs, inputs), [[1 / 1.2, 0.2 / 1.2]])
+    d, v = np.tile([0.0, 0.0, 0.1], (2, 2, 1)), np.tile([0.0, 0.0, -0.1], (2, 2, 1))
+    trial = Trial(np.array([0.0, 0.35]), d, v, np.array([True, False]))
+    np.testing.assert_allclose(by_fine_map([trial], [trial], HORIZON_S), [[1 / 1.2, 0.2 / 1.2]])
 
 
 def test_the_correction_is_fitted_on_trials_left_out(trials: tuple[Trials, Trials]) -> None:
-    training, test = (Inputs.of(some) for some in trials)
     overlaps = []
 
-    def predictor(seen: Inputs, asked: Inputs) -> Array:
-        overlaps.append(set(map(id, seen.center)) & set(map(id, asked.center)))
-        return np.full(asked.touched.shape, 0.5)
+    def predictor(seen: Trials, asked: Trials, horizon_s: float) -> Array:
+        overlaps.append(set(map(id, seen)) & set(map(id, asked)))
+        return np.full((len(asked), 12), 0.5)
 
-    p = corrected(predictor)(training, test)
+    p = corrected(predictor)(*trials, HORIZON_S)
     assert len(overlaps) == 9  # eight folds and the test trials
     assert not any(overlaps)
-    np.testing.assert_allclose(p, training.touched.mean())
+    np.testing.assert_allclose(p, outcomes(trials[0]).mean())
 
 
-def test_displacements_are_in_the_taxels_frames(trials: tuple[Trials, Trials]) -> None:
-    for trial, moved in zip(trials[0][:3], displacements(trials[0][:3], ROBOT, SKIN), strict=True):
-        apart = trial.positions[:, None] - POSITIONS[:12]
-        np.testing.assert_allclose(np.linalg.norm(moved.d_m, axis=2), np.linalg.norm(apart, axis=2))
-        np.testing.assert_allclose(moved.d_m[..., 2], np.einsum("tni,ni->tn", apart, NORMALS[:12]), atol=1e-9)
-        np.testing.assert_array_equal(moved.touched, trial.touched[:12])
-    assert SKIN.taxel_ids[11].startswith(FOREARM)
+def test_in_taxel_frames_the_skin_at_rest_perceives_each_frame_alone() -> None:
+    rng = np.random.default_rng(SEED)
+    still = straight(3, 0.01, rng)
+    covs = np.tile(np.diag([0.03, 0.02, 0.01]) ** 2, (31, 1, 1))
+    true = replace(still, velocities=0.1 * rng.standard_normal((31, 3)), velocity_covs=covs)
+    (seen,) = in_taxel_frames([true])
+    apart = true.positions[:, None] - POSITIONS[:12]
+    np.testing.assert_allclose(seen.d_m[..., 2], np.einsum("tni,ni->tn", apart, NORMALS[:12]), atol=1e-9)
+    np.testing.assert_array_equal(seen.touched, true.touched[:12])
+    field = ReceptiveField(subtract_radius=True)
+    skin = POSITIONS[:12], NORMALS[:12]
+    alone = perceive_at(field, *skin, true.positions, true.velocities, 0.03, true.velocity_covs)
+    np.testing.assert_allclose(perceive(seen, field), alone, rtol=1e-6)
+
+
+def bending() -> Array:
+    """A left elbow that bends at 20°/s, 21 samples."""
+    joints = np.tile(home(ROBOT), (21, 1))
+    joints[:, ROBOT.indices(("left_elbow",))[0]] += np.deg2rad(20) * 0.05 * np.arange(21)
+    return joints
+
+
+def test_to_a_moving_arm_what_stands_still_comes_as_fast_as_it_nears() -> None:
+    joints, none = bending(), np.zeros((21, 3))
+    taxels = np.array([SKIN.at(ROBOT.at(q))[0] for q in joints])[:, :12]
+    p = np.tile(taxels[10, 0] + np.array([-0.05, 0.02, 0.06]), (21, 1))
+    of_ball = TouchTrial(0.05 * np.arange(21), joints, p, none, np.zeros((21, 3, 3)), np.zeros(21), np.zeros(32, bool))
+    D, ttc = perceive(in_taxel_frames([of_ball])[0])
+    gap = np.linalg.norm(taxels - p[:, None], axis=2)
+    closing = -np.gradient(gap, 0.05, axis=0)
+    inside = np.isfinite(D) & (np.abs(closing) > 0.01)
+    inside[[0, -1]] = False
+    assert inside.sum() > 50
+    np.testing.assert_allclose(ttc[inside], gap[inside] / closing[inside], rtol=0.02)
 
 
 def test_the_horizon_is_0_15_s_before_the_end(trials: tuple[Trials, Trials]) -> None:
-    seen = Inputs.of(trials[0][:2]).center
-    D, _, _ = at_horizon(seen)
-    np.testing.assert_array_equal(D[0], seen[0].distance_m[-4])
+    D, TTC = at_horizon(trials[0][:2])
+    np.testing.assert_array_equal(D[0], perceive(trials[0][0])[0][-4])
+    np.testing.assert_array_equal(TTC[1], perceive(trials[0][1])[1][-4])
+    assert np.isnan(at_horizon(trials[0][:2], 2.0)).all()
 
 
 def test_reliability_counts_every_prediction_once() -> None:
@@ -118,6 +152,6 @@ def test_a_straight_path_lands_where_geometry_says():
     path = np.column_stack([np.zeros_like(t), np.zeros_like(t), 0.03 + 0.1 * (1.0 - t)])
     path[t > 0.81] = np.nan
     d = np.stack([path, path + np.array([0.04, 0.0, 0.0])], axis=1)
-    trial = Trial(t, d, np.zeros_like(d), np.array([True, False]))
-    np.testing.assert_allclose(landing_gap(trial, 0.03, 0.2), [0.0, 0.02], atol=1.1e-3)
-    assert np.isinf(landing_gap(trial, 0.03, 2.0)).all()
+    trial = Trial(t, d, np.zeros_like(d), np.array([True, False]), 0.03)
+    np.testing.assert_allclose(landing_gap(trial, 0.2), [0.0, 0.02], atol=1.1e-3)
+    assert np.isinf(landing_gap(trial, 2.0)).all()

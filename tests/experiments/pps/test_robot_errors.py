@@ -5,13 +5,11 @@ import pytest
 from data import SEED
 
 from control.fixation import gaze_at
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.pps.robot_errors import (
     SOURCES,
     ErringRobot,
     ErrorSources,
-    ObservedTrials,
-    displacement_error_mm,
     only,
 )
 from pps_vision.experiments.pps.trials import exact_trials
@@ -38,7 +36,7 @@ def trial() -> TouchTrial:
     touched = touched_taxels(positions, path[-1], 0.03)
     velocity = np.tile(-0.1 * normals[1], (len(path), 1))
     certain = np.zeros((len(path), 3, 3)), np.full(len(path), 0.03)
-    return TouchTrial(0.5 - left_s, joints, path, velocity, *certain, touched, SKIN.taxel_ids[1])
+    return TouchTrial(0.5 - left_s, joints, path, velocity, *certain, touched)
 
 
 def end_from_taxels(robot: ErringRobot, observed: TouchTrial) -> Array:
@@ -86,9 +84,12 @@ def test_encoder_offsets_estimated_from_touches_halve_the_error() -> None:
     trials = exact_trials("inner", 8, SEED)
     none = dict.fromkeys(vars(ErrorSources()), 0.0)
     robot = ErringRobot.draw(ErrorSources(**{**none, "joint_rad": float(np.deg2rad(4.0))}), rng(1))
-    true = ObservedTrials.of(ErringRobot.draw(only(), rng()), trials, rng())
-    before = ObservedTrials.of(robot, trials, rng())
-    after = ObservedTrials.of(before.corrected_robot(), trials, rng())
-    assert displacement_error_mm(true, true) == 0
-    assert displacement_error_mm(true, before) > 20
-    assert displacement_error_mm(true, after) < 0.5 * displacement_error_mm(true, before)
+    true = ErringRobot.draw(only(), rng())
+
+    def error_mm(of: ErringRobot) -> float:
+        errors = [end_from_taxels(of, of.observe(t, True, rng())) - end_from_taxels(true, t) for t in trials]
+        return 1000 * float(np.median(np.linalg.norm(errors, axis=2)))
+
+    better = robot.calibrated([robot.observe(trial, True, rng()) for trial in trials])
+    assert error_mm(robot) > 20
+    assert error_mm(better) < 0.5 * error_mm(robot)

@@ -8,20 +8,21 @@ from data import SEED
 from drawn_study import run_and_draw
 
 from control.double_touch import DoubleTouch, DoubleTouching
-from learning.pps.memory import PPSMemory, count_samples
+from learning.pps.memory import MemoryParams
 from learning.pps.receptive_field import ReceptiveField, perceive
-from learning.pps.touch_trial import TouchTrial, perceived
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.pps import compensation, double_touches, invariance, landscapes, offsets, table5
 from pps_vision.experiments.pps.calibration import Calibration
-from pps_vision.experiments.pps.compensation import CASES, Compensation
+from pps_vision.experiments.pps.compensation import Compensation
 from pps_vision.experiments.pps.double_touches import DoubleTouches
 from pps_vision.experiments.pps.invariance import Invariance, in_other_posture
 from pps_vision.experiments.pps.landscapes import TITLES, Landscapes
 from pps_vision.experiments.pps.movements import TRIALS, SessionName
 from pps_vision.experiments.pps.offsets import Offsets
-from pps_vision.experiments.pps.perceived import Session
+from pps_vision.experiments.pps.perceived import Session, in_taxel_frames, train_memory
+from pps_vision.experiments.pps.perceived import perceive as perceive_trial
 from pps_vision.experiments.pps.robot_errors import SOURCES
-from pps_vision.experiments.pps.table5 import PAPER, Table5, load_session
+from pps_vision.experiments.pps.table5 import PAPER, Table5
 from pps_vision.experiments.pps.trials import exact_trials
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import icub_skin
@@ -45,23 +46,19 @@ def test_table_5_has_the_papers_trials_and_counts_the_steps_that_are_perceived(
     monkeypatch.setattr(table5, "TRIALS", small())
     study = Table5(SEED, rendered=False)
     numbers, _ = run_and_draw(study)
-    session, n = load_session(study, "inner"), 0
-    for trial in session.trials:
+    n = 0
+    for trial in exact_trials("inner", 2, SEED):
         for q, p, v in zip(trial.joints_rad, trial.positions, trial.velocities, strict=True):
-            n += bool(np.isfinite(perceive(ReceptiveField(), *session.skin.at(ROBOT.at(q)), p, v)[0]).any())
+            n += bool(np.isfinite(perceive(ReceptiveField(), *FOREARM.at(ROBOT.at(q)), p, v)[0]).any())
     assert numbers["sessions"]["inner"]["ours"]["samples"] == n
 
 
-def test_a_session_counts_its_first_trials_and_shows_the_taxel_with_the_most_samples() -> None:
-    session = Session.of("inner", exact_trials("inner", 3, SEED))
-    first = PPSMemory.empty(session.skin)
-    first = count_samples(
-        first, session.perceived[0].distance_m, session.perceived[0].ttc_s, session.perceived[0].touched
-    )
-    np.testing.assert_array_equal(session.memory(n=1).counts, first.counts)
-    memory = session.memory()
-    samples = memory.counts.sum(axis=(1, 2, 3))
-    assert samples[session.shown_taxel(memory)] == samples[list(session.aimed)].max()
+def test_a_session_shows_the_taxel_aimed_at_with_the_most_samples() -> None:
+    session = Session.of("outer", exact_trials("outer", 3, SEED))
+    memory = train_memory(session.trials, MemoryParams(bins=(1, 1)))
+    shown = session.shown_taxel(memory)
+    assert session.name(shown) in {f"left_forearm:{i}" for i in (87, 75, 39, 51)}
+    assert memory.counts[shown].sum() == memory.counts[8:].sum(axis=(1, 2, 3)).max()  # outer taxels come last
 
 
 def test_landscapes_of_all_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,13 +115,13 @@ def test_calibration_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_in_another_posture_the_skin_perceives_the_same() -> None:
     rng = np.random.default_rng(SEED)
     (trial,) = exact_trials("inner", 1, SEED)
-    before = perceived(trial, ROBOT, FOREARM, ReceptiveField())
+    before = perceive_trial(*in_taxel_frames([trial]))
     for _ in range(5):
         moved = in_other_posture(trial, ROBOT, rng)
         assert np.abs(moved.joints_rad - trial.joints_rad).max() > np.deg2rad(5)
         assert np.all((moved.joints_rad >= ROBOT.lower_rad) & (moved.joints_rad <= ROBOT.upper_rad))
         assert np.linalg.norm(moved.positions[-1] - trial.positions[-1]) > 0.005
-        for one, other in zip(before, perceived(moved, ROBOT, FOREARM, ReceptiveField()), strict=True):
+        for one, other in zip(before, perceive_trial(*in_taxel_frames([moved])), strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-6)
 
 
@@ -142,9 +139,9 @@ def test_without_errors_posture_changes_nothing(monkeypatch: pytest.MonkeyPatch)
 def test_each_case_is_trained_and_tested_on_its_own_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     sets = ("perfect training", "perfect test"), ("erring training", "erring test"), ("training", "test")
     found = compensation.cases(*sets)  # type: ignore[arg-type]
-    assert dict(zip(CASES, found, strict=True)) == {
+    assert found == {
         "no errors": sets[0],
-        "errors, map trained without": ("perfect training", "erring test"),
+        "errors, map trained without": ["perfect training", "erring test"],
         "errors, map trained with": sets[1],
         "encoder offsets estimated too": sets[2],
     }
@@ -152,5 +149,4 @@ def test_each_case_is_trained_and_tested_on_its_own_trials(monkeypatch: pytest.M
     monkeypatch.setattr(compensation, "SOURCES", {"cameras": SOURCES["cameras"]})
     numbers, charts = run_and_draw(Compensation(SEED, n=1))
     assert set(numbers["sources"]) == {"cameras", "all"}
-    assert numbers["sources"]["all"]["error_mm"][0] > 1
     assert set(charts) == {"map", "displacement"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.pps.movements import AIMED, Movement, SessionName, movements, start_posture
 from pps_vision.experiments.pps.trials import exact_trials, render_trial, rendered_trials
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -17,18 +17,17 @@ ROBOT, SKIN = load_icub(), icub_skin()
 SESSIONS: tuple[SessionName, ...] = ("motor", "inner", "outer", "palm")
 
 
-def gaps(movement: Movement) -> Array:
+def gaps(trial: TouchTrial) -> Array:
     """(T, n) m from the object's surface to every taxel's centre."""
-    taxels = np.array([SKIN.at(ROBOT.at(q))[0] for q in movement.joints_rad])
-    found: Array = np.linalg.norm(taxels - movement.positions[:, None], axis=2) - movement.radius_m
+    taxels = np.array([SKIN.at(ROBOT.at(q))[0] for q in trial.joints_rad])
+    found: Array = np.linalg.norm(taxels - trial.positions[:, None], axis=2) - trial.radius_m[:, None]
     return found
 
 
 @pytest.mark.parametrize("name", SESSIONS)
 def test_a_trial_ends_in_the_touch_it_reports(name: SessionName) -> None:
     part, _ = AIMED[name]
-    for movement in movements(name, 2, SEED):
-        assert movement.aimed.startswith(part)
+    for movement in exact_trials(name, 2, SEED):
         gap = gaps(movement)
         np.testing.assert_array_equal(gap[-1] <= TOUCH_RADIUS_M, movement.touched)
         assert any(SKIN.taxel_ids[i].startswith(part) for i in np.flatnonzero(movement.touched))
@@ -39,7 +38,7 @@ def test_a_trial_ends_in_the_touch_it_reports(name: SessionName) -> None:
 
 @pytest.mark.parametrize("name", SESSIONS)
 def test_positions_are_the_integral_of_the_velocity(name: SessionName) -> None:
-    for movement in movements(name, 2, SEED):
+    for movement in exact_trials(name, 2, SEED):
         np.testing.assert_allclose(np.diff(movement.stamps_s), 0.05)
         mean = 0.5 * (movement.velocities[1:] + movement.velocities[:-1])
         np.testing.assert_allclose(np.diff(movement.positions, axis=0), 0.05 * mean, atol=4e-4)
@@ -49,7 +48,7 @@ def test_positions_are_the_integral_of_the_velocity(name: SessionName) -> None:
 
 
 def test_fingertips_are_where_the_hand_is() -> None:
-    for movement in movements("motor", 2, SEED):
+    for movement in exact_trials("motor", 2, SEED):
         tips = [ROBOT.at(q).point("right_index_tip") for q in movement.joints_rad]
         np.testing.assert_allclose(movement.positions, tips, atol=1e-12)
 
@@ -57,17 +56,10 @@ def test_fingertips_are_where_the_hand_is() -> None:
 def test_a_trial_does_not_depend_on_how_many_are_asked_for() -> None:
     names: tuple[SessionName, ...] = ("inner", "motor")
     for name in names:
-        np.testing.assert_array_equal(movements(name, 1, SEED)[0].positions, movements(name, 2, SEED)[0].positions)
-    (other,) = movements("inner", 1, SEED + 1)
-    assert not np.allclose(other.positions[-1], movements("inner", 1, SEED)[0].positions[-1])
-
-
-def test_exact_trials_are_the_truth() -> None:
-    (trial,), (movement,) = exact_trials("outer", 1, SEED), movements("outer", 1, SEED)
-    np.testing.assert_array_equal(trial.positions, movement.positions)
-    np.testing.assert_array_equal(trial.touched, movement.touched)
-    assert not trial.velocity_covs.any()
-    assert np.all(trial.radius_m == movement.radius_m)
+        one, two = (exact_trials(name, n, SEED)[0].positions for n in (1, 2))
+        np.testing.assert_array_equal(one, two)
+    (one,), (other,) = (exact_trials("inner", 1, SEED + k) for k in (0, 1))
+    assert not np.allclose(other.positions[-1], one.positions[-1])
 
 
 @pytest.mark.parametrize("name", ["outer", "palm"])
@@ -84,7 +76,7 @@ def test_start_postures_are_within_limits_and_turn_the_taxels_to_the_eyes(name: 
 
 def errors_mm(movement: Movement, trial: TouchTrial) -> Array:
     """(T,) of the tracked positions, NaN while nothing is tracked."""
-    errors: Array = 1000 * np.linalg.norm(trial.positions - movement.positions, axis=1)
+    errors: Array = 1000 * np.linalg.norm(trial.positions - movement.trial.positions, axis=1)
     print(f"seed {SEED}, {movement.stimulus}: {np.sqrt(np.nanmean(errors**2)):.1f} mm RMS")
     return errors
 
@@ -98,7 +90,7 @@ def test_a_ball_in_a_hand_is_tracked_and_followed_by_the_eyes() -> None:
     head = ROBOT.indices(ROBOT.names.gaze_joints)
     assert np.ptp(trial.joints_rad[:, head], axis=0).max() > np.deg2rad(2)
     arms = [i for i in range(ROBOT.n_joints) if i not in head]
-    np.testing.assert_array_equal(trial.joints_rad[:, arms], movement.joints_rad[:, arms])
+    np.testing.assert_array_equal(trial.joints_rad[:, arms], movement.trial.joints_rad[:, arms])
 
 
 def test_a_marked_finger_is_rendered_once_and_then_read(tmp_path: Path) -> None:
@@ -111,7 +103,7 @@ def test_a_marked_finger_is_rendered_once_and_then_read(tmp_path: Path) -> None:
     before = file.stat().st_mtime_ns
     (second,) = rendered_trials("visual", 1, SEED, tmp_path)
     np.testing.assert_array_equal(second.positions, trial.positions)
-    np.testing.assert_array_equal(second.touched, movement.touched)
+    np.testing.assert_array_equal(second.touched, movement.trial.touched)
     assert file.stat().st_mtime_ns == before
 
 

@@ -1,4 +1,4 @@
-"""Foretelling touches: made-up trials whose answer is known, and worlds whose true probability is."""
+"""Contact model: simulated trials whose answer is known, and distributions whose true probability is."""
 
 from dataclasses import replace
 
@@ -12,7 +12,6 @@ from learning.pps.contact import (
     ContactParams,
     displacements,
     learn_contact,
-    leave_one_out,
     predict_contact,
     predict_session,
 )
@@ -22,9 +21,10 @@ from learning.pps.trials import Trial, touch_rates
 PARAMS = ContactParams()
 
 
-def test_what_can_be_told_apart_is_told_apart():
-    trials = session(np.random.default_rng(SEED), 16)
-    found = leave_one_out(PARAMS, trials).probability
+def test_paths_over_different_taxels_are_distinguished():
+    rng = np.random.default_rng(SEED)
+    training, trials = session(rng, 16), session(rng, 16)
+    found = predict_contact(PARAMS, learn_contact(PARAMS, training), trials).probability
     touched = np.array([trial.touched for trial in trials])
     assert auroc(touched[:, :2], found[:, :2]) == 1
     assert (found[:, 2] < 0.1).all(), "never touched"

@@ -8,7 +8,7 @@ from data import SEED
 
 from control.fixation import gaze_at
 from learning.pps.joint_offsets import JointOffsetParams, joint_offsets, touching
-from learning.pps.touch_trial import TouchTrial
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.pps.robot_errors import ErringRobot, only
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, icub_rig, load_icub
@@ -17,7 +17,7 @@ from pps_vision.types import Array
 
 ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
-PARAMS, RADIUS_M = JointOffsetParams(), 0.035
+RADIUS_M = 0.035
 
 
 def robot_off_by(offsets_rad: Array) -> ErringRobot:
@@ -35,7 +35,7 @@ def lying_on(taxel: int, rng: np.random.Generator) -> TouchTrial:
     q = gaze_at(ROBOT, q, p)
     touched = touched_taxels(positions, p, RADIUS_M)
     zero = np.zeros((1, 3))
-    return TouchTrial(np.zeros(1), q[None], p[None], zero, np.zeros((1, 3, 3)), np.full(1, RADIUS_M), touched, "")
+    return TouchTrial(np.zeros(1), q[None], p[None], zero, np.zeros((1, 3, 3)), np.full(1, RADIUS_M), touched)
 
 
 def lying(n: int, seed: int) -> list[TouchTrial]:
@@ -57,10 +57,6 @@ def miss_mm(robot: ErringRobot, trials: list[TouchTrial]) -> float:
 
     missed = [on_forearm(a) - on_forearm(b) for a, b in zip(seen(robot, trials), trials, strict=True)]
     return 1000 * float(np.median(np.linalg.norm(missed, axis=1)))
-
-
-def learned(robot: ErringRobot, trials: list[TouchTrial]) -> Array:
-    return joint_offsets(PARAMS, robot.model, robot.rig, robot.skin, trials).offsets_rad
 
 
 def test_a_touch_says_where_a_ball_is() -> None:
@@ -89,7 +85,7 @@ def test_a_touch_says_where_a_ball_is() -> None:
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
 def test_what_touches_say_of_the_joints_holds_in_other_postures(seed: int) -> None:
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(seed).standard_normal(ROBOT.n_joints))
-    better = off.corrected(learned(off, seen(off, lying(30, seed))))
+    better = off.calibrated(seen(off, lying(30, seed)))
     before, after = (miss_mm(of, lying(24, seed + 1)) for of in (off, better))
     assert after < min(8, before)
 
@@ -99,7 +95,8 @@ def test_eyes_that_converge_less_than_they_believe_are_told_from_the_arm() -> No
     offsets = np.zeros(ROBOT.n_joints)
     offsets[pans] = np.deg2rad([2.0, -2.0])
     off = robot_off_by(offsets)
-    found = np.rad2deg(learned(off, seen(off, lying(30, SEED))))
+    touches = seen(off, lying(30, SEED))
+    found = np.rad2deg(joint_offsets(JointOffsetParams(), off.model, off.rig, off.skin, touches).offsets_rad)
     assert found[pans[0]] - found[pans[1]] == pytest.approx(4.0, abs=1.2)
     assert np.abs(np.delete(found, pans)).max() < 2.0
 
@@ -108,20 +105,20 @@ def test_one_touch_seen_wildly_wrong_changes_little() -> None:
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
     trials = seen(off, lying(20, SEED))
     wild = replace(trials[3], positions=trials[3].positions + np.array([0.1, 0.2, -0.1]))
-    without, with_it = learned(off, trials), learned(off, [*trials[:3], wild, *trials[4:]])
+    without, with_it = off.calibrated(trials), off.calibrated([*trials[:3], wild, *trials[4:]])
     others = lying(10, SEED + 1)
-    assert miss_mm(off.corrected(with_it), others) < miss_mm(off.corrected(without), others) + 4
+    assert miss_mm(with_it, others) < miss_mm(without, others) + 4
 
 
 def test_who_errs_in_nothing_learns_little_and_who_was_never_touched_nothing() -> None:
     right = robot_off_by(np.zeros(ROBOT.n_joints))
     trials = seen(right, lying(20, SEED))
-    assert miss_mm(right.corrected(learned(right, trials)), lying(10, SEED + 1)) < 8
+    assert miss_mm(right.calibrated(trials), lying(10, SEED + 1)) < 8
     untouched = [replace(trial, touched=np.zeros_like(trial.touched)) for trial in trials]
     unseen = [replace(trial, positions=np.full((1, 3), np.nan)) for trial in trials]
     of_no_size = [replace(trial, radius_m=np.full(1, np.nan)) for trial in trials]
     for nothing in ([], untouched, unseen, of_no_size):
-        found = joint_offsets(PARAMS, ROBOT, icub_rig(ROBOT), SKIN, nothing)
+        found = joint_offsets(JointOffsetParams(), ROBOT, icub_rig(ROBOT), SKIN, nothing)
         np.testing.assert_array_equal(found.offsets_rad, 0)
         assert len(found.before_m) == len(found.after_m) == 0
 
@@ -130,7 +127,7 @@ def test_few_touches_do_more_good_than_harm() -> None:
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
     others = lying(24, SEED + 1)
     for n in (2, 4):
-        assert miss_mm(off.corrected(learned(off, seen(off, lying(n, SEED)))), others) < miss_mm(off, others)
+        assert miss_mm(off.calibrated(seen(off, lying(n, SEED))), others) < miss_mm(off, others)
 
 
 @pytest.mark.parametrize("wrong", [{"joint_rad": 0.0}, {"taxel_m": -0.01}, {"outlier_sigmas": np.nan}])
