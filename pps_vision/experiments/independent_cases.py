@@ -3,7 +3,8 @@
 from dataclasses import dataclass, replace
 
 from pps_vision.experiments.independent_films import IndependentScene
-from pps_vision.experiments.independent_scenes import PHOTOS, Color, SensorChain
+from pps_vision.experiments.independent_scenes import PHOTOS, Color
+from pps_vision.experiments.sensor_chain import SensorChain
 from tracking.marker import MarkerParams
 from tracking.tracker import TrackerParams
 

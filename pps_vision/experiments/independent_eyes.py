@@ -16,12 +16,11 @@ from pps_vision.experiments.independent_scenes import (
     Lens,
     Panel,
     Room,
-    SensorChain,
     Surface,
     World,
-    noise_tape,
     visible_share,
 )
+from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
 from pps_vision.experiments.study import DATA, SceneSource
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.model import Robot

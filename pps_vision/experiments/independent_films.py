@@ -1,4 +1,4 @@
-"""Independent scene source, part 2: what is filmed, from where, and the truth.
+"""Independent scene source: what is filmed, from where, and the truth.
 
 Motions, rig and head kinematics are this file's own (FACTS §1's table of the iCub); only what the tracker is told is
 made of the project's types.
@@ -22,13 +22,12 @@ from pps_vision.experiments.independent_scenes import (
     Panel,
     Pattern,
     Room,
-    SensorChain,
     Surface,
     World,
-    noise_tape,
     photograph,
     visible_share,
 )
+from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
 from pps_vision.experiments.study import DATA
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub

@@ -1,4 +1,4 @@
-"""Independent scene source, part 1: analytic ray casting of balls, panels and a room, and the sensor chain.
+"""Independent scene source: the light of painted balls and panels in a room of photographs, by ray casting.
 
 Shares no code with `rendering`.  The lens is OpenCV's (`cv2.undistortPointsIter`, `cv2.projectPoints`).  Everything is
 in the stage frame: x to the right, y down, z ahead, metres, origin midway between the eyes at rest.  Levels are grey
@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pps_vision.experiments.raycast import FAST, ball_row, first_hit, first_hits, on_panel, panel_row
 from pps_vision.types import Array, Image
 
 Pattern = Literal["plain", "striped", "chequered", "textured"]
@@ -36,8 +37,6 @@ EDGE_SAMPLES = 4  # samples a side of a pixel where something moves or has an ed
 _ORDER = np.array([[15, 2, 1, 12], [4, 9, 10, 7], [8, 5, 6, 11], [3, 14, 13, 0]])
 _ORDER_COARSE = np.array([[0, 2], [3, 1]])
 _WIDEST_RAD = np.deg2rad(55.0)  # from the optical axis: beyond it the lens model may fold back
-_FAST = {"contract", "arcp", "nsz", "reassoc"}  # no assumption about NaN and infinity
-_TAPE = 1 << 21  # normal deviates a film's noise is cut from
 
 
 @dataclass(frozen=True)
@@ -274,76 +273,32 @@ def visible_share(
     inside = np.all((pixels > -0.5) & (pixels < np.array([lens.width, lens.height]) - 0.5), axis=1)
     others = World(tuple(b for b in world.balls if b is not one), (*(p for p in world.panels if p is not one), *still))
     balls, panels = _packed([others])
-    return float(np.mean(inside & ~_blocked(eye, points - eye, balls, panels)))
+    distance, _ = first_hits(eye, points - eye, balls[0], panels[0])
+    return float(np.mean(inside & (distance >= 1)))
 
 
 def _packed(worlds: list[World]) -> tuple[Array, Array]:
-    """Balls (k, n, 22) and panels (k, m, 21) in plain numbers; textured ones have the textures after the walls'."""
+    """Balls (k, n, 22) and panels (k, m, 21): rows of `raycast`, then paint; textured ones have the textures after the
+    walls'."""
     balls = np.zeros((len(worlds), len(worlds[0].balls), 22))
     panels = np.zeros((len(worlds), len(worlds[0].panels), 21))
     for k, world in enumerate(worlds):
         texture = 0
-        for row, one in zip(balls[k], world.balls, strict=True):
-            texture += one.surface.pattern == "textured"
-            row[:12] = [*one.center, one.radius_m, *_paint(one.surface, texture)]
-            row[12:21], row[21] = one.R_stage_body.T.ravel(), one.surface.count
+        for row, ball in zip(balls[k], world.balls, strict=True):
+            texture += ball.surface.pattern == "textured"
+            row[:4], row[4:13] = ball_row(ball.center, ball.radius_m), _paint(ball.surface, texture)
+            row[13:22] = ball.R_stage_body.T.ravel()
         for row, panel in zip(panels[k], world.panels, strict=True):
             texture += panel.surface.pattern == "textured"
-            row[:3], row[9:17] = panel.center, _paint(panel.surface, texture)
-            row[3:6], row[6:9] = panel.right / (panel.right @ panel.right), panel.down / (panel.down @ panel.down)
-            row[17], row[18:21] = panel.surface.count, np.cross(panel.right, panel.down)
+            row[:12], row[12:21] = panel_row(panel.center, panel.right, panel.down), _paint(panel.surface, texture)
     return balls, panels
 
 
 def _paint(surface: Surface, texture: int) -> list[float]:
-    return [float(PATTERNS.index(surface.pattern)), float(texture), *surface.color, *surface.color2]
+    return [float(PATTERNS.index(surface.pattern)), float(texture), *surface.color, *surface.color2, surface.count]
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
-def _first_hit(ox, oy, oz, dx, dy, dz, balls, panels, k):  # type: ignore[no-untyped-def]
-    """Distance (in lengths of the direction) and index of what a ray meets first at instant `k`: a ball, or a panel
-    after the balls; −1: none."""
-    best, which = np.inf, -1
-    a = dx * dx + dy * dy + dz * dz
-    for n in range(balls.shape[1]):
-        x, y, z, r = ox - balls[k, n, 0], oy - balls[k, n, 1], oz - balls[k, n, 2], balls[k, n, 3]
-        b = x * dx + y * dy + z * dz
-        under = b * b - a * (x * x + y * y + z * z - r * r)
-        if under > 0:
-            t = (-b - np.sqrt(under)) / a
-            if 0 < t < best:
-                best, which = t, n
-    for n in range(panels.shape[1]):
-        nx, ny, nz = panels[k, n, 18], panels[k, n, 19], panels[k, n, 20]
-        t = nx * (panels[k, n, 0] - ox) + ny * (panels[k, n, 1] - oy) + nz * (panels[k, n, 2] - oz)
-        t /= nx * dx + ny * dy + nz * dz
-        if 0 < t < best:
-            u, v = _place(panels, k, n, ox + t * dx, oy + t * dy, oz + t * dz)
-            if abs(u) <= 1 and abs(v) <= 1:
-                best, which = t, balls.shape[1] + n
-    return best, which
-
-
-@njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
-def _place(panels, k, n, x, y, z):  # type: ignore[no-untyped-def]
-    """Where a point of a panel's plane is on it: −1 … 1 to the right and down."""
-    x, y, z = x - panels[k, n, 0], y - panels[k, n, 1], z - panels[k, n, 2]
-    right = x * panels[k, n, 3] + y * panels[k, n, 4] + z * panels[k, n, 5]
-    return right, x * panels[k, n, 6] + y * panels[k, n, 7] + z * panels[k, n, 8]
-
-
-@njit(cache=True, error_model="numpy")
-def _blocked(o, directions, balls, panels):  # type: ignore[no-untyped-def]
-    """(n,) whether something lies before the end of each ray."""
-    blocked = np.zeros(len(directions), np.bool_)
-    for k in range(len(directions)):
-        d = directions[k]
-        t, which = _first_hit(o[0], o[1], o[2], d[0], d[1], d[2], balls, panels, 0)
-        blocked[k] = which >= 0 and t < 1
-    return blocked
-
-
-@njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
+@njit(cache=True, fastmath=FAST, error_model="numpy", inline="always")
 def _texel(flat, start, h, w, u, v):  # type: ignore[no-untyped-def]
     """Bilinear colour of a texture at texels u, v; beyond its edges it goes on mirrored."""
     left, top = np.floor(u), np.floor(v)
@@ -362,10 +317,10 @@ def _texel(flat, start, h, w, u, v):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _cast(rays, poses, balls, panels, room, flat, sizes, region, order, lamp, image):  # type: ignore[no-untyped-def]
     """Mean colour of a region's pixels over their samples."""
-    side = order.shape[0]
+    side, no_cylinders = order.shape[0], np.empty((0, 8))
     share = 1 / (side * side)
     for y in range(region[1], region[3]):
         for x in range(region[0], region[2]):
@@ -387,7 +342,7 @@ def _cast(rays, poses, balls, panels, room, flat, sizes, region, order, lamp, im
                     dx = poses[k, 0] * a + poses[k, 1] * b + poses[k, 2]
                     dy = poses[k, 3] * a + poses[k, 4] * b + poses[k, 5]
                     dz = poses[k, 6] * a + poses[k, 7] * b + poses[k, 8]
-                    t, which = _first_hit(ox, oy, oz, dx, dy, dz, balls, panels, k)
+                    t, which = first_hit(ox, oy, oz, dx, dy, dz, balls[k], panels[k], no_cylinders)
                     if which < 0:
                         color = _wall(ox, oy, oz, dx, dy, dz, room, flat, sizes[0, 0], sizes[0, 1])
                     elif which < balls.shape[1]:
@@ -399,7 +354,7 @@ def _cast(rays, poses, balls, panels, room, flat, sizes, region, order, lamp, im
             image[y, x, 0], image[y, x, 1], image[y, x, 2] = share * red, share * green, share * blue
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy", inline="always")
+@njit(cache=True, fastmath=FAST, error_model="numpy", inline="always")
 def _wall(ox, oy, oz, dx, dy, dz, room, flat, h, w):  # type: ignore[no-untyped-def]
     """Colour of the room's box, seen from inside: the photograph, its middle in the middle of each wall."""
     tx = ((room[3] if dx > 0 else room[0]) - ox) / dx
@@ -413,33 +368,33 @@ def _wall(ox, oy, oz, dx, dy, dz, room, flat, h, w):  # type: ignore[no-untyped-
     return _texel(flat, 0, h, w, u / room[6] + 0.5 * w - 0.5, v / room[6] + 0.5 * h - 0.5)
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _ball_color(balls, k, n, x, y, z, flat, sizes, lamp):  # type: ignore[no-untyped-def]
     """Lambert's shading of a ball's paint, which turns with it, at a point of its surface."""
     r = balls[k, n, 3]
     nx, ny, nz = (x - balls[k, n, 0]) / r, (y - balls[k, n, 1]) / r, (z - balls[k, n, 2]) / r
     shade = AMBIENT + (1 - AMBIENT) * max(nx * lamp[0] + ny * lamp[1] + nz * lamp[2], 0.0)
-    px = balls[k, n, 12] * nx + balls[k, n, 13] * ny + balls[k, n, 14] * nz
-    py = balls[k, n, 15] * nx + balls[k, n, 16] * ny + balls[k, n, 17] * nz
-    pz = balls[k, n, 18] * nx + balls[k, n, 19] * ny + balls[k, n, 20] * nz
+    px = balls[k, n, 13] * nx + balls[k, n, 14] * ny + balls[k, n, 15] * nz
+    py = balls[k, n, 16] * nx + balls[k, n, 17] * ny + balls[k, n, 18] * nz
+    pz = balls[k, n, 19] * nx + balls[k, n, 20] * ny + balls[k, n, 21] * nz
     u, v = 0.5 * (np.arctan2(py, px) / np.pi + 1), np.arcsin(min(max(pz, -1.0), 1.0)) / np.pi + 0.5
     if balls[k, n, 4] == 1:
         u = 0.5 * (px + 1)
-    return _painted(balls, k, n, 4, balls[k, n, 21], u, v, 2.0, shade, flat, sizes)
+    return _painted(balls, k, n, 4, u, v, 2.0, shade, flat, sizes)
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _panel_color(panels, k, n, x, y, z, flat, sizes, lamp):  # type: ignore[no-untyped-def]
     """The same of a panel, either side."""
-    nx, ny, nz = panels[k, n, 18], panels[k, n, 19], panels[k, n, 20]
+    nx, ny, nz = panels[k, n, 9], panels[k, n, 10], panels[k, n, 11]
     along = abs(nx * lamp[0] + ny * lamp[1] + nz * lamp[2]) / np.sqrt(nx * nx + ny * ny + nz * nz)
-    u, v = _place(panels, k, n, x, y, z)
+    u, v = on_panel(panels[k], n, x, y, z)
     shade = AMBIENT + (1 - AMBIENT) * along
-    return _painted(panels, k, n, 9, panels[k, n, 17], 0.5 * (u + 1), 0.5 * (v + 1), 1.0, shade, flat, sizes)
+    return _painted(panels, k, n, 12, 0.5 * (u + 1), 0.5 * (v + 1), 1.0, shade, flat, sizes)
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _painted(things, k, n, start, count, u, v, aspect, shade, flat, sizes):  # type: ignore[no-untyped-def]
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _painted(things, k, n, start, u, v, aspect, shade, flat, sizes):  # type: ignore[no-untyped-def]
     """Colour of a surface at u, v (0 … 1): pattern, texture, two colours; `aspect` times as many squares along u."""
     if things[k, n, start] == 3:
         texture, begin = int(things[k, n, start + 1]), 0
@@ -448,71 +403,10 @@ def _painted(things, k, n, start, count, u, v, aspect, shade, flat, sizes):  # t
         h, w = sizes[texture, 0], sizes[texture, 1]
         c = _texel(flat, begin, h, w, u * w - 0.5, v * h - 0.5)
         return shade * c[0], shade * c[1], shade * c[2]
-    is_second = False
+    is_second, count = False, things[k, n, start + 8]
     if things[k, n, start] == 1:
         is_second = int(np.floor(u * 2 * count)) % 2 == 1
     elif things[k, n, start] == 2:
         is_second = (int(np.floor(u * aspect * count)) + int(np.floor(v * count))) % 2 == 1
     first = start + (5 if is_second else 2)
     return shade * things[k, n, first], shade * things[k, n, first + 1], shade * things[k, n, first + 2]
-
-
-@dataclass(frozen=True)
-class SensorChain:
-    """From light to the recorded image, in this order: defocus, gain, mosaic, noise, eight bits, grey, JPEG."""
-
-    defocus_px: float = 0.0
-    """Standard deviation of the defocus blur, px."""
-    read_noise: float = 2.0
-    """Standard deviation of the noise that does not depend on the light, levels."""
-    shot: float = 0.0
-    """Variance of the shot noise per level."""
-    bayer: bool = False
-    """One colour a pixel (RGGB), the others interpolated by OpenCV."""
-    grey: bool = False
-    """A grey camera: three equal channels."""
-    jpeg: int = 0
-    """JPEG quality, 1–100; 0: not compressed."""
-
-    def expose(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator, tape: Array) -> Image:
-        """(h, w, 3) uint8; noise is cut from a `tape` of normal deviates, each row at a place that `rng` draws."""
-        if self.defocus_px > 0:
-            light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.defocus_px), dtype=np.float32)
-        if self.bayer:
-            light = _mosaic(light)
-        h, w = light.shape[:2]
-        row = light.reshape(h, -1)
-        image: Image = np.empty(row.shape, np.uint8)
-        starts = rng.integers(0, len(tape) - row.shape[1], h)
-        _noisy(row, gain, self.read_noise**2, self.shot, tape, starts, image)
-        if self.bayer:
-            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2RGB), dtype=np.uint8)
-        image = image.reshape(h, w, 3)
-        if self.grey:
-            image = np.asarray(cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB), np.uint8)
-        if self.jpeg:
-            coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg])[1]
-            image = np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), dtype=np.uint8)
-        return image
-
-
-def noise_tape(rng: np.random.Generator) -> Array:
-    """Normal deviates (n,) for `SensorChain.expose`."""
-    return rng.standard_normal(_TAPE, dtype=np.float32)
-
-
-def _mosaic(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w) of an RGGB sensor."""
-    mosaic = light[..., 1].copy()
-    mosaic[::2, ::2], mosaic[1::2, 1::2] = light[::2, ::2, 0], light[1::2, 1::2, 2]
-    return mosaic
-
-
-@njit(cache=True, error_model="numpy")
-def _noisy(light, gain, read_var, shot, tape, starts, image):  # type: ignore[no-untyped-def]
-    for y in range(light.shape[0]):
-        start = starts[y]
-        for x in range(light.shape[1]):
-            level = gain * light[y, x]
-            level += tape[start + x] * np.sqrt(read_var + shot * level)
-            image[y, x] = np.uint8(min(max(level + 0.5, 0.0), 255.0))

@@ -1,147 +1,119 @@
-"""The rendered room by ray casting: exact solids and lens, no triangles and no OpenGL.  Slow; to compare with."""
+"""What a ray meets first: spheres, flat panels and cylinders, exactly and without triangles.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+The one intersection code of the independent scenes, of the exact images of the rendered room and of the tests' scenes.
+It shares nothing with `rendering`. Each solid is a row of numbers; rays start outside of spheres and cylinders.
+"""
 
 import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
-from pps_vision.geometry.camera import View
-from pps_vision.geometry.se3 import inverse, move_points, transform
-from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
-from rendering.light import diffuse_light
-from rendering.room import atlas, room_surface
-from rendering.scene import SceneState
-from rendering.shapes import Color
+
+BALL_COLUMNS, PANEL_COLUMNS, CYLINDER_COLUMNS = 4, 12, 8
+FAST = {"contract", "arcp", "nsz", "reassoc"}
+"""Numba's `fastmath` of the ray casters: no assumption about NaN and infinity."""
 
 
-@dataclass(frozen=True)
-class Solid:
-    """A sphere (radius,), a cylinder about z (radius, length) or a box (x, y, z), centred at its own origin, m."""
-
-    shape: str
-    size_m: tuple[float, ...]
-    T_root_solid: Array
-    color: Color
+def ball_row(center: ArrayLike, radius_m: float) -> Array:
+    """Return the row (4,) of a sphere."""
+    return np.array([*np.asarray(center), radius_m])
 
 
-def ray_cast(
-    robot: Robot,
-    view: View,
-    state: SceneState,
-    radius_m: float,
-    color: Color,
-    samples: int = 4,
-    where: Mask | None = None,
-) -> Array:
-    """(height, width, 3) light, grey levels of 255, of the room, the robot and a ball; samples² rays a pixel, and none
-    outside of `where` (height, width)."""
-    c = view.camera
-    seen = np.ones((c.height, c.width), bool) if where is None else where
-    v, u = np.nonzero(seen)
-    solids = list(_solids(robot, state, radius_m, color))
-    total = np.zeros((c.height, c.width, 3))
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    for du in offsets:
-        for dv in offsets:
-            rays = view.rays(np.column_stack([u + du, v + dv]))
-            total[seen] += _light_along(view.center, rays, solids)
-    return total / samples**2
+def panel_row(center: ArrayLike, right: Array, down: Array) -> Array:
+    """Return the row (12,) of a rectangle; `right` and `down` (3,) lead from its centre to the middle of two edges."""
+    return np.concatenate([center, right / (right @ right), down / (down @ down), np.cross(right, down)])
 
 
-def _solids(robot: Robot, state: SceneState, radius_m: float, color: Color) -> Iterator[Solid]:
-    posture = robot.at(state.q_rad)
-    for body in robot.bodies:
-        T_root_body = posture.T_root(body.frame) @ body.T_frame_body
-        yield Solid(body.shape, tuple(body.size_m), T_root_body, body.color)
-    if state.position is not None:
-        yield Solid("sphere", (radius_m,), transform(translation=state.position), color)
+def cylinder_row(center: ArrayLike, axis: ArrayLike, radius_m: float, length_m: float) -> Array:
+    """Return the row (8,) of a cylinder with flat ends about a unit axis (3,)."""
+    return np.array([*np.asarray(center), *np.asarray(axis), radius_m, length_m / 2])
 
 
-def _light_along(origin: Array, rays: Array, solids: list[Solid]) -> Array:
-    """(n, 3) what comes along rays (n, 3) into a point."""
-    nearest, light = _room(origin, rays)
-    for solid in solids:
-        T = inverse(solid.T_root_solid)
-        o, reach = move_points(T, origin), float(np.linalg.norm(solid.size_m))  # no point is farther from its centre
-        far = float(np.linalg.norm(o))
-        cosine = float(np.sqrt(1 - (reach / far) ** 2)) if far > reach else -1.0
-        near = np.flatnonzero(rays @ (solid.T_root_solid[:3, 3] - origin) >= cosine * far)
-        distance, normals = _first_hit(solid, o, rays[near] @ T[:3, :3].T)
-        hit = distance < nearest[near]
-        normals_root = normals[hit] @ solid.T_root_solid[:3, :3].T
-        nearest[near[hit]] = distance[hit]
-        light[near[hit]] = 255 * np.minimum(np.array(solid.color) * diffuse_light(normals_root)[:, None], 1)
-    return light
+@njit(cache=True, fastmath=FAST, error_model="numpy", inline="always")
+def first_hit(ox, oy, oz, dx, dy, dz, balls, panels, cylinders):  # type: ignore[no-untyped-def]
+    """Distance (in lengths of the direction) and index of what a ray meets first; −1: nothing.
 
-
-def _first_hit(solid: Solid, o: Array, d: Array) -> tuple[Array, Array]:
-    """Distance (n,), inf where none, and outward normal (n, 3) at the first hit, in the solid's coordinates.
-
-    A convex solid is an intersection of slabs, a sphere or an infinite cylinder: a ray is inside between its last
-    entry and its first exit.
+    Balls (n, 4 or more columns) have the indices from 0 on, panels (m, 12 or more) follow them, then cylinders (k, 8).
     """
-    if solid.shape == "box":
-        parts = [_slab(o, d, axis, size / 2) for axis, size in enumerate(solid.size_m)]
-    elif solid.shape == "cylinder":
-        parts = [_round(o, d, solid.size_m[0], np.array([1.0, 1.0, 0.0])), _slab(o, d, 2, solid.size_m[1] / 2)]
-    else:
-        parts = [_round(o, d, solid.size_m[0], np.ones(3))]
-    entries, exits, normals = (np.stack(part) for part in zip(*parts, strict=True))
-    last = entries.argmax(axis=0)
-    entry = entries.max(axis=0)
-    entry[~((entry < exits.min(axis=0)) & (entry > 0))] = np.inf
-    return entry, np.take_along_axis(normals, last[None, :, None], axis=0)[0]
+    best, which = np.inf, -1
+    a = dx * dx + dy * dy + dz * dz
+    for n in range(balls.shape[0]):
+        x, y, z, r = ox - balls[n, 0], oy - balls[n, 1], oz - balls[n, 2], balls[n, 3]
+        b = x * dx + y * dy + z * dz
+        under = b * b - a * (x * x + y * y + z * z - r * r)
+        if under > 0:
+            t = (-b - np.sqrt(under)) / a
+            if 0 < t < best:
+                best, which = t, n
+    for n in range(panels.shape[0]):
+        nx, ny, nz = panels[n, 9], panels[n, 10], panels[n, 11]
+        t = nx * (panels[n, 0] - ox) + ny * (panels[n, 1] - oy) + nz * (panels[n, 2] - oz)
+        t /= nx * dx + ny * dy + nz * dz
+        if 0 < t < best:
+            u, v = on_panel(panels, n, ox + t * dx, oy + t * dy, oz + t * dz)
+            if abs(u) <= 1 and abs(v) <= 1:
+                best, which = t, balls.shape[0] + n
+    for n in range(cylinders.shape[0]):
+        t = _cylinder_entry(ox, oy, oz, dx, dy, dz, cylinders[n])
+        if 0 < t < best:
+            best, which = t, balls.shape[0] + panels.shape[0] + n
+    return best, which
 
 
-def _round(o: Array, d: Array, radius: float, axes: Array) -> tuple[Array, Array, Array]:
-    """Entry, exit and entry normal of a sphere, or of a cylinder without ends where `axes` leaves one out."""
-    a, b, c = (axes * d * d).sum(axis=1), (axes * d * o).sum(axis=1), float(axes @ (o * o)) - radius**2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        root = np.sqrt(b * b - a * c)
-        entry, leave = (-b - root) / a, (-b + root) / a
-        missed = ~(b * b >= a * c)
-        entry[missed], leave[missed] = np.inf, -np.inf
-        normals = axes * (o + np.where(missed, 0, entry)[:, None] * d) / radius
-    return entry, leave, normals
+@njit(cache=True, fastmath=FAST, error_model="numpy", inline="always")
+def on_panel(panels, n, x, y, z):  # type: ignore[no-untyped-def]
+    """Where a point of a panel's plane is on it: −1 … 1 to the right and down."""
+    x, y, z = x - panels[n, 0], y - panels[n, 1], z - panels[n, 2]
+    right = x * panels[n, 3] + y * panels[n, 4] + z * panels[n, 5]
+    return right, x * panels[n, 6] + y * panels[n, 7] + z * panels[n, 8]
 
 
-def _slab(o: Array, d: Array, axis: int, half: float) -> tuple[Array, Array, Array]:
-    """The same between two planes across an axis."""
-    with np.errstate(divide="ignore"):
-        one, other = (-half - o[axis]) / d[:, axis], (half - o[axis]) / d[:, axis]
-    normals = np.zeros_like(d)
-    normals[:, axis] = -np.sign(d[:, axis])
-    return np.minimum(one, other), np.maximum(one, other), normals
+@njit(cache=True, error_model="numpy")
+def _cylinder_entry(ox, oy, oz, dx, dy, dz, row):  # type: ignore[no-untyped-def]
+    """Distance to the entry; infinite without one. Inside is between the last entry into and the first exit out of
+    the slab between the ends and the endless cylinder."""
+    x, y, z, r, half = ox - row[0], oy - row[1], oz - row[2], row[6], row[7]
+    along, rate = x * row[3] + y * row[4] + z * row[5], dx * row[3] + dy * row[4] + dz * row[5]
+    length2 = dx * dx + dy * dy + dz * dz
+    a = length2 - rate * rate
+    b = x * dx + y * dy + z * dz - along * rate
+    c = x * x + y * y + z * z - along * along - r * r
+    one, other = (-half - along) / rate, (half - along) / rate
+    entry, leave = min(one, other), max(one, other)
+    if a > 1e-15 * length2:
+        under = b * b - a * c
+        if under <= 0:
+            return np.inf
+        entry, leave = max(entry, (-b - np.sqrt(under)) / a), min(leave, (-b + np.sqrt(under)) / a)
+    elif c > 0:  # along the axis, beside the cylinder
+        return np.inf
+    return entry if entry < leave else np.inf
 
 
-def _room(origin: Array, rays: Array) -> tuple[Array, Array]:
-    """Distance (n,) and light (n, 3) of the room's surfaces, rectangles of four corners each."""
-    surface, picture = room_surface(), atlas().astype(float)
-    nearest, light = np.full(len(rays), np.inf), np.zeros((len(rays), 3))
-    if surface.texture_uv is None:
-        raise ValueError("the room has no texture; expected a picture on every surface")
-    for k in range(0, len(surface.positions), 4):
-        (corner, right, below, _), normal = surface.positions[k : k + 4], surface.normals[k]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (normal @ (corner - origin)) / (rays @ normal)
-            place = origin + distance[:, None] * rays - corner
-            along = np.column_stack([place @ side / (side @ side) for side in (right - corner, below - corner)])
-            inside = np.all(np.abs(along - 0.5) <= 0.5, axis=1)
-        hit = (distance > 0) & (distance < nearest) & (rays @ normal < 0) & inside
-        uv = surface.texture_uv[k : k + 3]
-        in_texture = uv[0] + along[hit] @ (uv[1:] - uv[0])
-        nearest[hit] = distance[hit]
-        light[hit] = np.minimum(_texture(picture, in_texture) * diffuse_light(normal[None]), 255)
-    return nearest, light
+@njit(cache=True, error_model="numpy")
+def _first_hits(origin, rays, balls, panels, cylinders, distance, which):  # type: ignore[no-untyped-def]
+    for k in range(len(rays)):
+        d = rays[k]
+        distance[k], which[k] = first_hit(origin[0], origin[1], origin[2], d[0], d[1], d[2], balls, panels, cylinders)
 
 
-def _texture(picture: Array, uv: Array) -> Array:
-    """(n, 3) bilinear samples at places (n, 2), of which v counts from the last row's lower edge up."""
-    height, width = picture.shape[:2]
-    x, y = width * uv[:, 0] - 0.5, height * (1 - uv[:, 1]) - 0.5
-    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
-    a, b = (x - left)[:, None], (y - top)[:, None]
-    upper = (1 - a) * picture[top, left] + a * picture[top, left + 1]
-    lower = (1 - a) * picture[top + 1, left] + a * picture[top + 1, left + 1]
-    return (1 - b) * upper + b * lower
+def first_hits(
+    origin: Array, rays: Array, balls: Array, panels: Array | None = None, cylinders: Array | None = None
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return the distance (in lengths of the ray) and the index of what each of the rays (n, 3) meets first, as
+    `first_hit` counts them; infinite and −1 where there is nothing."""
+    panels = np.empty((0, PANEL_COLUMNS)) if panels is None else panels
+    cylinders = np.empty((0, CYLINDER_COLUMNS)) if cylinders is None else cylinders
+    distance, which = np.empty(len(rays)), np.empty(len(rays), np.int64)
+    _first_hits(np.asarray(origin, float), np.asarray(rays, float), balls, panels, cylinders, distance, which)
+    return distance, which
+
+
+def cylinder_normals(row: Array, points: Array) -> Array:
+    """Return the outward unit normals (n, 3) at points (n, 3) of a cylinder's surface."""
+    axis, radius_m, half = row[3:6], row[6], row[7]
+    along = (points - row[:3]) @ axis
+    across = (points - row[:3]) - along[:, None] * axis
+    at_end: Mask = np.abs(along) > half * (1 - 1e-9)
+    return np.where(at_end[:, None], np.sign(along)[:, None] * axis, across / radius_m)

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
 from pps_vision.experiments.charts import bars, panels, speed_error
 from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.experiments.independent_scenes import SensorChain
 from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, film, from_film, turning, watching
+from pps_vision.experiments.sensor_chain import SensorChain
 from pps_vision.experiments.study import DATA, Method, Metric, Study, Values, compare, mean
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import Camera, View

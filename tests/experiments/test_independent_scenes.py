@@ -26,13 +26,12 @@ from pps_vision.experiments.independent_scenes import (
     Lens,
     Panel,
     Room,
-    SensorChain,
     Surface,
     World,
-    noise_tape,
     photograph,
     visible_share,
 )
+from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Status, Track3D
 

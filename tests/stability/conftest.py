@@ -1,6 +1,6 @@
-"""The ray-cast scenes of the tracker's tests."""
+"""Makes the helpers of this folder importable."""
 
 import sys
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "tracking")]  # `from raycast import …`
+sys.path.insert(0, str(Path(__file__).parent))

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from ball_scenes import Sphere, frame
 from data import SEED
-from raycast import Sphere, frame
 
 from pps_vision.experiments.scenarios import Recording
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from ball_scenes import Sphere
 from data import SEED
 from films import EVERY, FPS, ROBOT, circle, during, each, film, held, right_black, swaying, without
 from judge import HONEST, Demand, check, whole
-from raycast import Sphere
 
 from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.scenarios import Recording

@@ -10,7 +10,7 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
 
-sys.path.insert(0, str(Path(__file__).parent))  # `from raycast import …`: the folder's name is the package's
+sys.path.insert(0, str(Path(__file__).parent))  # for `from linear_model import …`
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 from contextlib import nullcontext
 
 import numpy as np
-from raycast import Sphere, frame
+from ball_scenes import Sphere, frame
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home

@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from raycast import Sphere, look
+from ball_scenes import Sphere, look
 from scipy import ndimage
 
 from pps_vision.geometry.camera import View

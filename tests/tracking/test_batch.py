@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from raycast import Sphere, frame, look
+from ball_scenes import Sphere, frame, look
 from scipy import ndimage
 
 from pps_vision.geometry.camera import Camera, StereoRig, View

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from raycast import Sphere, look
+from ball_scenes import Sphere, look
 
 from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.icub import LEFT_EYE, home

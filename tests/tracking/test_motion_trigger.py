@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from raycast import ROOM_M, Sphere, look
+from ball_scenes import ROOM_M, Sphere, look
 
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from raycast import Sphere, frame
+from ball_scenes import Sphere, frame
 
 from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.geometry.se3 import transform

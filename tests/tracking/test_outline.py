@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from raycast import Sphere, look
+from ball_scenes import Sphere, look
 
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import transform

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from raycast import Sphere, frame
+from ball_scenes import Sphere, frame
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, set_gaze

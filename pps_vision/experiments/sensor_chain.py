@@ -1,0 +1,73 @@
+"""Independent scene source: from light to the recorded image. Shares no code with `rendering.sensor`."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pps_vision.types import Array, Image
+
+_TAPE = 1 << 21  # normal deviates from which the noise of a film is cut
+
+
+@dataclass(frozen=True)
+class SensorChain:
+    """From light to the recorded image, in this order: defocus, gain, mosaic, noise, eight bits, grey, JPEG."""
+
+    defocus_px: float = 0.0
+    """Standard deviation of the defocus blur, px."""
+    read_noise: float = 2.0
+    """Standard deviation of the noise that does not depend on the light, levels."""
+    shot: float = 0.0
+    """Variance of the shot noise per level."""
+    bayer: bool = False
+    """One colour a pixel (RGGB), the others interpolated by OpenCV."""
+    grey: bool = False
+    """A grey camera: three equal channels."""
+    jpeg: int = 0
+    """JPEG quality, 1–100; 0: not compressed."""
+
+    def expose(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator, tape: Array) -> Image:
+        """(h, w, 3) uint8; noise is cut from a `tape` of normal deviates, each row at a place that `rng` draws."""
+        if self.defocus_px > 0:
+            light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.defocus_px), dtype=np.float32)
+        if self.bayer:
+            light = _mosaic(light)
+        h, w = light.shape[:2]
+        row = light.reshape(h, -1)
+        image: Image = np.empty(row.shape, np.uint8)
+        starts = rng.integers(0, len(tape) - row.shape[1], h)
+        _noisy(row, gain, self.read_noise**2, self.shot, tape, starts, image)
+        if self.bayer:
+            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BayerRGGB2RGB), dtype=np.uint8)
+        image = image.reshape(h, w, 3)
+        if self.grey:
+            image = np.asarray(cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB), np.uint8)
+        if self.jpeg:
+            coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self.jpeg])[1]
+            image = np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), dtype=np.uint8)
+        return image
+
+
+def noise_tape(rng: np.random.Generator) -> Array:
+    """Normal deviates (n,) for `SensorChain.expose`."""
+    return rng.standard_normal(_TAPE, dtype=np.float32)
+
+
+def _mosaic(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(h, w) of an RGGB sensor."""
+    mosaic = light[..., 1].copy()
+    mosaic[::2, ::2], mosaic[1::2, 1::2] = light[::2, ::2, 0], light[1::2, 1::2, 2]
+    return mosaic
+
+
+@njit(cache=True, error_model="numpy")
+def _noisy(light, gain, read_var, shot, tape, starts, image):  # type: ignore[no-untyped-def]
+    for y in range(light.shape[0]):
+        start = starts[y]
+        for x in range(light.shape[1]):
+            level = gain * light[y, x]
+            level += tape[start + x] * np.sqrt(read_var + shot * level)
+            image[y, x] = np.uint8(min(max(level + 0.5, 0.0), 255.0))
