@@ -12,16 +12,21 @@ from pps_vision.types import Array, Image, Mask, Observation3D
 
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (FACTS §4)
 _GREY_SATURATION, _DARK_VALUE = 40, 25  # below either the hue is noise (of 255)
+_BITS = 6  # of each channel that tell colours apart; the others are about the pixel noise
 _NEVER_SEEN = 4e-3  # share of a histogram that a colour must have to count as seen
-_LEVELS = 64  # of each of R, G, B in the look-up table: 2 bits dropped, about the pixel noise
+
+
+def all_colors(bits: int) -> Image:
+    """(1, 2^(3·bits), 3) every RGB colour of that many bits a channel, the lower bits at half their range."""
+    step = 1 << (8 - bits)
+    level = np.arange(step // 2, 256, step, dtype=np.uint8)
+    return np.stack(np.meshgrid(level, level, level, indexing="ij"), axis=-1).reshape(1, -1, 3)
 
 
 @cache
 def _bin_table() -> NDArray[np.uint8]:
     """(262144,) histogram bin of every colour R6G6B6."""
-    level = (np.arange(_LEVELS, dtype=np.uint8) << 2) + 2
-    rgb = np.stack(np.meshgrid(level, level, level, indexing="ij"), axis=-1).reshape(1, -1, 3)
-    h, s, v = cv2.split(cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV_FULL).astype(int))
+    h, s, v = cv2.split(cv2.cvtColor(all_colors(_BITS), cv2.COLOR_RGB2HSV_FULL).astype(int))
     colored = 10 * (h * 10 // 256) + s * 10 // 256
     table: NDArray[np.uint8] = np.where((s < _GREY_SATURATION) | (v < _DARK_VALUE), 100 + v * 10 // 256, colored)
     return table.astype(np.uint8).ravel()

@@ -21,7 +21,7 @@ from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
-from tracking.stereo import CameraFrame, Found
+from tracking.stereo import CameraFrame
 
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 _WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
@@ -290,13 +290,16 @@ class CameraTracker:
     def find(
         self, state: CameraState, camera: CameraFrame, prior: Prior | None, grey: bool
     ) -> tuple[CameraState, ImageDetection | None]:
-        """The object near its prior."""
+        """The object near its prior: as it was found beforehand (`batch`), else searched."""
         if prior is None:
             return state, None
+        given = self._given(state, camera.found or [], prior)
         if self.marker is not None:
-            return state, self._find_marker(self.marker, state, camera, prior)
+            return state, given or self._find_marker(self.marker, state, camera, prior)
         if state.target is None:
             return state, None
+        if given is not None:
+            return state._replace(target=self.image_tracker.follow(state.target, given.outline)), given
         evidence = self.background.evidence(camera.image, camera.view) if grey else None
         target, found_object = self.image_tracker.step(state.target, camera.image, prior, evidence)
         return state._replace(target=target), found_object
@@ -314,22 +317,14 @@ class CameraTracker:
         score = min(ratio, 1 / ratio)
         return ImageDetection(nearest, nearest.box_px, score) if score >= self.image_tracker.params.min_score else None
 
-    def accept(self, state: CameraState, prior: Prior | None, found: Found) -> ImageDetection | None:
-        """The outline that was `found` beforehand, if it lies near the prior and is as large as predicted."""
-        if prior is None or found is None:
-            return None
+    def _given(self, state: CameraState, found: list[Outline], prior: Prior) -> ImageDetection | None:
+        """The one of the outlines `found` beforehand that lies near the prior and is as large as predicted."""
         half, expected_px = 0.5 * state.size_px + 2 * prior.std_px + 4, prior.growth * state.size_px
         for one in found:
             near = float(np.abs(one.center_px - prior.center_px).max()) < half
             if near and abs(self._size_px(one) / expected_px - 1) < _SAME_SIZE:
                 return ImageDetection(one, one.box_px, 1.0)
         return None
-
-    def follow(self, state: CameraState, outline: Outline) -> CameraState:
-        """The state after an accepted outline."""
-        if state.target is None:
-            return state
-        return state._replace(target=self.image_tracker.follow(state.target, outline))
 
     def remember(self, state: CameraState, camera: CameraFrame, outline: Outline, belief: Belief) -> CameraState:
         """The state with the object's offset from the track and its size."""

@@ -14,6 +14,7 @@ from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
 
 _MARGIN_PX = 8  # of background around a blob, from which the outline takes its background colour
+_MAX_BLOBS = 4  # are outlined at most, the largest and roundest: it limits the time in an image full of the hue
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,6 @@ class MarkerParams:
     """Least value, 0–1: below it the hue is noise."""
     min_area_px: int = 8
     """Smallest blob."""
-    max_blobs: int = 4
-    """Only so many blobs are outlined, the largest and roundest; it limits the time in an image full of the hue."""
 
     @cached_property
     def ranges(self) -> list[tuple[Array, Array]]:
@@ -66,12 +65,17 @@ def find_markers(
         if x1 - x0 < 3 or y1 - y0 < 3:
             return []
     hard = threshold(params, image[y0:y1, x0:x1])
-    contours, _ = cv2.findContours(hard, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    blobs = [blob for blob in map(_blob, contours) if blob.area_px >= params.min_area_px]
+    return blob_outlines(image, hard, (x0, y0, x1, y1), optics, params.min_area_px)
+
+
+def blob_outlines(image: Image, mask: NDArray[np.uint8], box: Box, optics: Optics, min_area_px: float) -> list[Outline]:
+    """Return the outlines of the blobs of a mask (h, w) of the region `box` of an RGB image, the largest and roundest
+    first."""
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    blobs = [blob for blob in map(_blob, contours) if blob.area_px >= min_area_px]
     found = []
-    for blob in sorted(blobs, key=lambda one: -one.weight)[: params.max_blobs]:
-        mask, box = _cut_out(blob, (x0, y0), (x0, y0, x1, y1))
-        shape = fit_outline(image, mask, box, optics)
+    for blob in sorted(blobs, key=lambda one: -one.weight)[:_MAX_BLOBS]:
+        shape = fit_outline(image, *_cut_out(blob, box), optics)
         found += [shape] if shape else []
     return found
 
@@ -99,10 +103,10 @@ def _blob(contour: NDArray[Any]) -> _Blob:
     return _Blob(contour, (x, y, w, h), area, area * min(roundness, 1.0) ** 2)
 
 
-def _cut_out(blob: _Blob, corner: tuple[int, int], within: Box) -> tuple[Mask, Box]:
+def _cut_out(blob: _Blob, within: Box) -> tuple[Mask, Box]:
     """Return the blob's mask, holes filled, and the box of the image that it covers: `_MARGIN_PX` wider than the blob,
-    but inside `within`.  The contour's coordinates count from `corner`."""
-    (x, y, w, h), (x0, y0) = blob.box, corner
+    but inside `within`, from whose corner the blob's coordinates count."""
+    (x, y, w, h), (x0, y0, _, _) = blob.box, within
     left, top = max(x0 + x - _MARGIN_PX, within[0]), max(y0 + y - _MARGIN_PX, within[1])
     right, bottom = min(x0 + x + w + _MARGIN_PX, within[2]), min(y0 + y + h + _MARGIN_PX, within[3])
     mask = np.zeros((bottom - top, right - left), np.uint8)

@@ -216,20 +216,11 @@ class Tracker:
         *,
         grey: bool,
     ) -> tuple[TrackerState, Detections]:
-        """The object near where the track predicts it: as it was found beforehand, if in both images, else searched."""
+        """The object near where the track predicts it."""
         last = state.belief or predicted
-        each = list(zip(self._cameras, state.cameras, cameras, strict=True))
-        priors = [tracker.predict(one, camera, last, predicted) for tracker, one, camera in each]
-        left, right = (
-            tracker.accept(one, prior, camera.found) for (tracker, one, camera), prior in zip(each, priors, strict=True)
-        )
-        if left is not None and right is not None:
-            a, b = (
-                tracker.follow(one, seen.outline) for (tracker, one, _), seen in zip(each, (left, right), strict=True)
-            )
-            return replace(state, cameras=(a, b)), (left, right)
         (a, left), (b, right) = (
-            tracker.find(one, camera, prior, grey) for (tracker, one, camera), prior in zip(each, priors, strict=True)
+            tracker.find(one, camera, tracker.predict(one, camera, last, predicted), grey)
+            for tracker, one, camera in zip(self._cameras, state.cameras, cameras, strict=True)
         )
         return replace(state, cameras=(a, b)), (left, right)
 
