@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from pps_vision.app.report.figures import save
 from pps_vision.errors import InputError
-from pps_vision.experiments.study import Entry, Study, catalogue, load
-from pps_vision.experiments.tables import fill, markdown, names
+from pps_vision.experiments.study import Entry, Study, catalogue, load, short_parameters
+from pps_vision.experiments.tables import filled, markdown, names
 from pps_vision.recordings.outputs import plain, whole_file
 
 _DOCUMENTS = Path("docs")
@@ -36,10 +37,16 @@ def bench(
     out: Path = _DOCUMENTS,
     again: bool = False,
     redraw: bool = False,
+    short: bool = False,
 ) -> None:
-    """Run the studies that are asked for; with `redraw` only draw and fill what was measured."""
+    """Run the studies that are asked for; with `redraw` only draw and fill what was measured.
+
+    A `short` run takes each study's smallest parameters (`study.SHORT`), where `overrides` give no others. Studies of
+    other studies' results come last and read those in `out`.
+    """
     known = catalogue()
     chosen = [name for name in known if any(_is_asked(name, one) for one in asked)]
+    chosen.sort(key=lambda name: "results" in known[name].fields)
     for one in asked:
         if not any(_is_asked(name, one) for name in known):
             raise InputError(
@@ -51,15 +58,20 @@ def bench(
     commit = _commit()
     if out == _DOCUMENTS and not redraw and commit.endswith("dirty"):
         raise InputError("bench", "the code has uncommitted changes; commit them first, or give --out FOLDER")
+    if out == _DOCUMENTS and short:
+        raise InputError("bench", "a short run measures nothing; give --out FOLDER for its results")
+    studies = {}
     for name in chosen:
-        entry = known[name]
+        fields = known[name].fields
+        given = {field: value for field, value in overrides.items() if field in fields}
+        given |= {"results": out / "results"} if "results" in fields else {}
+        studies[name] = load(known[name])(**(short_parameters(name, known[name]) if short else {}) | given)
+    for name, study in studies.items():
         file = out / "results" / f"{name}.json"
-        given = {field: value for field, value in overrides.items() if field in entry.fields}
-        if redraw:
-            if file.exists():
-                _draw(load(entry)(), name, json.loads(file.read_text()), out)
-        else:
-            _measure(name, load(entry)(**given), commit, out, again)
+        if not redraw:
+            _measure(name, study, commit, out, again)
+        elif file.exists():
+            _draw(study, name, json.loads(file.read_text()), out)
     _fill_documents(known, out)
 
 
@@ -73,16 +85,18 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
     parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
     setting = {"study": name, "parameters": plain(parameters), "machine": _machine(commit)}
+    again = again or "results" in fields  # which may have changed
     if not again and not commit.endswith(("dirty", "unknown")) and file.exists():
         before = json.loads(file.read_text())
         if all(before.get(key) == value for key, value in setting.items()):
             print(f"= {file} (already measured by this commit with these parameters)")
             return
+    begun = perf_counter()
     with whole_file(file) as partial:
         numbers = {**setting, **_rounded(plain(study.run()))}
         partial.write_text(_compact(numbers))
         _draw(study, name, json.loads(partial.read_text()), out)
-    print(f"→ {file}")
+    print(f"→ {file} ({perf_counter() - begun:.0f} s)", flush=True)
 
 
 def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
@@ -94,11 +108,13 @@ def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
 
 
 def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
-    """Fill the marked tables of OUT/*.md and README.md from the results that are there."""
-    readme = [Path("README.md")] if out == _DOCUMENTS and Path("README.md").exists() else []
-    for document in [*sorted(out.glob("*.md")), *readme]:
-        tables = {}
-        for name in names(document.read_text()):
+    """Fill the marked tables of the documents and of README.md from the results that are there.
+
+    With another folder than the documents' own the filled documents are written there.
+    """
+    for document in [*sorted(_DOCUMENTS.glob("*.md")), *Path().glob("README.md")]:
+        tables, text = {}, document.read_text()
+        for name in names(text):
             studies = [study for study in known if name == study or name.startswith(f"{study}_")]
             if not studies:
                 raise InputError(document, f"table {name}; expected the name of a study (and of its table)")
@@ -110,7 +126,10 @@ def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
                 if part not in of_study:
                     raise InputError(document, f"table {name}; expected one of {study}'s: {', '.join(of_study)}")
                 tables[name] = markdown(of_study[part])
-        fill(document, tables)
+        target, new = document if out == _DOCUMENTS else out / document.name, filled(text, tables, document)
+        if names(text) and not (target.exists() and target.read_text() == new):
+            with whole_file(target) as partial:
+                partial.write_text(new)
 
 
 def _compact(numbers: Mapping[str, Any]) -> str:

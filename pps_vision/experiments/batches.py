@@ -52,8 +52,6 @@ class Batches(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by object and way: time a pair, pixel error, largest distance from the detections frame by frame."""
-        if self.n < 1 or self.seconds < 0.1:
-            raise ValueError(f"bench batches: --n {self.n}, --seconds {self.seconds}; expected at least 1 and 0.1")
         devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
         methods: dict[str, Method] = {ALONE: partial(_run, "", 1)}
         for device in devices:

@@ -57,8 +57,6 @@ class Failures(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by source and disturbance: success, 3D error, false tracks at each severity, and the break point."""
-        if self.n < 1:
-            raise ValueError(f"bench failures: --n {self.n}; expected at least 1")
         seeds = range(self.seed, self.seed + self.n)
         return {
             source: {

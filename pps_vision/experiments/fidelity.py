@@ -68,8 +68,6 @@ class Fidelity(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by object and way to draw: time of a pair, image error (grey levels), tracking error (mm)."""
-        if self.n < 1 or self.seconds < 1:
-            raise ValueError(f"bench fidelity: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
         seeds = range(self.seed, self.seed + self.n)
         images: dict[str, Any] = {}
         tracking: dict[str, Any] = {}

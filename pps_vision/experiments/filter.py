@@ -105,8 +105,6 @@ class Filter(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by data and filter: time of an update, errors of position, velocity and time to contact."""
-        if self.n < 1 or self.seconds < 1:
-            raise ValueError(f"bench filter: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
         kinds: list[tuple[str, str, float | None]] = [(o, m, None) for o in ("ball", "marker") for m in MOTIONS]
         kinds += [(o, "approach", v) for o in ("ball", "marker") for v in SPEEDS_M_S]
         scenarios: dict[str, Callable[[int], Any]] = {

@@ -32,8 +32,6 @@ class Fixation(Study):
 
     def run(self) -> dict[str, object]:
         """Degrees and seconds: medians and worst."""
-        if self.n < 1:
-            raise ValueError(f"bench fixation: --n {self.n}; expected at least 1")
         rng = np.random.default_rng(self.seed)
         robot = load_icub()
         settled = [_settling_time(robot, *_start_and_point(robot, rng)) for _ in self._numbers("static")]

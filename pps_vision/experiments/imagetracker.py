@@ -79,8 +79,6 @@ class ImageTracker(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by kind of sequence and tracker: lost overlap, frames with the object, centre error, time."""
-        if self.n < 1:
-            raise ValueError(f"bench imagetracker: --n {self.n}; expected at least 1")
         scenarios = {f"{s}, {v}": partial(self._film, v, s) for s in sources(self.scenes) for v in ("slow", "fast")}
         seeds = range(self.seed, self.seed + self.n)
         cells = compare(scenarios, methods(), _METRICS, seeds, reference="CSRT")

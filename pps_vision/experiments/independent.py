@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from pps_vision.errors import InputError
 from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film
 from pps_vision.experiments.independent_scenes import PHOTOS
@@ -47,8 +48,8 @@ class Independent(Study):
     def run(self) -> dict[str, object]:
         """By case: each film's scores, and their means."""
         chosen = [case for case in CASES if self.only in case.name]
-        if self.n < 1 or not chosen:
-            raise ValueError(f"bench independent: --n {self.n}, --only {self.only!r}; expected 1 or more films, a case")
+        if not chosen:
+            raise InputError("bench independent", f"--only {self.only!r}; expected a part of a case's name")
         found: dict[str, Any] = {}
         for case in tqdm(chosen, desc="independent scenes", unit="case", disable=None):
             films = [measure(case, k, self.seed + k, self.data) for k in range(self.n)]

@@ -46,15 +46,14 @@ class Loop(Study):
     """Episodes of every case."""
     seed: int = 0
     """Seed of the training and the episodes."""
-    training: TrainingParams = TrainingParams()
-    """Training before the episodes."""
+    training_trials: int = 24
+    """Approaches that end in a touch, learned from before the episodes."""
 
     def run(self) -> dict[str, object]:
         """Counts by case, with what the tracker was worth meanwhile."""
-        if self.n < 1:
-            raise ValueError(f"bench loop: --n {self.n}; expected at least 1")
-        with open_world(self.training.noise_sigma, self.seed) as world:
-            memory = train(world, self.training)
+        training = TrainingParams(self.training_trials)
+        with open_world(training.noise_sigma, self.seed) as world:
+            memory = train(world, training)
             logs = {case: [self.episode(world, memory, case, k) for k in self._numbers(case)] for case in CASES}
         return {"seed": self.seed, "n": self.n, **{case: _counts(of_case) for case, of_case in logs.items()}}
 

@@ -45,8 +45,6 @@ class Pipeline(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by scenes and pipeline: 3D RMS error, error of the time to contact, time and its ratio to CSRT."""
-        if self.n < 1:
-            raise ValueError(f"bench pipeline: --n {self.n}; expected at least 1")
         methods = {name: partial(_ours, mode) for name, mode in OURS.items()}
         methods |= {name: partial(_baseline, name) for name in BASELINES}
         scenarios = {f"{s}, {o}": partial(self._film, o, s) for s in sources(self.scenes) for o in ("ball", "marker")}

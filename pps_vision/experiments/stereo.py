@@ -74,8 +74,6 @@ class Stereo(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by scenes: errors and times at 0.4 m, and errors over the distance."""
-        if self.n < 1:
-            raise ValueError(f"bench stereo: --n {self.n}; expected at least 1")
         kinds = {f"{s}, {b}": partial(self._pairs, b, s) for s in sources(self.scenes) for b in ("plain", "textured")}
         seeds = range(self.seed, self.seed + self.n)
         near = {name: partial(make, depth_m=0.4) for name, make in kinds.items()}

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from pps_vision.errors import InputError
 from pps_vision.types import Array
 
 if TYPE_CHECKING:
@@ -37,10 +38,39 @@ Method = Callable[[Any, int], Values]
 """A method takes a recording and a seed."""
 
 _RESAMPLED = 1000
+_LEAST = {"seed": 0, "seconds": 0.1, "noise": 0.0}
+
+SHORT: Mapping[str, Mapping[str, Any]] = {
+    "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "rendered": False},
+    "fixation": {"n": 5},
+    "loop": {"training_trials": 2},
+    "pps_double_touches": {"starts": 4},
+    "pps_real_trials": {"splits": 2, "permutations": 5},
+    "pps_single_touch": {"n": 5},
+    "reach_forward_model": {"sizes": (100, 200)},
+    "reach_lean": {"n": 4},
+    "reach_lwpr": {"share": 0.05},
+    "reach_maps": {"labels": (600, 1200)},
+    "reach_solvers": {"n": 100, "n_single": 10},
+    "reach_whole_paper": {"n_tried": 500, "labels": 600, "labels_of_j": 600},
+}
+"""Parameters of a short run, which shows that every study works but measures nothing: by study, "" for all."""
 
 
 class Study(ABC):
-    """Base of the studies, which are frozen dataclasses of parameters."""
+    """Base of the studies, which are frozen dataclasses of parameters.
+
+    Raises:
+        InputError: A parameter is below what any study can do with.
+    """
+
+    def __post_init__(self) -> None:
+        """Check the parameters: counts (all whole numbers but the seed), seed, seconds and pixel noise."""
+        for name, value in vars(self).items():
+            least = _LEAST.get(name, 1 if type(value) is int else None)
+            if least is not None and not value >= least:
+                study = self.__module__.removeprefix("pps_vision.experiments.").replace(".", "_")
+                raise InputError(f"bench {study}", f"--{name} {value}; expected at least {least:g}")
 
     @abstractmethod
     def run(self) -> dict[str, Any]:
@@ -232,6 +262,11 @@ def catalogue() -> dict[str, Entry]:
                 summary = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")
                 found["_".join(filter(None, [folder, file.stem]))] = Entry(module, node.name, summary, fields)
     return found
+
+
+def short_parameters(name: str, entry: Entry) -> dict[str, Any]:
+    """Return the parameters of a study's short run: what `SHORT` has for all studies and for this one."""
+    return {field: value for field, value in {**SHORT[""], **SHORT.get(name, {})}.items() if field in entry.fields}
 
 
 def load(entry: Entry) -> type[Study]:

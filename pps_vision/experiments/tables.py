@@ -34,15 +34,14 @@ def names(text: str) -> list[str]:
     return [match[2] for match in _MARKED.finditer(text)]
 
 
-def fill(file: Path, tables: Mapping[str, str]) -> None:
-    """Put the tables between a document's markers; one that is not given stays as it is.
+def filled(text: str, tables: Mapping[str, str], document: Path) -> str:
+    """Return a document's text with the tables between its markers; one that is not given stays as it is.
 
     Raises:
-        InputError: A marker has no end.
+        InputError: A marker of the `document` has no end.
     """
-    text = file.read_text()
     if text.count("<!-- table:") != len(names(text)):
-        raise InputError(file, "a marker `<!-- table: NAME -->` without its end; expected `<!-- end -->` after each")
-    filled = _MARKED.sub(lambda match: match[1] + tables.get(match[2], match[3]) + match[4], text)
-    if filled != text:
-        file.write_text(filled)
+        raise InputError(
+            document, "a marker `<!-- table: NAME -->` without its end; expected `<!-- end -->` after each"
+        )
+    return _MARKED.sub(lambda match: match[1] + tables.get(match[2], match[3]) + match[4], text)

@@ -31,8 +31,6 @@ class Tracking(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by source and object: RMS error of a recording (mean, worst), tracked frames, time."""
-        if self.n < 1 or self.seconds < 1:
-            raise ValueError(f"bench tracking: --n {self.n}, --seconds {self.seconds}; expected at least 1 of each")
         scenarios = {f"{s}, {o}": partial(self._film, o, s) for s in sources(self.scenes) for o in ("ball", "marker")}
         return {"cells": compare(scenarios, {"tracker": tracker()}, _METRICS, range(self.seed, self.seed + self.n))}
 

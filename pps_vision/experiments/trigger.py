@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
 from pps_vision.experiments.charts import bars, panels, speed_error
 from pps_vision.experiments.independent_films import Film, IndependentScene
@@ -71,8 +72,8 @@ class Trigger(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by setting, object and method: false alarms a minute, share found within 3 images, delay, time."""
-        if self.n < 1 or self.seconds * FPS <= STARTS:
-            raise ValueError(f"bench trigger: --n {self.n}, --seconds {self.seconds}; expected 1 or more, over 1 s")
+        if self.seconds * FPS <= STARTS:
+            raise InputError("bench trigger", f"--seconds {self.seconds}; expected more than {STARTS / FPS:g}")
         seeds = range(self.seed, self.seed + self.n)
         cells = {}
         for setting in HEADS_DEG_S:

@@ -12,6 +12,7 @@ from pps_vision.app import bench
 from pps_vision.app.bench import listing
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
+from pps_vision.experiments import study
 from pps_vision.experiments.study import Entry, Study, catalogue, load
 
 FAKE = '''
@@ -35,6 +36,19 @@ class Fake(Study):
     def tables(self, numbers):
         return {"": Table(["what", "value"], [["half", f"{numbers['half']:.3g}"]])}
 '''
+
+READER = """
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from pps_vision.experiments.study import Study
+
+@dataclass(frozen=True)
+class Reader(Study):
+    results: Path = Path("docs/results")
+    def run(self):
+        return {"read": json.loads((self.results / "fake.json").read_text())["half"]}
+"""
 
 
 @pytest.fixture
@@ -81,6 +95,58 @@ def test_uncommitted_code_never_writes_into_the_documents(fake: Path, monkeypatc
     bench.bench(["all"], out=fake / "elsewhere")
     bench.bench(["all"], out=fake / "elsewhere")
     assert runs(fake) == "0 0 ", "uncommitted code is always measured"
+
+
+def test_a_short_run_has_the_smallest_parameters_and_leaves_the_documents_alone(
+    fake: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Documents with their tables go where the results go."""
+    monkeypatch.setattr(study, "SHORT", {"": {"seed": 6, "n": 1}, "fake": {"seed": 9}, "other": {"seed": 3}})
+    page, empty = "<!-- table: fake -->\n<!-- end -->\n", "no table\n"
+    (fake / "docs" / "page.md").write_text(page)
+    (fake / "docs" / "plain.md").write_text(empty)
+    with pytest.raises(InputError, match="short"):
+        bench.bench(["all"], short=True)
+    bench.bench(["all"], out=fake / "elsewhere", short=True)
+    bench.bench(["all"], {"seed": 2}, out=fake / "elsewhere", short=True)
+    assert runs(fake) == "9 2 "
+    assert (fake / "docs" / "page.md").read_text() == page
+    assert "| half | 0.667 |" in (fake / "elsewhere" / "page.md").read_text()
+    assert not (fake / "elsewhere" / "plain.md").exists()
+
+
+def test_what_reads_other_results_runs_last_and_always(fake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the folder that the others write to; they may have changed since."""
+    (fake / "a_study.py").write_text(READER)
+    fields = {"results": "Path('docs/results')"}
+    entries = {
+        "a": Entry("a_study", "Reader", "Reads.", fields),
+        "fake": Entry("fake_study", "Fake", "", {"seed": "0"}),
+    }
+    monkeypatch.setattr(bench, "catalogue", lambda: entries)
+    for seed in (3, 6, 6):
+        bench.bench(["all"], {"seed": seed}, out=fake / "elsewhere")
+        assert json.loads((fake / "elsewhere" / "results" / "a.json").read_text())["read"] == seed / 3
+    assert runs(fake) == "3 6 "
+
+
+@pytest.mark.parametrize("name", list(catalogue()))
+def test_parameters_below_the_least_are_refused_by_every_study(name: str) -> None:
+    entry = catalogue()[name]
+    least = {field: 0 for field, default in entry.fields.items() if default.isdigit() and field != "seed"}
+    others = {"seed": -1, "noise": -0.1, "seconds": 0.09}
+    least |= {field: value for field, value in others.items() if field in entry.fields}
+    for field, value in least.items():
+        with pytest.raises(InputError, match=f"bench {name}: --{field} {value}; expected at least"):
+            load(entry)(**{field: value})
+    load(entry)(**study.short_parameters(name, entry))
+
+
+def test_short_parameters_are_of_studies_that_have_them() -> None:
+    known = catalogue()
+    for name, given in study.SHORT.items():
+        of = set().union(*(entry.fields for entry in known.values())) if name == "" else set(known[name].fields)
+        assert set(given) <= of, name
 
 
 def test_the_commit_is_marked_where_code_differs_from_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

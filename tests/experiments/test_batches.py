@@ -1,7 +1,6 @@
 """Batches against frame by frame, on a few pairs."""
 
 import numpy as np
-import pytest
 from drawn_study import run_and_draw
 
 from pps_vision.experiments.batches import ALONE, SIZES, Batches, differences
@@ -27,8 +26,3 @@ def test_what_only_one_has_is_counted() -> None:
     found = differences(one, other, one)
     assert (found["only_in_one"].sum(), found["apart_px"].max(), found["error_px"].max()) == (1, 5.0, 0.0)
     assert len(found["apart_px"]) == 5
-
-
-def test_bad_numbers_are_named() -> None:
-    with pytest.raises(ValueError, match="--n 0"):
-        Batches(n=0).run()

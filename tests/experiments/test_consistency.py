@@ -68,8 +68,3 @@ def test_coverage_has_intervals_over_recordings(monkeypatch: pytest.MonkeyPatch)
     assert 90 < low < value < high < 99
     assert numbers["cells"]["rendered"]["ball"]["n"] == 18
     assert list(charts) == ["rendered"]
-
-
-def test_bad_input_is_named() -> None:
-    with pytest.raises(ValueError, match="--seconds 0"):
-        Consistency(seconds=0).run()

@@ -124,8 +124,3 @@ def test_charts_and_tables_have_a_place_for_every_disturbance() -> None:
     rows = Failures().tables({"rendered": cells})["rendered"].rows
     assert [row[2] for row in rows] == [f"{one.axis.severities[2]:g}" for one in DISTURBANCES.values()]
     assert BREAKS.bound == 90
-
-
-def test_a_bench_of_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="--n 0; expected at least 1"):
-        Failures(n=0).run()

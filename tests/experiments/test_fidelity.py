@@ -31,11 +31,6 @@ def test_charts_and_table_show_every_way_to_draw() -> None:
     assert [row[0] for row in study.tables(numbers)[""].rows] == list(SHARP)
 
 
-def test_senseless_parameters_are_refused() -> None:
-    with pytest.raises(ValueError, match="bench fidelity: --n 0"):
-        Fidelity(n=0).run()
-
-
 def test_render_draws_at_the_scale_it_is_asked_for(tmp_path: Path) -> None:
     fine, usual = (RenderParams("ball", "circle", tmp_path / str(k), seconds=0.1, seed=3, scale=k) for k in (2.0, 1.0))
     for render in (fine, usual):

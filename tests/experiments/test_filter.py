@@ -130,8 +130,3 @@ def test_the_chart_has_a_panel_for_every_error_that_is_known() -> None:
     figure = Filter().chart({"cells": cells})
     assert sum(axis.axison for axis in figure.axes) == 5
     assert len(Filter().tables({"cells": cells})["tt3d"].rows) == len(methods())
-
-
-def test_bad_input_is_named() -> None:
-    with pytest.raises(ValueError, match="--n 0"):
-        Filter(n=0).run()

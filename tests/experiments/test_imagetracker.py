@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.image_trackers import image_tracker
-from pps_vision.experiments.imagetracker import DEFAULT, HueBlob, ImageTracker, View, methods
+from pps_vision.experiments.imagetracker import DEFAULT, HueBlob, View, methods
 from pps_vision.experiments.scenarios import moving
 
 
@@ -46,5 +46,3 @@ def test_use_before_the_first_box_is_named() -> None:
             tracker.step(image)
     with pytest.raises(ValueError, match=r"Boosting.*CSRT"):
         image_tracker("Boosting")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="--n 0"):
-        ImageTracker(n=0).run()

@@ -12,7 +12,7 @@ from pps_vision.experiments.baselines.stereo_pipelines import (
     meet,
     stereo_pipeline,
 )
-from pps_vision.experiments.pipeline import Pipeline, ttc_error
+from pps_vision.experiments.pipeline import ttc_error
 from pps_vision.experiments.scenarios import Recording, moving
 from pps_vision.types import Status, Track3D
 
@@ -77,7 +77,5 @@ def test_time_to_contact_error_is_relative() -> None:
 
 
 def test_bad_use_is_named(film: Recording) -> None:
-    with pytest.raises(ValueError, match="--n 0"):
-        Pipeline(n=0).run()
     with pytest.raises(ValueError, match=r"three CSRT.*two CSRT"):
         stereo_pipeline("three CSRT", film.rig)  # type: ignore[arg-type]

@@ -34,8 +34,3 @@ def test_chart_and_table_show_methods_and_distances() -> None:
     figure = STUDY.chart({"cells": cells, "distance": distance})
     assert len(figure.axes) == 2
     assert [row[:2] for row in STUDY.tables({"cells": cells})[""].rows] == [[name, "1 (0.5–2)"] for name in methods()]
-
-
-def test_bad_input_is_named() -> None:
-    with pytest.raises(ValueError, match="--n 0"):
-        Stereo(n=0).run()

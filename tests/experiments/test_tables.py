@@ -5,27 +5,25 @@ from pathlib import Path
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.experiments.tables import Table, estimate, fill, markdown, names
+from pps_vision.experiments.tables import Table, estimate, filled, markdown, names
 
 TEXT = "a\n<!-- table: one -->\nold | row\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n"
 
 
-def test_only_what_stands_between_the_markers_changes(tmp_path: Path) -> None:
-    file = tmp_path / "page.md"
-    file.write_text(TEXT)
+PAGE = Path("page.md")
+
+
+def test_only_what_stands_between_the_markers_changes() -> None:
     assert names(TEXT) == ["one", "two"]
-    fill(file, {"one": markdown(Table(["what", "mm"], [["ball", "1"]]))})
-    filled = file.read_text()
-    assert filled == TEXT.replace("old | row\n", "| what | mm |\n| --- | ---: |\n| ball | 1 |\n")
-    fill(file, {"one": markdown(Table(["what", "mm"], [["ball", "1"]]))})
-    assert file.read_text() == filled
+    tables = {"one": markdown(Table(["what", "mm"], [["ball", "1"]]))}
+    new = filled(TEXT, tables, PAGE)
+    assert new == TEXT.replace("old | row\n", "| what | mm |\n| --- | ---: |\n| ball | 1 |\n")
+    assert filled(new, tables, PAGE) == new
 
 
-def test_a_marker_without_end_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "page.md"
-    file.write_text("<!-- table: one -->\n| what |\n")
+def test_a_marker_without_end_is_refused() -> None:
     with pytest.raises(InputError, match=r"page\.md.*without its end"):
-        fill(file, {"one": ""})
+        filled("<!-- table: one -->\n| what |\n", {"one": ""}, PAGE)
 
 
 def test_an_estimate_shows_its_interval() -> None:

@@ -1,6 +1,5 @@
 """A recording of each object is tracked, and the study's table tells so."""
 
-import pytest
 from drawn_study import run_and_draw
 
 from pps_vision.experiments.tracking import Tracking
@@ -15,8 +14,3 @@ def test_ball_and_marker_are_tracked_to_a_millimetre() -> None:
         assert cell["near_percent"][0] == 100
         assert cell["ms"][1] > 0
     assert [row[0] for row in study.tables(numbers)[""].rows] == ["rendered, ball", "rendered, marker"]
-
-
-def test_bad_input_is_named() -> None:
-    with pytest.raises(ValueError, match="--n 0"):
-        Tracking(n=0).run()

@@ -86,5 +86,3 @@ def test_the_chart_shows_alarms_and_what_is_found_in_time() -> None:
     assert {DEFAULT, "MOG2"} <= {text.get_text() for text in figure.axes[0].texts}
     assert {bar.get_height() for bar in figure.axes[1].patches} == {50.0}
     assert len(Trigger().tables({"cells": cells})["still"].rows) == 2
-    with pytest.raises(ValueError, match="--n 0"):
-        Trigger(n=0).run()

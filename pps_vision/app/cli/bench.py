@@ -28,7 +28,9 @@ class Bench:
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
     out: Path = Path("docs")
-    """Folder that holds results and figures."""
+    """Folder of results and figures; with another than docs, the documents with their tables go there too."""
+    short: bool = False
+    """Run each study with its smallest parameters, to see that all work; asks for --out."""
     again: bool = False
     """Measure again what was already measured."""
     redraw: bool = False
@@ -37,13 +39,10 @@ class Bench:
     def run(self) -> None:
         """Run what is asked for."""
         from pps_vision.app.bench import bench, listing
-        from pps_vision.errors import InputError
 
-        if (self.n is not None and self.n < 1) or (self.seconds is not None and not self.seconds > 0):
-            raise InputError("bench", f"--n {self.n}, --seconds {self.seconds}; expected at least one, above 0")
         if not self.names:
             print(listing())
             return
         given = {"n": self.n, "seed": self.seed, "seconds": self.seconds, "scenes": self.scenes, "data": self.data}
         overrides = {name: value for name, value in given.items() if value is not None}
-        bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw)
+        bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw, short=self.short)

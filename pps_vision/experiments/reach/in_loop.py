@@ -59,8 +59,6 @@ class InLoop(Study):
 
     def run(self) -> dict[str, Any]:
         """Return the share of frames judged rightly (%, with the interval over runs), counts, and processor times."""
-        if self.n < 1:
-            raise ValueError(f"n {self.n}: expected at least 1")
         params = MapParams(_LIMITS, n_labels=self.n_labels, round_labels=min(1500, self.n_labels // 2))
         with open_world(_NOISE_SIGMA, self.seed) as world:
             learned = train_reachable_map(world.robot, "left", np.random.default_rng(self.seed), params)

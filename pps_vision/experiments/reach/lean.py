@@ -116,8 +116,6 @@ class Lean(Study):
 
     def run(self) -> dict[str, Any]:
         """Return counts; median, 95 % quantile and maximum over the objects touched."""
-        if self.n < 1:
-            raise ValueError(f"n {self.n}: expected at least 1")
         robot, rng = load_icub(), np.random.default_rng(self.seed)
         params = replace(_PARAMS, n_labels=self.n_labels, round_labels=min(_PARAMS.round_labels, self.n_labels // 2))
         learned, oracle = train_reachable_map(robot, _SIDE, rng, params), ReachOracle(robot, _SIDE, params, rng)

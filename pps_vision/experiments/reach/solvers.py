@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.reach.training import MapParams, ReachOracle
+from pps_vision.errors import InputError
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.inverse_kinematics import Solver, two_stage_by
 from pps_vision.experiments.reach.map_truth import closed_form
@@ -98,8 +99,10 @@ class Solvers(Study):
 
     def run(self) -> dict[str, Any]:
         """Return by solver ms per problem, verdicts against closed form and union (percent), RMS optimality lost."""
-        if not 1 <= self.n_single <= self.n:
-            raise ValueError(f"n_single {self.n_single} of n {self.n}: expected 1 to all of them")
+        if self.n_single > self.n:
+            raise InputError(
+                "bench reach_solvers", f"n_single {self.n_single} of n {self.n}; expected 1 to all of them"
+            )
         problems, rows, verdicts = Problems.draw(self.seed, self.n), {}, []
         for name, solve in solvers().items():
             given = problems if name in _BATCHED else problems.first(self.n_single)

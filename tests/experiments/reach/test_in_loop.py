@@ -55,8 +55,3 @@ def test_a_short_run_is_measured_and_drawn(monkeypatch: pytest.MonkeyPatch) -> N
     assert 0 < numbers["frames"] <= 12
     assert numbers["right"][0] > 50
     assert all(low <= high for low, _, high in numbers["processor_ms"].values())
-
-
-def test_no_run_is_an_error() -> None:
-    with pytest.raises(ValueError, match="n 0"):
-        InLoop(n=0).run()

@@ -18,8 +18,3 @@ def test_what_leaning_brings_into_reach_is_touched(monkeypatch: pytest.MonkeyPat
     assert numbers["touched"] >= possible - 1
     assert numbers["refused_rightly"] == 8 - possible
     assert numbers["fixation_error_deg"][2] < 0.5 * numbers["fixation_error_reacting_deg"][0]
-
-
-def test_no_object_is_an_error() -> None:
-    with pytest.raises(ValueError, match="n 0"):
-        Lean(n=0).run()

@@ -1,7 +1,6 @@
 """LWPR on the cross function, with part of the training points."""
 
 import numpy as np
-import pytest
 from drawn_study import run_and_draw
 
 from pps_vision.experiments.reach.lwpr import SETTINGS, LwprCross, judge, train
@@ -21,8 +20,3 @@ def test_study_draws_a_dot_per_model_and_a_range_per_setting() -> None:
     fields, _ = drawn[""].axes
     assert len(fields.patches) == len(SETTINGS)
     assert all(len(line.get_xdata()) == 2 for line in fields.lines)
-
-
-def test_no_model_is_an_error() -> None:
-    with pytest.raises(ValueError, match="n 0"):
-        LwprCross(n=0).run()
