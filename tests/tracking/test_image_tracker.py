@@ -111,17 +111,17 @@ def test_what_fills_little_of_its_box_is_no_object(rng: np.random.Generator) -> 
 def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random.Generator) -> None:
     """To another place, and a size that they would take for another object's."""
     view, p, image = View(LEFT_EYE, np.eye(4)), np.array([0.06, 0.03, 0.4]), _discs(rng, (150, 110, 18))
-    (x, y), camera = view.project(p), CameraFrame(image, view, 0.0, None)
+    x, y = view.project(p)
     tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
     belief = Belief(0.0, np.array([p, np.zeros(3)]), 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
     box = (x - 28, y - 28, 56.0, 56.0)
     large = Outline(np.array([x, y]), 0.01 * np.eye(2), 28 / LEFT_EYE.focal_px, 1e-6, box, np.pi * 28**2, False)
     state = CameraState(tracker.image_tracker.start(image, (132.0, 92.0, 37.0, 37.0)))
+    camera = CameraFrame(image, view, 0.0, None, [large])
     state = tracker.remember(state, camera, large, belief)
-    prior = tracker.predict(state, camera, belief, belief)
-    found = tracker.accept(state, prior, [large])
+    moved, found = tracker.find(state, camera, tracker.predict(state, camera, belief, belief), grey=False)
     assert found is not None
-    moved = tracker.follow(state, found.outline)
+    assert found.outline is large
     assert moved.target is not None
     _, seen = tracker.image_tracker.step(moved.target, _discs(rng, (x, y, 28)), Prior(np.array([x, y]), 1.0, 1.0))
     assert seen is not None
@@ -156,10 +156,9 @@ def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
     np.testing.assert_allclose(prior.center_px, view.project(at(0.05 + late_s)), atol=0.1)
     prior = prior._replace(std_px=2.0)
     here, elsewhere = (replace(seen, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0))
-    found = tracker.accept(state, prior, [elsewhere, here])
-    assert found is not None
-    assert found.outline is here
-    assert tracker.accept(state, prior, [elsewhere]) is None
+    for given, taken in (([elsewhere, here], here), ([elsewhere], None)):
+        found = tracker.find(state, camera(0.05)._replace(found=given), prior, grey=False)[1]
+        assert (found and found.outline) is taken
 
 
 def _scene(rng: np.random.Generator) -> Image:
