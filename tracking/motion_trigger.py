@@ -25,6 +25,7 @@ from tracking.optical_flow import JITTER_S, Flow2D, GreyImage, Match, match
 Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
 _COARSE = 2  # side of the coarse comparison's pixels, px
 _COLOR_MARGIN_PX = 24  # around a coarse residual, in which all pixels and colours are compared
+_WIDER_THAN_A_STRIP = np.ones((2, 2), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class TriggerParams:
     flow_interval_s: float = 0.05
     """Age of the image from which flow is measured."""
     min_moving: float = 0.25
-    """Share of a region's points that must move alike; or a region moves if fewer than that have a match at all."""
+    """Share of a region's matched points that must move alike; or fewer than that share of all have a match."""
 
     def __post_init__(self) -> None:
         if not (
@@ -202,20 +203,33 @@ class MotionTrigger:
             (one for one in reversed(self._past) if now.stamp_s - one.stamp_s > p.flow_interval_s - JITTER_S), then
         )
         matches = self._matches(newest, now, regions)
-        slow = [k for k, one in enumerate(matches) if one.moving < p.min_moving and one.unmatched < 1 - p.min_moving]
-        confirmed = {k: replace(regions[k], flow=one.flow) for k, one in enumerate(matches) if k not in slow}
+        confirmed = {
+            k: replace(regions[k], flow=one.flow)
+            for k, one in enumerate(matches)
+            if self._moves(one) or one.unmatched > 1 - p.min_moving
+        }
+        slow = [k for k in range(len(regions)) if k not in confirmed]
         if slow and newest is not then:
             found = zip(slow, self._matches(then, now, [regions[k] for k in slow]), strict=True)
             confirmed |= {k: replace(regions[k], flow=one.flow) for k, one in found if one.moving >= p.min_moving}
         return [confirmed.get(k, region) for k, region in enumerate(regions) if k in confirmed or not confirm]
+
+    def _moves(self, one: Match) -> bool:
+        """Whether enough of a region's matched points move alike.  Points without a match count neither way: a plain
+        object shows flow at its edge only, and has no match where it covers and uncovers its background."""
+        return one.flow is not None and one.moving >= self.params.min_moving * (1 - one.unmatched)
 
     def _matches(self, then: _Past, now: _Past, regions: list[Region2D]) -> list[Match]:
         boxes = [(region.box_px, region.mask) for region in regions]
         return match(self._ego, then.grey, now.grey, self.params.room_m, self.params.tolerance_px, boxes)
 
     def _split(self, box: Box, residual: Pixels) -> list[Region2D]:
-        """The connected regions of a residual in `box`."""
-        closed = cv2.morphologyEx((residual > 0).view(np.uint8), cv2.MORPH_CLOSE, masks.square(self.params.join_px))
+        """The connected regions of a residual in `box`, without strips one pixel wide: what an error of the pose beyond
+        the tolerance leaves along an edge at rest."""
+        eroded = cv2.erode((residual > 0).view(np.uint8), _WIDER_THAN_A_STRIP)
+        wide = cv2.dilate(eroded, _WIDER_THAN_A_STRIP, anchor=(0, 0))  # an even kernel's opening needs both corners
+        residual = np.where(wide, residual, np.uint8(0))
+        closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, masks.square(self.params.join_px))
         count, labels, stats, _ = cv2.connectedComponentsWithStats(closed)
         regions = []
         for k in range(1, count):

@@ -161,8 +161,18 @@ def test_what_is_too_small_is_no_region() -> None:
     assert any(seen(GATE, film))
     assert not any(seen(replace(GATE, min_area_px=150), film))
     assert not any(seen(GATE, moving(100, 100, 1, 1, 160.0)))
-    beside = [[]] * 5 + [[(100, 100, 20, 20, 200.0), (135, 110, 2, 2, 140.0)]]
+    beside = [[]] * 5 + [[(100, 100, 20, 20, 200.0), (135, 110, 2, 2, 150.0)]]
     assert [len(seen(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
+
+
+def test_a_strip_one_pixel_wide_is_no_region() -> None:
+    residual = np.zeros((50, 60), np.uint8)
+    residual[5, 5:45] = residual[20:40, 50] = 90
+    residual[30:32, 10:40] = 90
+    residual[31, 20] = 0
+    (region,) = MotionTrigger(GATE, LEFT_EYE)._split((100, 80, 160, 130), residual)
+    assert region.box_px == (110, 110, 30, 2)
+    assert np.count_nonzero(region.mask) == 58  # above the hole it is one pixel wide
 
 
 def test_what_hardly_differs_is_no_region() -> None:
@@ -275,6 +285,25 @@ def test_what_the_object_uncovers_is_refuted_and_the_object_measured() -> None:
     assert flow.now_px[0] > 110  # on the object, not where it was
 
 
+def test_a_plain_object_is_confirmed_though_little_of_it_has_a_match() -> None:
+    """Without texture only its edge shows flow; most of what it covers and uncovers has no match, the rest is at
+    rest."""
+    found = []
+    for seed in range(2):
+        wall = cv2.GaussianBlur(np.random.default_rng(seed).uniform(0, 255, (240, 320)), (0, 0), 5.0)
+        wall = 100 + 30 * (wall - wall.mean()) / wall.std()
+        for radius, step_px in ((14, 3), (14, 5), (18, 3), (18, 5)):
+            rng, trigger = np.random.default_rng(seed), MotionTrigger(TriggerParams(), LEFT_EYE)
+            for k in range(8):
+                image = wall[..., None].repeat(3, axis=2)
+                at = 80 + step_px * max(k - 4, 0), 120
+                cv2.circle(image, at, radius, (150, 100, 60), cv2.FILLED, cv2.LINE_AA)
+                noisy = np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+                regions = trigger.step(noisy, FIXED, DT * k)
+                found += [bool(regions)] if k >= 5 else []
+    assert np.mean(found) > 0.7
+
+
 def test_what_moves_too_fast_for_flow_is_found_without_it() -> None:
     rng = np.random.default_rng(6)
     wall, square = textured(rng), textured(rng, 150.0)[:16, :16]
@@ -344,7 +373,7 @@ def test_what_is_near_and_at_rest_has_no_residual_and_what_is_too_near_has(shift
         side = int(np.ceil(shift_m * 220 / 0.22)) + 4
         inside = mask[94:146, 120 + side : 200 - side]
         if distance < 0.2:
-            assert inside.mean() > 0.05
+            assert inside.mean() > 0.02
         else:
             assert not inside.any()
         assert not mask[:, :110].any()
