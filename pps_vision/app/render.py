@@ -1,7 +1,7 @@
 """`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import ParamSpec, get_args
@@ -17,16 +17,14 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
 from pps_vision.recordings.yarp_writer import YarpWriter
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import home, icub_rig, load_icub
-from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
 from rendering.motions import Motion, make_motion
-from rendering.names import MESH_SUFFIXES, CarrierName, StimulusName
+from rendering.names import MESH_SUFFIXES, StimulusName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
 from rendering.stimuli import Stimulus, make_stimulus
@@ -36,7 +34,6 @@ _SWAY = np.deg2rad([4.0, 2.5])  # neck yaw, pitch: amplitude of the head's own m
 _SWAY_HZ = np.array([0.31, 0.23])
 
 _LARGEST_M = 0.3  # radius of an object that fits into the view
-_FINGER_IK = IKParams(tolerance=1e-5)
 
 
 def record(options: RenderParams) -> tuple[int, int]:
@@ -57,11 +54,10 @@ def record(options: RenderParams) -> tuple[int, int]:
     fidelity = Fidelity(scale=options.scale)
     stimulus = stimulus_of(options, fidelity.fineness)
     sensor = Sensor(options.noise, options.shot, options.exposure, options.blur_s)
-    carrier: CarrierName = "none" if options.carrier == "finger" else options.carrier
     states, touches = list(scene(options, robot, rig, rng)), 0
     with (
         YarpWriter(options.out, robot, rig.left, rig.right) as writer,
-        Eyes(robot, rig, stimulus, carrier, sensor, fidelity=fidelity) as eyes,
+        Eyes(robot, rig, stimulus, options.carrier, sensor, fidelity=fidelity) as eyes,
     ):
         for t, state in tqdm(states, desc="render", unit="pair", disable=None):
             truth = eyes.truth(state, t)
@@ -88,26 +84,18 @@ def scene(
     options: RenderParams, robot: Robot, rig: StereoRig, rng: np.random.Generator
 ) -> Iterator[tuple[float, SceneState]]:
     """Stamp and state of each frame."""
-    finger = RightFinger(robot) if options.carrier == "finger" else None
-    q, motion = _begin(options, robot, rig, rng, stimulus_of(options, 0).radius_m, finger)
+    q, motion = _begin(options, robot, rig, rng, stimulus_of(options, 0).radius_m)
     dt = 1 / options.fps
     for k in range(max(1, round(options.seconds * options.fps))):
         t = k * dt
         p, v = motion(t)
         dq = _head_rate(options, robot, q, p, v, t, dt)
-        if finger is not None and (q_next := finger.at(q, motion(t + dt)[0])) is not None:
-            dq += (q_next - q) / dt
         yield t, SceneState(q, p, v, dq)
         q = robot.clamp(q + dt * dq)
 
 
 def _begin(
-    options: RenderParams,
-    robot: Robot,
-    rig: StereoRig,
-    rng: np.random.Generator,
-    radius_m: float,
-    finger: "RightFinger | None",
+    options: RenderParams, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float
 ) -> tuple[Array, Motion]:
     """The robot at home fixating the start of a random motion that both eyes can follow."""
     q_home, skin = home(robot), icub_skin()
@@ -118,14 +106,13 @@ def _begin(
         speed = rng.uniform(0.05, 0.15) if options.speed is None else options.speed
         center = _before_the_eyes(rng) if options.center is None else np.array(options.center)
         motion = make_motion(options.motion, rng, center, speed, aim)
-        path = [motion(t)[0] for t in np.linspace(0, options.seconds, 4 * math.ceil(options.seconds) + 1)]
-        q = q_home if finger is None else finger.follow(q_home, path)
-        begins_touching = touched_taxels(taxels, path[0], radius_m).any()
-        if q is not None and not begins_touching and can_follow(robot, rig, q, motion, options.seconds):
-            return fixation.gaze_at(robot, q, path[0]), motion
+        begin = motion(0.0)[0]
+        begins_touching = touched_taxels(taxels, begin, radius_m).any()
+        if not begins_touching and can_follow(robot, rig, q_home, motion, options.seconds):
+            return fixation.gaze_at(robot, q_home, begin), motion
     place = options.target if options.center is None else options.center
-    where = "in view of both eyes" + ("" if finger is None else " and in reach of the finger")
-    raise InputError("render", f"no {options.motion} about {place} stays {where}; expected another target or center")
+    found = f"no {options.motion} about {place} stays in view of both eyes"
+    raise InputError("render", f"{found}; expected another target or center")
 
 
 def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
@@ -140,35 +127,6 @@ def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array
     yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
     dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)
     return dq
-
-
-class RightFinger:
-    """The robot's own right index finger as a carrier, by inverse kinematics of the arm's seven joints."""
-
-    def __init__(self, robot: Robot) -> None:
-        names = robot.names.arm("right")
-        self._chain = Chain.of(robot, names, robot.names.index_tips[1])
-        self._columns = robot.indices(names)
-        self._lower, self._upper = robot.lower_rad[self._columns], robot.upper_rad[self._columns]
-
-    def at(self, q_rad: Array, p_root: Array) -> Array | None:
-        """The configuration near `q_rad` whose right fingertip is at `p_root` (3,); None out of reach."""
-        start = q_rad[self._columns][None, None]
-        found = solve_ik(self._chain.positions, p_root[None], start, self._lower, self._upper, _FINGER_IK)
-        if not found.converged[0]:
-            return None
-        q = q_rad.copy()
-        q[self._columns] = found.q_rad[0]
-        return q
-
-    def follow(self, q_rad: Array, path: Iterable[Array]) -> Array | None:
-        """The configuration at the start of a path of points, if the finger reaches all of them in turn."""
-        first: Array | None = None
-        q: Array | None = q_rad
-        for p in path:
-            q = self.at(q, p) if q is not None else None
-            first = q if first is None else first
-        return None if q is None else first
 
 
 def _before_the_eyes(rng: np.random.Generator) -> Array:

@@ -39,8 +39,8 @@ class RenderParams:
     """Gain; 2 is overexposed, 0.5 underexposed."""
     blur_s: float = 0.0
     """How long the shutter is open, s: motion blur."""
-    carrier: CarrierName | Literal["finger"] = "none"
-    """Who holds the object; finger: the robot itself, on the tip of its right index finger."""
+    carrier: CarrierName = "none"
+    """Who holds the object."""
     head: Literal["follow", "sway", "still"] = "follow"
     """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
     scale: float = 1.0
