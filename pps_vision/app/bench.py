@@ -103,7 +103,8 @@ def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
     drawn = study.chart(numbers)
     for part, figure in ({"": drawn} if isinstance(drawn, Figure) else drawn).items():
         file = out / "figures" / (f"{name}_{part}.png" if part else f"{name}.png")
-        save(figure, file, colors=128)
+        with whole_file(file) as partial:
+            save(figure, partial, colors=128)
         print(f"→ {file}")
 
 

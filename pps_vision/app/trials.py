@@ -21,9 +21,9 @@ def trials(train_path: Path, test_path: Path, out: Path, horizon_s: float) -> No
     if train_path.exists() and test_path.exists() and train_path.samefile(test_path):
         raise InputError(test_path, "is also TRAIN; expected other trials than those learned from")
     params = ContactParams(horizon_s=horizon_s)
-    train, test = load_trials(train_path), load_trials(test_path)
-    _refuse_what_teaches_nothing(train_path, train, test_path, test)
     with whole_file(out, [train_path, test_path]) as partial:
+        train, test = load_trials(train_path), load_trials(test_path)
+        _refuse_what_teaches_nothing(train_path, train, test_path, test)
         predicted = predict_session(params, learn_contact(params, train), test)
         touched = np.array([trial.touched for trial in test])
         write_table(partial, COLUMNS, _rows(predicted, touched))

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pps_vision.errors import InputError, first_line
+from pps_vision.errors import first_line
 from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.types import Array, Image
 
@@ -42,8 +42,11 @@ def number_in(path: Path) -> int | None:
     return int(digits[-1][-18:]) if digits else None
 
 
-def decode(file: ImageFile) -> Image | Problem:
-    """The image as RGB uint8: grey is replicated, alpha dropped, 16 bits a channel cut to 8."""
+def decode(file: ImageFile, size: tuple[int, int] | None = None) -> Image | Problem:
+    """The image as RGB uint8: grey is replicated, alpha dropped, 16 bits a channel cut to 8.
+
+    Of another `size` (width, height) than expected it is a problem.
+    """
     try:
         data = file.path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
@@ -54,16 +57,11 @@ def decode(file: ImageFile) -> Image | Problem:
         image = None
     if image is None:
         return _bad(file, "cannot be decoded")
+    height, width = image.shape[:2]
+    if size is not None and (width, height) != size:
+        return _bad(file, f"is {width}×{height} pixels", f"{size[0]}×{size[1]} like the others")
     return np.asarray(image, dtype=np.uint8)
 
 
-def check_size(file: ImageFile, image: Image, expected: tuple[int, int]) -> None:
-    """InputError unless the image is `expected` (width, height) pixels."""
-    height, width = image.shape[:2]
-    if (width, height) != expected:
-        wanted = f"{expected[0]}×{expected[1]} like the first image"
-        raise InputError(file.cited, f"{file.path.name} is {width}×{height} pixels; expected {wanted}", file.line)
-
-
-def _bad(file: ImageFile, why: str) -> Problem:
-    return Problem(ProblemKind.IMAGE, file.cited, file.line, f"{file.path.name} {why}; expected an image")
+def _bad(file: ImageFile, why: str, expected: str = "an image") -> Problem:
+    return Problem(ProblemKind.IMAGE, file.cited, file.line, f"{file.path.name} {why}; expected {expected}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.image_file import ImageFile, check_size, decode
+from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.problems import Problem
 from pps_vision.types import Image
 
@@ -19,20 +19,19 @@ class ImageSequence:
 
     files: tuple[ImageFile, ...]
     image_size: tuple[int, int]  # width, height
-    problems: list[Problem]  # grows while images are decoded
+    problems: list[Problem]  # of the last iteration
 
     def __len__(self) -> int:
         return len(self.files)
 
     def __iter__(self) -> Iterator[tuple[int, Image]]:
-        """InputError if an image has another size than the first."""
+        self.problems.clear()
         for frame, file in enumerate(self.files, start=1):
-            image = decode(file)
-            if not isinstance(image, Problem):
-                check_size(file, image, self.image_size)
-                yield frame, image
-            elif image not in self.problems:
+            image = decode(file, self.image_size)
+            if isinstance(image, Problem):
                 self.problems.append(image)
+            else:
+                yield frame, image
 
 
 def open_frames(folder: Path) -> ImageSequence:

@@ -20,7 +20,7 @@ def open_recording(
     left: Sequence[str] = (),
     right: Sequence[str] = (),
     calib: Sequence[Path | str] = (),
-    fps: float = 30.0,
+    fps: float | None = None,
     unit_m: float = 1.0,
     joints: Path | str | None = None,
     taxels: Path | str | None = None,
@@ -36,7 +36,7 @@ def open_recording(
         left: Instead of `folder`: left images, as file names or patterns such as "seq/left*.png".
         right: Right images, paired with the left ones by the last number in their names.
         calib: OpenCV calibration of `left` and `right`; with `folder` an icubEyes.ini instead of its own.
-        fps: Frames per second of `left` and `right`.
+        fps: Frames per second of `left` and `right`; required with them.
         unit_m: Metres per length unit of the OpenCV calibration.
         joints: Offsets to add to the encoders, as `pps-vision joints` writes them.
         taxels: The robot's taxels*.ini, for a recording of its own skin events.

@@ -1,19 +1,22 @@
 """A stereo recording, however it is stored: pairs of images with their stamps and joints."""
 
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.image_file import ImageFile, check_size, decode
+from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.robot.model import Robot
-from pps_vision.types import Image, StereoFrame, Truth
+from pps_vision.types import StereoFrame, Truth
 
 Pair = tuple[ImageFile, ImageFile]
+
+_SIZED = 10  # readable images whose sizes are compared
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +27,7 @@ class Source:
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
     calib: tuple[Path, ...] = ()
-    fps: float = 30.0
+    fps: float | None = None
     unit_m: float = 1.0
     joints: Path | None = None
     taxels: Path | None = None
@@ -56,6 +59,8 @@ class Recording:
     rig: StereoRig | None = None
     touches: tuple[Touch, ...] = ()
     truth: tuple[Truth, ...] = ()
+    _noted: set[Problem] = field(default_factory=set, repr=False, compare=False)
+    """Images that are in `problems` already."""
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -71,38 +76,40 @@ class Recording:
         return (frame for _, frame in self.numbered())
 
     def numbered(self) -> Iterator[tuple[int, StereoFrame]]:
-        """(frame, pair): the number in the left image's file name (its place where it has none),
-        so that a frame keeps its number when others are skipped.  InputError if an image has
-        another size than the first."""
+        """(frame, pair): the number in the left image's file name (its place where it has none), so that a frame keeps
+        its number when others are skipped."""
         for place, (left, right) in enumerate(self.pairs):
-            images = decode_pair(left, right, self.problems)
-            if images is None:
-                continue
-            for file, image in zip((left, right), images, strict=True):
-                check_size(file, image, self.image_size)
-            number = place if left.number is None else left.number
-            yield number, StereoFrame(*images, left.stamp_s, right.stamp_s, left.joints_rad, right.joints_rad)
+            images = decode(left, self.image_size), decode(right, self.image_size)
+            for image in images:
+                if isinstance(image, Problem) and image not in self._noted:
+                    self._noted.add(image)
+                    self.problems.append(image)
+            if not isinstance(images[0], Problem) and not isinstance(images[1], Problem):
+                number = place if left.number is None else left.number
+                yield (
+                    number,
+                    StereoFrame(images[0], images[1], left.stamp_s, right.stamp_s, left.joints_rad, right.joints_rad),
+                )
 
 
-def decode_pair(left: ImageFile, right: ImageFile, problems: list[Problem]) -> tuple[Image, Image] | None:
-    """Both images, or None after noting which could not be read (once, however often asked)."""
-    images = decode(left), decode(right)
-    for image in images:
-        if isinstance(image, Problem) and image not in problems:
-            problems.append(image)
-    if isinstance(images[0], Problem) or isinstance(images[1], Problem):
-        return None
-    return images[0], images[1]
-
-
-def size_of_first(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:
-    """(width, height) of the first readable pair's left image; InputError if no pair is readable."""
-    for left, right in pairs:
-        images = decode_pair(left, right, problems)
-        if images is not None:
-            return images[0].shape[1], images[0].shape[0]
-    why = f"; {problems[0]}" if problems else ""
-    raise InputError(source, f"no usable frame; expected at least one readable pair of left and right images{why}")
+def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:
+    """(width, height) that most of the first readable images have; InputError, with the first problem, if no pair is
+    readable."""
+    sizes: Counter[tuple[int, int]] = Counter()
+    bad = problems[:1]
+    for pair in pairs:
+        images = [decode(file) for file in pair]
+        read = [image for image in images if not isinstance(image, Problem)]
+        if len(read) == len(pair):
+            sizes.update((image.shape[1], image.shape[0]) for image in read)
+        else:
+            bad += [image for image in images if isinstance(image, Problem)]
+        if sizes.total() >= _SIZED:
+            break
+    if not sizes:
+        why = f"; {bad[0]}" if bad else ""
+        raise InputError(source, f"no usable frame; expected at least one readable pair of left and right images{why}")
+    return sizes.most_common(1)[0][0]
 
 
 def pair_by_stamp(

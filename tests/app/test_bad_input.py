@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from learning.pps.memory import PPSMemory, save_memory
 from pps_vision.app.cli import main
+from pps_vision.robot.skin import icub_skin
 
 
 def test_no_such_recording(refused, tmp_path: Path) -> None:
@@ -37,7 +39,9 @@ def test_nothing_is_learned_from_unreadable_recordings(refused, refused_with, tm
 def test_neither_or_both_kinds_of_input(refused, tmp_path: Path) -> None:
     assert "REC" in refused("track", "--out", tmp_path / "out")
     assert "REC" in refused("track", tmp_path, "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
-    assert "calib" in refused("track", "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
+    images = ("--left", "a*", "--right", "b*")
+    assert "calib" in refused("track", *images, "--out", tmp_path / "out")
+    assert "without fps" in refused("track", *images, "--calib", "c.yml", "--out", tmp_path / "out")
 
 
 def test_an_unreadable_calibration_is_named_with_its_line(refused, approach: Path, tmp_path: Path) -> None:
@@ -119,10 +123,56 @@ def test_a_memory_that_is_none(refused, tmp_path: Path) -> None:
     assert not (tmp_path / "f.png").exists()
 
 
-def test_a_figure_of_an_unknown_format(refused, approach: Path, tmp_path: Path) -> None:
-    main(["learn", str(approach), "--out", str(tmp_path / "m.npz")])
-    assert "xyz" in refused("show", tmp_path / "m.npz", "--out", tmp_path / "f.xyz")
+@pytest.mark.parametrize("suffix", [".xyz", ""])
+def test_a_figure_of_an_unknown_format(refused, tmp_path: Path, suffix: str) -> None:
+    save_memory(tmp_path / "m.npz", PPSMemory.empty(icub_skin(("left_palm",))))
+    line = refused("show", tmp_path / "m.npz", "--out", tmp_path / f"figure{suffix}")
+    assert f"figure{suffix}: has the suffix '{suffix}'; expected one of ." in line
     assert [p.name for p in tmp_path.iterdir()] == ["m.npz"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "track2d FOLDER --init 1 1 9 9 --out FOLDER/a.png",
+        "learn FOLDER --out FOLDER/head/data.log",
+        "learn FOLDER --into FILE --out FILE",
+        "learn FOLDER --joints FILE --out FILE",
+        "joints FOLDER --out FOLDER/head/data.log",
+        "joints FOLDER --calib FILE --out FILE",
+        "trials FILE OTHER --out FILE",
+        "trials OTHER FILE --out FILE",
+        "show FILE --out FILE",
+        "convert-taxels OTHER FILE --like FILE",
+        "reach query FILE OTHER --out FILE",
+        "reach query OTHER FILE --out FILE",
+        "reach show FILE --out FILE",
+        "reach train --arm left --into FILE --out FILE",
+        "track FOLDER --out FOLDER",
+        "render --stimulus ball --motion circle --out FOLDER",
+        "demo --out FOLDER",
+    ],
+)
+def test_no_command_writes_over_what_it_reads(refused, tmp_path: Path, words: str) -> None:
+    folder, file, other = tmp_path / "rec", tmp_path / "file.ini", tmp_path / "other.npz"
+    (folder / "head").mkdir(parents=True)
+    contents = {folder / "a.png": "mine", folder / "head" / "data.log": "mine", file: "mine", other: "mine"}
+    for place, text in contents.items():
+        place.write_text(text)
+    places = {"FOLDER": str(folder), "FILE": str(file), "OTHER": str(other)}
+    for name, place in places.items():
+        words = words.replace(name, place)
+    line = refused(*words.split())
+    assert "which is read" in line or f"{folder}: already holds a.png" in line
+    assert {place: place.read_text() for place in contents} == contents
+    assert sorted(p for p in tmp_path.rglob("*") if p.is_file()) == sorted(contents)
+
+
+def test_trials_are_not_predicted_from_themselves(refused, tmp_path: Path) -> None:
+    (tmp_path / "trials.npz").touch()
+    (tmp_path / "again.npz").symlink_to(tmp_path / "trials.npz")
+    line = refused("trials", tmp_path / "trials.npz", tmp_path / "again.npz", "--out", tmp_path / "p.csv")
+    assert "again.npz: is also TRAIN; expected other trials than those learned from" in line
 
 
 def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach: Path, tmp_path: Path) -> None:

@@ -12,9 +12,11 @@ from data import SEED
 
 from learning.reach.map import Labels, Lattice, ReachableMap, isotropic, save_map
 from pps_vision.app.cli import main
+from pps_vision.app.track import errors_against
 from pps_vision.recordings.open import open_recording
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
+from pps_vision.types import Status, Track3D, Truth
 
 
 def table(file: Path) -> dict[str, np.ndarray]:
@@ -137,6 +139,38 @@ def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:
     assert smooth["velocity_rms_m_s"] < 0.7 * causal["velocity_rms_m_s"]
     assert smooth["position_rms_mm"] < 1.1 * causal["position_rms_mm"]
     assert smooth["tracked_share"] == causal["tracked_share"]
+
+
+def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> None:
+    """Twelve rows, the first ten of which do not count; the object moves at 1 m/s along x, its truth every 10 ms."""
+    truth = [
+        Truth(t, np.array([t, 0, 0]), np.array([1.0, 0, 0]), 0.03, np.zeros(2), np.zeros(2), True, True)
+        for t in np.arange(0, 2, 0.01)
+    ]
+
+    def row(t: float, error_m: float, status: Status) -> Track3D:
+        mean = np.zeros((4, 3))
+        mean[0], mean[1] = [t, error_m, 0], [1.0, 0, 0.1]
+        return Track3D(t, mean, np.eye(12), 0.03, 0.0, status)
+
+    def unknown(t: float) -> Track3D:
+        return Track3D.unknown(t)
+
+    warm_up = [row(0.1 * k, 9.0, Status.TRACKING) for k in range(10)]
+    later = [
+        row(1.004, 0.003, Status.TRACKING),
+        row(1.1, 0.004, Status.TRACKING),
+        row(1.2, 0.05, Status.COASTING),
+        unknown(1.3),
+        row(5.0, 9.0, Status.TRACKING),  # long after the last row of the truth
+    ]
+    errors = errors_against(truth, warm_up + later)
+    assert errors["tracked_share"] == pytest.approx(2 / 5)
+    assert errors["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16) / 2))
+    assert errors["position_rms_all_mm"] == pytest.approx(np.sqrt((9 + 16 + 2500) / 3))
+    assert errors["position_median_mm"] == pytest.approx(3.5)
+    assert errors["velocity_rms_m_s"] == pytest.approx(0.1)
+    assert np.isnan(errors_against(truth, warm_up)["position_rms_all_mm"])
 
 
 @pytest.mark.parametrize("asked_mm", [5.0, 0.001])

@@ -49,9 +49,9 @@ class ConvertTaxels:
             raise InputError(self.input, "knows no physical taxels; expected --like TAXELS.ini, a map of this robot")
         if self.parts or self.own_skin:
             raise InputError("convert-taxels", "--parts, --own-skin; expected only where a .ini is converted")
-        memory = load_memory(self.input)
-        maps = to_maps(memory, read_taxels(self.like), self.input, self.like)
         with whole_file(self.out, [self.input, self.like]) as partial:
+            memory = load_memory(self.input)
+            maps = to_maps(memory, read_taxels(self.like), self.input, self.like)
             write_taxels(partial, maps)
         print(f"{len(memory.taxel_ids)} taxels on {', '.join(part.name for part in maps)} → {self.out}")
         paper = MemoryParams()
@@ -67,19 +67,20 @@ class ConvertTaxels:
 
         if self.like is not None:
             raise InputError("convert-taxels", "--like; expected only where a .npz is converted")
-        maps = read_taxels(self.input)
-        unknown = [name for name in self.parts if name not in {part.name for part in maps}]
-        if unknown:
-            raise InputError(self.input, f"no {unknown[0]}; expected one of {', '.join(part.name for part in maps)}")
-        memory = from_maps([part for part in maps if not self.parts or part.name in self.parts], self.input)
-        if self.own_skin:
-            found, memory = memory.taxel_ids, onto(memory, icub_skin())
-            common = len(set(found) & set(memory.taxel_ids))
-            print(
-                f"{common} of {len(found)} taxels are on this skin, the others left out; "
-                f"{len(memory.taxel_ids) - common} of its stay empty"
-            )
         with whole_file(self.out, [self.input]) as partial:
+            maps = read_taxels(self.input)
+            names = [part.name for part in maps]
+            unknown = [name for name in self.parts if name not in names]
+            if unknown:
+                raise InputError(self.input, f"no {unknown[0]}; expected one of {', '.join(names)}")
+            memory = from_maps([part for part in maps if not self.parts or part.name in self.parts], self.input)
+            if self.own_skin:
+                found, memory = memory.taxel_ids, onto(memory, icub_skin())
+                common = len(set(found) & set(memory.taxel_ids))
+                print(
+                    f"{common} of {len(found)} taxels are on this skin, the others left out; "
+                    f"{len(memory.taxel_ids) - common} of its stay empty"
+                )
             save_memory(partial, memory)
-        names = memory.taxel_ids
-        print(f"{len(names)} taxels on {', '.join(dict.fromkeys(name.split(':')[0] for name in names))} → {self.out}")
+        parts = dict.fromkeys(name.split(":")[0] for name in memory.taxel_ids)
+        print(f"{len(memory.taxel_ids)} taxels on {', '.join(parts)} → {self.out}")

@@ -29,8 +29,7 @@ class Learn(RecordingOptions):
         from pps_vision.robot.skin import icub_skin
 
         skin = icub_skin()
-        before = memory = load_memory(self.into) if self.into else PPSMemory.empty(skin)
-        check_memory(memory, skin, self.into or "learn")
+        memory = PPSMemory.empty(skin)
 
         def use(recording: "Recording") -> None:
             nonlocal memory
@@ -43,6 +42,10 @@ class Learn(RecordingOptions):
             )
 
         with whole_file(self.out, (*self.inputs, self.into, self.joints)) as partial:
+            if self.into:
+                memory = load_memory(self.into)
+                check_memory(memory, skin, self.into)
+            before = memory
             used = self.use_each("learn", use, self.joints)
             save_memory(partial, memory)
         if memory is before:

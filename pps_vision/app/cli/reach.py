@@ -58,9 +58,9 @@ class Train:
             raise InputError("reach train", f"--ik-budget {self.ik_budget}; expected at least {_LEAST_BUDGET}")
         rounds = min(MapParams().round_labels, self.ik_budget // 2)
         params = replace(MapParams(), n_labels=self.ik_budget, round_labels=rounds, max_error=self.max_error)
-        into = self._earlier()
         robot = load_icub()
         with whole_file(self.out, [self.into]) as partial:
+            into = self._earlier()
             sides = ("left", "right") if self.arm == "both" else (self.arm,)
             maps = [
                 self._learn(robot, side, params, into)
@@ -149,9 +149,11 @@ class Show:
         """Draw it."""
         from learning.reach.map import load_map
         from pps_vision.app.report import figures
+        from pps_vision.recordings.outputs import whole_file
 
-        reachable_map = load_map(self.map)
-        figures.save(figures.reachable_space(reachable_map), self.out, [self.map])
+        with whole_file(self.out, [self.map]) as partial:
+            reachable_map = load_map(self.map)
+            figures.save(figures.reachable_space(reachable_map), partial)
         print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")
 
 

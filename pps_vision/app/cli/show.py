@@ -19,8 +19,10 @@ class Show:
         """Draw every taxel that has ever been stimulated; all of them if none has."""
         from learning.pps.memory import load_memory
         from pps_vision.app.report import figures
+        from pps_vision.recordings.outputs import whole_file
 
-        memory = load_memory(self.memory)
-        stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
-        figures.save(figures.landscapes(memory, stimulated or None), self.out, [self.memory])
+        with whole_file(self.out, [self.memory]) as partial:
+            memory = load_memory(self.memory)
+            stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
+            figures.save(figures.landscapes(memory, stimulated or None), partial)
         print(f"{len(stimulated)} of {len(memory.taxel_ids)} taxels were stimulated → {self.out}")

@@ -38,8 +38,8 @@ class Track:
     unknown without a track)."""
     max_fp: float = 1e-3
     """Share of unreachable places that --map may call reachable."""
-    fps: float = 30.0
-    """Frames per second of --left/--right."""
+    fps: float | None = None
+    """Frames per second of --left/--right; required with them."""
     unit_m: float = 1.0
     """Metres per length unit of the OpenCV calibration (0.01 if its board was measured in cm)."""
     mode: Mode = "generic"

@@ -1,6 +1,6 @@
 """Figures of the demo's report, of `show` and of `reach show`."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from learning.pps.memory import PPSMemory, activation
 from learning.reach.map import ReachableMap
 from pps_vision.app.simulation import EpisodeLog
 from pps_vision.errors import InputError
-from pps_vision.recordings.outputs import whole_file
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Reachability, ReachStatus
@@ -28,21 +27,20 @@ _VERGENCES_DEG = (10, 13, 17, 22, 30, 45, 60, 80)
 _INK = "0.25"
 
 
-def save(figure: Figure, file: Path, inputs: Iterable[Path | None] = (), colors: int | None = None) -> None:
+def save(figure: Figure, file: Path, colors: int | None = None) -> None:
     """Write a figure in the format of the file's suffix; with `colors` as a .png with a palette of so many.
 
     Raises:
-        InputError: The suffix is that of no known format, or the file is one of `inputs` or cannot be written.
+        InputError: The suffix is that of no known format.
     """
     known = figure.canvas.get_supported_filetypes()
     if file.suffix[1:].lower() not in known:
         expected = ", ".join(f".{name}" for name in known)
-        raise InputError(file, f"has the suffix {file.suffix!r}; expected one of {expected}")
-    with whole_file(file, inputs) as partial:
-        figure.savefig(partial, dpi=130)
-        if colors is not None:
-            with Image.open(partial) as image:
-                image.convert("RGB").quantize(colors, dither=Image.Dither.NONE).save(partial, "PNG", optimize=True)
+        raise InputError(file.name, f"has the suffix {file.suffix!r}; expected one of {expected}")
+    figure.savefig(file, dpi=130)
+    if colors is not None:
+        with Image.open(file) as image:
+            image.convert("RGB").quantize(colors, dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
 
 
 def landscape(memory: PPSMemory, taxel: int = 0) -> Array:

@@ -89,9 +89,11 @@ def _at(pixel: ArrayLike, scale: int) -> tuple[int, int]:
 
 
 def _cross(canvas: Image, pixel: Array, color: tuple[int, int, int], scale: int) -> None:
-    if np.all(np.isfinite(pixel)):
-        u, v = (round(c * scale) for c in pixel)
-        cv2.drawMarker(canvas, (u, v), color, cv2.MARKER_CROSS, 7 * scale, 1, cv2.LINE_AA)
+    if np.all(np.abs(pixel) < 2**20):
+        u, v = _at(pixel, scale)
+        arm = round(3.5 * scale * 2**_SHIFT)
+        for du, dv in ((arm, 0), (0, arm)):
+            cv2.line(canvas, (u - du, v - dv), (u + du, v + dv), color, 1, cv2.LINE_AA, _SHIFT)
 
 
 def _draw_detection(

@@ -13,7 +13,7 @@ from pps_vision.recordings.image_file import ImageFile, number_in
 from pps_vision.recordings.image_sequence import natural_order
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Recording, Source, note_unpaired, size_of_first
+from pps_vision.recordings.recording import Recording, Source, note_unpaired, usual_size
 
 FORMAT = "left and right images with calib"
 
@@ -31,6 +31,8 @@ def open_source(source: Source) -> Recording:
         )
     if not (source.left and source.right and source.calib):
         raise InputError("recording", "left, right and calib go together; one is missing")
+    if source.fps is None:
+        raise InputError("recording", "left and right images without fps; expected their number a second")
     recording = open_stereo_images(source.left, source.right, source.fps)
     cameras = read_stereo_calibration(source.calib, recording.image_size, source.unit_m)
     return replace(recording, rig=StereoRig.fixed(*cameras))
@@ -59,7 +61,7 @@ def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fp
     both = [files({n: paths[n] for n in common}) for paths in (left, right)]
     pairs = tuple(zip(*both, strict=True))
     name = _briefly(left_globs)
-    return Recording(name, pairs, size_of_first(name, pairs, problems), problems)
+    return Recording(name, pairs, usual_size(name, pairs, problems), problems)
 
 
 def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Path]:

@@ -11,7 +11,7 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Pair, Recording, Source, pair_by_stamp, size_of_first
+from pps_vision.recordings.recording import Pair, Recording, Source, pair_by_stamp, usual_size
 from pps_vision.recordings.skin_log import read_touches
 from pps_vision.recordings.tables import read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
@@ -72,7 +72,7 @@ def open_source(source: Source) -> Recording:
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], source.max_skew_s, problems)
     posed = _with_joints(pairs, joints, problems, robot, offsets_rad)
-    image_size = size_of_first(folder, posed, problems)
+    image_size = usual_size(folder, posed, problems)
     own, truth = folder / "icubEyes.ini", folder / "truth.csv"
     eyes_file = source.calib[0] if source.calib else own if own.exists() else None
     return Recording(

@@ -1,0 +1,27 @@
+"""What is drawn over the images: the cross is at the pixel, however much the image is enlarged."""
+
+import numpy as np
+import pytest
+
+from pps_vision.app.report.overlay import draw_pair
+from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.types import Status, StereoFrame, Track3D
+
+TEXT_ROWS = 30
+
+
+@pytest.mark.parametrize("scale", [1, 2, 5])
+@pytest.mark.parametrize("pixel", [(40.0, 60.0), (40.5, 60.25), (47.75, 71.5)])
+def test_the_cross_is_centred_on_the_projected_position(pixel: tuple[float, float], scale: int) -> None:
+    """Pixel u of the image covers the pixels from scale * u to scale * u + scale - 1 of the canvas."""
+    camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
+    view = StereoRig.fixed(camera, camera, np.eye(4)).view()
+    black, mean = np.zeros((100, 100, 3), np.uint8), np.zeros((4, 3))
+    mean[0] = [(pixel[0] - 49.5) / 100, (pixel[1] - 49.5) / 100, 1.0]
+    track = Track3D(0.0, mean, np.eye(12), 0.03, 1e-6, Status.TRACKING)
+    drawn = draw_pair(StereoFrame(black, black, 0.0, 0.0), view, track, scale=scale)
+    light = drawn[TEXT_ROWS:, : 100 * scale].sum(axis=2, dtype=float)
+    rows, columns = np.nonzero(light)
+    centre = np.average(columns, weights=light[rows, columns]), np.average(rows, weights=light[rows, columns])
+    wanted = [scale * (value + 0.5) - 0.5 for value in pixel]
+    np.testing.assert_allclose(centre, [wanted[0], wanted[1] - TEXT_ROWS], atol=0.15)
