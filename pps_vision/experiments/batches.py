@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.device import torch_device
 from pps_vision.app.track import chunks
-from pps_vision.experiments.charts import panels, speed_error
+from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.scenarios import Recording, moving, tracker_params
 from pps_vision.experiments.study import Method, Metric, Study, Values, compare, mean, rms
 from pps_vision.experiments.tables import Table, estimate
@@ -72,11 +72,7 @@ class Batches(Study):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time a pair against the pixel error, one panel an object."""
-        figure, axes = panels(len(numbers["cells"]), width=5.5)
-        for axis, (name, cell) in zip(axes, numbers["cells"].items(), strict=True):
-            speed_error(axis, cell, "error_px", (), ALONE, "time (ms per pair)", "RMS error of detections (px)")
-            axis.set_title(name, fontsize=9)
-        return figure
+        return speed_errors(numbers["cells"], {"error_px": "RMS error of detections (px)"}, (), ALONE)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the ratio of times to frame by frame, and the largest distance of detections."""

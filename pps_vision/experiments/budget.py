@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.app.budget import CONFIGURATIONS, cheapest
-from pps_vision.experiments.charts import panels, speed_error
-from pps_vision.experiments.scenarios import Recording, moving, sources
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.scenarios import Recording, moving
 from pps_vision.experiments.score import METRICS, judge, timed_steps
-from pps_vision.experiments.study import Method, Metric, Scenes, SceneSource, Study, Values, compare, mean, median
+from pps_vision.experiments.study import Method, Metric, SceneSource, TrackingStudy, Values, compare, mean, median
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Status
 from tracking.tracker import Tracker, TrackerParams
@@ -30,7 +30,7 @@ _KEPT = {"promised": Metric("promised", mean), "kept": Metric("kept", mean), "co
 
 
 @dataclass(frozen=True)
-class Budget(Study):
+class Budget(TrackingStudy):
     """Balls, markers and cubes tracked by each configuration of `track --max-error-mm`, then by the one it chooses.
 
     *Promised*: its expected error is within the limit. *Kept*: the 3D RMS error then is, of what was promised.
@@ -42,24 +42,15 @@ class Budget(Study):
     """Length of a recording."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first recording; the others count up."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both; cubes are rendered only."""
 
     def run(self) -> dict[str, Any]:
         """Return by scenes and configuration time and errors; by limit the shares promised and kept, and the cost."""
-        scenarios = {
-            f"{source}, {name}": partial(self._film, name, source)
-            for source in sources(self.scenes)
-            for name in _OBJECTS
-            if source == "rendered" or name != "cube"
-        }
+        scenarios = self.scenarios(self._film, _OBJECTS)
+        scenarios.pop("independent, cube", None)  # the ray caster has no cubes
         methods = {c.name: partial(_values, c.params) for c in CONFIGURATIONS}
-        seeds = range(self.seed, self.seed + self.n)
         limits: dict[str, Method] = {f"{mm:g} mm": partial(_request, mm) for mm in ASKED_MM}
         return {
-            "cells": compare(scenarios, methods, _METRICS, seeds, reference=DEFAULT),
+            "cells": compare(scenarios, methods, _METRICS, self.seeds, reference=DEFAULT),
             "requests": compare(scenarios, limits, _KEPT, range(self.seed + 100, self.seed + 100 + self.n)),
         }
 
@@ -69,11 +60,7 @@ class Budget(Study):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against error of the configurations, one panel for each kind of scene."""
-        figure, axes = panels(len(numbers["cells"]))
-        for axis, (name, cell) in zip(axes, numbers["cells"].items(), strict=True):
-            speed_error(axis, cell, "rms_mm", (), DEFAULT, "time (ms per pair)", "3D RMS error (mm)")
-            axis.set_title(name, fontsize=9)
-        return figure
+        return speed_errors(numbers["cells"], {"rms_mm": "3D RMS error (mm)"}, (), DEFAULT)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the configurations' times and ratios of true to stated error, and the requests."""

@@ -94,6 +94,24 @@ def speed_error(
     axis.plot([], [], "o", mfc="none", mec=_INK, ms=10, label="default")
 
 
+def speed_errors(
+    cells: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    metrics: Mapping[str, str],
+    baselines: Collection[str] = (),
+    default: str | None = None,
+    time: str = "time (ms per pair)",
+) -> Figure:
+    """Return a figure of time against error: one row for each metric (name and label), one column for each scenario."""
+    figure, axes = panels(len(metrics) * len(cells), len(cells) if len(metrics) > 1 else 3)
+    places = iter(axes)
+    for metric, label in metrics.items():
+        for (scenario, methods), axis in zip(cells.items(), places, strict=False):
+            axis.set_title(scenario, fontsize=9)
+            speed_error(axis, methods, metric, baselines, default, time, label)
+    axes[0].legend(fontsize=7)
+    return figure
+
+
 def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, bound: float | None = None) -> None:
     """Draw `metric` of each method over the severities of a disturbance (what `compare_severities` returns).
 

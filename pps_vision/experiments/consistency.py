@@ -11,13 +11,12 @@ from scipy.stats import norm
 
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance
 from pps_vision.experiments.charts import bars, calibration, curves, panels
-from pps_vision.experiments.scenarios import Recording, moving, sources
+from pps_vision.experiments.scenarios import Recording, moving
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import (
     Metric,
-    Scenes,
     SceneSource,
-    Study,
+    TrackingStudy,
     Values,
     mean,
     measure,
@@ -52,7 +51,7 @@ _METRICS = {
 
 
 @dataclass(frozen=True)
-class Consistency(Study):
+class Consistency(TrackingStudy):
     """Balls and markers while the head moves: the tracks' errors against their own covariances, by 95 % intervals from
     resampling recordings.
 
@@ -65,24 +64,19 @@ class Consistency(Study):
     """Length of the recordings that are no approaches."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first recordings; the others count up."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, Any]:
         """Return by source and group of recordings: coverage in percent, mean NEES (6 expected) and NIS (3), error of
         the time to contact in the last half second."""
         found: dict[str, Any] = {}
-        seeds = range(self.seed, self.seed + self.n)
-        for source in sources(self.scenes):
+        for source in self.sources:
             recordings: dict[str, list[Values]] = {}
             for stimulus in ("ball", "marker"):
                 in_the_air = {f"{stimulus}, {m}": partial(self._film, stimulus, m, source) for m in MOTIONS}
                 onto_skin = {
                     f"{stimulus}, {100 * v:g} cm/s": partial(self._approach, stimulus, v, source) for v in SPEEDS_M_S
                 }
-                for name, cells in measure(in_the_air | onto_skin, {"tracker": _run}, seeds).items():
+                for name, cells in measure(in_the_air | onto_skin, {"tracker": _run}, self.seeds).items():
                     recordings[name] = cells["tracker"]
             pooled = {
                 name: [one for key, of in recordings.items() if part in key for one in of]

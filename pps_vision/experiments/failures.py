@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.charts import panels, severity
-from pps_vision.experiments.scenarios import EYES_M, Posing, Recording, film, follow, sources, stare_at, watching
+from pps_vision.experiments.scenarios import EYES_M, Posing, Recording, film, follow, stare_at, watching
 from pps_vision.experiments.score import METRICS, baseline, tracker
-from pps_vision.experiments.study import Axis, Break, Method, Scenes, SceneSource, Study, compare_severities
+from pps_vision.experiments.study import Axis, Break, Method, SceneSource, TrackingStudy, compare_severities
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
@@ -40,7 +40,7 @@ class Disturbance(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Failures(Study):
+class Failures(TrackingStudy):
     """A red ball before a robot that looks at it, and one disturbance at a time, from mild to hopeless. Ours has to
     find the ball; the baselines are given its true boxes in the first frame.
 
@@ -50,22 +50,17 @@ class Failures(Study):
 
     n: int = 1
     """Recordings of every severity."""
-    seed: int = 0
-    """Seed of the first; the others count up."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, Any]:
         """Return by source and disturbance: success, 3D error, false tracks at each severity, and the break point."""
-        seeds = range(self.seed, self.seed + self.n)
         return {
             source: {
                 name: compare_severities(
-                    partial(_recording, one.make, source), one.axis, methods(), _METRICS, seeds, BREAKS
+                    partial(_recording, one.make, source), one.axis, methods(), _METRICS, self.seeds, BREAKS
                 )
                 for name, one in DISTURBANCES.items()
             }
-            for source in sources(self.scenes)
+            for source in self.sources
         }
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
 from pps_vision.experiments.charts import panels, speed_error
-from pps_vision.experiments.scenarios import Recording, moving, sources
+from pps_vision.experiments.scenarios import Recording, moving
 from pps_vision.experiments.score import steps_of
-from pps_vision.experiments.study import DATA, Method, Metric, Scenes, SceneSource, Study, Values, compare, median, rms
+from pps_vision.experiments.study import DATA, Method, Metric, SceneSource, TrackingStudy, Values, compare, median, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
@@ -86,7 +86,7 @@ class Measurements:
 
 
 @dataclass(frozen=True)
-class Filter(Study):
+class Filter(TrackingStudy):
     """Filters of orders 1–4, with constant gain, and with RTS smoothing, beside OpenCV's and filterpy's, on what the
     tracker measured of balls and markers, and on the table-tennis flights of tt3d."""
 
@@ -96,10 +96,6 @@ class Filter(Study):
     """Length of the recordings that are no approaches."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first recordings; the others count up."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
     data: Path = DATA
     """Folder that holds tt3d (default: PPS_VISION_DATA, else ../shared/data)."""
 
@@ -108,7 +104,7 @@ class Filter(Study):
         kinds: list[tuple[str, str, float | None]] = [(o, m, None) for o in ("ball", "marker") for m in MOTIONS]
         kinds += [(o, "approach", v) for o in ("ball", "marker") for v in SPEEDS_M_S]
         scenarios: dict[str, Callable[[int], Any]] = {
-            source: partial(self._measured, kinds, source) for source in sources(self.scenes)
+            source: partial(self._measured, kinds, source) for source in self.sources
         }
         cells = compare(scenarios, methods(), _METRICS, range(len(kinds) * self.n), reference="cv2")
         folder = self.data / "tt3d"

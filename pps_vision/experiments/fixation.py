@@ -1,12 +1,12 @@
 """How fast and how well the eyes fixate: points that stand still and points that move (J IV.1)."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
 from control.fixation import FixationParams, fixation_error, gaze_at, step
+from pps_vision.experiments.scenarios import EYES_M
 from pps_vision.experiments.study import Study
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
@@ -34,16 +34,14 @@ class Fixation(Study):
         """Degrees and seconds: medians and worst."""
         rng = np.random.default_rng(self.seed)
         robot = load_icub()
-        settled = [_settling_time(robot, *_start_and_point(robot, rng)) for _ in self._numbers("static")]
-        held = [_worst_lag(robot, rng) for _ in self._numbers("moving")]
+        settled = [
+            _settling_time(robot, *_start_and_point(robot, rng)) for _ in tqdm(range(self.n), "static", disable=None)
+        ]
+        held = [_worst_lag(robot, rng) for _ in tqdm(range(self.n), "moving", disable=None)]
         return {
             "static_within_0.5_deg_after_s": {"median": float(np.median(settled)), "worst": float(np.max(settled))},
             "moving_15_cm_s_worst_lag_deg": {"median": float(np.median(held)), "worst": float(np.max(held))},
         }
-
-    def _numbers(self, what: str) -> Iterable[int]:
-        numbers: Iterable[int] = tqdm(range(self.n), desc=what, unit="point", disable=None)
-        return numbers
 
 
 def _start_and_point(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -73,10 +71,9 @@ def _settling_time(robot: Robot, q: Array, point: Array) -> float:
 
 def _worst_lag(robot: Robot, rng: np.random.Generator) -> float:
     """Largest error in degrees from the first second on, of 5 s about a point 0.4 m before the eyes."""
-    eyes = np.array([-0.063, 0.0, 0.341])
     way = np.array([-1.0, rng.uniform(-0.4, 0.4), rng.uniform(-0.6, 0.1)])
     kind: MotionName = rng.choice(["circle", "figure8"])  # who turns on the spot is 2° away before any frame shows it
-    motion = make_motion(kind, rng, eyes + 0.4 * way / np.linalg.norm(way), 0.15)
+    motion = make_motion(kind, rng, EYES_M + 0.4 * way / np.linalg.norm(way), 0.15)
     q = gaze_at(robot, home(robot), motion(0.0)[0])
     worst = 0.0
     for k in range(1, 100):

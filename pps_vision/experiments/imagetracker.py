@@ -8,18 +8,22 @@ from typing import Any, Protocol, get_args
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.experiments.baselines.image_trackers import BoxPx, ImageTrackerName, image_tracker, middle
-from pps_vision.experiments.charts import panels, speed_error
-from pps_vision.experiments.real import intersection_over_union
-from pps_vision.experiments.scenarios import HUES_DEG, moving, sources
+from pps_vision.experiments.baselines.image_trackers import (
+    BoxPx,
+    ImageTrackerName,
+    image_tracker,
+    intersection_over_union,
+    middle,
+)
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.scenarios import HUES_DEG, moving
 from pps_vision.experiments.score import timed_steps
 from pps_vision.experiments.study import (
     DATA,
     Method,
     Metric,
-    Scenes,
     SceneSource,
-    Study,
+    TrackingStudy,
     Values,
     compare,
     mean,
@@ -57,7 +61,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class ImageTracker(Study):
+class ImageTracker(TrackingStudy):
     """Particles, marker blob and OpenCV's trackers in one eye, the first box given: time, overlap and centre error.
 
     Balls and markers, slow and fixated (5–15 cm/s while the head sways) and fast (60 cm/s, eyes that do not follow: up
@@ -70,18 +74,13 @@ class ImageTracker(Study):
     """Length of each."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first recording and of the particles."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
     data: Path = DATA
     """Folder that holds vot_ball1 (default: PPS_VISION_DATA, else ../shared/data)."""
 
     def run(self) -> dict[str, Any]:
         """Return by kind of sequence and tracker: lost overlap, frames with the object, centre error, time."""
-        scenarios = {f"{s}, {v}": partial(self._film, v, s) for s in sources(self.scenes) for v in ("slow", "fast")}
-        seeds = range(self.seed, self.seed + self.n)
-        cells = compare(scenarios, methods(), _METRICS, seeds, reference="CSRT")
+        scenarios = self.scenarios(self._film, ("slow", "fast"))
+        cells = compare(scenarios, methods(), _METRICS, self.seeds, reference="CSRT")
         folder = self.data / "vot_ball1"
         if not folder.exists():
             return {"cells": cells, "skipped": f"vot_ball1: no {folder}"}
@@ -98,12 +97,8 @@ class ImageTracker(Study):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against lost overlap, one panel for each kind of sequence."""
-        figure, axes = panels(len(numbers["cells"]), 3)
-        for axis, (name, cell) in zip(axes, numbers["cells"].items(), strict=True):
-            speed_error(axis, cell, "lost_overlap", BASELINES, DEFAULT, error="1 − mean IoU")
-            axis.set_title(name, fontsize=9)
-        axes[0].legend(fontsize=7)
-        return figure
+        labels = {"lost_overlap": "1 − mean IoU"}
+        return speed_errors(numbers["cells"], labels, BASELINES, DEFAULT, "time (ms per frame)")
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the lost overlap: one row a tracker, one column a kind of sequence."""

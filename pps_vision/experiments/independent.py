@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -15,6 +14,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film
 from pps_vision.experiments.independent_scenes import PHOTOS
+from pps_vision.experiments.score import timed_steps
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask, Status, Track3D, Truth
@@ -107,14 +107,10 @@ def measure(case: Case, number: int, seed: int, data: Path) -> dict[str, float]:
     """Track one film with nothing but its rig known."""
     film = Film(case.scene(number), seed, data)
     tracker = Tracker(case.tracker(film.hue_deg), film.rig, np.random.default_rng(seed))
-    tracks, ms = [], []
-    for frame in film:
-        start = process_time()
-        tracks.append(tracker.step(frame).track)
-        ms.append(1000 * (process_time() - start))
+    steps, ms = timed_steps(tracker.step, film)
     scene = film.scene
     return {
-        **score(tracks, film.truth, scene.rest_s if scene.start == "rest" else 0.0),
+        **score([step.track for step in steps], film.truth, scene.rest_s if scene.start == "rest" else 0.0),
         "ms_per_pair": float(np.median(ms)),
     }
 

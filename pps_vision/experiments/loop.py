@@ -1,6 +1,5 @@
 """The closed loop, many times: who is touched, and who moves without cause."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -54,12 +53,11 @@ class Loop(Study):
         training = TrainingParams(self.training_trials)
         with open_world(training.noise_sigma, self.seed) as world:
             memory = train(world, training)
-            logs = {case: [self.episode(world, memory, case, k) for k in self._numbers(case)] for case in CASES}
+            logs = {
+                case: [self.episode(world, memory, case, k) for k in tqdm(range(self.n), case, disable=None)]
+                for case in CASES
+            }
         return {"seed": self.seed, "n": self.n, **{case: _counts(of_case) for case, of_case in logs.items()}}
-
-    def _numbers(self, case: Case) -> Iterable[int]:
-        numbers: Iterable[int] = tqdm(range(self.n), desc=case, unit="episode", disable=None)
-        return numbers
 
     def episode(self, world: World, memory: PPSMemory, case: Case, number: int) -> EpisodeLog:
         """One episode; approaches of the same number are the same with avoidance on and off."""

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines.stereo_pipelines import StereoPipelineName
-from pps_vision.experiments.charts import panels, speed_error
-from pps_vision.experiments.scenarios import Recording, moving, sources
+from pps_vision.experiments.charts import speed_errors
+from pps_vision.experiments.scenarios import Recording, moving
 from pps_vision.experiments.score import METRICS, baseline_tracks, judge, steps_of
-from pps_vision.experiments.study import Metric, Scenes, SceneSource, Study, Values, compare, median
+from pps_vision.experiments.study import Metric, SceneSource, TrackingStudy, Values, compare, median
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Track3D
 
@@ -28,7 +28,7 @@ _METRICS = {
 
 
 @dataclass(frozen=True)
-class Pipeline(Study):
+class Pipeline(TrackingStudy):
     """Balls and markers that approach the skin at 5–30 cm/s while the head moves, through our pipelines and baselines.
 
     Baselines are told the true boxes in the first frame and get our filter. Times are of each pipeline alone.
@@ -38,18 +38,13 @@ class Pipeline(Study):
     """Approaches of each object, their speeds spread over the range."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first approach and of the particles; the others count up."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, Any]:
         """Return by scenes and pipeline: 3D RMS error, error of the time to contact, time and its ratio to CSRT."""
         methods = {name: partial(_ours, mode) for name, mode in OURS.items()}
         methods |= {name: partial(_baseline, name) for name in BASELINES}
-        scenarios = {f"{s}, {o}": partial(self._film, o, s) for s in sources(self.scenes) for o in ("ball", "marker")}
-        seeds = range(self.seed, self.seed + self.n)
-        return {"cells": compare(scenarios, methods, _METRICS, seeds, reference="two CSRT")}
+        scenarios = self.scenarios(self._film, ("ball", "marker"))
+        return {"cells": compare(scenarios, methods, _METRICS, self.seeds, reference="two CSRT")}
 
     def _film(self, stimulus: str, source: SceneSource, seed: int) -> Recording:
         speeds = np.geomspace(*_SPEEDS_M_S, self.n) if self.n > 1 else np.array([0.15])
@@ -58,15 +53,8 @@ class Pipeline(Study):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against 3D error, and against the error of the time to contact, one column for each kind of scene."""
-        cells = numbers["cells"]
-        figure, axes = panels(2 * len(cells), len(cells))
-        for k, (name, methods) in enumerate(cells.items()):
-            labels = {"rms_mm": "3D RMS error (mm)", "ttc_percent": "time to contact, last 0.5 s: median error (%)"}
-            for axis, (metric, label) in zip((axes[k], axes[len(cells) + k]), labels.items(), strict=True):
-                speed_error(axis, methods, metric, BASELINES, "ours, generic", "time (ms per pair)", label)
-            axes[k].set_title(name, fontsize=9)
-        axes[0].legend(fontsize=7)
-        return figure
+        labels = {"rms_mm": "3D RMS error (mm)", "ttc_percent": "time to contact, last 0.5 s: median error (%)"}
+        return speed_errors(numbers["cells"], labels, BASELINES, "ours, generic")
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one table for each kind of scene, one row a pipeline."""

@@ -12,7 +12,7 @@ from pps_vision.app.render import scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
 from pps_vision.experiments.independent_eyes import eyes_of, own_body_of
-from pps_vision.experiments.study import Scenes, SceneSource
+from pps_vision.experiments.study import SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
@@ -115,11 +115,6 @@ def tracker_params(recording: Recording, mode: str | None = None) -> TrackerPara
     if (mode or {"ball": "generic"}.get(recording.stimulus, "marker")) == "generic":
         return TrackerParams()
     return TrackerParams("marker", marker=MarkerParams(recording.hue_deg))
-
-
-def sources(scenes: Scenes) -> tuple[SceneSource, ...]:
-    """Return the scene sources that are asked for."""
-    return ("rendered", "independent") if scenes == "both" else (scenes,)
 
 
 def film(

@@ -1,6 +1,6 @@
 """Run trackers on recordings and judge their tracks against the truth."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from time import process_time
 from typing import TypeVar
 
@@ -34,7 +34,7 @@ def steps_of(recording: Recording, seed: int, mode: str | None = None) -> tuple[
     return timed_steps(tracker.step, recording.frames)
 
 
-def timed_steps(step: Callable[[F], T], frames: Sequence[F]) -> tuple[list[T], list[float]]:
+def timed_steps(step: Callable[[F], T], frames: Iterable[F]) -> tuple[list[T], list[float]]:
     """Return the results of a step on every frame and their processor times (ms)."""
     found, ms = [], []
     for frame in frames:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from time import process_time
 from typing import Any, NamedTuple
 
 import cv2
@@ -13,16 +12,15 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines import disparity
 from pps_vision.experiments.charts import panels, severity, speed_error
-from pps_vision.experiments.scenarios import EYES_M, Recording, film, follow, sources, watching
-from pps_vision.experiments.score import steps_of
+from pps_vision.experiments.scenarios import EYES_M, Recording, film, follow, watching
+from pps_vision.experiments.score import steps_of, timed_steps
 from pps_vision.experiments.study import (
     Axis,
     Break,
     Method,
     Metric,
-    Scenes,
     SceneSource,
-    Study,
+    TrackingStudy,
     Values,
     compare,
     compare_severities,
@@ -58,7 +56,7 @@ class Pair(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Stereo(Study):
+class Stereo(TrackingStudy):
     """3D error and time of triangulating the tracker's detections, and of disparity in the whole image, of a plain and
     a textured ball of 35 mm while the head sways, over its distance. The error counts before any filter; the ball's
     direction is given to the disparity maps."""
@@ -67,22 +65,18 @@ class Stereo(Study):
     """Recordings of each ball at each distance."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first; the others count up."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
 
     def run(self) -> dict[str, Any]:
         """Return by scenes: errors and times at 0.4 m, and errors over the distance."""
-        kinds = {f"{s}, {b}": partial(self._pairs, b, s) for s in sources(self.scenes) for b in ("plain", "textured")}
-        seeds = range(self.seed, self.seed + self.n)
+        kinds = self.scenarios(self._pairs, ("plain", "textured"))
         near = {name: partial(make, depth_m=0.4) for name, make in kinds.items()}
         broken, distance = Break("found_percent", 50.0, above=False), Axis("distance (m)", DEPTHS_M)
         over = {
-            name: compare_severities(make, distance, methods(), _METRICS, seeds, broken) for name, make in kinds.items()
+            name: compare_severities(make, distance, methods(), _METRICS, self.seeds, broken)
+            for name, make in kinds.items()
         }
         return {
-            "cells": compare(near, methods(), _METRICS, seeds, reference="midpoint"),
+            "cells": compare(near, methods(), _METRICS, self.seeds, reference="midpoint"),
             "distance": over,
         }
 
@@ -154,15 +148,10 @@ def _ours(pair: Pair) -> Array | None:
 
 
 def _run(find: Callable[[Pair], Array | None], recording: list[Pair], seed: int) -> Values:
-    error_mm, found, ms = [], [], []
-    for pair in recording:
-        begun = process_time()
-        p = find(pair)
-        ms.append(1000 * (process_time() - begun))
-        found.append(p is not None)
-        if p is not None:
-            error_mm.append(1000 * float(np.linalg.norm(p - pair.p)))
-    return {"error_mm": error_mm, "found": found, "ms": ms}
+    found, ms = timed_steps(find, recording)
+    pairs = zip(found, recording, strict=True)
+    error_mm = [1000 * float(np.linalg.norm(p - pair.p)) for p, pair in pairs if p is not None]
+    return {"error_mm": error_mm, "found": [p is not None for p in found], "ms": ms}
 
 
 def patched_ball(radius_m: float) -> Stimulus:

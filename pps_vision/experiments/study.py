@@ -9,6 +9,8 @@ import ast
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import process_time
@@ -83,6 +85,32 @@ class Study(ABC):
     def tables(self, numbers: dict[str, Any]) -> "dict[str, Table]":
         """Return the tables for the documents by name; the name "" is the study's own."""
         return {}
+
+
+@dataclass(frozen=True)
+class TrackingStudy(Study):
+    """Base of the studies on recordings of a moving object, from one or both scene sources."""
+
+    n: int = 4
+    """Recordings of each kind."""
+    seed: int = 0
+    """Seed of the first recording and of the particles; the others count up."""
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
+
+    @property
+    def seeds(self) -> range:
+        """One seed a recording."""
+        return range(self.seed, self.seed + self.n)
+
+    @property
+    def sources(self) -> tuple[SceneSource, ...]:
+        """The scene sources that are asked for."""
+        return ("rendered", "independent") if self.scenes == "both" else (self.scenes,)
+
+    def scenarios(self, make: Callable[..., Any], kinds: Sequence[str]) -> dict[str, Callable[..., Any]]:
+        """Return what makes `make(kind, source, seed)` of a seed, by the name "source, kind"."""
+        return {f"{source}, {kind}": partial(make, kind, source) for source in self.sources for kind in kinds}
 
 
 class Metric(NamedTuple):
@@ -250,18 +278,26 @@ class Entry(NamedTuple):
 
 def catalogue() -> dict[str, Entry]:
     """Return every study by name, read from the files without importing them."""
-    here = Path(__file__).parent
+    this = Path(__file__)
+    here = this.parent
+    bases = {node.name: node for node in ast.parse(this.read_text()).body if isinstance(node, ast.ClassDef)}
     found = {}
-    for file in sorted([*here.glob("*.py"), *here.glob("pps/*.py"), *here.glob("reach/*.py")]):
+    for file in sorted({*here.glob("*.py"), *here.glob("pps/*.py"), *here.glob("reach/*.py")} - {this}):
         folder = "" if file.parent == here else file.parent.name
         for node in ast.parse(file.read_text()).body:
-            if isinstance(node, ast.ClassDef) and any(isinstance(b, ast.Name) and b.id == "Study" for b in node.bases):
+            base = next(iter(node.bases), None) if isinstance(node, ast.ClassDef) else None
+            if isinstance(node, ast.ClassDef) and isinstance(base, ast.Name) and base.id in ("Study", "TrackingStudy"):
                 module = ".".join(filter(None, ["pps_vision.experiments", folder, file.stem]))
-                given = [item for item in node.body if isinstance(item, ast.AnnAssign) and item.value is not None]
-                fields = {ast.unparse(item.target): ast.unparse(item.value) for item in given if item.value is not None}
+                fields = _fields(bases[base.id]) | _fields(node)
                 summary = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")
                 found["_".join(filter(None, [folder, file.stem]))] = Entry(module, node.name, summary, fields)
     return found
+
+
+def _fields(node: ast.ClassDef) -> dict[str, str]:
+    """Names and defaults of a class's own fields."""
+    given = [item for item in node.body if isinstance(item, ast.AnnAssign)]
+    return {ast.unparse(item.target): ast.unparse(item.value) for item in given if item.value is not None}
 
 
 def short_parameters(name: str, entry: Entry) -> dict[str, Any]:
