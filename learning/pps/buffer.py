@@ -16,7 +16,7 @@ class BufferParams:
     step_s: float = 0.05
     """Time step of the resampled series (R)."""
     max_gap_s: float = 0.15
-    """Longest gap that is interpolated: three steps."""
+    """Longest gap that is interpolated: three steps, our choice."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class EventBuffer:
     params: BufferParams = field(default_factory=BufferParams)
     """Length and resampling."""
     samples: tuple[TaxelEvents, ...] = ()
-    """None older than `length_s` before the last."""
+    """All samples of the last `length_s`, oldest first."""
 
 
 def push(buffer: EventBuffer, events: TaxelEvents) -> EventBuffer:
@@ -53,7 +53,7 @@ def resample(buffer: EventBuffer) -> tuple[Array, Array]:
     stamps = np.array([sample.stamp_s for sample in samples])
     series = np.array([[s.distance_m, s.ttc_s] for s in samples], dtype=float)  # (samples, 2, n)
     known = np.isfinite(series).all(axis=1)
-    seen = np.flatnonzero(known.any(axis=0))  # few of a whole skin's taxels perceive one stimulus
+    seen = np.flatnonzero(known.any(axis=0))  # few of a whole skin's taxels perceive one stimulus: saves time
     series = np.where(known[:, None, seen], series[:, :, seen], np.nan)
     back = np.arange(int((stamps[-1] - stamps[0]) / params.step_s + 1e-6), -1, -1)
     times = stamps[-1] - back * params.step_s

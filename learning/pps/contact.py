@@ -1,12 +1,12 @@
 """Contact model: the probability that an approach touches a taxel, from the displacement of its path.
 
 D and TTC (R eqs 1–2) do not distinguish a path over this taxel from one over its neighbour, 2–3 cm beside it; the
-displacement from the taxel does.  Touching and missing paths are taken for Gaussian with one covariance for all taxels,
-and each taxel counts its touches and misses, so that the log-odds of touch are
+displacement from the taxel does.  This is linear discriminant analysis: the displacements u of touching and of missing
+paths are Gaussian about different means with one covariance Σ for all taxels, so that the log-odds of touch are
 
     log(n⁺/n⁻) + (u − m)ᵀ Σ⁻¹ δ
 
-with the displacement u, the midpoint m between touching and missing paths, and their difference δ.
+with the numbers n⁺ of touches and n⁻ of misses, the midpoint m of the two means, and their difference δ.
 """
 
 from dataclasses import dataclass
@@ -21,24 +21,28 @@ from pps_vision.types import Array, Mask
 
 @dataclass(frozen=True)
 class ContactParams:
-    """What a prediction uses, and the priors.  Each taxel starts with half a touch and half a miss (Jeffreys)."""
+    """What a prediction uses, and the priors.
+
+    Each taxel starts with half a touch and half a miss (Jeffreys' prior).  Where no source is given, the value was
+    chosen on simulated sessions and on the authors' 37 trials (docs/peripersonal_space.md, "A real robot").
+    """
 
     horizon_s: float = 0.15
-    """How long before a trial's end the last known sample is."""
+    """Samples up to this time before a trial's end are known (the goal of the study `pps_calibration`)."""
     samples: int = 3
     """Number of last known samples whose displacements are averaged."""
     reach_m: float = 0.20
     """Greatest distance of a sample from the taxel (R's receptive field)."""
-    toward: float = 0.5
-    """Prior of δ: the way from the taxel's mean path to where touches happen, times this."""
+    prior_share: float = 0.5
+    """Prior of δ: this share of the way from the taxel's mean path to the mean path of all touches."""
     prior_trials: float = 5.0
     """Number of trials that the prior of δ is worth."""
     offset_m: float = 0.012
     """Standard deviation, each axis, of a session's offset (R Fig 8: mean offsets of 1.2–2.1 cm)."""
     outlier_sigmas: float = 3.0
-    """A path farther than this from m has the weight of one at this distance."""
+    """The term of u of a path farther than this from m is that of a path at this distance."""
     level: float = 0.9
-    """Of the credible interval."""
+    """Probability that the credible interval holds."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.horizon_s) and self.horizon_s >= 0):
@@ -61,20 +65,20 @@ class ContactModel:
     """(n,) number of all trials that touched the taxel, plus ½."""
     any_missed: Array
     """(n,) number of all trials that did not, plus ½."""
-    middle: Array
+    mean: Array
     """(n, 3) m, mean displacement of all paths; NaN where none was in reach."""
     difference: Array
     """(n, 3) m, δ: mean displacement of touching minus missing paths; NaN where none was in reach."""
-    trials: Array
-    """(n,) number of trials that δ is worth, its prior's included."""
+    difference_trials: Array
+    """(n,) effective number of trials that δ was estimated from, its prior's included."""
     precision: Array
     """(3, 3) 1/m², Σ⁻¹."""
-    usual: Array
-    """(3,) m, mean over trials of the displacement from the mean of the taxels."""
-    usual_var: Array
-    """(3,) m², its variance over trials."""
-    seen: int
-    """Number of those trials."""
+    session_mean: Array
+    """(3,) m, mean displacement over all taxels, of the trials in reach of all of them."""
+    session_var: Array
+    """(3,) m², variance over these trials of their mean displacement."""
+    session_trials: int
+    """Number of these trials."""
 
 
 @dataclass(frozen=True)
@@ -117,67 +121,79 @@ def predict_session(params: ContactParams, learned: ContactModel, trials: tuple[
     """Predict the touches of another session, trial by trial in their order.
 
     Its kinematics and cameras have another offset, estimated from the paths of this and earlier trials alone: the
-    posterior mean of their difference from the usual displacement, prior N(0, offset_m²).
+    posterior mean of the difference from the first session's mean displacement, prior N(0, offset_m²).
     """
     u = displacements(params, trials)
-    return _predict(params, learned, u - _shifts(params, learned, u)[:, None])
+    return _predict(params, learned, u - _session_offsets(params, learned, u)[:, None])
 
 
-def _shifts(params: ContactParams, learned: ContactModel, u: Array) -> Array:
-    """(trials, 3) m, the session's offset as estimated at each of its trials; zeros before any came near."""
-    near: Mask = np.asarray(np.isfinite(u[..., 0]).all(axis=1))  # the mean of some taxels only is another place's
-    aside = np.where(near[:, None], u.mean(axis=1) - learned.usual, 0.0)
-    n = np.maximum(np.cumsum(near), 1)[:, None]
-    variance = learned.usual_var * (1 / n + 1 / max(learned.seen, 1))
-    shifts: Array = params.offset_m**2 / (params.offset_m**2 + variance) * np.cumsum(aside, axis=0) / n
-    return shifts if learned.seen > 1 else np.zeros_like(shifts)
+def _session_offsets(params: ContactParams, learned: ContactModel, u: Array) -> Array:
+    """(trials, 3) m, the session's offset as estimated at each of its trials; zeros before any was in reach."""
+    in_reach: Mask = np.asarray(np.isfinite(u[..., 0]).all(axis=1))  # of all taxels, as for `session_mean`
+    apart = np.where(in_reach[:, None], u.mean(axis=1) - learned.session_mean, 0.0)
+    n = np.maximum(np.cumsum(in_reach), 1)[:, None]
+    variance = learned.session_var * (1 / n + 1 / max(learned.session_trials, 1))
+    offsets: Array = params.offset_m**2 / (params.offset_m**2 + variance) * np.cumsum(apart, axis=0) / n
+    return offsets if learned.session_trials > 1 else np.zeros_like(offsets)
 
 
 def _fit(params: ContactParams, u: Array, touched: Mask) -> ContactModel:
-    seen: Mask = ~np.isnan(u[..., 0])
-    at = np.where(seen[..., None], u, 0.0)
-    kinds = touched & seen, ~touched & seen
+    """The model of displacements (trials, n, 3), NaN out of reach, and outcomes (trials, n)."""
+    in_reach: Mask = ~np.isnan(u[..., 0])
+    u_known = np.where(in_reach[..., None], u, 0.0)
+    kinds = touched & in_reach, ~touched & in_reach
     n = [kind.sum(axis=0) for kind in kinds]
-    means = [np.einsum("tk,tkc->kc", kind, at) / np.maximum(m, 1)[:, None] for kind, m in zip(kinds, n, strict=True)]
+    means = [
+        np.einsum("tk,tkc->kc", kind, u_known) / np.maximum(m, 1)[:, None] for kind, m in zip(kinds, n, strict=True)
+    ]
     total = n[0] + n[1]
-    positive, negative = n[0] + 0.5, n[1] + 0.5
-    middle = (n[0][:, None] * means[0] + n[1][:, None] * means[1]) / np.where(total > 0, total, np.nan)[:, None]
-    # Prior of δ: from each taxel's mean path towards where touches happen at all.
-    near = total > 0
-    rate = np.where(near, positive / (positive + negative), 0.0)
-    touching = rate @ np.where(near[:, None], middle, 0.0) / max(rate.sum(), 1e-9)
-    paired = (n[0] * n[1] / np.maximum(total, 1))[:, None]  # trials that the difference of two means is worth
-    believed = params.toward * (touching - middle)
-    difference = (paired * (means[0] - means[1]) + params.prior_trials * believed) / (paired + params.prior_trials)
-    rest = at - np.where(touched[..., None], *means)
+    n_touched, n_missed = n[0] + 0.5, n[1] + 0.5
+    mean = (n[0][:, None] * means[0] + n[1][:, None] * means[1]) / np.where(total > 0, total, np.nan)[:, None]
+    # Prior of δ: towards the mean path of all touches, each taxel weighted by its rate of touch.
+    rate = np.where(total > 0, n_touched / (n_touched + n_missed), 0.0)
+    mean_touching = rate @ np.where(total[:, None] > 0, mean, 0.0) / max(rate.sum(), 1e-9)
+    prior = params.prior_share * (mean_touching - mean)
+    effective = (n[0] * n[1] / np.maximum(total, 1))[:, None]  # trials of the difference of two means
+    difference_trials = effective + params.prior_trials
+    difference = (effective * (means[0] - means[1]) + params.prior_trials * prior) / difference_trials
+    # Covariance of the displacements about the mean of their kind, pooled over taxels and kinds.
+    residuals = u_known - np.where(touched[..., None], *means)
     freedom = max(int(np.maximum(n[0] - 1, 0).sum() + np.maximum(n[1] - 1, 0).sum()), 1)
-    scatter = np.einsum("tk,tki,tkj->ij", seen, rest, rest) / freedom + params.offset_m**2 * np.eye(3)
-    behind = paired[:, 0] + params.prior_trials
-    of_all = at[seen.all(axis=1)].mean(axis=1)
-    usual = of_all.mean(axis=0) if len(of_all) else np.zeros(3)
-    usual_var = of_all.var(axis=0, ddof=1) if len(of_all) > 1 else np.zeros(3)
-    of_any = touched.sum(axis=0) + 0.5, (~touched).sum(axis=0) + 0.5
-    precision = np.linalg.inv(scatter)
+    covariance = np.einsum("tk,tki,tkj->ij", in_reach, residuals, residuals) / freedom
+    precision = np.linalg.inv(covariance + params.offset_m**2 * np.eye(3))
+    of_session = u_known[in_reach.all(axis=1)].mean(axis=1)
     return ContactModel(
-        positive, negative, *of_any, middle, difference, behind, precision, usual, usual_var, len(of_all)
+        touched=n_touched,
+        missed=n_missed,
+        any_touched=touched.sum(axis=0) + 0.5,
+        any_missed=(~touched).sum(axis=0) + 0.5,
+        mean=mean,
+        difference=difference,
+        difference_trials=difference_trials[:, 0],
+        precision=precision,
+        session_mean=of_session.mean(axis=0) if len(of_session) else np.zeros(3),
+        session_var=of_session.var(axis=0, ddof=1) if len(of_session) > 1 else np.zeros(3),
+        session_trials=len(of_session),
     )
 
 
 def _predict(params: ContactParams, learned: ContactModel, u: Array) -> ContactPrediction:
-    skew = 0.5 * (learned.missed - learned.touched) / (learned.missed + learned.touched)
-    aside = u - (learned.middle + skew[:, None] * learned.difference)  # u − m
-    in_reach: Mask = ~np.isnan(aside[..., 0])
-    aside = np.where(in_reach[..., None], aside, 0.0)
-    positive = np.where(in_reach, learned.touched, learned.any_touched)
-    negative = np.where(in_reach, learned.missed, learned.any_missed)
-    sigmas = np.sqrt(np.einsum("tki,ij,tkj->tk", aside, learned.precision, aside))
-    kept = np.minimum(1.0, params.outlier_sigmas / np.maximum(sigmas, 1e-9))
+    """The prediction for displacements (trials, n, 3), NaN out of reach."""
+    share = 0.5 * (learned.missed - learned.touched) / (learned.missed + learned.touched)
+    apart = u - (learned.mean + share[:, None] * learned.difference)  # u − m
+    in_reach: Mask = ~np.isnan(apart[..., 0])
+    apart = np.where(in_reach[..., None], apart, 0.0)
+    touched = np.where(in_reach, learned.touched, learned.any_touched)
+    missed = np.where(in_reach, learned.missed, learned.any_missed)
+    sigmas = np.sqrt(np.einsum("tki,ij,tkj->tk", apart, learned.precision, apart))
+    weight = np.minimum(1.0, params.outlier_sigmas / np.maximum(sigmas, 1e-9))
     difference = np.where(np.isfinite(learned.difference), learned.difference, 0.0)
-    odds = np.log(positive / negative) + kept * np.einsum("tki,ij,kj->tk", aside, learned.precision, difference)
-    probability = expit(odds)
-    rate = positive / (positive + negative)
-    variance = 1 / (positive * (1 - rate)) + (kept * sigmas) ** 2 / learned.trials  # of the log-odds
-    worth = 1 / (variance * probability * (1 - probability))  # trials of a Beta distribution with this variance
+    log_odds = np.log(touched / missed) + weight * np.einsum("tki,ij,kj->tk", apart, learned.precision, difference)
+    probability = expit(log_odds)
+    rate = touched / (touched + missed)
+    variance = 1 / (touched * (1 - rate)) + (weight * sigmas) ** 2 / learned.difference_trials  # of the log-odds
+    # The interval is that of a Beta distribution with this mean and variance of the log-odds.
+    n = 1 / (variance * probability * (1 - probability))
     tails = 0.5 * (1 - params.level), 0.5 * (1 + params.level)
-    lower, upper = (betaincinv(worth * probability, worth * (1 - probability), tail) for tail in tails)
+    lower, upper = (betaincinv(n * probability, n * (1 - probability), tail) for tail in tails)
     return ContactPrediction(probability, lower, upper, in_reach)

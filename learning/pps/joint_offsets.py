@@ -1,9 +1,9 @@
-"""By how much the robot's encoders are off, learned from where its eyes saw what touched its skin.
+"""Offsets of the robot's encoders, estimated from where its eyes saw what touched its skin.
 
-A touch says where an object is: on the taxels that feel it.  Between the eyes that saw it and that skin lie all joints
-of head and arm, so touches in several postures tell how far they are off together (Roncone et al. 2014 calibrate arms
-that touch each other so).  An offset in metres would not do: eyes that converge 1° less than they believe see what is
-20 cm off 1 cm further and what is 35 cm off 3 cm.
+A touch gives the position of an object: at the taxels that feel it.  The kinematic chain from the eyes to that skin
+holds all joints of head and arm, so touches in several postures constrain their offsets (Roncone et al. 2014 calibrate
+two arms that touch each other in this way).  One offset in metres would not suffice: an error of the vergence of 1° places
+an object at 20 cm 1 cm too far and one at 35 cm 3 cm.
 """
 
 from collections.abc import Iterable
@@ -20,8 +20,8 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart
 from pps_vision.types import Array, Mask
 
-_NOWHERE_M = 10.0  # how far off what two lines of sight do not meet in is
-_PLACES = 24  # where something may be, along each axis
+_NO_POINT_M = 10.0  # residual of each axis where two lines of sight do not meet: larger than any room
+_GRID = 24  # positions along each axis: about 5 mm apart, as a taxel's own error
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class JointOffsetParams:
     """Prior and noise of the calibration, as standard deviations."""
 
     joint_rad: float = np.deg2rad(1.5)
-    """Of an encoder's offset (R: errors of joints, links and cameras together)."""
+    """Of an encoder's offset: with errors of links and cameras, which it must explain too, R's several centimetres."""
     taxel_m: float = 0.005
-    """Of a taxel's own position and of the triangulated one, each axis."""
+    """Of a taxel's own position and of the triangulated one, each axis (`pps_compensation` assumes 4 mm)."""
     outlier_sigmas: float = 3.0
     """A touch with a larger residual gets less weight (Cauchy)."""
 
@@ -54,40 +54,40 @@ class JointOffsets:
 
 @dataclass(frozen=True)
 class _Sighting:
-    """What touched: the encoders `q_rad`, the directions from each eye to it in the eye's frame, and where it must have
-    been, in the frame of the part it touched, give or take `cov` (3, 3) m²."""
+    """A touch by a seen object: the encoders `q_rad`, the directions from each eye to it in the eye's frame, and its
+    position with covariance (3, 3) m² in the frame of the part it touched, according to the skin."""
 
     q_rad: Array
     left: Array
     right: Array
     frame: str
-    touched_at: Array
+    felt_at: Array
     cov: Array
 
 
 def joint_offsets(
     params: JointOffsetParams, robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[TouchTrial]
 ) -> JointOffsets:
-    """The most probable offsets given the ends of the `trials`, whose `touched` are of `skin`; 0 for joints of which
-    touches tell nothing (all, where none was seen).
+    """The most probable offsets given the ends of the `trials`, whose `touched` are of `skin`; 0 for joints that
+    touches do not constrain (all, where no touch was seen).
 
-    They need not be each joint's own error: other combinations, a link or a camera may move what is seen in the same
-    way.
+    They need not be each joint's own error: another combination of joints, a link or a camera may displace what is seen
+    in the same way.
     """
     sightings = [sighting for trial in trials for sighting in _sightings(rig, skin, trial)]
     covs = np.array([sighting.cov for sighting in sightings]).reshape(-1, 3, 3) + params.taxel_m**2 * np.eye(3)
     whitening = np.linalg.inv(np.linalg.cholesky(covs))
 
-    def missed(offsets: Array) -> Array:
-        return np.array([_missed(robot, rig, sighting, offsets) for sighting in sightings]).reshape(-1, 3)
+    def errors_m(offsets: Array) -> Array:
+        return np.array([_error_m(robot, rig, sighting, offsets) for sighting in sightings]).reshape(-1, 3)
 
     def residuals(offsets: Array) -> Array:
-        sigmas = np.einsum("kij,kj->ki", whitening, missed(offsets))
-        return np.concatenate([offsets / params.joint_rad, _bounded(sigmas, params.outlier_sigmas).ravel()])
+        sigmas = np.einsum("kij,kj->ki", whitening, errors_m(offsets))
+        return np.concatenate([offsets / params.joint_rad, _robust(sigmas, params.outlier_sigmas).ravel()])
 
     none = np.zeros(robot.n_joints)
     found: Array = least_squares(residuals, none, xtol=1e-4, ftol=1e-4).x
-    before, after = (np.linalg.norm(missed(offsets), axis=1) for offsets in (none, found))
+    before, after = (np.linalg.norm(errors_m(offsets), axis=1) for offsets in (none, found))
     return JointOffsets(found, before, after)
 
 
@@ -102,17 +102,19 @@ def _sightings(rig: StereoRig, skin: Skin, trial: TouchTrial) -> list[_Sighting]
     for k, part in enumerate(skin.parts):
         touched = trial.touched[skin.part_index == k]
         if touched.any():
-            found.append(_Sighting(q, left, right, part.frame, *touching(part, touched, radius)))
+            found.append(_Sighting(q, left, right, part.frame, *felt_position(part, touched, radius)))
     return found
 
 
-def touching(part: SkinPart, touched: Mask, radius_m: float) -> tuple[Array, Array]:
-    """Mean (3,) m and covariance (3, 3) m² of where a ball is that touches just these (n,) taxels of a part, in its
-    frame: of all places before the skin, and not in it, from which it would touch those; where there is none, of those
-    with the fewest taxels touched too many or too few."""
+def felt_position(part: SkinPart, touched: Mask, radius_m: float) -> tuple[Array, Array]:
+    """Mean (3,) m and covariance (3, 3) m², in a part's frame, of a ball's centre that touches just these (n,) taxels.
+
+    They are those of all positions on a grid before the skin, and not in it, from which it would touch these taxels;
+    where there is none, of those with the fewest taxels touched too many or too few.
+    """
     far = radius_m + TOUCH_RADIUS_M
     low, high = part.positions_m[touched].min(axis=0) - far, part.positions_m[touched].max(axis=0) + far
-    axes = (np.linspace(a, b, _PLACES) for a, b in zip(low, high, strict=True))
+    axes = (np.linspace(a, b, _GRID) for a, b in zip(low, high, strict=True))
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     near = ((part.positions_m > low - far) & (part.positions_m < high + far)).all(axis=1)
     taxels, normals = part.positions_m[near], part.normals[near]
@@ -126,16 +128,16 @@ def touching(part: SkinPart, touched: Mask, radius_m: float) -> tuple[Array, Arr
     return mean, (likely - mean).T @ (likely - mean) / len(likely)
 
 
-def _missed(robot: Robot, rig: StereoRig, sighting: _Sighting, offsets: Array) -> Array:
-    """(3,) m from where it must have been to where it was seen, were these the offsets."""
+def _error_m(robot: Robot, rig: StereoRig, sighting: _Sighting, offsets: Array) -> Array:
+    """(3,) m from where it was felt to where it was seen, with these offsets."""
     q = sighting.q_rad + offsets
     (T_left, T_right), T_part = rig.eye_poses(q), robot.at(q).T_root(sighting.frame)
     seen = midpoint(T_left[:3, 3], T_left[:3, :3] @ sighting.left, T_right[:3, 3], T_right[:3, :3] @ sighting.right)
-    return np.full(3, _NOWHERE_M) if seen is None else move_points(inverse(T_part), seen) - sighting.touched_at
+    return np.full(3, _NO_POINT_M) if seen is None else move_points(inverse(T_part), seen) - sighting.felt_at
 
 
-def _bounded(residuals: Array, sigmas: float) -> Array:
-    """Residuals (k, 3) whose squares grow as their logarithm beyond so many sigmas (Cauchy)."""
+def _robust(residuals: Array, sigmas: float) -> Array:
+    """Residuals (k, 3) scaled so that their squared norms grow logarithmically beyond so many sigmas (Cauchy)."""
     squared = np.maximum(np.sum(residuals**2, axis=1, keepdims=True) / sigmas**2, 1e-12)
     bounded: Array = residuals * np.sqrt(np.log1p(squared) / squared)
     return bounded

@@ -14,7 +14,7 @@ class LearnerParams:
     """When a contact ends."""
 
     contact_s: float = 0.6
-    """How long after its first touch a contact may reach further taxels."""
+    """How long after its first touch a contact may reach further taxels: our choice."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,14 @@ class LearnerState:
     stale: int = 0
     """Samples rejected because their stamp is not finite or does not advance."""
     unseen: int = 0
-    """Contacts without a sample before them, from which nothing was learned."""
+    """Contacts without a perceived sample before them, from which nothing was learned."""
 
 
 def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> LearnerState:
-    """The state after one more sample; the memory changes once for every contact, when it ends or is `contact_s` old.
+    """Add one sample; the memory changes once for every contact, when it ends or is `contact_s` old.
 
-    A stamp that goes back by more than the buffer's length means that the clock was reset: the buffer is emptied."""
+    A stamp that goes back by more than the buffer's length means that the clock was reset: the buffer is emptied.
+    """
     samples = state.buffer.samples
     ahead_s = events.stamp_s - samples[-1].stamp_s if samples else np.inf
     if not np.isfinite(events.stamp_s) or -state.buffer.params.length_s <= ahead_s <= 0:
@@ -69,7 +70,7 @@ def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> Lea
 
 
 def finish(state: LearnerState) -> LearnerState:
-    """Learn from a contact that lasts, as at the end of a recording; once only."""
+    """Learn from a contact that has not ended, as at the end of a recording; once only."""
     if state.contact is None or state.contact.learned:
         return state
     memory = learn(state.memory, state.buffer, state.contact.touched)

@@ -52,7 +52,7 @@ class MemoryParams:
 
 @dataclass(frozen=True)
 class PPSMemory:
-    """What n taxels have learned."""
+    """Counts of touch and no touch of n taxels."""
 
     taxel_ids: tuple[str, ...]
     """Names of the taxels, "part:id"."""

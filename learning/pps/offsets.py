@@ -1,8 +1,7 @@
-"""How far off the robot's idea of its own body is, read from what its skin has learned (R, "Analysis of the
-systematic errors", Fig 8).
+"""Systematic offset of each taxel, read from its map (R, "Analysis of the systematic errors", Fig 8).
 
-A map counts positives by distance and by the time that was left to the touch; the line through them says at
-which distance the touch happens: where the robot errs, this is not where it should be.
+The regression line through the positive samples in (D, TTC) gives the distance that is perceived at the touch, where it
+crosses TTC = 0.  Without errors this is the radius of the object.
 """
 
 from dataclasses import dataclass
@@ -23,12 +22,8 @@ class Line:
 
 
 def orthogonal_line(x: ArrayLike, y: ArrayLike, weights: ArrayLike) -> Line | None:
-    """The line with the least weighted sum of squared orthogonal distances from points (n,), by its crossing
-    with y = 0; None where no line, or one along x, fits best.
-
-    Both axes count as they are: rescale them to what one unit of error is worth.  ValueError for weights
-    that are negative or not as many as points.
-    """
+    """The line with the least weighted sum of squared orthogonal distances from points (n,); None where no line, or one
+    along x, fits best.  ValueError for weights that are negative or not as many as points."""
     x, y, w = (np.asarray(a, dtype=float).ravel() for a in (x, y, weights))
     if not (x.shape == y.shape == w.shape and np.all(w >= 0)):
         raise ValueError(f"{x.size} x, {y.size} y, {w.size} weights: expected as many of each, no weight negative")
@@ -48,9 +43,12 @@ def orthogonal_line(x: ArrayLike, y: ArrayLike, weights: ArrayLike) -> Line | No
 def offsets(memory: PPSMemory, weights: Array | None = None) -> Array:
     """(n,) m: the distance at which each taxel's line crosses TTC = 0, NaN where there is none.
 
-    Through the bins' centres, weighted by the positive samples they hold (each sample counts once; R
-    weights a bin by f: pass `memory.frequency`), axes in metres and seconds, in which nearly all of
-    the scatter is along the distance, as it is in the data.
+    Args:
+        memory: Map of n taxels.
+        weights: (n, D bins, TTC bins) of the bins' centres; default: the positive samples that they hold.  R weights
+            by f: pass `memory.frequency`.
+
+    The axes are in metres and seconds, in which nearly all of the scatter is along the distance, as it is in the data.
     """
     (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
     n_distance, n_ttc = memory.params.bins

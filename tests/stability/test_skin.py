@@ -101,31 +101,10 @@ def test_every_edge_of_every_bin_is_counted_once_or_not_at_all():
         assert np.all(expected > 0) == (PARAMS.distance_range_m[0] <= at <= PARAMS.distance_range_m[1])
 
 
-def test_an_empty_memory_predicts_no_touch():
-    D, TTC = sees([0.0, 0.0, 0.1], [0.0, 0.0, -0.1])
-    assert not activation(PPSMemory.empty(SKIN), D, TTC).any()
-
-
-def test_permuted_trials_give_the_same_memory():
-    some = trials(20)
-    for _ in range(3):
-        np.random.default_rng(SEED).shuffle(some)
-        np.testing.assert_array_equal(learned(some).counts, learned(trials(20)).counts)
-
-
 def test_duplicated_trials_give_the_same_map():
     once, thrice = learned(trials(12)), learned(3 * trials(12))
     D, TTC = sees([0.01, 0.0, 0.06], [0.0, 0.0, -0.1])
     np.testing.assert_allclose(activation(thrice, D, TTC), activation(once, D, TTC))
-
-
-def test_counters_past_two_to_the_31_still_count():
-    full = replace(MEMORY, counts=MEMORY.counts + 2**33)
-    more = count_samples(full, *trial(np.random.default_rng(SEED), 2))
-    assert (more.counts >= full.counts).all()
-    assert 0 < (more.counts - full.counts).sum() <= 160
-    D, TTC = sees([0.0, 0.0, 0.06], [0.0, 0.0, -0.1])
-    np.testing.assert_allclose(activation(more, D, TTC), 0.5, atol=1e-6)
 
 
 def test_two_stimuli_at_once_are_each_perceived_as_if_alone():

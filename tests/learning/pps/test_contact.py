@@ -30,7 +30,7 @@ def test_paths_over_different_taxels_are_distinguished():
     assert (found[:, 2] < 0.1).all(), "never touched"
 
 
-def test_paths_that_say_nothing_are_given_about_the_rate_of_touch():
+def test_paths_without_information_get_about_the_rate_of_touch():
     rng = np.random.default_rng(SEED)
     aims = rng.permutation([0] * 120 + [1] * 40)
     trials = [replace(approach(rng, 0, beside_m=0.015), touched=np.arange(3) == aim) for aim in aims]
@@ -39,7 +39,7 @@ def test_paths_that_say_nothing_are_given_about_the_rate_of_touch():
 
 
 def test_before_any_contrast_the_nearer_taxel_is_the_likelier():
-    """All trials so far touched both taxels or none, so that only what is believed beforehand tells them apart."""
+    """All trials so far touched both taxels or none, so that only the prior distinguishes them."""
     rng = np.random.default_rng(SEED)
     same = [replace(approach(rng, i % 2), touched=np.array([True, True, False])) for i in range(6)]
     left, right = approach(rng, 0), approach(rng, 1)
@@ -48,7 +48,7 @@ def test_before_any_contrast_the_nearer_taxel_is_the_likelier():
     assert found[1, 1] > found[0, 1]
 
 
-def test_a_trial_out_of_reach_is_given_the_rate_and_said_to_be():
+def test_a_trial_out_of_reach_gets_the_rate_of_touch_and_is_marked():
     trials = list(session(np.random.default_rng(1), 8))
     far = replace(trials[0], d_m=trials[0].d_m + np.array([0, 0, 1.0]))
     learned = learn_contact(PARAMS, tuple(trials))
@@ -62,7 +62,7 @@ def test_a_trial_out_of_reach_is_given_the_rate_and_said_to_be():
     np.testing.assert_allclose(nothing.probability[0], [2.5 / 3, 0.5 / 3, 0.5 / 3])
 
 
-def test_what_never_came_near_says_nothing_of_what_does():
+def test_trials_out_of_reach_do_not_change_those_in_reach():
     """Paths that end on a taxel half of the time, predicted by a map that has also seen hundreds pass far away."""
     rng = np.random.default_rng(SEED)
     near = tuple(approach(rng, i % 2) for i in range(60))
@@ -85,7 +85,7 @@ def test_nothing_later_than_the_horizon_is_used(horizon_s):
     learned = learn_contact(params, trials)
     after = tuple(changed(trial, horizon_s) for trial in trials)
     before = tuple(changed(trial, horizon_s + 0.11) for trial in trials)
-    np.testing.assert_array_equal(learn_contact(params, after).middle, learned.middle)
+    np.testing.assert_array_equal(learn_contact(params, after).mean, learned.mean)
     np.testing.assert_array_equal(
         predict_contact(params, learned, after).probability, predict_contact(params, learned, trials).probability
     )
@@ -117,14 +117,14 @@ def test_intervals_hold_the_probability_and_narrow_with_trials():
     assert widths[0] > 1.2 * widths[1] > 1.5 * widths[2]
 
 
-def test_one_lucky_trial_is_not_certainty():
+def test_one_trial_is_not_certainty():
     rng = np.random.default_rng(5)
     found = predict_contact(PARAMS, learn_contact(PARAMS, (approach(rng, 0),)), (approach(rng, 0),))
     assert found.probability[0, 0] > 0.5
     assert found.lower[0, 0] < 0.5
 
 
-def test_an_outlier_says_no_more_than_the_farthest_path():
+def test_an_outlier_counts_no_more_than_a_path_at_three_sigmas():
     trials = session(np.random.default_rng(6), 16)
     learned = learn_contact(PARAMS, trials)
     lost = [replace(trials[0], d_m=trials[0].d_m + np.array([x, 0.0, 0.0])) for x in (-0.06, -0.1, 0.06, 0.1)]
@@ -172,7 +172,7 @@ def test_with_many_trials_it_is_bayes_rule():
 
 @pytest.mark.parametrize("n", [12, 37])
 def test_intervals_cover_the_truth(n):
-    """What is believed beforehand holds here: differences of the size that 5 trials would leave open."""
+    """Differences are drawn from the prior: of the size that 5 trials leave open."""
     rng = np.random.default_rng(SEED)
     params = ContactParams(offset_m=1e-3)
     covered = []
@@ -205,9 +205,9 @@ def moved(trials: tuple[Trial, ...], by_m: float) -> tuple[Trial, ...]:
     return tuple(replace(trial, d_m=trial.d_m + np.array([by_m, 0, 0])) for trial in trials)
 
 
-def test_another_session_is_foretold_in_spite_of_its_offset():
-    """Taxels 3 cm apart, frames displaced by as much: paths to one pass where those to the other did.  Alone that is
-    hopeless; from their paths' mean it is undone, bit by bit: never more than was wrong, in the end nearly all."""
+def test_another_session_is_predicted_in_spite_of_its_offset():
+    """Taxels 3 cm apart, frames displaced by as much: paths to one pass where those to the other did.  The mean of
+    the paths gives the offset, better with every trial."""
     rng = np.random.default_rng(SEED)
     learned, other = learn_contact(PARAMS, session(rng, 24)), session(rng, 40)
     touched = np.array([trial.touched for trial in other])[:, :2]
@@ -217,14 +217,14 @@ def test_another_session_is_foretold_in_spite_of_its_offset():
     assert auroc(touched[20:], found[20:]) > 0.99
 
 
-def test_a_session_without_an_offset_is_foretold_about_as_well():
+def test_a_session_without_an_offset_is_predicted_about_as_well():
     rng = np.random.default_rng(SEED)
     learned, other = learn_contact(PARAMS, session(rng, 24)), session(rng, 40)
     touched = np.array([trial.touched for trial in other])[:, :2]
     assert auroc(touched, predict_session(PARAMS, learned, other).probability[:, :2]) > 0.99
 
 
-def test_what_comes_later_in_a_session_changes_nothing_before():
+def test_later_trials_of_a_session_do_not_change_earlier_predictions():
     rng = np.random.default_rng(SEED)
     learned, other = learn_contact(PARAMS, session(rng, 12)), session(rng, 6)
     far = moved(other, 0.5)  # out of reach: says nothing of the session
@@ -234,7 +234,7 @@ def test_what_comes_later_in_a_session_changes_nothing_before():
     np.testing.assert_array_equal(whole.probability[:1], predict_contact(PARAMS, learned, far[:1]).probability)
 
 
-def test_a_session_after_one_trial_is_foretold_as_it_is():
+def test_after_one_trial_no_offset_is_estimated():
     rng = np.random.default_rng(SEED)
     learned, other = learn_contact(PARAMS, session(rng, 1)), session(rng, 4)
     np.testing.assert_array_equal(

@@ -1,4 +1,4 @@
-"""Encoders that are off by known angles, and what touches in other postures say after the offsets are learned."""
+"""Encoders with known offsets: touches are located, and the estimated offsets hold in other postures."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from data import SEED
 
 from control.fixation import gaze_at
-from learning.pps.joint_offsets import JointOffsetParams, joint_offsets, touching
+from learning.pps.joint_offsets import JointOffsetParams, felt_position, joint_offsets
 from learning.pps.trials import TouchTrial
 from pps_vision.experiments.pps.robot_errors import ErringRobot, only
 from pps_vision.geometry.se3 import inverse, move_points
@@ -59,23 +59,23 @@ def miss_mm(robot: ErringRobot, trials: list[TouchTrial]) -> float:
     return 1000 * float(np.median(np.linalg.norm(missed, axis=1)))
 
 
-def test_a_touch_says_where_a_ball_is() -> None:
+def test_a_ball_is_located_from_the_taxels_that_it_touches() -> None:
     """One taxel of a plane: on its normal, between just felt and pressed on.  Two: between them."""
     apart = 0.02 * np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), axis=-1).reshape(-1, 2)
     positions = np.column_stack([apart, np.zeros(16)])
     plane = SkinPart("plane", "frame", tuple(range(16)), positions, np.tile([0.0, 0.0, 1.0], (16, 1)))
     alone = SkinPart("alone", "frame", (0,), positions[5:6], plane.normals[5:6])
-    (x, y, z), cov = touching(alone, np.ones(1, bool), RADIUS_M)
+    (x, y, z), cov = felt_position(alone, np.ones(1, bool), RADIUS_M)
     np.testing.assert_allclose([x, y], positions[5, :2], atol=0.003)
     assert RADIUS_M / 2 < z < RADIUS_M + TOUCH_RADIUS_M
     assert cov[0, 0] == pytest.approx(cov[1, 1], rel=0.1)
     assert 0.012**2 < cov[2, 2] < cov[0, 0] < 0.05**2, "it may be further aside than off the plane"
-    between, _ = touching(plane, np.isin(np.arange(16), (5, 6)), 0.005)
+    between, _ = felt_position(plane, np.isin(np.arange(16), (5, 6)), 0.005)
     np.testing.assert_allclose(between[:2], positions[5:7, :2].mean(axis=0), atol=0.003)
     rng, missed, sigmas = np.random.default_rng(SEED), [], []
     for _ in range(40):
         ball = np.append(rng.uniform(0, 0.06, 2), RADIUS_M + rng.uniform(0, 0.015))
-        mean, cov = touching(plane, touched_taxels(positions, ball, RADIUS_M), RADIUS_M)
+        mean, cov = felt_position(plane, touched_taxels(positions, ball, RADIUS_M), RADIUS_M)
         missed.append(mean - ball)
         sigmas.append(np.sqrt(missed[-1] @ np.linalg.solve(cov + 0.002**2 * np.eye(3), missed[-1])))
     assert np.median(np.linalg.norm(missed, axis=1)) < 0.015
@@ -83,14 +83,14 @@ def test_a_touch_says_where_a_ball_is() -> None:
 
 
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
-def test_what_touches_say_of_the_joints_holds_in_other_postures(seed: int) -> None:
+def test_estimated_offsets_hold_in_other_postures(seed: int) -> None:
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(seed).standard_normal(ROBOT.n_joints))
     better = off.calibrated(seen(off, lying(30, seed)))
     before, after = (miss_mm(of, lying(24, seed + 1)) for of in (off, better))
     assert after < min(8, before)
 
 
-def test_eyes_that_converge_less_than_they_believe_are_told_from_the_arm() -> None:
+def test_an_error_of_the_vergence_is_not_attributed_to_the_arm() -> None:
     pans = ROBOT.indices(("left_eye_pan", "right_eye_pan"))
     offsets = np.zeros(ROBOT.n_joints)
     offsets[pans] = np.deg2rad([2.0, -2.0])
@@ -101,7 +101,7 @@ def test_eyes_that_converge_less_than_they_believe_are_told_from_the_arm() -> No
     assert np.abs(np.delete(found, pans)).max() < 2.0
 
 
-def test_one_touch_seen_wildly_wrong_changes_little() -> None:
+def test_one_outlier_changes_little() -> None:
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
     trials = seen(off, lying(20, SEED))
     wild = replace(trials[3], positions=trials[3].positions + np.array([0.1, 0.2, -0.1]))
@@ -110,7 +110,7 @@ def test_one_touch_seen_wildly_wrong_changes_little() -> None:
     assert miss_mm(with_it, others) < miss_mm(without, others) + 4
 
 
-def test_who_errs_in_nothing_learns_little_and_who_was_never_touched_nothing() -> None:
+def test_without_errors_little_is_estimated_and_without_touches_nothing() -> None:
     right = robot_off_by(np.zeros(ROBOT.n_joints))
     trials = seen(right, lying(20, SEED))
     assert miss_mm(right.calibrated(trials), lying(10, SEED + 1)) < 8
@@ -123,7 +123,7 @@ def test_who_errs_in_nothing_learns_little_and_who_was_never_touched_nothing() -
         assert len(found.before_m) == len(found.after_m) == 0
 
 
-def test_few_touches_do_more_good_than_harm() -> None:
+def test_two_touches_reduce_the_error() -> None:
     off = robot_off_by(np.deg2rad(2.0) * np.random.default_rng(SEED).standard_normal(ROBOT.n_joints))
     others = lying(24, SEED + 1)
     for n in (2, 4):
@@ -131,6 +131,6 @@ def test_few_touches_do_more_good_than_harm() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"joint_rad": 0.0}, {"taxel_m": -0.01}, {"outlier_sigmas": np.nan}])
-def test_beliefs_that_are_none_are_refused(wrong: dict[str, float]) -> None:
+def test_standard_deviations_of_0_or_less_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="standard deviations above 0"):
         JointOffsetParams(**wrong)

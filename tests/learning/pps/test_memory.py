@@ -1,4 +1,4 @@
-"""The PPS memory: counting, interpolation, and a shower of objects whose contact probability is known."""
+"""The PPS memory: counting, interpolation, and simulated objects whose contact probability is known."""
 
 import zipfile
 import zlib
@@ -79,11 +79,11 @@ def test_the_order_of_samples_and_taxels_does_not_matter():
     )
 
 
-def test_empty_memory_expects_nothing():
+def test_an_empty_memory_predicts_no_touch():
     assert not activation(PPSMemory.empty(FOREARMS), np.full(N, 0.05), np.full(N, 0.5)).any()
 
 
-def test_nothing_is_expected_outside_the_ranges():
+def test_outside_the_ranges_the_activation_is_0():
     memory = replace(random_memory(), counts=np.ones((N, 8, 4, 2), np.int64))
     ones = np.ones(N)
     for D, TTC in ((-0.101, 1), (0.201, 1), (0.1, -0.01), (0.1, 3.01), (0.1, np.inf), (np.nan, 1), (0.1, np.nan)):
@@ -112,8 +112,8 @@ def test_leading_axes_are_moments():
     assert together.max() <= 1
 
 
-def test_a_shower_of_objects_teaches_the_chance_of_contact():
-    """Objects fall straight down on a flat skin, landing with σ 5 cm about the middle taxel; one counts as
+def test_many_objects_teach_the_probability_of_contact():
+    """Objects move straight down on a flat skin, landing with σ 5 cm about the middle taxel; one counts as
     touched when the object lands within 2 cm of it.  The middle taxel is never nearer than 5 cm to
     another, so P(touch | D, TTC) follows from geometry: D² = h² + r², TTC = D²/(h·speed), with r the
     distance from where it lands."""
@@ -272,7 +272,7 @@ def test_counters_pass_two_to_the_31():
     np.testing.assert_allclose(activation(thousand, *at), activation(memory, *at))
 
 
-def test_a_taxel_comes_once():
+def test_a_taxel_twice_is_refused():
     memory = random_memory()
     with pytest.raises(ValueError, match="24 taxels, 23 different names"):
         replace(memory, taxel_ids=(memory.taxel_ids[1], *memory.taxel_ids[1:]))
