@@ -2,8 +2,8 @@
 
 A touch gives the position of an object: at the taxels that feel it.  The kinematic chain from the eyes to that skin
 holds all joints of head and arm, so touches in several postures constrain their offsets (Roncone et al. 2014 calibrate
-two arms that touch each other in this way).  One offset in metres would not suffice: an error of the vergence of 1° places
-an object at 20 cm 1 cm too far and one at 35 cm 3 cm.
+two arms that touch each other in this way).  One offset in metres would not suffice: an error of the vergence of 1°
+places an object at 20 cm 1 cm too far and one at 35 cm 3 cm.
 """
 
 from collections.abc import Iterable

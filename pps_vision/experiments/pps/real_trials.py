@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_contact, predict_session
 from learning.pps.scores import auroc, brier
-from learning.pps.trials import Trial, load_trials, touch_rates
+from learning.pps.trials import Trial, load_trials
 from pps_vision.experiments import charts
-from pps_vision.experiments.pps.calibration import BINS, scores
 from pps_vision.experiments.pps.perceived import HORIZON_S
 from pps_vision.experiments.pps.predictors import (
     Predictor,
@@ -29,7 +28,7 @@ from pps_vision.experiments.pps.predictors import (
     in_blocks,
     outcomes,
 )
-from pps_vision.experiments.study import DATA, Study, interval, mean
+from pps_vision.experiments.study import DATA, Study, interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask
 
@@ -76,7 +75,6 @@ class RealTrials(Study):
             "trials": len(trials),
             "touched": touched.sum(axis=0).tolist(),
             "methods": {name: self._scores(method, trials) for name, method in METHODS.items()},
-            "reliability": scores(touched, in_blocks(METHODS[OURS], trials, HORIZON_S)),
             "horizons": {
                 name: [brier(touched, in_blocks(method, trials, h)) for h in HORIZONS_S]
                 for name, method in METHODS.items()
@@ -99,7 +97,7 @@ class RealTrials(Study):
         return found
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Draw the gain on the base rate, Brier scores by horizon, and the reliability; nothing without data."""
+        """Draw the gain on the base rate and Brier scores by horizon; nothing without data."""
         if "skipped" in numbers:
             return {}
         methods, (axis,) = charts.panels(1, width=6.4)
@@ -111,10 +109,7 @@ class RealTrials(Study):
         horizon, (axis,) = charts.panels(1, width=5.6)
         charts.curves(axis, HORIZONS_S, numbers["horizons"], "known until (s before the touch)", "Brier score")
         axis.legend(fontsize=8)
-        reliability, (axis,) = charts.panels(1, width=5.2)
-        stated = (100 * (np.arange(BINS) + 0.5) / BINS).tolist()
-        charts.calibration(axis, stated, {OURS: numbers["reliability"]["touched_percent"]}, "touched (%)")
-        return {"methods": methods, "horizon": horizon, "reliability": reliability}
+        return {"methods": methods, "horizon": horizon}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the scores by method, and of ours on another session."""
@@ -124,12 +119,12 @@ class RealTrials(Study):
         rows = [[m, *(estimate(of[split][key]) for split, key in splits)] for m, of in numbers["methods"].items()]
         names = {"auroc": "AUROC", "brier": "Brier score"}
         ours = Table(["", *(f"{names[key]}, {_SPLITS[split]}" for split, key in splits)], rows)
-        keys = ("auroc", "brier", "base_rate_brier", "both_better_percent")
+        keys = ("auroc", "brier", "base_rate_brier")
         rows = []
         for name in OTHER_SESSION:
             for of in numbers["other_session"][name]:
                 rows.append([f"displaced by {1000 * of['offset_m']:g} mm, {name}", *(f"{of[key]:.3g}" for key in keys)])
-        other = Table(["test session, method", "AUROC", "Brier score", "base rate's", "both better than its (%)"], rows)
+        other = Table(["test session, method", "AUROC", "Brier score", "base rate's"], rows)
         return {"": ours, "other_session": other}
 
 
@@ -146,30 +141,19 @@ def displaced(
     predict: Predict, trials: tuple[Trial, ...], splits: Sequence[list[NDArray[np.intp]]]
 ) -> list[dict[str, float]]:
     """Return scores on test trials displaced as by another calibration, means over splits and six directions."""
-    rows, params = [], ContactParams(horizon_s=HORIZON_S)
+    found, params = [], ContactParams(horizon_s=HORIZON_S)
     for offset_m in OFFSETS_M:
-        found = []
+        rows = []
         for shift in offset_m * np.concatenate([np.eye(3), -np.eye(3)]):
             for train, test in splits:
+                training = tuple(trials[i] for i in train)
                 moved = tuple(replace(trials[i], d_m=trials[i].d_m + shift) for i in test)
-                found.append(_against_base_rate(predict, params, tuple(trials[i] for i in train), moved))
-        rows.append({"offset_m": offset_m} | _means(found))
-    return rows
-
-
-def _against_base_rate(
-    predict: Predict, params: ContactParams, train: tuple[Trial, ...], test: tuple[Trial, ...]
-) -> tuple[float, float, float, float]:
-    """AUROC and Brier score, and the base rate's."""
-    touched, p = outcomes(test), predict(params, learn_contact(params, train), test).probability
-    base = np.tile(touch_rates(train), (len(test), 1))
-    return auroc(touched, p), brier(touched, p), auroc(touched, base), brier(touched, base)
-
-
-def _means(rows: Sequence[tuple[float, float, float, float]]) -> dict[str, float]:
-    a, b, base_a, base_b = np.array(rows).T
-    better = 100 * mean((a > base_a) & (b < base_b))
-    return {"auroc": mean(a), "brier": mean(b), "base_rate_brier": mean(base_b), "both_better_percent": better}
+                touched, p = outcomes(moved), predict(params, learn_contact(params, training), moved).probability
+                base_rate = by_base_rate(training, moved, HORIZON_S)
+                rows.append((auroc(touched, p), brier(touched, p), brier(touched, base_rate)))
+        means = map(float, np.mean(rows, axis=0))
+        found.append({"offset_m": offset_m} | dict(zip(("auroc", "brier", "base_rate_brier"), means, strict=True)))
+    return found
 
 
 def _permuted(trials: tuple[Trial, ...], n: int, rng: np.random.Generator) -> dict[str, float]:

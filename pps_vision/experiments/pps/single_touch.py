@@ -51,14 +51,11 @@ class SingleTouch(Study):
         before_s, found = repeat_approaches(simulation, params, self.n, np.random.default_rng(self.seed))
         above = found > THRESHOLD
         lead_s = np.max(np.where(above, before_s[:, None], 0.0), axis=0)
-        from_then_on = np.cumprod(above[::-1], axis=0)[::-1] == 1
         at_lead = int(np.argmin(np.abs(before_s - LEAD_S)))
         shown = before_s <= 2.0
         return {
-            "first_passed_s": [round(float(q), 2) for q in np.percentile(lead_s, (50, 0, 100))],
             "passed_at_lead_percent": round(100 * float(np.mean(lead_s >= LEAD_S - 1e-9)), 1),
             "above_at_lead_percent": round(100 * float(above[at_lead].mean()), 1),
-            "above_from_lead_on_percent": round(100 * float(from_then_on[at_lead].mean()), 1),
             "before_s": before_s[shown].round(3).tolist(),
             "activation": np.percentile(found[shown], (50, 5, 95), axis=1).T.round(3).tolist(),
         }

@@ -36,7 +36,7 @@ def test_the_study_on_a_few_trials(tmp_path: Path) -> None:
     assert list(numbers["methods"]) == list(METHODS)
     value, low, high = numbers["methods"][OURS]["leave_one_out"]["auroc"]
     assert low <= value <= high
-    assert set(charts) == {"methods", "horizon", "reliability"}
+    assert set(charts) == {"methods", "horizon"}
 
 
 def test_without_data_the_study_is_skipped(tmp_path: Path) -> None:
