@@ -30,6 +30,35 @@ def test_paths_over_different_taxels_are_distinguished():
     assert (found[:, 2] < 0.1).all(), "never touched"
 
 
+def test_the_displacement_is_the_mean_of_the_last_three_samples_known_and_in_reach():
+    height = np.array([0.30, 0.19, 0.18, 0.17, 0.25, 0.13, 0.02, 0.01])
+    d = np.zeros((8, 1, 3))
+    d[:, 0, 2] = height
+    trial = Trial(0.1 * np.arange(8), d, np.zeros_like(d), np.array([True]))
+    found = displacements(ContactParams(horizon_s=0.2), (trial,))  # the sample at 0.5 s is known
+    np.testing.assert_allclose(found, [[[0, 0, np.mean([0.18, 0.17, 0.13])]]])
+
+
+def test_the_covariance_is_pooled_within_touches_and_misses():
+    rng = np.random.default_rng(SEED)
+    trials = tuple(_world(rng, 9, 0.4, np.array([0.01, 0.0, 0.0]), 0.01))
+    u, touched = displacements(PARAMS, trials)[:, 0], np.array([trial.touched[0] for trial in trials])
+    sums = [(kind.sum() - 1) * np.cov(u[kind].T) for kind in (touched, ~touched)]
+    expected = sum(sums) / (len(trials) - 2) + PARAMS.offset_m**2 * np.eye(3)
+    np.testing.assert_allclose(np.linalg.inv(learn_contact(PARAMS, trials).precision), expected)
+
+
+def test_a_trial_in_reach_of_some_taxels_only_says_nothing_about_the_session():
+    rng = np.random.default_rng(SEED)
+    training, other = session(rng, 9), session(rng, 4)
+    partly = replace(training[0], d_m=training[0].d_m + np.array([[0.0, 0, 0], [0, 0, 1.0], [0, 0, 1.0]]))
+    learned, more = learn_contact(PARAMS, training), learn_contact(PARAMS, (*training, partly))
+    assert more.session_trials == learned.session_trials == 9
+    np.testing.assert_array_equal(more.session_mean, learned.session_mean)
+    after = predict_session(PARAMS, learned, (partly, *other)).probability[1:]
+    np.testing.assert_array_equal(after, predict_session(PARAMS, learned, other).probability)
+
+
 def test_paths_without_information_get_about_the_rate_of_touch():
     rng = np.random.default_rng(SEED)
     aims = rng.permutation([0] * 120 + [1] * 40)

@@ -37,8 +37,8 @@ def test_taxels_touched_one_after_the_other_are_one_contact():
 
 
 def test_a_touch_is_learned_when_it_ends_or_lasts():
-    assert samples(run([[]] * 10 + [[1]] * 5)) == [[0, 0]] * 4
-    long = run([[]] * 10 + [[1]] * 30)
+    assert samples(run([[]] * 10 + [[1]] * 12)) == [[0, 0]] * 4  # 0.55 s
+    long = run([[]] * 10 + [[1]] * 13)
     assert samples(long) == [[0, 11], [11, 0], [0, 11], [0, 11]]
     assert samples(run([[]] * 3, long, start=2.0)) == samples(long)  # its end teaches nothing more
 
@@ -55,13 +55,15 @@ def test_a_contact_cut_off_by_the_end_can_be_finished_once():
 
 
 def test_a_stale_sample_is_rejected_and_counted():
-    """A frozen clock, a stamp that is no number, one a little late: nothing changes but the count."""
-    events = [TaxelEvents(t, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), np.zeros(4, bool)) for t in (1.0, 1.0, 0.9)]
+    """A frozen clock, a stamp that is no number, one late by less than the buffer's 3 s: only the count changes."""
+    events = [
+        TaxelEvents(t, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), np.zeros(4, bool)) for t in (1.0, 1.0, 0.9, -1.9)
+    ]
     events += [replace(events[0], stamp_s=t) for t in (np.nan, np.inf, -np.inf)]
     state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
     for sample in events:
         state = step(LearnerParams(), state, sample)
-    assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 5, 0)
+    assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 6, 0)
 
 
 def test_a_clock_set_back_does_not_stop_learning():
