@@ -4,15 +4,14 @@ from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
-from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from learning.reach.measures import hand_and_params
 from learning.reach.names import MeasureName
 from learning.reach.training import ArmLimits, MapParams, train_reachable_map
-from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.study import Study, percent, rms
+from pps_vision.experiments.tables import Table
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -39,38 +38,31 @@ class Measures(Study):
     """Of the palm."""
 
     def run(self) -> dict[str, Any]:
-        """Return by map JE (%), RMS error of the measure beside the spread of the truth; correlations of the truths."""
+        """Return by map JE (%), RMS error of the measure beside the spread of the truth."""
         robot = load_icub()
         test = np.random.default_rng(self.seed + 1_000_000).uniform(_GAZE.lower, _GAZE.upper, (self.n_test, 3))
         cases = [*(("right", "palm", name) for name in self.measures), ("left", _TAXEL, "joint-limits")]
         base = MapParams(_GAZE, n_labels=self.n_labels, round_labels=min(1500, self.n_labels // 2))
-        rows, truths = {}, []
+        rows = {}
         for side, end_point, measure in tqdm(cases, desc="maps", disable=None):
             hand, params = hand_and_params(robot, side, end_point, measure, base)
             learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand)
             said, true = learned.query(test), best_measure(robot, side, end_point, params, test)
             reachable = np.isfinite(true)
-            truths.append(true)
             rows[f"{end_point}, {measure}"] = {
                 "je": percent(said.reachable != reachable),
                 "reachable": percent(reachable),
                 "rmse": rms((2 * said.degree - 1 - true)[said.reachable & reachable]),
                 "spread": float(np.std(true[reachable])),
             }
-        palm = np.isfinite(truths[0])
-        correlation = np.corrcoef([true[palm] for true in truths[:-1]])
-        return {"maps": rows, "correlation_of_palm": correlation.round(3).tolist()}
+        return {"maps": rows}
 
-    def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Draw the learned measure's error beside the spread of the truth."""
-        figure, (axis,) = charts.panels(1, width=6.4)
-        rows = numbers["maps"].values()
-        series = {"RMS error of the map": "rmse", "standard deviation of the truth": "spread"}
-        charts.bars(
-            axis, list(numbers["maps"]), {n: [row[key] for row in rows] for n, key in series.items()}, "measure"
-        )
-        axis.legend(fontsize=8)
-        return figure
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the learned measure's error beside the spread of the truth."""
+        header = ["map of", "reachable (%)", "JE (%)", "RMS error of the measure", "its standard deviation"]
+        keys = ("reachable", "je", "rmse", "spread")
+        rows = [[name, *(f"{row[key]:.2g}" for key in keys)] for name, row in numbers["maps"].items()]
+        return {"": Table(header, rows)}
 
 
 def best_measure(robot: Robot, side: str, end_point: str, params: MapParams, gaze: Array) -> Array:

@@ -4,10 +4,7 @@ The hand is fixated by kinematics within joint limits; inverse kinematics runs o
 never on the robot's own.  Maps are judged against the learned kinematics, as in J, and against the true ones.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from time import process_time
 from typing import Any
 
 import numpy as np
@@ -34,7 +31,7 @@ _EXTREMES_OF_J = {"C, farthest": (11.17, 15.0), "D, closest": (89.15, 105.0)}  #
 
 @dataclass(frozen=True)
 class WholePaper(Study):
-    """Forward model, Basic and Enhanced map from babbling alone, ours and as in J: JE, FN, FP, RMSE, processor time."""
+    """Forward model, Basic and Enhanced map from babbling alone, ours and as in J: JE, FN, FP and RMSE."""
 
     seed: int = 0
     """Seed of the babbling and of the labels; what is judged on has another."""
@@ -48,24 +45,17 @@ class WholePaper(Study):
     """Gaze postures the maps are judged on."""
 
     def run(self) -> dict[str, Any]:
-        """Return processor time of the stages, and by map its scores against the learned and the true kinematics."""
-        robot, rng, seconds = load_icub(), np.random.default_rng(self.seed), dict[str, float]()
-        with _timed(seconds, "babbling"):
-            babbled = babble(robot, "right", self.n_tried, rng)
-        with _timed(seconds, "forward model"):
-            model = RevoluteArm()
-            model.learn(babbled.arm_rad, babbled.gaze_rad)
-            model.forward(babbled.arm_rad[:1])  # fitted when first asked
+        """Return by map its scores against the learned and the true kinematics; slices and planes; extreme postures."""
+        robot, rng = load_icub(), np.random.default_rng(self.seed)
+        babbled, model = babble(robot, "right", self.n_tried, rng), RevoluteArm()
+        model.learn(babbled.arm_rad, babbled.gaze_rad)
         hand = HandModel(model.forward, model.points, model.gaze)
         params = replace(_PARAMS, n_labels=self.labels, round_labels=min(_PARAMS.round_labels, self.labels // 2))
-        with _timed(seconds, _OURS):
-            learned = train_reachable_map(robot, "right", rng, params, hand)
+        learned = train_reachable_map(robot, "right", rng, params, hand)
         limits, error_m = params.gaze_limits, learned.max_error_m
-        with _timed(seconds, f"labels of {_JAMONE}"):
-            gaze = rng.uniform(limits.lower, limits.upper, (self.labels_of_j, 3))
-            labels = ReachOracle(robot, "right", params, rng, hand).label(gaze)
-        with _timed(seconds, _JAMONE):
-            lwpr = jamone.lwpr_map(labels, error_m, limits)
+        gaze = rng.uniform(limits.lower, limits.upper, (self.labels_of_j, 3))
+        labels = ReachOracle(robot, "right", params, rng, hand).label(gaze)
+        lwpr = jamone.lwpr_map(labels, error_m, limits)
         maps: dict[str, jamone.MapQuery] = {_OURS: learned.query, _JAMONE: lwpr}
         test_rng = np.random.default_rng(self.seed + 1_000_000)
         truth = MapTruth.of(robot, self.n_test, test_rng)
@@ -74,7 +64,6 @@ class WholePaper(Study):
         return {
             "fixated": len(babbled.arm_rad),
             "forward_model_deg": score(model, test)[0],
-            "processor_s": seconds,
             "unanswered": {_OURS: learned.unanswered, _JAMONE: int((~labels.answered).sum())},
             "maps": {
                 name: {"true": truth.judge(query, error_m), "learned": judge_by_labels(query, believed, error_m)}
@@ -99,14 +88,6 @@ class WholePaper(Study):
         ]  # fmt: skip
         rows.append(["J's figures", *(f"{jamone.RESULTS[key]:g}" for key in keys.values()), "–"])
         return {"": Table(["map: true / learned kinematics", *keys, "JE in J's box (%)"], rows)}
-
-
-@contextmanager
-def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
-    """Note a stage's processor time."""
-    begun = process_time()
-    yield
-    seconds[stage] = process_time() - begun
 
 
 def extremes(babbled: Babbled) -> dict[str, dict[str, float]]:

@@ -40,7 +40,6 @@ def test_verdicts_are_counted_at_the_true_position() -> None:
     assert len(values["frames"]) == 4
     np.testing.assert_array_equal(values["truly_reachable"], [True, True, False, False])
     np.testing.assert_array_equal(values["right"], [True, False, False, True])
-    np.testing.assert_array_equal(values["right_if_likelier"], [True, True, False, True])
     np.testing.assert_array_equal(values["false_positives"], [False, False, True, False])
     np.testing.assert_array_equal(values["false_negatives"], [False, True, False, False])
     np.testing.assert_array_equal(values["not_fixated"], [False, False, False, True])

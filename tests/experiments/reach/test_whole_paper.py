@@ -7,7 +7,6 @@ import pytest
 from drawn_study import run_and_draw
 
 from pps_vision.experiments.reach import paper_figures, whole_paper
-from pps_vision.experiments.reach.paper_figures import from_text, to_text
 from pps_vision.experiments.reach.whole_paper import WholePaper
 
 
@@ -26,13 +25,8 @@ def test_maps_from_babbling_alone_know_the_true_arm(monkeypatch: pytest.MonkeyPa
     assert [len(figure.axes) for figure in figures.values()] == [7, 7]
 
 
-def test_a_grid_is_written_and_read_back() -> None:
-    degree = np.array([[0.25, np.nan, 1.0], [0.0, 0.51, 0.07]])
-    np.testing.assert_allclose(from_text(to_text(degree, 3)), degree)
-
-
 def test_simulator_coordinates_are_those_of_the_public_code() -> None:
     """J's box in the root frame, as the maps are judged in it."""
-    corners = paper_figures._to_root(np.array([[-0.10, 0.75, 0.20], [0.10, 0.95, 0.35]]))
+    corners = paper_figures.to_root(np.array([[-0.10, 0.75, 0.20], [0.10, 0.95, 0.35]]))
     np.testing.assert_allclose(corners, [[-0.226, 0.10, 0.1524], [-0.376, -0.10, 0.3524]])
-    np.testing.assert_allclose(paper_figures._to_simulator(corners), [[-0.10, 0.75, 0.20], [0.10, 0.95, 0.35]])
+    np.testing.assert_allclose(paper_figures.to_simulator(corners), [[-0.10, 0.75, 0.20], [0.10, 0.95, 0.35]])
