@@ -63,5 +63,5 @@ def reachability(reachable_map: "ReachableMap", gaze_rad: Array, device: str) ->
 
 
 def _isotropic(gaze_rad: Tensor) -> Tensor:
-    """As `reachable.isotropic`."""
+    """As `lattice.isotropic`."""
     return torch.cat([gaze_rad[..., :2], torch.tan(gaze_rad[..., 2:] / 2).log()], dim=-1)

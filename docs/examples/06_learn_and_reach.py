@@ -8,7 +8,8 @@ import numpy as np
 
 import pps_vision as pv
 from learning.pps.memory import activation
-from learning.reach.training import MapParams, train_reachable_map
+from learning.reach.params import MapParams
+from learning.reach.training import train_reachable_map
 
 with TemporaryDirectory() as folder:
     place = Path(folder)

@@ -1,11 +1,10 @@
 """Motor babbling: random arm postures and the gaze postures that fixate the hand (J IV C)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from learning.reach.training import ArmLimits
+from learning.reach.params import ArmLimits
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.model import Robot
@@ -69,12 +68,3 @@ def gaze_at(place: Array) -> Array:
     x, y, z = place.T
     ahead = np.hypot(y, z)
     return np.stack([np.arctan2(x, ahead), np.arctan2(y, z), 2 * np.arctan2(0.5, np.hypot(x, ahead))], axis=1)
-
-
-def score(model: Callable[[Array], Array], test: Babbled) -> tuple[float, float]:
-    """RMSE in degrees over postures and gaze angles where the model has an answer (NaN if it has none), and the share
-    of postures where it has none."""
-    off = model(test.arm_rad) - test.gaze_rad
-    answered = np.isfinite(off).all(axis=1)
-    rmse = np.rad2deg(np.sqrt(np.mean(off[answered] ** 2))) if answered.any() else np.nan
-    return float(rmse), 1 - float(answered.mean())

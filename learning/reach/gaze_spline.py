@@ -4,7 +4,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
-from learning.reach.map import isotropic
+from learning.reach.lattice import isotropic
 from pps_vision.types import Array
 
 _NEIGHBOURS = 30  # 60 reduce the error on a distance field by 2 %, 15 raise it by 10 %

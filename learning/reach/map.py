@@ -14,59 +14,16 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from learning.archive import read_archive, write_archive
+from learning.reach.labels import Labels
+from learning.reach.lattice import Lattice
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
 _KIND, _VERSION = "reachable-space map", 4
-_ROWS = 1 << 14  # interpolated at a time: 1 << 20 take half as long again
-_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
-
-
-def isotropic(gaze_rad: Array) -> Array:
-    """Gaze postures (…, 3) as yaw, pitch and ln tan(vergence/2), minus the logarithm of the distance: a step
-    of 0.01 is 1 % of the viewing distance in any direction (per rad of vergence the fixation point
-    moves 1/sin(vergence) times as far as per rad of yaw)."""
-    same = gaze_rad.copy()
-    same[..., 2] = np.log(np.tan(gaze_rad[..., 2] / 2))
-    return same
-
-
-@dataclass(frozen=True)
-class Labels:
-    """Answers of inverse kinematics for n gaze postures."""
-
-    gaze_rad: Array
-    """(n, 3)"""
-    reachable: Mask
-    """(n,) whether the hand reaches the fixation point."""
-    error_m: Array
-    """(n,) distance left between hand and fixation point; NaN where inverse kinematics did not converge, which says
-    nothing about reach."""
-    optimality: Array
-    """(n,) of the best posture; NaN where out of reach."""
-    border_rad: Array
-    """(n, 3) gaze posture of the nearest point that the hand does reach; NaN where there is none."""
-
-    def __post_init__(self) -> None:
-        n = len(self.gaze_rad)
-        shapes = {f.name: getattr(self, f.name).shape for f in fields(self)}
-        expected = {name: (n, 3) if name.endswith("rad") else (n,) for name in shapes}
-        if shapes != expected:
-            raise ValueError(f"labels of shapes {shapes}: expected {expected}")
-
-    @property
-    def answered(self) -> Mask:
-        """Where inverse kinematics found a posture that reaches, or the one that comes nearest."""
-        return np.isfinite(self.error_m)
-
-    def only(self, where: Mask) -> "Labels":
-        """Only those."""
-        return Labels(*(getattr(self, f.name)[where] for f in fields(self)))
-
-    def joined(self, more: "Labels") -> "Labels":
-        """These and more."""
-        return Labels(*(np.concatenate([getattr(self, f.name), getattr(more, f.name)]) for f in fields(self)))
+_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error", "unanswered")
+_NAMES = ("end_point", "measure")
+_LABELS = tuple(f.name for f in fields(Labels))
 
 
 @dataclass(frozen=True)
@@ -81,43 +38,6 @@ class MapPrediction:
     """(N,) of being reachable."""
     degree: Array
     """(N,) degree of reachability R in [0, 1], above 0.5 where reachable (J IV.6–IV.7)."""
-
-
-@dataclass(frozen=True)
-class Lattice:
-    """Values (a, b, c) at equal steps of `isotropic` coordinates between the corners of the gaze limits."""
-
-    limits: GazeLimits
-    shape: tuple[int, int, int]
-
-    @classmethod
-    def of_spacing(cls, limits: GazeLimits, spacing: float) -> "Lattice":
-        """The coarsest whose steps are no longer than `spacing`."""
-        a, b, c = (np.ceil((isotropic(limits.upper) - isotropic(limits.lower)) / spacing).astype(int) + 1).tolist()
-        return cls(limits, (a, b, c))
-
-    @property
-    def gaze_rad(self) -> Array:
-        """(a·b·c, 3) the gaze postures of the lattice's points."""
-        low, high = isotropic(self.limits.lower), isotropic(self.limits.upper)
-        axes = [np.linspace(*ends) for ends in zip(low, high, self.shape, strict=True)]
-        yaw, pitch, log_tan = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
-        return np.stack([yaw, pitch, 2 * np.arctan(np.exp(log_tan))], axis=1)
-
-    def interpolate(self, values: Array, gaze_rad: Array) -> Array:
-        """(N, m) of values (a·b·c, m) at gaze postures (N, 3) within the limits, linear between the eight nearest;
-        cubic splines measured no better."""
-        low, high, cells = isotropic(self.limits.lower), isotropic(self.limits.upper), np.array(self.shape) - 1
-        strides = np.array([self.shape[1] * self.shape[2], self.shape[2], 1])
-        between = np.zeros((len(gaze_rad), values.shape[1]))
-        for begin in range(0, len(gaze_rad), _ROWS):
-            at = (isotropic(gaze_rad[begin : begin + _ROWS]) - low) * (cells / (high - low))
-            cell = np.minimum(at.astype(np.intp), cells - 1)
-            shares, first = np.stack([1 - (at - cell), at - cell]), cell @ strides  # (2, n, 3), (n,)
-            for corner in _CORNERS:
-                weight = shares[corner[0], :, 0] * shares[corner[1], :, 1] * shares[corner[2], :, 2]
-                between[begin : begin + _ROWS] += weight[:, None] * values[first + corner @ strides]
-        return between
 
 
 @dataclass(frozen=True)
@@ -159,14 +79,29 @@ class ReachableMap:
         if not (self.softness > 0 and self.max_error_m > 0):
             raise ValueError(f"softness {self.softness}, largest error {self.max_error_m} m: expected both above 0")
 
+    def save(self, path: Path | str) -> None:
+        """Write the map as .npz, whole or not at all."""
+        arrays: dict[str, ArrayLike] = {name: getattr(self, name) for name in ("side", *_NAMES, *_NUMBERS)}
+        arrays["limits_rad"] = np.array([self.limits.yaw_rad, self.limits.pitch_rad, self.limits.vergence_rad])
+        arrays |= {f"label_{name}": getattr(self.labels, name) for name in _LABELS}
+        write_archive(Path(path), _KIND, _VERSION, arrays)
+
     @classmethod
     def load(cls, path: Path | str) -> "ReachableMap":
         """Read a map that `pps-vision reach train` or `save` wrote; InputError names the file and what is wrong."""
-        return load_map(Path(path))
-
-    def save(self, path: Path | str) -> None:
-        """Write the map as .npz, whole or not at all."""
-        save_map(Path(path), self)
+        stored = ("side", *_NAMES, "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
+        data = read_archive(Path(path), _KIND, _VERSION, stored)
+        try:
+            (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).tolist()
+            limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
+            signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
+            most, softness, expected, unanswered = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
+            of = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
+            labels = Labels(**{**of, "reachable": of["reachable"] > 0})
+            values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
+            return cls(str(data["side"]), limits, *values, *(str(data[name]) for name in _NAMES))
+        except (ValueError, TypeError) as error:
+            raise InputError(path, f"{_KIND} that does not fit together: {error}") from error
 
     @cached_property
     def lattice(self) -> Lattice:
@@ -238,35 +173,3 @@ def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
         left.end_point,
         left.measure,
     )
-
-
-_NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error", "unanswered")
-_NAMES = ("end_point", "measure")
-_LABELS = tuple(f.name for f in fields(Labels))
-
-
-def save_map(path: Path, reachable_map: ReachableMap) -> None:
-    """Write a map as .npz, whole or not at all."""
-    m = reachable_map
-    arrays: dict[str, ArrayLike] = {name: getattr(m, name) for name in _NUMBERS}
-    arrays |= {f"label_{name}": getattr(m.labels, name) for name in _LABELS}
-    names = {name: getattr(m, name) for name in _NAMES}
-    limits = np.array([m.limits.yaw_rad, m.limits.pitch_rad, m.limits.vergence_rad])
-    write_archive(path, _KIND, _VERSION, {"side": m.side, **names, "limits_rad": limits, **arrays})
-
-
-def load_map(path: Path) -> ReachableMap:
-    """Read a map; InputError names the file and what is wrong with it."""
-    names = ("side", *_NAMES, "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
-    data = read_archive(path, _KIND, _VERSION, names)
-    try:
-        (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).tolist()
-        limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
-        signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
-        most, softness, expected, unanswered = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
-        of = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
-        labels = Labels(**{**of, "reachable": of["reachable"] > 0})
-        values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
-        return ReachableMap(str(data["side"]), limits, *values, *(str(data[name]) for name in _NAMES))
-    except (ValueError, TypeError) as error:
-        raise InputError(path, f"{_KIND} that does not fit together: {error}") from error

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from learning.reach.names import MeasureName
-from learning.reach.training import HandModel, MapParams
+from learning.reach import MeasureName
+from learning.reach.labels import HandModel
+from learning.reach.params import MapParams
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Manipulability, Measure

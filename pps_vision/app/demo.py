@@ -9,8 +9,9 @@ from tqdm import tqdm
 
 from control.avoidance import AvoidanceParams
 from learning.pps.memory import PPSMemory, save_memory
-from learning.reach.map import ReachableMap, save_map
-from learning.reach.training import MapParams, train_reachable_map
+from learning.reach.map import ReachableMap
+from learning.reach.params import MapParams
+from learning.reach.training import train_reachable_map
 from pps_vision.app.report import figures, page
 from pps_vision.app.report.overlay import VideoFile, draw_pair
 from pps_vision.app.simulation import (
@@ -62,7 +63,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
             map_params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
             reachable_map = train_reachable_map(world.robot, "left", np.random.default_rng(seed), map_params)
             bar.update()
-        save_map(folder / "reach.npz", reachable_map)
+        reachable_map.save(folder / "reach.npz")
         stopwatch = Stopwatch()
         logs = _run_episodes(world, memory, reachable_map, folder / "demo.mp4", stopwatch, seed)
         numbers = {log.title: _numbers(log) for log in logs}

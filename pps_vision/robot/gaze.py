@@ -57,18 +57,6 @@ def fixation_point(posture: Posture) -> Array | None:
     return None if np.isnan(meeting[0]) else meeting
 
 
-def fixated_gaze(posture: Posture, limits: GazeLimits | None = None) -> Array:
-    """(3,) gaze posture, rad, with the fixation point of a posture of any tilt, version and torso.
-
-    The torso carries eyes and arms, so it counts as upright.  NaN where the limits forbid the gaze.
-    """
-    point = fixation_point(posture)
-    if point is None:
-        return np.full(3, np.nan)
-    model = GazeModel(posture.robot)
-    return model.gaze(model.to_upright(posture.q_rad[None], point), limits)[0]
-
-
 def fixation_points(robot: Robot, gaze_rad: ArrayLike) -> Array:
     """(N, 3) fixation points of gaze postures (N, 3), root frame, m; NaN where the axes do not meet."""
     return GazeModel(robot).points(np.asarray(gaze_rad, dtype=float))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reach.map import load_map
+from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
@@ -105,7 +105,7 @@ def test_another_measure(tmp_path: Path) -> None:
     """The map says what it is of, also once it is saved; what is good is never better than possible."""
     file = tmp_path / "even.npz"
     main(["reach", "train", "--arm", "left", "--out", str(file), "--ik-budget", "700", "--measure", "isotropy"])
-    one = load_map(file)
+    one = ReachableMap.load(file)
     assert (one.side, one.end_point, one.measure) == ("left", "palm", "isotropy")
     good = one.labels.optimality[one.labels.reachable]
     assert good.min() > 0

@@ -13,7 +13,8 @@ from known_track import DT, KnownTrack, frame_at, run
 from control.avoidance import AvoidanceParams
 from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
-from learning.reach.training import ArmLimits, MapParams, train_reachable_map
+from learning.reach.params import ArmLimits, MapParams
+from learning.reach.training import train_reachable_map
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain

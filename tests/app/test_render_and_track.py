@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reach.map import Labels, Lattice, ReachableMap, isotropic, save_map
+from learning.reach.labels import Labels
+from learning.reach.lattice import Lattice, isotropic
+from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
 from pps_vision.app.track import errors_against
 from pps_vision.recordings.open import open_recording
@@ -96,7 +98,7 @@ def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach: Path,
     signed = (isotropic(lattice.gaze_rad) - isotropic(np.array([0, 0, border])))[:, 2].reshape(lattice.shape)
     none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     one = ReachableMap("left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 1e-4, 0.0, none)
-    save_map(tmp_path / "map.npz", one)
+    one.save(tmp_path / "map.npz")
     main(["track", str(tmp_path / "rec"), "--map", str(tmp_path / "map.npz"), "--out", str(tmp_path / "out")])
     path = table(tmp_path / "out" / "trajectory.csv")
     assert list(path)[15:] == [

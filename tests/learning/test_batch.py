@@ -7,7 +7,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from learning import batch
 from learning.pps.memory import MemoryParams, PPSMemory, activation
-from learning.reach.map import Labels, ReachableMap
+from learning.reach.labels import Labels
+from learning.reach.map import ReachableMap
 from pps_vision.robot.gaze import GazeLimits
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]

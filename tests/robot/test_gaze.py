@@ -7,8 +7,8 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
-from pps_vision.robot.gaze import GazeLimits, GazeModel, fixated_gaze, fixation_point, fixation_points, gaze_for_points
-from pps_vision.robot.icub import home, load_icub, set_gaze
+from pps_vision.robot.gaze import GazeLimits, GazeModel, fixation_point, fixation_points, gaze_for_points
+from pps_vision.robot.icub import load_icub, set_gaze
 from pps_vision.robot.model import FrameNames, Robot
 
 ROBOT = load_icub()
@@ -111,17 +111,6 @@ def test_points_that_the_torso_carries_back_to_upright():
         in_chest = np.linalg.inv(ROBOT.at(ZERO).T_root("chest")) @ [*point, 1]
         turned = (ROBOT.at(q).T_root("chest") @ in_chest)[:3]
         np.testing.assert_allclose(MODEL.to_upright(ROBOT.at(q).q_rad[None], turned), point[None], atol=1e-12)
-
-
-def test_the_gaze_posture_with_the_fixation_point_of_any_posture():
-    q = set_gaze(ROBOT, home(ROBOT), 0.2, -0.3, -0.2, 0.15, 0.35)
-    q[ROBOT.indices(("neck_roll",))] = 0.25
-    upright = fixation_point(ROBOT.at(q))
-    gaze = fixated_gaze(ROBOT.at(q))
-    np.testing.assert_allclose(fixation_points(ROBOT, gaze[None])[0], upright, atol=1e-9)
-    q[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3, -0.2, 0.4
-    np.testing.assert_allclose(fixated_gaze(ROBOT.at(q)), gaze, atol=1e-9)
-    assert np.isnan(fixated_gaze(ROBOT.at(set_gaze(ROBOT, q, vergence=0.0)))).all()
 
 
 def head(folder: Path, yaw_first: bool) -> Robot:

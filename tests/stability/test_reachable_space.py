@@ -8,15 +8,10 @@ from data import SEED
 
 from learning.reach.babbling import Babbled, babble
 from learning.reach.forward_model import RevoluteArm
-from learning.reach.map import Labels, isotropic
-from learning.reach.training import (
-    ArmLimits,
-    HandModel,
-    MapParams,
-    ReachOracle,
-    learned_from,
-    train_reachable_map,
-)
+from learning.reach.labels import HandModel, Labels, ReachOracle
+from learning.reach.lattice import isotropic
+from learning.reach.params import ArmLimits, MapParams
+from learning.reach.training import learned_from, train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, subcommand
 
-from learning.reach.names import MeasureName
+from learning.reach import MeasureName
 from pps_vision.errors import InputError
 
 if TYPE_CHECKING:
     from learning.reach.map import ReachableMap
-    from learning.reach.training import MapParams
+    from learning.reach.params import MapParams
     from pps_vision.robot.model import Robot
 
 _LEAST_BUDGET = 200  # labels, below which what is left to test with says nothing of the error
@@ -47,8 +47,8 @@ class Train:
         """Learn, and print the number of problems solved and the expected error."""
         from tqdm import tqdm
 
-        from learning.reach.map import both, save_map
-        from learning.reach.training import MapParams
+        from learning.reach.map import both
+        from learning.reach.params import MapParams
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.robot.icub import load_icub
 
@@ -67,7 +67,7 @@ class Train:
                 for side in tqdm(sides, desc="reachable space", unit="arm", disable=None)
             ]
             learned = both(*maps) if len(maps) == 2 else maps[0]
-            save_map(partial, learned)
+            learned.save(partial)
         asked = sum(len(one.labels.gaze_rad) + one.unanswered for one in maps)
         print(
             f"{asked} inverse-kinematics problems, {learned.unanswered} without an answer, "
@@ -78,12 +78,12 @@ class Train:
 
     def _earlier(self) -> "ReachableMap | None":
         """The map to continue from, which must be of the same arm, end point, measure and limits."""
-        from learning.reach.map import load_map
-        from learning.reach.training import MapParams
+        from learning.reach.map import ReachableMap
+        from learning.reach.params import MapParams
 
         if self.into is None:
             return None
-        into = load_map(self.into)
+        into = ReachableMap.load(self.into)
         asked = (self.arm, self.end_point, self.measure, MapParams().gaze_limits)
         for value, there in zip(asked, (into.side, into.end_point, into.measure, into.limits), strict=True):
             if value != there:
@@ -120,14 +120,14 @@ class Query:
         """Answer every line."""
         import numpy as np
 
-        from learning.reach.map import load_map
+        from learning.reach.map import ReachableMap
         from pps_vision.app.device import torch_device
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import read_gaze, write_reachability
 
         with whole_file(self.out, [self.map, self.gaze]) as partial:
             device = None if self.device is None else str(torch_device(self.device))
-            reachable_map, gaze = load_map(self.map), read_gaze(self.gaze)
+            reachable_map, gaze = ReachableMap.load(self.map), read_gaze(self.gaze)
             threshold = 0.5 if self.max_fp is None else reachable_map.threshold(self.max_fp)
             verdict = reachable_map.query(gaze, threshold, device)
             columns = (*np.rad2deg(gaze).T, verdict.reachable, verdict.probability, verdict.degree)
@@ -147,12 +147,12 @@ class Show:
 
     def run(self) -> None:
         """Draw it."""
-        from learning.reach.map import load_map
+        from learning.reach.map import ReachableMap
         from pps_vision.app.report import figures
         from pps_vision.recordings.outputs import whole_file
 
         with whole_file(self.out, [self.map]) as partial:
-            reachable_map = load_map(self.map)
+            reachable_map = ReachableMap.load(self.map)
             figures.save(figures.reachable_space(reachable_map), partial)
         print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")
 

@@ -66,7 +66,7 @@ class Track:
         """Read, track, and write everything at once; what had to be skipped is printed."""
         from tqdm import tqdm
 
-        from learning.reach.map import load_map
+        from learning.reach.map import ReachableMap
         from learning.reach.track_reachability import TrackReachability
         from pps_vision.app.pipeline import joints_of
         from pps_vision.app.report.overlay import VideoFile, draw_pair
@@ -95,7 +95,7 @@ class Track:
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
             reach = None
             if self.map and recording.robot:
-                reach = TrackReachability(recording.robot, load_map(self.map), self.max_fp)
+                reach = TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
             detections, steps, joints = [], [], []
             with VideoFile(folder / "overlay.mp4", recording.fps) as film:
                 for number, frame, step in tqdm(

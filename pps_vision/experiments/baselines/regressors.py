@@ -14,7 +14,7 @@ from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neural_network import MLPRegressor
 
 from learning.reach.babbling import crossing, gaze_at
-from learning.reach.training import ArmLimits
+from learning.reach.params import ArmLimits
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.types import Array
 

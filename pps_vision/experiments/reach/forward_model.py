@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.reach.babbling import Babbled, babble, score
+from learning.reach.babbling import Babbled, babble
 from learning.reach.forward_model import RevoluteArm
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.regressors import (
@@ -20,7 +20,7 @@ from pps_vision.experiments.baselines.regressors import (
     quintic_spline,
 )
 from pps_vision.experiments.reach import jamone
-from pps_vision.experiments.reach.map_truth import first
+from pps_vision.experiments.reach.map_truth import first, gaze_rmse_deg
 from pps_vision.experiments.study import Study
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
@@ -40,14 +40,14 @@ class Model(Protocol):
 
 METHODS: dict[str, Callable[[], Model]] = {
     "model of revolute joints": RevoluteArm,
-    "Gaussian process (scikit-learn)": lambda: ArmToGaze(gaussian_process()),
+    "Gaussian process": lambda: ArmToGaze(gaussian_process()),
     "LWPR, each sample once": jamone.arm_model,
     "LWPR, each sample 4 times": lambda: jamone.arm_model(n_epochs=4),
     "quintic spline (SciPy)": lambda: ArmToGaze(quintic_spline()),
     "network 64×64 (scikit-learn)": lambda: ArmToGaze(network(0)),
     "boosted trees (scikit-learn)": lambda: ArmToGaze(boosted_trees(0)),
 }
-_DEFAULT, _BASELINES = next(iter(METHODS)), list(METHODS)[2:]
+_DEFAULT, _BASELINES = next(iter(METHODS)), list(METHODS)[1:]
 
 
 def samples(seed: int) -> tuple[Babbled, Babbled]:
@@ -67,7 +67,7 @@ def learn_and_time(model: Model, sets: list[Babbled], test: Babbled) -> list[dic
         model.learn(new.arm_rad, new.gaze_rad)
         model(test.arm_rad[:1])  # a model that is fitted when first asked is fitted here
         update_ms = 1000 * (process_time() - begun) / len(new.arm_rad)
-        error_deg, unanswered = score(model, test)
+        error_deg, unanswered = gaze_rmse_deg(model, test)
         ms = []
         for arm in test.arm_rad[:_N_SINGLE, None]:
             begun = process_time()

@@ -13,8 +13,9 @@ from tqdm import tqdm
 
 from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
+from learning.reach.params import MapParams
 from learning.reach.track_reachability import TrackReachability
-from learning.reach.training import MapParams, train_reachable_map
+from learning.reach.training import train_reachable_map
 from pps_vision.app.simulation import Episode, EpisodeLog, World, can_follow, log_of, new_pipeline, open_world, simulate
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
 from pps_vision.experiments.reach.map_truth import closed_form, random_gaze

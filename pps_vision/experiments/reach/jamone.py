@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from learning.reach.babbling import Babbled, crossing, gaze_at
-from learning.reach.map import Labels, MapPrediction
-from learning.reach.training import HandModel
+from learning.reach.labels import HandModel, Labels
+from learning.reach.map import MapPrediction
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.baselines.lwpr_regression import RegressionParams

@@ -13,12 +13,14 @@ from tqdm import tqdm
 from control import fixation, lean
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.lean import LeanParams, LeanStatus
+from learning.reach.labels import ReachOracle
 from learning.reach.map import ReachableMap
-from learning.reach.training import ArmLimits, MapParams, ReachOracle, train_reachable_map
+from learning.reach.params import ArmLimits, MapParams
+from learning.reach.training import train_reachable_map
 from pps_vision.experiments.reach.map_truth import closed_form, random_gaze
 from pps_vision.experiments.study import Study
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.robot.gaze import GazeLimits, GazeModel, fixated_gaze
+from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
@@ -72,7 +74,7 @@ def attempt(
         gaze_command = fixation.step(FixationParams(), posture, point, -carried, _DT_S, t)
         turned += _DT_S * float(np.linalg.norm(dq[torso]))
         q, t = robot.clamp(q + _DT_S * (dq + gaze_command.dq_rad_s)), t + _DT_S
-    found = oracle.solve(fixated_gaze(robot.at(q), _GAZE)[None])
+    found = oracle.solve(model.gaze(model.to_upright(q[None], point), _GAZE))
     q[robot.indices(robot.names.arm(_SIDE))[:4]] = found.q_rad[0]
     palm = robot.at(q).point(robot.names.palms[1])
     return Attempt(status, float(np.linalg.norm(palm - point)), turned, error, t)

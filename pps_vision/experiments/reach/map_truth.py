@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from learning.reach.babbling import Babbled
-from learning.reach.map import Labels, MapPrediction, isotropic
-from learning.reach.training import ArmLimits, MapParams, ReachOracle
+from learning.reach.labels import Labels, ReachOracle
+from learning.reach.lattice import isotropic
+from learning.reach.map import MapPrediction
+from learning.reach.params import ArmLimits, MapParams
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.study import percent, rms
@@ -96,3 +98,10 @@ def random_gaze(limits: GazeLimits, n: int, rng: np.random.Generator) -> Array:
     at = rng.uniform(isotropic(limits.lower), isotropic(limits.upper), (n, 3))
     at[:, 2] = 2 * np.arctan(np.exp(at[:, 2]))
     return at
+
+
+def gaze_rmse_deg(model: Callable[[Array], Array], test: Babbled) -> tuple[float, float]:
+    """Return a forward model's RMSE over postures and gaze angles where it has an answer, and the share unanswered."""
+    off = model(test.arm_rad) - test.gaze_rad
+    answered = np.isfinite(off).all(axis=1)
+    return float(np.rad2deg(rms(off[answered]))), 1 - float(answered.mean())

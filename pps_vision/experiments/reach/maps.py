@@ -11,8 +11,11 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from learning.pps.scores import expected_calibration_error, reliability
-from learning.reach.map import Lattice, ReachableMap, isotropic
-from learning.reach.training import MapParams, ReachOracle, train_reachable_map
+from learning.reach.labels import ReachOracle
+from learning.reach.lattice import Lattice, isotropic
+from learning.reach.map import ReachableMap
+from learning.reach.params import MapParams
+from learning.reach.training import train_reachable_map
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import MapTruth, rates

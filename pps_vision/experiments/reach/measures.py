@@ -6,9 +6,10 @@ from typing import Any, get_args
 import numpy as np
 from tqdm import tqdm
 
+from learning.reach import MeasureName
 from learning.reach.measures import hand_and_params
-from learning.reach.names import MeasureName
-from learning.reach.training import ArmLimits, MapParams, train_reachable_map
+from learning.reach.params import ArmLimits, MapParams
+from learning.reach.training import train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.study import Study, percent, rms
 from pps_vision.experiments.tables import Table

@@ -15,8 +15,10 @@ from matplotlib.figure import Figure
 
 from learning.reach.babbling import Babbled, babble
 from learning.reach.forward_model import RevoluteArm
-from learning.reach.map import Labels, MapPrediction
-from learning.reach.training import HandModel, MapParams, ReachOracle, learned_from
+from learning.reach.labels import HandModel, Labels, ReachOracle
+from learning.reach.map import MapPrediction
+from learning.reach.params import MapParams
+from learning.reach.training import learned_from
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import closed_form, first

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.reach.training import MapParams, ReachOracle
+from learning.reach.labels import ReachOracle
+from learning.reach.params import MapParams
 from pps_vision.errors import InputError
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.inverse_kinematics import Solver, two_stage_by

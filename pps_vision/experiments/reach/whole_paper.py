@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.reach.babbling import Babbled, babble, score
+from learning.reach.babbling import Babbled, babble
 from learning.reach.forward_model import RevoluteArm
+from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.map import MapPrediction
-from learning.reach.training import HandModel, MapParams, ReachOracle, train_reachable_map
+from learning.reach.params import MapParams
+from learning.reach.training import train_reachable_map
 from pps_vision.experiments.reach import jamone, paper_figures
-from pps_vision.experiments.reach.map_truth import MapTruth, closed_form, first, judge_by_labels
+from pps_vision.experiments.reach.map_truth import MapTruth, closed_form, first, gaze_rmse_deg, judge_by_labels
 from pps_vision.experiments.study import Study
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.gaze import fixation_points
@@ -63,7 +65,7 @@ class WholePaper(Study):
         test = first(babble(robot, "right", 4 * _N_TEST, test_rng), _N_TEST)
         return {
             "fixated": len(babbled.arm_rad),
-            "forward_model_deg": score(model, test)[0],
+            "forward_model_deg": gaze_rmse_deg(model, test)[0],
             "unanswered": {_OURS: learned.unanswered, _JAMONE: int((~labels.answered).sum())},
             "maps": {
                 name: {"true": truth.judge(query, error_m), "learned": judge_by_labels(query, believed, error_m)}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.reach.babbling import Babbled, babble, score
+from learning.reach.babbling import Babbled, babble
 from pps_vision.experiments.baselines.lwpr import LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.baselines.regressors import (
@@ -14,6 +14,7 @@ from pps_vision.experiments.baselines.regressors import (
     network,
     quintic_spline,
 )
+from pps_vision.experiments.reach.map_truth import gaze_rmse_deg
 from pps_vision.robot.icub import load_icub
 
 
@@ -75,7 +76,7 @@ def test_arm_to_gaze_learns_the_forward_model():
     local = ArmToGaze(LocalModels(4, 3, LWPRParams(init_D=10, w_gen=0.2, metric=MetricParams(rate=0))))
     for model in (process, local):
         model.learn(babbled.arm_rad[:n], babbled.gaze_rad[:n])
-    errors = score(process, test)[0], score(local, test)[0]
+    errors = gaze_rmse_deg(process, test)[0], gaze_rmse_deg(local, test)[0]
     print(f"after {n} samples: process {errors[0]:.3f}°, LWPR {errors[1]:.2f}°")
     assert errors[0] < 0.15
     assert errors[1] < 3

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from learning.reach.babbling import Babbled, babble, crossing, gaze_at, score
-from learning.reach.training import ArmLimits
+from learning.reach.babbling import Babbled, babble, crossing, gaze_at
+from learning.reach.params import ArmLimits
+from pps_vision.experiments.reach.map_truth import gaze_rmse_deg
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -52,4 +53,4 @@ def test_postures_without_an_answer_are_counted_apart():
     def model(arm):
         return np.where(np.isfinite(arm[:, :1]), gaze, np.nan)
 
-    assert score(model, Babbled(arm, gaze + 0.01, 4)) == (pytest.approx(np.rad2deg(0.01)), 0.25)
+    assert gaze_rmse_deg(model, Babbled(arm, gaze + 0.01, 4)) == (pytest.approx(np.rad2deg(0.01)), 0.25)

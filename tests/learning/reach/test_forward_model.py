@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from learning.reach.babbling import babble, score
+from learning.reach.babbling import babble
 from learning.reach.forward_model import RevoluteArm
-from learning.reach.training import ArmLimits, HandModel, MapParams, ReachOracle
+from learning.reach.labels import HandModel, ReachOracle
+from learning.reach.params import ArmLimits, MapParams
+from pps_vision.experiments.reach.map_truth import gaze_rmse_deg
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.icub import load_icub
@@ -28,7 +30,7 @@ def model(babbled):
 
 
 def test_two_hundred_samples_teach_the_arm_and_the_head(model, babbled):
-    error, silent = score(model, babbled[1])
+    error, silent = gaze_rmse_deg(model, babbled[1])
     print(f"{error:.1e} °")
     assert error < 1e-3  # J: 0.84; asked for: 0.02
     assert silent == 0
@@ -60,7 +62,7 @@ def test_what_was_fixated_wrongly_is_left_out(babbled):
     arm = np.where(stuck[:, None] & (np.arange(4) == 3), 1.0, train.arm_rad)
     learned = RevoluteArm()
     learned.learn(arm, gaze)
-    error, silent = score(learned, babbled[1])
+    error, silent = gaze_rmse_deg(learned, babbled[1])
     print(f"{error:.1e} °")
     assert error < 0.01
     assert silent == 0
@@ -73,7 +75,7 @@ def test_noisy_fixation_averages_out(babbled, noise_deg):
     noisy = train.gaze_rad + np.deg2rad(noise_deg) * rng.standard_normal(train.gaze_rad.shape)
     learned = RevoluteArm()
     learned.learn(train.arm_rad, np.clip(noisy, LIMITS.lower, LIMITS.upper))
-    error, silent = score(learned, babbled[1])
+    error, silent = gaze_rmse_deg(learned, babbled[1])
     print(f"{noise_deg:g}° of noise: {error:.2f} °")
     assert error < noise_deg / 3
     assert silent < 0.01
@@ -88,7 +90,7 @@ def test_fewer_samples_than_unknowns_are_held_by_the_prior(babbled):
         at = slice((seed - 35) * 200, (seed - 34) * 200)
         learned = RevoluteArm()
         learned.learn(train.arm_rad[at], np.clip(train.gaze_rad[at] + noise, LIMITS.lower, LIMITS.upper))
-        errors.append(score(learned, babbled[1])[0])
+        errors.append(gaze_rmse_deg(learned, babbled[1])[0])
     assert np.mean(errors) < 0.82
 
 
@@ -98,7 +100,7 @@ def test_one_hundred_exact_samples_teach_the_arm(babbled):
     for k in range(0, 1000, 200):
         learned = RevoluteArm()
         learned.learn(train.arm_rad[k : k + 100], train.gaze_rad[k : k + 100])
-        errors.append(score(learned, babbled[1])[0])
+        errors.append(gaze_rmse_deg(learned, babbled[1])[0])
     assert np.mean(errors) < 0.03
 
 

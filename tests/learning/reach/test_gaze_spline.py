@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from learning.reach.gaze_spline import GazeSpline
-from learning.reach.map import isotropic
+from learning.reach.lattice import isotropic
 from pps_vision.robot.gaze import GazeLimits
 
 LIMITS = GazeLimits()

@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from data import SEED
 
-from learning.reach.map import Labels, ReachableMap, both, load_map, save_map
-from learning.reach.training import (
-    ArmLimits,
-    HandModel,
-    MapParams,
-    ReachOracle,
-    _near_border,
-    learned_from,
-    train_reachable_map,
-)
+from learning.reach.labels import HandModel, Labels, ReachOracle
+from learning.reach.map import ReachableMap, both
+from learning.reach.params import ArmLimits, MapParams
+from learning.reach.training import _near_border, learned_from, train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -222,8 +216,8 @@ def test_what_was_asked_twice_does_no_harm(learned):
 
 
 def test_saved_and_loaded_judges_the_same(learned, fresh, tmp_path):
-    save_map(tmp_path / "map.npz", learned)
-    again = load_map(tmp_path / "map.npz")
+    learned.save(tmp_path / "map.npz")
+    again = ReachableMap.load(tmp_path / "map.npz")
     before, after = learned.query(fresh.gaze_rad[:50]), again.query(fresh.gaze_rad[:50])
     np.testing.assert_array_equal(after.probability, before.probability)
     np.testing.assert_array_equal(after.degree, before.degree)
@@ -262,12 +256,12 @@ def test_both_hands_reach_what_each_does(learned, fresh):
 )
 def test_a_bad_file_is_refused_by_name(learned, tmp_path, changes, message):
     path = tmp_path / "map.npz"
-    save_map(path, learned)
+    learned.save(path)
     with np.load(path) as file:
         data = {**file, **changes}
     np.savez(path, **{k: v for k, v in data.items() if v is not None})
     with pytest.raises(ValueError, match=rf"map\.npz: .*{message}"):
-        load_map(path)
+        ReachableMap.load(path)
 
 
 def test_there_is_a_left_and_a_right_arm():

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from data import SEED
 
+from learning.reach.labels import ReachOracle
 from learning.reach.measures import hand_and_params
-from learning.reach.training import MapParams, ReachOracle
+from learning.reach.params import MapParams
 from pps_vision.experiments.reach.measures import best_measure
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points

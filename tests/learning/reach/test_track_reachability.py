@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from learning.reach.map import Labels, Lattice, ReachableMap
+from learning.reach.labels import Labels
+from learning.reach.lattice import Lattice
+from learning.reach.map import ReachableMap
 from learning.reach.track_reachability import TrackReachability
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, load_icub

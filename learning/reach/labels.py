@@ -1,0 +1,158 @@
+"""Labels of gaze postures by inverse kinematics: can the hand reach what they fixate (J, "Training the maps")?
+
+Where it cannot, the nearest point that it does reach lies on the border of the reachable region.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import partial
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from learning.reach.params import N_NEAR, MapParams
+from pps_vision.errors import InputError
+from pps_vision.robot.chain import Chain
+from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
+from pps_vision.robot.inverse_kinematics import ForwardModel, solve_ik
+from pps_vision.robot.model import Robot
+from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, covered_directions
+from pps_vision.robot.two_stage import TwoStage, two_stage
+from pps_vision.types import Array, Mask
+
+# m/rad: with a steeper descent left, inverse kinematics is farther than 0.1 mm from the nearest point.  Matters for
+# forward models with gaps (tests/stability/test_reachable_space.py).
+_SETTLED = 5e-3
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Answers of inverse kinematics for n gaze postures."""
+
+    gaze_rad: Array
+    """(n, 3)"""
+    reachable: Mask
+    """(n,) whether the hand reaches the fixation point."""
+    error_m: Array
+    """(n,) distance left between hand and fixation point; NaN where inverse kinematics did not converge, which says
+    nothing about reach."""
+    optimality: Array
+    """(n,) of the best posture; NaN where out of reach."""
+    border_rad: Array
+    """(n, 3) gaze posture of the nearest point that the hand does reach; NaN where there is none."""
+
+    def __post_init__(self) -> None:
+        n = len(self.gaze_rad)
+        shapes = {f.name: getattr(self, f.name).shape for f in fields(self)}
+        expected = {name: (n, 3) if name.endswith("rad") else (n,) for name in shapes}
+        if shapes != expected:
+            raise ValueError(f"labels of shapes {shapes}: expected {expected}")
+
+    @property
+    def answered(self) -> Mask:
+        """Where inverse kinematics found a posture that reaches, or the one that comes nearest."""
+        return np.isfinite(self.error_m)
+
+    def only(self, where: Mask) -> "Labels":
+        """Only those."""
+        return Labels(*(getattr(self, f.name)[where] for f in fields(self)))
+
+    def joined(self, more: "Labels") -> "Labels":
+        """These and more."""
+        return Labels(*(np.concatenate([getattr(self, f.name), getattr(more, f.name)]) for f in fields(self)))
+
+
+@dataclass(frozen=True)
+class HandModel:
+    """Kinematics that inverse kinematics needs, in any frame common to all fields."""
+
+    forward: ForwardModel
+    """Arm joints (N, k) → positions of the hand (N, 3) and Jacobians (N, 3, k)."""
+    points: Callable[[Array], Array]
+    """Gaze postures (N, 3) → the points (N, 3) that they fixate."""
+    gaze: Callable[[Array, GazeLimits], Array]
+    """Points (N, 3), limits → the gaze postures (N, 3) that fixate them; NaN where the limits forbid it."""
+    tried: Array | None = None
+    """(n, k) arm postures to start from; None: random ones."""
+    normals: Callable[[Array], Array] | None = None
+    """Arm joints (N, k) → directions (N, 3) that the hand faces, for `DirectionCoverage`."""
+
+    @classmethod
+    def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":
+        """Of joints → root frame, with the robot's own head."""
+        return cls(forward, partial(fixation_points, robot), partial(gaze_for_points, robot))
+
+
+class ReachOracle:
+    """Answers by inverse kinematics with the given forward model, by default the robot's own."""
+
+    def __init__(
+        self, robot: Robot, side: str, params: MapParams, rng: np.random.Generator, hand: HandModel | None = None
+    ) -> None:
+        """InputError for a side other than left or right."""
+        if side not in ("left", "right"):
+            raise InputError("reachable-space map", f"side {side!r}: expected left or right")
+        self.robot, self.params = robot, params
+        palm = robot.names.palms[("left", "right").index(side)]
+        self.lower, self.upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
+        own = Chain.of(robot, robot.names.arm(side)[: len(self.lower)], palm).positions
+        self.hand = hand or HandModel.of(robot, own)
+        self.forward, tried = self.hand.forward, self.hand.tried
+        if tried is None:
+            tried = rng.uniform(self.lower, self.upper, (params.n_babble, len(self.lower)))
+        self.babbled = tried
+        self._tree = cKDTree(self.forward(self.babbled)[0])
+
+    def solve(self, gaze: Array) -> TwoStage:
+        """The best posture of the arm for what each gaze posture (n, 3) fixates, or the one that comes nearest."""
+        points, measure = self.hand.points(gaze), self.params.measure
+        starts = self.starts(points)
+        ends, inverse = (self.lower, self.upper), self.params.inverse
+        if isinstance(measure, DirectionCoverage):
+            found = two_stage(self.forward, points, starts, *ends, FarFromLimits(*ends), inverse)
+            good = np.where(found.reachable, self._covered(points, starts, measure), np.nan)
+            return TwoStage(found.q_rad, found.error, found.reachable, good)
+        return two_stage(self.forward, points, starts, *ends, measure(*ends), inverse)
+
+    def _covered(self, points: Array, starts: Array, coverage: DirectionCoverage) -> Array:
+        """(n,) the share of directions the hand can face at points (n, 3), from all starts together."""
+        if self.hand.normals is None:
+            raise ValueError(f"{coverage} of a hand without normals; expected its normals")
+        met = np.zeros((len(points), coverage.n), bool)
+        ends, inverse = (self.lower, self.upper), self.params.inverse
+        for start in starts:
+            first = solve_ik(self.forward, points, start[None], *ends, inverse.reach)
+            there = first.converged
+            met[there] |= covered_directions(
+                self.forward, self.hand.normals, points[there], first.q_rad[there], *ends, coverage, inverse.improve
+            )
+        share: Array = met.mean(axis=1)
+        return share
+
+    def label(self, gaze: Array) -> Labels:
+        """Answers for gaze postures (n, 3); to some there may be none."""
+        points, found = self.hand.points(gaze), self.solve(gaze)
+        failed = ~found.reachable
+        border = np.full(gaze.shape, np.nan)
+        nearest, J = self.forward(found.q_rad[failed])
+        settled = _slope(points[failed] - nearest, J, found.q_rad[failed], self.lower, self.upper) < _SETTLED
+        border[failed] = np.where(settled[:, None], self.hand.gaze(nearest, self.params.gaze_limits), np.nan)
+        error = found.error.copy()
+        error[failed] = np.where(settled, error[failed], np.nan)
+        return Labels(gaze, found.reachable, error, found.quality, border)
+
+    def starts(self, points: Array) -> Array:
+        """(2, n, k) for each point (n, 3), of the postures whose hand was nearest to it, the nearest and the one most
+        unlike that: the other way to hold an arm there."""
+        near = self.babbled[self._tree.query(points, k=N_NEAR)[1]]
+        unlike = np.linalg.norm(near - near[:, :1], axis=2).argmax(axis=1)
+        return np.stack([near[:, 0], near[np.arange(len(near)), unlike]])
+
+
+def _slope(residual: Array, J: Array, q: Array, lower: Array, upper: Array) -> Array:
+    """(N,) how fast, at most, a joint that is free to move would bring the hand nearer, m/rad: 0 at a posture that
+    comes nearest.  `residual` (N, 3) from hand to target, J (N, 3, k) at q (N, k)."""
+    distance = np.maximum(np.linalg.norm(residual, axis=1), 1e-12)
+    nearer: Array = (J * residual[:, :, None]).sum(axis=1) / distance[:, None]
+    stuck = ((q <= lower) & (nearer < 0)) | ((q >= upper) & (nearer > 0))
+    return np.where(np.isfinite(distance), np.abs(np.where(stuck, 0, nearer)).max(axis=1), np.inf)

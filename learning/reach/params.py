@@ -1,0 +1,66 @@
+"""Parameters of the reachable-space map's training."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pps_vision.errors import InputError
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Measure
+from pps_vision.robot.two_stage import TwoStageParams
+from pps_vision.types import Array
+
+_DEG = np.pi / 180
+N_NEAR = 16  # babbled postures nearest to a point, among which inverse kinematics chooses its two starts
+
+
+@dataclass(frozen=True)
+class ArmLimits:
+    """J's limits of the first four arm joints in the order of the chain (shoulder rows 3–5, elbow)."""
+
+    lower_rad: tuple[float, ...] = (-95 * _DEG, 0.0, -20 * _DEG, 15 * _DEG)
+    upper_rad: tuple[float, ...] = (10 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG)
+
+
+@dataclass(frozen=True)
+class MapParams:
+    """Extent and cost of the training."""
+
+    gaze_limits: GazeLimits = field(default_factory=GazeLimits)
+    """Gaze postures that the map covers."""
+    arm_limits: ArmLimits = field(default_factory=ArmLimits)
+    """Limits of the arm's joints."""
+    n_labels: int = 6000
+    """Largest number of labels."""
+    round_labels: int = 1500
+    """Labels per round; the first round is uniform over all gaze postures."""
+    max_error: float = 0.0
+    """Training ends when no larger share of gaze postures is expected to be misjudged."""
+    n_babble: int = 100_000
+    """Random arm postures among which inverse kinematics finds its starts."""
+    inverse: TwoStageParams = field(default_factory=TwoStageParams)
+    """Of inverse kinematics."""
+    measure: Callable[[Array, Array], Measure] | DirectionCoverage = FarFromLimits
+    """What the second stage optimises, made from the joints' lower and upper limits."""
+    border_band: tuple[float, float] = (-0.14, 0.05)
+    """Signed distances, in isotropic coordinates, between which later labels are drawn."""
+    border_clearance: float = 0.017
+    """Labels closer to the border than this, in isotropic coordinates, are no nodes of the spline; 0 misjudges a tenth
+    more (6000 labels, three seeds)."""
+    lattice: float = 0.04
+    """Step of the map's lattice in isotropic coordinates."""
+
+    def __post_init__(self) -> None:
+        if not 2 <= 2 * self.round_labels <= self.n_labels:
+            raise InputError(
+                "reachable-space map",
+                f"{self.n_labels} labels in rounds of {self.round_labels}: expected at least two rounds, "
+                "of which the later ones test what the earlier ones learned",
+            )
+        if self.n_babble < N_NEAR:
+            raise InputError("reachable-space map", f"{self.n_babble} random arm postures: expected at least {N_NEAR}")
+        if not 0 <= self.max_error < 1:
+            raise InputError(
+                "reachable-space map", f"a share of {self.max_error} misjudged: expected at least 0 and below 1"
+            )
