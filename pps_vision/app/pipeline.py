@@ -82,8 +82,9 @@ class PipelineStep:
 class Pipeline:
     """Tracker, learner and controllers of one robot; `step` turns a frame into joint velocities.
 
-    Each contact reported to it is learned into its `memory`.  With a reachable-space map (`ReachableMap.load` reads what
-    `pps-vision reach train` writes) each step says whether the tracked object is reachable.  `behaviour="reach"` requires a map of the arm's side.
+    Each contact reported to it is learned into its `memory`.  With a reachable-space map (`ReachableMap.load` reads
+    what `pps-vision reach train` writes) each step says whether the tracked object is reachable.  `behaviour="reach"`
+    requires a map of the arm's side.
     """
 
     def __init__(
