@@ -148,7 +148,7 @@ def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, devic
     elif len(at[0]):
         w_distance, w_ttc = windows(memory.params, distance, ttc, inside)
         found[at] = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[at[-1]], w_ttc)
-    return found
+    return np.minimum(found, 1.0)  # against rounding
 
 
 def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:

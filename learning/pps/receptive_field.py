@@ -5,8 +5,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 from pps_vision.types import Array
+
+_QUANTILES: Array = ndtri((np.arange(8) + 0.5) / 8)  # of equal probability, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class ReceptiveField:
     subtract_radius: bool = False
     """D and TTC of the stimulus's surface; False: of its centre (R)."""
     min_closing_sigmas: float = 1.0
-    """A stimulus approaches when its closing speed exceeds so many standard deviations of the velocity estimate."""
+    """A sample is learned from when its closing speed exceeds so many standard deviations of the velocity estimate."""
 
     def __post_init__(self) -> None:
         if not (0 < self.half_angle_rad < np.pi / 2 and self.base_radius_m >= 0 and self.length_m > 0):
@@ -80,6 +83,20 @@ def distance_and_ttc(
         d, v, z = (_as(shape, a)[near] for a in (d, v, z))
         D[near], ttc[near] = _within_reach(field, d, z, v, shell, cov)
     return D, ttc
+
+
+def likely_velocities(positions_root: Array, p_root: Array, cov_v: Array) -> Array:
+    """(8, n, 3) velocities of the taxels that stand for the uncertain velocity of the stimulus.
+
+    Added to `taxel_velocities_root` of `perceive`, they give equally likely closing speeds and so TTC: the mean of a
+    function of TTC over them is its expected value.  `cov_v` (3, 3) is the covariance of the stimulus's velocity.
+    """
+    d = p_root - positions_root
+    distance = np.linalg.norm(d, axis=-1, keepdims=True)
+    u = d / np.where(distance > 0, distance, 1.0)
+    sigma = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", u, cov_v, u), 0.0))
+    offsets: Array = _QUANTILES[:, None, None] * (sigma[:, None] * u)
+    return offsets
 
 
 def _as(shape: tuple[int, ...], a: NDArray[Any]) -> NDArray[Any]:

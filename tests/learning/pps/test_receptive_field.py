@@ -6,7 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance, perceive
+from learning.pps.receptive_field import (
+    ReceptiveField,
+    distance_and_ttc,
+    distance_and_ttc_variance,
+    likely_velocities,
+    perceive,
+)
 
 FIELD = ReceptiveField()
 UP = np.array([0.0, 0.0, 1.0])
@@ -68,6 +74,23 @@ def test_a_closing_speed_within_its_noise_is_no_approach():
     assert one((0, 0, 0.1), (0, 0, 0.019), cov_v=cov)[1] == np.inf
     strict = ReceptiveField(min_closing_sigmas=2.0)
     assert one((0, 0, 0.1), (0, 0, -0.039), strict, cov_v=cov)[1] == np.inf
+
+
+def test_likely_velocities_integrate_over_the_velocity():
+    """Mean of a bounded function of TTC, against 20 000 drawn velocities."""
+    rng, exact = np.random.default_rng(3), ReceptiveField(min_closing_sigmas=0.0)
+    for _ in range(10):
+        taxels, up = 0.03 * rng.standard_normal((4, 3)), np.tile(UP, (4, 1))
+        p, v, root = np.array([0.0, 0.0, 0.1]), 0.05 * rng.standard_normal(3), 0.1 * rng.standard_normal((3, 3))
+        cov = root @ root.T
+        likely = perceive(exact, taxels, up, p, v, taxel_velocities_root=likely_velocities(taxels, p, cov))[1]
+        drawn = perceive(exact, taxels, up, p, v + rng.standard_normal((20_000, 3)) @ root.T)[1]
+        means = [np.where(ttc >= 0, np.exp(-np.abs(ttc)), 0.0).mean(axis=0) for ttc in (likely, drawn)]
+        np.testing.assert_allclose(means[0], means[1], atol=0.06)
+
+
+def test_on_the_taxel_itself_no_direction_is_likelier():
+    assert not likely_velocities(np.zeros((1, 3)), np.zeros(3), np.eye(3)).any()
 
 
 def test_what_counts_is_the_velocity_relative_to_the_taxel():
