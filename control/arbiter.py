@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pps_vision.errors import InputError
 from pps_vision.types import JointVelocity
 
 
@@ -11,21 +12,23 @@ def combine(commands: Sequence[JointVelocity]) -> JointVelocity:
     """The sum of velocity commands that move disjoint sets of joints.
 
     Args:
-        commands: at least one, all of the same stamp and length.
+        commands: at least one, all of the same stamp, validity and length.
 
     Returns:
-        One command (n_joints,) rad/s; each controller has kept its own limits, so the sum keeps them.
+        One command (n_joints,) rad/s, which `limits.limit` takes into the robot's limits.
 
     Raises:
-        ValueError: two commands move one joint, their stamps or lengths differ, or a rate is not finite.
+        InputError: two commands move one joint, their stamps, validities or lengths differ, or a rate is not finite.
     """
-    stamps, shapes = {c.stamp_s for c in commands}, {c.dq_rad_s.shape for c in commands}
-    if len(stamps) != 1 or len(shapes) != 1:
-        raise ValueError(f"commands of stamps {sorted(stamps)} s and shapes {sorted(shapes)}; expected one of each")
+    times, shapes = {(c.stamp_s, c.valid_s) for c in commands}, {c.dq_rad_s.shape for c in commands}
+    if len(times) != 1 or len(shapes) != 1:
+        found = f"commands of stamps and validities {sorted(times)} s and shapes {sorted(shapes)}"
+        raise InputError("arbiter", f"{found}; expected one of each")
     rates = np.array([c.dq_rad_s for c in commands])
     if not np.isfinite(rates).all():
-        raise ValueError(f"joint rates {rates}: expected finite numbers in rad/s")
+        raise InputError("arbiter", f"joint rates {rates}; expected finite numbers in rad/s")
     shared = np.flatnonzero(np.count_nonzero(rates, axis=0) > 1)
     if shared.size:
-        raise ValueError(f"joints {shared.tolist()} are commanded twice; expected disjoint sets of joints")
-    return JointVelocity(stamps.pop(), rates.sum(axis=0))
+        raise InputError("arbiter", f"joints {shared.tolist()} are commanded twice; expected disjoint sets of joints")
+    stamp_s, valid_s = times.pop()
+    return JointVelocity(stamp_s, rates.sum(axis=0), valid_s)

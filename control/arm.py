@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from control.differential_kinematics import rate_limits, solve_rates
+from control.limits import MAX_HOLD_S
+from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array
 
@@ -19,8 +21,6 @@ class ArmParams:
 
     max_rate_rad_s: float = 60 * _DEG
     """Rate limit of each joint."""
-    approach_per_s: float = 5.0
-    """A joint nears its limit no faster than this times the angle left."""
     damping_m: float = 0.003
     """Damping that keeps rates finite at singular postures."""
     posture_per_s: float = 1.0
@@ -57,21 +57,21 @@ def arm_velocity(
     velocity_root: ArrayLike,
     rest_rad: ArrayLike,
     keep_in: KeepIn | None = None,
+    hold_s: float = MAX_HOLD_S,
 ) -> Array:
     """Joint rates (n_joints,) of the arm of `side` that move a `point` (3,) of `frame` at `velocity_root` (3,) m/s.
 
-    `rest_rad` (k,) is the arm's rest posture.  Where a joint limit or the sphere forbids the motion, the point slides
-    along it, or stops.  ValueError for a velocity that is not finite.
+    `rest_rad` (k,) is the arm's rest posture.  Where a joint limit, within the time `hold_s` for which the rates may be
+    held, or the sphere forbids the motion, the point slides along it, or stops.  InputError for a velocity that is not
+    finite.
     """
     velocity = np.asarray(velocity_root, dtype=float)
     if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
-        raise ValueError(f"velocity {velocity} of {frame}: expected three finite numbers in m/s")
+        raise InputError("arm", f"velocity {velocity} of {frame}; expected three finite numbers in m/s")
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
     q = posture.q_rad[columns]
-    limits = rate_limits(
-        q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, params.approach_per_s
-    )
+    limits = rate_limits(q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, 1 / hold_s)
     preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
     J = posture.jacobian(frame, point)[:3, columns]
     rates = solve_rates(J, velocity, preferred, params.damping_m, limits)

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from control.arm import ArmParams, KeepIn, arm_velocity
+from control.limits import MAX_HOLD_S, check_times
+from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.model import Posture
 from pps_vision.robot.skin import Skin
@@ -73,6 +75,8 @@ class AvoidanceState:
     """(3,) control point in `frame`, m."""
     velocity_root: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) its commanded velocity, m/s."""
+    stamp_s: float = -np.inf
+    """Stamp of the last step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,21 +98,25 @@ def step(
     activations: ArrayLike,
     stamp_s: float,
     may_reach: bool = False,
+    hold_s: float = MAX_HOLD_S,
 ) -> tuple[AvoidanceState, JointVelocity, Response]:
     """One control step from the activations (n,) of `skin`, the taxels this arm carries.
 
     The arm reaches only while `may_reach`: while the reachable-space map calls the object reachable; it avoids in any
-    case.  ValueError if an activation is NaN or there is not one per taxel.
+    case.  The command may be held for `hold_s`.  InputError if an activation is not in [0, 1], if there is not one per
+    taxel, or if the stamp is not finite or before the last one.
     """
+    check_times("avoidance", stamp_s, hold_s, state.stamp_s)
     found = control_point(params.threshold, posture, skin, np.asarray(activations, dtype=float))
     state = _next(params, state, posture, found, stamp_s, may_reach or params.behaviour == "avoid")
+    state = replace(state, stamp_s=stamp_s)
     if state.mode in ("avoid", "reach"):
-        dq = _respond(params, state, posture)
+        dq = _respond(params, state, posture, hold_s)
         response = Response(state.mode, state.velocity_root, posture.point(state.frame, state.point))
     else:
         dq = _return(params, posture, stamp_s - state.since_s) if state.mode == "return" else 0 * posture.q_rad
         response = Response(state.mode, np.zeros(3), np.full(3, np.nan))
-    return state, JointVelocity(stamp_s, dq), response
+    return state, JointVelocity(stamp_s, dq, hold_s), response
 
 
 def control_point(
@@ -119,8 +127,9 @@ def control_point(
     P = Σ a p / Σ a and N = Σ a n / Σ a over the taxels above threshold of the body part with the largest Σ a; None
     where no taxel is above threshold.
     """
-    if activations.shape != (len(skin.taxel_ids),) or np.any(np.isnan(activations)):
-        raise ValueError(f"activations {activations}: expected {len(skin.taxel_ids)} numbers, one a taxel, none NaN")
+    n = len(skin.taxel_ids)
+    if activations.shape != (n,) or not np.all((activations >= 0) & (activations <= 1)):
+        raise InputError("avoidance", f"activations {activations}; expected {n} numbers in [0, 1], one a taxel")
     weights = np.where(activations > threshold, activations, 0.0)
     if not weights.any():
         return None
@@ -156,14 +165,13 @@ def _next(
     return state
 
 
-def _respond(params: AvoidanceParams, state: AvoidanceState, posture: Posture) -> Array:
+def _respond(params: AvoidanceParams, state: AvoidanceState, posture: Posture, hold_s: float) -> Array:
     """Joint rates that move the control point as commanded, the palm staying within its sphere."""
     palm, q_home = _palm(params, posture), posture.q_rad.copy()
     q_home[_columns(params, posture)] = params.home_arm_rad
     keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
-    return arm_velocity(
-        params.arm, posture, params.side, state.frame, state.point, state.velocity_root, params.home_arm_rad, keep_in
-    )
+    task = state.frame, state.point, state.velocity_root
+    return arm_velocity(params.arm, posture, params.side, *task, params.home_arm_rad, keep_in, hold_s)
 
 
 def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float) -> Array:
@@ -172,7 +180,8 @@ def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float) -> Arra
     dq[_columns(params, posture)] = -params.return_per_s * _angles_from_home(params, posture)
     palm_speed = np.linalg.norm(posture.jacobian(_palm(params, posture))[:3] @ dq)
     excess = max(palm_speed / params.speed_m_s, np.abs(dq).max() / params.arm.max_rate_rad_s, 1.0)
-    return np.asarray(dq * min(1.0, elapsed_s / params.ease_in_s) / excess)
+    eased = elapsed_s / params.ease_in_s if elapsed_s < params.ease_in_s else 1.0
+    return np.asarray(dq * eased / excess)
 
 
 def _columns(params: AvoidanceParams, posture: Posture) -> list[int]:

@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike
 
 from control.differential_kinematics import rate_limits, solve_rates
 from control.head import TILT, HeadLimits, gaze_columns, gaze_of, gaze_range
+from control.limits import MAX_HOLD_S, check_times
+from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity
 
@@ -20,7 +22,7 @@ class FixationParams:
     """Gains and limits of the fixation controller."""
 
     gain_per_s: float = 8.0
-    """k of G = k·(∂x/∂q)⁻¹ (J IV.1); stable below 2/dt."""
+    """k of G = k·(∂x/∂q)⁻¹ (J IV.1); stable below 2 by the time between two commands."""
     tilt_return_per_s: float = 2.0
     """Rate at which the tilt returns to zero as the neck takes over."""
     limits: HeadLimits = field(default_factory=HeadLimits)
@@ -32,26 +34,33 @@ def step(
     posture: Posture,
     p_root: ArrayLike,
     v_root: ArrayLike = (0.0, 0.0, 0.0),
-    dt_s: float = 0.05,
+    dt_s: float = MAX_HOLD_S,
     stamp_s: float = 0.0,
 ) -> JointVelocity:
     """Head and eye rates q̇ = −G x towards fixation of a point (J IV.1).
 
     x is [a_L − a_R, mean a, mean b] of the azimuth a and elevation b (rad) under which each eye sees the point: J's
     pixel features without the lens, linear in the joints far off axis too.  `p_root` (3,) m is the target's position
-    at `stamp_s`, `v_root` (3,) m/s its velocity, fed forward.  ValueError for a target that is not finite.
+    at `stamp_s`, `v_root` (3,) m/s its velocity, fed forward.  The rates may be held for `dt_s`: no joint leaves its
+    limits meanwhile.  InputError for a target that is not finite, a stamp that is not, or `dt_s` out of (0, 0.5].
     """
+    check_times("fixation", stamp_s, dt_s)
     p, v = np.asarray(p_root, dtype=float), np.asarray(v_root, dtype=float)
-    if p.shape != (3,) or v.shape != (3,) or not (np.all(np.isfinite(p)) and np.all(np.isfinite(v))):
-        raise ValueError(f"target at {p} moving {v}: expected a known point and velocity (3,)")
+    if p.shape != (3,) or v.shape != (3,) or not np.all(np.isfinite([p, v])):
+        raise InputError("fixation", f"target at {p} moving {v}; expected a known point and velocity (3,)")
+    return JointVelocity(stamp_s, _rates(params, posture, p, v, dt_s), dt_s)
+
+
+def _rates(params: FixationParams, posture: Posture, p: Array, v: Array, hold_s: float) -> Array:
+    """Joint rates (n_joints,) of `step`."""
     gaze, columns = gaze_of(posture), gaze_columns(posture.robot)
     x, dx_dq, dx_dp = features(posture, p)
     lower, upper = gaze_range(params.limits.gaze, posture)
-    rate_range = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
+    rate_range = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / hold_s)
     preferred = np.zeros(4)
     preferred[TILT] = -params.tilt_return_per_s * gaze[TILT]
     rates = solve_rates(dx_dq @ columns, -params.gain_per_s * x - dx_dp @ v, preferred, _WEIGHTS, rate_range)
-    return JointVelocity(stamp_s, columns @ rates)
+    return np.asarray(columns @ rates)
 
 
 def features(posture: Posture, p_root: Array) -> tuple[Array, Array, Array]:
@@ -95,9 +104,9 @@ def gaze_at(robot: Robot, q_rad: ArrayLike, p_root: ArrayLike, params: FixationP
     params = params or FixationParams()
     slow = replace(params.limits, neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6)
     whole_step = replace(params, gain_per_s=0.8, tilt_return_per_s=0.5, limits=slow)
-    q = np.array(q_rad, dtype=float)
+    q, p = np.array(q_rad, dtype=float), np.asarray(p_root, dtype=float)
     for _ in range(60):
-        dq = step(whole_step, robot.at(q), p_root, dt_s=1.0).dq_rad_s
+        dq = _rates(whole_step, robot.at(q), p, np.zeros(3), 1.0)
         q += dq
         if np.abs(dq).max() < 1e-9:
             break

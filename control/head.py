@@ -39,17 +39,22 @@ def gaze_of(posture: Posture) -> Array:
 
 
 def gaze_range(limits: GazeLimits, posture: Posture) -> tuple[Array, Array]:
-    """Lower and upper (4,) rad of the gaze at the present version: `limits` and the robot's own."""
+    """Lower and upper (4,) rad of the gaze at the present version: `limits`, as far as the robot's own allow.
+
+    With a version beyond the eyes' limits, where any vergence turns one of the eyes outwards, the vergence stays.
+    """
     robot = posture.robot
     index = robot.indices(robot.names.gaze_joints)
     low, high = robot.lower_rad[index], robot.upper_rad[index]
     left, right = posture.q_rad[index[3:]]
     version = 0.5 * (left + right)
-    lower = np.array([*low[:3], 2 * max(low[3] - version, version - high[4])])
-    upper = np.array([*high[:3], 2 * min(high[3] - version, version - low[4])])
+    vergence = 2 * max(low[3] - version, version - high[4]), 2 * min(high[3] - version, version - low[4])
+    if vergence[0] > vergence[1]:
+        vergence = (left - right, left - right)
+    lower, upper = np.array([*low[:3], vergence[0]]), np.array([*high[:3], vergence[1]])
     limited = [YAW, PITCH, VERGENCE]  # J has no tilt
-    lower[limited] = np.maximum(lower[limited], limits.lower)
-    upper[limited] = np.minimum(upper[limited], limits.upper)
+    of_j = np.clip([limits.lower, limits.upper], lower[limited], upper[limited])
+    lower[limited], upper[limited] = of_j
     return lower, upper
 
 

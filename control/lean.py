@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from control.limits import check_times
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array, JointVelocity, Mask
@@ -47,12 +48,16 @@ def step(
         reachable: the map's verdict (N,) on gaze postures (N, 3); False for NaN.
         posture: the robot now.
         p_root: (3,) position of the object, root frame, m.
-        dt_s: duration of the command.
+        dt_s: duration of the command, at most 0.5 s.
         stamp_s: stamp of the command.
 
     Returns:
         Whether the object is within reach, will be, or cannot be; and the rates of the torso's joints.
+
+    Raises:
+        InputError: the stamp is not finite, or `dt_s` out of (0, 0.5].
     """
+    check_times("lean", stamp_s, dt_s)
     robot = posture.robot
     index, dq = robot.indices(robot.names.torso), np.zeros(robot.n_joints)
     axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, params.spacing_rad) for i in index]
@@ -70,7 +75,7 @@ def step(
         distance = np.linalg.norm(turns, axis=1)
         nearest = int(distance.argmin())
         dq[index] = turns[nearest] / max(dt_s, float(distance[nearest]) / params.torso_rad_s)
-    return status, JointVelocity(stamp_s, dq)
+    return status, JointVelocity(stamp_s, dq, dt_s)
 
 
 def carried_velocity(posture: Posture, p_root: Array, dq_rad_s: Array) -> Array:

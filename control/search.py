@@ -6,6 +6,7 @@ import numpy as np
 
 from control.differential_kinematics import rate_limits
 from control.head import PITCH, TILT, VERGENCE, YAW, HeadLimits, gaze_columns, gaze_of, gaze_range
+from control.limits import check_times
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array, JointVelocity
 
@@ -20,6 +21,8 @@ class SearchParams:
     """Largest turn to the left and right of the centre."""
     pitch_rad: float = 20 * _DEG
     """Largest turn up and down from the centre."""
+    gain_per_s: float = 8.0
+    """The head nears a goal no faster than this times the angle left."""
     limits: HeadLimits = field(default_factory=lambda: HeadLimits(neck_rad_s=30 * _DEG, eyes_rad_s=30 * _DEG))
     """Range and speed of the head."""
     arrived_rad: float = 1 * _DEG
@@ -44,15 +47,20 @@ def step(
     rng: np.random.Generator,
     stamp_s: float = 0.0,
 ) -> tuple[SearchState, JointVelocity]:
-    """Head rates towards a random goal within the limits, a new one as each is reached."""
+    """Head rates towards a random goal within the limits, a new one as each is reached.
+
+    The rates may be held for `dt_s`: no joint leaves its limits meanwhile.  InputError for a stamp that is not finite
+    or a `dt_s` out of (0, 0.5].
+    """
+    check_times("search", stamp_s, dt_s)
     gaze = gaze_of(posture)
     lower, upper = gaze_range(params.limits.gaze, posture)
     goal = state.goal
     if goal is None or np.abs(goal - gaze).max() < params.arrived_rad:
         goal = _random_goal(params, state.center, lower, upper, rng)
     slowest, fastest = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
-    rates = np.clip((goal - gaze) / dt_s, slowest, fastest)
-    return SearchState(state.center, goal), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates)
+    rates = np.clip(params.gain_per_s * (goal - gaze), slowest, fastest)
+    return SearchState(state.center, goal), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, dt_s)
 
 
 def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:

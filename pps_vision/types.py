@@ -229,10 +229,14 @@ class Reachability:
 
 @dataclass(frozen=True, slots=True)
 class JointVelocity:
-    """A velocity command for the whole robot, rad/s in the model's joint order."""
+    """A velocity command for the whole robot, `dq_rad_s` (n_joints,) rad/s in the model's joint order.
+
+    It may be held for `valid_s` from its stamp; then the robot has to stop.
+    """
 
     stamp_s: float
     dq_rad_s: Array
+    valid_s: float
 
     def __post_init__(self) -> None:
         _read_only(self, "dq_rad_s")

@@ -8,7 +8,7 @@ from pps_vision.types import Activation, JointVelocity, Status, StereoFrame, Tra
 
 def test_arrays_of_a_message_are_read_only_and_the_senders_stays_writeable() -> None:
     sent = np.zeros(3)
-    message = JointVelocity(0.0, sent)
+    message = JointVelocity(0.0, sent, 0.5)
     with pytest.raises(ValueError, match="read-only"):
         message.dq_rad_s[0] = 1.0
     sent[0] = 1.0

@@ -8,32 +8,36 @@ from pathlib import Path
 
 import numpy as np
 
-from control import arbiter, avoidance, fixation, search
+from control import arbiter, avoidance, fixation, limits, search
 from control.avoidance import AvoidanceParams, AvoidanceState
 from control.fixation import FixationParams
 from control.head import gaze_of
+from control.limits import MAX_HOLD_S, LimitParams
 from control.search import SearchParams, SearchState
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerParams, LearnerState
 from learning.pps.memory import PPSMemory, activation
-from learning.pps.receptive_field import ReceptiveField, perceive
+from learning.pps.receptive_field import ReceptiveField, likely_velocities, perceive
 from learning.reach.map import ReachableMap
 from learning.reach.track_reachability import TrackReachability
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Activation, Array, JointVelocity, Mask, Reachability, StereoFrame, TaxelEvents, Track3D
 from tracking.tracker import Tracker, TrackerStep
+
+_LARGEST = 1e6  # m and m/s: what is farther or faster is no measurement
 
 
 @dataclass(frozen=True)
 class PipelineParams:
     """Parameters of everything after the tracker."""
 
-    period_s: float = 0.05
-    """Period of the control loop."""
+    hold_s: float = MAX_HOLD_S
+    """Time for which a command may be held if no later one comes."""
     search_for_s: float = 2.0
     """Duration of the gaze search after the object was lost."""
     max_false_positives: float = 1e-3
@@ -48,6 +52,8 @@ class PipelineParams:
     """Gaze control after the object was lost (J IV.B)."""
     avoidance: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
     """Response of the arm to its skin (R eq. 6)."""
+    limits: LimitParams = LimitParams()
+    """Limits of every command."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,8 @@ class PipelineState:
     """Stamp of the last frame in which the object was known."""
     last_taxels: tuple[float, Array] | None = None
     """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
+    last_command: JointVelocity | None = None
+    """Command of the last frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +115,7 @@ class Pipeline:
         self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(side)))
         self._on_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
         self._reachability = reachable_map and TrackReachability(robot, reachable_map, params.max_false_positives)
+        self._self_collision = SelfCollision(robot)
         self._state = PipelineState(LearnerState(memory, EventBuffer()))
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
@@ -122,9 +131,11 @@ class Pipeline:
         taxels, normals = self.skin.at(posture)
         tracking = self.tracker.step(frame)
         track = tracking.track
-        events = self._perceive(track, taxels, normals, _velocity(state.last_taxels, stamp_s, taxels), touched)
+        check_track(track)
+        moving = _velocity(state.last_taxels, stamp_s, taxels)
+        events = self._perceive(track, taxels, normals, moving, touched)
         learned = learner.step(params.learning, state.learning, events)
-        felt = Activation(stamp_s, events.taxel_ids, activation(learned.memory, events.distance_m, events.ttc_s))
+        felt = self._feel(learned.memory, track, taxels, normals, moving)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
         arm, arm_command, response = avoidance.step(
             params.avoidance,
@@ -134,11 +145,13 @@ class Pipeline:
             felt.probability[self._on_arm],
             stamp_s,
             may_reach=reachability is not None and reachability.is_reachable,
+            hold_s=params.hold_s,
         )
         searching, gaze_command = self._move_gaze(state, posture, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s
-        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels))
-        command = arbiter.combine((arm_command, gaze_command))
+        wanted = arbiter.combine((arm_command, gaze_command))
+        command = limits.limit(params.limits, self._self_collision, posture, wanted, state.last_command)
+        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), command)
         return PipelineStep(posture, tracking, events, felt, reachability, response, command)
 
     def finish(self) -> PPSMemory:
@@ -180,19 +193,30 @@ class Pipeline:
             ttc = sooner(at_rest, moving)
         return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
 
+    def _feel(
+        self, memory: PPSMemory, track: Track3D, taxels: Array, normals: Array, taxel_velocity: Array
+    ) -> Activation:
+        """Activation of every taxel, its mean over the velocities that the track may have; 0 without a track."""
+        felt = np.zeros(len(taxels))
+        if track.is_known:
+            stimulus = track.position, track.velocity, track.radius_m, None
+            likely = likely_velocities(taxels, track.position, track.cov[3:6, 3:6])
+            D, at_rest = perceive(self.params.receptive_field, taxels, normals, *stimulus, likely)
+            moving = perceive(self.params.receptive_field, taxels, normals, *stimulus, taxel_velocity + likely)[1]
+            felt = activation(memory, D, sooner(at_rest, moving)).mean(axis=0)
+        return Activation(track.stamp_s, self.skin.taxel_ids, felt)
+
     def _move_gaze(
         self, state: PipelineState, posture: Posture, track: Track3D
     ) -> tuple[SearchState | None, JointVelocity]:
         """Fixate a known object, search for `search_for_s` after it was lost, otherwise keep still."""
         params, stamp_s = self.params, track.stamp_s
         if track.is_known:
-            return None, fixation.step(
-                params.fixation, posture, track.position, track.velocity, params.period_s, stamp_s
-            )
+            return None, fixation.step(params.fixation, posture, track.position, track.velocity, params.hold_s, stamp_s)
         if stamp_s - state.last_known_s < params.search_for_s:
             searching = state.searching or SearchState(gaze_of(posture))
-            return search.step(params.search, searching, posture, params.period_s, self._rng, stamp_s)
-        return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints))
+            return search.step(params.search, searching, posture, params.hold_s, self._rng, stamp_s)
+        return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints), params.hold_s)
 
 
 def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline") -> None:
@@ -200,6 +224,17 @@ def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline")
     if memory.taxel_ids != skin.taxel_ids:
         n, m = len(memory.taxel_ids), len(skin.taxel_ids)
         raise InputError(source, f"memory has {n} taxels but the skin has {m}; expected a memory of this skin")
+
+
+def check_track(track: Track3D) -> None:
+    """InputError for a known track whose position, velocity or velocity covariance cannot be acted on."""
+    if not track.is_known:
+        return
+    motion, cov = track.mean[:2], track.cov[3:6, 3:6]
+    if not np.all(np.abs(motion) < _LARGEST):
+        raise InputError("pipeline", f"track at {motion[0]} m moving {motion[1]} m/s; expected finite numbers")
+    if not np.isfinite(cov).all() or (variances := np.linalg.eigvalsh(cov))[0] < -1e-9 * variances[-1]:
+        raise InputError("pipeline", f"velocity covariance {cov.tolist()}; expected a positive semi-definite one")
 
 
 def joints_of(frame: StereoFrame) -> Array:

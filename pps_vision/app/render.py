@@ -10,6 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from control import fixation
+from control.limits import MAX_HOLD_S
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
 from pps_vision.errors import InputError
@@ -122,7 +123,7 @@ def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array
         return dq
     if options.head == "follow":
         gains = fixation.FixationParams(gain_per_s=min(8.0, 0.6 / dt))
-        dq = fixation.step(gains, robot.at(q), p, v, dt).dq_rad_s.copy()
+        dq = fixation.step(gains, robot.at(q), p, v, min(dt, MAX_HOLD_S)).dq_rad_s.copy()
     phase = 2 * np.pi * _SWAY_HZ
     yaw, pitch = robot.indices(robot.names.gaze_joints)[:2]
     dq[[yaw, pitch]] += _SWAY * phase * np.cos(phase * t)

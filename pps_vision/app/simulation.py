@@ -187,7 +187,9 @@ def simulate(
             dq[arm] = 0.0
         if episode.motion is None:
             dq[arm] = _swing_rate(t)
-        q = robot.clamp(q + PERIOD_S * dq)
+        q = q + PERIOD_S * dq
+        if episode.motion is None:
+            q = robot.clamp(q)  # the swing knows no limits; commands keep them
 
 
 def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoid: bool = True) -> EpisodeLog:

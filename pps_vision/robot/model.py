@@ -139,10 +139,12 @@ class Robot:
         return tuple(self.joint_names[joint - 1] for joint in supports if joint)
 
     def _checked(self, q_rad: ArrayLike) -> Array:
-        """A copy of a configuration (n_joints,); ValueError for a wrong length or a value that is not finite."""
+        """A copy of a configuration (n_joints,); InputError for a wrong length or a value that is not finite."""
         q: Array = np.array(q_rad, dtype=float)
         if q.shape != (self.n_joints,) or not math.isfinite(sum(q.tolist())):
-            raise ValueError(f"joints {np.array2string(q, precision=3)}: expected {self.n_joints} finite angles")
+            raise InputError(
+                "posture", f"joints {np.array2string(q, precision=3)}; expected {self.n_joints} finite angles"
+            )
         return q
 
     def clamp(self, q_rad: Array) -> Array:

@@ -11,6 +11,7 @@ from known_track import DT, KnownTrack, Motion, frame_at, run
 from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, sooner
+from pps_vision.errors import InputError
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, StereoFrame
@@ -166,7 +167,7 @@ def test_a_frame_that_is_refused_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(("uncertain", "expected_s"), [("position", 2.0), ("velocity", np.inf)])
-def test_an_uncertain_velocity_is_no_approach(uncertain: str, expected_s: float) -> None:
+def test_an_uncertain_velocity_is_not_learned_from(uncertain: str, expected_s: float) -> None:
     skin, posture = icub_skin(("left_forearm",)), ROBOT.at(home(ROBOT))
     index = skin.index("left_forearm:3")
     point, normal = (a[index] for a in skin.at(posture))
@@ -174,6 +175,76 @@ def test_an_uncertain_velocity_is_no_approach(uncertain: str, expected_s: float)
     variances[("position", "velocity").index(uncertain)] = 0.05**2 * 1.1
     pipeline = following(lambda t: (point + 0.1 * normal, -0.05 * normal), cov=np.diag(variances.ravel()))
     assert pipeline.step(frame_at(0.0, home(ROBOT))).events.ttc_s[index] == pytest.approx(expected_s)
+
+
+@pytest.mark.parametrize(("sigma_m_s", "expected"), [(0.0, 1.0), (0.0525, 0.625), (10.0, 0.5)])
+def test_an_uncertain_velocity_is_integrated_over(sigma_m_s: float, expected: float) -> None:
+    """Closing at 5 cm/s from 10 cm: within the memory's 3 s when it closes at 3.3 cm/s or more, Φ(0.32) = 0.62."""
+    pipeline = anxious(0.1, 0.05, np.diag(np.repeat([1e-6, sigma_m_s**2, 1e-6, 1e-6], 3)))
+    step = pipeline.step(frame_at(0.0, home(ROBOT)))
+    assert step.activation.probability[pipeline.skin.index("left_forearm:3")] == pytest.approx(expected, abs=0.01)
+
+
+def anxious(distance_m: float, speed_m_s: float, cov: Array | None = None) -> Pipeline:
+    """A skin that was touched by whatever came near, and an object that approaches a taxel's place at home."""
+    skin = icub_skin(("left_forearm",))
+    points, normals = skin.at(ROBOT.at(home(ROBOT)))
+    index = skin.index("left_forearm:3")
+    at = points[index] + distance_m * normals[index], -speed_m_s * normals[index]
+    pipeline = following(lambda t: at, cov=cov)
+    counts = np.zeros_like(pipeline.memory.counts)
+    counts[..., 0] = 1
+    learned = replace(pipeline._state.learning, memory=replace(pipeline.memory, counts=counts))
+    pipeline._state = replace(pipeline._state, learning=learned)
+    return pipeline
+
+
+BAD_COVARIANCES = [np.full((12, 12), np.nan), np.full((12, 12), np.inf), np.diag([1.0] * 5 + [-1e-3] + [1.0] * 6)]
+
+
+@pytest.mark.parametrize("cov", BAD_COVARIANCES, ids=["NaN", "infinite", "indefinite"])
+def test_a_track_without_a_covariance_is_refused_and_changes_nothing(cov: Array) -> None:
+    pipeline = anxious(0.1, 0.05, cov)
+    before = pipeline._state
+    with pytest.raises(InputError, match="expected a positive semi-definite one"):
+        pipeline.step(frame_at(0.0, home(ROBOT)))
+    assert pipeline._state is before
+
+
+@pytest.mark.parametrize(("row", "value"), [(0, np.nan), (1, np.nan), (0, np.inf), (0, 1e300), (1, -1e7)])
+def test_a_track_that_is_nowhere_is_refused(row: int, value: float) -> None:
+    motion = np.array([[-0.3, 0.0, 0.2], [0.0, 0.0, 0.0]])
+    motion[row, 1] = value
+    with pytest.raises(InputError, match="expected finite numbers"):
+        following(lambda t: (motion[0], motion[1])).step(frame_at(0.0, home(ROBOT)))
+
+
+def test_a_command_that_is_refused_leaves_the_state() -> None:
+    pipeline = anxious(0.05, 0.1)
+    pipeline.step(frame_at(1.0, home(ROBOT)))
+    before = pipeline._state
+    for stamp_s in (0.95, np.nan, np.inf):
+        with pytest.raises(InputError, match="does not go back"):
+            pipeline.step(frame_at(stamp_s, home(ROBOT)))
+        assert pipeline._state is before
+
+
+def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None:
+    """Avoidance and fixation at joints near their limits: held to the end, none is passed."""
+    for hold_s in (0.05, 0.5):
+        pipeline = anxious(0.05, 0.1)
+        pipeline.params = replace(pipeline.params, hold_s=hold_s)
+        q = home(ROBOT)
+        wrist = ROBOT.indices(("left_wrist_prosupination", "left_elbow", "neck_yaw"))
+        q[wrist] = ROBOT.upper_rad[wrist] - 1e-3
+        for k in range(20):
+            step = pipeline.step(frame_at(DT * k, q))
+            assert step.command.valid_s == hold_s
+            end = q + hold_s * step.command.dq_rad_s
+            assert np.all((end >= ROBOT.lower_rad) & (end <= ROBOT.upper_rad))
+            q = q + min(DT, hold_s) * step.command.dq_rad_s
+        assert step.response.mode == "avoid"
+        assert np.any(step.command.dq_rad_s[ROBOT.indices(ROBOT.names.arm("left"))])
 
 
 def test_taxels_of_a_frame_with_the_same_stamp_count_as_resting() -> None:

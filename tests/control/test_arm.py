@@ -62,13 +62,13 @@ def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot: Robot, r
             assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))
 
 
-def test_joints_slow_down_before_their_limits(robot: Robot) -> None:
+def test_rates_may_be_held_for_half_a_second(robot: Robot) -> None:
     q = home(robot)
     elbow = robot.indices(("left_elbow",))
     q[elbow] = robot.upper_rad[elbow] - 0.02
     forearm = robot.at(q).jacobian("left_palm")[:3, elbow[0]]
-    dq = arm_velocity(PARAMS, robot.at(q), "left", "left_palm", (0, 0, 0), 0.5 * forearm, REST)
-    assert 0 < dq[elbow[0]] <= PARAMS.approach_per_s * 0.02 + 1e-6
+    dq = arm_velocity(PARAMS, robot.at(q), "left", "left_palm", (0, 0, 0), forearm, REST)
+    assert 0.8 * 0.02 < 0.5 * dq[elbow[0]] <= 0.02 + 1e-6
 
 
 def test_the_palm_slides_along_its_sphere(robot: Robot) -> None:

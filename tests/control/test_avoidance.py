@@ -161,14 +161,15 @@ def test_persistent_activation_moves_the_palm_no_further_than_its_sphere(
     on = activations_of(FOREARM, **{f"left_forearm_{taxel}": 1.0})
     palm = [robot.at(q).point("left_palm") for q, _, _ in simulate(robot, [on] * 80, params)]
     away = np.linalg.norm(np.array(palm) - palm[0], axis=1)
-    assert 0.05 < away.max() < 0.202
+    assert 0.05 < away.max() < 0.203  # the sphere is kept by a weight, against joints at their limits
 
 
 @pytest.mark.parametrize(
-    "activations", [np.full(12, np.nan), np.r_[np.zeros(11), np.nan], np.zeros(11), np.zeros((12, 1))]
+    "activations",
+    [*(np.r_[np.zeros(11), bad] for bad in (np.nan, 1.1, -0.1)), np.full(12, np.nan), np.zeros(11), np.zeros((12, 1))],
 )
 def test_activations_that_are_not_one_number_a_taxel_are_refused(robot: Robot, activations: Array) -> None:
-    with pytest.raises(ValueError, match="expected 12 numbers, one a taxel, none NaN"):
+    with pytest.raises(ValueError, match=r"expected 12 numbers in \[0, 1\], one a taxel"):
         step(PARAMS, AvoidanceState(), robot.at(home(robot)), FOREARM, activations, 0.0)
 
 

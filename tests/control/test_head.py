@@ -1,6 +1,7 @@
 """The gaze read from the joints and written back to them."""
 
 import numpy as np
+import pytest
 
 from control.head import HeadLimits, gaze_columns, gaze_of, gaze_range
 from pps_vision.robot.gaze import GazeLimits
@@ -31,6 +32,22 @@ def test_eyes_turned_aside_have_less_room_to_converge(robot: Robot) -> None:
     np.testing.assert_allclose(gaze_range(GazeLimits(), robot.at(q))[1][3] / DEG, 60)
     q = set_gaze(robot, np.zeros(robot.n_joints), version=-20 * DEG, vergence=10 * DEG)
     np.testing.assert_allclose(gaze_range(GazeLimits(), robot.at(q))[1][3] / DEG, 60)
+
+
+@pytest.mark.parametrize(("left", "right"), [(55, 52), (-51, -58)])
+def test_with_both_eyes_beyond_their_limits_the_vergence_stays(robot: Robot, left: float, right: float) -> None:
+    q = np.zeros(robot.n_joints)
+    q[robot.indices(robot.names.gaze_joints[3:])] = left * DEG, right * DEG
+    lower, upper = gaze_range(GazeLimits(), robot.at(q))
+    assert lower[3] == upper[3] == pytest.approx((left - right) * DEG)
+    np.testing.assert_allclose(lower[:3] / DEG, [-55, -40, -35])
+
+
+def test_js_range_ends_at_the_robots(robot: Robot) -> None:
+    """Eyes turned aside by 49° converge by 2° at most, where J asks for 5°."""
+    q = set_gaze(robot, np.zeros(robot.n_joints), version=49 * DEG, vergence=0.0)
+    lower, upper = gaze_range(GazeLimits(), robot.at(q))
+    np.testing.assert_allclose([lower[3] / DEG, upper[3] / DEG], [2, 2])
 
 
 def test_vergence_may_change_twice_as_fast_as_an_eye_turns() -> None:

@@ -108,3 +108,56 @@ def test_ignored_bodies_do_not_count():
     assert len(nearer) >= 3
     for q in nearer[:3]:
         assert without.distance_m(q) == pytest.approx(reference(q, finger), abs=1e-3)
+
+
+def test_the_clear_share_of_a_motion_is_never_more_than_is_clear():
+    """Random motions of arms and torso, from postures that are near themselves or not, at 200 points each."""
+    rng, bodies, shares = np.random.default_rng(4), SelfCollision(ROBOT), []
+    for k in range(150):
+        q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
+        start = bodies.distance_m(q)
+        if start <= 0 or (k % 2 and start > 0.03):
+            continue
+        change = rng.standard_normal(ROBOT.n_joints) * rng.choice([0.01, 0.1, 0.4]) * (rng.random(ROBOT.n_joints) < 0.4)
+        share = bodies.clear_share(q, change, 0.02)
+        way = [bodies.distance_m(q + s * share * change) for s in np.linspace(0, 1, 200)]
+        assert min(way) >= min(start, 0.02) - 2e-6
+        shares.append(share)
+    assert len(shares) > 60
+    assert np.mean(np.array(shares) == 1.0) > 0.4
+
+
+def test_a_motion_past_a_body_is_not_judged_by_its_ends():
+    """The left arm swings past the trunk: far enough at both ends, too near between."""
+    bodies, q, change = SelfCollision(ROBOT), home(ROBOT), np.zeros(ROBOT.n_joints)
+    q[ROBOT.indices(ROBOT.names.arm("left"))] = np.deg2rad([-65, 2, 4, 44, -50, -3, 25])
+    change[ROBOT.indices(("left_shoulder_pitch",))] = np.deg2rad(80)
+    distances = np.array([bodies.distance_m(q + s * change) for s in np.linspace(0, 1, 101)])
+    assert distances.min() < 0.02 < min(distances[0], distances[-1])
+    clear = int(np.argmax(distances < 0.02))
+    assert 0.5 * clear < 100 * bodies.clear_share(q, change, 0.02) < clear
+
+
+def test_what_moves_no_body_is_clear_and_what_overlaps_is_not():
+    bodies, head = SelfCollision(ROBOT), np.zeros(ROBOT.n_joints)
+    head[ROBOT.indices(ROBOT.names.gaze_joints)] = 1.0
+    assert bodies.clear_share(crossed_arms(), head, 0.02) == 1.0
+    assert bodies.clear_share(crossed_arms(), 0.01 * ~bodies.moving + 0.01 * bodies.moving, 0.02) == 0.0
+    assert {name for name, moves in zip(ROBOT.joint_names, bodies.moving, strict=True) if not moves} == {
+        *ROBOT.names.gaze_joints,
+        "neck_roll",
+    }
+
+
+def test_levers_bound_the_distance_of_every_surface_point_from_the_joints_that_move_it():
+    rng, bodies = np.random.default_rng(5), SelfCollision(ROBOT)
+    lever, farthest = bodies._lever_m, np.zeros(ROBOT.n_joints)
+    for _ in range(30):
+        posture = ROBOT.at(rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad))
+        for body in ROBOT.bodies:
+            points = move_points(posture.T_root(body.frame) @ body.T_frame_body, surface(body))
+            for joint in ROBOT.indices(ROBOT.moving(body.frame)):
+                origin = posture._data.oMi[joint + 1].translation
+                farthest[joint] = max(farthest[joint], np.linalg.norm(points - origin, axis=1).max())
+    assert np.all(farthest <= lever + 1e-9)
+    assert np.all(farthest[bodies.moving] > 0.5 * lever[bodies.moving])

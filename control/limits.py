@@ -1,0 +1,131 @@
+"""The last stage of every command: joint, rate and acceleration limits, and the self-collision distance.
+
+They hold for as long as the command is valid, however late the next one is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pps_vision.errors import InputError
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.types import Array, JointVelocity
+
+MAX_HOLD_S = 0.5
+"""Longest time for which a command may be held."""
+_DEG = np.pi / 180
+_MARGIN_RAD = 1e-9  # joints stop before their limits by so much, against rounding
+_NEGLIGIBLE_RAD_S = 1e-6  # an excess so small is cut off, so that a joint at its limit does not stop the others
+
+
+@dataclass(frozen=True)
+class LimitParams:
+    """What the robot can do, whatever a controller asks for."""
+
+    joint_rad_s: float = 60 * _DEG
+    """Rate limit of arms, torso and neck (FACTS §5)."""
+    eyes_rad_s: float = 180 * _DEG
+    """Rate limit of the eyes (FACTS §5)."""
+    speed_up_s: float = 0.1
+    """Time from rest to the rate limit; the acceleration limit is the rate limit divided by it."""
+    clearance_m: float = 0.02
+    """Smallest self-collision distance."""
+
+    def __post_init__(self) -> None:
+        if not (self.joint_rad_s > 0 and self.eyes_rad_s > 0 and self.speed_up_s > 0 and self.clearance_m >= 0):
+            raise InputError("limits", f"{self}; expected rates and a time above 0, a distance of at least 0")
+
+
+def check_times(source: str, stamp_s: float, hold_s: float, last_s: float = -np.inf) -> None:
+    """InputError unless a stamp is finite and not before the last one, and a holding time in (0, MAX_HOLD_S]."""
+    if not (np.isfinite(stamp_s) and stamp_s >= last_s):
+        raise InputError(source, f"stamp {stamp_s} s after {last_s} s; expected a finite one that does not go back")
+    if not 0 < hold_s <= MAX_HOLD_S:
+        raise InputError(source, f"command held for {hold_s} s; expected more than 0 s, at most {MAX_HOLD_S} s")
+
+
+def limit(
+    params: LimitParams,
+    self_collision: SelfCollision,
+    posture: Posture,
+    wanted: JointVelocity,
+    last: JointVelocity | None = None,
+) -> JointVelocity:
+    """The command nearest to `wanted` that keeps every limit for as long as it is valid.
+
+    Args:
+        params: The limits.
+        self_collision: Distances of this robot's bodies.
+        posture: The robot at the command's stamp.
+        wanted: What the controllers ask for.
+        last: The command before; None: the robot rests.
+
+    Returns:
+        The change from braking to `wanted` is scaled uniformly, separately for the joints that move bodies and for
+        the head.  Braking goes on along the last command and stops where that would have ended, which its check has
+        found free.  A limit that is exceeded already is not exceeded further: a joint beyond its limit stays or goes
+        back, and bodies that are too near do not come nearer.  The distance goes before the acceleration limit: what
+        the last command did not foresee may stop the arm at once.
+
+    Raises:
+        InputError: a rate or stamp is not finite, the stamp is before that of the last command, or the command is
+            valid for less than 0 or more than `MAX_HOLD_S`.
+    """
+    check_times("command", wanted.stamp_s, wanted.valid_s, -np.inf if last is None else last.stamp_s)
+    robot, moves_bodies = posture.robot, self_collision.moving
+    if wanted.dq_rad_s.shape != (robot.n_joints,) or not np.isfinite(wanted.dq_rad_s).all():
+        raise InputError("command", f"rates {wanted.dq_rad_s}; expected {robot.n_joints} finite numbers in rad/s")
+    lower, upper = _rate_range(params, posture, wanted.valid_s)
+    before, brake, change = _braking(params, robot, wanted, last)
+    brake = np.clip(brake, lower, upper)
+    dq = np.clip(wanted.dq_rad_s, lower, upper)
+    dq = np.where(np.abs(dq - wanted.dq_rad_s) <= _NEGLIGIBLE_RAD_S, dq, wanted.dq_rad_s)
+    lower = np.minimum(np.maximum(lower, before - change), brake)
+    upper = np.maximum(np.minimum(upper, before + change), brake)
+    for group in (moves_bodies, ~moves_bodies):
+        share = _largest_share(brake[group], dq[group], lower[group], upper[group])
+        dq[group] = brake[group] + share * (dq[group] - brake[group])
+    dq = np.clip(dq, lower, upper)  # against rounding
+    share = self_collision.clear_share(posture.q_rad, wanted.valid_s * dq, params.clearance_m)
+    free = np.where(moves_bodies, share * dq, dq)
+    if np.any((free < lower) | (free > upper)):  # too sudden a stop: brake along the last command
+        share = self_collision.clear_share(posture.q_rad, wanted.valid_s * brake, params.clearance_m)
+        free = np.where(moves_bodies, share * brake, dq)
+    return JointVelocity(wanted.stamp_s, free, wanted.valid_s)
+
+
+def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[Array, Array]:
+    """Lowest and highest rate (n_joints,) that can be held for `hold_s`, and stopped within it."""
+    robot, q = posture.robot, posture.q_rad
+    fastest = _fastest(params, robot) * min(1.0, hold_s / params.speed_up_s)
+    lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / hold_s, -fastest, 0.0)
+    upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / hold_s, 0.0, fastest)
+    return lower, upper
+
+
+def _braking(
+    params: LimitParams, robot: Robot, wanted: JointVelocity, last: JointVelocity | None
+) -> tuple[Array, Array, Array]:
+    """Rates (n_joints,) so far, rates that end where the last command would have, and the largest change."""
+    rest, acceleration = np.zeros(robot.n_joints), _fastest(params, robot) / params.speed_up_s
+    elapsed_s = MAX_HOLD_S if last is None else wanted.stamp_s - last.stamp_s
+    if last is None or elapsed_s >= last.valid_s:
+        return rest, rest, acceleration * elapsed_s
+    left = min(1.0, (last.valid_s - elapsed_s) / wanted.valid_s)
+    return last.dq_rad_s, left * last.dq_rad_s, acceleration * elapsed_s
+
+
+def _fastest(params: LimitParams, robot: Robot) -> Array:
+    """(n_joints,) rate limits."""
+    fastest = np.full(robot.n_joints, params.joint_rad_s)
+    fastest[robot.indices(robot.names.gaze_joints[2:])] = params.eyes_rad_s
+    return fastest
+
+
+def _largest_share(start: Array, end: Array, lower: Array, upper: Array) -> float:
+    """The largest share in [0, 1] of the way from `start` to `end` (k,) that stays within the limits (k,)."""
+    way = end - start
+    room = np.where(way > 0, upper - start, start - lower)
+    moved = way != 0
+    return float(np.min(room[moved] / np.abs(way[moved]), initial=1.0))

@@ -1,0 +1,239 @@
+"""The last stage of every command, held for as long as it is valid; distances by coal at many points of the way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from control import fixation, lean, search
+from control.arm import ArmParams, arm_velocity
+from control.avoidance import AvoidanceParams, AvoidanceState
+from control.avoidance import step as avoid
+from control.head import gaze_of
+from control.limits import LimitParams, limit
+from pps_vision.errors import InputError
+from pps_vision.robot.gaze import GazeLimits, GazeModel
+from pps_vision.robot.icub import HOME_ARM_RAD, home
+from pps_vision.robot.model import Robot
+from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import Array, JointVelocity
+
+PARAMS, HOLD_S, DT = LimitParams(), 0.5, 0.05
+SKIN = icub_skin(("left_forearm",))
+
+
+@pytest.fixture(scope="module")
+def bodies(robot: Robot) -> SelfCollision:
+    return SelfCollision(robot)
+
+
+def command(robot: Robot, stamp_s: float = 0.0, hold_s: float = HOLD_S, **rates: float) -> JointVelocity:
+    dq = np.zeros(robot.n_joints)
+    for name, rate in rates.items():
+        dq[robot.indices((name,))] = rate
+    return JointVelocity(stamp_s, dq, hold_s)
+
+
+def excess(robot: Robot, q: Array) -> Array:
+    """(n_joints,) rad beyond the limits."""
+    return np.maximum(np.maximum(q - robot.upper_rad, robot.lower_rad - q), 0.0)
+
+
+def smallest_distance(bodies: SelfCollision, q: Array, held: JointVelocity) -> float:
+    return min(bodies.distance_m(q + s * held.valid_s * held.dq_rad_s) for s in np.linspace(0, 1, 41))
+
+
+@pytest.mark.parametrize("dt_s", [-0.05, 0.0, np.nan, 0.51, np.inf])
+def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot: Robot, dt_s: float) -> None:
+    posture, model, rng = robot.at(home(robot)), GazeModel(robot), np.random.default_rng(0)
+    with pytest.raises(InputError, match="command held for"):
+        fixation.step(fixation.FixationParams(), posture, (-0.3, 0.0, 0.2), dt_s=dt_s)
+    with pytest.raises(InputError, match="command held for"):
+        search.step(search.SearchParams(), search.SearchState(gaze_of(posture)), posture, dt_s, rng)
+    with pytest.raises(InputError, match="command held for"):
+        lean.step(lean.LeanParams(), model, GazeLimits(), lambda gaze: gaze[:, 0] > 0, posture, np.zeros(3), dt_s)
+    with pytest.raises(InputError, match="command held for"):
+        avoid(AvoidanceParams(HOME_ARM_RAD), AvoidanceState(), posture, SKIN, np.zeros(12), 0.0, hold_s=dt_s)
+    with pytest.raises(InputError, match="command held for"):
+        limit(PARAMS, SelfCollision(robot), posture, command(robot, hold_s=dt_s))
+
+
+@pytest.mark.parametrize("stamp_s", [np.nan, np.inf, -np.inf, 0.9])
+def test_stamps_that_are_not_finite_or_go_back_are_refused_and_change_nothing(
+    robot: Robot, bodies: SelfCollision, stamp_s: float
+) -> None:
+    params, posture, on = AvoidanceParams(HOME_ARM_RAD, confirm_s=0.0), robot.at(home(robot)), np.eye(12)[0]
+    state, last, _ = avoid(params, AvoidanceState(), posture, SKIN, on, 1.0)
+    with pytest.raises(InputError, match="does not go back"):
+        avoid(params, state, posture, SKIN, on, stamp_s)
+    with pytest.raises(InputError, match="does not go back"):
+        limit(PARAMS, bodies, posture, replace(last, stamp_s=stamp_s), last)
+    again, repeated, _ = avoid(params, state, posture, SKIN, on, 1.0)
+    assert again.mode == "avoid"
+    np.testing.assert_array_equal(repeated.dq_rad_s, last.dq_rad_s)
+
+
+@pytest.mark.parametrize("rates", [np.full(23, np.nan), np.r_[np.zeros(22), np.inf], np.zeros(22)])
+def test_rates_that_are_not_finite_are_refused(robot: Robot, bodies: SelfCollision, rates: Array) -> None:
+    with pytest.raises(InputError, match="expected 23 finite numbers"):
+        limit(PARAMS, bodies, robot.at(home(robot)), JointVelocity(0.0, rates, HOLD_S))
+
+
+@pytest.mark.parametrize(
+    "change", [{"joint_rad_s": 0.0}, {"eyes_rad_s": np.nan}, {"speed_up_s": 0.0}, {"clearance_m": -1.0}]
+)
+def test_impossible_limits_are_refused(change: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="expected rates and a time above 0"):
+        replace(PARAMS, **change)
+
+
+@pytest.mark.parametrize("outside_rad", [0.0, 0.3])
+@pytest.mark.parametrize("hold_s", [0.02, 0.5])
+def test_from_any_start_joints_and_rates_keep_their_limits_while_a_command_is_held(
+    robot: Robot, rng: np.random.Generator, bodies: SelfCollision, outside_rad: float, hold_s: float
+) -> None:
+    fastest = np.full(robot.n_joints, np.deg2rad(60))
+    fastest[robot.indices(("eyes_tilt", "left_eye_pan", "right_eye_pan"))] = np.deg2rad(180)
+    moved = 0
+    for _ in range(60):
+        q = rng.uniform(robot.lower_rad, robot.upper_rad)
+        q = np.where(rng.random(robot.n_joints) < 0.1, robot.upper_rad + outside_rad, q)
+        q = np.where(rng.random(robot.n_joints) < 0.1, robot.lower_rad - outside_rad, q)
+        wanted = JointVelocity(0.0, rng.standard_normal(robot.n_joints) * (rng.random(robot.n_joints) < 0.3), hold_s)
+        held = limit(PARAMS, bodies, robot.at(q), wanted)
+        assert np.all(excess(robot, q + hold_s * held.dq_rad_s) <= excess(robot, q))
+        assert np.all(np.abs(held.dq_rad_s) <= fastest + 1e-12)
+        assert smallest_distance(bodies, q, held) >= min(bodies.distance_m(q), 0.02) - 2e-6
+        moved += bool(np.any(held.dq_rad_s))
+    assert moved > 20
+
+
+def test_a_joint_beyond_its_limit_may_go_back(robot: Robot, bodies: SelfCollision) -> None:
+    q = home(robot)
+    (elbow,) = robot.indices(("left_elbow",))
+    q[elbow] = robot.upper_rad[elbow] + 0.2
+    assert limit(PARAMS, bodies, robot.at(q), command(robot, left_elbow=-0.3)).dq_rad_s[elbow] == -0.3
+    assert not limit(PARAMS, bodies, robot.at(q), command(robot, left_elbow=0.3)).dq_rad_s.any()
+
+
+def test_a_command_is_scaled_uniformly_and_the_head_apart_from_the_body(robot: Robot, bodies: SelfCollision) -> None:
+    q = home(robot)
+    (roll,) = robot.indices(("left_shoulder_roll",))
+    wanted = command(robot, left_shoulder_roll=6.0, right_elbow=1.0, torso_yaw=-0.5, neck_yaw=0.4, eyes_tilt=-0.2)
+    held = limit(PARAMS, bodies, robot.at(q), wanted).dq_rad_s
+    share = np.where(bodies.moving, held[roll] / 6.0, 1.0)
+    assert held[roll] == pytest.approx(np.deg2rad(60))
+    np.testing.assert_allclose(held, share * wanted.dq_rad_s, atol=1e-12)
+
+
+def test_a_joint_at_its_limit_does_not_stop_the_others_by_rounding(robot: Robot, bodies: SelfCollision) -> None:
+    q = home(robot)
+    q[robot.indices(("neck_pitch",))] = robot.lower_rad[robot.indices(("neck_pitch",))]
+    held = limit(PARAMS, bodies, robot.at(q), command(robot, neck_pitch=-1e-8, neck_yaw=0.3))
+    np.testing.assert_allclose(held.dq_rad_s, command(robot, neck_yaw=0.3).dq_rad_s)
+
+
+def test_rates_change_no_faster_than_the_acceleration_limit(robot: Robot, bodies: SelfCollision) -> None:
+    """60°/s within 0.1 s: 6°/s in 10 ms; what is asked for is reached, and left, in equal steps."""
+    q, last, seen = home(robot), command(robot), []
+    (yaw,) = robot.indices(("neck_yaw",))
+    for k in range(1, 12):
+        wanted = command(robot, 0.01 * k, neck_yaw=np.deg2rad(20.0) * (k < 6))
+        last, before = limit(PARAMS, bodies, robot.at(q), wanted, last), last
+        q = q + 0.01 * before.dq_rad_s
+        seen.append(np.rad2deg(last.dq_rad_s[yaw]))
+    np.testing.assert_allclose(seen, [6, 12, 18, 20, 20, 14, 8, 2, 0, 0, 0], atol=1e-9)
+
+
+def test_braking_ends_where_the_last_command_would_have(robot: Robot, bodies: SelfCollision) -> None:
+    """Turned back in full flight just before its limit, the joint stops in front of it."""
+    (yaw,) = robot.indices(("neck_yaw",))
+    q, dt = home(robot), 0.005
+    q[yaw] = robot.upper_rad[yaw] - 0.3
+    last = limit(PARAMS, bodies, robot.at(q), command(robot, neck_yaw=5.0))
+    assert last.dq_rad_s[yaw] == pytest.approx(0.6, abs=1e-6)
+    rates = []
+    for k in range(1, 30):
+        q = q + dt * last.dq_rad_s
+        last = limit(PARAMS, bodies, robot.at(q), command(robot, dt * k, neck_yaw=5.0 * (-1) ** k), last)
+        rates.append(last.dq_rad_s[yaw])
+        assert not excess(robot, q + HOLD_S * last.dq_rad_s).any()
+    assert np.abs(np.diff(rates)).max() <= 10 * np.deg2rad(60) * dt + 1e-9
+
+
+def test_a_command_that_has_ended_is_not_braked_from(robot: Robot, bodies: SelfCollision) -> None:
+    last = command(robot, neck_yaw=1.0)
+    for stamp_s, moves in ((0.4, True), (0.5, False), (3.0, False)):
+        held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, stamp_s), last)
+        assert held.dq_rad_s.any() == (moves and stamp_s < 0.1)
+    held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, 0.05), last)
+    (yaw,) = robot.indices(("neck_yaw",))
+    assert held.dq_rad_s[yaw] == pytest.approx(1.0 - 0.05 * 10 * np.deg2rad(60))
+    held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, 0.0), last)
+    np.testing.assert_array_equal(held.dq_rad_s, last.dq_rad_s)
+
+
+def towards_the_chest(robot: Robot, q: Array) -> Array:
+    """Rates of the left arm that take the forearm inwards at 10 cm/s."""
+    return arm_velocity(ArmParams(), robot.at(q), "left", "left_forearm", (0, -0.07, 0), (0.05, 0.1, 0), HOME_ARM_RAD)
+
+
+def test_an_arm_pressed_against_the_chest_stops_20_mm_before_it(robot: Robot, bodies: SelfCollision) -> None:
+    q, free, last, distances = home(robot), home(robot), None, []
+    for k in range(80):
+        last = limit(PARAMS, bodies, robot.at(q), JointVelocity(DT * k, towards_the_chest(robot, q), HOLD_S), last)
+        assert smallest_distance(bodies, q, last) >= 0.02 - 2e-6
+        q = q + DT * last.dq_rad_s
+        free = free + DT * towards_the_chest(robot, free)
+        distances.append((bodies.distance_m(q), bodies.distance_m(free)))
+    pressed, unchecked = np.array(distances).min(axis=0)
+    assert unchecked < 0.015
+    assert pressed < 0.022
+
+
+def near_the_chest(robot: Robot, bodies: SelfCollision, distance_m: float) -> Array:
+    q = home(robot)
+    while bodies.distance_m(q) > distance_m:
+        q = q + 0.002 * towards_the_chest(robot, q)
+    return q
+
+
+@pytest.mark.parametrize("start_m", [0.019, 0.010])
+def test_from_a_start_that_is_too_near_the_distance_never_shrinks(
+    robot: Robot, rng: np.random.Generator, bodies: SelfCollision, start_m: float
+) -> None:
+    start = near_the_chest(robot, bodies, start_m)
+    inwards = towards_the_chest(robot, start)
+    arm = robot.indices(robot.names.arm("left"))
+    grown = 0
+    for k in range(40):
+        dq = (-1) ** k * inwards
+        dq[arm] += 0.1 * rng.standard_normal(7)
+        held = limit(PARAMS, bodies, robot.at(start), JointVelocity(0.0, dq, HOLD_S))
+        assert smallest_distance(bodies, start, held) >= bodies.distance_m(start) - 2e-6
+        grown += bodies.distance_m(start + HOLD_S * held.dq_rad_s) > bodies.distance_m(start) + 1e-3
+    assert grown >= 10
+
+
+def test_bodies_that_overlap_do_not_move(robot: Robot, bodies: SelfCollision) -> None:
+    q = near_the_chest(robot, bodies, -0.001)
+    held = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.0, np.full(robot.n_joints, 0.1), HOLD_S))
+    assert not held.dq_rad_s[bodies.moving].any()
+    assert held.dq_rad_s[~bodies.moving].all()
+
+
+def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot: Robot, bodies: SelfCollision) -> None:
+    """The way of the last command is no longer free, so the distance goes before the acceleration limit."""
+    q = near_the_chest(robot, bodies, 0.0205)
+    last = JointVelocity(0.0, towards_the_chest(robot, q), HOLD_S)
+    held = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.001, last.dq_rad_s, HOLD_S), last)
+    assert smallest_distance(bodies, q, held) >= 0.02 - 2e-6
+    assert np.abs(held.dq_rad_s).max() < 0.1 * np.abs(last.dq_rad_s).max()
+
+
+def test_a_torso_too_may_not_bring_an_arm_nearer(robot: Robot, bodies: SelfCollision) -> None:
+    q = np.zeros(robot.n_joints)
+    q[robot.indices(("left_elbow", "right_elbow"))] = 0.1
+    held = limit(PARAMS, bodies, robot.at(q), command(robot, torso_pitch=-0.5))
+    assert smallest_distance(bodies, q, held) >= min(0.02, bodies.distance_m(q)) - 2e-6
