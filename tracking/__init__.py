@@ -1,0 +1,10 @@
+"""Tracking of one object in stereo images; `tracking.tracker` joins the parts.
+
+This module holds the names that a user chooses from; importing them loads nothing else.
+"""
+
+from typing import Literal
+
+Mode = Literal["generic", "marker"]
+
+DEFAULT_ORDER = 4  # of the Kalman filter: position, velocity, acceleration and jerk (R, FACTS §4)

@@ -13,6 +13,8 @@ from pps_vision.types import Array, Image, Mask, Observation3D
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (FACTS §4)
 _GREY_SATURATION, _DARK_VALUE = 40, 25  # below either the hue is noise (of 255)
 _BITS = 6  # of each channel that tell colours apart; the others are about the pixel noise
+_SAME_SIMILARITY = 0.85  # least Bhattacharyya coefficient of the colours of one object before and after a gap
+_SAME_RADIUS_RATIO = 1.25  # largest ratio of its radii
 _NEVER_SEEN = 4e-3  # share of a histogram that a colour must have to count as seen
 
 
@@ -75,28 +77,24 @@ class ColorModel:
         )
 
 
-@dataclass(frozen=True)
-class ReidentificationParams:
-    """Re-identification gate: does a new detection show the object that was tracked before?"""
-
-    min_similarity: float = 0.85
-    """Least Bhattacharyya coefficient of the colours, where both are known."""
-    max_radius_ratio: float = 1.25
-    """Largest ratio of the radii."""
-
-
 def is_same_object(
-    params: ReidentificationParams,
     known: Sequence[ColorModel | None],
     radius_m: float,
     found: Sequence[ColorModel | None],
     observation: Observation3D | None,
 ) -> bool:
-    """Whether the colours `found` in each eye and the radius observed by both are those of the `known` object."""
+    """Re-identification gate: does a new detection show the object that was tracked before?
+
+    Args:
+        known: The object's colours in each eye, where they are known.
+        radius_m: Its radius.
+        found: The detection's colours in each eye.
+        observation: The detection's triangulation.
+    """
     for before, now in zip(known, found, strict=True):
-        if before and now and before.similarity(now.object) < params.min_similarity:
+        if before and now and before.similarity(now.object) < _SAME_SIMILARITY:
             return False
     if observation is None:
         return False
     ratio = observation.radius_m / radius_m
-    return max(ratio, 1 / ratio) <= params.max_radius_ratio
+    return max(ratio, 1 / ratio) <= _SAME_RADIUS_RATIO

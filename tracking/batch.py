@@ -60,7 +60,7 @@ def find(appearance: Appearance, images: Sequence[Image], optics: Optics, device
     not that camera's.
 
     Args:
-        appearance: the marker's hue and smallest area, or the object's colours.
+        appearance: the marker's hue, or the object's colours.
         optics: of the camera that took the images.
         device: on which the masks are computed.
     """
@@ -68,9 +68,8 @@ def find(appearance: Appearance, images: Sequence[Image], optics: Optics, device
     if any(image.shape != (height, width, 3) for image in images):
         return [None] * len(images)
     marked = masks(appearance, torch.from_numpy(np.stack(images)).to(device)).cpu().numpy()
-    least = appearance.min_area_px if isinstance(appearance, MarkerParams) else MarkerParams().min_area_px
     box = 0, 0, width, height
-    return [blob_outlines(image, mask, box, optics, least) for image, mask in zip(images, marked, strict=True)]
+    return [blob_outlines(image, mask, box, optics) for image, mask in zip(images, marked, strict=True)]
 
 
 def masks(appearance: Appearance, pixels: Tensor) -> Tensor:

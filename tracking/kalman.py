@@ -12,7 +12,7 @@ from numba import njit
 
 from pps_vision.errors import InputError
 from pps_vision.types import Array
-from tracking.names import DEFAULT_ORDER
+from tracking import DEFAULT_ORDER
 
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _TERMS = 16  # of a power series

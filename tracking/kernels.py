@@ -1,8 +1,8 @@
 """Numba kernels of the sub-pixel outline: pixel coverage and its moments.
 
-A region has some 30 × 30 px; on arrays most of the time would be the overhead of the calls.  Each function is compiled
-on its first call, which takes seconds once; the machine code is cached beside this file.  Arrays must be C-ordered and
-writable, or the function is compiled again for the other layout.
+A region has about 30 × 30 px, for which the overhead of array operations would take most of the time.  Each function is
+compiled on its first call, which takes seconds once; the machine code is cached beside this file.  Arrays must be
+C-ordered and writable; for another layout the function is compiled again.
 """
 
 from typing import NamedTuple
@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Image, Mask
 
-_SHADE_STD = 0.4  # how much the rim's brightness differs from that of the object just inside it
+_SHADE_STD = 0.4  # relative standard deviation of the rim's brightness from that of the object just inside it
 _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
-UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: in this unit a + b is as sure to be 1 as a pixel its level
-LEVEL_VAR = 1.0  # grey levels²: of rounding and the like
-LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
+UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: weight of the condition a + b = 1 beside one pixel's level
+_LEVEL_VAR = 1.0  # grey levels²: least variance of a pixel (rounding)
+_LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
 _EDGE, _INNER, _OUTER = 0, 1, 2
-BAND = 2  # px, to both sides of a hard mask's edge in which a pixel may be partly covered
-SMALL_PX = 60  # up to this area it is half as wide
 
 Map = NDArray[np.float32]
 Color = tuple[float, float, float]
@@ -29,15 +27,14 @@ Box = tuple[int, int, int, int]  # top, bottom, left, right
 
 
 @njit(cache=True, error_model="numpy")
-def band_of(area_px: int) -> int:
-    """How far off a hard mask's edge a pixel may be partly covered."""
-    return BAND if area_px > SMALL_PX else 1
-
-
-@njit(cache=True, error_model="numpy")
 def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
-    """Share of each pixel (h, w) that the object covers, and its variance, 0 where it is plain; of an RGB patch
-    (h, w, 3) and a hard mask of it (h, w), up to `band` px off whose edge a pixel may be partly covered."""
+    """Share of each pixel (h, w) that the object covers, and its variance (h, w), 0 where the share is certain.
+
+    Args:
+        patch: (h, w, 3) RGB.
+        mask: (h, w) hard mask of the object.
+        band: Distance from the mask's edge, px, up to which a pixel may be partly covered.
+    """
     height, width = mask.shape
     kind = _kinds(mask, band)
     sums = _color_sums(patch, kind)
@@ -55,7 +52,7 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
                 alpha[y, x], variance[y, x] = a / max(a + b, 1e-6), contrast
                 misfit += rest
                 edge += 1
-    noise = misfit / max(3 * edge, 1) + LEVEL_VAR
+    noise = misfit / max(3 * edge, 1) + _LEVEL_VAR
     for y in range(height):
         for x in range(width):
             if kind[y, x] == _EDGE:
@@ -65,7 +62,8 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
 
 @njit(cache=True, error_model="numpy")
 def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
-    """(h, w) whether within `band` px all is marked, nothing, or some; where nowhere all is, the mask is inside."""
+    """(h, w) `_INNER` where all pixels within `band` px are marked, `_OUTER` where none is, else `_EDGE`.  If no pixel
+    is inner, all marked ones are."""
     height, width = mask.shape
     kind, inner, whole = np.empty((height, width), np.uint8), 0, (2 * band + 1) ** 2
     columns = np.zeros(width + 2 * band, np.uint8)  # marked in each, of the rows within the band
@@ -102,8 +100,8 @@ def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
 
 @njit(cache=True, error_model="numpy")
 def _color_sums(patch: Image, kind: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """(h + 1, w + 1, 8) red, green, blue and the number of all inner, and of all outer pixels above and left, for at
-    most 8 million pixels."""
+    """(h + 1, w + 1, 8) integral images: red, green, blue and the number of the inner pixels, and the same of the
+    outer ones; for at most 8 million pixels."""
     height, width = kind.shape
     sums = np.zeros((height + 1, width + 1, 8), np.int32)
     row = np.empty(8, np.int32)
@@ -124,8 +122,10 @@ def _color_sums(patch: Image, kind: NDArray[np.uint8]) -> NDArray[np.int32]:
 
 @njit(cache=True, error_model="numpy")
 def _means(sums: NDArray[np.int32], box: Box, within: NDArray[np.int32]) -> tuple[Color, Color]:
-    """Mean colours of the inner and of the outer pixels in a box, of all of them where none is in it; `within` (8,) is
-    room to reckon in."""
+    """Mean colours of the inner and of the outer pixels in a box, or in the whole patch where the box has none.
+
+    `within` (8,) is a buffer.
+    """
     top, bottom, left, right = box
     a, b, c, d = sums[bottom, right], sums[top, right], sums[bottom, left], sums[top, left]
     for channel in range(8):
@@ -142,24 +142,25 @@ def _mean(sums: NDArray[np.int32], first: int) -> Color:
 
 @njit(cache=True, error_model="numpy")
 def _unmixed(pixel: Color, inner: Color, outer: Color) -> tuple[float, float, float, float]:
-    """Shares a and b of two colours in a pixel's, the squares of what they leave of it, and how far they differ.
+    """Shares a and b of two colours in a pixel's colour (least squares), the squared residual, and the squared
+    difference of the two colours.
 
-    A fourth channel, `UNIT` in all three, asks of the mixture that a + b = 1.
+    A fourth channel, `UNIT` in all three, weighs the condition a + b = 1.
     """
     (i0, i1, i2), (f0, f1, f2), (b0, b1, b2), one = pixel, inner, outer, UNIT * UNIT
     ff, bb = f0 * f0 + f1 * f1 + f2 * f2 + one, b0 * b0 + b1 * b1 + b2 * b2 + one
     fb = f0 * b0 + f1 * b1 + f2 * b2 + one
     fi, bi = f0 * i0 + f1 * i1 + f2 * i2 + one, b0 * i0 + b1 * i1 + b2 * i2 + one
-    det = max(ff * bb - fb * fb, LEAST_DET)  # Cramer's rule
+    det = max(ff * bb - fb * fb, _LEAST_DET)  # Cramer's rule
     a, b = max(bb * fi - fb * bi, 0.0) / det, max(ff * bi - fb * fi, 0.0) / det
     r0, r1, r2 = i0 - a * f0 - b * b0, i1 - a * f1 - b * b1, i2 - a * f2 - b * b2
     return a, b, r0 * r0 + r1 * r1 + r2 * r2, ff + bb - 2 * fb
 
 
 class Moments(NamedTuple):
-    """Of what is covered: the sums of its directions times their solid angles, and of these, `omega` sr; the upper
-    half of their covariance (4, 4) were pixels to err apart, row by row; area px; x, y, width, height of what is
-    covered by half."""
+    """Sums over the covered pixels: direction times solid angle (3), and solid angle `omega`, sr; the upper half of the
+    (4, 4) covariance of both, row by row, if pixel errors were independent; area, px; box (x, y, width, height) of the
+    pixels that are covered by more than half."""
 
     direction: Color
     omega: float
@@ -170,8 +171,12 @@ class Moments(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Moments:
-    """Of a region (h, w) of the image, whose corner is there, as `covered` has it; `weights` (4, height, width) are
-    each pixel's solid angle times its direction, and its solid angle."""
+    """Moments of a region (h, w) of the image with its corner at `left`, `top`.
+
+    Args:
+        alpha, variance: (h, w) as from `covered`.
+        weights: (4, height, width) each pixel's solid angle times its direction, and its solid angle.
+    """
     height, width = alpha.shape
     x = y = z = omega = area = xx = xy = xz = xo = yy = yz = yo = zz = zo = oo = 0.0
     x0, x1, y0, y1 = width, 0, height, 0

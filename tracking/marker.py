@@ -14,12 +14,13 @@ from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
 
 _MARGIN_PX = 8  # of background around a blob, from which the outline takes its background colour
+_MIN_AREA_PX = 8  # of a blob
 _MAX_BLOBS = 4  # are outlined at most, the largest and roundest: it limits the time in an image full of the hue
 
 
 @dataclass(frozen=True)
 class MarkerParams:
-    """Colour and size of a marker."""
+    """Colour of a marker."""
 
     hue_deg: float = 120.0
     """Hue, degrees."""
@@ -29,8 +30,6 @@ class MarkerParams:
     """Least saturation, 0–1."""
     min_value: float = 0.12
     """Least value, 0–1: below it the hue is noise."""
-    min_area_px: int = 8
-    """Smallest blob."""
 
     @cached_property
     def ranges(self) -> list[tuple[Array, Array]]:
@@ -42,10 +41,10 @@ class MarkerParams:
         return [(np.array([low + shift, *floor]), np.array([high + shift, 255.0, 255.0])) for shift in shifts]
 
     def __post_init__(self) -> None:
-        if not (0 <= self.hue_deg < 360 and 0 < self.hue_tolerance_deg <= 90 and self.min_area_px >= 1):
+        if not (0 <= self.hue_deg < 360 and 0 < self.hue_tolerance_deg <= 90):
             raise ValueError(
-                f"marker hue {self.hue_deg}° ± {self.hue_tolerance_deg}°, area {self.min_area_px}: "
-                "expected a hue in [0, 360), a tolerance in (0, 90] and an area of at least 1"
+                f"marker hue {self.hue_deg}° ± {self.hue_tolerance_deg}°: "
+                "expected a hue in [0, 360) and a tolerance in (0, 90]"
             )
 
 
@@ -65,14 +64,14 @@ def find_markers(
         if x1 - x0 < 3 or y1 - y0 < 3:
             return []
     hard = threshold(params, image[y0:y1, x0:x1])
-    return blob_outlines(image, hard, (x0, y0, x1, y1), optics, params.min_area_px)
+    return blob_outlines(image, hard, (x0, y0, x1, y1), optics)
 
 
-def blob_outlines(image: Image, mask: NDArray[np.uint8], box: Box, optics: Optics, min_area_px: float) -> list[Outline]:
+def blob_outlines(image: Image, mask: NDArray[np.uint8], box: Box, optics: Optics) -> list[Outline]:
     """Return the outlines of the blobs of a mask (h, w) of the region `box` of an RGB image, the largest and roundest
     first."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    blobs = [blob for blob in map(_blob, contours) if blob.area_px >= min_area_px]
+    blobs = [blob for blob in map(_blob, contours) if blob.area_px >= _MIN_AREA_PX]
     found = []
     for blob in sorted(blobs, key=lambda one: -one.weight)[:_MAX_BLOBS]:
         shape = fit_outline(image, *_cut_out(blob, box), optics)

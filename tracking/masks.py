@@ -13,27 +13,27 @@ _SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
 
 @cache
 def square(radius: int) -> NDArray[np.uint8]:
-    """A structuring element of side 2·radius + 1."""
+    """Square structuring element of side 2·radius + 1."""
     return np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
 
 
 def disc(radius: int) -> NDArray[np.uint8]:
-    """A round structuring element."""
+    """Round structuring element."""
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), dtype=np.uint8)
 
 
 def dilated(mask: Mask, radius: int) -> Mask:
-    """Grown by `radius` px to all sides."""
+    """The mask dilated by `radius` px to all sides."""
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(radius)), dtype=np.uint8).view(bool)
 
 
 def closed(mask: Mask, element: NDArray[np.uint8]) -> Mask:
-    """With gaps narrower than the element filled."""
+    """The mask with gaps narrower than the element filled."""
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, element), dtype=np.uint8).view(bool)
 
 
 def opened(mask: Mask, element: NDArray[np.uint8]) -> Mask:
-    """Without parts narrower than the element."""
+    """The mask without parts narrower than the element."""
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, element), dtype=np.uint8).view(bool)
 
 
@@ -46,7 +46,7 @@ def component(mask: Mask, where: Mask) -> Mask | None:
 
 
 def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
-    """With its holes filled, but for the larger ones that are mostly `backdrop`."""
+    """The mask with its holes filled, except large ones that are mostly `backdrop`."""
     whole = mask.view(np.uint8).copy()
     contours, _ = cv2.findContours(whole, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(whole, contours, -1, (1,), cv2.FILLED)

@@ -17,12 +17,14 @@ from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
-from tracking.kernels import Moments, Upper, band_of, covered, moments
+from tracking.kernels import Upper, covered, moments
 
 EDGE_ERROR_PX = 0.065
 """Systematic error of an edge's position (shading, background), correlated along the edge: an outline of radius r px
 has a centre error of EDGE_ERROR_PX / √r and a radius error of EDGE_ERROR_PX, px.  Measured on ray-cast balls of 5 to 30
 px radius, lit from above, across the light (tests/tracking/test_outline.py)."""
+_BAND_PX = 2  # to both sides of a hard mask's edge, in which a pixel may be partly covered
+_SMALL_PX = 60  # area up to which the band is half as wide
 _CORRELATION = 2.0  # neighbouring pixels share their error: two are worth one
 _WHOLE = 0.85  # share of the expected area below which part of the object is hidden
 _OFF_CENTER = 4 / (3 * math.pi) / 0.5 / math.sqrt(2)  # half a disc's centroid is 4/(3π) of its radius off; per axis
@@ -98,26 +100,21 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     variance.
     """
     x0, y0, x1, y1 = box
-    band = band_of(int(np.count_nonzero(mask)))
+    band = _BAND_PX if np.count_nonzero(mask) > _SMALL_PX else 1
     return Coverage(*covered(image[y0:y1, x0:x1].copy(), mask.copy(), band), box)
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:
-    """The outline of a covered region; None where nothing is covered."""
+    """The outline of a covered region; None where nothing is covered, or its direction has no image."""
     left, top, _, _ = coverage.box
-    return outline_of(moments(coverage.alpha, coverage.variance, optics.weights, left, top), (left, top), optics)
-
-
-def outline_of(seen: Moments, corner: tuple[int, int], optics: Optics) -> Outline | None:
-    """The outline of a region with these moments, whose box is relative to `corner` (x, y); None where it is empty or
-    its direction has no image."""
+    seen = moments(coverage.alpha, coverage.variance, optics.weights, left, top)
     camera, area = optics.camera, seen.area
     if area < 1.0 or not seen.box[2]:
         return None
     u, v, of_u, of_v = camera.project_linearised(*seen.direction)
     if math.isnan(u):
         return None
-    x, y, width, height = corner[0] + seen.box[0], corner[1] + seen.box[1], *seen.box[2:]
+    x, y, width, height = left + seen.box[0], top + seen.box[1], *seen.box[2:]
     radius, radius_var, uu, uv, vv = _covariance(seen.cov, seen.omega, area, camera.focal_px, of_u, of_v)
     cov = np.array(((uu, uv), (uv, vv)))
     at_border = x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height

@@ -16,6 +16,10 @@ from tracking.outline import Outline
 Found = list[Outline] | None
 """Outlines of the object in an image, at most one; None if the image has not been searched, or not with certainty."""
 
+_MIN_ERROR_PX = 0.005  # least standard deviation of the calibration's error: the covariance stays regular
+_MEMORY = 20.0  # number of pairs over which the residuals are averaged
+_MAX_RADIUS_RATIO = 1.7  # of the two angular radii
+
 
 class CameraFrame(NamedTuple):
     """One camera's image, its pose and stamp, the robot's joints then (None: no robot), and what was found in the image
@@ -45,14 +49,8 @@ class StereoParams:
 
     unknown_error: float = 0.008
     """Standard deviation of the calibration's error before any pair was seen, as a share of the image's width."""
-    min_error_px: float = 0.005
-    """Least standard deviation that the calibration is ever given, px."""
     gate_sigma: float = 3.5
     """Width of the epipolar gate in standard deviations of the expected residual."""
-    memory: float = 20.0
-    """Number of pairs over which the residuals are averaged."""
-    max_radius_ratio: float = 1.7
-    """Largest ratio of the two angular radii."""
     distance_range: tuple[float, float] = (0.7, 300.0)
     """Least and largest distance, in baselines."""
 
@@ -79,7 +77,7 @@ class Association:
     @property
     def error_px(self) -> float:
         """Standard deviation that the calibration adds to each image coordinate."""
-        return max(math.sqrt(max(self.error_var_px2, 0.0)), self.params.min_error_px)
+        return max(math.sqrt(max(self.error_var_px2, 0.0)), _MIN_ERROR_PX)
 
     def observe(
         self,
@@ -95,7 +93,7 @@ class Association:
         """
         p = self.params
         ratio = left.angular_radius_rad / right.angular_radius_rad
-        if max(ratio, 1 / ratio) > p.max_radius_ratio:
+        if max(ratio, 1 / ratio) > _MAX_RADIUS_RATIO:
             return None
         left_px, right_px = left.center_px, right.center_px
         if shift_px is not None:
@@ -126,9 +124,9 @@ class Association:
         if left.is_partial or right.is_partial:
             return self
         excess = 4 * observation.residual_px**2 - _mean_var(left, right)
-        gate = self.gate_var_px2 + (max(excess, 0.0) - self.gate_var_px2) / self.params.memory
+        gate = self.gate_var_px2 + (max(excess, 0.0) - self.gate_var_px2) / _MEMORY
         mean = self.error_var_px2 / (1 + 3 / self.pairs) if self.pairs else 0.0
-        pairs = min(self.pairs + 1, self.params.memory)
+        pairs = min(self.pairs + 1, _MEMORY)
         return replace(
             self,
             gate_var_px2=gate,

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -12,9 +11,9 @@ from numba import njit
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
-from tracking import frame_checks, kalman
+from tracking import Mode, frame_checks, kalman
 from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, Regions, Stages, find_marker_pair
-from tracking.appearance import ColorModel, ReidentificationParams, is_same_object
+from tracking.appearance import ColorModel, is_same_object
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
@@ -34,7 +33,7 @@ _NO_MODELS = (None, None)
 class TrackerParams:
     """Parameters of the tracker and of its parts."""
 
-    mode: Literal["generic", "marker"] = "generic"
+    mode: Mode = "generic"
     """Track any moving object, or a marker of known hue."""
     confirm_frames: int = 3
     """An object is tracked once both cameras detected it in this many frames in a row."""
@@ -47,8 +46,6 @@ class TrackerParams:
     deviation across the line of sight.  Chosen on rendered balls and markers (bench consistency)."""
     background_memory_s: float = 0.3
     """Time over which the background of grey images is learnt."""
-    reidentification: ReidentificationParams = field(default_factory=ReidentificationParams)
-    """Gate for detections far from the track."""
     acquisition: AcquisitionParams = field(default_factory=AcquisitionParams)
     """Motion trigger and acquisition."""
     image: ImageTrackerParams = field(default_factory=ImageTrackerParams)
@@ -270,7 +267,7 @@ class Tracker:
             return True
         known = [one.target.model if one.target else None for one in state.cameras]
         observation = state.association.observe(view, *outlines, stamp_s)
-        return is_same_object(self.params.reidentification, known, state.radius_m, models, observation)
+        return is_same_object(known, state.radius_m, models, observation)
 
     def _associate(
         self,

@@ -15,7 +15,7 @@ from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording, Touch
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Mask
-from tracking.names import Mode
+from tracking import Mode
 from tracking.tracker import TrackerParams
 
 _MAX_TOUCH_AGE_S = 0.06  # of a report of the skin, which comes every 0.02 to 0.05 s

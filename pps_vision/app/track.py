@@ -18,9 +18,9 @@ from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
+from tracking import DEFAULT_ORDER, Mode
 from tracking.acquisition import Stages
 from tracking.kalman import KalmanParams
-from tracking.names import DEFAULT_ORDER, Mode
 from tracking.smoother import smoothed_tracks
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 

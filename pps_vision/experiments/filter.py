@@ -24,10 +24,9 @@ from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Mask
 from rendering.names import MotionName
-from tracking import flight, kalman
+from tracking import DEFAULT_ORDER, flight, kalman
 from tracking.flight import FlightParams
 from tracking.kalman import Belief, KalmanParams
-from tracking.names import DEFAULT_ORDER
 from tracking.smoother import Measured, follow, smooth
 
 MOTIONS: tuple[MotionName, ...] = ("approach", "linear", "circle", "figure8", "jerk")

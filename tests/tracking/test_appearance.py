@@ -13,7 +13,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Observation3D
 from tracking import masks
-from tracking.appearance import N_BINS, ColorModel, ReidentificationParams, color_bins, histogram, is_same_object
+from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
 from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
@@ -149,9 +149,9 @@ def model(share: float) -> ColorModel:
 )
 def test_colours_in_either_eye_and_size_must_agree(left: float, right: float, radius_m: float, same: bool) -> None:
     known, found = (model(0.9), model(0.9)), (model(left), model(right))
-    assert is_same_object(ReidentificationParams(), known, 0.03, found, replace(OBSERVED, radius_m=radius_m)) == same
+    assert is_same_object(known, 0.03, found, replace(OBSERVED, radius_m=radius_m)) == same
 
 
 def test_what_no_pair_gives_is_not_the_same_and_a_marker_has_no_colours_to_compare() -> None:
-    assert not is_same_object(ReidentificationParams(), (None, None), 0.03, (None, None), None)
-    assert is_same_object(ReidentificationParams(), (None, model(0.9)), 0.03, (model(0.1), None), OBSERVED)
+    assert not is_same_object((None, None), 0.03, (None, None), None)
+    assert is_same_object((None, model(0.9)), 0.03, (model(0.1), None), OBSERVED)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from pps_vision.errors import InputError
-from tracking.names import Mode
+from tracking import Mode
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording

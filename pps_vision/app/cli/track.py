@@ -8,7 +8,7 @@ from tyro.conf import Positional
 
 from pps_vision.app.cli.options import print_skipped
 from pps_vision.errors import InputError
-from tracking.names import DEFAULT_ORDER, Mode
+from tracking import DEFAULT_ORDER, Mode
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,0 @@
-"""The names that a user chooses from; importing them loads nothing else."""
-
-from typing import Literal
-
-Mode = Literal["generic", "marker"]
-
-DEFAULT_ORDER = 4  # of the Kalman filter: position, velocity, acceleration and jerk (R, FACTS §4)
