@@ -6,6 +6,8 @@ from scipy.optimize import lsq_linear
 
 from pps_vision.types import Array
 
+_MAX_ITERATIONS = 200  # SciPy's default, one for each joint, is too few for 3 of 1000 problems
+
 
 def rate_limits(
     q: Array, lower: Array, upper: Array, max_rate: ArrayLike, approach_per_s: float
@@ -31,4 +33,7 @@ def solve_rates(J: Array, wanted: Array, preferred: Array, weights: ArrayLike, l
     b = np.concatenate([wanted, damping * preferred])
     lower, upper = limits
     upper = np.maximum(upper, lower + 1e-9)  # the solver needs lower < upper
-    return np.asarray(lsq_linear(A, b, (lower, upper), method="bvls").x)
+    found = lsq_linear(A, b, (lower, upper), method="bvls", max_iter=_MAX_ITERATIONS)
+    if not found.success:
+        raise RuntimeError(f"no rates in {_MAX_ITERATIONS} iterations for J {J.tolist()}, limits {limits}")
+    return np.asarray(found.x)
