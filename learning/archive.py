@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pps_vision.errors import InputError
+from pps_vision.files import check_regular
+
+_MOST_BYTES = 2**28
 
 # What NumPy and the zip reader under it raise for a file that is damaged or no .npz at all.
 _UNREADABLE = (
@@ -32,21 +35,31 @@ def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLi
 
 def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
     """The named arrays of an archive of this kind and version; InputError for any other file."""
-    present = read_arrays(path, kind)
+    present = read_arrays(path, kind, ("kind", "version"))
     if "kind" not in present or str(present["kind"]) != kind:
         raise InputError(path, f"is not a {kind}; expected one (.npz)")
     if "version" not in present or str(present["version"]) != str(version):
         raise InputError(path, f"{kind} of version {present.get('version', 'unknown')}; expected version {version}")
-    return named(path, present, names, kind)
+    return named(path, read_arrays(path, kind, names), names, kind)
 
 
-def read_arrays(path: Path, what: str) -> dict[str, NDArray[np.generic]]:
-    """All arrays of an .npz file that should hold `what`; InputError where it cannot be read."""
+def read_arrays(path: Path, what: str, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
+    """Those arrays with these names that are in an .npz file, which should hold `what`.
+
+    Raises:
+        InputError: The file cannot be read, or states more than 256 MiB of arrays.
+    """
+    check_regular(path, f"{what} (.npz)")
     try:
+        with zipfile.ZipFile(path) as archive:
+            stated = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
+        n_bytes = sum(stated.get(name, 0) for name in names)
+        if n_bytes > _MOST_BYTES:
+            raise InputError(path, f"states {n_bytes} bytes of arrays; expected {what} of at most {_MOST_BYTES}")
         with np.load(path) as file:
-            return {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise InputError(path, f"no such file; expected {what} (.npz)") from None
+            return {name: file[name] for name in names if name in file.files}
+    except InputError:
+        raise
     except _UNREADABLE as error:
         raise InputError(path, f"is not a readable .npz file; expected {what}") from error
 

@@ -1,4 +1,4 @@
-"""Read input files: only regular ones, so that no reader waits for a pipe or reads a device."""
+"""Open input files: only regular ones, so that no reader waits for a pipe or reads a device."""
 
 import stat
 from pathlib import Path
@@ -6,18 +6,21 @@ from pathlib import Path
 from pps_vision.errors import InputError, first_line
 
 
-def read_bytes(file: Path, expected: str) -> bytes:
-    """Return the content of a regular file.
-
-    Raises:
-        InputError: There is none, or it cannot be read; the message ends in what was `expected`.
-    """
+def check_regular(file: Path, expected: str) -> None:
+    """Raise InputError unless there is a regular file; the message ends in what was `expected`."""
     try:
-        if not stat.S_ISREG(mode := file.stat().st_mode):
-            kind = "a folder" if stat.S_ISDIR(mode) else "a device, pipe or socket"
-            raise InputError(file, f"is {kind}; expected {expected}")
-        return file.read_bytes()
+        mode = file.stat().st_mode
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        if isinstance(error, InputError):
-            raise
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}") from error
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "a device, pipe or socket"
+        raise InputError(file, f"is {kind}; expected {expected}")
+
+
+def read_bytes(file: Path, expected: str) -> bytes:
+    """Return the content of a regular file; InputError if there is none, or it cannot be read."""
+    check_regular(file, expected)
+    try:
+        return file.read_bytes()
+    except OSError as error:
         raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}") from error

@@ -65,7 +65,7 @@ def touch_rates(trials: tuple[Trial, ...]) -> Array:
 
 def load_trials(path: Path) -> tuple[Trial, ...]:
     """Read a trials file, infinite samples as NaN; InputError names the file and what was expected."""
-    data = named(path, read_arrays(path, "trials"), _ARRAYS, "trials")
+    data = named(path, read_arrays(path, "trials", _ARRAYS), _ARRAYS, "trials")
     _check(path, data)
     outcome, starts = data["outcome"], data["offsets"].astype(np.int64)
     n_trials, n_taxels = outcome.shape

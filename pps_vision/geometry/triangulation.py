@@ -1,5 +1,6 @@
 """Triangulation of two image points, with its covariance."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,9 @@ def triangulate(
 
     Pixels (2,) are as recorded, distortion included; covariances (2, 2) px², to which `more_px2` comes in each
     coordinate.  None where no point in front of both eyes explains them.
+
+    Raises:
+        ValueError: A covariance is not finite or not positive definite.
     """
     left, right = (
         _measured(view.left, left_px, cov_left_px, more_px2),
@@ -66,4 +70,7 @@ def _measured(eye: View, pixel: ArrayLike, cov: ArrayLike, more_px2: float) -> M
     """The measurement of one camera, as the compiled function takes it."""
     u, v = np.asarray(pixel, dtype=float).tolist()
     (uu, uv), (_, vv) = np.asarray(cov, dtype=float).tolist()
-    return eye.pose, eye.camera.numbers, u, v, uu + more_px2, uv, vv + more_px2
+    uu, vv = uu + more_px2, vv + more_px2
+    if not (0 < uu < math.inf and 0 < vv < math.inf and uv * uv < uu * vv):
+        raise ValueError(f"pixel covariance [[{uu}, {uv}], [{uv}, {vv}]]; expected a positive definite one")
+    return eye.pose, eye.camera.numbers, u, v, uu, uv, vv

@@ -1,18 +1,24 @@
 """One image file: its pixels, and where it was named and stamped."""
 
 import re
+import warnings
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 
-from pps_vision.errors import first_line
+from pps_vision.errors import InputError
+from pps_vision.files import read_bytes
 from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.types import Array, Image
 
 # An orientation tag would turn the image away from its calibration: pixels are taken as recorded.
 _AS_RGB = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+_FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
+_MOST_PIXELS = 2**25  # 100 MB decoded
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,19 +54,34 @@ def decode(file: ImageFile, size: tuple[int, int] | None = None) -> Image | Prob
     Of another `size` (width, height) than expected it is a problem.
     """
     try:
-        data = file.path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        return _bad(file, f"cannot be opened ({first_line(error)})")
+        data = read_bytes(file.path, "an image")
+    except InputError as error:
+        return _bad(file, f"cannot be opened ({error.args[1].partition(';')[0]})")
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if data else None
-    except cv2.error:
-        image = None
-    if image is None:
+        n_pixels = _pixels_stated(data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if n_pixels <= _MOST_PIXELS else None
+    except (cv2.error, OSError):
         return _bad(file, "cannot be decoded")
+    if image is None:
+        what = "cannot be decoded" if n_pixels <= _MOST_PIXELS else f"states {n_pixels} pixels, over {_MOST_PIXELS}"
+        return _bad(file, what)
     height, width = image.shape[:2]
     if size is not None and (width, height) != size:
         return _bad(file, f"is {width}×{height} pixels", f"{size[0]}×{size[1]} like the others")
     return np.asarray(image, dtype=np.uint8)
+
+
+def _pixels_stated(data: bytes) -> int:
+    """Return the number of pixels by an image's header; OSError if it is no header of an image."""
+    try:
+        with warnings.catch_warnings():  # PIL warns of sizes that are refused here anyhow
+            warnings.simplefilter("ignore")
+            with PIL.Image.open(BytesIO(data), formats=_FORMATS) as image:
+                return image.width * image.height
+    except PIL.Image.DecompressionBombError:
+        return _MOST_PIXELS + 1
+    except Exception as error:  # each of its parsers raises its own kinds (SyntaxError, struct.error, …)
+        raise OSError("no header of an image") from error
 
 
 def _bad(file: ImageFile, why: str, expected: str = "an image") -> Problem:

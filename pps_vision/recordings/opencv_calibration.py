@@ -20,9 +20,10 @@ import cv2
 import numpy as np
 
 from pps_vision.errors import InputError, first_line
+from pps_vision.files import read_bytes
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.se3 import inverse, transform
-from pps_vision.recordings.calibration import fit_to_images
+from pps_vision.recordings.calibration import LARGEST_SIDE_PX, fit_to_images
 from pps_vision.types import Array
 
 _KEYS = {
@@ -31,6 +32,11 @@ _KEYS = {
     **{"camera_matrix": "K", "intrinsic": "K", "distortion_coefficients": "D", "distortion": "D"},
 }
 _OF_ONE_CAMERA = ("K", "D", "image_width", "image_height")
+
+# OpenCV's parsers call themselves for each nested node and end the process where the stack does, at about 100 000.
+_NODE = re.compile(r"[\[{:]|-\s|<(?![/!?])")  # what may open one in YAML, JSON or XML
+_MOST_NODES = 2000
+_MOST_CHARACTERS = 2**22
 
 Entry = tuple[Path, Array]
 """A matrix and the file that it is from."""
@@ -73,9 +79,12 @@ def read_stereo_calibration(
 
 def _read(file: Path) -> dict[str, Array]:
     """The matrices of one file, by key."""
+    text = read_bytes(file, "an OpenCV calibration").decode("utf-8-sig", errors="replace")
+    if len(text) > _MOST_CHARACTERS or sum(1 for _ in _NODE.finditer(text)) > _MOST_NODES:
+        too_much = f"has more than {_MOST_CHARACTERS} characters or {_MOST_NODES} nodes"
+        raise InputError(file, f"{too_much}; expected an OpenCV calibration")
     storage = cv2.FileStorage()
     try:
-        text = file.read_bytes().decode("utf-8-sig", errors="replace")
         storage.open(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         nodes = [(key, storage.getNode(name)) for name, key in _KEYS.items()]
         found = {
@@ -83,8 +92,6 @@ def _read(file: Path) -> dict[str, Array]:
             for key, node in nodes
             if not node.empty()
         }
-    except OSError as error:
-        raise InputError(file, f"cannot be read: {first_line(error)}; expected an OpenCV calibration") from error
     except (cv2.error, TypeError, ValueError) as error:
         place = re.findall(r"\((\d+)\): ([^\n]+)", str(error))
         why, line = (place[-1][1].rstrip("'"), int(place[-1][0])) if place else (first_line(error), None)
@@ -93,7 +100,7 @@ def _read(file: Path) -> dict[str, Array]:
         raise InputError(file, f"holds no calibration; expected one of the keys {', '.join(_KEYS)}")
     for key, matrix in found.items():
         if not np.all(np.isfinite(matrix)):
-            raise InputError(file, f"{key} is {matrix.tolist()}; expected finite numbers")
+            raise InputError(file, f"{key} is {str(matrix.tolist())[:80]}; expected finite numbers")
     return found
 
 
@@ -116,7 +123,7 @@ def _camera(names: str, entries: Mapping[str, Entry], side: str, image_size: tup
         raise InputError(file, f"{found}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0")
     coefficients = np.append(entries.get(f"D{side}", (file, np.zeros(0)))[1], np.zeros(5))
     if np.any(coefficients[5:] != 0):
-        found = f"D{side} is {coefficients[:-5].tolist()}"
+        found = f"D{side} is {str(coefficients[:-5].tolist())[:80]}"
         raise InputError(entries[f"D{side}"][0], f"{found}; expected none but k1, k2, p1, p2, k3 other than zero")
     k1, k2, p1, p2, k3 = coefficients[:5].tolist()
     sizes = [
@@ -125,6 +132,7 @@ def _camera(names: str, entries: Mapping[str, Entry], side: str, image_size: tup
         for key in [name + side if name + side in entries else name]
     ]
     width, height = (asked if size is None else size for size, asked in zip(sizes, image_size, strict=True))
-    if not (width >= 1 and height >= 1 and width == int(width) and height == int(height)):
-        raise InputError(file, f"image_width {width}, image_height {height}; expected whole numbers of pixels")
+    if not all(1 <= size <= LARGEST_SIDE_PX and float(size).is_integer() for size in (width, height)):
+        found = f"image_width {width}, image_height {height}"
+        raise InputError(file, f"{found}; expected whole numbers of pixels, at most {LARGEST_SIDE_PX}")
     return fit_to_images(Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3)), image_size, file)

@@ -23,15 +23,15 @@ _SIZED = 10  # readable images whose sizes are compared
 class Source:
     """What a recording is opened from; the fields are those of `pps_vision.open_recording`."""
 
-    folder: Path | None = None
-    left: tuple[str, ...] = ()
-    right: tuple[str, ...] = ()
-    calib: tuple[Path, ...] = ()
-    fps: float | None = None
-    unit_m: float = 1.0
-    joints: Path | None = None
-    taxels: Path | None = None
-    max_skew_s: float = 0.02
+    folder: Path | None
+    left: tuple[str, ...]
+    right: tuple[str, ...]
+    calib: tuple[Path, ...]
+    fps: float | None
+    unit_m: float
+    joints: Path | None
+    taxels: Path | None
+    max_skew_s: float
 
 
 @dataclass(frozen=True, slots=True)

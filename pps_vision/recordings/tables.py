@@ -4,13 +4,16 @@ An empty field is a number that does not exist, such as the position of an unkno
 """
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.text import finite, number, read_lines
 from pps_vision.types import Array, Detection2D, Reachability, Status, Track3D, Truth
 
 Box = tuple[float, float, float, float]
@@ -43,24 +46,32 @@ def write_table(file: Path, columns: Sequence[str], rows: Iterable[Iterable[obje
         table.writerows([_field(value) for value in row] for row in rows)
 
 
-def read_table(file: Path, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and the fields of `columns` for each row that is not empty; other columns are ignored.
+def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """Return the line number and the fields of `columns` for each row that is not empty; other columns are ignored.
+
+    A field that is missing at the end of a row is empty.
 
     Raises:
-        InputError: The file cannot be read, or a column is missing.
+        InputError: The file cannot be read, a column is missing or comes twice, or a row has more fields than the
+            header, as decimal commas make.
     """
+    reader = csv.reader(read_lines(file, f"a table of {columns[0]} …"))
     try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(file, f"cannot be read: {first_line(error)}; expected a table of {columns[0]} …") from error
-    header = [name.strip() for name in rows[0]] if rows else []
+        rows = [(reader.line_num, [field.strip() for field in row]) for row in reader]
+    except csv.Error as error:
+        found = f"cannot be read: {first_line(error)}; expected a table of {columns[0]} …"
+        raise InputError(file, found, reader.line_num) from error
+    header = rows[0][1] if rows else []
     if missing := [name for name in columns if name not in header]:
         raise InputError(file, f"no column {', '.join(missing)}; expected {','.join(columns)}", 1)
+    if doubled := [name for name, n in Counter(header).items() if name and n > 1]:
+        raise InputError(file, f"column {', '.join(doubled)} again; expected each name once", 1)
     places = [header.index(name) for name in columns]
-    for line, row in enumerate(rows[1:], start=2):
-        if row:
-            yield line, [row[place].strip() if place < len(row) else "" for place in places]
+    for line, row in rows:
+        if len(row) > len(header):
+            found = f"{len(row)} fields under {len(header)} columns"
+            raise InputError(file, f"{found}; expected a field for each column, and points in numbers", line)
+    return [(line, [row[k] if k < len(row) else "" for k in places]) for line, row in rows[1:] if row]
 
 
 def write_detections(file: Path, detections: Iterable[tuple[int, Detection2D, Status]]) -> None:
@@ -112,7 +123,7 @@ def read_truth(file: Path, problems: list[Problem]) -> tuple[Truth, ...]:
 
 
 def _truth(fields: list[str]) -> Truth:
-    values = np.array([float(field) if field else np.nan for field in fields[:12]])
+    values = np.array([number(field) if field else np.nan for field in fields[:12]])
     if not np.all(np.isfinite(values[:8])):
         raise ValueError("stamp, position, velocity or radius is no number; expected finite ones")
     if not set(fields[12:]) <= {"0", "1"}:
@@ -158,7 +169,7 @@ def write_reachability(file: Path, rows: Iterable[Iterable[object]]) -> None:
 
 def _degrees(file: Path, line: int, name: str, text: str) -> float:
     try:
-        return float(text)
+        return math.nan if text.lower() == "nan" else finite(text)
     except ValueError:
         raise InputError(file, f"{name} {text!r}; expected a number of degrees", line) from None
 

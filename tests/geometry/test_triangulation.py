@@ -86,7 +86,9 @@ def test_covariance_and_residual_are_what_sampling_finds(
 
 
 def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Generator) -> None:
-    """SciPy's optimiser, started at the truth, finds no better point: any vergence, lens and unequal noise."""
+    """SciPy's optimiser, started at the truth, finds no better point: any vergence, lens and unequal noise.
+
+    The covariance is the inverse of the information there, (JᵀJ)⁻¹ with J by finite differences (to the residuals)."""
     robot = load_icub()
     for _ in range(25):
         view = icub_rig(robot).view(set_gaze(robot, home(robot), vergence=rng.uniform(0.0, 0.8)))
@@ -107,6 +109,7 @@ def test_it_is_the_least_of_the_weighted_reprojection_errors(rng: np.random.Gene
         assert found is not None
         np.testing.assert_allclose(found.p_root, best.x, atol=1e-7 * np.sqrt(np.trace(found.cov_root)) + 1e-9)
         assert found.mahalanobis == pytest.approx(2 * best.cost, rel=1e-6, abs=1e-9)
+        np.testing.assert_allclose(found.cov_root, np.linalg.inv(best.jac.T @ best.jac), rtol=0.02, atol=1e-12)
         off_px = [eye.project(found.p_root) - m for eye, m in zip((view.left, view.right), px, strict=True)]
         assert found.residual_px == pytest.approx(np.sqrt(np.mean(np.square(off_px))), rel=1e-6, abs=1e-9)
 
@@ -190,3 +193,17 @@ def test_midpoint_halves_the_gap_of_skew_rays() -> None:
     assert midpoint(-x, x, y, x) is None
     almost = np.array([1.0, -1e-6, 0.0])  # they meet 1000 km away
     assert midpoint(-x, x, y - x, almost / np.linalg.norm(almost)) is None
+
+
+@pytest.mark.parametrize("eye", [0, 1])
+@pytest.mark.parametrize(
+    "cov",
+    [np.zeros((2, 2)), np.diag([1.0, 0.0]), [[1.0, 2.0], [2.0, 1.0]], -ONE_PX, ONE_PX * np.nan, np.diag([np.inf, 1.0])],
+    ids=["zero", "singular", "indefinite", "negative", "nan", "infinite"],
+)
+def test_a_covariance_that_is_none_is_refused(view: StereoView, eye: int, cov: Array) -> None:
+    p = (view.left.T_root_camera @ [0.02, 0.01, 0.4, 1])[:3]
+    covs = [ONE_PX, ONE_PX]
+    covs[eye] = np.asarray(cov)
+    with pytest.raises(ValueError, match="expected a positive definite one"):
+        triangulate(view, view.left.project(p), view.right.project(p), *covs)

@@ -37,8 +37,8 @@ def test_grey_is_replicated_alpha_dropped_and_16_bits_cut(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"no picture", b"P6 8 6 255\n\x00\x01", b"P6 99999 99999 255\n\x00"],
-    ids=["empty", "text", "cut", "huge"],
+    [b"", b"no picture", b"P6 8 6 255\n\x00\x01"],
+    ids=["empty", "text", "cut"],
 )
 def test_what_is_no_picture_is_named(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "a.ppm"

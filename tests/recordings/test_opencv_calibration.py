@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pps_vision.errors import InputError
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 
 SIZE = (640, 480)
@@ -148,6 +149,17 @@ def test_a_missing_file_and_too_many_cameras_are_named(tmp_path: Path) -> None:
     files = [store(tmp_path / f"{name}.xml", camera_matrix=K1) for name in "abc"]
     with pytest.raises(InputError, match=r"c\.xml: is one camera more than two"):
         read_stereo_calibration(files, SIZE)
+
+
+def test_images_with_a_calibration_are_opened_in_metres(tmp_path: Path) -> None:
+    for name in ("L1.png", "R1.png", "L2.png", "R2.png"):
+        cv2.imwrite(str(tmp_path / name), np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
+    file = stereo(tmp_path / "stereo.xml")
+    recording = open_recording(left=[str(tmp_path / "L*")], right=[str(tmp_path / "R*")], calib=[file])
+    assert recording.rig is not None
+    view = recording.rig.view()
+    assert np.linalg.norm(view.right.center - view.left.center) == pytest.approx(np.linalg.norm(T))
+    assert [frame.stamp_s for frame in recording] == [0.0, pytest.approx(1 / 30)]
 
 
 def test_no_file_or_no_unit_is_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from pps_vision.recordings.skin_log import read_touches
 ONE = "((12 3 4 2) (0.06 -0.029 0.00005) (-0.46 0.0 -0.0) (0.0 0.0 0.0) (0.06 -0.029 0.009) (1.0 0.0 0.0) (4 0 9) 9.3)"
 OTHER = "((13 1 2 7) (0.08 0.1 0.0) (-3.6 -0.0 -0.0) (0.0 0.0 0.0) (0.08 0.1 0.0) (1.0 0.0 0.0) (1) 73.328253)"
 ROWS = ["7 1412842922.482190 ", f"8 1412842922.502190 {ONE}", f"9 1412842922.522190 {ONE} {OTHER}"]
-FOREARM = {"left_forearm": (3, 15, -1, 3, 3)}
+FOREARM = {"left_forearm": (3, 15, -1, 3, 0)}
 
 
 def log_of(tmp_path: Path, rows: list[str]) -> Path:
@@ -24,7 +24,8 @@ def log_of(tmp_path: Path, rows: list[str]) -> Path:
 @pytest.mark.parametrize(
     ("mapping", "touched"),
     [
-        (FOREARM, ("left_forearm:3",)),  # physical taxels 0 and 4 belong to 3; 9 is past the mapping
+        (FOREARM, ("left_forearm:0", "left_forearm:3")),  # physical taxels 4 and 0; 9 is past the mapping
+        ({"left_forearm": (3, 15, -1, 3, 3)}, ("left_forearm:3",)),
         ({"left_forearm": (-1, 0, 0, 0, 27)}, ("left_forearm:27",)),
         ({"left_palm": (3,)}, ()),
     ],

@@ -141,6 +141,7 @@ def test_joints_without_a_line_are_right(tmp_path: Path) -> None:
         ("joint,offset_deg\nknee,1\n", "joints.csv:2: joint 'knee'; expected each of neck_pitch"),
         ("joint,offset_deg\nleft_elbow\n", "joints.csv:2: left_elbow ''; expected a number"),
         ("joint,offset_deg\nleft_elbow,nan\n", "joints.csv:2: left_elbow 'nan'"),
+        ("joint,offset_deg\nleft_elbow,-90.5\n", "joints.csv:2: left_elbow '-90.5'; expected an offset within ±90"),
         ("joint,offset_deg\nleft_elbow,inf\n", "joints.csv:2: left_elbow 'inf'"),
         ("joint,offset_deg\nleft_elbow,1 deg\n", "joints.csv:2: left_elbow '1 deg'"),
         ("joint,offset_deg\nleft_elbow,1\nleft_elbow,2\n", "joints.csv:3: joint 'left_elbow'; expected each of"),

@@ -237,6 +237,20 @@ def test_a_missing_port_is_named(rec: Written, port: str, message: str) -> None:
         open_recording(rec.folder)
 
 
+def test_offsets_are_added_to_the_encoders(rec: Written, tmp_path: Path) -> None:
+    (tmp_path / "joints.csv").write_text("joint,offset_deg\nneck_yaw,3\n")
+    plain, offset = open_recording(rec.folder), open_recording(rec.folder, joints=tmp_path / "joints.csv")
+    added = [b.joints_left_rad - a.joints_left_rad for a, b in zip(plain, offset, strict=True)]  # type: ignore[operator]
+    expected = np.zeros(len(added[0]))
+    expected[ROBOT.indices(("neck_yaw",))] = np.deg2rad(3)
+    np.testing.assert_allclose(added, [expected] * 4, atol=1e-12)
+
+
+def test_a_folder_of_no_known_format_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=f"{tmp_path}: expected left and right images with calib or a yarpdata"):
+        open_recording(tmp_path)
+
+
 def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None:
     with pytest.raises(InputError, match="none: no such folder"):
         open_recording(rec.folder / "none")

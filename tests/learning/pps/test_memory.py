@@ -230,7 +230,7 @@ def test_a_single_array_and_a_missing_file_are_refused(tmp_path):
     np.save(tmp_path / "array.npy", np.zeros(3))
     with pytest.raises(InputError, match=r"array\.npy: is not a readable"):
         load_memory(tmp_path / "array.npy")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="No such file"):
         load_memory(tmp_path / "nowhere.npz")
 
 

@@ -54,7 +54,7 @@ def test_a_bad_trials_file_is_refused(tmp_path, changes, message):
 
 
 def test_no_file_and_no_archive_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"gone\.npz: no such file"):
+    with pytest.raises(InputError, match=r"gone\.npz: cannot be read: No such file"):
         load_trials(tmp_path / "gone.npz")
     (tmp_path / "text.npz").write_text("trial,taxel\n")
     with pytest.raises(InputError, match=r"text\.npz: is not a readable \.npz file"):

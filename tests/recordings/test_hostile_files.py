@@ -1,0 +1,249 @@
+"""Files that are damaged or made to harm: each is refused, or read as it was meant, in bounded time and memory."""
+
+import os
+import signal
+import subprocess
+import sys
+import tracemalloc
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from recorded import START_S, Written, write_recording
+
+from learning.pps.memory import PPSMemory, load_memory, save_memory
+from pps_vision.errors import InputError
+from pps_vision.recordings.icub_eyes import read_icub_eyes
+from pps_vision.recordings.image_file import ImageFile, decode
+from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.opencv_calibration import read_stereo_calibration
+from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth
+from pps_vision.recordings.taxels_ini import PartMap, write_taxels
+from pps_vision.robot.skin import icub_skin
+
+CONTACT = "((0 3 4 2) (0 0 0) (0 0 0) (0 0 0) (0 0 0) (1 0 0) (1) 10.0)"
+BOM = b"\xef\xbb\xbf"
+
+
+@pytest.fixture
+def rec(tmp_path: Path) -> Written:
+    return write_recording(tmp_path / "rec", n=4)
+
+
+@contextmanager
+def at_most(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError where the block takes longer."""
+
+    def stop(*_: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [("neck_pitch,1,5", "table.csv:2: 3 fields under 2 columns"), ("neck_pitch,1_5", "'1_5'; expected a number")],
+)
+def test_a_decimal_comma_in_offsets_is_refused(tmp_path: Path, row: str, says: str) -> None:
+    (tmp_path / "table.csv").write_text(f"joint,offset_deg\n{row}\n")
+    with pytest.raises(InputError) as refusal:
+        read_joint_offsets(tmp_path / "table.csv", ("neck_pitch",))
+    assert says in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "yaw_deg,pitch_deg,vergence_deg\n1,5,2,5,3,5\n",
+        "yaw_deg,pitch_deg,vergence_deg,yaw_deg\n1,2,3,4\n",
+        "yaw_deg,pitch_deg,vergence_deg\n1,2,inf\n",
+    ],
+    ids=["decimal comma", "column twice", "infinite"],
+)
+def test_a_gaze_that_would_be_misread_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "gaze.csv").write_text(text)
+    with pytest.raises(InputError, match=r"gaze\.csv:[12]: "):
+        read_gaze(tmp_path / "gaze.csv")
+
+
+def test_touches_of_a_log_out_of_order_are_those_of_the_rows_that_rise(rec: Written, tmp_path: Path) -> None:
+    """One row whose clock jumped ahead loses itself, not the rows behind it."""
+    stamps = [START_S, START_S + 100, START_S + 0.05, START_S + 0.1]
+    rows = [f"{i} {stamp!r} {CONTACT}" for i, stamp in enumerate(stamps)]
+    (rec.folder / "skin/data.log").write_text("\n".join(rows))
+    write_taxels(
+        tmp_path / "taxels.ini", [PartMap("l_forearm", (0.0, 0.2), (1, 1), (3, 3), {3: np.zeros((1, 1, 2), np.int64)})]
+    )
+    recording = open_recording(rec.folder, taxels=tmp_path / "taxels.ini")
+    assert [touch.stamp_s for touch in recording.touches] == [stamps[0], stamps[2], stamps[3]]
+    assert [(p.kind, p.line) for p in recording.problems] == [(ProblemKind.STAMP, 2)]
+
+
+def test_nested_brackets_in_a_skin_log_are_a_bad_row(rec: Written, tmp_path: Path) -> None:
+    deep = f"0 {START_S!r} (({3000 * '('}{3000 * ')'} 1) 1)"
+    (rec.folder / "skin/data.log").write_text(f"{deep}\n1 {START_S + 0.05!r} {CONTACT}\n")
+    (tmp_path / "taxels.ini").write_text(
+        "[l_forearm]\nmodality 1D\nsize 2\nnTaxels 1\next (0 1)\nbinsNum (1 1)\nMapping (3 3)\n3 (0) (0)\n"
+    )
+    recording = open_recording(rec.folder, taxels=tmp_path / "taxels.ini")
+    assert [(p.kind, p.line) for p in recording.problems] == [(ProblemKind.ROW, 1)]
+    assert len(recording.touches) == 1
+
+
+@pytest.mark.parametrize("change", [("w 8", "w 1e300"), ("fy 1", "fy 1e999"), ("h 6", "h 99999999")])
+def test_an_absurd_size_in_icub_eyes_is_one_line(tmp_path: Path, change: tuple[str, str]) -> None:
+    camera = "w 8\nh 6\nfx 10\nfy 10\ncx 4\ncy 3\nk1 0\nk2 0\np1 0\np2 0\n"
+    text = f"[CAMERA_CALIBRATION_LEFT]\n{camera}[CAMERA_CALIBRATION_RIGHT]\n{camera}"
+    (tmp_path / "eyes.ini").write_text(text.replace(*change, 1))
+    with pytest.raises(InputError, match=r"eyes\.ini:[235]: [wfh]"):
+        read_icub_eyes(tmp_path / "eyes.ini", (8, 6))
+
+
+def test_a_section_of_icub_eyes_that_comes_twice_is_refused(rec: Written) -> None:
+    ini = rec.folder / "icubEyes.ini"
+    ini.write_text(ini.read_text() + ini.read_text().replace("fx 2", "fx 3"))
+    with pytest.raises(InputError, match=r"icubEyes\.ini:\d+: section \[CAMERA_CALIBRATION_LEFT\]; expected each"):
+        open_recording(rec.folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.yml", "%YAML:1.0\n---\nK1: " + 10**6 * "["),
+        ("b.json", '{"K1": ' + 10**6 * "["),
+        ("c.json", '{"K1": ' + 10**5 * '{"a": '),
+        ("d.xml", '<?xml version="1.0"?>\n<opencv_storage>' + 10**5 * "<a>"),
+        ("e.yml", "%YAML:1.0\n---\nK1:\n   " + 5000 * "- " + "1\n"),
+        ("f.yml", "%YAML:1.0\n---\nK1: " + 5000 * "[" + 5000 * "]"),
+    ],
+)
+def test_a_deeply_nested_calibration_is_refused(tmp_path: Path, name: str, text: str) -> None:
+    """In a process of its own, since OpenCV's parser ends the one that it runs in."""
+    (tmp_path / name).write_text(text)
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from pps_vision.recordings.opencv_calibration import InputError, read_stereo_calibration\n"
+        "try: read_stereo_calibration([Path(sys.argv[1])], (8, 6))\n"
+        "except InputError as refusal: print(refusal)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, tmp_path / name], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"{name}: has more than" in done.stdout
+
+
+@pytest.mark.parametrize("size", [1e300, 2**40, 0.5])
+def test_an_absurd_image_size_in_a_calibration_is_refused(tmp_path: Path, size: float) -> None:
+    storage = cv2.FileStorage(str(tmp_path / "a.yml"), cv2.FILE_STORAGE_WRITE)
+    for key, value in {"K1": np.diag([9.0, 9, 1]), "K2": np.diag([9.0, 9, 1]), "R": np.eye(3), "T": np.ones(3)}.items():
+        storage.write(key, value)
+    storage.write("image_width", size)
+    storage.release()
+    with pytest.raises(InputError, match="expected whole numbers of pixels"):
+        read_stereo_calibration([tmp_path / "a.yml"], (8, 6))
+
+
+def test_a_byte_order_mark_changes_nothing(rec: Written) -> None:
+    clean = open_recording(rec.folder)
+    for file in [*rec.folder.rglob("*.log"), rec.folder / "truth.csv", rec.folder / "icubEyes.ini"]:
+        file.write_bytes(BOM + file.read_bytes())
+    marked = open_recording(rec.folder)
+    assert marked.problems == clean.problems == []
+    assert (len(marked), marked.touches, len(marked.truth)) == (len(clean), clean.touches, len(clean.truth))
+    assert marked.rig is not None
+    assert marked.rig.left == clean.rig.left  # type: ignore[union-attr]
+    assert [pair[0].stamp_s for pair in marked.pairs] == [pair[0].stamp_s for pair in clean.pairs]
+
+
+def test_a_byte_order_mark_in_tables_and_calibrations(tmp_path: Path, rec: Written) -> None:
+    (tmp_path / "gaze.csv").write_bytes(BOM + b"yaw_deg,pitch_deg,vergence_deg\n0,0,0\n")
+    np.testing.assert_array_equal(read_gaze(tmp_path / "gaze.csv"), np.zeros((1, 3)))
+    (rec.folder / "truth.csv").write_bytes(BOM + (rec.folder / "truth.csv").read_bytes())
+    assert len(read_truth(rec.folder / "truth.csv", [])) == 4
+
+
+def test_linked_folders_are_followed_and_loops_end(rec: Written, tmp_path: Path) -> None:
+    (rec.folder / "cam").rename(tmp_path / "elsewhere")
+    (rec.folder / "cam").symlink_to(tmp_path / "elsewhere")
+    (rec.folder / "head" / "up").symlink_to(rec.folder)
+    with at_most(20):
+        recording = open_recording(rec.folder)
+    assert (len(recording), recording.problems) == (4, [])
+
+
+def png(width: int, height: int) -> bytes:
+    """A PNG whose header states a size that its data have not."""
+    header = b"IHDR" + width.to_bytes(4) + height.to_bytes(4) + bytes([8, 2, 0, 0, 0])
+    data = b"IDAT" + zlib.compress(bytes(64))
+    chunks = [(len(c) - 4).to_bytes(4) + c + zlib.crc32(c).to_bytes(4) for c in (header, data, b"IEND")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.png", png(20_000, 20_000)),
+        ("a.ppm", b"P6 99999 99999 255\n\x00"),
+        ("a.bmp", cv2.imencode(".bmp", np.zeros((4, 4, 3), np.uint8))[1].tobytes()),
+    ],
+)
+def test_an_image_that_states_too_many_pixels_is_not_decoded(tmp_path: Path, name: str, content: bytes) -> None:
+    if name.endswith("bmp"):
+        content = content[:18] + (30_000).to_bytes(4, "little") + (30_000).to_bytes(4, "little") + content[26:]
+    (tmp_path / name).write_bytes(content)
+    problem = decode(ImageFile(tmp_path / name, 0.0))
+    assert isinstance(problem, Problem)
+    assert f"{name} states " in problem.message
+
+
+def test_what_is_no_regular_file_is_not_opened(rec: Written, tmp_path: Path) -> None:
+    """A pipe that nobody writes to would block for ever."""
+    image, truth, memory = rec.folder / "cam/left/00000001.ppm", rec.folder / "truth.csv", tmp_path / "m.npz"
+    for file in (image, truth):
+        file.unlink()
+    for file in (image, truth, memory):
+        os.mkfifo(file)
+    with at_most(20):
+        with pytest.raises(InputError, match=r"truth\.csv: is a device, pipe or socket; expected a table"):
+            open_recording(rec.folder)
+        truth.unlink()
+        recording = open_recording(rec.folder)
+        assert len(list(recording)) == 3
+        assert "00000001.ppm cannot be opened (is a device, pipe or socket)" in recording.problems[0].message
+        with pytest.raises(InputError, match=r"m\.npz: is a device, pipe or socket; expected PPS memory"):
+            load_memory(memory)
+        with pytest.raises(InputError, match="zero: is a device, pipe or socket"):
+            read_stereo_calibration([Path("/dev/zero")], (8, 6))
+
+
+@pytest.mark.parametrize("is_memory", [True, False])
+def test_a_small_archive_of_large_arrays_is_refused_unread(tmp_path: Path, is_memory: bool) -> None:
+    """300 MB of zeros take 1 MB in an .npz file; its kind is looked at first."""
+    save_memory(tmp_path / "small.npz", PPSMemory.empty(icub_skin(("left_palm",))))
+    with zipfile.ZipFile(tmp_path / "small.npz") as small, zipfile.ZipFile(tmp_path / "m.npz", "w", 8) as large:
+        for name in small.namelist():
+            if name not in ("counts.npy", "kind.npy"):
+                large.writestr(name, small.read(name))
+        large.writestr("kind.npy", small.read("kind.npy" if is_memory else "version.npy"))
+        with large.open("counts.npy", "w") as stream:
+            header = {"descr": "<f8", "fortran_order": False, "shape": (300 * 2**17,)}
+            np.lib.format.write_array_header_1_0(stream, header)
+            for _ in range(300):
+                stream.write(bytes(2**20))
+    tracemalloc.start()
+    with pytest.raises(InputError, match="states 3145.* bytes of arrays" if is_memory else "is not a PPS memory"):
+        load_memory(tmp_path / "m.npz")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6
