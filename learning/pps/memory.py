@@ -14,7 +14,11 @@ from pps_vision.errors import InputError
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, Mask
 
+MOST_COUNTS = 2**53
+"""Largest count of a bin: every whole number up to it is a float, and sums of all bins fit in 64 bits."""
+
 _KIND, _VERSION = "PPS memory", 2
+_LARGEST = 1e9  # of the limits of a range, and inverse of its least width; keeps divisions finite
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
 
@@ -37,10 +41,10 @@ class MemoryParams:
 
     def __post_init__(self) -> None:
         (d0, d1), (t0, t1) = self.distance_range_m, self.ttc_range_s
-        if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and self.sigma_bins > 0):
+        if not (d0 < d1 and t0 < t1 and min(self.bins) > 0 and 1 / _LARGEST <= self.sigma_bins <= _LARGEST):
             raise ValueError(f"{self}: expected ranges from low to high, at least one bin and a width above 0")
         for limits, n in zip((self.distance_range_m, self.ttc_range_s), self.bins, strict=True):
-            if n > 1 and not np.all(np.isfinite(limits)):
+            if n > 1 and not (limits[1] - limits[0] >= 1 / _LARGEST and max(map(abs, limits)) <= _LARGEST):
                 raise ValueError(f"{self}: expected a finite range where there is more than one bin")
 
     def covers(self, distance_m: Array, ttc_s: Array) -> Mask:
@@ -70,10 +74,9 @@ class PPSMemory:
                 f"counts {self.counts.shape}, parts {self.part_index.shape}: "
                 f"expected {(n, *self.params.bins, 2)} and {(n,)} for {n} taxels"
             )
-        if n and not (self.counts.min() >= 0 and self.counts.max() < np.inf):
-            raise ValueError(
-                f"counts from {self.counts.min()} to {self.counts.max()}: expected finite ones, none below 0"
-            )
+        if n and not (self.counts.min() >= 0 and self.counts.max() <= MOST_COUNTS):
+            found = f"counts from {self.counts.min()} to {self.counts.max()}"
+            raise ValueError(f"{found}: expected finite ones from 0 to 2^53")
         if len(set(self.taxel_ids)) < n:
             raise ValueError(f"{n} taxels, {len(set(self.taxel_ids))} different names: expected each taxel once")
 

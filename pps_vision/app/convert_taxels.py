@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from learning.pps.memory import MemoryParams, PPSMemory
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.taxels_ini import OUR_NAMES, PartMap
 from pps_vision.robot.skin import Skin
 
@@ -23,12 +23,15 @@ def from_maps(maps: Sequence[PartMap], file: Path) -> PPSMemory:
             raise InputError(file, f"{', '.join(forms)}; expected one form for a memory: choose with --parts")
     low, high, *ttc = first.extent
     ttc_range = (ttc[0], ttc[1]) if ttc else (-np.inf, np.inf)
-    return PPSMemory(
-        tuple(f"{OUR_NAMES.get(part.name, part.name)}:{taxel}" for part in maps for taxel in part.counts),
-        np.repeat(np.arange(len(maps)), [len(part.counts) for part in maps]),
-        np.array([counts for part in maps for counts in part.counts.values()]).reshape(-1, *first.bins, 2),
-        MemoryParams((low, high), ttc_range, first.bins),
-    )
+    try:
+        return PPSMemory(
+            tuple(f"{OUR_NAMES.get(part.name, part.name)}:{taxel}" for part in maps for taxel in part.counts),
+            np.repeat(np.arange(len(maps)), [len(part.counts) for part in maps]),
+            np.array([counts for part in maps for counts in part.counts.values()]).reshape(-1, *first.bins, 2),
+            MemoryParams((low, high), ttc_range, first.bins),
+        )
+    except ValueError as error:  # a range that is too narrow, or a part under both its names
+        raise InputError(file, first_line(error)) from error
 
 
 def onto(memory: PPSMemory, skin: Skin) -> PPSMemory:
@@ -43,7 +46,12 @@ def onto(memory: PPSMemory, skin: Skin) -> PPSMemory:
 
 
 def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Path) -> tuple[PartMap, ...]:
-    """The robot's maps of a memory, physical taxels assigned as in `like`; InputError for what the form cannot hold."""
+    """The robot's maps of a memory, physical taxels assigned as in `like`; untouched taxels that `like` lacks are left
+    out.
+
+    Raises:
+        InputError: The form cannot hold the memory, or a taxel that was learned is not in `like`.
+    """
     if not np.array_equal(memory.counts, np.round(memory.counts)):
         raise InputError(
             source, "has fractions of samples, since it forgets; expected whole numbers, which the .ini holds"
@@ -59,13 +67,13 @@ def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Pat
     for i, name in enumerate(memory.taxel_ids):
         ours, _, taxel = name.rpartition(":")
         part = _ROBOTS_NAME.get(ours, ours)
-        if part not in theirs:
-            raise InputError(
-                model, f"has no {part}, on which taxel {name} is; expected a map with all parts of {source}"
-            )
-        if not taxel.isdecimal() or int(taxel) not in theirs[part].mapping:
-            raise InputError(model, f"[{part}] knows no taxel {taxel}; expected a Mapping with all taxels of {source}")
-        taken.setdefault(part, {})[int(taxel)] = i
+        if part in theirs and taxel.isdecimal() and int(taxel) in theirs[part].mapping:
+            taken.setdefault(part, {})[int(taxel)] = i
+        elif memory.counts[i].any():
+            found = f"[{part}] knows no taxel {taxel}" if part in theirs else f"has no {part}, on which taxel {name} is"
+            raise InputError(model, f"{found}; expected a map with all taxels that {source} has learned")
+    if not taken:
+        raise InputError(model, f"has none of the taxels of {source}; expected a map of the same robot")
     counts = memory.counts.astype(np.int64)
     return tuple(
         PartMap(part, extent, params.bins, theirs[part].mapping, {taxel: counts[i] for taxel, i in rows.items()})

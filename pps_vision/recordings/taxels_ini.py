@@ -16,7 +16,7 @@ from pps_vision.recordings.yarp_text import Section, read_sections
 
 _KEYS = ("modality", "size", "nTaxels", "ext", "binsNum", "Mapping")
 _LIMITS = {"1D": 2, "2D": 4}  # numbers in ext
-_LARGEST = 2**63 - 1
+_LARGEST = 2**53  # as in the memory that they are converted to
 
 OUR_NAMES = {
     "l_hand": "left_palm",
@@ -89,7 +89,7 @@ def _part(section: Section) -> PartMap:
             raise entry.error(f"{', '.join(_KEYS)} and the numbers of taxels")
         both = entry.lists(whole, n_distances * n_times, 2)
         if not 0 <= min(map(min, both)) <= max(map(max, both)) <= _LARGEST:
-            raise entry.error("counts from 0 to 2^63 − 1")
+            raise entry.error("counts from 0 to 2^53")
         samples = [np.array(one, np.int64).reshape(n_distances, n_times) for one in both]
         counts[int(key)] = np.stack(samples, axis=-1)
     if len(counts) != n_taxels.whole():

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from learning.archive import write_archive
 from learning.pps.memory import MemoryParams, PPSMemory, load_memory, save_memory
 from pps_vision.app.cli import main
 from pps_vision.recordings.taxels_ini import read_taxels
@@ -112,7 +113,11 @@ def test_what_the_robots_form_has_no_place_for_is_said(
         (replace(learned(), counts=learned().counts + 0.5), "m.npz: has fractions of samples"),
         (learned(MemoryParams(ttc_range_s=(0.0, np.inf), bins=(8, 1))), "TTC (0.0, inf) s; expected finite ones"),
         (learned(MemoryParams((-np.inf, np.inf), bins=(1, 4))), "ranges D (-inf, inf) m"),
-        (PPSMemory.empty(icub_skin()), "robot.ini: has no r_forearm, on which taxel right_forearm:27 is"),
+        (
+            replace(PPSMemory.empty(icub_skin()), counts=np.ones((32, 8, 4, 2))),
+            "robot.ini: has no r_forearm, on which taxel right_forearm:27 is",
+        ),
+        (PPSMemory.empty(icub_skin(("left_palm",))), "robot.ini: has none of the taxels of"),
         (replace(learned(), taxel_ids=("left_forearm:28", *learned().taxel_ids[1:])), "[l_forearm] knows no taxel 28"),
         (replace(learned(), taxel_ids=("left_forearm:x", *learned().taxel_ids[1:])), "[l_forearm] knows no taxel x"),
     ],
@@ -121,6 +126,36 @@ def test_what_cannot_be_said_in_the_robots_form(refused, memory: PPSMemory, says
     save_memory(tmp_path / "m.npz", memory)
     assert says in refused("convert-taxels", tmp_path / "m.npz", tmp_path / "t.ini", "--like", like)
     assert not (tmp_path / "t.ini").exists()
+
+
+def test_untouched_taxels_that_the_robot_lacks_are_left_out(
+    like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = PPSMemory.empty(icub_skin())
+    known = [name.startswith(("left_forearm", "right_palm")) for name in whole.taxel_ids]
+    save_memory(tmp_path / "m.npz", replace(whole, counts=whole.counts + np.reshape(known, (-1, 1, 1, 1))))
+    convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
+    assert [len(part.counts) for part in read_taxels(tmp_path / "taxels.ini")] == [12, 4]
+    assert f"left out: {32 - sum(known)} untouched taxels that {like} does not know" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("count", [1e300, 2.0**60, 2**62])
+def test_a_count_beyond_every_robots_is_refused(refused, like: Path, tmp_path: Path, count: float) -> None:
+    """Larger counts overflow in sums, or in the whole numbers of the robot's form."""
+    memory = learned()
+    path = tmp_path / "m.npz"
+    arrays = {
+        "taxel_ids": np.array(memory.taxel_ids),
+        "part_index": memory.part_index,
+        "counts": np.full(memory.counts.shape, count),
+        "ranges": np.array([memory.params.distance_range_m, memory.params.ttc_range_s]),
+        "sigma_bins": 1.0,
+    }
+    write_archive(path, "PPS memory", 2, arrays)
+    assert "expected finite ones from 0 to 2^53" in refused("convert-taxels", path, tmp_path / "t.ini", "--like", like)
+    text = like.read_text().replace("nTaxels 0", "nTaxels 1", 1).replace("[r_hand]", f"27 ({int(count)}) (0)\n[r_hand]")
+    like.write_text(text)
+    assert "expected counts from 0 to 2^53" in refused("convert-taxels", like, tmp_path / "m2.npz")
 
 
 def test_which_way_is_told_by_the_suffixes(refused, like: Path, tmp_path: Path) -> None:

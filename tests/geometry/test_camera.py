@@ -73,6 +73,7 @@ def test_a_moved_view_projects_as_opencv_and_its_jacobian_is_the_slope(rng: np.r
     slopes = [(view.project(p_root + 1e-6 * e) - view.project(p_root - 1e-6 * e)) / 2e-6 for e in np.eye(3)]
     np.testing.assert_allclose(view.project_jacobian(p_root), np.column_stack(slopes), rtol=1e-5, atol=1e-4)
     assert view.sees(p_root)
+    assert view.place == tuple(view.center)
     assert not view.sees(2 * view.center - p_root)  # behind
     ray = view.rays(view.project(p_root))
     np.testing.assert_allclose(np.cross(ray, p_root - view.center), 0.0, atol=1e-8)

@@ -197,6 +197,7 @@ def png(width: int, height: int) -> bytes:
         ("a.ppm", b"P6 99999 99999 255\n\x00"),
         ("a.bmp", cv2.imencode(".bmp", np.zeros((4, 4, 3), np.uint8))[1].tobytes()),
     ],
+    ids=["png", "ppm", "bmp"],
 )
 def test_an_image_that_states_too_many_pixels_is_not_decoded(tmp_path: Path, name: str, content: bytes) -> None:
     if name.endswith("bmp"):

@@ -74,7 +74,7 @@ def _without_white_space(file: Path) -> list[list[str]]:
         ("7 (1 2 3)", "7 (1 2 x)", 8, "found 'x' is no whole number"),
         ("7 (1 2 3)", "7 (1 2 3.5)", 8, "found '3.5' is no whole number"),
         ("7 (1 2 3)", "7 (1 -2 3)", 8, "expected counts from 0"),
-        ("7 (1 2 3)", "7 (1 99999999999999999999 3)", 8, "expected counts from 0 to 2^63"),
+        ("7 (1 2 3)", "7 (1 99999999999999999999 3)", 8, "expected counts from 0 to 2^53"),
         ("7 (1 2 3) (4 5 6)", "7 (1 2 3)", 8, "expected 2 × (3 numbers), found 1 lists"),
         ("7 (1 2 3)", "4 (1 2 3)", 9, "4 (0 0 4000000000) (0 1 0); expected each key once in [l_hand]"),
         ("modality\t1D\n", "modality 1D\ncolour\tred\n", 3, "colour red; expected modality, size"),

@@ -53,7 +53,10 @@ class ConvertTaxels:
             memory = load_memory(self.input)
             maps = to_maps(memory, read_taxels(self.like), self.input, self.like)
             write_taxels(partial, maps)
-        print(f"{len(memory.taxel_ids)} taxels on {', '.join(part.name for part in maps)} → {self.out}")
+        n = sum(len(part.counts) for part in maps)
+        print(f"{n} taxels on {', '.join(part.name for part in maps)} → {self.out}")
+        if n < len(memory.taxel_ids):
+            print(f"left out: {len(memory.taxel_ids) - n} untouched taxels that {self.like} does not know")
         paper = MemoryParams()
         if memory.params.sigma_bins != paper.sigma_bins:
             print(f"not carried: a window {memory.params.sigma_bins:g} bins wide; the robot's form has no place for it")

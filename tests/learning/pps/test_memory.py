@@ -239,6 +239,10 @@ def test_params_out_of_order_are_refused():
         MemoryParams(ttc_range_s=(3.0, 0.0))
     with pytest.raises(ValueError, match="a width above 0"):
         MemoryParams(sigma_bins=0.0)
+    with pytest.raises(ValueError, match="a width above 0"):
+        MemoryParams(sigma_bins=1e-300)  # its square is 0
+    with pytest.raises(ValueError, match="a finite range"):
+        MemoryParams(distance_range_m=(0.0, 1e-310))
 
 
 def test_a_single_bin_may_stand_for_all_times():
