@@ -155,7 +155,7 @@ def test_images_with_a_calibration_are_opened_in_metres(tmp_path: Path) -> None:
     for name in ("L1.png", "R1.png", "L2.png", "R2.png"):
         cv2.imwrite(str(tmp_path / name), np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
     file = stereo(tmp_path / "stereo.xml")
-    recording = open_recording(left=[str(tmp_path / "L*")], right=[str(tmp_path / "R*")], calib=[file])
+    recording = open_recording(left=[str(tmp_path / "L*")], right=[str(tmp_path / "R*")], calib=[file], fps=30)
     assert recording.rig is not None
     view = recording.rig.view()
     assert np.linalg.norm(view.right.center - view.left.center) == pytest.approx(np.linalg.norm(T))
