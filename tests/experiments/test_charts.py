@@ -4,7 +4,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from pps_vision.experiments.charts import bars, calibration, curves, panels, pareto_front, severity, speed_error
+from pps_vision.experiments.charts import (
+    bars,
+    calibration,
+    curves,
+    panels,
+    pareto_front,
+    severity,
+    speed_error,
+    speed_errors,
+)
 
 
 @pytest.fixture
@@ -32,6 +41,17 @@ def test_speed_error_marks_default_front_and_failures(axis) -> None:
     np.testing.assert_allclose(rings[0].get_xydata(), [[10, 1]])
     assert [text.get_text() for text in axis.texts] == ["fast", "best", "lost (fails)"]
     assert axis.get_xscale() == "log"
+
+
+def test_speed_errors_have_a_row_for_each_metric_and_a_column_for_each_scenario() -> None:
+    cells = {s: {"ours": {"ms": k, "mm": 10 * k, "percent": 100 * k}} for k, s in enumerate("abcd", 1)}
+    figure = speed_errors(cells, {"mm": "error (mm)", "percent": "error (%)"}, default="ours")
+    shown = [(axis.get_title(), axis.get_ylabel()) for axis in figure.axes]
+    assert shown == [(s, label) for label in ("error (mm)", "error (%)") for s in "abcd"]
+    points = [axis.lines[3].get_xydata()[0].tolist() for axis in figure.axes]
+    assert points == [[k, scale * k] for scale in (10, 100) for k in range(1, 5)]
+    assert figure.axes[4].get_subplotspec().rowspan.start == 1
+    assert sum(axis.axison for axis in speed_errors(cells, {"mm": "error"}).axes) == 4
 
 
 def test_severity_marks_the_break(axis) -> None:

@@ -1,7 +1,5 @@
 """The disturbances do what they say, and a run is judged by the truth."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from data import SEED
@@ -9,8 +7,6 @@ from data import SEED
 from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.failures import BREAKS, DISTURBANCES, FINE, Failures, fine, methods, plain
 from pps_vision.experiments.scenarios import Recording
-from pps_vision.experiments.score import judge
-from pps_vision.types import Status, Track3D
 
 
 @pytest.fixture(scope="module")
@@ -21,12 +17,6 @@ def shown() -> Recording:
 
 def rng() -> np.random.Generator:
     return np.random.default_rng(SEED)
-
-
-def known(stamp_s: float, position: np.ndarray, std_m: float = 0.01) -> Track3D:
-    mean = np.zeros((4, 3))
-    mean[0] = position
-    return Track3D(stamp_s, mean, std_m**2 * np.eye(12), 0.03, 1e-6, Status.TRACKING)
 
 
 def test_the_ball_is_where_the_recording_says(shown: Recording) -> None:
@@ -73,25 +63,6 @@ def test_what_fails_for_a_time_is_not_in_sight_then_and_judged_a_while_after(sho
     out = (frames.stamps_s >= 0.1) & (frames.stamps_s < 0.2)
     assert all((f.right.max() == 0) == o and f.left.max() > 0 for f, o in zip(frames.frames, out, strict=True))
     np.testing.assert_array_equal(frames.stamps_s[frames.judged(0.1)], frames.stamps_s[frames.stamps_s >= 0.299])
-
-
-def test_the_judge_knows_right_from_wrong_and_wrong_from_unsure(shown: Recording) -> None:
-    far, n = np.array([0.2, 0.0, 0.0]), len(shown.frames)
-    right = [known(s, p + 0.004) for s, p in zip(shown.stamps_s, shown.position, strict=True)]
-    score = judge(replace(shown, seen=np.ones(n, bool)), right, settle_s=0.0)
-    assert score["near"].all()
-    assert not score["false"].any()
-    assert score["recording_rms_mm"] == pytest.approx([4 * np.sqrt(3)])
-    for std, false in ((0.01, 0.5), (0.1, 0.0)):
-        half = [known(t.stamp_s, t.position + far, std) if k % 2 else t for k, t in enumerate(right)]
-        score = judge(shown, half, settle_s=0.0)
-        assert np.mean(score["near"]) == pytest.approx(0.5, abs=0.03)
-        assert np.mean(score["false"]) == pytest.approx(false, abs=0.03)
-    other = [known(t.stamp_s, t.position + far) for t in right]
-    assert judge(replace(shown, other_position=shown.position + far), other, settle_s=0.0)["near"].all()
-    nothing = judge(shown, [Track3D.unknown(s) for s in shown.stamps_s], settle_s=0.0)
-    assert not nothing["near"].any()
-    assert len(nothing["error_mm"]) == len(nothing["recording_rms_mm"]) == 0
 
 
 def test_a_dash_through_the_view_in_half_a_second_is_tracked() -> None:

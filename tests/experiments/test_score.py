@@ -1,0 +1,163 @@
+"""Recordings with numbers known in advance: which frames count, what is near, false and lost, and what is touched."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, stare_at, tracker_params, turning, watching
+from pps_vision.experiments.score import METRICS, judge, timed_steps
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.types import Status, StereoFrame, Track3D
+
+N, AT_M = 40, 0.3
+BLACK = np.zeros((240, 320, 3), np.uint8)
+BOX = (10.0, 20.0, 30.0, 30.0)
+
+
+@pytest.fixture
+def recording() -> Recording:
+    """2 s of an object that rests 0.3 m before the eyes; every image black."""
+    stamps = (np.arange(N) / FPS).tolist()
+    position = np.tile(EYES_M + np.array([-AT_M, 0, 0]), (N, 1))
+    frames = tuple(StereoFrame(BLACK, BLACK, t, t) for t in stamps)
+    seen, boxes = np.ones(N, bool), ((None, BOX), (BOX, None), *((BOX, BOX),) * (N - 2))
+    return Recording(frames, position, np.zeros((N, 3)), seen, boxes, 0.03, icub_rig(load_icub()), None)
+
+
+def track(recording: Recording, k: int, off_m: float, std_m: float = 0.001) -> Track3D:
+    """A track beside the truth of a frame, across the line of sight; its largest standard deviation along z."""
+    mean = np.zeros((4, 3))
+    mean[0] = recording.position[k] + [0, off_m, 0]
+    cov = 1e-12 * np.eye(12)
+    cov[2, 2] = std_m**2
+    return Track3D(recording.frames[k].stamp_s, mean, cov, 0.03, 0.0, Status.TRACKING)
+
+
+def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Recording) -> None:
+    """From 0.5 s on, again after every time out of sight, and only those asked about."""
+    assert np.flatnonzero(recording.judged(0.5)).tolist() == list(range(10, N))
+    seen = recording.seen.copy()
+    seen[15] = False
+    assert np.flatnonzero(replace(recording, seen=seen).judged(0.5)).tolist() == [*range(10, 15), *range(26, N)]
+    asked = np.arange(N) < 12
+    assert np.flatnonzero(replace(recording, asked=asked).judged(0.5)).tolist() == [10, 11]
+
+
+def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(recording: Recording) -> None:
+    """0.3 m away: near up to 50 mm. What is farther off is false unless it says so."""
+    tracks = [track(recording, k, 0.003) for k in range(N)]
+    tracks[5], tracks[9] = track(recording, 5, 0.2), track(recording, 9, 0.2)  # before frames count
+    tracks[12], tracks[13] = track(recording, 12, 0.049), track(recording, 13, 0.051)
+    tracks[14], tracks[15] = track(recording, 14, 0.09, 0.031), track(recording, 15, 0.09, 0.029)
+    tracks[16] = Track3D.unknown(recording.frames[16].stamp_s)
+    values = judge(recording, tracks)
+    assert np.flatnonzero(~values["near"]).tolist() == [3, 4, 5, 6]
+    assert np.flatnonzero(values["false"]).tolist() == [3, 5]
+    assert len(values["false"]) == len(values["near"]) == 30
+    assert sorted(values["error_mm"])[-4:] == pytest.approx([49, 51, 90, 90])
+    assert len(values["error_mm"]) == 29, "an unknown track has no error"
+    square = 25 * 3**2 + 49**2 + 51**2 + 2 * 90**2
+    assert values["recording_rms_mm"] == pytest.approx([np.sqrt(square / 29)])
+    summaries = {name: metric.summary(values[metric.values]) for name, metric in METRICS.items()}
+    assert summaries["near_percent"] == pytest.approx(100 * 26 / 30)
+    assert summaries["false_percent"] == pytest.approx(100 * 2 / 30)
+    assert summaries["worst_recording_mm"] == summaries["mean_recording_mm"] == pytest.approx(summaries["rms_mm"])
+    assert METRICS["worst_recording_mm"].summary(np.array([2.0, 5.0, 3.0])) == 5
+    assert np.isnan(METRICS["worst_recording_mm"].summary(np.empty(0)))
+
+
+def test_a_tracker_without_a_track_has_no_error_and_is_never_near(recording: Recording) -> None:
+    values = judge(recording, [Track3D.unknown(frame.stamp_s) for frame in recording.frames])
+    assert not values["near"].any()
+    assert not values["false"].any()
+    assert len(values["error_mm"]) == len(values["recording_rms_mm"]) == 0
+
+
+def test_of_two_equal_objects_the_one_followed_first_counts(recording: Recording) -> None:
+    """Also where nothing is known at first."""
+    two = replace(recording, other_position=recording.position + np.array([0, 0.2, 0]))
+    unknown = [Track3D.unknown(frame.stamp_s) for frame in recording.frames[:11]]
+    other = [*unknown, *(track(recording, k, 0.199) for k in range(11, N))]
+    assert judge(two, other)["near"].sum() == 29
+    changed = [*other[:30], *(track(recording, k, 0.0) for k in range(30, N))]
+    assert judge(two, changed)["near"].sum() == 19
+
+
+def test_baselines_are_told_the_first_boxes_of_both_eyes(recording: Recording) -> None:
+    assert recording.first_boxes == (2, (BOX, BOX))
+    with pytest.raises(ValueError, match="never in view"):
+        _ = replace(recording, boxes=((None, BOX),) * N).first_boxes
+
+
+def test_a_jump_of_the_velocity_counts_for_two_frames(recording: Recording) -> None:
+    velocity = np.zeros((N, 3))
+    velocity[20:] = [0.05, 0, 0]
+    velocity[30:] = [0.05, 0.03, 0]
+    assert np.flatnonzero(replace(recording, velocity=velocity).jumped).tolist() == [20, 21]
+
+
+def test_a_straight_approach_touches_with_its_front_when_it_stops(recording: Recording) -> None:
+    """10 cm/s along x for 1 s, a radius of 3 cm."""
+    stamps = recording.stamps_s
+    moving = stamps < 1.0
+    velocity = np.where(moving[:, None], [0.1, 0, 0], 0.0)
+    position = np.minimum(stamps, 1.0)[:, None] * [0.1, 0, 0]
+    approach = replace(recording, position=position, velocity=velocity)
+    touched, ttc_s = approach.touch()
+    np.testing.assert_allclose(touched, [0.13, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(ttc_s[moving], 1.0 - stamps[moving], atol=1e-9)
+    assert np.isnan(ttc_s[~moving]).all()
+    uneven = replace(approach, velocity=np.where(stamps[:, None] < 0.5, 1.1 * velocity, velocity))
+    for other in (uneven, recording, replace(approach, velocity=np.tile([0.1, 0, 0], (N, 1)))):
+        assert np.isnan(other.touch()[0]).all()
+        assert np.isnan(other.touch()[1]).all()
+
+
+def test_markers_are_tracked_as_markers_of_their_hue_unless_told_otherwise(recording: Recording) -> None:
+    assert tracker_params(recording).mode == "generic"
+    marker = replace(recording, stimulus="marker")
+    assert (tracker_params(marker).mode, tracker_params(marker).marker.hue_deg) == ("marker", 120.0)
+    assert tracker_params(marker, "generic").mode == "generic"
+    assert tracker_params(recording, "marker").marker.hue_deg == 0.0
+
+
+def test_every_step_is_timed_in_turn() -> None:
+    seen: list[int] = []
+    found, ms = timed_steps(lambda k: seen.append(k) or sum(range(200_000 * k)), (1, 3))
+    assert seen == [1, 3]
+    assert found == [sum(range(200_000)), sum(range(600_000))]
+    assert ms[1] / ms[0] == pytest.approx(3, rel=0.5)
+    assert 0.5 < ms[0] < 100
+
+
+def test_a_turning_head_keeps_to_its_speed_and_comes_near_it() -> None:
+    """Yaw and pitch together, over a whole beat, 1 kHz; the other joints rest."""
+    robot, speed = load_icub(), 0.3
+    point = EYES_M + np.array([-0.4, 0.0, -0.1])
+    pose = turning(robot, np.random.default_rng(1), point, speed)
+    q = np.array([pose(t, np.empty(0), point) for t in np.arange(0, 20, 1e-3)])
+    yaw_pitch = robot.indices(robot.names.gaze_joints)[:2]
+    rate = np.linalg.norm(np.diff(q[:, yaw_pitch], axis=0), axis=1) / 1e-3
+    assert 0.8 * speed < rate.max() < 1.001 * speed
+    assert np.ptp(np.delete(q, yaw_pitch, axis=1), axis=0).max() == 0
+
+
+def test_states_have_the_stamps_poses_and_motion_that_are_asked_for() -> None:
+    robot, point = load_icub(), EYES_M + np.array([-0.4, 0.0, 0.0])
+    motion = lambda t: (point + np.array([0, 0.1 * t, 0]), np.array([0, 0.1, 0]))  # noqa: E731
+    states = list(watching(motion, 0.5, stare_at(robot, point)))
+    stamps = [t for t, _ in states]
+    assert len(stamps) == 10
+    assert all(later - earlier == pytest.approx(1 / FPS) for earlier, later in pairwise(stamps))
+    for t, state in states:
+        np.testing.assert_allclose(state.position, motion(t)[0])
+        np.testing.assert_allclose(state.velocity, [0, 0.1, 0])
+        np.testing.assert_array_equal(state.q_rad, states[0][1].q_rad)
+    view = icub_rig(robot).view(states[0][1].q_rad)
+    for eye in (view.left, view.right):
+        np.testing.assert_allclose(
+            eye.T_root_camera[:3, 2], (point - eye.center) / np.linalg.norm(point - eye.center), atol=1e-3
+        )
+    assert all(state.position is None for _, state in watching(motion, 0.2, stare_at(robot, point), empty=True))
