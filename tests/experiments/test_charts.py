@@ -26,6 +26,7 @@ def axis():
 
 def test_the_front_holds_what_no_other_beats() -> None:
     assert pareto_front([1, 2, 3, 4, 2], [5, 3, 4, np.nan, 9]) == [0, 1]
+    assert pareto_front([1, 2, 3], [np.nan, 3, 3]) == [1], "no error is no point; the slower of equals is beaten"
 
 
 def test_speed_error_marks_default_front_and_failures(axis) -> None:
@@ -40,7 +41,20 @@ def test_speed_error_marks_default_front_and_failures(axis) -> None:
     rings = [line for line in axis.lines if line.get_markersize() == 12]
     np.testing.assert_allclose(rings[0].get_xydata(), [[10, 1]])
     assert [text.get_text() for text in axis.texts] == ["fast", "best", "lost (fails)"]
-    assert axis.get_xscale() == "log"
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "linear")
+    points = {tuple(line.get_xydata()[0]): line for line in axis.lines if line.get_markersize() == 5}
+    assert points[1, 5].get_color() != points[10, 1].get_color() == points[2, 5 * 1.15].get_color()
+    assert points[2, 5 * 1.15].get_marker() == "x", "above all others"
+
+
+def test_labels_of_near_points_stand_at_different_heights(axis) -> None:
+    speed_error(axis, {name: {"ms": 1 + 0.01 * k, "error": 1} for k, name in enumerate("abc")}, "error")
+    assert len({text.xyann[1] for text in axis.texts}) == 3
+
+
+def test_errors_that_span_decades_are_drawn_on_a_logarithmic_axis(axis) -> None:
+    speed_error(axis, {"a": {"ms": 1, "error": 1}, "b": {"ms": 2, "error": 31}}, "error")
+    assert axis.get_yscale() == "log"
 
 
 def test_speed_errors_have_a_row_for_each_metric_and_a_column_for_each_scenario() -> None:
@@ -59,12 +73,19 @@ def test_severity_marks_the_break(axis) -> None:
     severity(axis, {"axis": "noise", "severities": [0, 10, 20], "methods": {"ours": cell}}, "error", "error (mm)", 3)
     cross = next(line for line in axis.lines if line.get_marker() == "x")
     assert cross.get_xdata()[0] == 2
+    assert any(list(line.get_ydata()) == [3, 3] for line in axis.lines), "the bound"
     assert [tick.get_text() for tick in axis.get_xticklabels()] == ["0", "10", "20"]
 
 
 def test_calibration_curves_and_bars_draw_values_with_intervals(axis) -> None:
-    calibration(axis, [68, 95], {"position": [[70, 60, 80], [93, 90, 96]]}, "found (%)")
+    calibration(axis, [68, 95], {"position": [[70, 60, 85], [93, 90, 96]], "velocity": [60, 90]}, "found (%)")
+    np.testing.assert_array_equal(axis.lines[0].get_xydata(), [[0, 0], [100, 100]])
+    ranges = [c.lines[2][0].get_segments() for c in axis.containers]
+    np.testing.assert_allclose(ranges[0][0], [[67.7, 60], [67.7, 85]])
+    np.testing.assert_allclose(ranges[1][0], [[68.3, 60], [68.3, 60]], err_msg="a number has no interval")
     curves(axis, [1, 2], {"ours": [[1, 0, 2], 3]}, "n", "error")
     np.testing.assert_allclose(axis.lines[-1].get_xydata(), [[1, 1], [2, 3]])
     bars(axis, ["a", "b"], {"one": [1, None], "two": [[2, 1, 3], 4]}, "error")
-    assert [bar.get_height() for bar in axis.patches if np.isfinite(bar.get_height())] == [1, 2, 4]
+    shown = [bar for bar in axis.patches if np.isfinite(bar.get_height())]
+    assert [bar.get_height() for bar in shown] == [1, 2, 4]
+    assert [bar.get_x() + bar.get_width() / 2 for bar in shown] == pytest.approx([-0.2, 0.2, 1.2])

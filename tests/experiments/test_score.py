@@ -68,6 +68,13 @@ def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(re
     assert np.isnan(METRICS["worst_recording_mm"].summary(np.empty(0)))
 
 
+def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: Recording) -> None:
+    hidden = replace(recording, seen=np.arange(N) < 20)
+    values = judge(hidden, [track(recording, k, 0.2 if k >= 20 else 0.0) for k in range(N)])
+    assert values["near"].tolist() == [True] * 10
+    assert values["false"].tolist() == [False] * 10 + [True] * 20
+
+
 def test_a_tracker_without_a_track_has_no_error_and_is_never_near(recording: Recording) -> None:
     values = judge(recording, [Track3D.unknown(frame.stamp_s) for frame in recording.frames])
     assert not values["near"].any()

@@ -9,6 +9,7 @@ from pps_vision.experiments.study import (
     Axis,
     Break,
     Metric,
+    TrackingStudy,
     compare,
     compare_severities,
     interval,
@@ -45,12 +46,12 @@ def test_times_are_processor_times_and_their_ratio_is_of_one_recording() -> None
     methods = {
         "ours": lambda _, __: work(4) or {},
         "slow": lambda _, __: work(20) or {},
-        "own clock": lambda _, __: {"ms": [1.0, 3.0]},
+        "own clock": lambda _, __: {"ms": [1.0, 2.0, 3.0, 4.0, 50.0]},
     }
     cells = compare({"a": int}, methods, {}, range(5), reference="ours")["a"]
     assert cells["ours"]["ms"][1] == pytest.approx(4, rel=0.3)
     assert cells["slow"]["ratio"][0] == pytest.approx(5, rel=0.3)
-    assert cells["own clock"]["ms"] == [1, 2, 3]
+    assert cells["own clock"]["ms"] == [2, 3, 4]
 
 
 def test_intervals_are_of_independent_units() -> None:
@@ -70,12 +71,16 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 
 def test_units_without_values_count_for_nothing_and_nothing_is_unknown() -> None:
-    assert interval([[], [2.0], []], median)[0] == 2
+    value, low, high = interval([[], [2.0], [3.0], [10.0]], median)
+    assert value == 3
+    assert 2 <= low < 3 < high <= 10, "also where some of the resamples hold nothing"
     assert np.isnan(interval([[], []], rms)).all()
     assert np.isnan(interval([])).all()
 
 
-@pytest.mark.parametrize(("above", "bound", "expected"), [(True, 2.5, 3), (False, -2.5, None), (True, 9, None)])
+@pytest.mark.parametrize(
+    ("above", "bound", "expected"), [(True, 2.5, 3), (True, 3, 5), (False, -2.5, None), (True, 9, None)]
+)
 def test_a_method_breaks_at_the_first_severity_past_the_bound(
     above: bool, bound: float, expected: float | None
 ) -> None:
@@ -90,3 +95,20 @@ def test_a_method_breaks_at_the_first_severity_past_the_bound(
     assert numbers["methods"]["ours"]["breaks_at"] == expected
     assert numbers["methods"]["lost"]["breaks_at"] == 0, "a method without a value is broken"
     assert [value for value, _, _ in numbers["methods"]["ours"]["error"]] == [0, 1, 3, 5]
+
+
+def test_a_tracking_study_makes_every_kind_from_every_source_with_successive_seeds() -> None:
+    class Some(TrackingStudy):
+        def run(self) -> dict[str, object]:
+            return {}
+
+    def make(kind: str, source: str, seed: int) -> tuple[str, str, int]:
+        return kind, source, seed
+
+    study = Some(n=3, seed=5)
+    assert list(study.seeds) == [5, 6, 7]
+    assert study.sources == ("rendered", "independent")
+    assert Some(scenes="independent").sources == ("independent",)
+    scenarios = study.scenarios(make, ("ball", "marker"))
+    assert list(scenarios) == ["rendered, ball", "rendered, marker", "independent, ball", "independent, marker"]
+    assert scenarios["independent, ball"](7) == ("ball", "independent", 7)

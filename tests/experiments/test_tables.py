@@ -29,4 +29,5 @@ def test_a_marker_without_end_is_refused() -> None:
 def test_an_estimate_shows_its_interval() -> None:
     assert estimate([1.2345, 1, 2.71828]) == "1.23 (1–2.72)"
     assert estimate([None, None, None]) == "–"
+    assert estimate([2.0, float("nan"), 3.0]) == "2 (––3)"
     assert estimate([3.0]) == "3"
