@@ -60,10 +60,8 @@ def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> Lea
     if state.contact is None:
         contact = Contact(events.stamp_s, events.touched) if touching else None
         return replace(state, buffer=push(state.buffer, events), contact=contact)
-    contact = state.contact
-    if not contact.learned:
-        contact = replace(contact, touched=contact.touched | events.touched)
-        state = replace(state, contact=contact)
+    contact = replace(state.contact, touched=state.contact.touched | events.touched)
+    state = replace(state, contact=contact)
     if not touching or events.stamp_s - contact.since_s >= params.contact_s:
         state = finish(state)
     return state if touching else replace(state, contact=None)

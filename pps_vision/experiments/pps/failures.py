@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, activation
-from learning.pps.scores import auroc, brier
+from learning.pps.scores import auroc
 from pps_vision.experiments.baselines.single_taxel import (
     Paths,
     Simulation,
@@ -38,14 +38,16 @@ _TEST_OBJECTS = 300
 
 @dataclass(frozen=True)
 class Disturbed:
-    """Objects to train on and to test on, the touches reported wrongly, the samples missing, and the number of
-    training trials."""
+    """Objects to train on and to test on, with what is disturbed."""
 
     training: Simulation = PATCH
     test: Simulation = PATCH
     wrong_touches: float = 0.0
+    """Share of training trials that report the touches of another trial."""
     missing: float = 0.0
+    """Share of samples that are missing."""
     trials: int = 200
+    """Number of training trials."""
 
 
 def _noisy(mm: float) -> Simulation:
@@ -93,9 +95,9 @@ class PpsFailures(Study):
     """Simulations of each severity."""
 
     def run(self) -> dict[str, Any]:
-        """Return AUROC and Brier skill (share of the base rate's Brier score removed) by disturbance and method."""
+        """Return the AUROC by disturbance and method."""
         methods = {name: _map(params) for name, params in MAPS.items()}
-        metrics = {name: Metric(name, mean) for name in ("auroc", "brier_skill")}
+        metrics = {"auroc": Metric("auroc", mean)}
         seeds = range(self.seed, self.seed + self.n)
         return {
             "disturbances": {
@@ -136,10 +138,8 @@ def record(disturb: Callable[[float], Disturbed], seed: int, severity: float) ->
 
 def _map(params: MemoryParams) -> Callable[[Recording, int], Values]:
     def predict(r: Recording, seed: int) -> Values:
-        p = activation(count_paths(empty_map(r.touched.shape[1], params), r.D, r.TTC, r.touched), r.test_D, r.test_TTC)
-        base_rate = np.broadcast_to(r.touched.mean(axis=0), r.outcome.shape)
-        skill = 1 - brier(r.outcome, p) / brier(r.outcome, base_rate)
-        return {"auroc": [auroc(r.outcome, p)], "brier_skill": [skill]}
+        memory = count_paths(empty_map(r.touched.shape[1], params), r.D, r.TTC, r.touched)
+        return {"auroc": [auroc(r.outcome, activation(memory, r.test_D, r.test_TTC))]}
 
     return predict
 

@@ -41,15 +41,13 @@ class Landscapes(Study):
     """Seed of the trials."""
     trials: Path = FOLDER
     """Folder of the rendered trials."""
-    rendered: bool = True
-    """Render and track the trials; off: the objects are known exactly, in a tenth of the time."""
     n: int = 8
     """Robots that err, each in its own way."""
 
     def run(self) -> dict[str, Any]:
         """Return, by session, the map and the ridge's width with 95 % over trials and over erring robots."""
         robots = [ErringRobot.draw(ErrorSources(), np.random.default_rng((self.seed, k))) for k in range(self.n)]
-        sessions = {name: load_session(self, name) for name in TITLES}
+        sessions = {name: load_session(name, self.seed, self.trials) for name in TITLES}
         found = {name: self._measure(name, session, robots) for name, session in sessions.items()}
         return {"sessions": found, "fig9": _fig9(sessions["inner"])}
 

@@ -44,8 +44,8 @@ def test_table_5_has_the_papers_trials_and_counts_the_steps_that_are_perceived(
 ) -> None:
     assert {name: of["trials"] for name, of in PAPER.items()} == TRIALS
     monkeypatch.setattr(table5, "TRIALS", small())
-    study = Table5(SEED, rendered=False)
-    numbers, _ = run_and_draw(study)
+    monkeypatch.setattr(table5, "rendered_trials", exact)
+    numbers, _ = run_and_draw(Table5(SEED))
     n = 0
     for trial in exact_trials("inner", 2, SEED):
         for q, p, v in zip(trial.joints_rad, trial.positions, trial.velocities, strict=True):
@@ -63,7 +63,8 @@ def test_a_session_shows_the_taxel_aimed_at_with_the_most_samples() -> None:
 
 def test_landscapes_of_all_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table5, "TRIALS", small())
-    numbers, charts = run_and_draw(Landscapes(SEED, rendered=False, n=2))
+    monkeypatch.setattr(table5, "rendered_trials", exact)
+    numbers, charts = run_and_draw(Landscapes(SEED, n=2))
     assert list(numbers["sessions"]) == list(TITLES)
     for name, of in numbers["sessions"].items():
         assert of["taxel"].startswith("right_palm" if name == "palm" else "left_forearm")

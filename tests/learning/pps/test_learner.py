@@ -66,14 +66,14 @@ def test_a_stale_sample_is_rejected_and_counted():
     assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 6, 0)
 
 
-def test_a_clock_set_back_does_not_stop_learning():
+def test_after_a_reset_clock_learning_goes_on():
     state = run([[]] * 10, start=1e9)
     state = run([[]] * 10 + [[1], []], state, start=5.0)
     assert samples(state) == [[0, 11], [11, 0], [0, 11], [0, 11]]
     assert state.stale == 0
 
 
-def test_a_touch_by_what_nobody_saw_teaches_nothing_and_is_counted():
+def test_a_touch_by_an_unseen_object_teaches_nothing_and_is_counted():
     state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
     nothing = np.full(4, np.nan)
     for k in range(20):
@@ -83,7 +83,7 @@ def test_a_touch_by_what_nobody_saw_teaches_nothing_and_is_counted():
     assert (state.stale, state.unseen) == (0, 1)
 
 
-def test_a_clock_set_anew_ends_a_contact():
+def test_a_reset_clock_ends_a_contact():
     before = run([[]] * 10 + [[0]], start=20.0)
     assert before.contact is not None
     after = run([[]] * 10 + [[1], []], before, start=1.0)
