@@ -99,9 +99,7 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
     """One learning iteration (R, "Data collection"): the buffer's samples count as positive for the
     `touched` (n,) taxels and as negative for the others of the same body part; nothing changes
     on a part that was not touched."""
-    if not buffer.samples or not np.any(touched):
-        return memory
-    return count_samples(memory, *resample(buffer), touched)
+    return count_samples(memory, *resample(buffer), touched) if buffer.samples else memory
 
 
 def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:

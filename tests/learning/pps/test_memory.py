@@ -103,6 +103,16 @@ def test_interpolation_agrees_with_an_independent_gaussian_filter():
         np.testing.assert_allclose(activation(memory, np.full(N, D), np.full(N, TTC)), smooth[:, i, j], atol=1e-6)
 
 
+def test_the_default_window_has_a_standard_deviation_of_one_bin():
+    """A single bin of touches, seen from the centre of its neighbour: R's σ, weights of all bins adding up to 1."""
+    memory = PPSMemory.empty(FOREARMS)
+    memory.counts[:, 4, 1, 0] = 1
+    found = activation(memory, np.full(N, -0.1 + 0.3 * 3.5 / 8), np.full(N, 3 * 1.5 / 4))
+    np.testing.assert_allclose(
+        found, norm.pdf(1) / norm.pdf(np.arange(8) - 3).sum() * norm.pdf(0) / norm.pdf([-1, 0, 1, 2]).sum()
+    )
+
+
 def test_leading_axes_are_moments():
     memory, rng = random_memory(), np.random.default_rng(5)
     D, TTC = rng.uniform(-0.12, 0.22, (3, 7, N)), rng.uniform(-0.5, 3.5, (3, 7, N))
@@ -156,6 +166,7 @@ def test_many_objects_teach_the_probability_of_contact():
 
 def test_saved_and_loaded_is_the_same(tmp_path):
     memory = random_memory(7, MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75))
+    memory = replace(memory, counts=memory.counts + 2**40)
     save_memory(tmp_path / "memory.npz", memory)
     again = load_memory(tmp_path / "memory.npz")
     assert (again.taxel_ids, again.params) == (memory.taxel_ids, memory.params)
@@ -190,6 +201,7 @@ def rewrite(path, **changes):
         ({"counts": np.zeros((2, 8, 4, 2), int)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), -1)}, "does not fit together"),
         ({"counts": np.full((N, 8, 4, 2), np.nan)}, "does not fit together"),
+        ({"counts": np.full((N, 8, 4, 2), np.inf)}, "does not fit together"),
         ({"part_index": np.full(N, np.nan)}, "does not fit together"),
         ({"ranges": np.zeros(3)}, "does not fit together"),
     ],

@@ -141,9 +141,10 @@ def test_time_to_contact_is_when_the_distance_reaches_zero():
     np.testing.assert_allclose(TTC * speed, 0.1)
 
 
-def test_impossible_cone_is_refused():
+@pytest.mark.parametrize("wrong", [{"half_angle_rad": 2.0}, {"base_radius_m": -0.01}, {"length_m": 0.0}])
+def test_an_impossible_cone_is_refused(wrong):
     with pytest.raises(ValueError, match="angle between 0 and 90"):
-        ReceptiveField(half_angle_rad=2.0)
+        ReceptiveField(**wrong)
 
 
 @pytest.mark.parametrize("surface", [False, True])
