@@ -154,7 +154,11 @@ def test_variances_of_distance_and_time_to_contact_agree_with_sampling(surface):
     field = ReceptiveField(subtract_radius=surface, min_closing_sigmas=0.0)
     half = rng.normal(size=(6, 6)) * np.repeat([0.0005, 0.001], 3)[:, None]
     cov, posture_std, radius, radius_std = half @ half.T, 0.0007, 0.03, 0.0005
-    for d, v in (((0.02, 0.01, 0.12), (0.01, -0.02, -0.10)), ((0.0, 0.05, 0.06), (0.03, 0.02, 0.08))):
+    for d, v in (
+        ((0.02, 0.01, 0.12), (0.01, -0.02, -0.10)),
+        ((0.0, 0.05, 0.06), (0.03, 0.02, 0.08)),
+        ((0.0, 0.0, 0.06), (0.3, 0.0, -0.1)),  # mostly across: the closing speed turns with d
+    ):
         found = distance_and_ttc_variance(field, d, UP, v, cov, radius, radius_std**2, posture_std)
         draws = rng.multivariate_normal([*d, *v], cov, 200_000)
         draws[:, :3] += rng.normal(0, posture_std, (len(draws), 3))

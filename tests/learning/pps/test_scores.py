@@ -29,11 +29,12 @@ def test_brier_score():
 
 
 def test_reliability_of_a_worked_out_case():
-    r = reliability([0, 1, 1, 1], [0.0, 0.08, 0.62, 1.0])
-    np.testing.assert_allclose(r.predicted, [0.04, 0.62, 1.0])
+    outcome, p = [0, 1, 1, 1, 1], [0.0, 0.08, 0.62, 0.92, 1.0]  # 1 belongs to the last bin
+    r = reliability(outcome, p)
+    np.testing.assert_allclose(r.predicted, [0.04, 0.62, 0.96])
     np.testing.assert_allclose(r.happened, [0.5, 1.0, 1.0])
-    assert r.n.tolist() == [2, 1, 1]
-    assert expected_calibration_error([0, 1, 1, 1], [0.0, 0.08, 0.62, 1.0]) == pytest.approx((2 * 0.46 + 0.38) / 4)
+    assert r.n.tolist() == [2, 1, 2]
+    assert expected_calibration_error(outcome, p) == pytest.approx((2 * 0.46 + 0.38 + 2 * 0.04) / 5)
 
 
 def test_reliability_is_a_part_of_the_brier_score():
