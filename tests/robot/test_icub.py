@@ -141,6 +141,13 @@ def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
     expected[robot.indices(("left_eye_pan", "right_eye_pan"))] = (0.08, -0.12)
     np.testing.assert_allclose(again, expected, atol=1e-12)
     np.testing.assert_allclose(q[robot.indices(robot.names.gaze_joints)], [0.1, -0.2, 0.05, 0.16, -0.04])
+    both = icub.set_gaze(robot, q, vergence=0.3)[robot.indices(("left_eye_pan", "right_eye_pan"))]
+    np.testing.assert_allclose(both, [0.06 + 0.15, 0.06 - 0.15])
+
+
+def test_an_arm_port_with_too_few_encoders_is_refused(robot: Robot) -> None:
+    with pytest.raises(ValueError, match="shorter"):
+        icub.q_from_encoders(robot, left_arm=np.zeros(5))
 
 
 def test_encoders_to_joints_and_back(robot: Robot) -> None:

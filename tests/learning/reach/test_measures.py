@@ -32,6 +32,15 @@ def test_an_end_point_is_where_the_skin_is():
         np.testing.assert_allclose(point.normals(arm[None])[0], normals[k], atol=1e-9)
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_palm_is_the_origin_of_its_frame_and_faces_as_its_skin(side):
+    skin, point = icub_skin(), EndPoint.of(ROBOT, side, "palm", 4)
+    posture = ROBOT.at(np.zeros(ROBOT.n_joints))
+    np.testing.assert_allclose(point.positions(np.zeros((1, 4)))[0][0], posture.point(f"{side}_palm"), atol=1e-12)
+    k = next(k for k, name in enumerate(skin.taxel_ids) if name.startswith(f"{side}_palm"))
+    np.testing.assert_allclose(point.normals(np.zeros((1, 4)))[0], skin.at(posture)[1][k], atol=1e-12)
+
+
 def test_another_arms_taxel_is_refused():
     with pytest.raises(
         ValueError, match="'left_forearm:27' of the right arm; expected palm or one of right_forearm:27"
