@@ -19,7 +19,7 @@ from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, JointVelocity
 
-PARAMS, HOLD_S, DT = LimitParams(), 0.5, 0.05
+PARAMS, HOLD_S, DT, DEG = LimitParams(), 0.5, 0.05, np.pi / 180
 SKIN = icub_skin(("left_forearm",))
 
 
@@ -146,6 +146,61 @@ def test_rates_change_no_faster_than_the_acceleration_limit(robot: Robot, bodies
     np.testing.assert_allclose(seen, [6, 12, 18, 20, 20, 14, 8, 2, 0, 0, 0], atol=1e-9)
 
 
+def test_the_change_from_braking_is_as_large_as_the_limits_allow(
+    robot: Robot, rng: np.random.Generator, bodies: SelfCollision
+) -> None:
+    """In free space one joint of each group reaches a limit, or all is as asked for."""
+    posture, fastest = robot.at(home(robot)), np.full(robot.n_joints, np.deg2rad(60))
+    fastest[robot.indices(("eyes_tilt", "left_eye_pan", "right_eye_pan"))] = np.deg2rad(180)
+    for _ in range(100):
+        before, wanted = (0.03 * rng.standard_normal(robot.n_joints) for _ in range(2))
+        wanted *= rng.choice([1.0, 100.0])
+        elapsed_s, hold_s, last = rng.choice([0.001, 0.01]), rng.choice([0.1, 0.5]), JointVelocity(0.0, before, HOLD_S)
+        held = limit(PARAMS, bodies, posture, JointVelocity(elapsed_s, wanted, hold_s), last).dq_rad_s
+        brake = before * min(1.0, (HOLD_S - elapsed_s) / hold_s)
+        for group in (bodies.moving, ~bodies.moving):
+            change, way = (held - brake)[group], (wanted - brake)[group]
+            share = change @ way / (way @ way)
+            np.testing.assert_allclose(change, share * way, atol=1e-9)
+            room = np.where(held > 0, robot.upper_rad - posture.q_rad, posture.q_rad - robot.lower_rad)
+            sudden = np.abs(held - before) / (10 * fastest * elapsed_s)
+            used = np.max([np.abs(held) / fastest, sudden, hold_s * np.abs(held) / room], axis=0)[group]
+            assert used.max() <= 1 + 1e-9
+            assert used.max() > 1 - 1e-6 or share == pytest.approx(1.0)
+
+
+def test_a_short_command_is_no_faster_than_it_can_be_stopped_within(robot: Robot, bodies: SelfCollision) -> None:
+    (yaw,) = robot.indices(("neck_yaw",))
+    held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, hold_s=0.05, neck_yaw=5.0))
+    assert held.dq_rad_s[yaw] == pytest.approx(np.deg2rad(30))
+
+
+def test_a_joint_that_was_pushed_to_its_limit_does_not_brake_beyond(robot: Robot, bodies: SelfCollision) -> None:
+    (yaw,) = robot.indices(("neck_yaw",))
+    q = home(robot)
+    q[yaw] = robot.upper_rad[yaw]
+    held = limit(PARAMS, bodies, robot.at(q), command(robot, 0.01, neck_yaw=1.0), command(robot, neck_yaw=1.0))
+    assert held.dq_rad_s[yaw] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "fastest"), [("eyes_tilt", 180), ("right_eye_pan", 180), ("neck_roll", 60), ("torso_yaw", 60)]
+)
+def test_eyes_are_faster_than_the_other_joints(robot: Robot, bodies: SelfCollision, name: str, fastest: float) -> None:
+    held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, hold_s=0.1, **{name: -9.0}))
+    assert held.dq_rad_s[robot.indices((name,))] == pytest.approx(-np.deg2rad(fastest))
+
+
+def test_joints_stop_a_rounding_error_before_their_limits(robot: Robot, bodies: SelfCollision) -> None:
+    (yaw,) = robot.indices(("neck_yaw",))
+    for limit_rad, towards in ((robot.upper_rad[yaw], 1.0), (robot.lower_rad[yaw], -1.0)):
+        q = home(robot)
+        q[yaw] = limit_rad - 0.01 * towards
+        held = limit(PARAMS, bodies, robot.at(q), command(robot, neck_yaw=towards))
+        left = towards * (limit_rad - q[yaw] - HOLD_S * held.dq_rad_s[yaw])
+        assert left == pytest.approx(1e-9, rel=0.01)
+
+
 def test_braking_ends_where_the_last_command_would_have(robot: Robot, bodies: SelfCollision) -> None:
     """Turned back in full flight just before its limit, the joint stops in front of it."""
     (yaw,) = robot.indices(("neck_yaw",))
@@ -167,6 +222,8 @@ def test_a_command_that_has_ended_is_not_braked_from(robot: Robot, bodies: SelfC
     for stamp_s, moves in ((0.4, True), (0.5, False), (3.0, False)):
         held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, stamp_s), last)
         assert held.dq_rad_s.any() == (moves and stamp_s < 0.1)
+    held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, 3.0, neck_yaw=5.0, neck_roll=0.5), last)
+    np.testing.assert_allclose(held.dq_rad_s, command(robot, neck_yaw=60 * DEG, neck_roll=6 * DEG).dq_rad_s)
     held = limit(PARAMS, bodies, robot.at(home(robot)), command(robot, 0.05), last)
     (yaw,) = robot.indices(("neck_yaw",))
     assert held.dq_rad_s[yaw] == pytest.approx(1.0 - 0.05 * 10 * np.deg2rad(60))
@@ -192,10 +249,24 @@ def test_an_arm_pressed_against_the_chest_stops_20_mm_before_it(robot: Robot, bo
     assert pressed < 0.022
 
 
+def test_before_the_chest_the_arm_brakes_within_its_acceleration_limit(
+    robot: Robot, rng: np.random.Generator, bodies: SelfCollision
+) -> None:
+    """Commands that change at random: what the next one asks for is not free, the way of the last one is."""
+    arm, dt = robot.indices(robot.names.arm("left")), 0.01
+    q, last = near_the_chest(robot, bodies, 0.03), command(robot)
+    for k in range(200):
+        dq = rng.uniform(-1, 3) * towards_the_chest(robot, q)
+        dq[arm] += 0.5 * rng.standard_normal(7)
+        before, last = last, limit(PARAMS, bodies, robot.at(q), JointVelocity(dt * k, dq, HOLD_S), last)
+        assert np.abs(last.dq_rad_s - before.dq_rad_s).max() <= 10 * np.deg2rad(60) * dt + 1e-9
+        q = q + dt * last.dq_rad_s
+
+
 def near_the_chest(robot: Robot, bodies: SelfCollision, distance_m: float) -> Array:
     q = home(robot)
     while bodies.distance_m(q) > distance_m:
-        q = q + 0.002 * towards_the_chest(robot, q)
+        q = q + 0.01 * towards_the_chest(robot, q)
     return q
 
 

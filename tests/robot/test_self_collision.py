@@ -1,12 +1,14 @@
 """Self-collision distances against surface points and closed-form distance functions of the bodies."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.model import Body
-from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.self_collision import SelfCollision, _smallest_squared
 from pps_vision.types import Array
 
 ROBOT = load_icub()
@@ -136,6 +138,27 @@ def test_a_motion_past_a_body_is_not_judged_by_its_ends():
     assert distances.min() < 0.02 < min(distances[0], distances[-1])
     clear = int(np.argmax(distances < 0.02))
     assert 0.5 * clear < 100 * bodies.clear_share(q, change, 0.02) < clear
+
+
+def test_two_points_that_pass_straight_are_as_near_as_bounded():
+    for nearest, v, begin, end in ((0.02, 0.3, -0.04, 0.1), (0.001, 1.0, -0.5, 0.2), (0.05, 0.01, -1.0, 1.0)):
+        d0, d1 = (np.hypot(nearest, v * t) for t in (begin, end))
+        assert _smallest_squared(d0, d1, end - begin, v, 0.0) == pytest.approx(nearest**2)
+    d0, d1 = np.hypot(0.02, 0.03), np.hypot(0.02, 0.06)  # leaving: the nearest is the start
+    assert _smallest_squared(d0, d1, 0.1, 0.3, 0.0) == pytest.approx(d0**2)
+
+
+def test_two_points_on_curved_paths_are_no_nearer_than_bounded():
+    """Relative paths with the largest speed and acceleration that the bound is told, from seven starts to as many
+    ends; the bound uses the speed at the nearest point."""
+    rng, t = np.random.default_rng(6), np.linspace(0, 1, 401)
+    for _ in range(500):
+        r, v, a = (rng.standard_normal((3, 1)) * scale for scale in (0.05, 0.2, rng.choice([0.1, 1.0])))
+        distance = np.linalg.norm(r + v * t + 0.5 * a * t**2, axis=0)
+        speed = np.linalg.norm(v + a * t, axis=0).max()
+        for i, j in combinations(range(0, 401, 80), 2):
+            bound = _smallest_squared(distance[i], distance[j], t[j] - t[i], speed, float(np.linalg.norm(a)))
+            assert bound <= distance[i : j + 1].min() ** 2 + 1e-6
 
 
 def test_what_moves_no_body_is_clear_and_what_overlaps_is_not():
