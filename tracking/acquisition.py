@@ -5,6 +5,7 @@ the object.  A marker needs no motion: it is searched by its hue.
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -30,6 +31,9 @@ OwnBody = Callable[[Array, View], Mask]
 """Joints (rad) and an eye's view → the pixels (H, W) where the robot sees itself."""
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
 Regions = tuple[list[Region2D], list[Region2D]]
+SearchCounts = Counter[str]
+"""What the search has met so far: "frames" searched, those with "motion_left" and "motion_right", "candidates_left" and
+"candidates_right" for an object, and pairs of candidates "rejected by" colour, size, epipolar gate, …"""
 
 # Saturation of each colour bin, squared; the bins without a hue count as a tenth saturated.
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
@@ -75,9 +79,14 @@ class Acquisition:
     """Finds a moving object anywhere in both images; `step` takes frames in the order of their stamps."""
 
     def __init__(
-        self, params: AcquisitionParams, optics: tuple[Optics, Optics], own_body: OwnBody | None, stages: Stages
+        self,
+        params: AcquisitionParams,
+        optics: tuple[Optics, Optics],
+        own_body: OwnBody | None,
+        stages: Stages,
+        counts: SearchCounts,
     ) -> None:
-        self.params, self.own_body, self.stages = params, own_body, stages
+        self.params, self.own_body, self.stages, self._counts = params, own_body, stages, counts
         self._optics = optics
         self._triggers = tuple(MotionTrigger(params.trigger, one.camera) for one in optics)
 
@@ -97,6 +106,7 @@ class Acquisition:
         with self.stages("trigger"):
             left = self._trigger(0, cameras[0], confirm=True)
             right = self._trigger(1, cameras[1], confirm=False) if left else self._remember(1, cameras[1])
+        self._counts.update(frames=1, motion_left=bool(left), motion_right=bool(right))
         if not (left and right):
             return None, (left, right)
         with self.stages("image"):
@@ -104,6 +114,7 @@ class Acquisition:
                 self._candidates(eye, camera, regions, backgrounds)
                 for eye, (camera, regions) in enumerate(zip(cameras, (left, right), strict=True))
             )
+            self._counts.update(candidates_left=len(a), candidates_right=len(b))
             pair = self._best_pair(association, view, a, b, stamp_s, grey=backgrounds is not None)
         return pair and _with_both_colors(*pair), (left, right)
 
@@ -142,10 +153,14 @@ class Acquisition:
             likeness = 1.0 if grey else a.model.similarity(b.model.object)
             ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
             evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
-            if evidence <= most or likeness < self.params.min_likeness or max(ratio, 1 / ratio) > self.params.max_ratio:
-                continue
-            if association.observe(view, a.outline, b.outline, stamp_s):
+            if likeness < self.params.min_likeness:
+                self._counts["rejected by colour"] += 1
+            elif max(ratio, 1 / ratio) > self.params.max_ratio:
+                self._counts["rejected by size"] += 1
+            elif evidence > most and association.observe(view, a.outline, b.outline, stamp_s):
                 best, most = (a, b), evidence
+            elif evidence > most:
+                self._counts[f"rejected by {association.refusal(view, a.outline, b.outline)}"] += 1
         return best
 
 
@@ -156,15 +171,18 @@ def find_marker_pair(
     stamp_s: float,
     optics: tuple[Optics, Optics],
     association: Association,
+    counts: SearchCounts,
 ) -> tuple[Outline, Outline] | None:
     """Return the marker anywhere in both images; None where no two blobs are one thing."""
     lefts, rights = (
         find_markers(params, camera.image, one) if camera.found is None else camera.found
         for camera, one in zip(cameras, optics, strict=True)
     )
+    counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
     for a, b in itertools.product(lefts, rights):
         if association.observe(view, a, b, stamp_s):
             return a, b
+        counts[f"rejected by {association.refusal(view, a, b)}"] += 1
     return None
 
 

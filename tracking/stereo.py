@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.geometry.se3 import move_points
-from pps_vision.geometry.triangulation import triangulate
+from pps_vision.geometry.triangulation import Triangulation, triangulate
 from pps_vision.types import Array, Image, Observation3D, StereoFrame
 from tracking.outline import Outline
 
@@ -19,6 +19,11 @@ Found = list[Outline] | None
 _MIN_ERROR_PX = 0.005  # least standard deviation of the calibration's error: the covariance stays regular
 _MEMORY = 20.0  # number of pairs over which the residuals are averaged
 _MAX_RADIUS_RATIO = 1.7  # of the two angular radii
+
+
+Refusal = Literal["size", "point behind the cameras", "epipolar gate", "distance"]
+"""Why two outlines do not show one object: the ratio of their radii, where their lines of sight meet, by how much these
+miss each other, or the distance in baselines."""
 
 
 class CameraFrame(NamedTuple):
@@ -91,21 +96,11 @@ class Association:
 
         `shift_px` moves each centre from its own stamp to the pair's, for cameras that are not synchronised.
         """
-        p = self.params
-        ratio = left.angular_radius_rad / right.angular_radius_rad
-        if max(ratio, 1 / ratio) > _MAX_RADIUS_RATIO:
-            return None
         left_px, right_px = left.center_px, right.center_px
         if shift_px is not None:
             left_px, right_px = left_px + shift_px[0], right_px + shift_px[1]
-        found = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
-        if found is None:
-            return None
-        if 4 * found.residual_px**2 > p.gate_sigma**2 * (_mean_var(left, right) + self.gate_var_px2):
-            return None
-        baseline = math.dist(view.right.place, view.left.place)
-        distance = math.dist(found.p_root, view.left.place)
-        if not p.distance_range[0] * baseline <= distance <= p.distance_range[1] * baseline:
+        found = self._triangulated(view, left, right, left_px, right_px)
+        if isinstance(found, str):
             return None
         radius, radius_var = _radius(
             *(found.p_root, found.cov_root),
@@ -113,6 +108,33 @@ class Association:
             (*view.right.place, right.angular_radius_rad, right.angular_radius_var),
         )
         return Observation3D(stamp_s, found.p_root, found.cov_root, radius, radius_var, found.residual_px)
+
+    def refusal(self, view: StereoView, left: Outline, right: Outline) -> Refusal | None:
+        """Why `observe` returns None for two outlines; None where it does not."""
+        found = self._triangulated(view, left, right, left.center_px, right.center_px)
+        return found if isinstance(found, str) else None
+
+    def _triangulated(
+        self, view: StereoView, left: Outline, right: Outline, left_px: Array, right_px: Array
+    ) -> Triangulation | Refusal:
+        """The point at which two outlines with these centres show one object, or why they show none."""
+        p = self.params
+        ratio = left.angular_radius_rad / right.angular_radius_rad
+        if max(ratio, 1 / ratio) > _MAX_RADIUS_RATIO:
+            return "size"
+        found = triangulate(view, left_px, right_px, left.cov_px, right.cov_px, self.error_px**2)
+        if found is None:
+            return "point behind the cameras"
+        if 4 * found.residual_px**2 > p.gate_sigma**2 * (_mean_var(left, right) + self.gate_var_px2):
+            return "epipolar gate"
+        baseline = math.dist(view.right.place, view.left.place)
+        if (
+            not p.distance_range[0] * baseline
+            <= math.dist(found.p_root, view.left.place)
+            <= p.distance_range[1] * baseline
+        ):
+            return "distance"
+        return found
 
     def learned(self, observation: Observation3D, left: Outline, right: Outline) -> "Association":
         """The association after an accepted pair; unchanged where a part of the object is hidden, since its centre is

@@ -1,6 +1,7 @@
 """Tracker of one object in stereo images: detect → associate → predict → update → initiate or delete (R Fig 13)."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
@@ -12,7 +13,16 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig, StereoView
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import Mode, frame_checks, kalman
-from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, Regions, Stages, find_marker_pair
+from tracking.acquisition import (
+    Acquisition,
+    AcquisitionParams,
+    Candidate,
+    OwnBody,
+    Regions,
+    SearchCounts,
+    Stages,
+    find_marker_pair,
+)
 from tracking.appearance import ColorModel, is_same_object
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, ImageTrackerParams
@@ -125,7 +135,8 @@ class Tracker:
             CameraTracker("left", self._optics[0], params.image, marker, params.background_memory_s, rng),
             CameraTracker("right", self._optics[1], params.image, marker, params.background_memory_s, rng),
         )
-        self._acquisition = Acquisition(params.acquisition, self._optics, own_body, stages)
+        self.search_counts: SearchCounts = Counter()
+        self._acquisition = Acquisition(params.acquisition, self._optics, own_body, stages, self.search_counts)
         untrained = Association.untrained(params.stereo, rig.left.width)
         self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
         self.state = self._initial
@@ -234,7 +245,9 @@ class Tracker:
         association = state.association
         if self.params.mode == "marker":
             with self.stages("image"):
-                marker = find_marker_pair(self.params.marker, cameras, view, stamp_s, self._optics, association)
+                marker = find_marker_pair(
+                    self.params.marker, cameras, view, stamp_s, self._optics, association, self.search_counts
+                )
             if marker is None or not self._passes_gate(state, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
             return state, _detections(*marker), ([], [])

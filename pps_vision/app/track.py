@@ -1,7 +1,8 @@
 """A recording to a 3D path: `pps_vision.track`, on which `pps-vision track` is built."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from pps_vision.app.budget import Choice, cheapest
 from pps_vision.app.device import torch_device
+from pps_vision.app.diagnosis import Diagnosis, diagnose
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
@@ -19,7 +21,7 @@ from pps_vision.recordings.recording import Recording
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking import DEFAULT_ORDER, Mode
-from tracking.acquisition import Stages
+from tracking.acquisition import SearchCounts, Stages
 from tracking.kalman import KalmanParams
 from tracking.smoother import smoothed_tracks
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
@@ -67,6 +69,7 @@ class TrackedRecording:
     ) -> None:
         self.recording, self.params, self.seed, self.device, self.choice = recording, params, seed, device, choice
         self.stopwatch = Stopwatch()
+        self._search_counts: SearchCounts = Counter()
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -78,6 +81,7 @@ class TrackedRecording:
         """Yield the number of each frame (as `Recording.numbered`), the frame, and what tracking it gave."""
         self.stopwatch.ms.clear()
         tracker = tracker_for(self.recording, self.params, self.seed, self.stopwatch)
+        self._search_counts = tracker.search_counts
         if self.device is None:
             for number, frame in self.recording.numbered():
                 with self.stopwatch("total"):
@@ -103,7 +107,12 @@ class TrackedRecording:
             raise InputError(self.recording.name, "no usable frame; expected at least one readable stereo pair")
         return smoothed_tracks(self.params.kalman, steps) if smooth else [step.track for step in steps]
 
-    def summary(self, tracks: Sequence[Track3D]) -> dict[str, object]:
+    def diagnosis(self, tracks: Sequence[Track3D]) -> Diagnosis | None:
+        """Why hardly anything was tracked or positions are wrong, and what to try; None where neither is so."""
+        share = sum(track.status == Status.TRACKING for track in tracks) / max(1, len(tracks))
+        return diagnose(self.recording, self.params.mode, self._search_counts, share)
+
+    def summary(self, tracks: Sequence[Track3D], diagnosis: Diagnosis | None = None) -> dict[str, object]:
         """What was tracked and how, for summary.json; `tracks` as returned by `path`."""
         summary: dict[str, object] = {
             "source": self.recording.name,
@@ -118,6 +127,8 @@ class TrackedRecording:
         }
         if self.choice:
             summary["max_error"] = self.choice.summary()
+        if diagnosis:
+            summary["diagnosis"] = asdict(diagnosis)
         if self.recording.truth:
             summary["errors"] = errors_against(self.recording.truth, tracks)
         return summary

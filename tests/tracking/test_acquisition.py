@@ -1,5 +1,6 @@
 """The search for a moving object in both eyes, on ray-cast scenes."""
 
+from collections import Counter
 from contextlib import nullcontext
 
 import numpy as np
@@ -21,7 +22,7 @@ def test_one_eye_that_confirms_a_motion_is_enough(robot: Robot, rig: StereoRig) 
     view = rig.view(q)
     optics = Optics(rig.left), Optics(rig.right)
     rng = np.random.default_rng(3)
-    acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext())
+    acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), Counter())
     association = Association.untrained(StereoParams(), rig.left.width)
     found = []
     for k in range(9):

@@ -111,7 +111,8 @@ class Track:
             reachability = [reach(q, one) for q, one in zip(joints, tracks, strict=True)] if reach else []
             write_detections(folder / "detections.csv", detections)
             write_trajectory(folder / "trajectory.csv", tracks, reachability)
-            summary = run.summary(tracks) | {"smoothed": self.smooth, "joints": self.joints, "map": self.map}
+            diagnosis = run.diagnosis(tracks)
+            summary = run.summary(tracks, diagnosis) | {"smoothed": self.smooth, "joints": self.joints, "map": self.map}
             if reachability:
                 found = [reach.status for reach in reachability]
                 counts = {status.value: found.count(status) for status in ReachStatus}
@@ -119,3 +120,5 @@ class Track:
             write_json(folder / "summary.json", summary)
         print_skipped(recording.problems)
         print(run.headline(tracks), f"→ {self.out}")
+        if diagnosis:
+            print(diagnosis)

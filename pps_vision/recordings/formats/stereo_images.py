@@ -7,6 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median_low
 
+import numpy as np
+
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.image_file import ImageFile, number_in
@@ -16,6 +18,7 @@ from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import Recording, Source, note_unpaired, usual_size
 
 FORMAT = "left and right images with calib"
+_BASELINE_M = (1e-5, 1e4)  # of any two cameras; products of larger or smaller numbers leave the range of doubles
 
 
 def recognises(source: Source) -> bool:
@@ -35,6 +38,9 @@ def open_source(source: Source) -> Recording:
         raise InputError("recording", "left and right images without fps; expected their number a second")
     recording = open_stereo_images(source.left, source.right, source.fps)
     cameras = read_stereo_calibration(source.calib, recording.image_size, source.unit_m)
+    baseline_m = float(np.max(np.abs(cameras[2][:3, 3])))
+    if not _BASELINE_M[0] <= baseline_m <= _BASELINE_M[1]:
+        raise InputError(source.calib[-1], f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
     return replace(recording, rig=StereoRig.fixed(*cameras))
 
 

@@ -1,0 +1,114 @@
+"""Why hardly anything of a recording was tracked, or wrongly, and what to try: for summary.json and the terminal."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pps_vision.recordings.recording import Recording
+from pps_vision.types import StereoFrame
+from tracking import Mode
+
+_ENOUGH_TRACKED = 0.1  # share of pairs
+_LOOKED_AT = 5  # frames, spread over the recording
+_DARK = 12.0  # mean grey level of 255, below which colours are noise
+_BASELINE_M = (0.005, 2.0)  # of stereo cameras; beyond, the calibration's unit is wrong
+_RADIANS = np.pi  # largest reading in degrees that is suspected to be in radians
+_WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the search met, in numbers and in words, and what to try."""
+
+    counts: dict[str, int]
+    """`tracking.acquisition.SearchCounts`."""
+    advice: tuple[str, ...]
+    """Likely causes with what to try, the likeliest first."""
+
+    def __str__(self) -> str:
+        n = Counter(self.counts)
+        found = [f"{n['candidates_left']} left and {n['candidates_right']} right candidates for the object"]
+        if "motion_left" in self.counts:
+            found.insert(0, f"motion in {n['motion_left']} left and {n['motion_right']} right images")
+        found += [f"{count} pairs {what}" for what, count in _rejections(n).items()]
+        return "\n  try ".join([f"searched {n['frames']} frames: {', '.join(found)}", *self.advice])
+
+
+def diagnose(recording: Recording, mode: Mode, counts: Mapping[str, int], tracked_share: float) -> Diagnosis | None:
+    """Return the likely causes why hardly anything was tracked in this mode, from what the search met.
+
+    None where more than that was tracked and the recording has none of the faults that make positions wrong.
+    """
+    faults = tuple(_faults(recording))
+    if tracked_share >= _ENOUGH_TRACKED and not faults:
+        return None
+    if tracked_share >= _ENOUGH_TRACKED:
+        return Diagnosis(dict(counts), faults)
+    return Diagnosis(dict(counts), (*faults, *_by_counts(recording, mode, counts)))
+
+
+def _faults(recording: Recording) -> Iterator[str]:
+    """What is wrong with the recording itself, whatever moves in it."""
+    frames = _some_frames(recording)
+    if not frames:
+        return
+    if all(np.array_equal(frame.left, frame.right) for frame in frames):
+        yield "other images: left and right are the same in every frame (the patterns --left and --right?)"
+    grey = max(float(np.mean(image)) for frame in frames for image in (frame.left, frame.right))
+    if grey < _DARK:
+        yield f"more light or exposure: the mean grey level is {grey:.1f} of 255"
+    if recording.rig is not None:
+        view = recording.rig.view_of(frames[0])
+        baseline = float(np.linalg.norm(view.right.center - view.left.center))
+        if not _BASELINE_M[0] <= baseline <= _BASELINE_M[1]:
+            yield f"another calibration or --unit-m: the cameras are {baseline:.3g} m apart"
+    joints = [q for frame in frames for q in (frame.joints_left_rad, frame.joints_right_rad) if q is not None]
+    if joints and np.max(np.abs(np.rad2deg(joints))) <= _RADIANS:
+        yield "joints in degrees: no joint in the logs is beyond ±3.14, as if they were in radians"
+
+
+def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> Iterator[str]:
+    """What the numbers of the search point at, and a change of the whole image."""
+    n = counts.get("frames", 0)
+    left, right = counts.get("candidates_left", 0), counts.get("candidates_right", 0)
+    if recording.robot is None and _change(recording) > _WHOLE_IMAGE:
+        yield "cameras that rest, or a recording with joints: the whole image changes from frame to frame"
+    elif not n:
+        yield "other images: every frame is dark, plain or the same as the one before"
+    elif mode == "marker" and not (left and right):
+        yield "--mode generic: no blob of the marker's green is in both images"
+    elif mode == "generic" and not counts.get("motion_left"):
+        yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
+    elif mode == "generic" and not counts.get("motion_right"):
+        yield "the calibration and the order of the images: what moves in the left image does not in the right one"
+    rejected = _rejections(counts)
+    if rejected:
+        most = max(rejected, key=rejected.__getitem__).removeprefix("rejected by ")
+        yield {
+            "colour": "the same exposure and white balance for both cameras: candidates differ in colour",
+            "size": "an object that both cameras see whole: candidates differ in size",
+        }.get(most, f"--left and --right exchanged, or another calibration: candidates are refused by {most}")
+    elif left and right:
+        yield "a longer recording: candidates were found, but not in enough frames in a row"
+    elif counts.get("motion_right"):
+        yield "an object whose colours stand out from its surroundings: what moves has no outline"
+
+
+def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
+    return {what: count for what, count in counts.items() if what.startswith("rejected by ")}
+
+
+def _some_frames(recording: Recording, step: int = 0) -> list[StereoFrame]:
+    """A few frames, spread over the recording, or those `step` after them."""
+    wanted = np.linspace(0, max(0, len(recording) - 1 - step), _LOOKED_AT).astype(int) + step
+    chosen = tuple(recording.pairs[k] for k in np.unique(np.minimum(wanted, len(recording) - 1)))
+    return list(replace(recording, pairs=chosen))
+
+
+def _change(recording: Recording) -> float:
+    """Median change of the left image's pixels from a frame to the next, grey levels of 255."""
+    pairs = zip(_some_frames(recording), _some_frames(recording, 1), strict=False)
+    changes = [np.median(np.abs(now.left.astype(float) - then.left)) for then, now in pairs]
+    return float(np.median(changes)) if changes else 0.0

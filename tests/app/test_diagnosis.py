@@ -1,0 +1,158 @@
+"""A recording of which nothing is tracked, or wrongly: `track` says why, and what to try."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.app.cli import main
+
+CALIBRATION = """%YAML:1.0
+M1: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
+D1: !!opencv-matrix {{rows: 1, cols: 5, dt: d, data: [0, 0, 0, 0, 0]}}
+M2: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
+D2: !!opencv-matrix {{rows: 1, cols: 5, dt: d, data: [0, 0, 0, 0, 0]}}
+R: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
+T: !!opencv-matrix {{rows: 3, cols: 1, dt: d, data: [{baseline}, 0, 0]}}
+"""
+N = 16
+
+
+def every_image(rec: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    for file in rec.rglob("*.ppm"):
+        cv2.imwrite(str(file), change(cv2.imread(str(file))))
+
+
+def in_radians(rec: Path) -> None:
+    for port in ("head", "torso", "left_arm", "right_arm"):
+        log = rec / port / "data.log"
+        rows = [row.split() for row in log.read_text().splitlines()]
+        log.write_text(
+            "".join(" ".join([*r[:2], *(f"{np.deg2rad(float(x)):.9g}" for x in r[2:])]) + "\n" for r in rows)
+        )
+
+
+def same_in_both_eyes(rec: Path) -> None:
+    for file in (rec / "cam" / "left").glob("*.ppm"):
+        shutil.copy(file, rec / "cam" / "right" / file.name)
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rec = tmp_path_factory.mktemp("short") / "rec"
+    words = "--stimulus ball --motion circle --seconds 1 --noise 2 --seed 3"
+    main(["render", *words.split(), "--out", str(rec)])
+    return rec
+
+
+def diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str], *words: object) -> dict:
+    """What `track` writes; the same must stand on the terminal."""
+    capsys.readouterr()
+    main(["track", *map(str, words), "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr().out
+    found: dict = json.loads((tmp_path / "out" / "summary.json").read_text())["diagnosis"]
+    assert all(f"  try {line}" in printed for line in found["advice"])
+    assert f"searched {found['counts'].get('frames', 0)} frames" in printed
+    return found
+
+
+@pytest.mark.parametrize(
+    ("damage", "advice"),
+    [
+        (in_radians, "joints in degrees"),
+        (same_in_both_eyes, "left and right are the same in every frame"),
+        (lambda rec: every_image(rec, lambda image: image // 24), "more light or exposure: the mean grey level is 3."),
+        (lambda rec: every_image(rec, lambda image: np.full_like(image, 90)), "every frame is dark, plain or the same"),
+    ],
+)
+def test_a_fault_of_the_recording(
+    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: Callable[[Path], None], advice: str
+) -> None:
+    shutil.copytree(rendered, tmp_path / "rec")
+    damage(tmp_path / "rec")
+    assert any(advice in line for line in diagnosis(tmp_path, capsys, tmp_path / "rec")["advice"])
+
+
+def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = diagnosis(tmp_path, capsys, rendered, "--mode", "marker")
+    assert found["advice"] == ["--mode generic: no blob of the marker's green is in both images"]
+    assert found["counts"] == {"frames": 20, "candidates_left": 0, "candidates_right": 0}
+
+
+def test_what_is_tracked_needs_no_diagnosis(rendered: Path, tmp_path: Path) -> None:
+    main(["track", str(rendered), "--out", str(tmp_path / "out")])
+    assert "diagnosis" not in json.loads((tmp_path / "out" / "summary.json").read_text())
+
+
+def drawn(
+    folder: Path, disparity_px: float, wall: Callable[[int], np.ndarray], radius_px: int = 14
+) -> tuple[object, ...]:
+    """Images of fixed cameras: a red ball that moves 4 px a frame before a wall, with options for `track`."""
+    for k in range(N):
+        for side, shift in (("L", 0.0), ("R", -disparity_px)):
+            image = wall(k).copy()
+            at = (round(16 * (100 + 4 * k + shift)), round(16 * 120.0))
+            cv2.circle(image, at, 16 * radius_px, (30, 30, 220), -1, cv2.LINE_AA, 4)
+            cv2.imwrite(str(folder / f"{side}{k:03d}.png"), image)
+    return ["--left", folder / "L*.png", "--right", folder / "R*.png", "--fps", 20, "--calib", folder / "c.yml"]
+
+
+def texture(seed: int = 0) -> np.ndarray:
+    noise = np.random.default_rng(seed).integers(0, 255, (240, 320 + 200, 3), np.uint8)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 4)
+    return cv2.normalize(smooth, np.empty_like(smooth), 0, 255, cv2.NORM_MINMAX)
+
+
+def still(k: int) -> np.ndarray:
+    return texture()[:, :320]
+
+
+def turning(k: int) -> np.ndarray:
+    return texture()[:, 6 * k : 6 * k + 320]
+
+
+@pytest.mark.parametrize(
+    ("baseline_m", "disparity_px", "wall", "radius_px", "advice"),
+    [
+        (-0.1, -40.0, still, 14, "--left and --right exchanged"),  # the ball is seen behind the cameras
+        (-100.0, 40.0, still, 14, "another calibration or --unit-m: the cameras are 100 m apart"),
+        (-0.0001, 40.0, still, 14, "another calibration or --unit-m: the cameras are 0.0001 m apart"),
+        (-0.1, 40.0, turning, 1, "the whole image changes from frame to frame"),
+    ],
+)
+def test_fixed_cameras(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    baseline_m: float,
+    disparity_px: float,
+    wall: Callable[[int], np.ndarray],
+    radius_px: int,
+    advice: str,
+) -> None:
+    words = drawn(tmp_path, disparity_px, wall, radius_px)
+    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=baseline_m))
+    found = diagnosis(tmp_path, capsys, *words)
+    assert any(advice in line for line in found["advice"]), found
+
+
+@pytest.mark.parametrize("baseline_m", [1e300, 1e-300, 0.0])
+def test_cameras_at_an_impossible_distance_are_refused(tmp_path: Path, baseline_m: float, refused) -> None:
+    words = drawn(tmp_path, 40.0, still)
+    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-baseline_m))
+    line = refused("track", *words, "--out", tmp_path / "out")
+    assert "c.yml: the cameras are" in line or "c.yml: T is 0" in line
+
+
+def test_the_numbers_are_those_of_the_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exchanged images: the ball moves in both of nearly all, and every pair of candidates is refused."""
+    words = drawn(tmp_path, -40.0, still)
+    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-0.1))
+    counts = diagnosis(tmp_path, capsys, *words)["counts"]
+    assert counts["frames"] == N
+    assert N - 4 <= counts["motion_right"] <= counts["motion_left"] < N
+    assert counts["candidates_left"] >= N - 6
+    assert counts["rejected by point behind the cameras"] >= N - 6
