@@ -159,7 +159,7 @@ class Renderer:
             indices=surface.faces,
             material=material,
         )
-        return self._api.Mesh([primitive])
+        return self._api.Mesh([primitive], is_visible=False)  # until all nodes of an image are in place
 
 
 def _center(surface: Surface) -> Array:

@@ -14,7 +14,8 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.types import Image, StereoFrame
 
 _STRIDE = 40  # every such row is compared first: images that differ there are not the same
-_DARK_STD = 2.0  # grey levels: the noise of a dark sensor has less, any picture more
+_DARK_STD = 2.0  # grey levels: the noise of a dark sensor has less, most pictures more
+_BLACK = 16.0  # grey levels: black of ITU-R BT.601
 
 Stamps = tuple[float, float]
 
@@ -54,11 +55,16 @@ class Fingerprint(NamedTuple):
         return cls(image, _sums(image))
 
     @property
-    def is_dark(self) -> bool:
-        """Whether no colour channel has any contrast."""
+    def is_blank(self) -> bool:
+        """Whether the image is black but for the noise of a dark sensor, or all its pixels are equal.
+
+        A plain wall in the light has as little contrast, but it is brighter, and the sensor's noise is on it.
+        """
         n, *of = self.sums
-        colors = zip(of[:3], of[3:], strict=True)
-        return all(n * squares - total**2 < (n * _DARK_STD) ** 2 for total, squares in colors)
+        totals, squares = np.array(of[:3]), np.array(of[3:])
+        variances = n * squares - totals**2  # times n²
+        is_black = bool((totals < n * _BLACK).all() and (variances < (n * _DARK_STD) ** 2).all())
+        return is_black or not variances.any()
 
     def repeats(self, before: "Fingerprint") -> bool:
         """Whether both images are the same to the last bit."""
@@ -77,7 +83,7 @@ def is_blind(now: Fingerprints, before: Fingerprints | None) -> bool:
     """Whether either eye shows nothing, or what it showed in the frame before."""
     if before is not None and (now[0].repeats(before[0]) or now[1].repeats(before[1])):
         return True
-    return now[0].is_dark or now[1].is_dark
+    return now[0].is_blank or now[1].is_blank
 
 
 @njit(cache=True, error_model="numpy")

@@ -14,6 +14,7 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
+from rendering.fidelity import Fidelity
 from rendering.renderer import Node, shared_renderer
 from rendering.scene import SceneState
 from rendering.shapes import sphere, surface_of
@@ -99,6 +100,31 @@ def test_a_turned_body_is_lit_as_one_made_so(robot: Robot, rig: StereoRig, q: Ar
     assert np.array_equal(straight, again)
     assert np.abs(rotated.astype(int) - straight).max() > 30
     assert np.abs(rotated.astype(int) - expected).max() <= 1
+
+
+def test_after_an_error_the_next_image_is_as_if_there_had_been_none() -> None:
+    """What was uploaded before the error is not seen in later images."""
+    renderer, view = shared_renderer(), View(Camera(64, 48, 60, 60, 31.5, 23.5), np.eye(4))
+    near, far = (Node(surface_of([sphere(0.1, (1, 0, 0))]), transform(translation=(0, 0, z))) for z in (0.5, 0.9))
+    expected = renderer.color([far], view)
+    broken = Node(far.surface)
+    broken.T_root_node = np.full((4, 4), "x")
+    with pytest.raises(TypeError):
+        renderer.color([near, broken], view)
+    assert np.array_equal(renderer.color([far], view), expected)
+    renderer.release([near, far])
+
+
+def test_no_fineness_leaves_a_texture_behind(robot: Robot, rig: StereoRig, q: Array) -> None:
+    from OpenGL import GL
+
+    textures = []
+    for fineness in (1, 2, 3, 4):
+        with Eyes(robot, rig, make_stimulus("ball"), "hand", fidelity=Fidelity(fineness=fineness)) as eyes:
+            eyes.render(SceneState(q, PLACE), 0.0)
+        textures.append(sum(bool(GL.glIsTexture(name)) for name in range(1, 400)))
+    assert textures[0] > 0
+    assert textures == [textures[0]] * 4
 
 
 def test_missing_opengl_is_named_in_one_line() -> None:

@@ -62,3 +62,10 @@ def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng: np.
     assert Blindness().step(pair(picture(rng), dark, 0.0))
     assert Blindness().step(pair(np.full_like(dark, 255), picture(rng), 0.0))
     assert not Blindness().step(pair(picture(rng), picture(rng, contrast=5.0), 0.0))
+
+
+def test_a_plain_wall_in_the_light_is_seen(rng: np.random.Generator) -> None:
+    """A white wall under a camera of little noise."""
+    for level in (40, 120, 230):
+        wall = np.clip(np.rint(level + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
+        assert not Blindness().step(pair(wall, picture(rng), 0.0))
