@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import QhullError
 
 from pps_vision.errors import InputError
+from pps_vision.files import check_regular
 from rendering.names import MESH_SUFFIXES, Unit
 from rendering.shapes import Color, Part
 from rendering.stimuli import ORANGE, Stimulus
@@ -29,14 +30,16 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
         radius_m: Radius to scale it to; None leaves its size.
 
     Raises:
-        OSError: The file cannot be read.
-        InputError: It holds no mesh, numbers that are not finite, no volume, or an object of implausible size.
+        InputError: The file cannot be read, or holds no mesh, numbers that are not finite, no volume, or an object of
+            implausible size.
     """
     if file.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(file, f"expected a mesh file ({', '.join(MESH_SUFFIXES)})")
     mesh = _read(file)
     if not len(mesh.faces):
         raise InputError(file, "holds no triangles; expected a mesh")
+    if mesh.vertices.shape[1:] != (3,) or not 0 <= mesh.faces.min() <= mesh.faces.max() < len(mesh.vertices):
+        raise InputError(file, "has triangles without vertices in space; expected three coordinates of each corner")
     if len(mesh.faces) > _MOST_TRIANGLES:
         raise InputError(file, f"{len(mesh.faces)} triangles; expected at most {_MOST_TRIANGLES}")
     if not np.isfinite(mesh.vertices).all():
@@ -59,7 +62,8 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
         mesh.apply_scale(radius_m / radius)
     color = _color(mesh)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)  # a file may list each triangle's own
-    mesh.fix_normals()
+    with np.errstate(invalid="ignore", divide="ignore"):  # by a volume of 0, where triangles cancel
+        mesh.fix_normals()
     parts = [Part(mesh, color)]
     if not mesh.is_watertight:  # its inside can be visible
         inside = mesh.copy()
@@ -70,6 +74,7 @@ def load_stimulus(file: Path, unit: Unit = "m", radius_m: float | None = None) -
 
 def _read(file: Path) -> Any:
     """Return the file's meshes as one.  Whatever trimesh's parsers raise on a malformed file is an InputError."""
+    check_regular(file, "a mesh")
     if file.stat().st_size == 0:
         raise InputError(file, "is empty; expected a mesh")
     try:

@@ -1,0 +1,417 @@
+"""Mutated files for every reader: each must be read or refused by InputError or OSError, in bounded time and memory.
+
+Run as a program (`python -m pps_vision.experiments.fuzz_readers READER SEED FIRST N`) it reads N mutants in its own
+process and prints JSON for each; `fuzz` starts such processes, so that a crash or a hang of a library costs one mutant.
+"""
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from threading import Timer
+from types import FrameType
+from typing import Any
+
+import cv2
+import numpy as np
+import trimesh
+
+from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
+from learning.pps.trials import load_trials
+from learning.reach.labels import Labels
+from learning.reach.map import ReachableMap
+from pps_vision.app.convert_taxels import from_maps
+from pps_vision.errors import InputError
+from pps_vision.recordings.icub_eyes import read_icub_eyes
+from pps_vision.recordings.image_file import ImageFile, decode
+from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.opencv_calibration import read_stereo_calibration
+from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets
+from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
+from pps_vision.recordings.yarp_writer import YarpWriter
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, home, load_icub
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import StereoFrame, Truth
+from rendering.stimulus_file import load_stimulus
+
+PROGRAM = (sys.executable, "-m", "pps_vision.experiments.fuzz_readers")
+MOST_SECONDS = 10.0  # for one mutant, whose sound form takes milliseconds
+MOST_BYTES = 800 * 2**20  # of resident memory that one mutant may add; an image of 2^25 pixels takes 100 MB
+
+_TOKENS = (
+    *(b"nan", b"inf", b"-1", b"0", b"1e300", b"1e-300", b"1e999", b"9" * 40, b"1,5", b"1_000", b"\x00"),
+    *(
+        b"\xef\xbb\xbf",
+        b"\xff\xfe",
+        b"(",
+        b")",
+        b"[",
+        b"]",
+        b"{",
+        b"}",
+        b"<a>",
+        b"</",
+        b'"',
+        b"\n",
+        b"\r\n",
+        b"\t",
+        b",",
+        b":",
+        b"#",
+    ),
+    *(
+        b"//",
+        b"- ",
+        b"%",
+        b"&amp;",
+        b"../",
+        b"/etc/passwd",
+        "é".encode(),
+        b"\xf0\x9f\x92\xa5",
+        b"[l_hand]\n",
+        b"((((((((",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader with a sound input to mutate."""
+
+    write: Callable[[Path], Sequence[Path]]
+    """Writes the sound input into an empty folder; returns the files to mutate."""
+    read: Callable[[Path], object]
+    """Reads the input from the folder and uses what was read."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the mutants of one reader ended."""
+
+    read: int
+    refused: int
+    faults: tuple[str, ...]
+    """The others: number of the mutant and what happened."""
+
+
+def mutate(content: bytes, rng: np.random.Generator) -> bytes:
+    """Return the content with one to four changes: bits, spans, lines, numbers, tokens, or its end."""
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3, 4]))):
+        a, b = sorted(rng.integers(0, len(content) + 1, 2).tolist())
+        b = min(b, a + int(rng.integers(1, 64)))
+        token = _TOKENS[int(rng.integers(len(_TOKENS)))]
+        lines = content.split(b"\n")
+        i, j = rng.integers(len(lines), size=2).tolist()
+        way = int(rng.integers(10))
+        if way == 0 and content:
+            at = min(a, len(content) - 1)
+            content = content[:at] + bytes([content[at] ^ 1 << int(rng.integers(8))]) + content[at + 1 :]
+        elif way == 1:
+            content = content[:a] + content[b:]
+        elif way == 2:
+            content = content[:b] + content[a:b] * int(rng.integers(1, 40)) + content[b:]
+        elif way == 3:
+            content = content[:a] + rng.bytes(int(rng.integers(1, 16))) + content[b:]
+        elif way == 4:
+            content = content[:a] + token + content[a:]
+        elif way == 5:
+            content = content[:a] + token * int(rng.integers(1, 4000)) + content[a:]
+        elif way == 6:
+            content = content[:a]
+        elif way == 7:
+            lines[i], lines[j] = lines[j], lines[i]
+            content = b"\n".join(lines)
+        elif way == 8:
+            content = b"\n".join([*lines[:i], *lines[j : j + 3], *lines[i:]])
+        else:
+            words = lines[i].split(b" ")
+            words[int(rng.integers(len(words)))] = token
+            lines[i] = b" ".join(words)
+            content = b"\n".join(lines)
+    return content
+
+
+def mutate_archive(content: bytes, rng: np.random.Generator) -> bytes:
+    """Return an .npz file with changed arrays in it; a third of the time the bytes of the file are changed instead."""
+    if rng.random() < 1 / 3:
+        return mutate(content, rng)
+    with np.load(BytesIO(content)) as file:
+        arrays: dict[str, Any] = {name: file[name] for name in file.files}
+    for _ in range(int(rng.integers(1, 3))):
+        name = sorted(arrays)[int(rng.integers(len(arrays)))]
+        array, way = arrays[name], int(rng.integers(8))
+        if way == 0 and len(arrays) > 1:
+            del arrays[name]
+        elif way == 1:
+            arrays[name] = array.ravel()
+        elif way == 2:
+            arrays[name] = array[..., None] if rng.random() < 0.5 else array[:0] if array.ndim else array[None]
+        elif way == 3:
+            kinds = ("U3", "S2") if array.dtype.kind in "US" else ("U3", "c16", "f2", "u1", "?", "S2")
+            with np.errstate(all="ignore"):
+                arrays[name] = array.astype(kinds[int(rng.integers(len(kinds)))])
+        elif array.dtype.kind in "iuf" and array.size:
+            changed = array.astype(float if way < 6 else array.dtype).ravel()
+            with np.errstate(all="ignore"):
+                value = rng.choice([np.nan, np.inf, -np.inf, -1, 0, 1e300, 1e-300, 2.0**63, 0.5, 1e9])
+                if changed.dtype.kind != "f":
+                    value = int(rng.integers(-(2**31), 2**31)) % (np.iinfo(changed.dtype).max + 1)
+                changed[rng.random(changed.size) < rng.choice([0.02, 0.5, 1.0])] = value
+            arrays[name] = changed.reshape(array.shape)
+        else:
+            arrays[name] = np.array("x" * int(rng.integers(0, 300)))
+    out = BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+def _recording(folder: Path) -> list[Path]:
+    robot, rng = load_icub(), np.random.default_rng(0)
+    q = home(robot)
+    with YarpWriter(folder / "rec", robot, LEFT_EYE, RIGHT_EYE) as writer:
+        for i in range(4):
+            left, right = rng.integers(0, 256, (2, 6, 8, 3), dtype=np.uint8)
+            stamp_s = 1512784563.5 + 0.05 * i
+            writer.write_frame(StereoFrame(left, right, stamp_s, stamp_s + 0.005, q, q))
+            writer.write_joints(stamp_s, q)
+            writer.write_joints(stamp_s + 0.005, q)
+            writer.write_touches(stamp_s, ("left_forearm:27", "left_forearm:15")[: i % 3])
+            zero = np.zeros(3)
+            writer.write_truth(Truth(stamp_s, zero, zero, 0.03, zero[:2], zero[:2], True, False))
+    return sorted(file for file in (folder / "rec").rglob("*") if file.is_file())
+
+
+def _read_recording(folder: Path) -> None:
+    for frame in (recording := open_recording(folder / "rec")):
+        if recording.rig is not None:
+            recording.rig.view_of(frame)
+
+
+def _skin(folder: Path) -> list[Path]:
+    _recording(folder)
+    contact = "((0 3 4 2) (0.1 -0.02 0.0) (0 0 0) (0 0 0) (0 0 0) (1 0 0) (1 5 9) 10.0)"
+    log = folder / "rec/skin/data.log"
+    log.write_text("".join(f"{i} {1512784563.5 + 0.05 * i} {i * contact}\n" for i in range(4)))
+    return [log, *_taxels(folder)]
+
+
+def _read_skin(folder: Path) -> None:
+    open_recording(folder / "rec", taxels=folder / "taxels.ini")
+
+
+def _taxels(folder: Path) -> list[Path]:
+    counts = {3: np.arange(64).reshape(8, 4, 2), 15: np.ones((8, 4, 2), np.int64)}
+    form = (-0.1, 0.2, 0.0, 3.0), (8, 4), (3, 3, 15, -1, 3, 15), counts
+    write_taxels(folder / "taxels.ini", [PartMap("l_forearm", *form), PartMap("r_hand", *form)])
+    return [folder / "taxels.ini"]
+
+
+def _read_taxels(folder: Path) -> None:
+    file = folder / "taxels.ini"
+    _use_memory(from_maps(read_taxels(file), file))
+
+
+def _use_memory(memory: PPSMemory) -> None:
+    """Look up activations, which must be probabilities."""
+    (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
+    n = len(memory.taxel_ids)
+    for share in (0.0, 0.3, 1.0):
+        d, t = (0.0 if not np.isfinite(a + b) else a + share * (b - a) for a, b in ((d0, d1), (t0, t1)))
+        found = activation(memory, np.full(n, d), np.full(n, t))
+        if not np.all((found >= 0) & (found <= 1 + 1e-9)):
+            raise ArithmeticError(f"activation {found}")
+
+
+def _offsets(folder: Path) -> list[Path]:
+    names = load_icub().joint_names
+    write_joint_offsets(folder / "joints.csv", names, np.linspace(-0.1, 0.1, len(names)))
+    return [folder / "joints.csv"]
+
+
+def _gaze(folder: Path) -> list[Path]:
+    (folder / "gaze.csv").write_text("name,yaw_deg,pitch_deg,vergence_deg\n" + "a,1.5,-2.25,20\nb,nan,0,10\n" * 4)
+    return [folder / "gaze.csv"]
+
+
+def _truth(folder: Path) -> list[Path]:
+    return [file for file in _recording(folder) if file.name == "truth.csv"]
+
+
+def _eyes(folder: Path) -> list[Path]:
+    return [file for file in _recording(folder) if file.name == "icubEyes.ini"]
+
+
+def _calibration(suffix: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        file = folder / f"stereo.{suffix}"
+        storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+        K = np.array([[220.0, 0, 160], [0, 221, 120], [0, 0, 1]])
+        pose = {"R": np.eye(3), "T": np.array([[-0.07], [0.001], [0.002]])}
+        for key, value in {"K1": K, "D1": 0.01 * np.ones((1, 5)), "K2": K, "D2": np.zeros((1, 4)), **pose}.items():
+            storage.write(key, value)
+        storage.write("image_width", 320)
+        storage.write("image_height", 240)
+        storage.release()
+        return [file]
+
+    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
+
+
+def _image(suffix: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        pixels = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+        cv2.imwrite(str(folder / f"image.{suffix}"), pixels)
+        return [folder / f"image.{suffix}"]
+
+    return Reader(write, lambda folder: [decode(ImageFile(file, 0.0)) for file in folder.iterdir()])
+
+
+def _mesh(suffix: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        trimesh.creation.icosphere(1, 0.05).export(folder / f"mesh.{suffix}")
+        return [folder / f"mesh.{suffix}"]
+
+    return Reader(write, lambda folder: [load_stimulus(file) for file in folder.iterdir()])
+
+
+def _memory(folder: Path) -> list[Path]:
+    memory = PPSMemory.empty(icub_skin(("left_palm",)), MemoryParams())
+    save_memory(folder / "memory.npz", memory)
+    return [folder / "memory.npz"]
+
+
+def _trials(folder: Path) -> list[Path]:
+    rng = np.random.default_rng(0)
+    position_m, velocity_m_s = rng.normal(size=(2, 60, 3))
+    outcome, offsets = np.array([[1, -1], [-1, 1], [-1, -1]]), np.arange(0, 61, 10)
+    file = folder / "trials.npz"
+    np.savez(file, position_m=position_m, velocity_m_s=velocity_m_s, outcome=outcome, offsets=offsets)
+    return [file]
+
+
+def _map(folder: Path) -> list[Path]:
+    rng = np.random.default_rng(0)
+    signed, optimality, error_m = rng.uniform(-1, 1, (3, 3, 4, 5))
+    limits = GazeLimits()
+    gaze = rng.uniform(limits.lower, limits.upper, (6, 3))
+    labels = Labels(gaze, np.arange(6) < 3, rng.uniform(0, 0.1, 6), rng.uniform(0, 1, 6), gaze)
+    ReachableMap("right", limits, signed, optimality, error_m, 0.1, 0.05, 0.01, labels).save(folder / "map.npz")
+    return [folder / "map.npz"]
+
+
+def _read_map(folder: Path) -> None:
+    reachable = ReachableMap.load(folder / "map.npz")
+    with np.errstate(all="ignore"):
+        reachable.query(np.array([[0.0, 0.0, 0.2], [0.1, -0.1, 0.3]]))
+
+
+READERS: Mapping[str, Reader] = {
+    "recording": Reader(_recording, _read_recording),
+    "skin_log": Reader(_skin, _read_skin),
+    "taxels": Reader(_taxels, _read_taxels),
+    "joint_offsets": Reader(
+        _offsets, lambda folder: read_joint_offsets(folder / "joints.csv", load_icub().joint_names)
+    ),
+    "gaze": Reader(_gaze, lambda folder: read_gaze(folder / "gaze.csv")),
+    "truth": Reader(_truth, lambda folder: read_truth(folder / "rec/truth.csv", [])),
+    "icub_eyes": Reader(_eyes, lambda folder: read_icub_eyes(folder / "rec/icubEyes.ini", (640, 480))),
+    **{f"calibration_{suffix}": _calibration(suffix) for suffix in ("xml", "yml", "json")},
+    **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},
+    **{f"mesh_{suffix}": _mesh(suffix) for suffix in ("stl", "obj", "ply")},
+    "memory": Reader(_memory, lambda folder: _use_memory(load_memory(folder / "memory.npz"))),
+    "trials": Reader(_trials, lambda folder: load_trials(folder / "trials.npz")),
+    "map": Reader(_map, _read_map),
+}
+
+
+def try_mutants(reader: Reader, seed: int, numbers: range) -> Iterator[tuple[int, str]]:
+    """Yield the number of each mutant with "start", and then with how it ended: read, refused, or what went wrong.
+
+    Mutant k of a seed is the same in every run.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = list(reader.write(folder))
+        sound = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+        reader.read(folder)  # sound input must be read; also imports and compiles, whose time and memory do not count
+        for k in numbers:
+            yield k, "start"
+            rng = np.random.default_rng([seed, k])
+            file = files[int(rng.integers(len(files)))]
+            change = mutate_archive if file.suffix == ".npz" else mutate
+            expected = {**sound, file: change(sound[file], rng)}
+            file.write_bytes(expected[file])
+            yield k, _try(reader, folder, expected)
+            file.write_bytes(sound[file])
+
+
+def _try(reader: Reader, folder: Path, expected: Mapping[Path, bytes]) -> str:
+    """Read one mutant."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    signal.signal(signal.SIGALRM, _stop)
+    signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS)
+    try:
+        reader.read(folder)
+        ended = "read"
+    except (InputError, OSError) as error:
+        ended = "refused" if not isinstance(error, TimeoutError) else f"over {MOST_SECONDS} s"
+    except Exception as error:  # any other is a fault, whatever it is
+        ended = f"{type(error).__name__}: {error}"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    added = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    if added > MOST_BYTES:
+        return f"takes {added // 2**20} MB"
+    if {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} != expected:
+        return "files of the input were changed"
+    return ended
+
+
+def _stop(signum: int, frame: FrameType | None) -> None:
+    raise TimeoutError
+
+
+def fuzz(name: str, seed: int, n: int, program: Sequence[str] = PROGRAM) -> Outcome:
+    """Read `n` mutants with the reader of this name, in a process that is started anew after a crash or a hang."""
+    ends: dict[int, str] = {}
+    k = 0
+    while k < n:
+        command = [*program, name, str(seed), str(k), str(n - k)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as worker:
+            watchdog = Timer(0, lambda: None)
+            for line in worker.stdout or ():
+                watchdog.cancel()
+                k, ended = json.loads(line)
+                ends[k] = ended
+                watchdog = Timer(3 * MOST_SECONDS, worker.kill)
+                watchdog.start()
+            watchdog.cancel()
+        if worker.returncode == 0 and len(ends) == n and "start" not in ends.values():
+            break
+        if k not in ends:
+            raise RuntimeError(f"{name}: ended by {worker.returncode} before its first mutant")
+        if ends[k] == "start":
+            ends[k] = f"ended the process by {worker.returncode}"
+        k += 1
+    count = list(ends.values()).count
+    faults = tuple(f"{name} {k}: {ended}" for k, ended in ends.items() if ended not in ("read", "refused"))
+    return Outcome(count("read"), count("refused"), faults)
+
+
+def main(name: str, seed: str, first: str, n: str) -> None:
+    """Print how each mutant ended."""
+    warnings.simplefilter("error", RuntimeWarning)  # a user would see NumPy's
+    for k, ended in try_mutants(READERS[name], int(seed), range(int(first), int(first) + int(n))):
+        print(json.dumps([k, ended]), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,105 @@
+"""Mutated files against every reader, and whether the harness notices what they may not do; the long run is in
+`bench robustness`."""
+
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.errors import InputError
+from pps_vision.experiments import fuzz_readers
+from pps_vision.experiments.fuzz_readers import READERS, Reader, fuzz, mutate, try_mutants
+
+BROKE_A_READER = [  # by the long run
+    ("mesh_obj", b"v 0 0\nv 1 0\nv 0 1\nv 1 1\nf 1 2 3\nf 2 3 4\n"),
+    ("mesh_obj", b"v 0\nv 1\nv 2\nf 1 2 3\n"),
+    ("mesh_obj", b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 2 3\nf 1 3 2\nf 2 1 4\nf 2 4 1\n"),
+]
+
+
+def ends(reader: Reader, n: int = 12) -> list[str]:
+    return [ended for _, ended in try_mutants(reader, SEED, range(n)) if ended != "start"]
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_mutated_file_is_read_or_refused(name: str) -> None:
+    assert set(ends(READERS[name])) <= {"read", "refused"}
+
+
+@pytest.mark.parametrize(("name", "content"), BROKE_A_READER)
+def test_what_once_broke_a_reader_is_read_or_refused(name: str, content: bytes, tmp_path: Path) -> None:
+    (file,) = READERS[name].write(tmp_path)
+    file.write_bytes(content)
+    with suppress(InputError):
+        READERS[name].read(tmp_path)
+
+
+def test_mutants_differ_and_come_again_by_their_seed() -> None:
+    content = b"stamp 1.5 2.5\nrow 3 4\n" * 9
+    made = [mutate(content, np.random.default_rng([SEED, k])) for k in range(50)]
+    assert made == [mutate(content, np.random.default_rng([SEED, k])) for k in range(50)]
+    assert len(set(made)) > 40
+
+
+def _fails(folder: Path) -> None:
+    raise KeyError("defect")
+
+
+def _refuses(folder: Path) -> None:
+    raise InputError(folder, "no")
+
+
+def _hangs(folder: Path) -> None:
+    time.sleep(5)
+
+
+def _hoards(folder: Path) -> None:
+    np.ones(2**26)
+
+
+def _damages(folder: Path) -> None:
+    (folder / "file").write_bytes(b"")
+
+
+@pytest.mark.parametrize(
+    ("defect", "ended"),
+    [
+        (_fails, "KeyError: 'defect'"),
+        (_refuses, "refused"),
+        (_hangs, "over 0.2 s"),
+        (_hoards, "takes "),
+        (_damages, "files of the input were changed"),
+    ],
+)
+def test_the_harness_notices(defect: Callable[[Path], None], ended: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz_readers, "MOST_SECONDS", 0.2)
+    monkeypatch.setattr(fuzz_readers, "MOST_BYTES", 2**28)
+    sound = b"sound"
+
+    def write(folder: Path) -> list[Path]:
+        (folder / "file").write_bytes(sound)
+        return [folder / "file"]
+
+    def read(folder: Path) -> None:
+        if (folder / "file").read_bytes() != sound:
+            defect(folder)
+
+    assert ended in " ".join(ends(Reader(write, read), 4))  # some mutants may be as the sound file
+
+
+def test_a_mutant_that_ends_the_process_costs_itself_only(tmp_path: Path) -> None:
+    (tmp_path / "worker.py").write_text(
+        "import json, os, sys\n"
+        "first, n = map(int, sys.argv[3:])\n"
+        "for k in range(first, first + n):\n"
+        "    print(json.dumps([k, 'start']), flush=True)\n"
+        "    if k == 2: os.kill(os.getpid(), 11)\n"
+        "    print(json.dumps([k, 'refused' if k % 2 else 'read']), flush=True)\n"
+    )
+    found = fuzz("any", 1, 5, (sys.executable, str(tmp_path / "worker.py")))
+    assert (found.read, found.refused, found.faults) == (2, 2, ("any 2: ended the process by -11",))
