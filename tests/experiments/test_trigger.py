@@ -1,5 +1,7 @@
 """The trigger's study on recordings drawn by hand, where what moves, and when, is known to the pixel."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -64,6 +66,20 @@ def test_what_is_elsewhere_or_never_is_missed() -> None:
     assert delay(nothing, still, "left") == MISSED
     assert delay([*nothing[:-1], [(10, 10, 20, 20)]], still, "left") == MISSED
     assert delay([*nothing[:-1], [(150, 100, 20, 20)]], still, "left") == AFTER
+
+
+def test_our_false_alarms_are_those_of_the_longer_watch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One film in which all methods are quiet, then four in which a square moves that is taken for nothing."""
+    rng = np.random.default_rng(4)
+    films = {False: recording(0, rng), True: replace(recording(5, rng), velocity=np.zeros((STARTS + AFTER, 3)))}
+    monkeypatch.setattr(Trigger, "_recording", lambda _, _setting, _name, seed: films[seed >= 20_000])
+    monkeypatch.setattr(
+        "pps_vision.experiments.trigger.TRIGGERS", {"DIS ultrafast − ego": TRIGGERS["DIS ultrafast − ego"]}
+    )
+    cells = Trigger(n=1, watched=4).run()["cells"]
+    alarms = {s: cells[s]["nothing"][DEFAULT]["alarms_per_minute"][0] for s in ("turning", "independent")}
+    assert alarms["turning"] == 0
+    assert alarms["independent"] > 600
 
 
 def test_every_baseline_can_be_made() -> None:
