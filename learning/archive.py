@@ -47,7 +47,8 @@ def read_arrays(path: Path, what: str, names: tuple[str, ...]) -> dict[str, NDAr
     """Those arrays with these names that are in an .npz file, which should hold `what`.
 
     Raises:
-        InputError: The file cannot be read, or states more than 256 MiB of arrays.
+        InputError: The file cannot be read, states more than 256 MiB of arrays, or holds others than of real numbers
+            or text.
     """
     check_regular(path, f"{what} (.npz)")
     try:
@@ -57,11 +58,15 @@ def read_arrays(path: Path, what: str, names: tuple[str, ...]) -> dict[str, NDAr
         if n_bytes > _MOST_BYTES:
             raise InputError(path, f"states {n_bytes} bytes of arrays; expected {what} of at most {_MOST_BYTES}")
         with np.load(path) as file:
-            return {name: file[name] for name in names if name in file.files}
+            arrays = {name: file[name] for name in names if name in file.files}
     except InputError:
         raise
     except _UNREADABLE as error:
         raise InputError(path, f"is not a readable .npz file; expected {what}") from error
+    for name, array in arrays.items():
+        if array.dtype.kind not in "biufU":
+            raise InputError(path, f"{name} holds {array.dtype}; expected real numbers or text")
+    return arrays
 
 
 def named(

@@ -33,6 +33,7 @@ from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.opencv_calibration import read_stereo_calibration
+from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets
 from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
 from pps_vision.recordings.yarp_writer import YarpWriter
@@ -271,7 +272,14 @@ def _image(suffix: str) -> Reader:
         cv2.imwrite(str(folder / f"image.{suffix}"), pixels)
         return [folder / f"image.{suffix}"]
 
-    return Reader(write, lambda folder: [decode(ImageFile(file, 0.0)) for file in folder.iterdir()])
+    return Reader(write, _read_image)
+
+
+def _read_image(folder: Path) -> None:
+    (file,) = folder.iterdir()
+    image = decode(ImageFile(file, 0.0))
+    if isinstance(image, Problem):
+        raise InputError(file, image.message)
 
 
 def _mesh(suffix: str) -> Reader:

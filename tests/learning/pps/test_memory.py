@@ -204,6 +204,7 @@ def rewrite(path, **changes):
         ({"counts": np.full((N, 8, 4, 2), np.inf)}, "does not fit together"),
         ({"part_index": np.full(N, np.nan)}, "does not fit together"),
         ({"ranges": np.zeros(3)}, "does not fit together"),
+        ({"counts": np.ones((N, 8, 4, 2), complex)}, "counts holds complex128; expected real numbers or text"),
     ],
 )
 def test_a_bad_file_is_refused_by_name(tmp_path, changes, message):
