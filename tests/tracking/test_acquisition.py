@@ -33,3 +33,23 @@ def test_one_eye_that_confirms_a_motion_is_enough(robot: Robot, rig: StereoRig) 
     assert regions[0][0].flow is not None
     assert [region.flow for region in regions[1]] == [None]  # flow does not confirm it
     assert found == [False] * 8 + [True]
+
+
+def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(robot: Robot, rig: StereoRig) -> None:
+    """A small red and a large blue ball, both across the view."""
+    q, rng = home(robot), np.random.default_rng(3)
+    view = rig.view(q)
+    across = view.left.T_root_camera[:3, 1]
+    starts = [view.left.center + 0.4 * view.left.rays([u, 100.0]) for u in (80.0, 240.0)]
+    acquisition = Acquisition(AcquisitionParams(), (Optics(rig.left), Optics(rig.right)), None, lambda _: nullcontext())
+    association = Association.untrained(StereoParams(), rig.left.width)
+    pairs = []
+    for k in range(9):
+        small, large = (start + 0.012 * max(k - 4, 0) * across for start in starts)
+        balls = [Sphere(small, 0.015, (210, 45, 40)), Sphere(large, 0.035, (40, 60, 210))]
+        one = frame(rig, q, balls, DT * k, rng)
+        pair, _ = acquisition.step(camera_frames(one, view), view, DT * k, None, association)
+        pairs += [pair] if pair else []
+    assert pairs
+    for pair in pairs:
+        assert abs(pair[0].outline.center_px[0] - 240) < 10

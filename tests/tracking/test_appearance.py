@@ -119,6 +119,16 @@ def test_a_marker_is_found_by_its_hue(
     assert find_markers(MarkerParams(hue_deg=hue_deg), image, optics, (-50.0, -50.0, 10.0)) == []
 
 
+def test_markers_come_in_the_order_of_area_and_roundness() -> None:
+    """A disc, a square of less area, a streak of more than either, 8 px; what is smaller is no marker."""
+    image = np.full((240, 320, 3), 90, np.uint8)
+    v, u = np.mgrid[:240, :320]
+    image[(np.hypot(v - 60, u - 60) < 12) | ((v >= 150) & (v < 170) & (u >= 50) & (u < 70))] = (25, 200, 60)
+    image[200:208, 150:230] = image[20:22, 200:203] = image[100:102, 200:204] = (25, 200, 60)
+    found = [one.center_px for one in find_markers(MarkerParams(), image, Optics(LEFT_EYE))]
+    np.testing.assert_allclose(found, [(60, 60), (59.5, 159.5), (189.5, 203.5), (201.5, 100.5)], atol=1.0)
+
+
 def test_bad_parameters_are_named() -> None:
     with pytest.raises(ValueError, match="hue 400"):
         MarkerParams(hue_deg=400.0)

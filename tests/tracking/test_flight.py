@@ -110,6 +110,19 @@ def test_the_predicted_noise_is_that_of_samples(height: float, rng: np.random.Ge
     np.testing.assert_allclose(ahead.cov / scale, np.cov(then.T) / scale, atol=0.12)
 
 
+def test_a_bounce_adds_noise_along_across_and_up() -> None:
+    """Sure to bounce: the covariance that `bounce_std` adds, in the directions of the ball's way on."""
+    mean, tiny = np.array([[0, 0, 0.03], [4.0, -3.0, -2.5], [0.3, 0.2, -0.1]]), 1e-12 * np.eye(9)
+    with_noise, without = (
+        forecast(FlightParams(bounce_std=std), Belief(0.0, mean, tiny, np.zeros((3, 3)), 0.0), 0.04)[0]
+        for std in ((0.3, 0.1, 0.2), (0.0, 0.0, 0.0))
+    )
+    added = (with_noise.cov - without.cov)[3:6, 3:6]
+    along = np.array([*with_noise.mean[1, :2], 0.0]) / np.linalg.norm(with_noise.mean[1, :2])
+    axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(axes @ added @ axes.T, np.diag([0.09, 0.01, 0.04]), atol=1e-9)
+
+
 def test_a_bounce_that_may_come_too_late_counts_for_its_share(rng: np.random.Generator) -> None:
     """So slow that few of the balls reach the floor in time: of their sidespin, which only a bounce unsettles,
     as much must be in doubt as among samples, within a factor of 4."""

@@ -81,6 +81,33 @@ def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng: np.ran
     assert abs(seen.outline.area_px / (np.pi * 18**2) - 1) < 0.03
 
 
+def test_outside_the_image_nothing_is_searched(rng: np.random.Generator) -> None:
+    image = _discs(rng, (150, 110, 18))
+    for center in ((150.0, 400.0), (150.0, -200.0), (500.0, 110.0), (-200.0, 110.0)):
+        assert _seen(rng, image, Prior(np.array(center), 3.0, 1.0)) is None
+
+
+def test_a_long_object_is_followed_over_its_whole_length(rng: np.random.Generator) -> None:
+    images = [np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120, np.uint8) for _ in range(2)]
+    for image, x in zip(images, (100, 106), strict=True):
+        image[105:115, x : x + 80] = BLUE
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    _, seen = eye.step(eye.start(images[0], (100, 105, 80, 10)), images[1], Prior(np.array([145.5, 109.5]), 2.0, 1.0))
+    assert seen is not None
+    np.testing.assert_allclose(seen.outline.box_px, (106, 105, 80, 10), atol=1)
+
+
+def test_an_object_is_predicted_until_all_of_it_has_left_the_image(rng: np.random.Generator) -> None:
+    """40 px wide, its centre 15 px and 25 px beyond the left border."""
+    view, image = View(LEFT_EYE, np.eye(4)), np.zeros((240, 320, 3), np.uint8)
+    tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
+    for x, inside in ((-15.0, True), (-25.0, False)):
+        mean = np.array([0.4 * view.rays([x, 120.0]), np.zeros(3)])
+        belief = Belief(0.0, mean, 1e-8 * np.eye(6), np.zeros((3, 3)), 0.0)
+        prior = tracker.predict(CameraState(size_px=40.0), CameraFrame(image, view, 0.0, None), belief, belief)
+        assert (prior is not None) == inside
+
+
 def _moved_at(box: tuple[int, int, int, int]) -> Region2D:
     return Region2D(box, np.ones((box[3], box[2]), bool), 1.0)
 

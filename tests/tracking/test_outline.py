@@ -96,6 +96,28 @@ def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng:
     assert abs(sampled[0, 1]) > 2 * bound[0, 1]  # or the test could not tell
 
 
+def test_covariance_is_carried_through_a_lens_that_distorts(optics: Optics) -> None:
+    """Far off the axis: 2 J S Jᵀ, by finite differences of the projection, beyond that of a certain outline."""
+    y, x = np.mgrid[:40, :40] - 19.5
+    alpha = np.clip(12 - np.hypot(x, 1.4 * y), 0, 1).astype(np.float32)
+    variance = np.where((alpha > 0) & (alpha < 1), 0.05 + 0.001 * x, 0).astype(np.float32)
+    left, top = 270, 10
+    stated, certain = (
+        outline(Coverage(alpha, v, (left, top, left + 40, top + 40)), optics) for v in (variance, 0 * variance)
+    )
+    assert stated is not None
+    assert certain is not None
+    crop = np.s_[top : top + 40, left : left + 40]
+    rays = LEFT_EYE.bearing_map[crop] * LEFT_EYE.solid_angle_map[crop][..., None]
+    S = np.einsum("vu,vui,vuj", variance.astype(float), rays, rays)
+    direction = np.einsum("vu,vui", alpha.astype(float), rays)
+    h = 1e-5 * np.linalg.norm(direction)
+    J = np.array(
+        [(LEFT_EYE.project(direction + d) - LEFT_EYE.project(direction - d)) / (2 * h) for d in h * np.eye(3)]
+    ).T
+    np.testing.assert_allclose(stated.cov_px - certain.cov_px, 2 * J @ S @ J.T, rtol=1e-4)
+
+
 def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
     """Wide aside and near, the plain centroid of a sphere's image is off by over half a pixel."""
     sphere = Sphere(np.array([-0.12, 0.06, 0.2]), 0.035, RED)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tracking.particle_filter import ParticleParams, Prior, box_sums, propagate, spawn
+from tracking.particle_filter import Cloud, ParticleParams, Prior, box_sums, propagate, spawn, weigh
 
 
 def test_impossible_numbers_are_named() -> None:
@@ -29,3 +29,14 @@ def test_a_box_is_made_of_the_pixels_around_its_centre(rng: np.random.Generator)
     cloud = np.array([[100.0 + x, 50.0 + y, 2.0] for x, y in places])
     wanted = [image[max(y - 1, 0) : y + 2, max(x - 2, 0) : x + 3].sum() for x, y in places]
     np.testing.assert_allclose(box_sums(integral, cloud, (100, 50), (1.25, 0.75)), wanted)
+
+
+def test_a_box_of_the_objects_size_outweighs_a_larger_one() -> None:
+    """40 × 10 px on a background of as many pixels as one likes: 400 px gained, or 400 less the other 1200."""
+    score = np.full((120, 160), -1.0)
+    score[55:65, 70:110] = 1.0
+    integral = np.zeros((121, 161))
+    integral[1:, 1:] = score.cumsum(axis=0).cumsum(axis=1)
+    now = np.array([[89.5, 59.5, 20.0], [89.5, 59.5, 40.0]])
+    small, large = weigh(ParticleParams(), Cloud(now, now), integral, (0, 0), (2.0, 0.5))
+    assert np.log(small / large) == pytest.approx(ParticleParams().sharpness * (400 + 800) / 30**2)

@@ -89,6 +89,23 @@ def test_covariance_and_radius_variance_are_what_sampling_finds(angular_var: flo
     assert eyes * sampled[3, 3] == pytest.approx(stated.radius_var_m2, rel=5 * np.sqrt(2 / n))
 
 
+def test_radius_and_its_variance_are_those_of_the_sine_law() -> None:
+    """r = |p − c| sin θ, by finite differences in p and θ; stated as the better eye's, which here is the left."""
+    left, right = seen(VIEW.left, 1e-7), seen(VIEW.right, 3e-7)
+    stated = Association.untrained(StereoParams(), 320).observe(VIEW, left, right, 0.0)
+    assert stated is not None
+    assert stated.radius_m == pytest.approx(RADIUS_M, rel=1e-6)
+    angle, h, c = left.angular_radius_rad, 1e-6, VIEW.left.center
+
+    def radius(p: np.ndarray, theta: float) -> float:
+        return float(np.linalg.norm(p - c) * np.sin(theta))
+
+    by_p = [(radius(stated.p_root + d, angle) - radius(stated.p_root - d, angle)) / (2 * h) for d in h * np.eye(3)]
+    by_angle = (radius(stated.p_root, angle + h) - radius(stated.p_root, angle - h)) / (2 * h)
+    expected = np.array(by_p) @ stated.cov_root @ by_p + by_angle**2 * 1e-7
+    assert stated.radius_var_m2 == pytest.approx(expected, rel=1e-6)
+
+
 def test_what_cannot_be_one_thing_is_no_pair() -> None:
     """Eyes that see it one higher than the other by more than the calibration may be off, or twice as large; what is
     nearer than the eyes are apart, or too far away.  The gate narrows as pairs agree."""
