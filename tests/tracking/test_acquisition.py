@@ -42,7 +42,8 @@ def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(robot: Rob
     view = rig.view(q)
     across = view.left.T_root_camera[:3, 1]
     starts = [view.left.center + 0.4 * view.left.rays([u, 100.0]) for u in (80.0, 240.0)]
-    acquisition = Acquisition(AcquisitionParams(), (Optics(rig.left), Optics(rig.right)), None, lambda _: nullcontext())
+    optics = Optics(rig.left), Optics(rig.right)
+    acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), Counter())
     association = Association.untrained(StereoParams(), rig.left.width)
     pairs = []
     for k in range(9):
