@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+_HALF = 300  # characters of a message; a file's content may be quoted in it
+
 
 class InputError(ValueError):
     """Input that cannot be used.  Its message is one line, "SOURCE:LINE: what was found; what was expected".
@@ -21,9 +23,12 @@ class InputError(ValueError):
 
 
 def cite(source: Path | str, line: int | None, message: str) -> str:
-    """Return "SOURCE:LINE: message" on one line."""
+    """Return "SOURCE:LINE: message" on one line; of a long message the beginning and the end."""
     where = f"{source}" if line is None else f"{source}:{line}"
-    return " ".join(f"{where}: {message}".splitlines())
+    words = " ".join(message.splitlines())
+    if len(words) > 2 * _HALF:
+        words = f"{words[:_HALF]} … {words[-_HALF:]}"
+    return " ".join(f"{where}: {words}".splitlines())
 
 
 def first_line(error: Exception) -> str:

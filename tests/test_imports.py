@@ -9,7 +9,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LEAVES = ("rendering", "tracking", "learning", "control")
-FOR_LEAVES = ("pps_vision.types", "pps_vision.errors", "pps_vision.files", "pps_vision.geometry", "pps_vision.robot")
+FOR_LEAVES = (
+    *("pps_vision.types", "pps_vision.errors", "pps_vision.files", "pps_vision.jit"),
+    *("pps_vision.geometry", "pps_vision.robot"),
+)
 
 
 def imported_modules(file: Path) -> set[str]:

@@ -7,10 +7,10 @@ would then move through the world.  Such an image is no observation.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
+from pps_vision.jit import njit
 from pps_vision.types import Image, StereoFrame
 
 _STRIDE = 40  # every such row is compared first: images that differ there are not the same

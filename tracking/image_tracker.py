@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
+from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram

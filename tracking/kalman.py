@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pps_vision.errors import InputError
+from pps_vision.jit import njit
 from pps_vision.types import Array
 from tracking import DEFAULT_ORDER
 

@@ -8,9 +8,9 @@ C-ordered and writable; for another layout the function is compiled again.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 
 _SHADE_STD = 0.4  # relative standard deviation of the rim's brightness from that of the object just inside it

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
 from tracking.kernels import Upper, covered, moments

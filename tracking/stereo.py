@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.geometry.se3 import move_points
 from pps_vision.geometry.triangulation import Triangulation, triangulate
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Observation3D, StereoFrame
 from tracking.outline import Outline
 

@@ -7,10 +7,10 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import Mode, frame_checks, kalman
 from tracking.acquisition import (

@@ -12,10 +12,10 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pps_vision.experiments.raycast import FAST, ball_row, first_hit, first_hits, on_panel, panel_row
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image
 
 Pattern = Literal["plain", "striped", "chequered", "textured"]

@@ -5,9 +5,9 @@ It shares nothing with `rendering`. Each solid is a row of numbers; rays start o
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from pps_vision.jit import njit
 from pps_vision.types import Array, Mask
 
 BALL_COLUMNS, PANEL_COLUMNS, CYLINDER_COLUMNS = 4, 12, 8

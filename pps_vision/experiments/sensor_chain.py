@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image
 
 _TAPE = 1 << 21  # normal deviates from which the noise of a film is cut

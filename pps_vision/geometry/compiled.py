@@ -7,8 +7,8 @@ none of another file, because numba's cache does not notice when that one change
 import math
 
 import numpy as np
-from numba import njit
 
+from pps_vision.jit import njit
 from pps_vision.types import Array
 
 Vector = tuple[float, float, float]

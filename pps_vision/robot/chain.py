@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from pps_vision.jit import njit
 from pps_vision.types import Array
 
 if TYPE_CHECKING:

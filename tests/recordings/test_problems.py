@@ -35,3 +35,10 @@ def test_the_systems_words_for_a_missing_file() -> None:
         Path("/nowhere/at/all").read_text()
     assert first_line(caught.value) == "No such file or directory"
     assert first_line(ValueError("two\nlines")) == "two lines"
+
+
+def test_a_long_message_keeps_its_beginning_and_its_end() -> None:
+    line = str(InputError("a.csv", f"'{'x' * 100_000}'; expected a number", 3))
+    assert len(line) < 700
+    assert line.startswith("a.csv:3: 'xxx")
+    assert line.endswith("xxx'; expected a number")

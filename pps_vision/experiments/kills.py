@@ -1,0 +1,182 @@
+"""Kill commands at random moments: nothing earlier may be damaged, nothing may look finished that is not, and a re-run
+must succeed and clean up."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from learning.pps.memory import PPSMemory, save_memory
+from pps_vision.recordings.taxels_ini import PartMap, write_taxels
+from pps_vision.robot.skin import icub_skin
+
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+COUNTS = ("kills", "finished", "running_on", "damaged", "half_written", "failed_reruns", "left_over")
+_ENDS_WITHIN_S = 60.0  # of the signal, on a busy machine
+_LAST_STEP_S = 2.0  # a run that ends well this long after the signal was ending already
+_EARLIER = b'{"earlier": 1}\n'  # an output of some earlier run
+
+
+@dataclass(frozen=True)
+class Writing:
+    """A command that writes `out`, a file or a folder in the folder it runs in; its words name its inputs there."""
+
+    words: str
+    out: str
+    is_folder: bool = False
+
+    @property
+    def name(self) -> str:
+        """The command with its subcommand, without arguments."""
+        words = self.words.split()
+        return " ".join(words[:2]) if words[0] == "reach" else words[0]
+
+
+COMMANDS = (
+    Writing("render --stimulus ball --motion circle --seconds 0.5 --out out", "out", True),
+    Writing("track rec --video --out out", "out", True),
+    Writing("track2d rec/cam/left --init 100 80 40 40 --out out.csv", "out.csv"),
+    Writing("learn rec --out out.npz", "out.npz"),
+    Writing("joints rec --out out.csv", "out.csv"),
+    Writing("trials train.npz test.npz --out out.csv", "out.csv"),
+    Writing("show memory.npz --out out.png", "out.png"),
+    Writing("convert-taxels memory.npz out.ini --like robot.ini", "out.ini"),
+    Writing("reach train --arm left --ik-budget 600 --out out.npz", "out.npz"),
+    Writing("reach query map.npz gaze.csv --out out.csv", "out.csv"),
+    Writing("reach show map.npz --out out.png", "out.png"),
+    Writing("bench stereo --n 1 --out out", "out/results/stereo.json"),
+    Writing("demo --trials 1 --out out", "out", True),
+)
+
+
+def prepare(folder: Path, commands: Sequence[Writing] = COMMANDS) -> None:
+    """Write what the commands read: a recording with a touch, a memory, trials, a robot's map, gaze postures, and, as
+    it takes longest, a reachable-space map only where one of them reads it."""
+    run("render --stimulus ball --motion approach --target left_forearm:3 --speed 0.15 --seconds 3 --out rec", folder)
+    if any("map.npz" in command.words for command in commands):
+        run("reach train --arm left --ik-budget 600 --out map.npz", folder)
+    skin = icub_skin(("left_forearm",))
+    save_memory(folder / "memory.npz", PPSMemory.empty(skin))
+    counts = {int(name.split(":")[1]): np.zeros((8, 4, 2), np.int64) for name in skin.taxel_ids}
+    write_taxels(folder / "robot.ini", [PartMap("l_forearm", (-0.1, 0.2, 0.0, 3.0), (8, 4), tuple(range(400)), counts)])
+    (folder / "gaze.csv").write_text("yaw_deg,pitch_deg,vergence_deg\n" + "0,-20,20\n" * 1000)
+    for name, side in (("train", 0), ("test", 1)):
+        np.savez(folder / f"{name}.npz", **_trials(side))
+
+
+def _trials(first: int) -> dict[str, Any]:
+    """Straight approaches to one of two taxels in turn or past both, as `pps-vision trials` reads them."""
+    taxels, n, samples, v = np.array([[-0.03, 0, 0], [0.03, 0, 0]]), 8, 40, np.array([0.0, 0.0, -0.1])
+    before_s = np.linspace(2.0, 0.0, samples)[:, None]
+    position, outcome = [], []
+    for k in range(first, first + n):
+        aimed = np.array([0.3, 0, 0]) if k % 4 == 3 else taxels[k % 2]
+        position += [aimed - v * before_s - taxel for taxel in taxels]
+        outcome.append([1 if k % 4 != 3 and k % 2 == j else -1 for j in range(2)])
+    return {
+        "position_m": np.concatenate(position),
+        "velocity_m_s": np.tile(v, (2 * n * samples, 1)),
+        "offsets": samples * np.arange(2 * n + 1),
+        "outcome": np.array(outcome),
+    }
+
+
+def run(words: str, folder: Path) -> float:
+    """Run a command to its end in a folder; its duration in s.  RuntimeError with what it printed if it fails."""
+    begun = time.monotonic()
+    done = subprocess.run(_words(words), cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{words}: exit code {done.returncode}\n{done.stderr[-2000:]}")
+    return time.monotonic() - begun
+
+
+def kill_at_random(
+    command: Writing, folder: Path, kills: int, rng: np.random.Generator, signals: Sequence[signal.Signals] = SIGNALS
+) -> Counter[str]:
+    """Kill a command so often at uniformly random moments of its run, run it once more, and count what went wrong.
+
+    Args:
+        command: What is killed; its inputs lie in `folder` (`prepare`).
+        folder: Where it runs.
+        kills: How often it is started and killed.
+        rng: Draws the moments and the signals.
+        signals: Signals to choose from.
+
+    Returns:
+        "kills"; runs that "finished" before; those that were "running_on" after the signal; "damaged" inputs and
+        earlier outputs; "half_written" outputs; "failed_reruns"; hidden files "left_over" after the last run.
+    """
+    found: Counter[str] = Counter(dict.fromkeys(COUNTS, 0))
+    duration_s = run(command.words, folder)
+    whole, inputs = _contents(folder / command.out), _inputs(command, folder)
+    for _ in range(kills):
+        earlier = _begin_anew(command, folder)
+        process = subprocess.Popen(
+            _words(command.words), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        time.sleep(float(rng.uniform(0, duration_s)))
+        process.send_signal(signals[int(rng.integers(len(signals)))])
+        sent_s = time.monotonic()
+        try:
+            code = process.wait(_ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            code = process.wait()
+        lasted_s = time.monotonic() - sent_s
+        output = _contents(folder / command.out)
+        found["kills"] += 1
+        found["finished"] += code == 0
+        found["running_on"] += lasted_s > _ENDS_WITHIN_S or (code == 0 and lasted_s > _LAST_STEP_S)
+        found["damaged"] += _inputs(command, folder) != inputs
+        found["half_written"] += output != earlier and not _is_like(output, whole)
+    _begin_anew(command, folder)
+    try:
+        run(command.words, folder)
+        found["failed_reruns"] += not _is_like(_contents(folder / command.out), whole)
+    except RuntimeError as error:
+        print(error, file=sys.stderr)
+        found["failed_reruns"] += 1
+    found["left_over"] += sum(file.name.startswith(".") for file in folder.rglob("*"))
+    return found
+
+
+def _words(words: str) -> list[str]:
+    return [sys.executable, "-m", "pps_vision", *words.split()]
+
+
+def _begin_anew(command: Writing, folder: Path) -> dict[str, bytes]:
+    """Remove the output of the last run; a file is an earlier one then, as it may be written over.  What is there."""
+    out = folder / command.out
+    if command.is_folder:
+        shutil.rmtree(out, ignore_errors=True)
+    else:
+        out.write_bytes(_EARLIER)
+    return _contents(out)
+
+
+def _contents(path: Path) -> dict[str, bytes]:
+    """What files there are and what they hold; of a folder without hidden ones."""
+    if path.is_file():
+        return {"": path.read_bytes()}
+    files = (file for file in sorted(path.rglob("*")) if file.is_file())
+    names = {str(file.relative_to(path)): file for file in files}
+    return {name: file.read_bytes() for name, file in names.items() if not any(p[0] == "." for p in Path(name).parts)}
+
+
+def _inputs(command: Writing, folder: Path) -> dict[str, bytes]:
+    """Everything in the folder but the output."""
+    top = Path(command.out).parts[0]
+    return {name: data for name, data in _contents(folder).items() if Path(name).parts[0] != top}
+
+
+def _is_like(output: Mapping[str, bytes], whole: Mapping[str, bytes]) -> bool:
+    """Whether the same files are there, each to its end; times of stages in them may differ."""
+    return output.keys() == whole.keys() and all(data[-2:] == whole[name][-2:] for name, data in output.items())

@@ -1,0 +1,67 @@
+"""Commands killed at random moments, a handful; `pps-vision bench robustness` kills every command."""
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.experiments import kills
+from pps_vision.experiments.kills import COMMANDS, COUNTS, Writing, kill_at_random, prepare, run
+
+KILLED = [command for command in COMMANDS if command.name in ("render", "track2d", "trials")]
+COUNTED = {"kills": 2, **dict.fromkeys(COUNTS[2:], 0)}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("kills")
+    prepare(folder, KILLED)
+    return folder
+
+
+@pytest.mark.parametrize("command", KILLED, ids=lambda command: command.name)
+def test_a_killed_command_damages_nothing_and_runs_again(folder: Path, command: Writing) -> None:
+    found = kill_at_random(command, folder, 2, np.random.default_rng(SEED), (signal.SIGKILL, signal.SIGTERM))
+    del found["finished"]
+    assert found == COUNTED
+
+
+CARELESS = """
+import signal, sys, time
+from pathlib import Path
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+out = Path("out.csv")
+{first}
+for _ in range(20):
+    time.sleep(0.05)
+{last}
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "wrong"),
+    [
+        ("out.write_text('half')", "out.write_text('whole.')", "half_written"),
+        ("Path('in.csv').open('a').write('x')", "out.write_text('whole.')", "damaged"),
+        ("Path('.a').touch()", "out.write_text('whole.')", "left_over"),
+        ("sys.exit(1) if Path('b').exists() else Path('b').touch()", "out.write_text('whole.')", "failed_reruns"),
+        ("", "time.sleep(5); out.write_text('whole.')", "running_on"),
+    ],
+)
+def test_a_careless_command_is_found_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first: str, last: str, wrong: str
+) -> None:
+    """Programs that write in place, change their input, leave files behind, fail after a kill, or ignore SIGTERM."""
+    (tmp_path / "in.csv").write_text("mine")
+    (tmp_path / "program.py").write_text(CARELESS.format(first=first, last=last))
+    monkeypatch.setattr(kills, "_words", lambda words: [kills.sys.executable, words])
+    signals = (signal.SIGTERM,) if wrong == "running_on" else (signal.SIGKILL,)
+    found = kill_at_random(Writing("program.py", "out.csv"), tmp_path, 3, np.random.default_rng(0), signals)
+    assert found[wrong] > 0
+
+
+def test_a_command_that_fails_says_what_it_printed(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match=r"(?s)exit code 2.*nowhere"):
+        run("track nowhere --out out", tmp_path)

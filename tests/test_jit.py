@@ -1,0 +1,39 @@
+"""Compiled functions where numba's cache cannot be written."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pps_vision
+
+CODE = """
+import numpy as np
+from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.triangulation import triangulate
+camera = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
+pose = np.eye(4)
+pose[0, 3] = 0.1
+view = StereoRig.fixed(camera, camera, pose).view()
+p = np.array([0.02, 0.01, 0.5])
+found = triangulate(view, view.left.project(p), view.right.project(p), np.eye(2), np.eye(2))
+print(pps_vision.__file__, bool(np.allclose(found.p_root, p)))
+"""
+
+
+def test_without_a_writable_cache_it_compiles_in_memory_and_says_so_once(tmp_path: Path) -> None:
+    """A file in the place of every folder that numba would write to, since permissions do not bind the superuser."""
+    source = Path(pps_vision.__file__).parent
+    shutil.copytree(source, tmp_path / "pps_vision", ignore=shutil.ignore_patterns("__pycache__", "experiments"))
+    for folder in (tmp_path / "pps_vision").rglob("*"):
+        if folder.is_dir():
+            (folder / "__pycache__").touch()
+    (tmp_path / "pps_vision" / "__pycache__").touch()
+    (tmp_path / "home").touch()
+    home = {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home"), "PYTHONPATH": str(tmp_path)}
+    env = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"} | home
+    code = "import pps_vision\n" + CODE
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, cwd=tmp_path)
+    assert done.stdout.split() == [str(tmp_path / "pps_vision" / "__init__.py"), "True"], done.stderr
+    assert done.stderr.count("functions are compiled anew at every start") == 1
