@@ -13,6 +13,7 @@ from pps_vision.types import Array, Mask
 _SHORTEST_STEP = 1 / 512  # of a motion; a shorter one is not checked
 _MOST_STEPS = 10  # bounds the time of a check
 _ACCURACY_M = 1e-5  # a distance must exceed the smallest allowed one by so much; coal repeats itself within 1e-6 m
+_NO_MOTION_M = 1e-12  # bodies that move by less are taken to rest
 
 
 class SelfCollision:
@@ -69,7 +70,7 @@ class SelfCollision:
         """
         turn = np.abs(change_rad) * self.moving
         v = float(turn @ self._lever_m)
-        if v == 0.0:
+        if v <= _NO_MOTION_M:
             return 1.0
         kappa = float(turn.sum()) * v
         d0 = self.distance_m(q_rad)

@@ -111,6 +111,19 @@ def test_an_idle_arm_away_from_home_stays_there(robot: Robot) -> None:
     assert not np.any(command.dq_rad_s)
 
 
+def test_a_joint_uses_the_room_that_the_holding_time_leaves(robot: Robot) -> None:
+    """For some taxel the elbow is at its limit when the command ends, whether that is after 0.05 or 0.5 s."""
+    q, (elbow,) = home(robot), robot.indices(("left_elbow",))
+    q[elbow] = robot.upper_rad[elbow] - 0.02
+    for hold_s in (0.05, 0.5):
+        ends = []
+        for a in np.eye(12):
+            _, command, _ = step(AT_ONCE, AvoidanceState(), robot.at(q), FOREARM, a, 0.0, hold_s=hold_s)
+            assert command.valid_s == hold_s
+            ends.append(q[elbow] + hold_s * command.dq_rad_s[elbow])
+        assert max(ends) == pytest.approx(robot.upper_rad[elbow], abs=1e-6)
+
+
 def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot: Robot) -> None:
     on = activations_of(FOREARM, left_forearm_27=1.0)
     run = list(simulate(robot, [on] * 12 + [0 * on] * 120, AT_ONCE))

@@ -1,11 +1,12 @@
 """The search looks left, right, up and down of its centre, within every limit."""
 
 import numpy as np
+import pytest
 
 from control.fixation import gaze_at
 from control.head import gaze_of
 from control.search import SearchParams, SearchState, step
-from pps_vision.robot.icub import home
+from pps_vision.robot.icub import home, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
@@ -46,6 +47,18 @@ def test_below_the_necks_end_the_eyes_tilt_searches_on(robot: Robot) -> None:
     down = gazes[:, 1] + gazes[:, 2]
     assert down.min() < -60 * DEG
     assert gazes[:, 1].min() >= -40 * DEG - 1e-9
+
+
+def test_held_for_half_a_second_no_joint_leaves_its_limits(robot: Robot) -> None:
+    q = set_gaze(robot, home(robot), yaw=54 * DEG, pitch=29 * DEG, vergence=10 * DEG)
+    ends = []
+    for seed in range(20):
+        state, rng = SearchState(gaze_of(robot.at(q))), np.random.default_rng(seed)
+        _, command = step(SearchParams(), state, robot.at(q), 0.5, rng)
+        ends.append(q + 0.5 * command.dq_rad_s)
+        assert command.valid_s == 0.5
+    assert np.all((np.array(ends) >= robot.lower_rad - 1e-9) & (np.array(ends) <= robot.upper_rad + 1e-9))
+    assert np.max(ends, axis=0)[robot.indices(("neck_yaw",))] == pytest.approx(55 * DEG)
 
 
 def test_equal_seeds_give_equal_searches(robot: Robot) -> None:
