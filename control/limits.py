@@ -51,6 +51,7 @@ def limit(
     posture: Posture,
     wanted: JointVelocity,
     last: JointVelocity | None = None,
+    last_q_rad: Array | None = None,
 ) -> JointVelocity:
     """The command nearest to `wanted` that keeps every limit for as long as it is valid.
 
@@ -60,13 +61,14 @@ def limit(
         posture: The robot at the command's stamp.
         wanted: What the controllers ask for.
         last: The command before; None: the robot rests.
+        last_q_rad: (n_joints,) posture at the last command's stamp; None: unknown.
 
     Returns:
         The change from braking to `wanted` is scaled uniformly, separately for the joints that move bodies and for
-        the head.  Braking goes on along the last command and stops where that would have ended, which its check has
-        found free.  A limit that is exceeded already is not exceeded further: a joint beyond its limit stays or goes
-        back, and bodies that are too near do not come nearer.  The distance goes before the acceleration limit: what
-        the last command did not foresee may stop the arm at once.
+        the head.  Braking goes on along the last command and stops where that would have ended: where the robot stands
+        as predicted, the last check has found that free.  A limit that is exceeded already is not exceeded further: a
+        joint beyond its limit stays or goes back, and bodies that are too near do not come nearer.  The distance goes
+        before the acceleration limit: what the last command did not foresee may stop the arm at once.
 
     Raises:
         InputError: a rate or stamp is not finite, the stamp is before that of the last command, or the command is
@@ -90,9 +92,18 @@ def limit(
     share = self_collision.clear_share(posture.q_rad, wanted.valid_s * dq, params.clearance_m)
     free = np.where(moves_bodies, share * dq, dq)
     if np.any((free < lower) | (free > upper)):  # too sudden a stop: brake along the last command
-        share = self_collision.clear_share(posture.q_rad, wanted.valid_s * brake, params.clearance_m)
-        free = np.where(moves_bodies, share * brake, dq)
+        if not _as_predicted(posture, wanted, last, last_q_rad):
+            brake = brake * self_collision.clear_share(posture.q_rad, wanted.valid_s * brake, params.clearance_m)
+        free = np.where(moves_bodies, brake, dq)
     return JointVelocity(wanted.stamp_s, free, wanted.valid_s)
+
+
+def _as_predicted(posture: Posture, wanted: JointVelocity, last: JointVelocity | None, last_q: Array | None) -> bool:
+    """Whether the robot has moved as the last command says."""
+    if last is None or last_q is None:
+        return False
+    predicted = last_q + (wanted.stamp_s - last.stamp_s) * last.dq_rad_s
+    return bool(np.allclose(posture.q_rad, predicted, rtol=0.0, atol=_MARGIN_RAD))
 
 
 def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[Array, Array]:

@@ -72,6 +72,8 @@ class PipelineState:
     """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
     last_command: JointVelocity | None = None
     """Command of the last frame."""
+    last_q_rad: Array | None = None
+    """Joints (n_joints,) of the last frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,8 +152,9 @@ class Pipeline:
         searching, gaze_command = self._move_gaze(state, posture, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s
         wanted = arbiter.combine((arm_command, gaze_command))
-        command = limits.limit(params.limits, self._self_collision, posture, wanted, state.last_command)
-        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), command)
+        last = state.last_command, state.last_q_rad
+        command = limits.limit(params.limits, self._self_collision, posture, wanted, *last)
+        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), command, posture.q_rad)
         return PipelineStep(posture, tracking, events, felt, reachability, response, command)
 
     def finish(self) -> PPSMemory:

@@ -73,19 +73,20 @@ class SelfCollision:
         if v <= _NO_MOTION_M:
             return 1.0
         kappa = float(turn.sum()) * v
+        shortest = max(_SHORTEST_STEP, 50 * _ACCURACY_M / v)
         d0 = self.distance_m(q_rad)
         least, done, longest = min(clearance_m, d0), 0.0, 1.0
         if d0 <= 0.0:
             return 0.0
         for _ in range(_MOST_STEPS):
             to_graze = 2 * sqrt(d0**2 - least**2) / v  # a step after which the same distance again would do
-            h = min(max(to_graze, _SHORTEST_STEP), longest, 1.0 - done)
+            h = min(max(to_graze, shortest), longest, 1.0 - done)
             d1 = self.distance_m(q_rad + (done + h) * change_rad)
             if d1 >= least + _ACCURACY_M and _smallest_squared(d0, d1, h, v, kappa) >= least**2:
                 done, d0, longest = done + h, d1, 1.0
                 if done >= 1.0:
                     return 1.0
-            elif h <= _SHORTEST_STEP:
+            elif h <= shortest:
                 break
             else:
                 longest = 0.5 * h

@@ -287,6 +287,28 @@ def test_from_a_start_that_is_too_near_the_distance_never_shrinks(
     assert grown >= 10
 
 
+def test_an_arm_that_stands_as_predicted_brakes_without_another_proof(robot: Robot, bodies: SelfCollision) -> None:
+    """Nothing can be proven free; the way of the last command was."""
+
+    class Doubtful(SelfCollision):
+        def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
+            return 0.0
+
+    q, last = home(robot), command(robot, left_elbow=0.4, neck_yaw=0.3)
+    posture, wanted = robot.at(q + 0.01 * last.dq_rad_s), command(robot, 0.01)
+    for last_q, left in ((q, 0.98 * 0.4), (q + 1e-6, 0.0), (None, 0.0)):
+        held = limit(PARAMS, Doubtful(robot), posture, wanted, last, last_q)
+        yaw = 0.3 - 0.01 * 10 * np.deg2rad(60)
+        np.testing.assert_allclose(held.dq_rad_s, command(robot, left_elbow=left, neck_yaw=yaw).dq_rad_s, atol=1e-12)
+
+
+def test_leaving_slowly_is_free_as_leaving_fast_is(robot: Robot, bodies: SelfCollision) -> None:
+    q = near_the_chest(robot, bodies, 0.015)
+    for speed in (0.02, 0.2):
+        wanted = JointVelocity(0.0, -speed * towards_the_chest(robot, q), HOLD_S)
+        np.testing.assert_allclose(limit(PARAMS, bodies, robot.at(q), wanted).dq_rad_s, wanted.dq_rad_s)
+
+
 def test_bodies_that_overlap_do_not_move(robot: Robot, bodies: SelfCollision) -> None:
     q = near_the_chest(robot, bodies, -0.001)
     held = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.0, np.full(robot.n_joints, 0.1), HOLD_S))

@@ -22,8 +22,8 @@ def test_no_limit_is_left_and_nothing_but_input_is_refused() -> None:
 def test_the_attack_finds_what_the_last_stage_prevents(monkeypatch: pytest.MonkeyPatch) -> None:
     checked = limits.limit
 
-    def only_stamped(params, bodies, posture, wanted, last=None):  # type: ignore[no-untyped-def]
-        return replace(checked(params, bodies, posture, wanted, last), dq_rad_s=wanted.dq_rad_s)
+    def only_stamped(params, bodies, posture, wanted, *last):  # type: ignore[no-untyped-def]
+        return replace(checked(params, bodies, posture, wanted, *last), dq_rad_s=wanted.dq_rad_s)
 
     monkeypatch.setattr(limits, "limit", only_stamped)
     faults = " ".join(attack(600, 1, 40).faults)
