@@ -12,16 +12,12 @@ from pps_vision.recordings.text import finite, read_lines, whole
 Nested = list["str | Nested"]
 Number = TypeVar("Number", int, float)
 
-_MOST_NESTED = 16  # brackets; a skin event has 2
-
 
 def parse_lists(text: str) -> Nested:
     """Return words and bracketed lists of them as nested lists; ValueError where brackets do not match."""
     stack: list[Nested] = [[]]
     for word in re.findall(r"[()]|[^()\s]+", text):
         if word == "(":
-            if len(stack) > _MOST_NESTED:
-                raise ValueError(f"more than {_MOST_NESTED} nested brackets")
             stack.append([])
         elif word == ")":
             if len(stack) == 1:

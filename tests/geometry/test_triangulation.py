@@ -198,8 +198,16 @@ def test_midpoint_halves_the_gap_of_skew_rays() -> None:
 @pytest.mark.parametrize("eye", [0, 1])
 @pytest.mark.parametrize(
     "cov",
-    [np.zeros((2, 2)), np.diag([1.0, 0.0]), [[1.0, 2.0], [2.0, 1.0]], -ONE_PX, ONE_PX * np.nan, np.diag([np.inf, 1.0])],
-    ids=["zero", "singular", "indefinite", "negative", "nan", "infinite"],
+    [
+        np.zeros((2, 2)),
+        np.ones((2, 2)),
+        np.diag([1.0, 0.0]),
+        [[1.0, 2.0], [2.0, 1.0]],
+        -ONE_PX,
+        ONE_PX * np.nan,
+        np.diag([np.inf, 1.0]),
+    ],
+    ids=["zero", "rank one", "singular", "indefinite", "negative", "nan", "infinite"],
 )
 def test_a_covariance_that_is_none_is_refused(view: StereoView, eye: int, cov: Array) -> None:
     p = (view.left.T_root_camera @ [0.02, 0.01, 0.4, 1])[:3]
