@@ -121,7 +121,7 @@ class _Episode:
             self.pipeline.params = replace(params, avoidance=replace(arm, behaviour="reach"))
             anywhere = Reachability(0.0, np.zeros(3), 1.0, 1.0, ReachStatus.REACHABLE)
             self.pipeline._reachability = lambda q, track: anywhere  # type: ignore[assignment]
-        self.stamp_s, self.command = 0.0, JointVelocity(-1.0, np.zeros(robot.n_joints), params.hold_s)
+        self.stamp_s, self.command = 0.0, JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)
         self.taxels = skin.at(robot.at(self.q))
         self.found = Outcome(starts=Counter([self.start]))
         self._watch()
@@ -132,9 +132,9 @@ class _Episode:
             given_s = self._next_stamp()
             if np.isfinite(given_s) and given_s >= self.stamp_s:
                 self._obey(given_s)
-            if self.disturbed and self.rng.random() < 0.05:
-                self.q = self.q + 0.02 * self.rng.standard_normal(self.robot.n_joints)
-                self._watch()
+            if self.disturbed:
+                self.q = self.q + 0.02 * (self.rng.random() < 0.05) * self.rng.standard_normal(self.robot.n_joints)
+                self._watch()  # a command that is held on from there knows nothing of it
             self.tracker.track = self._track(given_s)
             joints = np.full_like(self.q, np.nan) if self.rng.random() < 0.005 else self.q
             begin = time.perf_counter()
