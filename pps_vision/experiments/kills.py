@@ -115,6 +115,7 @@ def kill_at_random(
         earlier outputs; "half_written" outputs; "failed_reruns"; hidden files "left_over" after the last run.
     """
     found: Counter[str] = Counter(dict.fromkeys(COUNTS, 0))
+    shutil.rmtree(folder / Path(command.out).parts[0], ignore_errors=True)  # another command's folder
     duration_s = run(command.words, folder)
     whole, inputs = _contents(folder / command.out), _inputs(command, folder)
     for _ in range(kills):

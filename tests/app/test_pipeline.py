@@ -114,6 +114,32 @@ def test_a_search_starts_anew_where_the_object_was_lost_again() -> None:
     assert state.center[0] == pytest.approx(0.2)
 
 
+def test_a_search_keeps_its_centre_while_the_gaze_moves() -> None:
+    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    pipeline = following(lambda t: known if t < 0.05 else None)
+    yaw = ROBOT.indices(ROBOT.names.gaze_joints)[0]
+    for k, shift in enumerate((0.0, 0.1, 0.3, 0.5)):
+        q = home(ROBOT)
+        q[yaw] += shift
+        pipeline.step(frame_at(0.1 * k, q))
+    state = pipeline._state.searching
+    assert state is not None
+    assert state.center[0] == pytest.approx(0.1)
+
+
+def test_a_contact_that_goes_on_is_learned_at_the_end() -> None:
+    skin = icub_skin(("left_forearm",))
+    index = skin.index("left_forearm:3")
+    point, normal = (a[index] for a in skin.at(ROBOT.at(home(ROBOT))))
+    pipeline = following(lambda t: (point + (0.1 - 0.1 * t) * normal, -0.1 * normal))
+    touched = np.arange(len(skin.taxel_ids)) == index
+    for k in range(8):
+        pipeline.step(frame_at(DT * k, home(ROBOT)), touched if k == 7 else None)
+    assert pipeline.memory.counts.sum() == 0
+    assert pipeline.finish().counts[index, ..., 0].sum() > 0
+    assert pipeline.memory.counts.sum() > 0
+
+
 def towards_a_resting_object(speed_m_s: float, object_m_s: float) -> tuple[PipelineStep, float]:
     """The second of two frames between which the torso carries the forearm towards an object, and the closing speed
     of taxel 3 there."""

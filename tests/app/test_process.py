@@ -1,5 +1,6 @@
 """The process of the command line: signals, its output streams, and warnings of libraries."""
 
+import json
 import os
 import signal
 import subprocess
@@ -104,3 +105,15 @@ def test_a_bug_in_an_import_shows_its_traceback() -> None:
     process = start("def run():\n    from pathlib import nothing")
     assert process.communicate()[1].startswith("Traceback")
     assert process.returncode == 1
+
+
+def test_folders_whose_names_are_not_utf8(approach: Path, tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    (tmp_path / name).symlink_to(approach)
+    command = [sys.executable, "-m", "pps_vision", "track", name, "--video", "--out", f"{name}-out"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith("→ caf\\udce9-out\n")
+    out = tmp_path / f"{name}-out"
+    assert json.loads((out / "summary.json").read_text(encoding="utf-8"))["source"] == name
+    assert (out / "overlay.mp4").stat().st_size > 1000

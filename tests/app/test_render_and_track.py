@@ -164,7 +164,7 @@ def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> Non
         row(1.1, 0.004, Status.TRACKING),
         row(1.2, 0.05, Status.COASTING),
         unknown(1.3),
-        row(5.0, 9.0, Status.TRACKING),  # long after the last row of the truth
+        row(2.1, 9.0, Status.TRACKING),  # 0.1 s after the last row of the truth
     ]
     errors = errors_against(truth, warm_up + later)
     assert errors["tracked_share"] == pytest.approx(2 / 5)
