@@ -1,6 +1,6 @@
-"""`bench robustness`: kills at random moments of every command that writes; nothing may be lost."""
+"""`bench robustness`: attacks on the program; what it refuses, what breaks it, and what is lost when it is killed."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from pps_vision.errors import InputError
+from pps_vision.experiments.adversarial_control import attack
+from pps_vision.experiments.fuzz_readers import READERS, fuzz
 from pps_vision.experiments.kills import COMMANDS, COUNTS, kill_at_random, prepare
 from pps_vision.experiments.study import Study
 from pps_vision.experiments.tables import Table
@@ -26,29 +27,55 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Robustness(Study):
-    """Every command that writes, killed by SIGKILL, SIGTERM or SIGINT at random moments, and run once more."""
+    """Every command that writes, killed by SIGKILL, SIGTERM or SIGINT at random moments, and run once more; mutated
+    files for every reader; impossible tracks, stamps and postures for the control.
+
+    A fault of a reader is any exception but InputError and OSError, more than 10 s or 800 MB, a process that ends, or
+    a file that is damaged; one of the control is such an exception, or a limit of the robot that is left.
+    """
 
     n: int = 5
     """Kills of each command."""
+    mutants: int = 1000
+    """Mutated files for each reader."""
+    steps: int = 1_000_000
+    """Frames of the control."""
     seed: int = 0
-    """Seed of the moments and signals."""
+    """Seed of the moments and signals, of the mutants and of the control's episodes."""
 
     def run(self) -> dict[str, Any]:
-        """Return by command how many runs were killed, and what went wrong."""
-        if self.n < 1:
-            raise InputError("bench robustness", f"--n {self.n}; expected at least one")
+        """Return what went wrong by command, by reader and in control, and how much went well."""
         rng = np.random.default_rng(self.seed)
         with TemporaryDirectory() as name:
             folder = Path(name)
             prepare(folder)
-            found = {
+            kills = {
                 command.name: dict(kill_at_random(command, folder, self.n, rng))
                 for command in tqdm(COMMANDS, desc="kills", unit="command", disable=None)
             }
-        return {"kills": found}
+        readers = {
+            name: asdict(fuzz(name, self.seed, self.mutants))
+            for name in tqdm(READERS, desc="mutants", unit="reader", disable=None)
+        }
+        return {"kills": kills, "readers": readers, "control": attack(self.steps, self.seed).to_json()}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the kills, one row a command and one for all."""
+        """Return the kills by command, and the inputs by reader and of the control."""
         rows = [[name, *(str(row[count]) for count in COUNTS)] for name, row in numbers["kills"].items()]
         total = [str(sum(row[count] for row in numbers["kills"].values())) for count in COUNTS]
-        return {"kills": Table(["command", *(_WORDS[count] for count in COUNTS)], [*rows, ["all", *total]])}
+        control = numbers["control"]
+        refused = sum(control["refused"].values())
+        inputs = {
+            **numbers["readers"],
+            "control (frames)": {**control, "read": control["steps"] - refused, "refused": refused},
+        }
+        return {
+            "kills": Table(["command", *(_WORDS[count] for count in COUNTS)], [*rows, ["all", *total]]),
+            "inputs": Table(
+                ["input of", "accepted", "refused", "faults"],
+                [
+                    [name, *(str(x) for x in (of["read"], of["refused"], len(of["faults"])))]
+                    for name, of in inputs.items()
+                ],
+            ),
+        }
