@@ -43,7 +43,7 @@ _RESAMPLED = 1000
 _LEAST = {"seed": 0, "seconds": 0.1, "noise": 0.0}
 
 SHORT: Mapping[str, Mapping[str, Any]] = {
-    "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "rendered": False},
+    "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500},
     "fixation": {"n": 5},
     "loop": {"training_trials": 2},
     "pps_double_touches": {"starts": 4},

@@ -42,13 +42,6 @@ class PartMap:
     mapping: tuple[int, ...]
     counts: Mapping[int, NDArray[np.int64]]
 
-    def __post_init__(self) -> None:
-        if len(self.extent) not in _LIMITS.values() or (len(self.extent) == 2 and self.bins[1] != 1):
-            raise ValueError(f"{self.name}: ext {self.extent} with bins {self.bins}; expected 2 numbers (1D) or 4 (2D)")
-        for taxel, counts in self.counts.items():
-            if counts.shape != (*self.bins, 2):
-                raise ValueError(f"{self.name} {taxel}: counts {counts.shape}; expected {(*self.bins, 2)}")
-
 
 def read_taxels(file: Path) -> tuple[PartMap, ...]:
     """Return the maps of a taxels*.ini, one a body part.

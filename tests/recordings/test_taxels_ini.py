@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
+from pps_vision.recordings.taxels_ini import read_taxels, write_taxels
 
 HAND = """[l_hand]
 modality\t1D
@@ -97,10 +97,3 @@ def test_no_file_and_no_section(tmp_path: Path) -> None:
     (tmp_path / "empty.ini").write_text("\n")
     with pytest.raises(InputError, match=r"empty\.ini: no section"):
         read_taxels(tmp_path / "empty.ini")
-
-
-def test_maps_that_do_not_fit_together() -> None:
-    with pytest.raises(ValueError, match=r"expected 2 numbers \(1D\) or 4"):
-        PartMap("l_hand", (0.0, 1.0), (3, 2), (), {})
-    with pytest.raises(ValueError, match=r"l_hand 7: counts \(3, 2\); expected \(3, 1, 2\)"):
-        PartMap("l_hand", (0.0, 1.0), (3, 1), (7,), {7: np.zeros((3, 2), np.int64)})
