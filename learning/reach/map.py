@@ -92,7 +92,7 @@ class ReachableMap:
         stored = ("side", *_NAMES, "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
         data = read_archive(Path(path), _KIND, _VERSION, stored)
         try:
-            (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).tolist()
+            (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).reshape(3, 2).tolist()
             limits = GazeLimits((y0, y1), (p0, p1), (v0, v1))
             signed, optimality, error_m = (np.asarray(data[name], dtype=float) for name in _NUMBERS[:3])
             most, softness, expected, unanswered = (float(np.asarray(data[name], dtype=float)) for name in _NUMBERS[3:])
@@ -100,7 +100,7 @@ class ReachableMap:
             labels = Labels(**{**of, "reachable": of["reachable"] > 0})
             values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
             return cls(str(data["side"]), limits, *values, *(str(data[name]) for name in _NAMES))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise InputError(path, f"{_KIND} that does not fit together: {error}") from error
 
     @cached_property

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,6 +38,16 @@ def test_what_once_broke_a_reader_is_read_or_refused(name: str, content: bytes, 
     file.write_bytes(content)
     with suppress(InputError):
         READERS[name].read(tmp_path)
+
+
+@pytest.mark.parametrize("change", [{"unanswered": np.inf}, {"limits_rad": np.ones((3, 2, 3))}, {"optimality": 1j}])
+def test_a_map_that_once_broke_its_reader_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
+    (file,) = READERS["map"].write(tmp_path)
+    with np.load(file) as archive:
+        arrays = {**archive, **change}
+    np.savez(file, **arrays)
+    with pytest.raises(InputError, match=r"map\.npz: "):
+        READERS["map"].read(tmp_path)
 
 
 def test_mutants_differ_and_come_again_by_their_seed() -> None:
