@@ -81,18 +81,17 @@ def _run_episodes(
     world: World, memory: PPSMemory, reachable_map: ReachableMap, video: Path, stopwatch: Stopwatch, seed: int
 ) -> list[EpisodeLog]:
     """The logs of the four episodes, filmed."""
-    logs, start_s = [], 0.0
+    logs = []
     with VideoFile(video, fps=20) as film:
         for kind, avoid, title in tqdm(_EPISODES, desc="episodes", unit="episode", disable=None):
             # the same seed for both approaches: the same path with and without avoidance
             rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
             episode = replace(make_episode(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
             pipeline, steps = new_pipeline(world, memory, stopwatch, reachable_map), []
-            for step in simulate(world, episode, pipeline.step, avoid, start_s):
+            for step in simulate(world, episode, pipeline.step, avoid):
                 film.add(_drawn(world, step, title))
                 steps.append(step)
             logs.append(log_of(world, episode, steps, avoid))
-            start_s = logs[-1].stamps_s[-1] + 1.0
     return logs
 
 

@@ -1,10 +1,9 @@
 """`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
-from typing import ParamSpec, get_args
+from typing import Any, get_args
 
 import numpy as np
 from tqdm import tqdm
@@ -25,7 +24,7 @@ from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
 from rendering.motions import Motion, make_motion
-from rendering.names import MESH_SUFFIXES, StimulusName
+from rendering.names import MESH_SUFFIXES, MotionName, StimulusName
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
 from rendering.stimuli import Stimulus, make_stimulus
@@ -138,30 +137,21 @@ def _before_the_eyes(rng: np.random.Generator) -> Array:
     return np.array([-0.063, 0.0, 0.341]) + distance * ahead
 
 
-_P = ParamSpec("_P")
+def render(stimulus: StimulusName | Path, motion: MotionName, out: Path | str, **options: Any) -> Recording:
+    """Render a recording of an iCub that watches a moving object, and open it.
 
+    Args:
+        stimulus: What is shown: a name, or a mesh file (.stl, .obj, .ply).
+        motion: How it moves.
+        out: Folder to write; must be new or empty.
+        options: As in `pps-vision render --help`: seconds, fps, speed, radius, noise, carrier, head, seed, ….
 
-def _as_function(options: Callable[_P, RenderParams]) -> Callable[_P, Recording]:
-    """Return a function that takes what `RenderParams` takes."""
+    Returns:
+        The recording, with its calibration, joints, touches and true path.
 
-    def render(*args: _P.args, **kwargs: _P.kwargs) -> Recording:
-        """Render a recording of an iCub that watches a moving object, and open it.
-
-        Args:
-            stimulus: What is shown.
-            motion: How it moves.
-            out: Folder to write; must be new or empty.
-            options: As in `pps-vision render --help`: seconds, fps, speed, radius, noise, carrier, head, seed, ….
-
-        Returns:
-            The recording, with its calibration, joints, touches and true path.
-        """
-        asked = options(*args, **kwargs)
-        out = Path(asked.out)
-        record(replace(asked, out=out))
-        return open_recording(out)
-
-    return render
-
-
-render = _as_function(RenderParams)
+    Raises:
+        InputError: An option is out of its range, nothing can be seen so, or the folder cannot be written.
+    """
+    asked = RenderParams(stimulus, motion, Path(out), **options)
+    record(asked)
+    return open_recording(asked.out)

@@ -159,13 +159,10 @@ def new_pipeline(
     return Pipeline(PipelineParams(), world.robot, world.skin, tracker, memory, world.rng, reachable_map)
 
 
-def simulate(
-    world: World, episode: Episode, policy: Policy, avoid: bool = True, start_s: float = 0.0
-) -> Iterator[SimulationStep]:
+def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True) -> Iterator[SimulationStep]:
     """Yield the frames of an episode: render, let the policy command, move the robot.
 
-    The robot begins at home with its eyes on the object.  Without `avoid` the arm does not obey.  The first stamp is
-    `start_s`.
+    The robot begins at home with its eyes on the object.  Without `avoid` the arm does not obey.
     """
     robot, stimulus = world.robot, make_stimulus(episode.stimulus)
     world.eyes.set_stimulus(stimulus)
@@ -179,7 +176,7 @@ def simulate(
         p, v = episode.motion(t) if episode.motion is not None else (np.full(3, np.nan), np.zeros(3))
         touched = touched_taxels(taxels, p, stimulus.radius_m)
         state = SceneState(q, None if episode.motion is None else p, v)
-        frame = world.eyes.render(state, start_s + t, world.rng)
+        frame = world.eyes.render(state, t, world.rng)
         step = policy(frame, touched)
         yield SimulationStep(frame, step, p, taxels, touched, q)
         dq = step.command.dq_rad_s.copy()

@@ -32,12 +32,12 @@ def test_arrays_are_the_path_that_the_command_writes(approach: Path, tmp_path: P
     assert path.status.tolist() == [row[-1] for row in rows]
 
 
-def test_every_iteration_tracks_anew(approach: Path) -> None:
+def test_every_iteration_tracks_and_times_anew(approach: Path) -> None:
     run = pv.track(pv.open_recording(approach))
-    first = [step.track.position for step, _ in zip(run, range(12), strict=False)]
-    again = [step.track.position for step, _ in zip(run, range(12), strict=False)]
+    first, again = ([step.track.position for _, step in zip(range(12), run, strict=False)] for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert np.isfinite(first[-1]).all()
+    assert len(run.stopwatch.ms["total"]) == 12
 
 
 def test_a_recording_knows_its_robot_and_its_cameras(approach: Path) -> None:

@@ -144,7 +144,7 @@ def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:
 
 
 def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> None:
-    """Twelve rows, the first ten of which do not count; the object moves at 1 m/s along x, its truth every 10 ms."""
+    """The first ten rows do not count; the object moves at 1 m/s along x, its truth every 10 ms."""
     truth = [
         Truth(t, np.array([t, 0, 0]), np.array([1.0, 0, 0]), 0.03, np.zeros(2), np.zeros(2), True, True)
         for t in np.arange(0, 2, 0.01)
@@ -162,15 +162,16 @@ def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> Non
     later = [
         row(1.004, 0.003, Status.TRACKING),
         row(1.1, 0.004, Status.TRACKING),
+        row(1.15, 0.012, Status.TRACKING),
         row(1.2, 0.05, Status.COASTING),
         unknown(1.3),
         row(2.1, 9.0, Status.TRACKING),  # 0.1 s after the last row of the truth
     ]
     errors = errors_against(truth, warm_up + later)
-    assert errors["tracked_share"] == pytest.approx(2 / 5)
-    assert errors["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16) / 2))
-    assert errors["position_rms_all_mm"] == pytest.approx(np.sqrt((9 + 16 + 2500) / 3))
-    assert errors["position_median_mm"] == pytest.approx(3.5)
+    assert errors["tracked_share"] == pytest.approx(3 / 6)
+    assert errors["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16 + 144) / 3))
+    assert errors["position_rms_all_mm"] == pytest.approx(np.sqrt((9 + 16 + 144 + 2500) / 4))
+    assert errors["position_median_mm"] == pytest.approx(4.0)
     assert errors["velocity_rms_m_s"] == pytest.approx(0.1)
     assert np.isnan(errors_against(truth, warm_up)["position_rms_all_mm"])
 

@@ -1,5 +1,6 @@
 """`track --device`: the same path as without, and what it refuses."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +21,8 @@ def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
     main(["render", *words.split(), "--out", str(recording)])
     for name, device in (("alone", []), ("batches", ["--device", "cpu"])):
         main(["track", str(recording), "--mode", "marker", *device, "--out", str(tmp_path / name)])
+        total = json.loads((tmp_path / name / "summary.json").read_text())["ms_per_pair"]["total"]
+        assert total["runs"] == 20
     alone, batches = _path(tmp_path / "alone"), _path(tmp_path / "batches")
     assert np.isfinite(alone[2:]).all()
     assert np.allclose(alone, batches, rtol=0, atol=1e-4, equal_nan=True)
