@@ -156,7 +156,7 @@ def mutate_archive(content: bytes, rng: np.random.Generator) -> bytes:
         elif way == 2:
             arrays[name] = array[..., None] if rng.random() < 0.5 else array[:0] if array.ndim else array[None]
         elif way == 3:
-            kinds = ("U3", "S2") if array.dtype.kind in "US" else ("U3", "c16", "f2", "u1", "?", "S2")
+            kinds = ("U3", "S2") if array.dtype.kind in "USc" else ("U3", "c16", "f2", "u1", "?", "S2")
             with np.errstate(all="ignore"):
                 arrays[name] = array.astype(kinds[int(rng.integers(len(kinds)))])
         elif array.dtype.kind in "iuf" and array.size:
