@@ -130,7 +130,8 @@ class _Episode:
         """Let the adversary act for so many frames."""
         for _ in range(steps):
             given_s = self._next_stamp()
-            if np.isfinite(given_s) and given_s >= self.stamp_s:
+            in_order = given_s >= self.stamp_s  # else, after a refused frame, an accepted stamp may belie the posture
+            if np.isfinite(given_s) and in_order:
                 self._obey(given_s)
             if self.disturbed:
                 self.q = self.q + 0.02 * (self.rng.random() < 0.05) * self.rng.standard_normal(self.robot.n_joints)
@@ -142,7 +143,7 @@ class _Episode:
             self.found.slowest_ms = max(self.found.slowest_ms, 1000 * (time.perf_counter() - begin))
             self.found.steps += 1
             if step is not None:
-                self._check(step.command)
+                self._check(step.command, as_predicted=in_order and not self.disturbed)
                 self.found.modes[step.response.mode] += 1
                 self.command, self.taxels = step.command, self.skin.at(step.posture)
         return self.found
@@ -184,7 +185,7 @@ class _Episode:
         self.q = self.q + (held_s - before_s) * self.command.dq_rad_s
         self.stamp_s = until_s
 
-    def _check(self, command: JointVelocity) -> None:
+    def _check(self, command: JointVelocity, as_predicted: bool) -> None:
         """Check a command over the whole time for which it may be held."""
         robot, q, dq = self.robot, self.q, command.dq_rad_s
         end = q + command.valid_s * dq
@@ -202,7 +203,7 @@ class _Episode:
             if np.any(sudden & (np.abs(dq) > np.abs(self.command.dq_rad_s) + _TOLERANCE)):
                 self._fault("acceleration limit left by a joint that speeds up")
             self.found.sudden_stops += bool(sudden.any())
-            if sudden.any() and not self.disturbed:
+            if sudden.any() and as_predicted:
                 self._fault("sudden stop")
         if not np.any(dq[self.self_collision.moving]):
             return
