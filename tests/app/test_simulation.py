@@ -46,8 +46,11 @@ def test_episodes(world: World, memory: PPSMemory, case: Case, touched: bool, co
     print(f"seed {LOOP.seed}, {case} {number}: gap {1000 * np.nanmin([np.inf, *log.surface_gap_m.min(1)]):.0f} mm")
     assert log.was_touched == touched
     assert log.was_commanded == commanded
+    assert log.speed_m_s.any() == commanded
+    np.testing.assert_array_equal(log.touched, log.surface_gap_m <= TOUCH_RADIUS_M)
     if case != "own arm":
         assert np.isfinite(log.track_m[20:, 0]).mean() > 0.9
+        assert 1e-4 < np.nanmedian(log.track_std_m) < 0.01
     limits = world.robot.lower_rad - 1e-9, world.robot.upper_rad + 1e-9
     assert ((log.q_rad >= limits[0]) & (log.q_rad <= limits[1])).all()
 
