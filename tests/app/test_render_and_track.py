@@ -152,7 +152,7 @@ def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> Non
 
     def row(t: float, error_m: float, status: Status) -> Track3D:
         mean = np.zeros((4, 3))
-        mean[0], mean[1] = [t, error_m, 0], [1.0, 0, 0.1]
+        mean[0], mean[1] = [t, error_m, 0], [1.0, 0, 0.1 if status == Status.TRACKING else 0.5]
         return Track3D(t, mean, np.eye(12), 0.03, 0.0, status)
 
     def unknown(t: float) -> Track3D:
