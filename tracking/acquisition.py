@@ -30,6 +30,7 @@ from tracking.stereo import Association, CameraFrame, CameraFrames
 OwnBody = Callable[[Array, View], Mask]
 """Joints (rad) and an eye's view → the pixels (H, W) where the robot sees itself."""
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
+Backgrounds = tuple[Background, Background]
 Regions = tuple[list[Region2D], list[Region2D]]
 SearchCounts = Counter[str]
 """What the search has met so far: "frames" searched, those with "motion_left" and "motion_right", "candidates_left" and
@@ -37,6 +38,11 @@ SearchCounts = Counter[str]
 
 # Saturation of each colour bin, squared; the bins without a hue count as a tenth saturated.
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
+_SAME_MASK = 0.8  # overlap from which colours show the same object as the change
+_MOVED = 0.05  # of its area that a moving object covers anew in the trigger's interval: 2 cm/s cover 8 % of 6 cm
+_UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
+_SOLID = 0.9  # solidity below which what moves may be an object and what holds it
+_DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
 
 
@@ -73,6 +79,8 @@ class Candidate:
     model: ColorModel
     evidence: float
     flow: Flow2D | None
+    by_color: bool
+    """Whether its colours alone separate it from what surrounds it."""
 
 
 class Acquisition:
@@ -95,12 +103,12 @@ class Acquisition:
         cameras: CameraFrames,
         view: StereoView,
         stamp_s: float,
-        backgrounds: tuple[Background, Background] | None,
+        backgrounds: Backgrounds,
         association: Association,
     ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
         """Return the object in both eyes, if there is one, and the motion regions of each.
 
-        `backgrounds` replace colour in grey images.  The right image is searched only if something moves in the left
+        The right image is searched only if something moves in the left
         one; flow need not confirm it again.
         """
         with self.stages("trigger"):
@@ -115,7 +123,7 @@ class Acquisition:
                 for eye, (camera, regions) in enumerate(zip(cameras, (left, right), strict=True))
             )
             self._counts.update(candidates_left=len(a), candidates_right=len(b))
-            pair = self._best_pair(association, view, a, b, stamp_s, grey=backgrounds is not None)
+            pair = self._best_pair(association, view, a, b, stamp_s)
         return pair and _with_both_colors(*pair), (left, right)
 
     def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
@@ -131,10 +139,12 @@ class Acquisition:
         return None if own_body is None or joints is None else lambda: own_body(joints, camera.view)
 
     def _candidates(
-        self, eye: int, camera: CameraFrame, regions: list[Region2D], backgrounds: tuple[Background, Background] | None
+        self, eye: int, camera: CameraFrame, regions: list[Region2D], backgrounds: Backgrounds
     ) -> list[Candidate]:
-        evidence = backgrounds[eye].evidence(camera.image, camera.view) if backgrounds else None
-        found = (segment(self.params, camera.image, one, self._optics[eye], evidence) for one in regions)
+        then = self._triggers[eye].image_before(camera.view, camera.stamp_s)
+        known = then is not None and backgrounds[eye].is_known(camera.view)
+        change = None if then is None or not known else Change(backgrounds[eye], camera.view, then, camera.image)
+        found = (segment(self.params, camera.image, one, self._optics[eye], change) for one in regions)
         return [candidate for candidate in found if candidate is not None]
 
     def _best_pair(
@@ -144,13 +154,11 @@ class Acquisition:
         left: list[Candidate],
         right: list[Candidate],
         stamp_s: float,
-        *,
-        grey: bool,
     ) -> tuple[Candidate, Candidate] | None:
         """The two candidates that are one object, those with most evidence."""
         best, most = None, 0.0
         for a, b in itertools.product(left, right):
-            likeness = 1.0 if grey else a.model.similarity(b.model.object)
+            likeness = a.model.similarity(b.model.object)
             ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
             evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
             if likeness < self.params.min_likeness:
@@ -186,16 +194,45 @@ def find_marker_pair(
     return None
 
 
+@dataclass(frozen=True)
+class Change:
+    """What an eye at rest sees before its background, a moment ago and now."""
+
+    background: Background
+    view: View
+    then: Image
+    now: Image
+
+    def moving(self, seed: Mask, box: Box) -> Mask | None:
+        """(h, w) what has moved onto the seed as a whole: it has uncovered about as much as it covers anew.
+
+        None for an object that still overlaps the place where it rested when the background was learned, and for that
+        place.
+        """
+        mask = _connected(self.background.evidence(self.now, self.view, box) > 0.5, seed)
+        if mask is None:
+            return None
+        x0, y0, x1, y1 = box
+        height, width = self.now.shape[:2]
+        m = max(x1 - x0, y1 - y0)  # a fast object was so far away
+        wide = max(x0 - m, 0), max(y0 - m, 0), min(x1 + m, width), min(y1 + m, height)
+        before, now = (self.background.evidence(image, self.view, wide) > 0.5 for image in (self.then, self.now))
+        inside = np.s_[y0 - wide[1] : y1 - wide[1], x0 - wide[0] : x1 - wide[0]]
+        gained, lost = np.count_nonzero(mask & ~before[inside]), np.count_nonzero(before & ~now)
+        return mask if gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained else None
+
+
 def segment(
     params: AcquisitionParams,
     image: Image,
     region: Region2D,
     optics: Optics,
-    evidence: NDArray[np.float32] | None = None,
+    change: Change | None = None,
 ) -> Candidate | None:
     """Return the object whose edge or body moved in `region`; None where nothing stands out there.
 
-    `evidence` (H, W), the probability that a pixel is not the background, replaces colour in grey images.
+    Colours show it, or the `change` of an eye at rest against its background.  Several colours that move as one solid
+    thing are one object; of what is not solid (an arm that holds something) distinct colours are the object.
     """
     x, y, w, h = region.box_px
     height, width = image.shape[:2]
@@ -205,19 +242,47 @@ def segment(
     seed = np.zeros((box[3] - box[1], box[2] - box[0]), bool)
     seed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
     bins = color_bins(image[crop])
-    mask: Mask | None
-    model: ColorModel | None
-    distinctness = 1.0
-    if evidence is None:
-        mask, model = _grow(params, bins, seed)
-        distinctness = 1 - model.similarity(model.background) if model else 0.0
-    else:
-        mask = _connected(evidence[crop] > 0.5, seed)
-        model = None if mask is None else _model(bins, mask)
+    mask, model = _grow(params, bins, seed)
+    if mask is not None and _is_cut(mask, box, image):
+        mask = model = None
+    by_color = model is not None
+    if change is not None:
+        whole = change.moving(seed, box)
+        by_color = model is not None and model.similarity(model.background) < _DISTINCT
+        if whole is None and not by_color:
+            return None
+        if whole is not None and not (by_color and _shows_the_object(mask, whole)):
+            mask, model, by_color = whole, _model(bins, whole), False
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None
     shape = _object_outline(params, image, mask, box, optics)
-    return None if shape is None else Candidate(shape, model, region.evidence * distinctness, region.flow)
+    if shape is None:
+        return None
+    evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
+    return Candidate(shape, model, evidence, region.flow, by_color)
+
+
+def _is_cut(mask: Mask, box: Box, image: Image) -> bool:
+    """Whether a mask of a box goes on beyond it, within the image."""
+    height, width = image.shape[:2]
+    x0, y0, x1, y1 = box
+    sides = (mask[:, 0], x0 > 0), (mask[0], y0 > 0), (mask[:, -1], x1 < width), (mask[-1], y1 < height)
+    return any(inner and bool(side.any()) for side, inner in sides)
+
+
+def _shows_the_object(mask: Mask | None, whole: Mask) -> bool:
+    """Whether the mask of a colour is the object of which `whole` moves: nearly all of it, or what something holds."""
+    if mask is None:
+        return False
+    overlap = np.count_nonzero(mask & whole) / np.count_nonzero(mask | whole)
+    return bool(overlap > _SAME_MASK or _solidity(whole) < _SOLID)
+
+
+def _solidity(mask: Mask) -> float:
+    """Share of its convex hull that a connected mask fills."""
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    hull = cv2.convexHull(np.concatenate(contours))
+    return float(np.count_nonzero(mask)) / max(float(cv2.contourArea(hull)), 1.0)
 
 
 def _object_outline(params: AcquisitionParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:

@@ -1,50 +1,110 @@
-"""The scene without the object, for images that have no colour to tell it by."""
+"""The background of an eye at rest: what it sees behind everything that moves."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import View
+from pps_vision.jit import njit
 from pps_vision.types import Image
-from tracking.ego_motion import EgoMotion
+from tracking.ego_motion import Box, EgoMotion
+from tracking.masks import square
 
-_RISE_LEVELS = 1.5  # grey levels from 'certainly background' to even odds, and again to certain
+_BANDS = 4  # an image is learned in so many bands of rows, one a frame
+_RATE = 0.1  # of the running mean
+_NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
+_STEP = 16  # px between the samples of gain and noise
+_LIT = 20.0  # grey levels: darker pixels do not tell the gain
+
+Pixels = NDArray[np.float32]  # (h, w, 3)
 
 
 class Background:
-    """A running average of one eye's grey images, held where the object is.
+    """Mean colours of one eye's images, smoothed over 3×3 px, where nothing moves.
 
-    It begins anew when the eye moves: warped to another pose, every edge at an unknown distance
-    would pass for an object, and a confident wrong track is worse than none.
+    What a changed pixel shows becomes its background once it has shown it for `memory_s`, except near the tracked
+    object.  The background begins anew when the eye has moved.
     """
 
     def __init__(self, ego: EgoMotion, memory_s: float) -> None:
         self.ego, self.memory_s = ego, memory_s
-        self._scene: NDArray[np.float32] | None = None
         self._view: View | None = None
-        self._stamp_s = 0.0
+        self._mean = self._recent = np.empty((0, 0, 3), np.float32)
+        self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
+        self._gain, self._threshold, self._band = 1.0, _MIN_CONTRAST, 0
 
-    def evidence(self, image: Image, view: View) -> NDArray[np.float32]:
-        """(H, W) probability that each pixel is not the background: ½ at the noise's edge."""
-        if self._scene is None or self._view is None or not self.ego.is_still(self._view, view):
-            return np.zeros(image.shape[:2], np.float32)
-        grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3)).astype(np.float32)
-        kernel = np.ones((3, 3), np.uint8)
-        over = cv2.max(grey - cv2.dilate(self._scene, kernel), cv2.erode(self._scene, kernel) - grey)
-        noise = 1.4826 * float(np.median(np.abs(grey[::4, ::4] - self._scene[::4, ::4])))
-        odds: NDArray[np.float32] = np.clip(over / (2 * max(_RISE_LEVELS, 3 * noise)), 0.0, 1.0)
-        return odds
+    def is_known(self, view: View) -> bool:
+        """Whether there is a background for an eye at this pose."""
+        return self._view is not None and self.ego.is_still(self._view, view)
 
-    def learn(self, image: Image, view: View, stamp_s: float, boxes: list[tuple[float, float, float, float]]) -> None:
-        """Take an image in, except around the `boxes` (x, y, width, height px) of what moves."""
-        grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (3, 3)).astype(np.float32)
-        if self._scene is None or self._view is None or not self.ego.is_still(self._view, view):
-            self._scene, self._view, self._stamp_s = grey, view, stamp_s
-        rate = 1 - float(np.exp(-max(stamp_s - self._stamp_s, 0.0) / self.memory_s))
-        newer = self._scene + rate * (grey - self._scene)
-        for x, y, w, h in boxes:
-            keep = np.s_[
-                max(int(y - 0.3 * h), 0) : int(y + 1.3 * h) + 1, max(int(x - 0.3 * w), 0) : int(x + 1.3 * w) + 1
-            ]
-            newer[keep] = self._scene[keep]
-        self._scene, self._stamp_s = newer, stamp_s
+    def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
+        """(h, w) probability that a pixel of the box is not the background: ½ at the noise's edge, 0 if none is known.
+
+        A pixel is compared with the range of its neighbours in the background.
+        """
+        x0, y0, x1, y1 = box
+        if not self.is_known(view):
+            return np.zeros((y1 - y0, x1 - x0), np.float32)
+        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
+        now = cv2.blur(image[top:bottom, left:right], (3, 3)).astype(np.float32)
+        mean = self._mean[top:bottom, left:right] * np.float32(self._gain)
+        over = cv2.max(now - cv2.dilate(mean, square(1)), cv2.erode(mean, square(1)) - now).max(axis=2)
+        over = over[y0 - top : y1 - top, x0 - left : x1 - left]
+        return np.asarray(np.clip(over / (2 * self._threshold), 0.0, 1.0), np.float32)
+
+    def learn(
+        self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
+    ) -> None:
+        """Take an image in, except around the box (x, y, width, height px) of what is tracked."""
+        if not self.is_known(view):
+            self._view, self._mean = view, cv2.blur(image, (3, 3)).astype(np.float32)
+            self._recent, self._since_s = self._mean.copy(), np.full(image.shape[:2], stamp_s)
+            return
+        height = len(image)
+        top, bottom = height * self._band // _BANDS, height * (self._band + 1) // _BANDS
+        self._band = (self._band + 1) % _BANDS
+        now = np.asarray(cv2.blur(image[top:bottom], (3, 3)), np.uint8)
+        rows = np.s_[top:bottom]
+        self._measure_levels(image, now[::_STEP, ::_STEP], self._mean[rows][::_STEP, ::_STEP])
+        x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
+        kept = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
+        layers = self._mean[rows], self._recent[rows], self._since_s[rows]
+        _learn(now, *layers, self._gain, self._threshold, stamp_s, self.memory_s, kept)
+
+    def _measure_levels(self, image: Image, now: NDArray[np.uint8], mean: Pixels) -> None:
+        """How much brighter the image is than the background, and from which difference a pixel has changed."""
+        whole, known = image[::_STEP, ::_STEP], self._mean[::_STEP, ::_STEP]
+        lit = known > _LIT
+        self._gain = float(np.median(whole[lit] / known[lit])) if lit.any() else 1.0
+        noise = 1.4826 * float(np.median(np.abs(now - self._gain * mean)))
+        self._threshold = max(_NOISE_FACTOR * noise, _MIN_CONTRAST)
+
+
+@njit(cache=True, error_model="numpy")
+def _learn(
+    now: NDArray[np.uint8],
+    mean: Pixels,
+    recent: Pixels,
+    since_s: NDArray[np.float64],
+    gain: float,
+    threshold: float,
+    stamp_s: float,
+    memory_s: float,
+    kept: tuple[int, int, int, int],
+) -> None:
+    """Update `mean`, `recent` (h, w, 3) and `since_s` (h, w) with the rows `now`; not the mean in the box `kept`."""
+    rows, columns = since_s.shape
+    scale, rate, limit = np.float32(1 / gain), np.float32(_RATE), np.float32(threshold)
+    for y in range(rows):
+        for x in range(columns):
+            red, green, blue = scale * now[y, x, 0], scale * now[y, x, 1], scale * now[y, x, 2]
+            r, g, b = mean[y, x, 0], mean[y, x, 1], mean[y, x, 2]
+            if max(abs(red - recent[y, x, 0]), abs(green - recent[y, x, 1]), abs(blue - recent[y, x, 2])) > limit:
+                recent[y, x, 0], recent[y, x, 1], recent[y, x, 2], since_s[y, x] = red, green, blue, stamp_s
+            if kept[0] <= x < kept[2] and kept[1] <= y < kept[3]:
+                continue
+            if max(abs(red - r), abs(green - g), abs(blue - b)) <= limit:
+                mean[y, x, 0], mean[y, x, 1] = r + rate * (red - r), g + rate * (green - g)
+                mean[y, x, 2] = b + rate * (blue - b)
+            elif stamp_s - since_s[y, x] > memory_s:
+                mean[y, x, 0], mean[y, x, 1], mean[y, x, 2] = red, green, blue

@@ -1,4 +1,4 @@
-"""Checks of a stereo frame before it is tracked: is it well-formed, does it show anything, is it new, is it grey?
+"""Checks of a stereo frame before it is tracked: is it well-formed, does it show anything, is it new?
 
 Some camera drivers repeat their last image under new stamps.  With a moving head, an object that rests in the image
 would then move through the world.  Such an image is no observation.
@@ -32,12 +32,6 @@ def check(frame: StereoFrame, rig: StereoRig, last_s: Stamps) -> None:
         expected = camera.height, camera.width, 3
         if image.shape != expected or image.dtype != np.uint8:
             raise InputError("frame", f"{name} image {image.shape} {image.dtype}; expected {expected} uint8")
-
-
-def is_grey(image: Image) -> bool:
-    """Whether an RGB image carries no colour at all."""
-    few = image[::16, ::16]
-    return bool((few[..., 1:] == few[..., :1]).all())
 
 
 Sums = tuple[float, float, float, float, float, float, float]

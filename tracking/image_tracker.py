@@ -1,7 +1,9 @@
 """Image tracker of one camera: colour likelihood → particle filter → mask → sub-pixel outline (R Fig 13)."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -23,7 +25,10 @@ from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
 from tracking.stereo import CameraFrame
 
+Evidence = Callable[[Box], NDArray[np.float32]]
+"""(h, w) probability that each pixel of a box is not the background."""
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
+_SEPARABLE = 0.8  # Bhattacharyya coefficient of an object's and its surroundings' colours up to which they tell it
 _WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
 _SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
@@ -84,10 +89,18 @@ class ImageTracker:
     def __init__(self, params: ImageTrackerParams, optics: Optics, rng: np.random.Generator) -> None:
         self.params, self.optics, self.rng = params, optics, rng
 
-    def start(self, image: Image, box: BoxPx, model: ColorModel | None = None, shift_px: Array | None = None) -> Target:
+    def start(
+        self,
+        image: Image,
+        box: BoxPx,
+        model: ColorModel | None = None,
+        shift_px: Array | None = None,
+        fill: float | None = None,
+    ) -> Target:
         """The target that fills a box, its colours taken from the image or from another `model`.
 
-        `shift_px` (2,) is its motion from one image to the next (None: at rest).
+        `shift_px` (2,) is its motion from one image to the next (None: at rest); `fill` the share of the box that it
+        covers (None: as its colours show).
         """
         x, y, w, h = box
         center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
@@ -97,18 +110,19 @@ class ImageTracker:
         model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
         size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
-        mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
-        whole = None if mask is None else fit_outline(image, mask, roi, self.optics)
-        fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
+        if fill is None:
+            mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
+            whole = None if mask is None else fit_outline(image, mask, roi, self.optics)
+            fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
         cloud = spawn(self.params.particles, center, size, 0.5, self.rng, shift_px)
         return Target(model, cloud, size, shape, fill)
 
     def step(
-        self, target: Target, image: Image, prior: Prior | None = None, evidence: NDArray[np.float32] | None = None
+        self, target: Target, image: Image, prior: Prior | None = None, evidence: Evidence | None = None
     ) -> tuple[Target, ImageDetection | None]:
         """The target in the next image, and its detection; None where it does not show.
 
-        `evidence` (H, W) replaces the colour likelihood in grey images.
+        `evidence` replaces the likelihood of its colours.
         """
         s, p = target, self.params.particles
         if prior:
@@ -123,7 +137,7 @@ class ImageTracker:
             return s, None
         crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
         bins = color_bins(image[crop])
-        likelihood = s.model.table()[bins] if evidence is None else evidence[crop]
+        likelihood = s.model.table()[bins] if evidence is None else evidence(roi)
         weights = weigh(p, cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
         center = _mode(cloud, weights, s.size)
         s = replace(s, cloud=resample(cloud, weights, self.rng))
@@ -145,7 +159,7 @@ class ImageTracker:
         size = float(np.sqrt(outline.area_px / target.fill))
         return replace(target, cloud=_moved_to(target.cloud, outline.center_px, size), size=size)
 
-    def _narrowed(self, s: Target, image: Image, prior: Prior, evidence: NDArray[np.float32] | None) -> Prior:
+    def _narrowed(self, s: Target, image: Image, prior: Prior, evidence: Evidence | None) -> Prior:
         """Instead of a wide prior, one around the place in it where something of the object's size stands out most
         from its surroundings."""
         w, h = (s.size * side for side in s.shape)
@@ -153,7 +167,7 @@ class ImageTracker:
         if roi[2] <= roi[0] or roi[3] <= roi[1]:
             return prior
         crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
-        likelihood = s.model.table()[color_bins(image[crop])] if evidence is None else evidence[crop]
+        likelihood = s.model.table()[color_bins(image[crop])] if evidence is None else evidence(roi)
         inside, wider = (_box_mean(likelihood, w * k, h * k) for k in (1, 2))
         x, y = (np.arange(roi[k], roi[k + 2]) - prior.center_px[k] for k in (0, 1))
         far = (x * x)[None, :] + (y * y)[:, None]
@@ -251,16 +265,18 @@ def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
 
 class CameraState(NamedTuple):
     """What one camera's tracker knows of the object: its target, None for a marker; the offset of its outline's centre
-    from the track's projection (calibration error), px; its apparent diameter, px."""
+    from the track's projection (calibration error), px; its apparent diameter, px; whether it is followed by what
+    changes before the background, since colours do not separate it."""
 
     target: Target | None = None
     offset_px: tuple[float, float] = (0.0, 0.0)
     size_px: float = 0.0
+    by_background: bool = False
 
 
 class CameraTracker:
-    """One camera's tracker: where the track predicts the object, and where it is.  Holds no state but the background of
-    grey images."""
+    """One camera's tracker: where the track predicts the object, and where it is.  Holds no state but the
+    background."""
 
     def __init__(
         self,
@@ -288,21 +304,26 @@ class CameraTracker:
         return Prior(np.array(center), std_px, min(max(growth, 0.8), 1.25))
 
     def find(
-        self, state: CameraState, camera: CameraFrame, prior: Prior | None, grey: bool
+        self, state: CameraState, camera: CameraFrame, prior: Prior | None
     ) -> tuple[CameraState, ImageDetection | None]:
         """The object near its prior: as it was found beforehand (`batch`), else searched."""
         if prior is None:
             return state, None
-        given = self._given(state, camera.found or [], prior)
+        given = None if state.by_background else self._given(state, camera.found or [], prior)
         if self.marker is not None:
             return state, given or self._find_marker(self.marker, state, camera, prior)
         if state.target is None:
             return state, None
         if given is not None:
             return state._replace(target=self.image_tracker.follow(state.target, given.outline)), given
-        evidence = self.background.evidence(camera.image, camera.view) if grey else None
+        model, by_background = state.target.model, state.by_background
+        if by_background and not self.background.is_known(camera.view):  # the eye moves: colours must do
+            if model.similarity(model.background) > _SEPARABLE:
+                return state, None
+            by_background = False
+        evidence = partial(self.background.evidence, camera.image, camera.view) if by_background else None
         target, found_object = self.image_tracker.step(state.target, camera.image, prior, evidence)
-        return state._replace(target=target), found_object
+        return state._replace(target=target, by_background=by_background), found_object
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior

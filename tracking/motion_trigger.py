@@ -156,6 +156,13 @@ class MotionTrigger:
         """Keep an image to compare later ones with, without looking for motion in it."""
         self._past.append(self._next(image, view, stamp_s, own))
 
+    def image_before(self, view: View, stamp_s: float) -> Image | None:
+        """Return the oldest image since `interval_s` before, of an eye that has not moved; None if there is none."""
+        for one in self._past:
+            if 0 < stamp_s - one.stamp_s <= self.params.interval_s + 1e-6 and self._ego.is_still(one.view, view):
+                return one.image
+        return None
+
     def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Past:
         while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:
             self._past.popleft()

@@ -55,7 +55,7 @@ class TrackerParams:
     """Error of an outline's centre that both cameras share and that no frame averages out (light, defocus): a standard
     deviation across the line of sight.  Chosen on rendered balls and markers (bench consistency)."""
     background_memory_s: float = 0.3
-    """Time over which the background of grey images is learnt."""
+    """What an eye at rest sees unchanged for this long becomes its background."""
     acquisition: AcquisitionParams = field(default_factory=AcquisitionParams)
     """Motion trigger and acquisition."""
     image: ImageTrackerParams = field(default_factory=ImageTrackerParams)
@@ -169,19 +169,16 @@ class Tracker:
         """Detect, associate, update, initiate or delete."""
         images = frame_checks.fingerprints(frame)
         blind = frame_checks.is_blind(images, state.images)
-        grey = self.params.mode == "generic" and frame_checks.is_grey(frame.left)
-        cameras, stamp_s = camera_frames(frame, view, (None, None) if grey else found), frame.stamp_s
+        cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
-        state, predicted, detections, regions = self._detect(
-            state, predicted, cameras, view, stamp_s, blind=blind, grey=grey
-        )
+        state, predicted, detections, regions = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
         with self.stages("triangulation"):
             state, observation = self._associate(state, predicted, cameras, view, stamp_s, detections)
         with self.stages("filter"):
             state, belief, updated = self._update(state, predicted, observation, view, stamp_s)
             state, track = self._manage(state, belief, observation if updated else None, view, stamp_s, blind=blind)
         if not blind:
-            state = self._learn(state, cameras, detections, observation, grey=grey)
+            state = self._learn(state, cameras, detections, observation)
         state = replace(state, stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
         parts = zip(self._cameras, cameras, detections, strict=True)
         messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
@@ -196,7 +193,6 @@ class Tracker:
         stamp_s: float,
         *,
         blind: bool,
-        grey: bool,
     ) -> tuple[TrackerState, Belief | None, Detections, Regions]:
         """The object in both images: near the prediction, else anywhere.
 
@@ -206,12 +202,12 @@ class Tracker:
         if blind:
             return state, predicted, _NOTHING, regions
         if predicted is None:
-            state, detections, regions = self._acquire(state, cameras, view, stamp_s, grey=grey)
+            state, detections, regions = self._acquire(state, cameras, view, stamp_s)
             return state, None, detections, regions
         with self.stages("image"):
-            state, detections = self._follow(state, predicted, cameras, grey=grey)
-        if None in detections and state.hits >= self.params.confirm_frames and not grey:
-            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, grey=grey)
+            state, detections = self._follow(state, predicted, cameras)
+        if None in detections and state.hits >= self.params.confirm_frames:
+            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s)
             if elsewhere[0] is not None:
                 return acquired, None, elsewhere, regions
         return state, predicted, detections, regions
@@ -221,13 +217,11 @@ class Tracker:
         state: TrackerState,
         predicted: Belief,
         cameras: CameraFrames,
-        *,
-        grey: bool,
     ) -> tuple[TrackerState, Detections]:
         """The object near where the track predicts it."""
         last = state.belief or predicted
         (a, left), (b, right) = (
-            tracker.find(one, camera, tracker.predict(one, camera, last, predicted), grey)
+            tracker.find(one, camera, tracker.predict(one, camera, last, predicted))
             for tracker, one, camera in zip(self._cameras, state.cameras, cameras, strict=True)
         )
         return replace(state, cameras=(a, b)), (left, right)
@@ -238,8 +232,6 @@ class Tracker:
         cameras: CameraFrames,
         view: StereoView,
         stamp_s: float,
-        *,
-        grey: bool,
     ) -> tuple[TrackerState, Detections, Regions]:
         """An object anywhere in both images; while one is tracked, that one only."""
         association = state.association
@@ -251,20 +243,26 @@ class Tracker:
             if marker is None or not self._passes_gate(state, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
             return state, _detections(*marker), ([], [])
-        scenes = (self._cameras[0].background, self._cameras[1].background) if grey else None
-        pair, regions = self._acquisition.step(cameras, view, stamp_s, scenes, association)
+        backgrounds = self._cameras[0].background, self._cameras[1].background
+        pair, regions = self._acquisition.step(cameras, view, stamp_s, backgrounds, association)
         if pair is None:
             return state, _NOTHING, regions
         outlines = pair[0].outline, pair[1].outline
         if not self._passes_gate(state, view, outlines, stamp_s, (pair[0].model, pair[1].model)):
             return state, _NOTHING, regions
+        by_color = pair[0].by_color and pair[1].by_color
         period_s, targets = cameras[0].stamp_s - state.stamps_s[0], []
         with self.stages("image"):
             for tracker, camera, one in zip(self._cameras, cameras, pair, strict=True):
                 flow = one.flow
                 shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * period_s
-                targets.append(tracker.image_tracker.start(camera.image, one.outline.box_px, one.model, shift_px))
-        left, right = (one._replace(target=target) for one, target in zip(state.cameras, targets, strict=True))
+                x, y, w, h = one.outline.box_px
+                fill = None if by_color else one.outline.area_px / (w * h)
+                targets.append(tracker.image_tracker.start(camera.image, (x, y, w, h), one.model, shift_px, fill))
+        left, right = (
+            one._replace(target=target, by_background=not by_color)
+            for one, target in zip(state.cameras, targets, strict=True)
+        )
         return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines), regions
 
     def _passes_gate(
@@ -374,15 +372,12 @@ class Tracker:
         cameras: CameraFrames,
         detections: Detections,
         observation: Observation3D | None,
-        *,
-        grey: bool,
     ) -> TrackerState:
         """Remember how each camera sees the object, its colours once it is confirmed, and the scene without it."""
         each = list(zip(self._cameras, cameras, detections, strict=True))
-        if grey:
+        if self.params.mode == "generic":
             for tracker, camera, one in each:
-                boxes = [one.box_px] if one else []
-                tracker.background.learn(camera.image, camera.view, camera.stamp_s, boxes)
+                tracker.background.learn(camera.image, camera.view, camera.stamp_s, one.box_px if one else None)
         if state.belief is None:
             return state
         belief = state.belief
@@ -393,13 +388,7 @@ class Tracker:
             for (tracker, camera, one), known in zip(each, state.cameras, strict=True)
         )
         appearance = state.appearance
-        if (
-            appearance is None
-            and state.hits >= self.params.confirm_frames
-            and not grey
-            and left.target
-            and right.target
-        ):
+        if appearance is None and state.hits >= self.params.confirm_frames and left.target and right.target:
             appearance = left.target.model, right.target.model
         return replace(state, cameras=(left, right), appearance=appearance)
 

@@ -107,7 +107,7 @@ def test_jerk_stops_at_its_waypoints_and_peaks_at_its_speed() -> None:
 
 def test_senseless_motions_are_refused() -> None:
     rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match=r"motion 'hop'.*approach"):
+    with pytest.raises(ValueError, match=r"motion: 'hop'.*approach"):
         make_motion("hop", rng, CENTER, SPEED)  # type: ignore[arg-type]
     for speed in (0.0, -0.1, np.nan):
         with pytest.raises(ValueError, match="expected a positive number"):

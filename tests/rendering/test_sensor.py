@@ -60,7 +60,7 @@ def test_the_generator_decides() -> None:
 @pytest.mark.parametrize("name", ["noise_sigma", "shot", "exposure", "blur_s"])
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_senseless_numbers_are_refused(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"sensor {name}"):
+    with pytest.raises(ValueError, match=f"sensor: {name}"):
         Sensor(**{name: value})
 
 

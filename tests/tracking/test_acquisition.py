@@ -4,12 +4,15 @@ from collections import Counter
 from contextlib import nullcontext
 
 import numpy as np
+import pytest
 from ball_scenes import Sphere, frame
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
-from tracking.acquisition import Acquisition, AcquisitionParams
+from tracking.acquisition import Acquisition, AcquisitionParams, Change
+from tracking.background import Background
+from tracking.ego_motion import EgoMotion
 from tracking.outline import Optics
 from tracking.stereo import Association, StereoParams, camera_frames
 
@@ -24,11 +27,12 @@ def test_one_eye_that_confirms_a_motion_is_enough(robot: Robot, rig: StereoRig) 
     rng = np.random.default_rng(3)
     acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), Counter())
     association = Association.untrained(StereoParams(), rig.left.width)
+    backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
     found = []
     for k in range(9):
         p = view.right.center + (0.45 - 0.012 * max(k - 4, 0)) * view.right.rays([150.0, 120.0])
         one = frame(rig, q, [Sphere(p, 0.03, (210, 45, 40))], DT * k, rng)
-        pair, regions = acquisition.step(camera_frames(one, view), view, DT * k, None, association)
+        pair, regions = acquisition.step(camera_frames(one, view), view, DT * k, backgrounds, association)
         found.append(pair is not None)
     assert regions[0][0].flow is not None
     assert found == [False] * 8 + [True]
@@ -45,13 +49,68 @@ def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(robot: Rob
     optics = Optics(rig.left), Optics(rig.right)
     acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), Counter())
     association = Association.untrained(StereoParams(), rig.left.width)
+    backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
     pairs = []
     for k in range(9):
         small, large = (start + 0.012 * max(k - 4, 0) * across for start in starts)
         balls = [Sphere(small, 0.015, (210, 45, 40)), Sphere(large, 0.035, (40, 60, 210))]
         one = frame(rig, q, balls, DT * k, rng)
-        pair, _ = acquisition.step(camera_frames(one, view), view, DT * k, None, association)
+        pair, _ = acquisition.step(camera_frames(one, view), view, DT * k, backgrounds, association)
         pairs += [pair] if pair else []
     assert pairs
     for pair in pairs:
         assert abs(pair[0].outline.center_px[0] - 240) < 10
+
+
+def drawn(rng: np.random.Generator, *discs: tuple[int, int, int]) -> np.ndarray:
+    """A textured wall with grey discs (x, y, radius)."""
+    wall = np.kron(np.random.default_rng(0).uniform(60, 180, (24, 32, 3)), np.ones((10, 10, 1)))
+    y, x = np.mgrid[:240, :320]
+    for u, v, r in discs:
+        wall[(x - u) ** 2 + (y - v) ** 2 < r * r] = 125.0
+    return np.clip(wall + 2 * rng.standard_normal(wall.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("learned", "then", "now", "seen"),
+    [
+        ([], [(100, 120, 20)], [(112, 120, 20)], True),  # it entered, and moves
+        ([], [(60, 120, 20)], [(160, 120, 20)], True),  # the same, faster than its size
+        ([(100, 120, 20)], [(100, 120, 20)], [(112, 120, 20)], False),  # it still overlaps the place where it stood
+        ([(40, 120, 20)], [(150, 120, 20)], [(162, 120, 20)], True),  # it has left that place
+        ([], [(112, 120, 20)], [(112, 120, 20)], False),  # it rests
+    ],
+)
+def test_what_moves_as_a_whole_before_a_background(
+    learned: list[tuple[int, int, int]],
+    then: list[tuple[int, int, int]],
+    now: list[tuple[int, int, int]],
+    seen: bool,
+    rng: np.random.Generator,
+    rig: StereoRig,
+    robot: Robot,
+) -> None:
+    view = rig.view(home(robot)).left
+    background = Background(EgoMotion(rig.left), 0.3)
+    for k in range(12):
+        background.learn(drawn(rng, *learned), view, DT * k, None)
+    (u, v, r), box = now[0], (60, 60, 260, 180)
+    seed = np.zeros((120, 200), bool)
+    seed[v - 60 - r : v - 60 + r, u - 60 - r : u - 60 + r] = True
+    mask = Change(background, view, drawn(rng, *then), drawn(rng, *now)).moving(seed, box)
+    assert (mask is not None) == seen
+    if mask is not None:
+        y, x = np.nonzero(mask)
+        np.testing.assert_allclose((x.mean() + 60, y.mean() + 60), (u, v), atol=1.0)
+        assert len(x) == pytest.approx(np.pi * r * r, rel=0.2)
+
+
+def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig: StereoRig, robot: Robot) -> None:
+    view = rig.view(home(robot)).left
+    background = Background(EgoMotion(rig.left), 0.3)
+    for k in range(12):
+        background.learn(drawn(rng, (80, 120, 18)), view, DT * k, None)
+    seed = np.zeros((120, 120), bool)
+    seed[40:80, 20:60] = True
+    away = Change(background, view, drawn(rng, (200, 120, 18)), drawn(rng, (212, 120, 18)))
+    assert away.moving(seed, (40, 60, 160, 180)) is None

@@ -131,33 +131,6 @@ def test_a_confirmed_ball_is_found_in_batches_without_its_particles(
         assert len(step.detections) == 2
 
 
-def test_in_a_grey_image_outlines_by_colour_are_not_used(
-    rig: StereoRig, robot: Robot, rng: np.random.Generator
-) -> None:
-    """Given outlines 3 px off: the tracker takes them in a colour image, and not in a grey one."""
-    for grey in (False, True):
-        tracker = Tracker(TrackerParams(), rig, np.random.default_rng(0))
-        *before, last = _film(rig, robot, BLUE, rng)[:8]
-        for one in before:
-            seen = tracker.step(one).detections
-        assert tracker.appearance
-        (shapes,) = batch.find(tracker.appearance[0], [last.left], Optics(rig.left), DEVICES[0])
-        assert shapes
-        off = replace(shapes[0], center_px=shapes[0].center_px + 3.0)
-        if grey:
-            last = replace(
-                last,
-                **{
-                    eye: cv2.cvtColor(getattr(last, eye), cv2.COLOR_RGB2GRAY)[..., None].repeat(3, 2)
-                    for eye in ("left", "right")
-                },
-            )
-        step = tracker.step(last, ([off], None))
-        given = [one for one in step.detections if one.camera == "left" and np.allclose(one.center_px, off.center_px)]
-        assert bool(given) != grey
-        assert seen
-
-
 def test_a_lost_balls_colours_are_no_longer_searched(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
     q, frames = home(robot), _film(rig, robot, BLUE, rng)[:8]
     empty = [frame(rig, q, [], 0.05 * (8 + k), rng) for k in range(14)]

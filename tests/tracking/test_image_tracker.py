@@ -146,7 +146,7 @@ def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random
     state = CameraState(tracker.image_tracker.start(image, (132.0, 92.0, 37.0, 37.0)))
     camera = CameraFrame(image, view, 0.0, None, [large])
     state = tracker.remember(state, camera, large, belief)
-    moved, found = tracker.find(state, camera, tracker.predict(state, camera, belief, belief), grey=False)
+    moved, found = tracker.find(state, camera, tracker.predict(state, camera, belief, belief))
     assert found is not None
     assert found.outline is large
     assert moved.target is not None
@@ -184,7 +184,7 @@ def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
     prior = prior._replace(std_px=2.0)
     here, elsewhere = (replace(seen, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0))
     for given, taken in (([elsewhere, here], here), ([elsewhere], None)):
-        found = tracker.find(state, camera(0.05)._replace(found=given), prior, grey=False)[1]
+        found = tracker.find(state, camera(0.05)._replace(found=given), prior)[1]
         assert (found and found.outline) is taken
 
 

@@ -187,6 +187,26 @@ def test_nothing_moves_nothing_is_tracked(world: World, rng: np.random.Generator
         assert step.observation is None
 
 
+@pytest.mark.parametrize(("color", "stripes"), [((128.0, 128.0, 128.0), 0), ((30.0, 30.0, 30.0), 0), (RED, 4)])
+def test_eyes_at_rest_track_what_no_single_colour_separates(
+    rig: StereoRig, robot: Robot, color: tuple[float, float, float], stripes: int, rng: np.random.Generator
+) -> None:
+    """A grey, a black and a striped ball, which rest in view for half a second and then move."""
+    q = home(robot)
+    ahead = rig.view(q).left.T_root_camera
+    tracker, off, radii = Tracker(TrackerParams(), rig, rng), [], []
+    for k in range(40):
+        position = (ahead @ np.array([-0.05 + 0.008 * max(k - 10, 0), 0.02, 0.45, 1.0]))[:3]
+        step = tracker.step(frame(rig, q, [Sphere(position, 0.03, color, stripes)], DT * k, rng))
+        if step.track.status is Status.TRACKING:
+            off.append(np.linalg.norm(step.track.position - position))
+            radii.append(step.track.radius_m)
+    assert len(off) > 15
+    assert np.median(off) < 0.01  # of 14 px radius: a disparity of 0.7 px
+    assert max(off) < 0.03
+    assert np.median(radii) == pytest.approx(0.03, rel=0.1)
+
+
 def test_eyes_that_look_one_after_the_other(world: World, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     errors = []
