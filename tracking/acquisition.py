@@ -209,15 +209,16 @@ class Change:
         None for an object that still overlaps the place where it rested when the background was learned, and for that
         place.
         """
-        mask = _connected(self.background.evidence(self.now, self.view, box) > 0.5, seed)
-        if mask is None:
-            return None
         x0, y0, x1, y1 = box
         height, width = self.now.shape[:2]
         m = max(x1 - x0, y1 - y0)  # a fast object was so far away
         wide = max(x0 - m, 0), max(y0 - m, 0), min(x1 + m, width), min(y1 + m, height)
-        before, now = (self.background.evidence(image, self.view, wide) > 0.5 for image in (self.then, self.now))
         inside = np.s_[y0 - wide[1] : y1 - wide[1], x0 - wide[0] : x1 - wide[0]]
+        now = self.background.evidence(self.now, self.view, wide) > 0.5
+        mask = _connected(now[inside], seed)
+        if mask is None:
+            return None
+        before = self.background.evidence(self.then, self.view, wide) > 0.5
         gained, lost = np.count_nonzero(mask & ~before[inside]), np.count_nonzero(before & ~now)
         return mask if gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained else None
 

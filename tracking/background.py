@@ -1,4 +1,4 @@
-"""The background of an eye at rest: what it sees behind everything that moves."""
+"""The background of an eye at rest: the mean image without what moves."""
 
 import cv2
 import numpy as np

@@ -20,7 +20,7 @@ main()
 
 
 def start(function: str, **options: Any) -> subprocess.Popen[str]:
-    """A process of pps-vision in which `run` stands for the command."""
+    """A process of pps-vision in which `run` replaces the command."""
     code = STAND_IN.format(function=function)
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
     return subprocess.Popen([sys.executable, "-c", code], **streams)
