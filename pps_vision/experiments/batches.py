@@ -13,7 +13,7 @@ from pps_vision.app.device import torch_device
 from pps_vision.app.track import chunks
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.scenarios import Recording, moving, tracker_params
-from pps_vision.experiments.study import Method, Metric, Study, Values, compare, mean, rms
+from pps_vision.experiments.study import Method, Metric, SampledStudy, Values, compare, mean, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array
 from tracking.batch import BatchTracker
@@ -37,18 +37,12 @@ class Pairs(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Batches(Study):
+class Batches(SampledStudy):
     """A marker and a ball tracked frame by frame and by `track --device`: time a pair against the size of the batch, on
     one processor thread and on a CUDA device where there is one, and how far the detections are apart."""
 
-    n: int = 4
-    """Recordings of each object."""
     seconds: float = 2.6
     """Length of each, 20 pairs a second."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of the first recording; the others count up."""
 
     def run(self) -> dict[str, Any]:
         """Return by object and way: time a pair, pixel error, largest distance from the detections frame by frame."""
@@ -60,11 +54,11 @@ class Batches(Study):
         for make in scenarios.values():  # loads and compiles what each way needs
             for method in methods.values():
                 method(make(self.seed), self.seed)
-        seeds = range(self.seed, self.seed + self.n)
+        seeds = self.seeds
         return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, seeds, reference=ALONE)}
 
     def _pairs(self, stimulus: str, seed: int) -> Pairs:
-        recording = moving(stimulus, "circle", seed, self.seconds, self.noise)
+        recording = moving(stimulus, "circle", seed, self.seconds)
         views = [recording.rig.view_of(frame) for frame in recording.frames]
         places = zip(views, recording.position, strict=True)
         truth = np.array([[view.left.project(p), view.right.project(p)] for view, p in places])

@@ -36,12 +36,8 @@ class Budget(TrackingStudy):
     *Promised*: its expected error is within the limit. *Kept*: the 3D RMS error then is, of what was promised.
     """
 
-    n: int = 4
-    """Recordings of each object and source."""
     seconds: float = 4.0
     """Length of a recording."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
 
     def run(self) -> dict[str, Any]:
         """Return by scenes and configuration time and errors; by limit the shares promised and kept, and the cost."""
@@ -56,7 +52,7 @@ class Budget(TrackingStudy):
 
     def _film(self, name: str, source: SceneSource, seed: int) -> Recording:
         motion = ("circle", "linear", "jerk", "figure8")[seed % 4]
-        return moving(name, motion, seed, self.seconds, self.noise, source)
+        return moving(name, motion, seed, self.seconds, source)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against error of the configurations, one panel for each kind of scene."""

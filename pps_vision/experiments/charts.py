@@ -132,6 +132,16 @@ def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, boun
     axis.grid(alpha=0.25)
 
 
+def severities(studies: Mapping[str, Mapping[str, Any]], metric: str, label: str, bound: float, columns: int) -> Figure:
+    """Return a figure of `metric` over severity: by disturbance what `compare_severities` returns, one panel each."""
+    figure, axes = panels(len(studies), columns, width=3.2, height=2.7)
+    for axis, (name, study) in zip(axes, studies.items(), strict=True):
+        severity(axis, study, metric, label, bound)
+        axis.set_title(name, fontsize=9)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=columns, fontsize=9)
+    return figure
+
+
 def calibration(axis: Axes, stated: Sequence[float], found: Mapping[str, Sequence[Any]], label: str) -> None:
     """Draw what was found (percent) against what was stated, for each series; the diagonal is perfect."""
     axis.plot([0, 100], [0, 100], color=_INK, lw=0.9, ls="--")

@@ -58,12 +58,8 @@ class Consistency(TrackingStudy):
     Judged from the tenth frame on while the status is tracking, without the two frames after a jump of the velocity.
     """
 
-    n: int = 4
-    """Recordings of each object on each motion, and of each at each speed of approach."""
     seconds: float = 5.0
     """Length of the recordings that are no approaches."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
 
     def run(self) -> dict[str, Any]:
         """Return by source and group of recordings: coverage in percent, mean NEES (6 expected) and NIS (3), error of
@@ -92,10 +88,10 @@ class Consistency(TrackingStudy):
         return {"all": "", "ball": "ball", "marker": "marker"} | {m: f", {m}" for m in MOTIONS} | speeds
 
     def _film(self, stimulus: str, motion: MotionName, source: SceneSource, seed: int) -> Recording:
-        return moving(stimulus, motion, seed, self.seconds, self.noise, source)
+        return moving(stimulus, motion, seed, self.seconds, source)
 
     def _approach(self, stimulus: str, speed: float, source: SceneSource, seed: int) -> Recording:
-        return moving(stimulus, "approach", seed, 0.31 / speed + 0.2, self.noise, source, speed=speed)
+        return moving(stimulus, "approach", seed, 0.31 / speed + 0.2, source, speed=speed)
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """One figure a source: coverage, NEES and NIS by motion, error of the time to contact by the time left."""

@@ -3,17 +3,25 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.experiments import disturbances as d
-from pps_vision.experiments.charts import panels, severity
+from pps_vision.experiments.charts import severities
 from pps_vision.experiments.scenarios import EYES_M, Posing, Recording, film, follow, stare_at, watching
 from pps_vision.experiments.score import METRICS, baseline, tracker
-from pps_vision.experiments.study import Axis, Break, Method, SceneSource, TrackingStudy, compare_severities
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.study import (
+    NOISE_SIGMA,
+    Axis,
+    Break,
+    Method,
+    SceneSource,
+    TrackingStudy,
+    compare_severities,
+)
+from pps_vision.experiments.tables import Table, break_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
 from rendering.motions import Circle, Motion
@@ -23,7 +31,6 @@ from rendering.stimuli import BLUE, RED, make_stimulus
 
 BREAKS = Break("near_percent", 90.0, above=False)
 FINE = 5  # fine recordings have this many frames for one of the usual 20 a second
-NOISE = 2.0  # grey levels of 255, in every recording
 RADIUS_M = 0.035
 _FAR_M, _BOARD_M, _PASSING_M_S = 0.42, 0.36, 0.12
 _FAILS_S = 1.0  # when what fails for a time begins to
@@ -55,9 +62,7 @@ class Failures(TrackingStudy):
         """Return by source and disturbance: success, 3D error, false tracks at each severity, and the break point."""
         return {
             source: {
-                name: compare_severities(
-                    partial(_recording, one.make, source), one.axis, methods(), _METRICS, self.seeds, BREAKS
-                )
+                name: compare_severities(partial(one.make, source), one.axis, methods(), _METRICS, self.seeds, BREAKS)
                 for name, one in DISTURBANCES.items()
             }
             for source in self.sources
@@ -66,27 +71,20 @@ class Failures(TrackingStudy):
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """One figure a source: success over severity, one panel a disturbance."""
         figures: dict[str, Figure] = {}
-        for source in [name for name in ("rendered", "independent") if name in numbers]:
-            figure, axes = panels(len(DISTURBANCES), 5, width=3.0, height=2.6)
-            for axis, (name, study) in zip(axes, numbers[source].items(), strict=True):
-                severity(axis, study, "near_percent", "near the object (%)", BREAKS.bound)
-                axis.set_title(name, fontsize=9)
+        for source in _sources(numbers):
+            figures[source] = severities(numbers[source], "near_percent", "near the object (%)", BREAKS.bound, 5)
+            for axis in figures[source].axes:
                 axis.set_ylim(-4, 104)
-            figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9)
-            figures[source] = figure
         return figures
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return where each method breaks, one table a source."""
-        tables: dict[str, Table] = {}
-        for source in [name for name in ("rendered", "independent") if name in numbers]:
-            rows = []
-            for name, study in numbers[source].items():
-                tried = ", ".join(f"{value:g}" for value in study["severities"])
-                found = [study["methods"][method]["breaks_at"] for method in methods()]
-                rows.append([f"{name}: {study['axis']}", tried, *("–" if at is None else f"{at:g}" for at in found)])
-            tables[source] = Table(["disturbance", "tried", *methods()], rows)
-        return tables
+        return {source: break_points(numbers[source]) for source in _sources(numbers)}
+
+
+def _sources(numbers: dict[str, Any]) -> list[str]:
+    """The scene sources that were measured."""
+    return [source for source in get_args(SceneSource) if source in numbers]
 
 
 def methods() -> dict[str, Method]:
@@ -97,12 +95,6 @@ def methods() -> dict[str, Method]:
         "two KCF": baseline("two KCF"),
         "two CamShift": baseline("two CamShift"),
     }
-
-
-def _recording(
-    make: Callable[[SceneSource, int, float], Recording], source: SceneSource, seed: int, at: float
-) -> Recording:
-    return make(source, seed, at)
 
 
 def _center(seed: int) -> Array:
@@ -129,7 +121,7 @@ def _rng(seed: int) -> np.random.Generator:
 
 def _sensed(recording: Recording, seed: int) -> Recording:
     """The recording with the usual sensor noise."""
-    return d.noisy(recording, NOISE, _rng(seed))
+    return d.noisy(recording, NOISE_SIGMA, _rng(seed))
 
 
 def _shown(

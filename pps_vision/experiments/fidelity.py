@@ -14,7 +14,7 @@ from pps_vision.app.render import scene
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.charts import panels, speed_error
 from pps_vision.experiments.exact_images import ray_cast
-from pps_vision.experiments.study import Metric, Study, Values, compare, rms
+from pps_vision.experiments.study import NOISE_SIGMA, Metric, SampledStudy, Values, compare, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -55,20 +55,16 @@ class Scene(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Fidelity(Study):
+class Fidelity(SampledStudy):
     """Rendered balls and markers, drawn in many ways, beside ray-cast images: error over the object and at its rim, and
     3D error of the tracker before its filter."""
 
-    n: int = 4
-    """Scenes of each object whose images are compared."""
     seconds: float = 3.0
     """Length of the recording of each object that is tracked, 20 pairs a second, pixel noise 2 of 255."""
-    seed: int = 0
-    """Seed of the first scene; the others count up."""
 
     def run(self) -> dict[str, Any]:
         """Return by object and way to draw: time of a pair, image error (grey levels), tracking error (mm)."""
-        seeds = range(self.seed, self.seed + self.n)
+        seeds = self.seeds
         images: dict[str, Any] = {}
         tracking: dict[str, Any] = {}
         for stimulus in OBJECTS:
@@ -220,4 +216,4 @@ def _tracked(stimulus: StimulusName, eyes: Eyes, states: list[SceneState], seed:
 
 
 def _noisy(image: Image, rng: np.random.Generator) -> Image:
-    return expose(Sensor(noise_sigma=2.0), image.astype(np.float32), rng)
+    return expose(Sensor(noise_sigma=NOISE_SIGMA), image.astype(np.float32), rng)

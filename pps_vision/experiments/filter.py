@@ -93,8 +93,6 @@ class Filter(TrackingStudy):
     """Recordings of each object on each motion and at each speed of approach."""
     seconds: float = 5.0
     """Length of the recordings that are no approaches."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
     data: Path = DATA
     """Folder that holds tt3d (default: PPS_VISION_DATA, else ../shared/data)."""
 
@@ -122,7 +120,7 @@ class Filter(TrackingStudy):
         seed = self.seed + number // len(kinds)
         also = {} if speed is None else {"speed": speed}
         seconds = self.seconds if speed is None else 0.31 / speed + 0.2
-        return measurements(moving(stimulus, motion, seed, seconds, self.noise, source, **also), seed)
+        return measurements(moving(stimulus, motion, seed, seconds, source, **also), seed)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against each error, forward and smoothed, one row for each kind of data."""

@@ -7,7 +7,7 @@ from tqdm import tqdm
 
 from control.fixation import FixationParams, fixation_error, gaze_at, step
 from pps_vision.experiments.scenarios import EYES_M
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.model import Robot
@@ -19,7 +19,7 @@ _DT_S = 0.05
 
 
 @dataclass(frozen=True)
-class Fixation(Study):
+class Fixation(SampledStudy):
     """Fixation at 20 Hz: how soon a static point is within 0.5°, how far 15 cm/s at 0.4 m gets away.
 
     The controller is told where the point truly was one frame ago: this measures control, not sight.
@@ -27,8 +27,6 @@ class Fixation(Study):
 
     n: int = 100
     """Points of each kind."""
-    seed: int = 0
-    """Seed of the points."""
 
     def run(self) -> dict[str, object]:
         """Degrees and seconds: medians and worst."""

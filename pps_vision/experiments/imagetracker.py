@@ -72,8 +72,6 @@ class ImageTracker(TrackingStudy):
     """Recordings of each kind; balls and markers in turn."""
     seconds: float = 2.5
     """Length of each."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
     data: Path = DATA
     """Folder that holds vot_ball1 (default: PPS_VISION_DATA, else ../shared/data)."""
 
@@ -90,8 +88,8 @@ class ImageTracker(TrackingStudy):
     def _film(self, speed: str, source: SceneSource, seed: int) -> View:
         k = seed - self.seed
         stimulus, motion = ("ball", "marker")[k % 2], MOTIONS[k // 2 % len(MOTIONS)]
-        how = {"speed": _FAST_M_S, "head": "sway"} if speed == "fast" else {}
-        recording = moving(stimulus, motion, seed, self.seconds, self.noise, source, **how)
+        how: dict[str, Any] = {"speed": _FAST_M_S, "head": "sway"} if speed == "fast" else {}
+        recording = moving(stimulus, motion, seed, self.seconds, source, **how)
         lefts = tuple(frame.left for frame in recording.frames)
         return View(lefts, tuple(left for left, _ in recording.boxes), HUES_DEG[stimulus])
 

@@ -20,7 +20,7 @@ from pps_vision.app.simulation import (
     simulate,
     train,
 )
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.robot.skin import INNER_FOREARM
 
 Case = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
@@ -34,7 +34,7 @@ CASES: dict[Case, tuple[Kind, bool]] = {
 
 
 @dataclass(frozen=True)
-class Loop(Study):
+class Loop(SampledStudy):
     """Episodes with an octopus at 5–15 cm/s after learning from ball and cube: who is touched, who moves
     without cause.
 
@@ -43,8 +43,6 @@ class Loop(Study):
 
     n: int = 20
     """Episodes of every case."""
-    seed: int = 0
-    """Seed of the training and the episodes."""
     training_trials: int = 24
     """Approaches that end in a touch, learned from before the episodes."""
 

@@ -34,11 +34,6 @@ class Pipeline(TrackingStudy):
     Baselines are told the true boxes in the first frame and get our filter. Times are of each pipeline alone.
     """
 
-    n: int = 4
-    """Approaches of each object, their speeds spread over the range."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-
     def run(self) -> dict[str, Any]:
         """Return by scenes and pipeline: 3D RMS error, error of the time to contact, time and its ratio to CSRT."""
         methods = {name: partial(_ours, mode) for name, mode in OURS.items()}
@@ -49,7 +44,7 @@ class Pipeline(TrackingStudy):
     def _film(self, stimulus: str, source: SceneSource, seed: int) -> Recording:
         speeds = np.geomspace(*_SPEEDS_M_S, self.n) if self.n > 1 else np.array([0.15])
         speed = float(speeds[seed - self.seed])
-        return moving(stimulus, "approach", seed, _FARTHEST_M / speed + 0.1, self.noise, source, speed=speed)
+        return moving(stimulus, "approach", seed, _FARTHEST_M / speed + 0.1, source, speed=speed)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against 3D error, and against the error of the time to contact, one column for each kind of scene."""

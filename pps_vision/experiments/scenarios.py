@@ -12,7 +12,7 @@ from pps_vision.app.render import scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
 from pps_vision.experiments.independent_eyes import eyes_of, own_body_of
-from pps_vision.experiments.study import SceneSource
+from pps_vision.experiments.study import NOISE_SIGMA, SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
@@ -169,8 +169,8 @@ def moving(
     motion: Any,
     seed: int,
     seconds: float,
-    noise: float = 2.0,
     source: SceneSource = "rendered",
+    noise: float = NOISE_SIGMA,
     **also: Any,
 ) -> Recording:
     """Return a recording of one of `pps-vision render`'s motions."""

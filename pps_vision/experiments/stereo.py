@@ -15,6 +15,7 @@ from pps_vision.experiments.charts import panels, severity, speed_error
 from pps_vision.experiments.scenarios import EYES_M, Recording, film, follow, watching
 from pps_vision.experiments.score import steps_of, timed_steps
 from pps_vision.experiments.study import (
+    NOISE_SIGMA,
     Axis,
     Break,
     Method,
@@ -63,8 +64,6 @@ class Stereo(TrackingStudy):
 
     n: int = 3
     """Recordings of each ball at each distance."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
 
     def run(self) -> dict[str, Any]:
         """Return by scenes: errors and times at 0.4 m, and errors over the distance."""
@@ -86,7 +85,7 @@ class Stereo(TrackingStudy):
         center = EYES_M + depth_m * np.array([-1.0, *rng.uniform(-0.1, 0.1, 2)])
         states = watching(Circle(center, plane, 0.03, 0.1), _SECONDS, follow(robot))
         stimulus = make_stimulus("ball", BALL_M) if ball == "plain" else patched_ball(BALL_M)
-        recording = film(states, stimulus, source, Sensor(noise_sigma=self.noise), seed)
+        recording = film(states, stimulus, source, Sensor(noise_sigma=NOISE_SIGMA), seed)
         return list(pairs(recording, seed))
 
     def chart(self, numbers: dict[str, Any]) -> Figure:

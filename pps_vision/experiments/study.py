@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 DATA = Path(os.environ.get("PPS_VISION_DATA", "../shared/data"))
 """Folder of the real data (default of every field `data`)."""
+NOISE_SIGMA = 2.0
+"""Pixel noise of the recordings, grey levels of 255, where it is not what is studied."""
 
 SceneSource = Literal["rendered", "independent"]
 Scenes = Literal["rendered", "independent", "both"]
@@ -40,7 +42,7 @@ Method = Callable[[Any, int], Values]
 """A method takes a recording and a seed."""
 
 _RESAMPLED = 1000
-_LEAST = {"seed": 0, "seconds": 0.1, "noise": 0.0}
+_LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
 
 SHORT: Mapping[str, Mapping[str, Any]] = {
     "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500},
@@ -69,7 +71,7 @@ class Study(ABC):
     """
 
     def __post_init__(self) -> None:
-        """Check the parameters: counts (all whole numbers but the seed), seed, seconds and pixel noise."""
+        """Check the parameters: counts (all whole numbers but the seed), seed, seconds and shares."""
         for name, value in vars(self).items():
             least = _LEAST.get(name, 1 if type(value) is int else None)
             if least is not None and not value >= least:
@@ -90,20 +92,32 @@ class Study(ABC):
 
 
 @dataclass(frozen=True)
-class TrackingStudy(Study):
-    """Base of the studies on recordings of a moving object, from one or both scene sources."""
+class SeededStudy(Study):
+    """Base of the studies in which something is random."""
+
+    seed: int = 0
+    """Seed of whatever is random; recordings, robots and simulations count up from it."""
+
+
+@dataclass(frozen=True)
+class SampledStudy(SeededStudy):
+    """Base of the studies that repeat what they measure on independent units."""
 
     n: int = 4
-    """Recordings of each kind."""
-    seed: int = 0
-    """Seed of the first recording and of the particles; the others count up."""
-    scenes: Scenes = "both"
-    """Rendered scenes, independent ones, or both."""
+    """Independent units of each kind: recordings, robots or simulations."""
 
     @property
     def seeds(self) -> range:
-        """One seed a recording."""
+        """One seed a unit."""
         return range(self.seed, self.seed + self.n)
+
+
+@dataclass(frozen=True)
+class TrackingStudy(SampledStudy):
+    """Base of the studies on recordings of a moving object, from one or both scene sources."""
+
+    scenes: Scenes = "both"
+    """Rendered scenes, independent ones, or both."""
 
     @property
     def sources(self) -> tuple[SceneSource, ...]:
@@ -280,20 +294,32 @@ class Entry(NamedTuple):
 
 def catalogue() -> dict[str, Entry]:
     """Return every study by name, read from the files without importing them."""
-    this = Path(__file__)
-    here = this.parent
-    bases = {node.name: node for node in ast.parse(this.read_text()).body if isinstance(node, ast.ClassDef)}
-    found = {}
-    for file in sorted({*here.glob("*.py"), *here.glob("pps/*.py"), *here.glob("reach/*.py")} - {this}):
-        folder = "" if file.parent == here else file.parent.name
-        for node in ast.parse(file.read_text()).body:
-            base = next(iter(node.bases), None) if isinstance(node, ast.ClassDef) else None
-            if isinstance(node, ast.ClassDef) and isinstance(base, ast.Name) and base.id in ("Study", "TrackingStudy"):
-                module = ".".join(filter(None, ["pps_vision.experiments", folder, file.stem]))
-                fields = _fields(bases[base.id]) | _fields(node)
-                summary = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")
-                found["_".join(filter(None, [folder, file.stem]))] = Entry(module, node.name, summary, fields)
+    here = Path(__file__).parent
+    files = sorted({*here.glob("*.py"), *here.glob("pps/*.py"), *here.glob("reach/*.py")})
+    nodes = [(file, node) for file in files for node in ast.parse(file.read_text()).body]
+    defined = [(file, node) for file, node in nodes if isinstance(node, ast.ClassDef)]
+    classes = {node.name: node for _, node in defined}
+    found: dict[str, Entry] = {}
+    for file, node in defined:
+        line = _descent(node, classes)
+        if line[0].name == "Study" and len(line) > 1 and _runs(node):
+            parts = file.relative_to(here).with_suffix("").parts
+            summary = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")
+            fields = {name: default for one in line for name, default in _fields(one).items()}
+            found["_".join(parts)] = Entry(".".join(["pps_vision.experiments", *parts]), node.name, summary, fields)
     return found
+
+
+def _runs(node: ast.ClassDef) -> bool:
+    """Whether a class has its own `run`, which the bases of the studies leave to them."""
+    return any(isinstance(item, ast.FunctionDef) and item.name == "run" for item in node.body)
+
+
+def _descent(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
+    """A class after its first base, after the base's first base, and so on."""
+    base = next(iter(node.bases), None)
+    known = classes.get(base.id) if isinstance(base, ast.Name) else None
+    return [node] if known is None or known is node else [*_descent(known, classes), node]
 
 
 def _fields(node: ast.ClassDef) -> dict[str, str]:

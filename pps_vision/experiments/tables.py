@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pps_vision.errors import InputError
 
@@ -21,6 +21,16 @@ def markdown(table: Table) -> str:
     """Return a table as Markdown; the first column is aligned left, the others right."""
     lines = [table.header, ["---", *["---:"] * (len(table.header) - 1)], *table.rows]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def break_points(studies: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Return where each method breaks, one row a disturbance (by name what `compare_severities` returns)."""
+    rows = []
+    for name, study in studies.items():
+        at = (method["breaks_at"] for method in study["methods"].values())
+        tried = ", ".join(f"{value:g}" for value in study["severities"])
+        rows.append([f"{name}: {study['axis']}", tried, *("–" if one is None else f"{one:g}" for one in at)])
+    return Table(["disturbance", "tried", *next(iter(studies.values()))["methods"]], rows)
 
 
 def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:

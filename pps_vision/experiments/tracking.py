@@ -21,8 +21,6 @@ class Tracking(TrackingStudy):
     """Recordings of each object, their motions in turn."""
     seconds: float = 5.0
     """Length of each."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
 
     def run(self) -> dict[str, Any]:
         """Return by source and object: RMS error of a recording (mean, worst), tracked frames, time."""
@@ -31,7 +29,7 @@ class Tracking(TrackingStudy):
 
     def _film(self, stimulus: str, source: SceneSource, seed: int) -> Recording:
         motion = MOTIONS[(seed - self.seed) % len(MOTIONS)]
-        return moving(stimulus, motion, seed, self.seconds, self.noise, source)
+        return moving(stimulus, motion, seed, self.seconds, source)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one row a source and object."""

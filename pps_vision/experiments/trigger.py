@@ -16,7 +16,7 @@ from pps_vision.experiments.charts import bars, panels, speed_error
 from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, film, from_film, turning, watching
 from pps_vision.experiments.sensor_chain import SensorChain
-from pps_vision.experiments.study import DATA, Method, Metric, Study, Values, compare, mean
+from pps_vision.experiments.study import DATA, NOISE_SIGMA, Method, Metric, SampledStudy, Values, compare, mean
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -51,7 +51,7 @@ _METRICS = {
 
 
 @dataclass(frozen=True)
-class Trigger(Study):
+class Trigger(SampledStudy):
     """Head still or turning at up to 20°/s with the arms in view, and turning before photographs with late joints and
     changing light: time per image, false alarms, images until a ball or marker that starts to move is found.
 
@@ -66,10 +66,6 @@ class Trigger(Study):
     """Further recordings before photographs in which nothing moves, for our false alarms with and without flow."""
     seconds: float = 10.0
     """Length of the recordings in which nothing moves."""
-    noise: float = 2.0
-    """Pixel noise, grey levels of 255."""
-    seed: int = 0
-    """Seed of places, motions and noise."""
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data)."""
 
@@ -77,7 +73,7 @@ class Trigger(Study):
         """Return by setting, object and method: false alarms a minute, share found within 3 images, delay, time."""
         if self.seconds * FPS <= STARTS:
             raise InputError("bench trigger", f"--seconds {self.seconds}; expected more than {STARTS / FPS:g}")
-        seeds = range(self.seed, self.seed + self.n)
+        seeds = self.seeds
         cells = {}
         for setting in HEADS_DEG_S:
             calm = self._recording(setting, "nothing", self.seed + 10_000)
@@ -94,9 +90,9 @@ class Trigger(Study):
         seconds = self.seconds if px == 0 else (STARTS + AFTER) / FPS
         rng = np.random.default_rng((seed, *map(ord, setting + name)))
         if setting == "independent":
-            scene = independent_scene(rng, seconds, radius_m, px, HEADS_DEG_S[setting], self.noise)
+            scene = independent_scene(rng, seconds, radius_m, px, HEADS_DEG_S[setting])
             return from_film(Film(scene, int(rng.integers(2**31)), self.data))
-        return starting(rng, seconds, radius_m, px, np.deg2rad(HEADS_DEG_S[setting]), self.noise)
+        return starting(rng, seconds, radius_m, px, np.deg2rad(HEADS_DEG_S[setting]))
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """False alarms against time before photographs, and what is found within three images in each setting."""
@@ -127,7 +123,7 @@ class Trigger(Study):
 
 
 def starting(
-    rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_rad_s: float, noise: float
+    rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_rad_s: float
 ) -> Recording:
     """Return a rendered ball at rest that at frame `STARTS` starts to cross the view; with 0 px there is none."""
     robot, place = load_icub(), _place(rng)
@@ -143,7 +139,7 @@ def starting(
         return place + moved_s * velocity, velocity if moved_s > 0 else np.zeros(3)
 
     states = watching(motion, seconds, pose, empty=px_per_frame == 0)
-    return film(states, make_stimulus("ball", radius_m), "rendered", Sensor(noise_sigma=noise), rng=rng)
+    return film(states, make_stimulus("ball", radius_m), "rendered", Sensor(noise_sigma=NOISE_SIGMA), rng=rng)
 
 
 def _place(rng: np.random.Generator) -> Array:
@@ -154,7 +150,7 @@ def _place(rng: np.random.Generator) -> Array:
 
 
 def independent_scene(
-    rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_deg_s: float, noise: float
+    rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_deg_s: float
 ) -> IndependentScene:
     """Return a ray-cast scene before photographs: the head sways, its joints are 0–20 ms late, the light drifts and
     flickers; a ball starts to move at frame `STARTS`, or (0 px) rests."""
@@ -177,7 +173,7 @@ def independent_scene(
         background=int(rng.integers(0, 100)),
         gain_drift=0.1,
         flicker=0.03,
-        sensor=SensorChain(read_noise=noise, bayer=True),
+        sensor=SensorChain(read_noise=NOISE_SIGMA, bayer=True),
     )
 
 

@@ -134,7 +134,7 @@ def test_what_reads_other_results_runs_last_and_always(fake: Path, monkeypatch: 
 def test_parameters_below_the_least_are_refused_by_every_study(name: str) -> None:
     entry = catalogue()[name]
     least = {field: 0 for field, default in entry.fields.items() if default.isdigit() and field != "seed"}
-    others = {"seed": -1, "noise": -0.1, "seconds": 0.09}
+    others = {"seed": -1, "share": 0.0, "seconds": 0.09}
     least |= {field: value for field, value in others.items() if field in entry.fields}
     for field, value in least.items():
         with pytest.raises(InputError, match=f"bench {name}: --{field} {value}; expected at least"):

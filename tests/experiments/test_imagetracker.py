@@ -9,7 +9,7 @@ from pps_vision.experiments.scenarios import moving
 
 
 def test_the_true_box_is_the_drawn_ball_s() -> None:
-    film = moving("ball", "circle", 3, 0.1, 0.0)
+    film = moving("ball", "circle", 3, 0.1, noise=0.0)
     for frame, boxes in zip(film.frames, film.boxes, strict=True):
         for image, box in zip((frame.left, frame.right), boxes, strict=True):
             assert box is not None

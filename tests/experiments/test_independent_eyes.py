@@ -50,7 +50,7 @@ def test_both_sources_show_the_same_state_at_the_same_pixels() -> None:
 
 def test_the_tracker_follows_what_the_independent_eyes_saw() -> None:
     """A recording by either source, through the same studies' function; truth and tracker agree to a millimetre."""
-    film = moving("ball", "circle", 3, 1.5, 2.0, "independent")
+    film = moving("ball", "circle", 3, 1.5, "independent")
     tracker = Tracker(TrackerParams(), film.rig, np.random.default_rng(0), film.own_body)
     tracks = [tracker.step(frame).track for frame in film.frames]
     error = [np.linalg.norm(t.position - p) for t, p in zip(tracks, film.position, strict=True)]

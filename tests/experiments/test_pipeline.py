@@ -19,7 +19,7 @@ from pps_vision.types import Status, Track3D
 
 @pytest.fixture(scope="module")
 def film() -> Recording:
-    return moving("ball", "circle", 1, 0.2, 0.0)
+    return moving("ball", "circle", 1, 0.2, noise=0.0)
 
 
 @pytest.mark.parametrize("name", get_args(StereoPipelineName))

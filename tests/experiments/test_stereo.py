@@ -7,7 +7,7 @@ from data import SEED
 from pps_vision.experiments.stereo import OURS, Stereo, methods
 from pps_vision.experiments.study import compare
 
-STUDY = Stereo(n=1, seed=SEED, noise=1.0, scenes="rendered")
+STUDY = Stereo(n=1, seed=SEED, scenes="rendered")
 
 
 def test_every_method_is_near_a_textured_ball_and_ours_is_the_nearest() -> None:

@@ -1,7 +1,6 @@
 """Do predicted probabilities come true? Held-out rendered approaches, 0.15 s before their end."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ from scipy.stats import binomtest
 
 from learning.pps.scores import auroc, brier, expected_calibration_error
 from pps_vision.experiments import charts
-from pps_vision.experiments.pps.movements import TRIALS
 from pps_vision.experiments.pps.perceived import HORIZON_S, in_taxel_frames
 from pps_vision.experiments.pps.predictors import (
     Predictor,
@@ -24,8 +22,7 @@ from pps_vision.experiments.pps.predictors import (
     corrected,
     outcomes,
 )
-from pps_vision.experiments.pps.trials import FOLDER, rendered_trials
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.pps.trials import SessionStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.types import Array, Mask
 
@@ -44,22 +41,17 @@ SHOWN = ("R's map", COMBINATION)
 
 
 @dataclass(frozen=True)
-class Calibration(Study):
+class Calibration(SessionStudy):
     """Calibration of predicted touches of 12 forearm taxels on 40 held-out approaches after training on 53.
 
-    The approaches are rendered and tracked. Goals: AUROC 0.95, expected calibration error 0.05.
+    The approaches are rendered and tracked; those held out have the next seed. Goals: AUROC 0.95, expected calibration
+    error 0.05.
     """
-
-    seed: int = 0
-    """Seed of the training trials; the held-out ones have the next."""
-    trials: Path = FOLDER
-    """Folder of the rendered trials."""
 
     def run(self) -> dict[str, Any]:
         """Return scores and the reliability diagram by method."""
-        n = (TRIALS["inner"], HELD_OUT)
-        training, test = (in_taxel_frames(rendered_trials("inner", n[k], self.seed + k, self.trials)) for k in (0, 1))
-        return {"methods": evaluate(training, test)}
+        training, test = self.seen("inner"), self.seen("inner", HELD_OUT, further=1)
+        return {"methods": evaluate(in_taxel_frames(training), in_taxel_frames(test))}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw the reliability of R's map and of the combination."""

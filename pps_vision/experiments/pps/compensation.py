@@ -21,7 +21,7 @@ from pps_vision.experiments.pps.perceived import HORIZON_S, in_taxel_frames
 from pps_vision.experiments.pps.predictors import Predictor, Trials, by_displacement, by_map, outcomes
 from pps_vision.experiments.pps.robot_errors import SOURCES, ErringRobot, ErrorSources, only
 from pps_vision.experiments.pps.trials import exact_trials
-from pps_vision.experiments.study import Study, interval
+from pps_vision.experiments.study import SampledStudy, interval
 from pps_vision.experiments.tables import Table, estimate
 
 CASES = ("no errors", "errors, map trained without", "errors, map trained with", "encoder offsets estimated too")
@@ -29,14 +29,12 @@ METHODS: dict[str, Predictor] = {"map": by_map, "displacement": by_displacement}
 
 
 @dataclass(frozen=True)
-class Compensation(Study):
+class Compensation(SampledStudy):
     """AUROC 0.15 s before the touch with R's five error sources, one by one and together, before and after learning.
 
     R: "the learned representations automatically compensate".
     """
 
-    seed: int = 0
-    """Seed of trials and errors."""
     n: int = 3
     """Robots for each source."""
 

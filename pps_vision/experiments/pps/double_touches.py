@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from pps_vision.experiments.charts import bars, curves, panels
-from pps_vision.experiments.study import Study, interval, percent
+from pps_vision.experiments.study import SampledStudy, interval, percent
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, icub_skin
 from pps_vision.types import Array
@@ -18,14 +18,12 @@ _LAST = 15  # steps: the fingertip comes from 6 cm away, farther than these offs
 
 
 @dataclass(frozen=True)
-class DoubleTouches(Study):
+class DoubleTouches(SampledStudy):
     """Feasibility of double touches of each forearm taxel, and the taxels touched by robots with encoder offsets.
 
     R aimed at eight inner taxels, of which six were ever touched.
     """
 
-    seed: int = 0
-    """Seed of the starts and the offsets."""
     starts: int = 24
     """Random start postures for each taxel."""
     n: int = 5

@@ -18,9 +18,9 @@ from pps_vision.experiments.baselines.single_taxel import (
     from_taxel,
     simulate,
 )
-from pps_vision.experiments.charts import panels, severity
-from pps_vision.experiments.study import Axis, Break, Metric, Study, Values, compare_severities, mean
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.charts import severities
+from pps_vision.experiments.study import Axis, Break, Metric, SampledStudy, Values, compare_severities, mean
+from pps_vision.experiments.tables import Table, break_points
 from pps_vision.types import Array, Mask
 
 HORIZON_S = 0.5
@@ -83,22 +83,17 @@ class Recording(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PpsFailures(Study):
+class PpsFailures(SampledStudy):
     """Prediction of touch 0.5 s ahead as one disturbance grows, for R's map, a finer one and a distance-only one.
 
     A method breaks where its AUROC falls below 0.75.
     """
 
-    seed: int = 0
-    """Seed of the first simulation."""
-    n: int = 4
-    """Simulations of each severity."""
-
     def run(self) -> dict[str, Any]:
         """Return the AUROC by disturbance and method."""
         methods = {name: _map(params) for name, params in MAPS.items()}
         metrics = {"auroc": Metric("auroc", mean)}
-        seeds = range(self.seed, self.seed + self.n)
+        seeds = self.seeds
         return {
             "disturbances": {
                 name: compare_severities(partial(record, disturb), axis, methods, metrics, seeds, BREAKS)
@@ -108,20 +103,11 @@ class PpsFailures(Study):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw AUROC over severity, one panel a disturbance."""
-        figure, axes = panels(len(DISTURBANCES), columns=4, width=3.4, height=3.0)
-        for axis, (name, of) in zip(axes, numbers["disturbances"].items(), strict=True):
-            severity(axis, of, "auroc", f"AUROC {HORIZON_S} s ahead", BREAKS.bound)
-            axis.set_title(name, fontsize=10)
-        axes[0].legend(fontsize=8)
-        return figure
+        return severities(numbers["disturbances"], "auroc", f"AUROC {HORIZON_S} s ahead", BREAKS.bound, 4)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return where each method breaks."""
-        rows = []
-        for name, of in numbers["disturbances"].items():
-            at = (method["breaks_at"] for method in of["methods"].values())
-            rows.append([f"{name}: {of['axis']}", *("–" if one is None else f"{one:g}" for one in at)])
-        return {"": Table(["breaks at (AUROC < 0.75)", *MAPS], rows)}
+        return {"": break_points(numbers["disturbances"])}
 
 
 def record(disturb: Callable[[float], Disturbed], seed: int, severity: float) -> Recording:

@@ -1,7 +1,6 @@
 """One map for all postures and modalities: does what was learned in one hold in the others?"""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,8 @@ from pps_vision.experiments.pps.movements import TRIALS, SessionName
 from pps_vision.experiments.pps.perceived import FOREARM, HORIZON_S, in_taxel_frames
 from pps_vision.experiments.pps.predictors import Trials, by_map, outcomes
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources, only
-from pps_vision.experiments.pps.trials import FOLDER, exact_trials, rendered_trials
-from pps_vision.experiments.study import Study, interval
+from pps_vision.experiments.pps.trials import SessionStudy, exact_trials
+from pps_vision.experiments.study import interval
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -28,7 +27,7 @@ _RANGE_RAD = {"torso": np.deg2rad(10.0), "neck": np.deg2rad(12.0), "arm": np.deg
 
 
 @dataclass(frozen=True)
-class Invariance(Study):
+class Invariance(SessionStudy):
     """AUROC of R's map 0.15 s before the touch, trained in one posture or modality and tested in others.
 
     Postures: paths carried along with the forearm into 50 postures of torso, arm and head. Without model errors nothing
@@ -36,12 +35,8 @@ class Invariance(Study):
     Modalities: double touch felt or seen, and objects seen; two thirds of the trials train, the last third tests.
     """
 
-    seed: int = 0
-    """Seed of trials, postures and errors."""
     n: int = 2
     """Robots that err."""
-    trials: Path = FOLDER
-    """Folder of the rendered trials."""
 
     def run(self) -> dict[str, Any]:
         """Return the scores by posture and by modality."""
@@ -50,8 +45,8 @@ class Invariance(Study):
     def _postures(self) -> dict[str, Any]:
         rng = np.random.default_rng(self.seed)
         model = load_icub()
-        training = exact_trials("inner", TRIALS["inner"], self.seed)
-        test = exact_trials("inner", POSTURES, self.seed + 1)
+        training = exact_trials("inner", self.size(TRIALS["inner"]), self.seed)
+        test = exact_trials("inner", self.size(POSTURES), self.seed + 1)
         at_home = (training, test)
         elsewhere = tuple(tuple(in_other_posture(t, model, rng) for t in trials) for trials in at_home)
         robots = {
@@ -71,10 +66,9 @@ class Invariance(Study):
     def _modalities(self) -> dict[str, Any]:
         sets = {}
         for name, n in _TRIALS.items():
-            is_felt = name == "motor"
-            trials = exact_trials(name, n, self.seed) if is_felt else rendered_trials(name, n, self.seed, self.trials)
-            perceived = in_taxel_frames(trials)
-            sets[name] = perceived[: 2 * n // 3], perceived[2 * n // 3 :]
+            perceived = in_taxel_frames(self.seen(name, n))
+            k = 2 * len(perceived) // 3
+            sets[name] = perceived[:k], perceived[k:]
         return {a: {b: _scores(training, test) for b, (_, test) in sets.items()} for a, (training, _) in sets.items()}
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:

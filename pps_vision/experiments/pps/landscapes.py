@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,8 @@ from pps_vision.experiments.pps.maps import FINE, landscape_chart, ridge_width
 from pps_vision.experiments.pps.movements import SessionName
 from pps_vision.experiments.pps.perceived import Session, train_memory
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
-from pps_vision.experiments.pps.table5 import load_session
-from pps_vision.experiments.pps.trials import FOLDER, exact_trials
-from pps_vision.experiments.study import Study, interval
+from pps_vision.experiments.pps.trials import SessionStudy, exact_trials
+from pps_vision.experiments.study import interval
 
 TITLES: dict[SessionName, str] = {
     "motor": "double touch, felt (Fig 4)",
@@ -30,24 +28,20 @@ AFTER = (1, 4, 53)  # trials (Fig 9)
 
 
 @dataclass(frozen=True)
-class Landscapes(Study):
+class Landscapes(SessionStudy):
     """The map of the taxel with the most samples after each of R's sessions, and the width of its ridge.
 
     The ridge's width is the standard deviation of the positive samples' D about their line in (D, TTC), over all
     taxels aimed at. Robots that err as R's sources say take the same sessions with exactly known objects.
     """
 
-    seed: int = 0
-    """Seed of the trials."""
-    trials: Path = FOLDER
-    """Folder of the rendered trials."""
     n: int = 8
     """Robots that err, each in its own way."""
 
     def run(self) -> dict[str, Any]:
         """Return, by session, the map and the ridge's width with 95 % over trials and over erring robots."""
         robots = [ErringRobot.draw(ErrorSources(), np.random.default_rng((self.seed, k))) for k in range(self.n)]
-        sessions = {name: load_session(name, self.seed, self.trials) for name in TITLES}
+        sessions = {name: Session.of(name, self.seen(name)) for name in TITLES}
         found = {name: self._measure(name, session, robots) for name, session in sessions.items()}
         return {"sessions": found, "fig9": _fig9(sessions["inner"])}
 

@@ -11,7 +11,7 @@ from learning.pps.offsets import offsets
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import Reference, Simulation, simulate_map
 from pps_vision.experiments.pps.maps import FINE, landscape_chart, ridge_width
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SampledStudy
 
 _EXACT = Simulation()
 _NOISY = replace(_EXACT, position_noise_m=0.001, velocity_noise_m_s=0.01)
@@ -20,15 +20,13 @@ _OBJECTS = 500
 
 
 @dataclass(frozen=True)
-class MonteCarlo(Study):
+class MonteCarlo(SampledStudy):
     """Map of the middle of three virtual taxels after 500 objects, trained on touches only (R Figs 2, 3).
 
     D and TTC are measured from the landing point, as R's published maps are, and from the taxel, as R's text says.
     Only the former shows an offset: seen from a taxel assumed 10 cm too high, an object behind it recedes (TTC < 0).
     """
 
-    seed: int = 0
-    """Seed of the first simulation."""
     n: int = 20
     """Simulations whose medians are taken."""
 

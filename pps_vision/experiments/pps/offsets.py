@@ -21,7 +21,7 @@ from pps_vision.experiments.pps.movements import TRIALS, SessionName
 from pps_vision.experiments.pps.perceived import Session, perceive, train_memory
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
 from pps_vision.experiments.pps.trials import exact_trials
-from pps_vision.experiments.study import Study, interval, mean, median, percent
+from pps_vision.experiments.study import SampledStudy, interval, mean, median, percent
 from pps_vision.experiments.tables import Table, estimate
 
 PAPER_MM: dict[SessionName, float] = {"inner": 21.1, "outer": 17.3, "palm": 11.6}
@@ -37,13 +37,8 @@ _SAMPLED = ("stamps_s", "joints_rad", "positions", "velocities", "velocity_covs"
 
 
 @dataclass(frozen=True)
-class Offsets(Study):
+class Offsets(SampledStudy):
     """Offset of each taxel estimated from its map, against the true distance perceived at the touch (R Fig 8)."""
-
-    seed: int = 0
-    """Seed of trials and errors."""
-    n: int = 4
-    """Robots, each with errors of its own."""
 
     def run(self) -> dict[str, Any]:
         """Return, by part, the mean offsets, and the error of each method; 95 % intervals over robots."""

@@ -28,7 +28,7 @@ from pps_vision.experiments.pps.predictors import (
     in_blocks,
     outcomes,
 )
-from pps_vision.experiments.study import DATA, Study, interval
+from pps_vision.experiments.study import DATA, SeededStudy, interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask
 
@@ -50,13 +50,11 @@ OTHER_SESSION: dict[str, Predict] = {
 
 
 @dataclass(frozen=True)
-class RealTrials(Study):
+class RealTrials(SeededStudy):
     """Touches predicted 0.15 s ahead on the authors' real trials, beside R's map and the base rate."""
 
     data: Path = DATA
     """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""
-    seed: int = 0
-    """Seed of splits and permutations."""
     splits: int = 60
     """Random splits in two thirds to train on and one third to test on."""
     permutations: int = 200

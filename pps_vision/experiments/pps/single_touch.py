@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from learning.pps.memory import MemoryParams, activation, count_samples
 from pps_vision.experiments.baselines.single_taxel import Simulation, empty_map, from_taxel, simulate
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.types import Array
 
@@ -30,11 +30,9 @@ APPROACHES = {
 
 
 @dataclass(frozen=True)
-class SingleTouch(Study):
+class SingleTouch(SampledStudy):
     """Activation during a repeated approach after one touch by it, for four maps (R Fig 9, first panel)."""
 
-    seed: int = 0
-    """Seed of the approaches."""
     n: int = 300
     """Approaches of each kind, each learned and repeated alone."""
 

@@ -1,15 +1,13 @@
 """R Table 5: minutes, trials and samples of the five sessions, beside the paper's."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pps_vision.experiments.pps.movements import TRIALS, SessionName
+from pps_vision.experiments.pps.movements import SessionName
 from pps_vision.experiments.pps.perceived import Session, perceive, train_memory
-from pps_vision.experiments.pps.trials import FOLDER, exact_trials, rendered_trials
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.pps.trials import SessionStudy
 from pps_vision.experiments.tables import Table
 
 PAPER: dict[SessionName, dict[str, int]] = {
@@ -22,23 +20,17 @@ PAPER: dict[SessionName, dict[str, int]] = {
 
 
 @dataclass(frozen=True)
-class Table5(Study):
+class Table5(SessionStudy):
     """Minutes, trials and samples of R's five sessions (R Table 5).
 
     A sample is a step of 50 ms in which some taxel of the part perceives the object. Our minutes are those of the
     movements; R's include the way back and the experimenter's pauses.
     """
 
-    seed: int = 0
-    """Seed of the trials."""
-    trials: Path = FOLDER
-    """Folder of the rendered trials."""
-
     def run(self) -> dict[str, Any]:
         """Return ours and the paper's numbers by session."""
         found = {
-            name: {"ours": count(load_session(name, self.seed, self.trials)), "paper": paper}
-            for name, paper in PAPER.items()
+            name: {"ours": count(Session.of(name, self.seen(name))), "paper": paper} for name, paper in PAPER.items()
         }
         return {"sessions": found}
 
@@ -50,13 +42,6 @@ class Table5(Study):
             for name, of in numbers["sessions"].items()
         ]
         return {"": Table(["session (ours / R)", *(key.replace("_", " ") for key in columns), "taxels touched"], rows)}
-
-
-def load_session(name: SessionName, seed: int, folder: Path) -> Session:
-    """Return one of R's sessions: rendered and tracked, but for the felt double touch, which is known exactly."""
-    if name == "motor":
-        return Session.of(name, exact_trials(name, TRIALS[name], seed))
-    return Session.of(name, rendered_trials(name, TRIALS[name], seed, folder))
 
 
 def count(session: Session) -> dict[str, Any]:

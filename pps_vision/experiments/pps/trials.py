@@ -1,7 +1,7 @@
 """The trials that learning starts from: movements known exactly, or rendered, tracked and followed by the eyes."""
 
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
 from multiprocessing import get_context
@@ -18,7 +18,8 @@ from learning.pps.memory import PPSMemory
 from learning.pps.trials import TouchTrial
 from pps_vision import geometry, robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
-from pps_vision.experiments.pps.movements import STEP_S, Movement, SessionName, gaze_mask, movements
+from pps_vision.experiments.pps.movements import STEP_S, TRIALS, Movement, SessionName, gaze_mask, movements
+from pps_vision.experiments.study import NOISE_SIGMA, SeededStudy
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import icub_skin
@@ -29,12 +30,33 @@ from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
-NOISE_SIGMA = 2.0  # of the eyes' pixels, grey levels of 255
 FOLDER = Path("build") / "pps"
 """Default folder of the rendered trials, which several studies share."""
 _PROCESSES = 2
 _KIND, _VERSION = "touch trial", 1
 _TRACKED = ("joints_rad", "positions", "velocities", "velocity_covs", "radius_m")
+
+
+@dataclass(frozen=True)
+class SessionStudy(SeededStudy):
+    """Base of the studies of R's sessions as the robot sees them."""
+
+    trials: Path = FOLDER
+    """Folder of the rendered trials."""
+    share: float = 1.0
+    """Share of the trials of every session."""
+
+    def size(self, n: int) -> int:
+        """Return the share of `n` trials."""
+        return max(round(self.share * n), 1)
+
+    def seen(self, session: SessionName, n: int | None = None, further: int = 0) -> tuple[TouchTrial, ...]:
+        """Return a session's trials (default: as many as R's) with the seed `further` on: rendered and tracked, but for
+        the felt double touch, which is known exactly."""
+        n = self.size(n or TRIALS[session])
+        if session == "motor":
+            return exact_trials(session, n, self.seed + further)
+        return rendered_trials(session, n, self.seed + further, self.trials)
 
 
 def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, ...]:

@@ -13,7 +13,7 @@ from learning.pps.buffer import EventBuffer, push
 from learning.pps.memory import MemoryParams, PPSMemory, activation, learn
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.types import Array, TaxelEvents
 
 TAXELS = (32, 125, 500, 1000, 2000, 4000, 8000, 16000)  # the iCub has 4000
@@ -34,14 +34,12 @@ class Body:
 
 
 @dataclass(frozen=True)
-class WholeSkin(Study):
+class WholeSkin(SampledStudy):
     """Processor time to perceive one stimulus and activate all taxels, and to learn from 3 s, against the taxels.
 
     Usually the ball is in the receptive fields of the taxels near it; in the worst case it is in all of them.
     """
 
-    seed: int = 0
-    """Seed of the bodies and their memories."""
     n: int = 100
     """Runs of each; a fifth as many of learning."""
 

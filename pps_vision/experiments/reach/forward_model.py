@@ -21,7 +21,7 @@ from pps_vision.experiments.baselines.regressors import (
 )
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import first, gaze_rmse_deg
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SeededStudy
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
@@ -79,11 +79,9 @@ def learn_and_time(model: Model, sets: list[Babbled], test: Babbled) -> list[dic
 
 
 @dataclass(frozen=True)
-class ForwardModel(Study):
+class ForwardModel(SeededStudy):
     """The model of revolute joints, LWPR as in J, and other regressors, learned from the same fixated postures."""
 
-    seed: int = 0
-    """Seed of the babbling."""
     sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, _N_TRAIN)
     """Samples after which each is judged."""
 

@@ -19,7 +19,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.app.simulation import Episode, EpisodeLog, World, can_follow, log_of, new_pipeline, open_world, simulate
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
 from pps_vision.experiments.reach.map_truth import closed_form, random_gaze
-from pps_vision.experiments.study import Study, Values, interval, percent
+from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy, Values, interval, percent
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.model import Robot
@@ -27,7 +27,6 @@ from pps_vision.types import ReachStatus, Status, Track3D
 from rendering.motions import Linear
 
 _DEG = np.pi / 180
-_NOISE_SIGMA = 2.0  # grey levels
 _SECONDS, _SPEED_M_S, _LENGTH_M = 3.0, (0.05, 0.15), (0.10, 0.30)
 _LIMITS = GazeLimits(pitch_rad=(-80 * _DEG, 40 * _DEG))  # J's, the pitch down to where the eyes' tilt carries the gaze
 _ENDS = GazeLimits(
@@ -38,11 +37,9 @@ _VERDICTS = {"right": "asked at the track", "right_at_true_position": "asked at 
 
 
 @dataclass(frozen=True)
-class InLoop(Study):
+class InLoop(SampledStudy):
     """Reachability in every frame of closed-loop runs against exact inverse kinematics, and its time per frame."""
 
-    seed: int = 0
-    """Seed of the map, the paths and the images."""
     n: int = 10
     """Runs, each one path of a ball; the independent units."""
     n_labels: int = 6000
@@ -53,7 +50,7 @@ class InLoop(Study):
     def run(self) -> dict[str, Any]:
         """Return the share of frames judged rightly (%, with the interval over runs), counts, and processor times."""
         params = MapParams(_LIMITS, n_labels=self.n_labels, round_labels=min(1500, self.n_labels // 2))
-        with open_world(_NOISE_SIGMA, self.seed) as world:
+        with open_world(NOISE_SIGMA, self.seed) as world:
             learned = train_reachable_map(world.robot, "left", np.random.default_rng(self.seed), params)
             runs = []
             for k in tqdm(range(self.n), desc="runs", disable=None):

@@ -18,7 +18,7 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments.reach.map_truth import closed_form, random_gaze
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
@@ -106,11 +106,9 @@ def draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:
 
 
 @dataclass(frozen=True)
-class Lean(Study):
+class Lean(SampledStudy):
     """Objects that the right hand reaches only with the torso turned: touched, refused, and fixation meanwhile."""
 
-    seed: int = 0
-    """Seed of the learning and the objects."""
     n: int = 200
     """Objects out of reach of the upright robot."""
     n_labels: int = 12_000

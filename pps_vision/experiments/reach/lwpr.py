@@ -12,7 +12,7 @@ from tqdm import tqdm
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.types import Array
 
 _GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
@@ -75,11 +75,9 @@ def judge(model: LWPR) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class LwprCross(Study):
+class LwprCross(SampledStudy):
     """LWPR, the regressor of J, on the function by which its authors judge it, in three settings."""
 
-    seed: int = 0
-    """Seed of the first model of each setting; the others count up."""
     n: int = 5
     """Models per setting, the independent units."""
     share: float = 1.0
@@ -90,7 +88,7 @@ class LwprCross(Study):
         found = {}
         for name, setting in SETTINGS.items():
             rows = []
-            for seed in tqdm(range(self.seed, self.seed + self.n), desc=name, disable=None):
+            for seed in tqdm(self.seeds, desc=name, disable=None):
                 model, update_us = train(setting, np.random.default_rng(seed), self.share)
                 rows.append({**judge(model), "update_us": update_us})
             columns = {key: [row[key] for row in rows] for key in rows[0]}

@@ -19,7 +19,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import MapTruth, rates
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SeededStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Mask
@@ -49,11 +49,9 @@ BASELINES = {"nearest of labels everywhere": nearest_label, "regular grid": regu
 
 
 @dataclass(frozen=True)
-class Maps(Study):
+class Maps(SeededStudy):
     """Basic and Enhanced map of the right arm over the labels spent, with true kinematics, judged by closed form."""
 
-    seed: int = 0
-    """Seed of the labels; the postures the maps are judged on have another."""
     n_test: int = 20_000
     """Gaze postures they are judged on."""
     labels: tuple[int, ...] = (750, 1500, 3000, 6000, 12_000, 24_000, 52_000)

@@ -11,7 +11,7 @@ from learning.reach.measures import hand_and_params
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.experiments.study import Study, percent, rms
+from pps_vision.experiments.study import SeededStudy, percent, rms
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points
@@ -26,11 +26,9 @@ _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # down to the f
 
 
 @dataclass(frozen=True)
-class Measures(Study):
+class Measures(SeededStudy):
     """Maps of the right palm by joint limits, manipulability, isotropy, approach directions, and of a left taxel."""
 
-    seed: int = 0
-    """Seed of the maps' labels; the postures they are judged on have another."""
     n_labels: int = 3000
     """Inverse-kinematics solutions per map."""
     n_test: int = 1000

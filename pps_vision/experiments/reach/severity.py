@@ -19,11 +19,11 @@ from learning.reach.labels import HandModel, Labels, ReachOracle
 from learning.reach.map import MapPrediction
 from learning.reach.params import MapParams
 from learning.reach.training import learned_from
-from pps_vision.experiments import charts
+from pps_vision.experiments.charts import severities
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import closed_form, first
-from pps_vision.experiments.study import Axis, Break, Metric, Study, Values, compare_severities, percent
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.study import Axis, Break, Metric, SampledStudy, Values, compare_severities, percent
+from pps_vision.experiments.tables import Table, break_points
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams
@@ -179,11 +179,9 @@ def _flipping(label: Oracle, share: float, rng: np.random.Generator) -> Oracle:
 
 
 @dataclass(frozen=True)
-class Severity(Study):
+class Severity(SampledStudy):
     """Forward model and map under six disturbances of babbling and labels, ours beside J's method."""
 
-    seed: int = 0
-    """First seed of babbling, disturbance and labels."""
     n: int = 3
     """Seeds, the independent units."""
     n_labels: int = 1000
@@ -194,7 +192,7 @@ class Severity(Study):
     def run(self) -> dict[str, Any]:
         """Return by disturbance what `compare_severities` does: JE and confident errors (%)."""
         methods = {name: partial(learn_and_judge, name, self.n_labels) for name in LEARNERS}
-        seeds = range(self.seed, self.seed + self.n)
+        seeds = self.seeds
         return {
             name: compare_severities(partial(disturbed, name, self.n_test), axis, methods, _METRICS, seeds, _BREAK)
             for name, (axis, _) in DISTURBANCES.items()
@@ -202,23 +200,15 @@ class Severity(Study):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw misjudged gaze postures over severity."""
-        figure, axes = charts.panels(len(DISTURBANCES), 3, 3.4, 3.2)
-        for axis, name in zip(axes, DISTURBANCES, strict=False):
-            charts.severity(axis, numbers[name], "je", "JE (%)", _BREAK.bound)
+        figure = severities(_studies(numbers), "je", "misjudged, JE (%)", _BREAK.bound, 3)
+        for axis in figure.axes:
             axis.set_yscale("log")
-            axis.set_title(name, fontsize=10)
-        axes[0].legend(fontsize=8)
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return JE without and at the worst severity, and where each method breaks."""
-        columns = [f"{name}: {what}" for name in LEARNERS for what in ("breaks at", "JE (%)")]
-        rows = []
-        for disturbance in DISTURBANCES:
-            case = numbers[disturbance]
-            row = [f"{disturbance}, {case['axis']}", ", ".join(f"{severity:g}" for severity in case["severities"])]
-            for cell in case["methods"].values():
-                breaks, je = cell["breaks_at"], cell["je"]
-                row += ["–" if breaks is None else f"{breaks:g}", f"{je[0][0]:.2g} → {je[-1][0]:.2g}"]
-            rows.append(row)
-        return {"": Table(["disturbance", "severities", *columns], rows)}
+        """Return where each method breaks."""
+        return {"": break_points(_studies(numbers))}
+
+
+def _studies(numbers: dict[str, Any]) -> dict[str, Any]:
+    return {name: numbers[name] for name in DISTURBANCES}

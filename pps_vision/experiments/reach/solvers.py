@@ -19,7 +19,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.inverse_kinematics import Solver, two_stage_by
 from pps_vision.experiments.reach.map_truth import closed_form
-from pps_vision.experiments.study import Study, rms
+from pps_vision.experiments.study import SampledStudy, rms
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
@@ -35,11 +35,9 @@ Solve = Callable[[Array, Array], TwoStage]
 
 
 @dataclass(frozen=True)
-class Solvers(Study):
+class Solvers(SampledStudy):
     """Time per problem and verdicts of the batched solver, SciPy and IPOPT, from one start and two."""
 
-    seed: int = 0
-    """Seed of the gaze postures and of the babbled ones."""
     n: int = 52_000
     """Problems for the batched solvers, as many as J solved."""
     n_single: int = 1500

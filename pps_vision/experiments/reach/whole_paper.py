@@ -18,7 +18,7 @@ from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments.reach import jamone, paper_figures
 from pps_vision.experiments.reach.map_truth import MapTruth, closed_form, first, gaze_rmse_deg, judge_by_labels
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import SeededStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
@@ -32,11 +32,9 @@ _EXTREMES_OF_J = {"C, farthest": (11.17, 15.0), "D, closest": (89.15, 105.0)}  #
 
 
 @dataclass(frozen=True)
-class WholePaper(Study):
+class WholePaper(SeededStudy):
     """Forward model, Basic and Enhanced map from babbling alone, ours and as in J: JE, FN, FP and RMSE."""
 
-    seed: int = 0
-    """Seed of the babbling and of the labels; what is judged on has another."""
     n_tried: int = 20_000
     """Arm postures babbled."""
     labels: int = 24_000

@@ -11,7 +11,7 @@ from control.double_touch import DoubleTouch, DoubleTouching
 from learning.pps.memory import MemoryParams
 from learning.pps.receptive_field import ReceptiveField, perceive
 from learning.pps.trials import TouchTrial
-from pps_vision.experiments.pps import compensation, double_touches, invariance, landscapes, offsets, table5
+from pps_vision.experiments.pps import compensation, double_touches, landscapes, offsets
 from pps_vision.experiments.pps.calibration import Calibration
 from pps_vision.experiments.pps.compensation import Compensation
 from pps_vision.experiments.pps.double_touches import DoubleTouches
@@ -30,22 +30,20 @@ from pps_vision.robot.skin import icub_skin
 ROBOT, FOREARM = load_icub(), icub_skin(("left_forearm",))
 
 
-def small(**n: int) -> dict[str, int]:
-    return {**dict.fromkeys(TRIALS, 2), **n}
+@pytest.fixture
+def not_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exact trials in place of rendered ones."""
+
+    def exact(name: SessionName, n: int, seed: int, folder: Path) -> tuple[TouchTrial, ...]:
+        return exact_trials(name, n, seed)
+
+    monkeypatch.setattr("pps_vision.experiments.pps.trials.rendered_trials", exact)
 
 
-def exact(name: SessionName, n: int, seed: int, folder: Path) -> tuple[TouchTrial, ...]:
-    """In place of rendered trials."""
-    return exact_trials(name, n, seed)
-
-
-def test_table_5_has_the_papers_trials_and_counts_the_steps_that_are_perceived(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.mark.usefixtures("not_rendered")
+def test_table_5_has_the_papers_trials_and_counts_the_steps_that_are_perceived() -> None:
     assert {name: of["trials"] for name, of in PAPER.items()} == TRIALS
-    monkeypatch.setattr(table5, "TRIALS", small())
-    monkeypatch.setattr(table5, "rendered_trials", exact)
-    numbers, _ = run_and_draw(Table5(SEED))
+    numbers, _ = run_and_draw(Table5(SEED, share=2 / 53))
     n = 0
     for trial in exact_trials("inner", 2, SEED):
         for q, p, v in zip(trial.joints_rad, trial.positions, trial.velocities, strict=True):
@@ -61,10 +59,9 @@ def test_a_session_shows_the_taxel_aimed_at_with_the_most_samples() -> None:
     assert memory.counts[shown].sum() == memory.counts[8:].sum(axis=(1, 2, 3)).max()  # outer taxels come last
 
 
-def test_landscapes_of_all_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table5, "TRIALS", small())
-    monkeypatch.setattr(table5, "rendered_trials", exact)
-    numbers, charts = run_and_draw(Landscapes(SEED, n=2))
+@pytest.mark.usefixtures("not_rendered")
+def test_landscapes_of_all_sessions() -> None:
+    numbers, charts = run_and_draw(Landscapes(SEED, n=2, share=2 / 53))
     assert list(numbers["sessions"]) == list(TITLES)
     for name, of in numbers["sessions"].items():
         assert of["taxel"].startswith("right_palm" if name == "palm" else "left_forearm")
@@ -105,11 +102,9 @@ def test_offsets_of_an_erring_robot_are_found_within_3_mm(monkeypatch: pytest.Mo
     assert numbers["parts"]["palm"]["true_mm"] > 0
 
 
-def test_calibration_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pps_vision.experiments.pps.calibration.rendered_trials", exact)
-    monkeypatch.setattr("pps_vision.experiments.pps.calibration.TRIALS", small(inner=16))
-    monkeypatch.setattr("pps_vision.experiments.pps.calibration.HELD_OUT", 6)
-    numbers, _ = run_and_draw(Calibration(SEED))
+@pytest.mark.usefixtures("not_rendered")
+def test_calibration_is_drawn() -> None:
+    numbers, _ = run_and_draw(Calibration(SEED, share=0.3))
     assert all(0 <= of["brier"] <= 1 for of in numbers["methods"].values())
 
 
@@ -126,12 +121,9 @@ def test_in_another_posture_the_skin_perceives_the_same() -> None:
             np.testing.assert_allclose(one, other, rtol=1e-6)
 
 
-def test_without_errors_posture_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(invariance, "TRIALS", small(inner=8))
-    monkeypatch.setattr(invariance, "POSTURES", 6)
-    monkeypatch.setattr(invariance, "_TRIALS", {"motor": 6, "visual": 6, "inner": 6})
-    monkeypatch.setattr(invariance, "rendered_trials", exact)
-    numbers, charts = run_and_draw(Invariance(SEED, n=1))
+@pytest.mark.usefixtures("not_rendered")
+def test_without_errors_posture_changes_nothing() -> None:
+    numbers, charts = run_and_draw(Invariance(SEED, n=1, share=0.14))
     without = numbers["postures"]["no errors"]
     assert without["home → home"]["brier"] == pytest.approx(without["home → others"]["brier"], abs=1e-6)
     assert set(charts) == {"postures", "modalities"}
@@ -146,7 +138,7 @@ def test_each_case_is_trained_and_tested_on_its_own_trials(monkeypatch: pytest.M
         "errors, map trained with": sets[1],
         "encoder offsets estimated too": sets[2],
     }
-    monkeypatch.setattr(compensation, "TRIALS", small(inner=6))
+    monkeypatch.setattr(compensation, "TRIALS", {"inner": 6})
     monkeypatch.setattr(compensation, "SOURCES", {"cameras": SOURCES["cameras"]})
     numbers, charts = run_and_draw(Compensation(SEED, n=1))
     assert set(numbers["sources"]) == {"cameras", "all"}
