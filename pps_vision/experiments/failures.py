@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.errors import InputError
 from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.scenarios import EYES_M, Posing, Recording, film, follow, stare_at, watching
@@ -57,13 +58,18 @@ class Failures(TrackingStudy):
 
     n: int = 1
     """Recordings of every severity."""
+    only: str = ""
+    """Only the disturbances whose names contain this."""
 
     def run(self) -> dict[str, Any]:
         """Return by source and disturbance: success, 3D error, false tracks at each severity, and the break point."""
+        chosen = {name: one for name, one in DISTURBANCES.items() if self.only in name}
+        if not chosen:
+            raise InputError("bench failures", f"--only {self.only!r}; expected a part of a disturbance's name")
         return {
             source: {
                 name: compare_severities(partial(one.make, source), one.axis, methods(), _METRICS, self.seeds, BREAKS)
-                for name, one in DISTURBANCES.items()
+                for name, one in chosen.items()
             }
             for source in self.sources
         }
