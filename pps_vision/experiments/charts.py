@@ -15,18 +15,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from pps_vision.types import Array
 
 _INK, _OURS, _BASELINE = "0.25", "tab:blue", "tab:orange"
+_NAME_PT, _WIDEST_IN = 7.0, 14.0
 _WIDE = 30.0  # errors that span more than this ratio are drawn on a logarithmic axis
 
 
 def panels(n: int, columns: int | None = None, width: float = 4.6, height: float = 3.8) -> tuple[Figure, list[Axes]]:
     """Return a figure with `n` panels, `columns` of them side by side (default: all)."""
     columns = min(columns or n, n)
-    rows = -(-n // columns)
+    rows, width = -(-n // columns), min(width, _WIDEST_IN / columns)
     size = (width * columns, height * rows)
     figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
     for unused in axes.ravel()[n:]:
@@ -72,15 +74,12 @@ def speed_error(
         axis.plot(ms[k, 1], shown[k], "o" if known[k] else "x", color=color, ms=5)
         if name == default:
             axis.plot(ms[k, 1], shown[k], "o", mfc="none", mec=_INK, ms=12, mew=1.4)
-    for k, offset in enumerate(_label_offsets(ms[:, 1], np.log(shown) if wide else shown)):
-        label = names[k] if known[k] else f"{names[k]} (fails)"
-        at = (ms[k, 1], shown[k])
-        axis.annotate(label, at, xytext=(5, offset), textcoords="offset points", fontsize=7, color=_INK)
     if wide:
         axis.set_yscale("log")
         axis.margins(y=0.15)
     else:
-        axis.set_ylim(0, 1.1 * max(float(np.nanmax([*shown, *high])), 1e-9))
+        room = 1.1 if axis.get_yscale() == "linear" else 2.5
+        axis.set_ylim(0, room * max(float(np.nanmax([*shown, *high])), 1e-9))
     axis.set_xscale("log")
     decades = float(np.ptp(np.log10(ms[:, 1])))
     axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2 else (1.0,)))
@@ -89,8 +88,12 @@ def speed_error(
     axis.margins(x=0.2)
     axis.set(xlabel=time, ylabel=error)
     axis.grid(alpha=0.25, which="both")
+    _write_names(
+        axis, ms[:, 1], shown, [name if k else f"{name} (fails)" for name, k in zip(names, known, strict=True)]
+    )
     axis.plot([], [], "o", color=_OURS, label="ours")
-    axis.plot([], [], "o", color=_BASELINE, label="baseline")
+    if baselines:
+        axis.plot([], [], "o", color=_BASELINE, label="baseline")
     axis.plot([], [], "o", mfc="none", mec=_INK, ms=10, label="default")
 
 
@@ -124,7 +127,8 @@ def severity(axis: Axes, study: Mapping[str, Any], metric: str, label: str, boun
         axis.fill_between(places, low, high, color=line.get_color(), alpha=0.15, lw=0)
         if cell["breaks_at"] is not None:
             k = study["severities"].index(cell["breaks_at"])
-            axis.plot(k, np.nan_to_num(value[k]), "x", color=line.get_color(), ms=10, mew=2, clip_on=False)
+            at, place = (value[k], axis.transData) if np.isfinite(value[k]) else (0.0, axis.get_xaxis_transform())
+            axis.plot(k, at, "x", color=line.get_color(), ms=10, mew=2, clip_on=False, transform=place)
     if bound is not None:
         axis.axhline(bound, color=_INK, lw=0.9, ls="--")
     axis.set_xticks(places, [f"{value:g}" for value in study["severities"]])
@@ -188,12 +192,33 @@ def _quartiles(ms: Any) -> list[float]:
     return list(ms) if isinstance(ms, list | tuple) else [ms, ms, ms]
 
 
-def _label_offsets(ms: Array, y: Array) -> list[int]:
-    """Return how far above its point (typographic points) each label stands, so that neighbours do not overlap."""
-    x, y = np.log10(ms), (y - y.min()) / max(float(np.ptp(y)), 1e-9)
-    near_x = 0.3 * max(float(np.ptp(x)), 0.5)
-    offsets: dict[int, int] = {}
-    for k in (int(index) for index in np.argsort(-y, kind="stable")):
-        taken = {offset for j, offset in offsets.items() if abs(x[j] - x[k]) < near_x and abs(y[j] - y[k]) < 0.08}
-        offsets[k] = next((offset for offset in (5, -12, -21, 14, 23) if offset not in taken), 5)
-    return [offsets[k] for k in range(len(x))]
+def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str]) -> None:
+    """Write names beside points, inside the axes and clear of points and other names as far as there is room."""
+    axis.autoscale_view()
+    points = axis.transAxes.inverted().transform(axis.transData.transform(np.column_stack([x, y])))
+    extent = axis.get_window_extent()
+    size = 1.1 * 72 / axis.figure.dpi * np.array([extent.width, extent.height])  # points; the layout will widen it
+    inside, line = Bbox.from_bounds(0, 0, *size), 1.2 * _NAME_PT
+    taken = [Bbox.from_bounds(u - 4, v - 4, 8, 8) for u, v in points * size]
+    for k in np.argsort(-points[:, 1], kind="stable").tolist():
+        (u, v), length = points[k] * size, 0.58 * _NAME_PT * len(names[k])
+        offsets = [(dx, dy) for dy in (4, -4 - line, -line / 2, 4 + line, -4 - 2 * line) for dx in (5, -5 - length)]
+        boxes = [Bbox.from_bounds(u + dx, v + dy, length, line) for dx, dy in offsets]
+        hidden = [sum(_shared(box, one) for one in taken) - 3 * _shared(box, inside) for box in boxes]
+        best = int(np.argmin(np.round(hidden, 3)))
+        taken.append(boxes[best])
+        axis.annotate(
+            names[k],
+            (x[k], y[k]),
+            offsets[best],
+            textcoords="offset points",
+            fontsize=_NAME_PT,
+            color=_INK,
+            in_layout=False,
+        )
+
+
+def _shared(one: Bbox, other: Bbox) -> float:
+    """The area that two boxes share."""
+    both = Bbox.intersection(one, other)
+    return 0.0 if both is None else both.width * both.height

@@ -129,13 +129,13 @@ class Filter(TrackingStudy):
         labels = (
             "position error (mm RMS)",
             "velocity error (mm/s RMS)",
-            "time to contact, last 0.5 s: median error (%)",
+            "time to contact, last 0.5 s:\nmedian error (%)",
         )
         for row, (name, methods) in enumerate(cells.items()):
             for axis, metric, label in zip(axes[3 * row :], _METRICS, labels, strict=False):
                 known = {m: c for m, c in methods.items() if c[metric][0] is not None}
-                axis.set_title(name, fontsize=9)
                 if known:
+                    axis.set_title(name, fontsize=9)
                     speed_error(axis, known, metric, BASELINES, DEFAULT, "time (ms per update)", label)
                 else:
                     axis.axis("off")

@@ -48,7 +48,7 @@ class Pipeline(TrackingStudy):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against 3D error, and against the error of the time to contact, one column for each kind of scene."""
-        labels = {"rms_mm": "3D RMS error (mm)", "ttc_percent": "time to contact, last 0.5 s: median error (%)"}
+        labels = {"rms_mm": "3D RMS error (mm)", "ttc_percent": "time to contact, last 0.5 s:\nmedian error (%)"}
         return speed_errors(numbers["cells"], labels, BASELINES, "ours, generic")
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:

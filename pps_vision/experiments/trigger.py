@@ -99,14 +99,15 @@ class Trigger(SampledStudy):
         figure, axes = panels(2, width=6.5)
         cells = numbers["cells"]
         quiet, time = cells["independent"]["nothing"], "time (ms per image)"
+        axes[0].set_yscale("symlog", linthresh=1)
         speed_error(axes[0], quiet, "alarms_per_minute", TRIGGERS, DEFAULT, time, "false alarms a minute")
         axes[0].set_title("head turning before photographs, nothing else moves", fontsize=9)
-        axes[0].set_yscale("symlog", linthresh=1)
         axes[0].legend(fontsize=7)
         found = {s: [of["ball, 5 px"][m]["found_in_3_percent"] for m in quiet] for s, of in cells.items()}
         bars(axes[1], list(quiet), found, "found within 3 images (%)")
         axes[1].set_title("ball that starts to move at 5 px an image", fontsize=9)
-        axes[1].legend(fontsize=7)
+        axes[1].set_ylim(0, 116)
+        axes[1].legend(fontsize=7, loc="upper center", ncols=len(found))
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:

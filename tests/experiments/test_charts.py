@@ -10,6 +10,7 @@ from pps_vision.experiments.charts import (
     curves,
     panels,
     pareto_front,
+    severities,
     severity,
     speed_error,
     speed_errors,
@@ -40,16 +41,27 @@ def test_speed_error_marks_default_front_and_failures(axis) -> None:
     np.testing.assert_allclose(front.get_xydata(), [[1, 5], [10, 1]])
     rings = [line for line in axis.lines if line.get_markersize() == 12]
     np.testing.assert_allclose(rings[0].get_xydata(), [[10, 1]])
-    assert [text.get_text() for text in axis.texts] == ["fast", "best", "lost (fails)"]
+    assert {text.get_text() for text in axis.texts} == {"fast", "best", "lost (fails)"}
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "linear")
     points = {tuple(line.get_xydata()[0]): line for line in axis.lines if line.get_markersize() == 5}
     assert points[1, 5].get_color() != points[10, 1].get_color() == points[2, 5 * 1.15].get_color()
     assert points[2, 5 * 1.15].get_marker() == "x", "above all others"
 
 
-def test_labels_of_near_points_stand_at_different_heights(axis) -> None:
-    speed_error(axis, {name: {"ms": 1 + 0.01 * k, "error": 1} for k, name in enumerate("abc")}, "error")
-    assert len({text.xyann[1] for text in axis.texts}) == 3
+def test_names_of_near_points_neither_meet_nor_leave_the_axes() -> None:
+    """Three points a hair apart, one at each edge; as they are drawn."""
+    figure, (axis,) = panels(1)
+    at = {"first of three": (1.0, 5), "second of three": (1.01, 5), "third of three": (1.02, 5)}
+    at |= {"at the right edge": (90, 3), "below": (10, 0), "above": (8, 9)}
+    speed_error(axis, {name: {"ms": ms, "error": error} for name, (ms, error) in at.items()}, "error")
+    figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in axis.texts]
+    inside = axis.get_window_extent().padded(3)
+    for k, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:k])
+        assert inside.x0 <= box.x0 < box.x1 <= inside.x1
+        assert inside.y0 <= box.y0 < box.y1 <= inside.y1
+    plt.close(figure)
 
 
 def test_errors_that_span_decades_are_drawn_on_a_logarithmic_axis(axis) -> None:
@@ -75,6 +87,23 @@ def test_severity_marks_the_break(axis) -> None:
     assert cross.get_xdata()[0] == 2
     assert any(list(line.get_ydata()) == [3, 3] for line in axis.lines), "the bound"
     assert [tick.get_text() for tick in axis.get_xticklabels()] == ["0", "10", "20"]
+
+
+def test_a_method_without_a_value_breaks_at_the_lower_edge_also_on_a_logarithmic_axis(axis) -> None:
+    cell = {"error": [[1, 1, 1], [None, None, None]], "breaks_at": 10}
+    severity(axis, {"axis": "noise", "severities": [0, 10], "methods": {"ours": cell}}, "error", "error (mm)")
+    axis.set_yscale("log")
+    axis.figure.canvas.draw()
+    cross = next(line for line in axis.lines if line.get_marker() == "x")
+    np.testing.assert_allclose(cross.get_transform().transform((1, 0))[1], axis.get_window_extent().y0)
+
+
+def test_severities_have_a_panel_for_each_disturbance() -> None:
+    cell = {"error": [[1, 1, 1], [2, 1, 3]], "breaks_at": None}
+    study = {"axis": "noise", "severities": [0, 10], "methods": {"ours": cell, "theirs": cell}}
+    figure = severities({"first": study, "second": study}, "error", "error (mm)", 3, columns=1)
+    assert [axis.get_title() for axis in figure.axes] == ["first", "second"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["ours", "theirs"]
 
 
 def test_calibration_curves_and_bars_draw_values_with_intervals(axis) -> None:
