@@ -67,7 +67,8 @@ def limit(
         The change from braking to `wanted` is scaled uniformly, separately for the joints that move bodies and for
         the head.  Braking goes on along the last command and stops where that would have ended: where the robot stands
         as predicted, the last check has found that free.  A limit that is exceeded already is not exceeded further: a
-        joint beyond its limit stays or goes back, and bodies that are too near do not come nearer.  The distance goes
+        joint beyond its limit stays or goes back, and two bodies that are too near or
+        overlap may only part.  The distance goes
         before the acceleration limit: what the last command did not foresee may stop the arm at once.
 
     Raises:

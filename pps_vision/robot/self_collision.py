@@ -1,18 +1,21 @@
 """Self-collision distance: how far apart the two arms and the trunk are, by coal through Pinocchio."""
 
+from collections.abc import Iterable, Mapping
 from itertools import combinations
-from math import sqrt
+from math import hypot, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from pps_vision.robot.model import Robot
+from pps_vision.robot.model import Body, Robot
 from pps_vision.types import Array, Mask
 
 _SHORTEST_STEP = 1 / 512  # of a motion; a shorter one is not checked
 _MOST_STEPS = 10  # bounds the time of a check
 _ACCURACY_M = 1e-5  # a distance must exceed the smallest allowed one by so much; coal repeats itself within 1e-6 m
+_AXIS_M = 5e-5  # coal's directions give its distances within this (2.3e-5 at most for cylinders that are apart)
 _NO_MOTION_M = 1e-12  # bodies that move by less are taken to rest
 
 
@@ -25,7 +28,7 @@ class SelfCollision:
 
     def __init__(self, robot: Robot, ignored: tuple[str, ...] = ()) -> None:
         """Of `robot.bodies` but for those named in `ignored`."""
-        self._model, self._data = robot.model, robot.model.createData()
+        self._model, self._data, self._bodies = robot.model, robot.model.createData(), robot.bodies
         self._geometry = robot.geometry.copy()
         self._geometry.removeAllCollisionPairs()
         bodies = [(i, body) for i, body in enumerate(robot.geometry.geometryObjects) if body.name not in ignored]
@@ -44,6 +47,8 @@ class SelfCollision:
             if limb(a) != limb(b) and carrier(max(a, b)) != min(a, b):  # Pinocchio numbers parents before children
                 self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         self._distances = pin.GeometryData(self._geometry)
+        self._pairs = [self._pair(pair.first, pair.second) for pair in self._geometry.collisionPairs]
+        self._turns: Mask = np.array([pair.turn for pair in self._pairs])
         self._lever_m = _levers(robot.model, [body for _, body in bodies])
 
     @property
@@ -60,8 +65,36 @@ class SelfCollision:
     def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
         """The share in [0, 1] of a straight motion along which the distance provably stays at `clearance_m` or more.
 
-        From a start that is nearer already: along which the distance does not fall below that of the start; 0 where
-        bodies overlap.  The motion leads from `q_rad` to `q_rad + change_rad` (n_joints,).
+        The motion leads from `q_rad` to `q_rad + change_rad` (n_joints,).  Two bodies that are nearer already, or
+        overlap, may not come nearer than at the start.
+        """
+        turn = np.abs(change_rad) * self.moving
+        if turn @ self._lever_m <= _NO_MOTION_M:
+            return 1.0
+        enough_m = clearance_m + _ACCURACY_M
+        d0 = self.distance_m(q_rad)
+        if d0 >= enough_m + _ACCURACY_M:
+            return self._free_share(q_rad, change_rad, clearance_m, d0)
+        distances = [result.min_distance for result in self._distances.distanceResults]
+        near = {k: min(d, enough_m) for k, d in enumerate(distances) if d < enough_m + _ACCURACY_M}
+        turned = np.any(self._turns & (turn > 0), axis=1)
+        leaving = {k: least for k, least in near.items() if turned[k]}
+        share = self._leaving_share(q_rad, change_rad, leaving) if leaving else 1.0
+        others = [k for k in np.flatnonzero(turned).tolist() if k not in near]
+        if not (share and others):
+            return share
+        active = self._distances.activeCollisionPairs
+        passive = set(range(len(self._pairs))) - set(others)
+        try:
+            for k in passive:
+                active[k] = False
+            return share * self._free_share(q_rad, share * change_rad, clearance_m, self.distance_m(q_rad))
+        finally:
+            for k in passive:
+                active[k] = True
+
+    def _free_share(self, q_rad: Array, change_rad: Array, least: float, d0: float) -> float:
+        """`clear_share` of the active pairs, from a start at the distance `d0` above `least`.
 
         Let d₀, d₁ be the distances at the ends of a step and m the smallest within.  The nearest points of that
         instant move at right angles to their connection, relatively by at most v and with an acceleration of at most κ
@@ -74,10 +107,7 @@ class SelfCollision:
             return 1.0
         kappa = float(turn.sum()) * v
         shortest = max(_SHORTEST_STEP, 50 * _ACCURACY_M / v)
-        d0 = self.distance_m(q_rad)
-        least, done, longest = min(clearance_m, d0), 0.0, 1.0
-        if d0 <= 0.0:
-            return 0.0
+        done, longest = 0.0, 1.0
         for _ in range(_MOST_STEPS):
             to_graze = 2 * sqrt(d0**2 - least**2) / v  # a step after which the same distance again would do
             h = min(max(to_graze, shortest), longest, 1.0 - done)
@@ -92,9 +122,94 @@ class SelfCollision:
                 longest = 0.5 * h
         return done
 
+    def _leaving_share(self, q_rad: Array, change_rad: Array, least: Mapping[int, float]) -> float:
+        """The share in [0, 1] of a motion along which the pairs of these numbers stay at `least` or more.
+
+        The distance of convex bodies, negative where they overlap, is the largest separation s along any direction n.
+        Along one that turns with what carries both, s is the smallest of n·(b − a) over their points, with an
+        acceleration of at most κ: within a step s lies above the parabola through its ends with the curvature κ.
+        """
+        lowest = np.array(list(least.values()))
+        turns = np.array([np.abs(change_rad) * self._pairs[k].turn for k in least])
+        kappa = turns.sum(axis=1) * (turns @ self._lever_m)
+        done, h = 0.0, 1.0
+        axes = self._axes(q_rad, least)
+        s0 = self._separations(q_rad, axes)
+        for _ in range(2 * _MOST_STEPS):
+            h = min(h, 1.0 - done)
+            q1 = q_rad + (done + h) * change_rad
+            s1 = self._separations(q1, axes)
+            start = np.where(s0 >= lowest - _AXIS_M, np.minimum(s0, lowest), lowest)
+            if np.all(s1 >= lowest) and np.all(_lowest(s0, s1, kappa * h**2) >= start):
+                done += h
+                if done >= 1.0:
+                    return 1.0
+                axes, h = self._axes(q1, least), 2 * h
+                s0 = self._separations(q1, axes)
+            elif h <= _SHORTEST_STEP:
+                break
+            else:
+                h *= 0.5
+        return done
+
+    def _axes(self, q_rad: Array, pairs: Iterable[int]) -> dict[int, Array]:
+        """By pair, the direction (3,) in which its bodies are apart, in the frame of the joint that carries both."""
+        self.distance_m(q_rad)
+        results, placements = self._distances.distanceResults, self._data.oMi
+        return {k: results[k].normal @ placements[self._pairs[k].carrier].rotation for k in pairs}
+
+    def _separations(self, q_rad: Array, axes: Mapping[int, Array]) -> Array:
+        """(n,) m, the separations of pairs along their axes: lower bounds of their distances."""
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._distances, q_rad)
+        found = []
+        for k, axis in axes.items():
+            pair = self._pairs[k]
+            n = self._data.oMi[pair.carrier].rotation @ axis
+            a, b = self._distances.oMg[pair.first], self._distances.oMg[pair.second]
+            extent = _extent(self._bodies[pair.first], n @ a.rotation) + _extent(
+                self._bodies[pair.second], n @ b.rotation
+            )
+            found.append(n @ (b.translation - a.translation) - extent)
+        return np.array(found)
+
+    def _pair(self, first: int, second: int) -> "_Pair":
+        joints = [self._geometry.geometryObjects[i].parentJoint for i in (first, second)]
+        supports = [set(self._model.supports[joint]) for joint in joints]
+        turn = np.isin(np.arange(1, self._model.njoints), list(supports[0] ^ supports[1]))
+        return _Pair(first, second, max(supports[0] & supports[1]), turn)
+
+
+class _Pair(NamedTuple):
+    """Two bodies whose distance is measured."""
+
+    first: int
+    second: int
+    carrier: int
+    """The last joint that moves both."""
+    turn: Mask
+    """(n_joints,) whether a joint moves one against the other."""
+
+
+def _extent(body: Body, direction: Array) -> float:
+    """m from the centre of a body to its farthest point in a direction (3,) of unit length, in its frame."""
+    x, y, z = np.abs(direction)
+    if body.shape == "sphere":
+        return body.size_m[0]
+    if body.shape == "cylinder":
+        radius, length = body.size_m
+        return float(radius * hypot(x, y) + 0.5 * length * z)
+    return float(0.5 * (np.array(body.size_m) @ (x, y, z)))
+
+
+def _lowest(s0: Array, s1: Array, bend: Array) -> Array:
+    """The lowest values (n,) of parabolas with the second derivative `bend` on [0, 1] that end at s0 and s1."""
+    bend = np.maximum(bend, 1e-300)
+    at = np.clip(0.5 - (s1 - s0) / bend, 0.0, 1.0)
+    return np.asarray(s0 + (s1 - s0) * at - 0.5 * bend * at * (1 - at))
+
 
 def _smallest_squared(d0: float, d1: float, h: float, v: float, kappa: float) -> float:
-    """Lower bound of the squared distance within a step; see `SelfCollision.clear_share`."""
+    """Lower bound of the squared distance within a step; see `SelfCollision._free_share`."""
     w2 = v**2 + kappa * (min(d0, d1) + v * h + 0.25 * kappa * h**2)
     x = (d0**2 - d1**2 + w2 * h**2) / (2 * w2 * h)
     return d0**2 - w2 * x**2 if 0 < x < h else min(d0, d1) ** 2

@@ -309,11 +309,37 @@ def test_leaving_slowly_is_free_as_leaving_fast_is(robot: Robot, bodies: SelfCol
         np.testing.assert_allclose(limit(PARAMS, bodies, robot.at(q), wanted).dq_rad_s, wanted.dq_rad_s)
 
 
-def test_bodies_that_overlap_do_not_move(robot: Robot, bodies: SelfCollision) -> None:
+@pytest.mark.parametrize("start_m", [-0.01, -0.001, 0.0, 0.015])
+def test_bodies_that_overlap_or_are_too_near_may_only_part(robot: Robot, bodies: SelfCollision, start_m: float) -> None:
+    """Asked by turns to come nearer and to part, the arm leaves the chest, and never goes back."""
+    q, last, before = near_the_chest(robot, bodies, start_m), None, -1.0
+    for k in range(100):
+        wanted = JointVelocity(DT * k, (1.0 if k % 3 == 0 else -1.0) * towards_the_chest(robot, q), HOLD_S)
+        last = limit(PARAMS, bodies, robot.at(q), wanted, last)
+        distance = bodies.distance_m(q)
+        assert distance >= min(before, 0.02) - 2e-6
+        assert smallest_distance(bodies, q, last) >= min(distance, 0.02) - 2e-6
+        before, q = distance, q + DT * last.dq_rad_s
+        if distance >= 0.02:
+            return
+    pytest.fail("still too near")
+
+
+def test_bodies_that_overlap_do_not_come_nearer(robot: Robot, bodies: SelfCollision) -> None:
     q = near_the_chest(robot, bodies, -0.001)
-    held = limit(PARAMS, bodies, robot.at(q), JointVelocity(0.0, np.full(robot.n_joints, 0.1), HOLD_S))
+    wanted = JointVelocity(0.0, towards_the_chest(robot, q) + command(robot, neck_yaw=0.3).dq_rad_s, HOLD_S)
+    held = limit(PARAMS, bodies, robot.at(q), wanted)
     assert not held.dq_rad_s[bodies.moving].any()
-    assert held.dq_rad_s[~bodies.moving].all()
+    assert held.dq_rad_s[~bodies.moving].any()
+
+
+@pytest.mark.parametrize("joint", ["torso_yaw", "torso_pitch"])
+def test_the_torso_carries_an_arm_that_is_too_near_the_chest(robot: Robot, bodies: SelfCollision, joint: str) -> None:
+    """Hanging arms are 19.1 mm from the chest, whatever the torso does."""
+    q = np.zeros(robot.n_joints)
+    assert bodies.distance_m(q) == pytest.approx(0.0191, abs=1e-4)
+    held = limit(PARAMS, bodies, robot.at(q), command(robot, **{joint: 0.1}))
+    assert held.dq_rad_s[robot.indices((joint,))] == pytest.approx(0.1)
 
 
 def test_an_arm_that_was_pushed_towards_the_chest_stops_at_once(robot: Robot, bodies: SelfCollision) -> None:

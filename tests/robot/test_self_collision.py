@@ -8,7 +8,7 @@ import pytest
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.model import Body
-from pps_vision.robot.self_collision import SelfCollision, _smallest_squared
+from pps_vision.robot.self_collision import SelfCollision, _lowest, _smallest_squared
 from pps_vision.types import Array
 
 ROBOT = load_icub()
@@ -138,6 +138,51 @@ def test_a_motion_past_a_body_is_not_judged_by_its_ends():
     assert distances.min() < 0.02 < min(distances[0], distances[-1])
     clear = int(np.argmax(distances < 0.02))
     assert 0.5 * clear < 100 * bodies.clear_share(q, change, 0.02) < clear
+
+
+def test_from_a_start_too_near_no_two_bodies_come_nearer_and_most_ways_out_are_clear():
+    """Random postures that are too near or overlap; along the steepest way out of the nearest two bodies, and at
+    random."""
+    rng, bodies, out, moved = np.random.default_rng(7), SelfCollision(ROBOT), [], 0
+    while len(out) < 30:
+        q = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad)
+        start = bodies.distance_m(q)
+        if start >= 0.019:
+            continue
+        steps = 1e-4 * np.eye(ROBOT.n_joints)
+        gradient = np.array([bodies.distance_m(q + step) - bodies.distance_m(q - step) for step in steps])
+        for change in (0.1 * gradient / np.abs(gradient).max(), 0.1 * rng.standard_normal(ROBOT.n_joints)):
+            share = bodies.clear_share(q, change, 0.02)
+            way = np.array([_distances(bodies, q + s * share * change) for s in np.linspace(0, 1, 60)])
+            assert np.all(way >= np.minimum(way[0], 0.02) - 1e-5)
+            moved += share > 0
+        out.append(bodies.clear_share(q, 0.1 * gradient / np.abs(gradient).max(), 0.02) > 0)
+    assert np.mean(out) > 0.5
+    assert moved > np.sum(out)
+    assert all(bodies._distances.activeCollisionPairs)
+
+
+def _distances(bodies: SelfCollision, q: Array) -> Array:
+    """Of all pairs."""
+    bodies.distance_m(q)
+    return np.array([result.min_distance for result in bodies._distances.distanceResults])
+
+
+def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
+    """Hanging arms, 19.1 mm from the chest: what is carried along does not count, what turns does."""
+    bodies, q = SelfCollision(ROBOT), np.zeros(ROBOT.n_joints)
+    for joint, clear in (("torso_yaw", True), ("torso_pitch", True), ("left_wrist_yaw", True), ("left_elbow", False)):
+        change = np.zeros(ROBOT.n_joints)
+        change[ROBOT.indices((joint,))] = -0.05 if joint == "left_elbow" else 0.05
+        assert (bodies.clear_share(q, change, 0.02) > 0.9) == clear, joint
+
+
+def test_the_lowest_point_of_a_parabola():
+    rng, y = np.random.default_rng(8), np.linspace(0, 1, 10001)
+    for _ in range(50):
+        s0, s1, bend = rng.normal(), rng.normal(), rng.choice([0.0, 1.0, 10.0])
+        expected = np.min(s0 + (s1 - s0) * y - 0.5 * bend * y * (1 - y))
+        assert _lowest(np.array([s0]), np.array([s1]), np.array([bend]))[0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_two_points_that_pass_straight_are_as_near_as_bounded():
