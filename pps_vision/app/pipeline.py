@@ -191,9 +191,9 @@ class Pipeline:
         D, ttc = np.full((2, len(taxels)), np.nan)
         if track.is_known:
             stimulus = track.position, track.velocity, track.radius_m, track.cov[3:6, 3:6]
-            D, at_rest = perceive(self.params.receptive_field, taxels, normals, *stimulus)
-            moving = perceive(self.params.receptive_field, taxels, normals, *stimulus, taxel_velocity)[1]
-            ttc = sooner(at_rest, moving)
+            velocities = np.stack([np.zeros_like(taxel_velocity), taxel_velocity])
+            both = perceive(self.params.receptive_field, taxels, normals, *stimulus, velocities)
+            D, ttc = both[0][0], sooner(*both[1])
         return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
 
     def _feel(
@@ -204,9 +204,9 @@ class Pipeline:
         if track.is_known:
             stimulus = track.position, track.velocity, track.radius_m, None
             likely = likely_velocities(taxels, track.position, track.cov[3:6, 3:6])
-            D, at_rest = perceive(self.params.receptive_field, taxels, normals, *stimulus, likely)
-            moving = perceive(self.params.receptive_field, taxels, normals, *stimulus, taxel_velocity + likely)[1]
-            felt = activation(memory, D, sooner(at_rest, moving)).mean(axis=0)
+            velocities = np.stack([likely, taxel_velocity + likely])
+            D, ttc = perceive(self.params.receptive_field, taxels, normals, *stimulus, velocities)
+            felt = activation(memory, D[0], sooner(*ttc)).mean(axis=0)
         return Activation(track.stamp_s, self.skin.taxel_ids, felt)
 
     def _move_gaze(

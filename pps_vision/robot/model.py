@@ -207,4 +207,5 @@ class Posture:
             self.robot.model, self._data, self.q_rad, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         lever = self._data.oMf[index].rotation @ np.asarray(point, dtype=float)
-        return np.vstack([J[:3] - np.cross(lever, J[3:], axisb=0, axisc=0), J[3:]])
+        J[:3] -= pin.skew(lever) @ J[3:]
+        return J
