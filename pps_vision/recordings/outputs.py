@@ -6,6 +6,7 @@ by the next run with the same output.
 """
 
 import fcntl
+import glob
 import json
 import math
 import os
@@ -27,7 +28,9 @@ _unfinished: set[Path] = set()  # lock files and temporary folders of the output
 def whole_folder(folder: Path) -> Iterator[Path]:
     """A temporary folder whose files become those of `folder` when the block ends; it vanishes if the block fails.
 
-    An existing folder that is empty is filled, not replaced: a shell may stand in it, or a disk be mounted there.
+    An existing folder that is empty is replaced in one step.  Where it cannot be (a disk is mounted there, its place is
+    not writable) or should not be (this process runs in it, as the shell that has started it), it is filled file by
+    file; the next run with the same output finishes this if it was interrupted.
 
     Raises:
         InputError: On entering: `folder` is refused (see above) or cannot be written.
@@ -35,17 +38,21 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     final = _resolved(folder)
     if final.exists() and not final.is_dir():
         raise InputError(folder, "is no folder; expected a new or empty folder to write to")
-    exists = final.exists()
-    with _temporary_folder(folder, final.name, final if exists else final.parent) as partial:
-        present = sorted(name for name in os.listdir(final) if not _is_ours(name, final.name)) if exists else []
+    filled = final.exists() and not _is_replaceable(final)
+    with _temporary_folder(folder, final.name, final if filled else final.parent) as partial:
+        if filled:
+            for finished in final.glob(f".{glob.escape(final.name)}.*.finished"):
+                _fill(final, finished, folder)
+        present = sorted(name for name in os.listdir(final) if not _is_ours(name, final.name)) if filled else []
         if present:
             raise InputError(folder, f"already holds {present[0]}; expected a new or empty folder to write to")
         yield partial
-        if not exists:
+        if not filled:
+            if final.exists():
+                shutil.copymode(final, partial)
             _rename(partial, final, folder)
             return
-        for file in list(partial.iterdir()):
-            _rename(file, final / file.name, folder)
+        _fill(final, partial.rename(partial.with_suffix(".finished")), folder)
 
 
 @contextmanager
@@ -70,6 +77,23 @@ def whole_file(file: Path, inputs: Iterable[Path | None] = ()) -> Iterator[Path]
     with _temporary_folder(file, final.name, final.parent) as folder:
         yield folder / final.name
         _rename(folder / final.name, final, file)
+
+
+def _is_replaceable(folder: Path) -> bool:
+    """Whether an existing folder is empty, and another can take its place unnoticed."""
+    try:
+        stands_in_it = Path.cwd().is_relative_to(folder)
+    except FileNotFoundError:  # the working directory was removed
+        stands_in_it = False
+    writable = os.access(folder.parent, os.W_OK | os.X_OK)
+    return writable and not (stands_in_it or os.path.ismount(folder) or os.listdir(folder))
+
+
+def _fill(final: Path, finished: Path, output: Path) -> None:
+    """Move all files of a finished folder to their place."""
+    for file in list(finished.iterdir()):
+        _rename(file, final / file.name, output)
+    finished.rmdir()
 
 
 def remove_unfinished() -> None:
