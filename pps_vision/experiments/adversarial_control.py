@@ -26,6 +26,7 @@ from tracking.tracker import TrackerStep
 STARTS = "home", "random", "at limits", "outside limits", "near itself"
 PATHS = "through the arm", "jumping", "at rest on the arm", "far"
 COVARIANCES = "zero", "small", "large", "huge", "NaN", "infinite", "indefinite"
+_COUNTERS = "refused", "modes", "starts"
 _LIMITS = LimitParams()
 _TOLERANCE = 1e-9  # rad, rad/s
 _DISTANCE_TOLERANCE_M = 1e-5
@@ -51,6 +52,8 @@ class Outcome:
     """Longest time of a frame."""
     smallest_distance_mm: float = np.inf
     """Smallest self-collision distance of episodes that started at 20 mm or more."""
+    freed: int = 0
+    """Episodes that started nearer and ended at 20 mm or more."""
 
     def add(self, other: "Outcome") -> None:
         """Add another attack's findings."""
@@ -60,13 +63,21 @@ class Outcome:
         self.starts += other.starts
         self.faults += other.faults
         self.sudden_stops += other.sudden_stops
+        self.freed += other.freed
         self.slowest_ms = max(self.slowest_ms, other.slowest_ms)
         self.smallest_distance_mm = min(self.smallest_distance_mm, other.smallest_distance_mm)
 
     def to_json(self) -> dict[str, Any]:
-        """Return a JSON object."""
-        counts = {name: dict(getattr(self, name)) for name in ("refused", "modes", "starts")}
+        """Return a JSON object, which `of_json` reads."""
+        counts = {name: dict(getattr(self, name)) for name in _COUNTERS}
         return {**vars(self), **counts, "smallest_distance_mm": float(self.smallest_distance_mm)}
+
+    @classmethod
+    def of_json(cls, found: dict[str, Any]) -> "Outcome":
+        """Return what `to_json` gave; JSON has no infinity."""
+        counts = {name: Counter(found[name]) for name in _COUNTERS}
+        smallest = np.inf if found["smallest_distance_mm"] is None else found["smallest_distance_mm"]
+        return cls(**{**found, **counts, "smallest_distance_mm": smallest})
 
 
 @dataclass
@@ -80,10 +91,11 @@ class AdversarialTracker:
         return TrackerStep(self.track, (), None, ([], []), np.zeros(3))
 
 
-def attack(steps: int, seed: int, episode_steps: int = 400) -> Outcome:
-    """Run episodes of at most so many frames until `steps` frames were given; every kind of start and path in turn."""
+def attack(steps: int, seed: int, episode_steps: int = 400, first: int = 0) -> Outcome:
+    """Run episodes from number `first` on, of at most so many frames, until `steps` frames were given; every kind of
+    start and path in turn."""
     robot, skins = load_icub(), {s: icub_skin((f"{s}_forearm", f"{s}_palm")) for s in ("left", "right")}  # type: ignore[arg-type]
-    self_collision, found, number = SelfCollision(robot), Outcome(), 0
+    self_collision, found, number = (SelfCollision(robot), SelfCollision(robot)), Outcome(), first
     while found.steps < steps:
         rng = np.random.default_rng((seed, number))
         side = ("left", "right")[number % 2]
@@ -103,12 +115,13 @@ class _Episode:
         robot: Robot,
         skin: Skin,
         side: str,
-        self_collision: SelfCollision,
+        self_collision: tuple[SelfCollision, SelfCollision],
         rng: np.random.Generator,
         kind: tuple[str, str],
         name: str,
     ) -> None:
-        self.robot, self.skin, self.self_collision, self.rng, self.name = robot, skin, self_collision, rng, name
+        self.robot, self.skin, self.rng, self.name = robot, skin, rng, name
+        self.self_collision, of_pipeline = self_collision
         self.start, self.path = kind
         self.disturbed = bool(rng.random() < 0.1)  # the robot stands where it was not sent
         self.q = self._start()
@@ -117,6 +130,7 @@ class _Episode:
         arm = AvoidanceParams(HOME_ARM_RAD, side=side, confirm_s=float(rng.choice((0.0, 0.15))))  # type: ignore[arg-type]
         params = PipelineParams(avoidance=arm, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
         self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)  # type: ignore[arg-type]
+        self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
         if behaviour == "reach":  # as with a map that calls everything reachable
             self.pipeline.params = replace(params, avoidance=replace(arm, behaviour="reach"))
             anywhere = Reachability(0.0, np.zeros(3), 1.0, 1.0, ReachStatus.REACHABLE)
@@ -146,6 +160,8 @@ class _Episode:
                 self._check(step.command, as_predicted=in_order and not self.disturbed)
                 self.found.modes[step.response.mode] += 1
                 self.command, self.taxels = step.command, self.skin.at(step.posture)
+        self._watch()
+        self.found.freed += self.start == "near itself" and self.clear_m == _LIMITS.clearance_m
         return self.found
 
     def _step(self, frame: StereoFrame) -> PipelineStep | None:
@@ -207,6 +223,10 @@ class _Episode:
                 self._fault("sudden stop")
         if not np.any(dq[self.self_collision.moving]):
             return
+        if self.clear_m < _LIMITS.clearance_m and as_predicted:
+            last_m = self.clear_m
+            self._watch()
+            self.clear_m = max(self.clear_m, last_m)  # what was gained is not given up
         shares = np.append(self.rng.random(2), 1.0)
         distance_m = min(self.self_collision.distance_m(q + s * command.valid_s * dq) for s in shares)
         if distance_m < self.clear_m - _DISTANCE_TOLERANCE_M:

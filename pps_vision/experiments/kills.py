@@ -21,6 +21,7 @@ from pps_vision.robot.skin import icub_skin
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 COUNTS = ("kills", "finished", "running_on", "damaged", "half_written", "failed_reruns", "left_over")
 _ENDS_WITHIN_S = 60.0  # of the signal, on a busy machine
+_MOST_STARTS = 5  # for each kill that is to strike
 _LAST_STEP_S = 2.0  # a run that ends well this long after the signal was ending already
 _EARLIER = b'{"earlier": 1}\n'  # an output of some earlier run
 
@@ -106,25 +107,29 @@ def kill_at_random(
     Args:
         command: What is killed; its inputs lie in `folder` (`prepare`).
         folder: Where it runs.
-        kills: How often it is started and killed.
+        kills: How many are to strike it while it runs; it is started at most five times as often.
         rng: Draws the moments and the signals.
         signals: Signals to choose from.
 
     Returns:
-        "kills"; runs that "finished" before; those that were "running_on" after the signal; "damaged" inputs and
-        earlier outputs; "half_written" outputs; "failed_reruns"; hidden files "left_over" after the last run.
+        "kills" that ended a running process; runs that "finished" before or all the same; those that were "running_on"
+        after the signal; "damaged" inputs and earlier outputs; "half_written" outputs; "failed_reruns", and runs that
+        failed without a signal; hidden files "left_over" after the last run.
     """
     found: Counter[str] = Counter(dict.fromkeys(COUNTS, 0))
     shutil.rmtree(folder / Path(command.out).parts[0], ignore_errors=True)  # another command's folder
     duration_s = run(command.words, folder)
     whole, inputs = _contents(folder / command.out), _inputs(command, folder)
-    for _ in range(kills):
+    for _ in range(_MOST_STARTS * kills):
+        if found["kills"] == kills:
+            break
         earlier = _begin_anew(command, folder)
         begun = time.monotonic()
         process = subprocess.Popen(
             _words(command.words), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         time.sleep(float(rng.uniform(0, duration_s)))
+        running = process.poll() is None
         process.send_signal(signals[int(rng.integers(len(signals)))])
         sent_s = time.monotonic()
         try:
@@ -136,8 +141,9 @@ def kill_at_random(
         output = _contents(folder / command.out)
         if code == 0:
             duration_s = min(duration_s, time.monotonic() - begun)  # the first run may have compiled
-        found["kills"] += 1
+        found["kills"] += running and code != 0
         found["finished"] += code == 0
+        found["failed_reruns"] += not running and code != 0
         found["running_on"] += lasted_s > _ENDS_WITHIN_S or (code == 0 and lasted_s > _LAST_STEP_S)
         found["damaged"] += _inputs(command, folder) != inputs
         found["half_written"] += output != earlier and not _is_like(output, whole)

@@ -58,7 +58,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "reach_maps": {"labels": (600, 1200)},
     "reach_solvers": {"n": 100, "n_single": 10},
     "reach_whole_paper": {"n_tried": 500, "labels": 600, "labels_of_j": 600},
-    "robustness": {"mutants": 3, "steps": 200},
+    "robustness": {"commands": ("track2d", "trials"), "mutants": 3, "steps": 200},
     "trigger": {"watched": 1},
 }
 """Parameters of a short run, which shows that every study works but measures nothing: by study, "" for all."""
