@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from tracking.ego_motion import Box, EgoMotion
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics, Outline, fit_outline
-from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
+from tracking.particle_filter import SHARPNESS, Cloud, Prior, propagate, resample, spawn, weigh
 from tracking.stereo import CameraFrame
 
 Evidence = Callable[[Box], NDArray[np.float32]]
@@ -32,6 +32,11 @@ _SEPARABLE = 0.8  # Bhattacharyya coefficient of an object's and its surrounding
 _WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
 _SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
+_MIN_SCORE = 0.4  # below which the object counts as not seen
+_LEARN_RATE, _BACKGROUND_RATE = 0.03, 0.2  # at which the colours of the object and its surroundings follow the image
+_SIZE_RATE = 0.3  # the same for its size and proportions
+_MIN_AREA_PX = 10  # smallest image of an object
+_REACH = 1.25  # largest mask, as a multiple of the expected size
 _MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
 
 
@@ -39,27 +44,12 @@ _MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
 class ImageTrackerParams:
     """Parameters of the image tracker."""
 
-    particles: ParticleParams = field(default_factory=ParticleParams)
-    """Of the particle filter."""
-    min_score: float = 0.4
-    """Score below which the object counts as not seen."""
-    learn_rate: float = 0.03
-    """Rate at which the object's colours follow the newest image."""
-    background_rate: float = 0.2
-    """The same for the colours of its surroundings."""
-    size_rate: float = 0.3
-    """The same for its size and proportions."""
-    min_area_px: float = 10.0
-    """Smallest image of an object."""
-    reach: float = 1.25
-    """Largest mask, as a multiple of the expected size."""
+    particles: int = 120
+    """Number of particles."""
 
     def __post_init__(self) -> None:
-        if not (0 < self.min_score < 1 and self.reach > 1 and 0 <= self.size_rate <= 1):
-            raise ValueError(
-                f"least score {self.min_score}, reach {self.reach}, size rate {self.size_rate}: "
-                "expected a score in (0, 1), a reach above 1 and a rate in [0, 1]"
-            )
+        if self.particles < 2:
+            raise ValueError(f"{self.particles} particles; expected at least 2")
 
 
 class ImageDetection(NamedTuple):
@@ -124,21 +114,21 @@ class ImageTracker:
 
         `evidence` replaces the likelihood of its colours.
         """
-        s, p = target, self.params.particles
+        s = target
         if prior:
             s = replace(s, size=s.size * prior.growth)
             if prior.std_px > _WIDE_PRIOR * s.size:
                 prior = self._narrowed(s, image, prior, evidence)
-        cloud = propagate(p, s.cloud, prior, self.rng)
+        cloud = propagate(s.cloud, prior, self.rng)
         middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
-        half = self.params.reach * s.size * np.array(s.shape) / 2 + reach + 4
+        half = _REACH * s.size * np.array(s.shape) / 2 + reach + 4
         roi = self._region(middle, *half)
         if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
             return s, None
         crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
         bins = color_bins(image[crop])
         likelihood = s.model.table()[bins] if evidence is None else evidence(roi)
-        weights = weigh(p, cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
+        weights = weigh(cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
         center = _mode(cloud, weights, s.size)
         s = replace(s, cloud=resample(cloud, weights, self.rng))
         backdrop = None if evidence is not None else s.model.backdrop()[bins]
@@ -150,7 +140,7 @@ class ImageTracker:
         ratio = outline.area_px / expected_area
         score = s.model.similarity(histogram(bins[mask])) if evidence is None else float(likelihood[mask].mean())
         score *= min(ratio, 1 / ratio)
-        if score < self.params.min_score:
+        if score < _MIN_SCORE:
             return s, None
         return self._learn(s, bins, mask, outline, score, ratio)
 
@@ -171,7 +161,7 @@ class ImageTracker:
         inside, wider = (_box_mean(likelihood, w * k, h * k) for k in (1, 2))
         x, y = (np.arange(roi[k], roi[k + 2]) - prior.center_px[k] for k in (0, 1))
         far = (x * x)[None, :] + (y * y)[:, None]
-        log = self.params.particles.sharpness * 4 / 3 * (inside - wider) - far / (2 * prior.std_px**2)
+        log = SHARPNESS * 4 / 3 * (inside - wider) - far / (2 * prior.std_px**2)
         row, column = np.unravel_index(int(np.argmax(log)), log.shape)
         return Prior(np.array([roi[0] + column, roi[1] + row]), 0.25 * s.size, prior.growth)
 
@@ -179,12 +169,12 @@ class ImageTracker:
         self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
     ) -> tuple[Target, ImageDetection]:
         """Cloud, size and colours follow what was seen."""
-        k = self.params.size_rate
+        k = _SIZE_RATE
         size = s.size * ratio ** (0.5 * k)
         seen_aspect = s.shape[0] ** 2 if outline.is_partial else outline.box_px[2] / outline.box_px[3]
         aspect = (s.shape[0] ** 2) ** (1 - k) * seen_aspect**k
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
-        model = s.model.blend(newest, self.params.learn_rate, self.params.background_rate)
+        model = s.model.blend(newest, _LEARN_RATE, _BACKGROUND_RATE)
         sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
         target = Target(model, _moved_to(s.cloud, outline.center_px, size), size, sides, s.fill)
         w, h = size * sides[0], size * sides[1]
@@ -220,21 +210,21 @@ class ImageTracker:
             if found is None:
                 return None
             one = found
-            allowed = masks.ellipse(roi, center, self.params.reach * w, self.params.reach * h)
+            allowed = masks.ellipse(roi, center, _REACH * w, _REACH * h)
             if not (one & ~allowed).any():
                 break
             one = _without_thin_parts(one & allowed, size)
             ys, xs = np.nonzero(one)
             center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
         whole = masks.filled(one, backdrop)
-        return whole if np.count_nonzero(whole) >= self.params.min_area_px else None
+        return whole if np.count_nonzero(whole) >= _MIN_AREA_PX else None
 
 
 def _without_thin_parts(mask: Mask, size: float) -> Mask:
     """Without what is less than half as wide as the object; the mask itself where that leaves little."""
     if size <= 12:
         return mask
-    core = masks.opened(mask, masks.disc(int(_THIN * size)))
+    core = masks.opened(mask, int(_THIN * size))
     return core if np.count_nonzero(core) > 0.3 * np.count_nonzero(mask) else mask
 
 
@@ -336,7 +326,7 @@ class CameraTracker:
             return None
         ratio = (self._size_px(nearest) / (prior.growth * state.size_px)) ** 2
         score = min(ratio, 1 / ratio)
-        return ImageDetection(nearest, nearest.box_px, score) if score >= self.image_tracker.params.min_score else None
+        return ImageDetection(nearest, nearest.box_px, score) if score >= _MIN_SCORE else None
 
     def _given(self, state: CameraState, found: list[Outline], prior: Prior) -> ImageDetection | None:
         """The one of the outlines `found` beforehand that lies near the prior and is as large as predicted."""

@@ -8,23 +8,11 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Array
 
-
-@dataclass(frozen=True)
-class ParticleParams:
-    """Parameters of the particle filter; x ← 2x₁ − x₂ + noise, a second-order autoregression."""
-
-    count: int = 120
-    """Number of particles."""
-    std_position: float = 0.25
-    """Standard deviation of the position's noise, as a share of the object's size."""
-    std_scale: float = 0.04
-    """Standard deviation of the scale's noise, relative."""
-    sharpness: float = 12.0
-    """Factor of the log-likelihood."""
-
-    def __post_init__(self) -> None:
-        if self.count < 2 or not (self.std_position > 0 and self.std_scale > 0 and self.sharpness > 0):
-            raise ValueError(f"{self}: expected at least 2 particles and positive spreads")
+# Of the motion model x ← 2x₁ − x₂ + noise, a second-order autoregression; `bench imagetracker` shows what they reach.
+_STD_POSITION = 0.25  # of the object's size: standard deviation of the position's noise
+_STD_SCALE = 0.04  # relative standard deviation of the scale's noise
+SHARPNESS = 12.0
+"""Factor of the log-likelihood."""
 
 
 class Prior(NamedTuple):  # constructing a frozen dataclass is three times slower
@@ -54,17 +42,17 @@ class _Step:
 
 
 def spawn(
-    params: ParticleParams,
+    count: int,
     center_px: Array,
     size_px: float,
     spread_px: float,
     rng: np.random.Generator,
     shift_px: Array | None = None,
 ) -> Cloud:
-    """Particles around a place, which move by `shift_px` (2,) a frame (None: at rest); `spread_px` their standard
-    deviation."""
-    now = np.ones((params.count, 3))
-    now[:, :2] = center_px + spread_px * rng.standard_normal((params.count, 2))
+    """So many particles around a place, which move by `shift_px` (2,) a frame (None: at rest); `spread_px` is their
+    standard deviation."""
+    now = np.ones((count, 3))
+    now[:, :2] = center_px + spread_px * rng.standard_normal((count, 2))
     now[:, 2] = size_px
     before = now.copy()
     if shift_px is not None:
@@ -72,27 +60,26 @@ def spawn(
     return Cloud(now, before)
 
 
-def propagate(params: ParticleParams, cloud: Cloud, prior: Prior | None, rng: np.random.Generator) -> Cloud:
+def propagate(cloud: Cloud, prior: Prior | None, rng: np.random.Generator) -> Cloud:
     """One frame on.  Where the place is known from elsewhere (the 3D track, with the head's motion in
     it), the cloud is carried there; otherwise it goes on as it went."""
     middle = cloud.now[:, :2].mean(axis=0)
     shift = middle - cloud.before[:, :2].mean(axis=0) if prior is None else prior.center_px - middle
     step = _Step(shift, 1.0, None) if prior is None else _Step(shift, prior.growth, prior.std_px)
-    return _moved(params, cloud, step, rng)
+    return _moved(cloud, step, rng)
 
 
-def _moved(params: ParticleParams, cloud: Cloud, step: _Step, rng: np.random.Generator) -> Cloud:
+def _moved(cloud: Cloud, step: _Step, rng: np.random.Generator) -> Cloud:
     now = cloud.now.copy()
     now[:, :2] += step.shift_px
     now[:, 2] *= step.growth
-    std = params.std_position * now[:, 2:] if step.std_px is None else np.maximum(0.05 * now[:, 2:], step.std_px)
+    std = _STD_POSITION * now[:, 2:] if step.std_px is None else np.maximum(0.05 * now[:, 2:], step.std_px)
     now[:, :2] += std * rng.standard_normal((len(now), 2))
-    now[:, 2] *= np.exp(params.std_scale * rng.standard_normal(len(now)))
+    now[:, 2] *= np.exp(_STD_SCALE * rng.standard_normal(len(now)))
     return Cloud(now, cloud.now)
 
 
 def weigh(
-    params: ParticleParams,
     cloud: Cloud,
     integral: NDArray[np.float64],
     corner: tuple[int, int],
@@ -105,7 +92,7 @@ def weigh(
     """
     gain = box_sums(integral, cloud.now, corner, (0.5 * shape[0], 0.5 * shape[1]))
     area = shape[0] * shape[1] * float(np.mean(cloud.now[:, 2])) ** 2
-    log = params.sharpness * gain / max(area, 1.0)
+    log = SHARPNESS * gain / max(area, 1.0)
     weights: Array = np.exp(log - log.max())
     return weights / weights.sum()
 

@@ -15,7 +15,6 @@ from pps_vision.errors import InputError
 from pps_vision.types import Observation3D, Status, StereoFrame
 from tracking.image_tracker import ImageTrackerParams
 from tracking.kalman import KalmanParams, gate, predict, scaled, start, update
-from tracking.particle_filter import ParticleParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 _PROBE_PAIRS = 60  # tracked from the first detection on
@@ -75,7 +74,7 @@ class Choice:
 
 
 def _particles(count: int) -> TrackerParams:
-    return TrackerParams(image=ImageTrackerParams(particles=ParticleParams(count=count)))
+    return TrackerParams(image=ImageTrackerParams(particles=count))
 
 
 CONFIGURATIONS = (  # ratios: the worst kind of scene of `bench budget` that is tracked in 90 % of the frames, two seeds

@@ -37,11 +37,10 @@ from rendering.names import MotionName
 from tracking.image_tracker import BoxTracker, ImageTrackerParams, assumed_optics
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
-from tracking.particle_filter import ParticleParams
 
 COUNTS = (50, 100, 500, 1000)
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
-DEFAULT = f"{ParticleParams().count} particles"
+DEFAULT = f"{ImageTrackerParams().particles} particles"
 BASELINES: tuple[ImageTrackerName, ...] = get_args(ImageTrackerName)
 _FAST_M_S = 0.6
 _METRICS = {
@@ -123,7 +122,7 @@ class Particles:
     """Our particle filter with the interface of the baselines."""
 
     def __init__(self, count: int, seed: int) -> None:
-        params = ImageTrackerParams(particles=ParticleParams(count=count))
+        params = ImageTrackerParams(particles=count)
         self._tracker = BoxTracker(params, np.random.default_rng(seed))
 
     def start(self, image: Image, box: BoxPx) -> None:
@@ -168,7 +167,9 @@ class HueBlob:
 def methods() -> dict[str, Method]:
     """Return everything that is compared, by name."""
     ours: dict[str, Method] = {f"{n} particles": partial(_run, lambda _, seed, n=n: Particles(n, seed)) for n in COUNTS}
-    default: dict[str, Method] = {DEFAULT: partial(_run, lambda _, seed: Particles(ParticleParams().count, seed))}
+    default: dict[str, Method] = {
+        DEFAULT: partial(_run, lambda _, seed: Particles(ImageTrackerParams().particles, seed))
+    }
     blob: dict[str, Method] = {"marker blob": partial(_run, lambda view, _: HueBlob(view.hue_deg))}
     return ours | default | blob | {name: partial(_run, lambda _, __, n=name: image_tracker(n)) for name in BASELINES}
 

@@ -16,7 +16,7 @@ from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
-from tracking.particle_filter import Cloud, ParticleParams, Prior, propagate, resample, spawn, weigh
+from tracking.particle_filter import Cloud, Prior, propagate, resample, spawn, weigh
 
 
 def test_bins_are_hue_and_saturation_or_value(rng: np.random.Generator) -> None:
@@ -64,13 +64,12 @@ def test_the_cloud_finds_a_bright_box_and_follows_a_prior(rng: np.random.Generat
     likelihood = np.zeros((120, 160))
     likelihood[50:70, 80:100] = 1.0
     integral = cv2.integral(2 * likelihood - 1)
-    params = ParticleParams(count=400)
-    cloud = propagate(params, spawn(params, np.array([84.0, 55.0]), 20.0, 6.0, rng), None, rng)
-    weights = weigh(params, cloud, integral, (0, 0), (1.0, 1.0))
+    cloud = propagate(spawn(400, np.array([84.0, 55.0]), 20.0, 6.0, rng), None, rng)
+    weights = weigh(cloud, integral, (0, 0), (1.0, 1.0))
     assert np.linalg.norm(weights @ cloud.now[:, :2] - [89.5, 59.5]) < 1.5
-    on = propagate(params, Cloud(cloud.now, cloud.now - [4.0, -7.0, 0.0]), None, rng)
+    on = propagate(Cloud(cloud.now, cloud.now - [4.0, -7.0, 0.0]), None, rng)
     assert np.linalg.norm(on.now[:, :2].mean(axis=0) - cloud.now[:, :2].mean(axis=0) - [4, -7]) < 1  # as it went
-    moved = propagate(params, cloud, Prior(np.array([30.0, 40.0]), 1.0, 1.1), rng)
+    moved = propagate(cloud, Prior(np.array([30.0, 40.0]), 1.0, 1.1), rng)
     assert np.linalg.norm(moved.now[:, :2].mean(axis=0) - [30, 40]) < 0.5
     assert moved.now[:, 2].mean() == pytest.approx(1.1 * cloud.now[:, 2].mean(), rel=0.02)
 
@@ -88,6 +87,12 @@ def test_mask_operations_are_those_of_mathematical_morphology(rng: np.random.Gen
     np.testing.assert_array_equal(one, labels == best)
     np.testing.assert_array_equal(masks.filled(one), ndimage.binary_fill_holes(one, np.ones((3, 3))))
     assert masks.component(np.zeros_like(mask), where) is None
+    for radius in (1, 2, 5):
+        y, x = np.ogrid[-radius : radius + 1, -radius : radius + 1]
+        wide = np.pad(mask, radius, constant_values=True)
+        opened = ndimage.binary_opening(wide, x * x + y * y <= radius * radius)[radius:-radius, radius:-radius]
+        inner = np.s_[2 * radius : -2 * radius, 2 * radius : -2 * radius]
+        np.testing.assert_array_equal(masks.opened(mask, radius)[inner], opened[inner])
 
 
 def test_large_gaps_that_show_the_backdrop_stay_open() -> None:
@@ -132,8 +137,6 @@ def test_markers_come_in_the_order_of_area_and_roundness() -> None:
 def test_bad_parameters_are_named() -> None:
     with pytest.raises(ValueError, match="hue 400"):
         MarkerParams(hue_deg=400.0)
-    with pytest.raises(ValueError, match="count=1"):
-        ParticleParams(count=1)
 
 
 OBSERVED = Observation3D(0.0, np.zeros(3), np.eye(3), 0.03, 1e-6, 0.1)

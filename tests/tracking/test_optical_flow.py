@@ -13,7 +13,7 @@ from tracking.acquisition import AcquisitionParams
 from tracking.ego_motion import EgoMotion
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import Flow2D, GreyImage, Match, match, velocity
-from tracking.particle_filter import ParticleParams, propagate, spawn
+from tracking.particle_filter import propagate, spawn
 from tracking.tracker import Tracker, TrackerParams
 
 VIEW = View(LEFT_EYE, transform())
@@ -238,8 +238,7 @@ def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Rob
 
 
 def test_particles_begin_with_the_image_motion(rng: np.random.Generator) -> None:
-    params = ParticleParams()
     for shift in (None, np.array([12.0, -5.0])):
-        cloud = propagate(params, spawn(params, np.array([100.0, 80.0]), 10.0, 0.5, rng, shift), None, rng)
+        cloud = propagate(spawn(120, np.array([100.0, 80.0]), 10.0, 0.5, rng, shift), None, rng)
         expected = np.array([100.0, 80.0]) + (0 if shift is None else shift)
         np.testing.assert_allclose(cloud.now[:, :2].mean(axis=0), expected, atol=1.0)

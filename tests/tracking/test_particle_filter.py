@@ -3,20 +3,15 @@
 import numpy as np
 import pytest
 
-from tracking.particle_filter import Cloud, ParticleParams, Prior, box_sums, propagate, spawn, weigh
-
-
-def test_impossible_numbers_are_named() -> None:
-    with pytest.raises(ValueError, match="at least 2 particles"):
-        ParticleParams(count=1)
+from tracking.particle_filter import SHARPNESS, Cloud, Prior, box_sums, propagate, spawn, weigh
 
 
 def test_around_a_certain_prior_they_keep_some_spread(rng: np.random.Generator) -> None:
     """A twentieth of the object's size: what is predicted to a hair may still be beside it."""
-    params, middle = ParticleParams(count=2000, std_scale=1e-6), np.array([160.0, 120.0])
+    middle = np.array([160.0, 120.0])
     for std_px, expected in ((0.0, 2.0), (1.0, 2.0), (5.0, 5.0)):
-        cloud = spawn(params, middle, 40.0, 0.0, rng)
-        moved = propagate(params, cloud, Prior(middle, std_px, 1.0), rng).now[:, :2]
+        cloud = spawn(2000, middle, 40.0, 0.0, rng)
+        moved = propagate(cloud, Prior(middle, std_px, 1.0), rng).now[:, :2]
         np.testing.assert_allclose(moved.std(axis=0), expected, rtol=0.1)
 
 
@@ -38,5 +33,5 @@ def test_a_box_of_the_objects_size_outweighs_a_larger_one() -> None:
     integral = np.zeros((121, 161))
     integral[1:, 1:] = score.cumsum(axis=0).cumsum(axis=1)
     now = np.array([[89.5, 59.5, 20.0], [89.5, 59.5, 40.0]])
-    small, large = weigh(ParticleParams(), Cloud(now, now), integral, (0, 0), (2.0, 0.5))
-    assert np.log(small / large) == pytest.approx(ParticleParams().sharpness * (400 + 800) / 30**2)
+    small, large = weigh(Cloud(now, now), integral, (0, 0), (2.0, 0.5))
+    assert np.log(small / large) == pytest.approx(SHARPNESS * (400 + 800) / 30**2)

@@ -265,5 +265,5 @@ def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
         TrackerParams(mode="magic")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="lost after 0"):
         TrackerParams(lost_after_s=0.0)
-    with pytest.raises(ValueError, match="reach"):
-        ImageTrackerParams(reach=0.5)
+    with pytest.raises(ValueError, match="1 particles"):
+        ImageTrackerParams(particles=1)
