@@ -197,8 +197,9 @@ class ImageTracker:
     ) -> Mask | None:
         """The object's pixels near `center`, holes filled; None where there are too few.
 
-        What reaches past the expected outline is cut off there, and what is much thinner than the object is opened
-        away (a part of the background that has the object's colour and touches it).
+        Of a mask wider or higher than expected, what reaches past the expected outline is cut off there, and what is
+        much thinner than the object is opened away (a part of the background that has the object's colour and touches
+        it).
         """
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
         if size >= 12:
@@ -211,7 +212,8 @@ class ImageTracker:
                 return None
             one = found
             allowed = masks.ellipse(roi, center, _REACH * w, _REACH * h)
-            if not (one & ~allowed).any():
+            _, _, wide, high = cv2.boundingRect(one.view(np.uint8))
+            if max(wide / w, high / h) <= _REACH or not (one & ~allowed).any():
                 break
             one = _without_thin_parts(one & allowed, size)
             ys, xs = np.nonzero(one)

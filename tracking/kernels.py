@@ -18,6 +18,7 @@ _PIXEL_VAR = 16.0  # grey levels²: sensor noise and the background's own grain
 UNIT = _PIXEL_VAR**0.5 / _SHADE_STD  # grey levels: weight of the condition a + b = 1 beside one pixel's level
 _LEVEL_VAR = 1.0  # grey levels²: least variance of a pixel (rounding)
 _LEAST_DET = 0.04  # grey levels⁴, below which both colours are the same
+_MASK_VAR = 1 / 12  # of the hard mask as an estimate of a pixel's share: an edge anywhere in the pixel
 _EDGE, _INNER, _OUTER = 0, 1, 2
 
 Map = NDArray[np.float32]
@@ -30,6 +31,9 @@ Box = tuple[int, int, int, int]  # top, bottom, left, right
 def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
     """Share of each pixel (h, w) that the object covers, and its variance (h, w), 0 where the share is certain.
 
+    At an edge it is the mean of two estimates, weighted by their inverse variances: how the pixel mixes the colours
+    inside and outside, and the hard mask, which decides where the pixel's colour is no mixture of them.
+
     Args:
         patch: (h, w, 3) RGB.
         mask: (h, w) hard mask of the object.
@@ -39,7 +43,7 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
     kind = _kinds(mask, band)
     sums = _color_sums(patch, kind)
     alpha, variance = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
-    reach, misfit, edge, within = 2 * band + 2, 0.0, 0, np.empty(8, np.int32)
+    reach, within = 2 * band + 2, np.empty(8, np.int32)
     for y in range(height):
         for x in range(width):
             if kind[y, x] == _INNER:
@@ -49,14 +53,10 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
                 color = float(patch[y, x, 0]), float(patch[y, x, 1]), float(patch[y, x, 2])
                 inner, outer = _means(sums, box, within)
                 a, b, rest, contrast = _unmixed(color, inner, outer)
-                alpha[y, x], variance[y, x] = a / max(a + b, 1e-6), contrast
-                misfit += rest
-                edge += 1
-    noise = misfit / max(3 * edge, 1) + _LEVEL_VAR
-    for y in range(height):
-        for x in range(width):
-            if kind[y, x] == _EDGE:
-                variance[y, x] = noise / max(variance[y, x], 4 * noise)  # a quarter at most
+                noise, known = rest / 3 + _LEVEL_VAR, _MASK_VAR * contrast
+                weight = known / (noise + known)
+                alpha[y, x] = weight * a / max(a + b, 1e-6) + (1 - weight) * mask[y, x]
+                variance[y, x] = noise * _MASK_VAR / (noise + known)
     return alpha, variance
 
 
