@@ -1,30 +1,45 @@
 """Contact model: the probability that an approach touches a taxel, from the displacement of its path.
 
 D and TTC (R eqs 1–2) do not distinguish a path over this taxel from one over its neighbour, 2–3 cm beside it; the
-displacement from the taxel does.  This is linear discriminant analysis: the displacements u of touching and of missing
-paths are Gaussian about different means with one covariance Σ for all taxels, so that the log-odds of touch are
+displacement u from the taxel does.  The log-odds of touch of taxel k are
 
-    log(n⁺/n⁻) + (u − m)ᵀ Σ⁻¹ δ
+    b_k + (β + β_k)ᵀ z + g(z)
 
-with the numbers n⁺ of touches and n⁻ of misses, the midpoint m of the two means, and their difference δ.
+with the taxel's own intercept b_k, the standardised displacement z, slopes β common to all taxels and β_k of this
+one, and a smooth function g common to all taxels (Gaussian process).  The posterior is Laplace's approximation.
+
+The prior variances of β, β_k and g are hypotheses, of which one is that paths say nothing (all 0).  A hypothesis weighs
+as much as it has predicted blocks of the session that were left out, consecutive trials, averaged over resampled blocks
+(pseudo-BMA+: Yao et al. 2018, "Using stacking to average Bayesian predictive distributions").  So a prediction leaves
+the taxel's rate of touch only as far as paths have been shown to matter.
 """
 
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betaincinv, expit
+from numpy.typing import NDArray
+from scipy.special import betaincinv, expit, log_expit
 
 from learning.pps.trials import Trial
 from pps_vision.errors import InputError
 from pps_vision.types import Array, Mask
+
+_HYPOTHESES = ((0.0, 0.0, 0.0), *(s for s in product((0.0, 2.0), (0.0, 0.6, 2.0), (0.0, 1.0, 4.0)) if any(s)))
+_CENTRES = 16  # paths at which the smooth function g is represented
+_LENGTH = 1.6  # length scale of g in standard deviations of the paths
+_RIDGE = 1e-3  # added to the covariance of g at the centres, so that paths that coincide do not make it singular
+_LEAST_SPREAD_M = 0.003  # of paths: what repeats more exactly than this is no measure of the robot
+_FEW_TRIALS = 5.0  # so many trials of another session halve what their spread is found to exceed the first one's by
+_LOGISTIC = np.pi / 8  # the mean of expit(x), x ~ N(m, v), is about expit(m / √(1 + π v / 8))
 
 
 @dataclass(frozen=True)
 class ContactParams:
     """What a prediction uses, and the priors.
 
-    Each taxel starts with half a touch and half a miss (Jeffreys' prior).  Where no source is given, the value was
-    chosen on simulated sessions and on the authors' 37 trials (docs/peripersonal_space.md, "A real robot").
+    Where no source is given, the value was chosen on simulated sessions (docs/peripersonal_space.md, "A real robot").
     """
 
     horizon_s: float = 0.15
@@ -33,52 +48,129 @@ class ContactParams:
     """Number of last known samples whose displacements are averaged."""
     reach_m: float = 0.20
     """Greatest distance of a sample from the taxel (R's receptive field)."""
-    prior_share: float = 0.5
-    """Prior of δ: this share of the way from the taxel's mean path to the mean path of all touches."""
-    prior_trials: float = 5.0
-    """Number of trials that the prior of δ is worth."""
+    max_age_s: float = 0.3
+    """A path whose last known sample is older counts as lost: in 0.3 s an object at 10 cm/s passes a taxel."""
+    prior_trials: float = 20.0
+    """Number of trials that a taxel's rate among paths in reach, far away or lost borrows, at most, from the others."""
     offset_m: float = 0.012
-    """Standard deviation, each axis, of a session's offset (R Fig 8: mean offsets of 1.2–2.1 cm)."""
-    outlier_sigmas: float = 3.0
-    """The term of u of a path farther than this from m is that of a path at this distance."""
+    """Standard deviation, each axis, of another session's offset (R Fig 8: mean offsets of 1.2–2.1 cm)."""
+    freedom: float = 12.0
+    """Degrees of freedom of the t distribution of the displacements: those in its tails have less weight."""
+    blocks: int = 4
+    """Blocks of consecutive trials that are predicted from the others, to weigh the hypotheses."""
+    base_rate_prior: float = 0.8
+    """Prior probability that paths say nothing."""
     level: float = 0.9
     """Probability that the credible interval holds."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.horizon_s) and self.horizon_s >= 0):
             raise InputError("contact", f"a horizon of {self.horizon_s} s: expected 0 or more")
-        if not (self.samples >= 1 and self.prior_trials > 0 and self.offset_m > 0 and 0 < self.level < 1):
+        positive = min(self.samples, self.max_age_s, self.prior_trials, self.offset_m, self.freedom)
+        if not (positive > 0 and 2 <= self.blocks <= 6 and 0 < self.base_rate_prior < 1 and 0 < self.level < 1):
             raise InputError(
-                "contact", f"{self}: expected samples, prior trials and an offset above 0, a level between 0 and 1"
+                "contact",
+                f"{self}: expected samples, times, trials, an offset and degrees of freedom above 0, "
+                "2 to 6 blocks, a prior and a level between 0 and 1",
             )
+
+
+class Paths(NamedTuple):
+    """Where the paths of trials pass the taxels."""
+
+    u_m: Array
+    """(trials, n, 3) mean displacement over the last samples known; NaN where the path is far away or lost."""
+    lost: Mask
+    """(trials, n) nothing is known of the path shortly before the horizon."""
+
+    @property
+    def in_reach(self) -> Mask:
+        """(trials, n)"""
+        return ~np.isnan(self.u_m[..., 0])
+
+
+class Posterior(NamedTuple):
+    """Gaussian posterior of the coefficients under one hypothesis."""
+
+    used: NDArray[np.intp]
+    """(m,) the features whose coefficients are not 0."""
+    mean: Array
+    """(m,)"""
+    cov: Array
+    """(m, m)"""
+
+
+@dataclass(frozen=True)
+class Features:
+    """Features of a path at a taxel: its intercept, the common and the own slopes, and the smooth function."""
+
+    middle_m: Array
+    """(n, 3) median displacement of each taxel's paths; 0 where none was in reach."""
+    common_m: Array
+    """(3,) median displacement over all taxels."""
+    spread_m: Array
+    """(3,) standard deviation of the paths, from the median absolute deviation."""
+    freedom: float
+    """Of the t distribution."""
+    centres: Array
+    """(c, 3) standardised displacements at which the smooth function is represented."""
+    whitening: Array
+    """(c, c) from the covariances with the centres to features of unit variance."""
+    offsets: Array
+    """(c,) mean of these features."""
+
+    def of(self, u_m: Array, taxel: NDArray[np.intp]) -> Array:
+        """(N, features) of displacements u_m (N, 3) from these taxels (N,)."""
+        intercept = np.eye(len(self.middle_m))[taxel]
+        common = self._standardised(u_m - self.common_m)
+        own = intercept[:, :, None] * self._standardised(u_m - self.middle_m[taxel])[:, None, :]
+        apart = np.sum((common[:, None] - self.centres) ** 2, axis=2)
+        smooth = np.exp(-0.5 * apart / _LENGTH**2) @ self.whitening - self.offsets
+        return np.hstack([intercept, common, own.reshape(len(u_m), 3 * len(self.middle_m)), smooth])
+
+    def _standardised(self, apart_m: Array) -> Array:
+        z = apart_m / self.spread_m
+        weight = (self.freedom + 3) / (self.freedom + np.sum(z**2, axis=1, keepdims=True))
+        standardised: Array = z * np.minimum(weight, 1.0)
+        return standardised
+
+    def prior_variances(self, hypothesis: tuple[float, float, float]) -> Array:
+        """(features,) under a hypothesis; inf for the intercepts, whose prior is in touches and misses."""
+        n = len(self.middle_m)
+        common, own, smooth = np.square(hypothesis)
+        return np.repeat([np.inf, common, own, smooth], [n, 3, 3 * n, len(self.centres)])
+
+
+@dataclass(frozen=True)
+class SessionPaths:
+    """The mean displacement over all taxels, of the trials of a session in reach of all of them."""
+
+    mean_m: Array
+    """(3,)"""
+    var_m2: Array
+    """(3,) of one trial about the mean of its block."""
+    wander_m2: Array
+    """(3,) of a block's expected mean: how far people wander in where they aim."""
+    trials: int
+    """Number of these trials."""
 
 
 @dataclass(frozen=True)
 class ContactModel:
     """What n taxels have learned."""
 
-    touched: Array
-    """(n,) number of trials in reach that touched the taxel, plus ½."""
-    missed: Array
-    """(n,) number of trials in reach that did not, plus ½."""
-    any_touched: Array
-    """(n,) number of all trials that touched the taxel, plus ½."""
-    any_missed: Array
-    """(n,) number of all trials that did not, plus ½."""
-    mean: Array
-    """(n, 3) m, mean displacement of all paths; NaN where none was in reach."""
-    difference: Array
-    """(n, 3) m, δ: mean displacement of touching minus missing paths; NaN where none was in reach."""
-    difference_trials: Array
-    """(n,) effective number of trials that δ was estimated from, its prior's included."""
-    precision: Array
-    """(3, 3) 1/m², Σ⁻¹."""
-    session_mean: Array
-    """(3,) m, mean displacement over all taxels, of the trials in reach of all of them."""
-    session_var: Array
-    """(3,) m², variance over these trials of their mean displacement."""
-    session_trials: int
-    """Number of these trials."""
+    seen: Mask
+    """(n,) whether a path came within reach."""
+    counts: Array
+    """(3, 2, n) touches and misses by paths in reach, far away and lost, priors included."""
+    features: Features | None
+    """Of paths in reach; None where there were none."""
+    posteriors: tuple[Posterior, ...]
+    """One a hypothesis."""
+    weights: Array
+    """(hypotheses,) their posterior probability, the first of that paths say nothing."""
+    session: SessionPaths | None
+    """Paths of the session learned from; None where fewer than two trials were in reach of all taxels."""
 
 
 @dataclass(frozen=True)
@@ -86,114 +178,215 @@ class ContactPrediction:
     """(trials, taxels) each."""
 
     probability: Array
-    """Of touch; where the path was not in reach, the taxel's rate of touch over all trials."""
+    """Of touch; where the path is far away or lost, the taxel's rate of touch of such paths."""
     lower: Array
     """Lower end of its credible interval."""
     upper: Array
     """Upper end."""
     in_reach: Mask
     """Whether the path, and some path learned from, came within reach by the horizon."""
+    lost: Mask
+    """Whether nothing was known of the path shortly before the horizon."""
 
 
-def displacements(params: ContactParams, trials: tuple[Trial, ...]) -> Array:
-    """(trials, taxels, 3) mean displacement from the taxel over the last samples known; NaN without any."""
-    return np.array([[_last(params, trial, d) for d in trial.d_m.swapaxes(0, 1)] for trial in trials])
+def displacements(params: ContactParams, trials: tuple[Trial, ...]) -> Paths:
+    """Where the paths of trials pass the taxels."""
+    found = [[_last(params, trial, d) for d in trial.d_m.swapaxes(0, 1)] for trial in trials]
+    u = np.array([[mean for mean, _ in row] for row in found])
+    return Paths(u, np.array([[lost for _, lost in row] for row in found]))
 
 
-def _last(params: ContactParams, trial: Trial, d: Array) -> Array:
-    known = trial.stamps_s <= trial.stamps_s[-1] - params.horizon_s + 1e-9
-    near = d[known & (np.einsum("ij,ij->i", d, d) <= params.reach_m**2)]  # False for NaN
-    last: Array = near[-params.samples :].mean(axis=0) if len(near) else np.full(3, np.nan)
-    return last
+def _last(params: ContactParams, trial: Trial, d: Array) -> tuple[Array, bool]:
+    """Mean displacement (3,), NaN where the path is not in reach, and whether it is lost."""
+    until_s = trial.stamps_s[-1] - params.horizon_s + 1e-9
+    known = (trial.stamps_s <= until_s) & np.isfinite(d).all(axis=1)
+    nothing = np.full(3, np.nan)
+    if not known.any() or until_s - trial.stamps_s[known][-1] > params.max_age_s:
+        return nothing, True
+    last = d[known][-params.samples :]
+    near = np.einsum("ij,ij->i", last, last) <= params.reach_m**2
+    return (last[near].mean(axis=0) if near[-1] else nothing), False
 
 
 def learn_contact(params: ContactParams, trials: tuple[Trial, ...]) -> ContactModel:
-    """The contact model of some trials, whatever their order."""
-    return _fit(params, displacements(params, trials), np.array([trial.touched for trial in trials]))
+    """The contact model of the trials of one session, in the order of time."""
+    paths, touched = displacements(params, trials), np.array([trial.touched for trial in trials])
+    counts, prior = _counts(params, paths, touched)
+    seen: Mask = np.asarray(paths.in_reach.any(axis=0))
+    if not seen.any():
+        return ContactModel(seen, counts + prior, None, (), np.ones(1), None)
+    trial, taxel = np.nonzero(paths.in_reach)
+    u_m, y = paths.u_m[trial, taxel], touched[trial, taxel].astype(float)
+    features = _features(params, u_m, taxel, touched.shape[1])
+    posteriors, weights = _weigh(params, features, features.of(u_m, taxel), y, trial, prior[0])
+    return ContactModel(seen, counts + prior, features, posteriors, weights, _session(params, paths))
+
+
+def _counts(params: ContactParams, paths: Paths, touched: Mask) -> tuple[Array, Array]:
+    """(3, 2, n) numbers of touches and of misses by paths in reach, far away and lost, and their priors: Jeffreys', and
+    up to `prior_trials` borrowed from the other kinds of path."""
+    kinds = np.stack([paths.in_reach, ~paths.in_reach & ~paths.lost, paths.lost])
+    counts = np.stack([(kinds & touched).sum(axis=1), (kinds & ~touched).sum(axis=1)], axis=1).astype(float)
+    others = counts.sum(axis=0) - counts
+    n_others = others.sum(axis=1, keepdims=True)
+    return counts, 0.5 + others * np.minimum(n_others, params.prior_trials) / np.maximum(n_others, 1)
+
+
+def _features(params: ContactParams, u_m: Array, taxel: NDArray[np.intp], n: int) -> Features:
+    middle = np.array([np.median(u_m[taxel == k], axis=0) if np.any(taxel == k) else np.zeros(3) for k in range(n)])
+    common = np.median(u_m, axis=0)
+    spread = 1.4826 * np.median(np.abs(u_m - middle[taxel]), axis=0)
+    none = np.zeros((0, 3)), np.zeros((0, 0)), np.zeros(0)
+    features = Features(middle, common, np.maximum(spread, _LEAST_SPREAD_M), params.freedom, *none)
+    chosen = np.unique(np.linspace(0, len(u_m) - 1, _CENTRES).round().astype(np.intp))
+    centres = features._standardised(u_m[chosen] - common)
+    apart = np.sum((centres[:, None] - centres) ** 2, axis=2)
+    whitening = np.linalg.inv(np.linalg.cholesky(np.exp(-0.5 * apart / _LENGTH**2) + _RIDGE * np.eye(len(centres)))).T
+    rest = features.middle_m, common, features.spread_m, params.freedom, centres, whitening
+    smooth = Features(*rest, np.zeros(len(centres))).of(u_m, taxel)[:, -len(centres) :]
+    return Features(*rest, smooth.mean(axis=0))
+
+
+def _weigh(
+    params: ContactParams, features: Features, X: Array, y: Array, trial: NDArray[np.intp], prior: Array
+) -> tuple[tuple[Posterior, ...], Array]:
+    """The posterior under each hypothesis, and the hypotheses' weights.
+
+    The (2, n) touches and misses of the `prior` count as those by each taxel's usual path.
+    """
+    n = len(features.middle_m)
+    usual = np.hstack([np.tile(np.eye(n), (2, 1)), np.zeros((2 * n, X.shape[1] - n))])
+    X, y = np.vstack([X, usual]), np.concatenate([y, np.repeat([1.0, 0.0], n)])
+    count = np.concatenate([np.ones(len(trial)), prior.ravel()])
+    in_order = np.unique(trial, return_inverse=True)[1]
+    block = np.concatenate([in_order * params.blocks // (in_order.max() + 1), np.full(2 * n, -1)])
+    posteriors, log_p = [], np.empty((params.blocks, len(_HYPOTHESES)))
+    for h, hypothesis in enumerate(_HYPOTHESES):
+        variances = features.prior_variances(hypothesis)
+        posteriors.append(whole := _laplace(X, y, count, variances))
+        for b in range(params.blocks):
+            out = block == b
+            mean, _, by_path = _log_odds(_laplace(X[~out], y[~out], count[~out], variances, whole.mean), X[out], n)
+            log_odds = mean / np.sqrt(1 + _LOGISTIC * by_path)
+            log_p[b, h] = log_expit(np.where(y[out] > 0, log_odds, -log_odds)).sum()
+    others = (1 - params.base_rate_prior) / (len(_HYPOTHESES) - 1)
+    log_prior = np.log([params.base_rate_prior] + [others] * (len(_HYPOTHESES) - 1))
+    draws = product(range(params.blocks), repeat=params.blocks)  # with replacement, every one of them
+    resampled = np.array([np.bincount(draw, minlength=params.blocks) for draw in draws])
+    log_weights = log_prior + resampled @ log_p
+    weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
+    return tuple(posteriors), (weights / weights.sum(axis=1, keepdims=True)).mean(axis=0)
+
+
+def _laplace(X: Array, y: Array, count: Array, variances: Array, start: Array | None = None) -> Posterior:
+    """Laplace's approximation of logistic regression with independent Gaussian priors of mean 0 (Newton's method)."""
+    used = np.flatnonzero(variances > 0)
+    X, precision = X[:, used], 1 / variances[used]
+    mean = np.zeros(len(used)) if start is None else start
+    for _ in range(60):
+        p = expit(X @ mean)
+        curvature = (X * (count * p * (1 - p))[:, None]).T @ X + np.diag(precision)
+        step = np.linalg.solve(curvature, X.T @ (count * (y - p)) - precision * mean)
+        largest = np.abs(step).max()
+        mean = mean + step * min(1.0, 3 / max(largest, 1e-9))  # a longer step may leave where the curvature holds
+        if largest < 1e-6:
+            break
+    p = expit(X @ mean)
+    return Posterior(used, mean, np.linalg.inv((X * (count * p * (1 - p))[:, None]).T @ X + np.diag(precision)))
+
+
+def _log_odds(posterior: Posterior, X: Array, n: int) -> tuple[Array, Array, Array]:
+    """(N,) mean and variance of the log-odds, and that part of the variance which the path adds to the intercept's."""
+    x = X[:, posterior.used]
+    variance = np.einsum("ni,ij,nj->n", x, posterior.cov, x)
+    of_intercept = np.einsum("ni,ij,nj->n", x[:, :n], posterior.cov[:n, :n], x[:, :n])
+    return x @ posterior.mean, variance, np.maximum(variance - of_intercept, 0.0)
+
+
+def _session(params: ContactParams, paths: Paths) -> SessionPaths | None:
+    of_trials = paths.u_m[paths.in_reach.all(axis=1)].mean(axis=1)
+    n = len(of_trials)
+    if n < 2:
+        return None
+    blocks = np.array_split(of_trials, max(min(params.blocks, n // 2), 1))
+    means = np.array([block.mean(axis=0) for block in blocks])
+    within = sum((len(b) * b.var(axis=0) for b in blocks), start=np.zeros(3)) / (n - len(blocks))
+    between = means.var(axis=0, ddof=1) if len(blocks) > 1 else np.zeros(3)
+    wander = np.maximum(between - within * len(blocks) / n, 0.0)
+    return SessionPaths(of_trials.mean(axis=0), within, wander, n)
 
 
 def predict_contact(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
     """Predict the touches of trials of the same session."""
-    return _predict(params, learned, displacements(params, trials))
+    paths = displacements(params, trials)
+    return _predict(params, learned, paths, np.zeros((len(trials), 3)))
 
 
 def predict_session(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
     """Predict the touches of another session, trial by trial in their order.
 
-    Its kinematics and cameras have another offset, estimated from the paths of this and earlier trials alone: the
-    posterior mean of the difference from the first session's mean displacement, prior N(0, offset_m²).
+    Its kinematics and cameras have another offset, prior N(0, offset_m²).  Its posterior mean is estimated from the
+    paths of this and earlier trials, as far as those of the first session stay where they are.  What remains unknown,
+    and the spread of the paths beyond that of the first session, draws predictions towards even odds.
     """
-    u = displacements(params, trials)
-    return _predict(params, learned, u - _session_offsets(params, learned, u)[:, None])
+    paths = displacements(params, trials)
+    offset, variance = _offsets(params, learned, paths)
+    moved = paths._replace(u_m=paths.u_m - offset[:, None])
+    return _predict(params, learned, moved, variance)
 
 
-def _session_offsets(params: ContactParams, learned: ContactModel, u: Array) -> Array:
-    """(trials, 3) m, the session's offset as estimated at each of its trials; zeros before any was in reach."""
-    in_reach: Mask = np.asarray(np.isfinite(u[..., 0]).all(axis=1))  # of all taxels, as for `session_mean`
-    apart = np.where(in_reach[:, None], u.mean(axis=1) - learned.session_mean, 0.0)
-    n = np.maximum(np.cumsum(in_reach), 1)[:, None]
-    variance = learned.session_var * (1 / n + 1 / max(learned.session_trials, 1))
-    offsets: Array = params.offset_m**2 / (params.offset_m**2 + variance) * np.cumsum(apart, axis=0) / n
-    return offsets if learned.session_trials > 1 else np.zeros_like(offsets)
+def _offsets(params: ContactParams, learned: ContactModel, paths: Paths) -> tuple[Array, Array]:
+    """(trials, 3) posterior mean in m of the session's offset at each of its trials, and the variance in m² of where
+    a path is: that of the offset, and by how much the paths spread more than those of the first session."""
+    prior = params.offset_m**2
+    if learned.session is None:
+        return np.zeros((len(paths.u_m), 3)), np.full((len(paths.u_m), 3), prior)
+    usual, in_reach = learned.session, np.asarray(paths.in_reach.all(axis=1))
+    apart = np.where(in_reach[:, None], paths.u_m.mean(axis=1) - usual.mean_m, 0.0)
+    n = np.cumsum(in_reach)[:, None]
+    known = np.maximum(n, 1)
+    noise = usual.var_m2 * (1 / known + 1 / usual.trials) + usual.wander_m2 * (1 + 1 / params.blocks)
+    share = np.where(n > 0, prior / (prior + noise), 0.0)
+    mean = np.cumsum(apart, axis=0) / known
+    squares = np.cumsum(np.where(in_reach[:, None], apart**2, 0.0), axis=0) - known * mean**2
+    more = (squares - (known - 1) * (usual.var_m2 + usual.wander_m2)) / (known - 1 + _FEW_TRIALS)
+    return share * mean, prior * (1 - share) + np.maximum(more, 0.0)
 
 
-def _fit(params: ContactParams, u: Array, touched: Mask) -> ContactModel:
-    """The model of displacements (trials, n, 3), NaN out of reach, and outcomes (trials, n)."""
-    in_reach: Mask = ~np.isnan(u[..., 0])
-    u_known = np.where(in_reach[..., None], u, 0.0)
-    kinds = touched & in_reach, ~touched & in_reach
-    n = [kind.sum(axis=0) for kind in kinds]
-    means = [
-        np.einsum("tk,tkc->kc", kind, u_known) / np.maximum(m, 1)[:, None] for kind, m in zip(kinds, n, strict=True)
-    ]
-    total = n[0] + n[1]
-    n_touched, n_missed = n[0] + 0.5, n[1] + 0.5
-    mean = (n[0][:, None] * means[0] + n[1][:, None] * means[1]) / np.where(total > 0, total, np.nan)[:, None]
-    # Prior of δ: towards the mean path of all touches, each taxel weighted by its rate of touch.
-    rate = np.where(total > 0, n_touched / (n_touched + n_missed), 0.0)
-    mean_touching = rate @ np.where(total[:, None] > 0, mean, 0.0) / max(rate.sum(), 1e-9)
-    prior = params.prior_share * (mean_touching - mean)
-    effective = (n[0] * n[1] / np.maximum(total, 1))[:, None]  # trials of the difference of two means
-    difference_trials = effective + params.prior_trials
-    difference = (effective * (means[0] - means[1]) + params.prior_trials * prior) / difference_trials
-    # Covariance of the displacements about the mean of their kind, pooled over taxels and kinds.
-    residuals = u_known - np.where(touched[..., None], *means)
-    freedom = max(int(np.maximum(n[0] - 1, 0).sum() + np.maximum(n[1] - 1, 0).sum()), 1)
-    covariance = np.einsum("tk,tki,tkj->ij", in_reach, residuals, residuals) / freedom
-    precision = np.linalg.inv(covariance + params.offset_m**2 * np.eye(3))
-    of_session = u_known[in_reach.all(axis=1)].mean(axis=1)
-    return ContactModel(
-        touched=n_touched,
-        missed=n_missed,
-        any_touched=touched.sum(axis=0) + 0.5,
-        any_missed=(~touched).sum(axis=0) + 0.5,
-        mean=mean,
-        difference=difference,
-        difference_trials=difference_trials[:, 0],
-        precision=precision,
-        session_mean=of_session.mean(axis=0) if len(of_session) else np.zeros(3),
-        session_var=of_session.var(axis=0, ddof=1) if len(of_session) > 1 else np.zeros(3),
-        session_trials=len(of_session),
-    )
-
-
-def _predict(params: ContactParams, learned: ContactModel, u: Array) -> ContactPrediction:
-    """The prediction for displacements (trials, n, 3), NaN out of reach."""
-    share = 0.5 * (learned.missed - learned.touched) / (learned.missed + learned.touched)
-    apart = u - (learned.mean + share[:, None] * learned.difference)  # u − m
-    in_reach: Mask = ~np.isnan(apart[..., 0])
-    apart = np.where(in_reach[..., None], apart, 0.0)
-    touched = np.where(in_reach, learned.touched, learned.any_touched)
-    missed = np.where(in_reach, learned.missed, learned.any_missed)
-    sigmas = np.sqrt(np.einsum("tki,ij,tkj->tk", apart, learned.precision, apart))
-    weight = np.minimum(1.0, params.outlier_sigmas / np.maximum(sigmas, 1e-9))
-    difference = np.where(np.isfinite(learned.difference), learned.difference, 0.0)
-    log_odds = np.log(touched / missed) + weight * np.einsum("tki,ij,kj->tk", apart, learned.precision, difference)
-    probability = expit(log_odds)
-    rate = touched / (touched + missed)
-    variance = 1 / (touched * (1 - rate)) + (weight * sigmas) ** 2 / learned.difference_trials  # of the log-odds
-    # The interval is that of a Beta distribution with this mean and variance of the log-odds.
-    n = 1 / (variance * probability * (1 - probability))
+def _predict(params: ContactParams, learned: ContactModel, paths: Paths, var_m2: Array) -> ContactPrediction:
+    """The prediction for paths known with a variance of (trials, 3) in m²."""
+    in_reach: Mask = np.asarray(paths.in_reach & learned.seen)
+    kind = np.where(paths.lost, 2, np.where(paths.in_reach, 0, 1))
+    every = np.arange(kind.shape[1])
+    touched, missed = (learned.counts[kind, outcome, every] for outcome in (0, 1))
+    trials = touched + missed
+    probability = touched / trials
+    if learned.features is not None:
+        trial, taxel = np.nonzero(in_reach)
+        p, worth = _of_paths(learned, learned.features, paths.u_m[trial, taxel], taxel, var_m2[trial])
+        probability[trial, taxel], trials[trial, taxel] = p, worth
     tails = 0.5 * (1 - params.level), 0.5 * (1 + params.level)
-    lower, upper = (betaincinv(n * probability, n * (1 - probability), tail) for tail in tails)
-    return ContactPrediction(probability, lower, upper, in_reach)
+    lower, upper = (betaincinv(trials * probability, trials * (1 - probability), tail) for tail in tails)
+    return ContactPrediction(probability, lower, upper, in_reach, paths.lost)
+
+
+def _of_paths(
+    learned: ContactModel, features: Features, u_m: Array, taxel: NDArray[np.intp], var_m2: Array
+) -> tuple[Array, Array]:
+    """(N,) probabilities of touch, and the number of trials of a Beta distribution with the same mean and the same
+    variance of the log-odds."""
+    n, step = len(features.middle_m), 0.1 * features.spread_m
+    X = features.of(u_m, taxel)
+    slopes = [(features.of(u_m + e, taxel) - features.of(u_m - e, taxel)) / (2 * e.sum()) for e in np.diag(step)]
+    means, variances, p = [], [], []
+    for posterior in learned.posteriors:
+        mean, variance, by_path = _log_odds(posterior, X, n)
+        by_offset = sum((s[:, posterior.used] @ posterior.mean) ** 2 * v for s, v in zip(slopes, var_m2.T, strict=True))
+        means.append(mean)
+        variances.append(variance + by_offset)
+        p.append(expit(mean / np.sqrt(1 + _LOGISTIC * (by_path + by_offset))))
+    weights = learned.weights
+    probability = np.clip(weights @ np.array(p), 1e-9, 1 - 1e-9)
+    middle = weights @ np.array(means)
+    variance = weights @ (np.array(variances) + (np.array(means) - middle) ** 2)
+    return probability, 1 / (variance * probability * (1 - probability))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import t
 
 from pps_vision.types import Array
 
@@ -24,6 +25,16 @@ def auroc(outcome: ArrayLike, score: ArrayLike) -> float:
 def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
     """Mean squared difference between predicted probability and outcome (0 or 1)."""
     return float(np.mean((np.asarray(probability, dtype=float) - np.asarray(outcome, dtype=float)) ** 2))
+
+
+def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike) -> tuple[float, float, float]:
+    """By how much the Brier score is below that of the reference, and the 95 % interval over trials, which are the
+    independent units (Student's t of the paired differences); arguments (trials, taxels), at least two trials."""
+    y, p, q = (np.asarray(a, dtype=float) for a in (outcome, probability, reference))
+    gains = np.mean((q - y) ** 2 - (p - y) ** 2, axis=1)
+    half = float(t.ppf(0.975, len(gains) - 1) * gains.std(ddof=1) / np.sqrt(len(gains)))
+    mean = float(gains.mean())
+    return mean, mean - half, mean + half
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_session
-from learning.pps.scores import auroc, brier
+from learning.pps.scores import auroc, brier, brier_gain
 from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import whole_file
@@ -29,13 +29,15 @@ def trials(train_path: Path, test_path: Path, out: Path, horizon_s: float) -> No
         write_table(partial, COLUMNS, _rows(predicted, touched))
     for path, session in ((train_path, train), (test_path, test)):
         _report_unknown(path, session)
-    late = int((~predicted.in_reach).sum())
-    if late:
-        print(
-            f"{test_path}: {late} of {touched.size} pairs of trial and taxel have no sample in reach "
-            f"{horizon_s:g} s before the end: given the taxel's rate of touch",
-            file=sys.stderr,
-        )
+    lost = int(predicted.lost.sum())
+    far = int((~predicted.in_reach).sum()) - lost
+    for n, what in ((far, "are out of reach"), (lost, "are lost")):
+        if n:
+            print(
+                f"{test_path}: {n} of {touched.size} pairs of trial and taxel {what} {horizon_s:g} s before the end: "
+                "given the taxel's rate of touch in such trials",
+                file=sys.stderr,
+            )
     _print_scores(predicted.probability, touch_rates(train), touched)
     print(f"{len(test)} trials, {horizon_s:g} s ahead → {out}")
 
@@ -71,6 +73,11 @@ def _print_scores(probability: Array, rates: Array, touched: Mask) -> None:
     print(f"{'':12}{'learned':>9}{'base rate':>11}")
     for name, values in zip(("AUROC", "Brier"), zip(*columns, strict=True), strict=True):
         print(f"{name:12}{values[0]:9.3f}{values[1]:11.3f}{_one_class(touched) if name == 'AUROC' else ''}")
+    if len(touched) > 1:
+        gain, low, high = brier_gain(touched, probability, base)
+        print(
+            f"Brier below the base rate's by {gain:+.4f} ({low:+.4f} to {high:+.4f}, 95 % over {len(touched)} trials)"
+        )
     for k, happened in enumerate(touched.T):
         within = auroc(happened, probability[:, k]), auroc(happened, base[:, k])
         print(f"  taxel {k:<4}{within[0]:9.3f}{within[1]:11.3f}{_one_class(happened)}")

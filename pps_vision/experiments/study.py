@@ -50,7 +50,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "fixation": {"n": 5},
     "loop": {"training_trials": 2},
     "pps_double_touches": {"starts": 4},
-    "pps_real_trials": {"splits": 2, "permutations": 5},
+    "pps_real_trials": {"permutations": 1},
     "pps_single_touch": {"n": 5},
     "reach_forward_model": {"sizes": (100, 200)},
     "reach_lean": {"n": 4},

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 from sklearn.isotonic import IsotonicRegression
 
-from learning.pps.contact import ContactParams, learn_contact, predict_contact
+from learning.pps.contact import ContactParams, learn_contact, predict_contact, predict_session
 from learning.pps.memory import MemoryParams, activation, windows
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.trials import Trial, touch_rates
@@ -81,6 +81,12 @@ def by_displacement(training: Trials, test: Trials, horizon_s: float) -> Array:
     """Predict from where the path passes each taxel (`learning/pps/contact.py`)."""
     params = ContactParams(horizon_s=horizon_s)
     return predict_contact(params, learn_contact(params, tuple(training)), tuple(test)).probability
+
+
+def by_displacement_of_session(training: Trials, test: Trials, horizon_s: float) -> Array:
+    """Predict as `by_displacement`, the test trials taken for another session with an offset of its own."""
+    params = ContactParams(horizon_s=horizon_s)
+    return predict_session(params, learn_contact(params, tuple(training)), tuple(test)).probability
 
 
 def by_displacement_along_skin(training: Trials, test: Trials, horizon_s: float) -> Array:
