@@ -17,7 +17,7 @@ from learning.pps.contact import ContactParams, learn_contact, predict_session
 from learning.pps.trials import Trial, touch_rates
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.perceived import HORIZON_S
-from pps_vision.experiments.study import Study, interval
+from pps_vision.experiments.study import SampledStudy, interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array
 
@@ -115,15 +115,13 @@ class Robot:
 
 
 @dataclass(frozen=True)
-class KnownSessions(Study):
+class KnownSessions(SampledStudy):
     """Contacts predicted in drawn sessions whose probability of touch is known, beside the base rate."""
 
     n: int = 60
     """Robots of each kind, with one session to learn from and another to predict."""
     trials: int = 37
     """Trials of a session (as in the authors' data)."""
-    seed: int = 0
-    """Seed of the robots."""
 
     def run(self) -> dict[str, Any]:
         """Return by kind: Brier scores of ours, the base rate and the known probability, and coverage (%)."""
