@@ -11,11 +11,10 @@ from scipy.stats import norm
 
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance
 from pps_vision.experiments.charts import bars, calibration, curves, panels
-from pps_vision.experiments.scenarios import Recording, moving
+from pps_vision.experiments.scenarios import KINDS, MOTIONS, SPEEDS, Recording, of_kind
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import (
     Metric,
-    SceneSource,
     TrackingStudy,
     Values,
     mean,
@@ -26,13 +25,10 @@ from pps_vision.experiments.study import (
 )
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Status, Track3D
-from rendering.names import MotionName
 from tracking import kalman
 from tracking.kalman import KalmanParams
 from tracking.tracker import TrackerStep
 
-MOTIONS: tuple[MotionName, ...] = ("approach", "linear", "circle", "figure8", "jerk")
-SPEEDS_M_S = (0.05, 0.1, 0.2, 0.3)
 QUANTITIES = ("position", "velocity", "distance", "time to contact")
 SETTLED = 10
 """Frames before a tracker is judged."""
@@ -66,32 +62,14 @@ class Consistency(TrackingStudy):
         the time to contact in the last half second."""
         found: dict[str, Any] = {}
         for source in self.sources:
-            recordings: dict[str, list[Values]] = {}
-            for stimulus in ("ball", "marker"):
-                in_the_air = {f"{stimulus}, {m}": partial(self._film, stimulus, m, source) for m in MOTIONS}
-                onto_skin = {
-                    f"{stimulus}, {100 * v:g} cm/s": partial(self._approach, stimulus, v, source) for v in SPEEDS_M_S
-                }
-                for name, cells in measure(in_the_air | onto_skin, {"tracker": _run}, self.seeds).items():
-                    recordings[name] = cells["tracker"]
-            pooled = {
-                name: [one for key, of in recordings.items() if part in key for one in of]
-                for name, part in self._groups().items()
-            }
+            kinds = {k: partial(of_kind, k, source, self.seconds) for k in sorted(KINDS, key=lambda k: k.split(",")[0])}
+            measured = measure(kinds, {"tracker": _run}, self.seeds)
+            pooled: dict[str, list[Values]] = {group: [] for group in ("all", "ball", "marker", *MOTIONS, *SPEEDS)}
+            for kind, of in measured.items():
+                for group in ("all", *kind.split(", ")):
+                    pooled[group] += of["tracker"]
             found[source] = summarize(pooled, _METRICS)
         return {"cells": found}
-
-    @staticmethod
-    def _groups() -> dict[str, str]:
-        """Names of the pooled groups, and the part of a recording's name that belongs to each."""
-        speeds = {f"{100 * v:g} cm/s": f", {100 * v:g} cm/s" for v in SPEEDS_M_S}
-        return {"all": "", "ball": "ball", "marker": "marker"} | {m: f", {m}" for m in MOTIONS} | speeds
-
-    def _film(self, stimulus: str, motion: MotionName, source: SceneSource, seed: int) -> Recording:
-        return moving(stimulus, motion, seed, self.seconds, source)
-
-    def _approach(self, stimulus: str, speed: float, source: SceneSource, seed: int) -> Recording:
-        return moving(stimulus, "approach", seed, 0.31 / speed + 0.2, source, speed=speed)
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """One figure a source: coverage, NEES and NIS by motion, error of the time to contact by the time left."""
@@ -107,8 +85,7 @@ class Consistency(TrackingStudy):
                 axis.axhline(expected, color="0.25", lw=1, ls="--")
             left_ms = [500 * (low + high) for low, high in _SPANS_S]
             spans = [f"ttc_percent {low:g}–{high:g} s" for low, high in _SPANS_S]
-            speeds = [f"{100 * v:g} cm/s" for v in SPEEDS_M_S]
-            by_speed = {name: [groups[name][span] for span in spans] for name in speeds}
+            by_speed = {name: [groups[name][span] for span in spans] for name in SPEEDS}
             curves(axes[3], left_ms, by_speed, "time left before the touch (ms)", "time to contact: median error (%)")
             axes[3].invert_xaxis()
             axes[0].legend(fontsize=7)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pps_vision.experiments.scenarios import Recording
 from pps_vision.geometry.camera import Camera, StereoRig
-from pps_vision.types import Array, Image, Mask, StereoFrame
+from pps_vision.types import Array, Image, StereoFrame
 from rendering.sensor import Sensor, expose
 
 EyeFault = Literal["black", "frozen"]
@@ -89,7 +89,18 @@ def jittered(fine: Recording, every: int, std_s: float, rng: np.random.Generator
     recording = at_rate(fine, every)
     half_s = 0.45 * float(np.median(np.diff(recording.stamps_s)))
     wrong = np.clip(std_s * rng.standard_normal(len(recording.frames)), -half_s, half_s)
-    return _restamped(recording, fine, recording.stamps_s + wrong)
+    stamps_s = recording.stamps_s + wrong
+    frames = [
+        replace(
+            frame,
+            stamp_left_s=float(stamp_s),
+            stamp_right_s=float(stamp_s),
+            joints_left_rad=then.joints_left_rad,
+            joints_right_rad=then.joints_right_rad,
+        )
+        for frame, stamp_s, then in zip(recording.frames, stamps_s, _frames_at(fine, stamps_s), strict=True)
+    ]
+    return replace(recording, frames=tuple(frames))
 
 
 def stale_joints(fine: Recording, every: int, delay_s: float) -> Recording:
@@ -113,9 +124,15 @@ def right_late(fine: Recording, every: int, delay_s: float) -> Recording:
 def eyes_fail(recording: Recording, kind: EyeFault, from_s: float, to_s: float, both: bool = False) -> Recording:
     """Make the right eye, or both, black or frozen (its last image under new stamps) for a time."""
     out = (recording.stamps_s >= from_s) & (recording.stamps_s < to_s)
-    left = out if both else np.zeros_like(out)
-    failing = _held(recording, left, out) if kind == "frozen" else _blackened(recording, left, out)
-    return replace(failing, seen=recording.seen & ~out)
+    frames: list[StereoFrame] = []
+    for frame, fails in zip(recording.frames, out, strict=True):
+        if fails:
+            last = frames[-1] if frames else frame
+            black = np.zeros_like(frame.right), np.zeros_like(frame.left)
+            right, left = (last.right, last.left) if kind == "frozen" else black
+            frame = replace(frame, right=right, left=left if both else frame.left)
+        frames.append(frame)
+    return replace(recording, frames=tuple(frames), seen=recording.seen & ~out)
 
 
 def miscalibrated(recording: Recording, share: float, rng: np.random.Generator) -> Recording:
@@ -161,47 +178,6 @@ def _light(image: Image) -> Array:
     return image.astype(np.float32)
 
 
-def _nearest(fine: Recording, stamps_s: Array) -> NDArray[np.integer]:
-    return np.abs(fine.stamps_s[None, :] - stamps_s[:, None]).argmin(axis=1)
-
-
 def _frames_at(fine: Recording, stamps_s: Array) -> list[StereoFrame]:
-    return [fine.frames[int(k)] for k in _nearest(fine, stamps_s)]
-
-
-def _restamped(recording: Recording, fine: Recording, stamps_s: Array) -> Recording:
-    frames = [
-        replace(
-            frame,
-            stamp_left_s=float(stamp),
-            stamp_right_s=float(stamp),
-            joints_left_rad=then.joints_left_rad,
-            joints_right_rad=then.joints_right_rad,
-        )
-        for frame, stamp, then in zip(recording.frames, stamps_s, _frames_at(fine, stamps_s), strict=True)
-    ]
-    return replace(recording, frames=tuple(frames))
-
-
-def _held(recording: Recording, left: Mask, right: Mask) -> Recording:
-    """The last image shown again where a mask (n,) says so."""
-    frames = [recording.frames[0]]
-    for frame, hold_left, hold_right in zip(recording.frames[1:], left[1:], right[1:], strict=True):
-        if hold_left:
-            frame = replace(frame, left=frames[-1].left)
-        if hold_right:
-            frame = replace(frame, right=frames[-1].right)
-        frames.append(frame)
-    return replace(recording, frames=tuple(frames))
-
-
-def _blackened(recording: Recording, left: Mask, right: Mask) -> Recording:
-    frames = [
-        replace(
-            frame,
-            left=np.zeros_like(frame.left) if no_left else frame.left,
-            right=np.zeros_like(frame.right) if no_right else frame.right,
-        )
-        for frame, no_left, no_right in zip(recording.frames, left, right, strict=True)
-    ]
-    return replace(recording, frames=tuple(frames))
+    nearest = np.abs(fine.stamps_s[None, :] - stamps_s[:, None]).argmin(axis=1)
+    return [fine.frames[int(k)] for k in nearest]

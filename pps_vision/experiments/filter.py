@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
 from pps_vision.experiments.charts import panels, speed_error
-from pps_vision.experiments.scenarios import Recording, moving
+from pps_vision.experiments.scenarios import KINDS, Recording, of_kind
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import DATA, Method, Metric, SceneSource, TrackingStudy, Values, compare, median, rms
 from pps_vision.experiments.tables import Table, estimate
@@ -23,14 +23,11 @@ from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Mask
-from rendering.names import MotionName
 from tracking import DEFAULT_ORDER, flight, kalman
 from tracking.flight import FlightParams
 from tracking.kalman import Belief, KalmanParams
 from tracking.smoother import Measured, follow, smooth
 
-MOTIONS: tuple[MotionName, ...] = ("approach", "linear", "circle", "figure8", "jerk")
-SPEEDS_M_S = (0.05, 0.1, 0.2, 0.3)
 DEFAULT = f"order {DEFAULT_ORDER}"
 BASELINES = ("cv2", "filterpy")
 _SETTLED = 10  # measurements before a filter is judged
@@ -98,12 +95,10 @@ class Filter(TrackingStudy):
 
     def run(self) -> dict[str, Any]:
         """Return by data and filter: time of an update, errors of position, velocity and time to contact."""
-        kinds: list[tuple[str, str, float | None]] = [(o, m, None) for o in ("ball", "marker") for m in MOTIONS]
-        kinds += [(o, "approach", v) for o in ("ball", "marker") for v in SPEEDS_M_S]
         scenarios: dict[str, Callable[[int], Any]] = {
-            source: partial(self._measured, kinds, source) for source in self.sources
+            source: partial(self._measured, source) for source in self.sources
         }
-        cells = compare(scenarios, methods(), _METRICS, range(len(kinds) * self.n), reference="cv2")
+        cells = compare(scenarios, methods(), _METRICS, range(len(KINDS) * self.n), reference="cv2")
         folder = self.data / "tt3d"
         if not folder.exists():
             return {"cells": cells, "skipped": f"tt3d: no {folder}"}
@@ -115,12 +110,10 @@ class Filter(TrackingStudy):
             | compare({"tt3d": thrown.__getitem__}, throws, _METRICS, range(len(thrown)), reference="cv2")
         }
 
-    def _measured(self, kinds: list[tuple[str, str, float | None]], source: SceneSource, number: int) -> Measurements:
-        stimulus, motion, speed = kinds[number % len(kinds)]
-        seed = self.seed + number // len(kinds)
-        also = {} if speed is None else {"speed": speed}
-        seconds = self.seconds if speed is None else 0.31 / speed + 0.2
-        return measurements(moving(stimulus, motion, seed, seconds, source, **also), seed)
+    def _measured(self, source: SceneSource, number: int) -> Measurements:
+        further, kind = divmod(number, len(KINDS))
+        seed = self.seed + further
+        return measurements(of_kind(list(KINDS)[kind], source, self.seconds, seed), seed)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against each error, forward and smoothed, one row for each kind of data."""

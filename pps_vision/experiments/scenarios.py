@@ -18,6 +18,7 @@ from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask, StereoFrame
 from rendering.motions import Motion
+from rendering.names import MotionName
 from rendering.scene import Placed, SceneState
 from rendering.sensor import Sensor
 from rendering.shapes import Part
@@ -28,6 +29,18 @@ from tracking.tracker import TrackerParams
 FPS = 20.0
 EYES_M = np.array([-0.063, 0.0, 0.341])
 """Midway between the eyes of the robot at home, root frame."""
+MOTIONS: tuple[MotionName, ...] = ("approach", "linear", "circle", "figure8", "jerk")
+SPEEDS = {
+    f"{100 * v:g} cm/s": {"motion": "approach", "speed": v, "seconds": 0.31 / v + 0.2} for v in (0.05, 0.1, 0.2, 0.3)
+}
+"""Approaches that end on the skin."""
+KINDS: dict[str, dict[str, Any]] = {
+    f"{stimulus}, {name}": {"stimulus": stimulus, **how}
+    for those in ({motion: {"motion": motion} for motion in MOTIONS}, SPEEDS)
+    for stimulus in ("ball", "marker")
+    for name, how in those.items()
+}
+"""What covariances and filters are judged on: every motion, and approaches at every speed."""
 HUES_DEG = {"ball": 0.0, "marker": 120.0}
 Boxes = tuple[BoxPx | None, BoxPx | None]
 Posing = Callable[[float, Array, Array], Array]
@@ -175,6 +188,11 @@ def moving(
 ) -> Recording:
     """Return a recording of one of `pps-vision render`'s motions."""
     return rendered(RenderParams(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **also), source)
+
+
+def of_kind(kind: str, source: SceneSource, seconds: float, seed: int) -> Recording:
+    """Return a recording of one of `KINDS`; `seconds` are the length of what does not end on the skin."""
+    return moving(**{"seconds": seconds, **KINDS[kind]}, seed=seed, source=source)
 
 
 def watching(

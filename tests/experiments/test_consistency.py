@@ -61,7 +61,7 @@ def test_time_to_contact_is_exact_where_the_track_is(rng: np.random.Generator) -
 def test_coverage_has_intervals_over_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
     """The study on simulated tracks: every number has an interval that holds it, and a place in chart and table."""
     rng = np.random.default_rng(6)
-    monkeypatch.setattr("pps_vision.experiments.consistency.moving", lambda *_, **__: None)
+    monkeypatch.setattr("pps_vision.experiments.scenarios.moving", lambda *_, **__: None)
     monkeypatch.setattr("pps_vision.experiments.consistency._run", lambda *_: _values(rng, 1.0))
     numbers, charts = run_and_draw(Consistency(n=2, scenes="rendered"))
     value, low, high = numbers["cells"]["rendered"]["all"]["position 95"]

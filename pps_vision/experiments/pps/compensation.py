@@ -5,7 +5,6 @@ taxel, in which a constant error cancels (`learning/pps/contact.py`), and encode
 touches (`learning/pps/joint_offsets.py`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,17 +12,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from learning.pps.scores import auroc, brier
 from learning.pps.trials import TouchTrial
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.movements import TRIALS
-from pps_vision.experiments.pps.perceived import HORIZON_S, in_taxel_frames
-from pps_vision.experiments.pps.predictors import Predictor, Trials, by_displacement, by_map, outcomes
+from pps_vision.experiments.pps.perceived import in_taxel_frames
+from pps_vision.experiments.pps.predictors import Predictor, Trials, by_displacement, by_map, scored
 from pps_vision.experiments.pps.robot_errors import SOURCES, ErringRobot, ErrorSources, only
 from pps_vision.experiments.pps.trials import exact_trials
-from pps_vision.experiments.study import SampledStudy, interval
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table, estimate
 
+Sets = tuple[Trials, Trials]
+"""Training and test trials."""
 CASES = ("no errors", "errors, map trained without", "errors, map trained with", "encoder offsets estimated too")
 METHODS: dict[str, Predictor] = {"map": by_map, "displacement": by_displacement}
 
@@ -40,32 +40,33 @@ class Compensation(SampledStudy):
 
     def run(self) -> dict[str, Any]:
         """Return scores by source, method and case, with 95 % over robots."""
-        perfect = [in_taxel_frames(exact_trials("inner", TRIALS["inner"], self.seed + i)) for i in (0, 1)]
+        training, test = (in_taxel_frames(exact_trials("inner", TRIALS["inner"], self.seed + i)) for i in (0, 1))
         sources = {**{name: only(name) for name in SOURCES}, "all": ErrorSources()}
         found: dict[str, Any] = {}
         for name, of in tqdm(sources.items(), desc="errors", unit="source", disable=None):
             robots = [self._observed(of, k) for k in range(self.n)]
             found[name] = {
-                method: {case: _scores(predict, [cases(perfect, *r)[case] for r in robots]) for case in CASES}
+                method: {case: scored(predict, [cases((training, test), *r)[case] for r in robots]) for case in CASES}
                 for method, predict in METHODS.items()
             }
         return {"sources": found}
 
-    def _observed(self, sources: ErrorSources, k: int) -> tuple[list[Trials], ...]:
+    def _observed(self, sources: ErrorSources, k: int) -> tuple[Sets, Sets]:
         """Training and test trials as robot `k` perceives them, without and with its encoder offsets estimated."""
         robot = ErringRobot.draw(sources, np.random.default_rng((self.seed, k)))
         erring = self._observe(robot, k)
-        calibrated = robot.calibrated(erring[0])
-        return tuple(
-            [in_taxel_frames(some, robot.model, robot.skin) for some in observed]
-            for observed in (erring, self._observe(calibrated, k))
+        sets = erring, self._observe(robot.calibrated(erring[0]), k)
+        without, calibrated = (
+            (in_taxel_frames(training, robot.model, robot.skin), in_taxel_frames(test, robot.model, robot.skin))
+            for training, test in sets
         )
+        return without, calibrated
 
-    def _observe(self, robot: ErringRobot, k: int) -> list[list[TouchTrial]]:
+    def _observe(self, robot: ErringRobot, k: int) -> tuple[list[TouchTrial], list[TouchTrial]]:
         """Training and test trials as a robot observes them; the same slack of robot `k` each time."""
         rng = np.random.default_rng((self.seed, k, 1))
-        true = (exact_trials("inner", TRIALS["inner"], self.seed + i) for i in (0, 1))
-        return [[robot.observe(trial, True, rng) for trial in some] for some in true]
+        training, test = (exact_trials("inner", TRIALS["inner"], self.seed + i) for i in (0, 1))
+        return [robot.observe(t, True, rng) for t in training], [robot.observe(t, True, rng) for t in test]
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """Draw AUROC by source and case, for each method."""
@@ -89,14 +90,6 @@ class Compensation(SampledStudy):
         return {"": Table(["all five sources", "AUROC", "Brier score"], rows)}
 
 
-def cases(
-    perfect: Sequence[Trials], erring: Sequence[Trials], calibrated: Sequence[Trials]
-) -> dict[str, Sequence[Trials]]:
+def cases(perfect: Sets, erring: Sets, calibrated: Sets) -> dict[str, Sets]:
     """Return training and test trials of each of `CASES`."""
-    return dict(zip(CASES, (perfect, [perfect[0], erring[1]], erring, calibrated), strict=True))
-
-
-def _scores(predict: Predictor, robots: list[Sequence[Trials]]) -> dict[str, list[float]]:
-    """AUROC and Brier score with 95 % over robots."""
-    found = [(outcomes(test), predict(training, test, HORIZON_S)) for training, test in robots]
-    return {score.__name__: interval([[score(*one)] for one in found]) for score in (auroc, brier)}
+    return dict(zip(CASES, (perfect, (perfect[0], erring[1]), erring, calibrated), strict=True))

@@ -7,15 +7,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
-from learning.pps.scores import auroc, brier
 from learning.pps.trials import TouchTrial
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.movements import TRIALS, SessionName
-from pps_vision.experiments.pps.perceived import FOREARM, HORIZON_S, in_taxel_frames
-from pps_vision.experiments.pps.predictors import Trials, by_map, outcomes
+from pps_vision.experiments.pps.perceived import FOREARM, in_taxel_frames
+from pps_vision.experiments.pps.predictors import Trials, by_map, scored
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources, only
 from pps_vision.experiments.pps.trials import SessionStudy, exact_trials
-from pps_vision.experiments.study import interval
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -57,9 +55,9 @@ class Invariance(SessionStudy):
         for name, some in robots.items():
             sets = [[[_perceived(r, t, rng) for t in where] for where in (at_home, elsewhere)] for r in some]
             found[name] = {
-                "home → home": _means([_scores(home[0], home[1]) for home, _ in sets]),
-                "home → others": _means([_scores(home[0], others[1]) for home, others in sets]),
-                "others → others": _means([_scores(others[0], others[1]) for _, others in sets]),
+                "home → home": scored(by_map, [(home[0], home[1]) for home, _ in sets]),
+                "home → others": scored(by_map, [(home[0], others[1]) for home, others in sets]),
+                "others → others": scored(by_map, [(others[0], others[1]) for _, others in sets]),
             }
         return found
 
@@ -69,7 +67,10 @@ class Invariance(SessionStudy):
             perceived = in_taxel_frames(self.seen(name, n))
             k = 2 * len(perceived) // 3
             sets[name] = perceived[:k], perceived[k:]
-        return {a: {b: _scores(training, test) for b, (_, test) in sets.items()} for a, (training, _) in sets.items()}
+        return {
+            a: {b: scored(by_map, [(training, test)]) for b, (_, test) in sets.items()}
+            for a, (training, _) in sets.items()
+        }
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """Draw AUROC by posture and by modality."""
@@ -111,13 +112,3 @@ def in_other_posture(trial: TouchTrial, robot: Robot, rng: np.random.Generator) 
 def _perceived(robot: ErringRobot, trials: tuple[TouchTrial, ...], rng: np.random.Generator) -> Trials:
     """Trials as a robot observes and perceives them."""
     return in_taxel_frames([robot.observe(trial, True, rng) for trial in trials], robot.model, robot.skin)
-
-
-def _scores(training: Trials, test: Trials) -> dict[str, float]:
-    touched, p = outcomes(test), by_map(training, test, HORIZON_S)
-    return {"auroc": auroc(touched, p), "brier": brier(touched, p)}
-
-
-def _means(scores: list[dict[str, float]]) -> dict[str, list[float]]:
-    """Means with 95 % over robots."""
-    return {key: interval([[one[key]] for one in scores]) for key in scores[0]}

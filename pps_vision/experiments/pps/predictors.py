@@ -4,7 +4,7 @@ A `Predictor` learns from some trials and returns the probabilities (trials, tax
 from what is known `horizon_s` before their end.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +15,10 @@ from sklearn.isotonic import IsotonicRegression
 from learning.pps.contact import ContactParams, learn_contact, predict_contact, predict_session
 from learning.pps.memory import MemoryParams, activation, windows
 from learning.pps.receptive_field import ReceptiveField
+from learning.pps.scores import auroc, brier
 from learning.pps.trials import Trial, touch_rates
-from pps_vision.experiments.pps.perceived import at_horizon, known_at, perceive, train_memory
+from pps_vision.experiments.pps.perceived import HORIZON_S, at_horizon, known_at, perceive, train_memory
+from pps_vision.experiments.study import interval
 from pps_vision.types import Array, Mask
 
 Trials = Sequence[Trial]
@@ -143,6 +145,12 @@ def _calibrate(score: Array, touched: Mask, new_score: Array) -> Array:
     """Probabilities of new scores by isotonic regression of outcomes on scores."""
     regression = IsotonicRegression(out_of_bounds="clip").fit(score.ravel(), touched.ravel())
     return np.asarray(regression.predict(new_score.ravel())).reshape(new_score.shape)
+
+
+def scored(predictor: Predictor, sets: Iterable[tuple[Trials, Trials]]) -> dict[str, list[float]]:
+    """Return AUROC and Brier score of pairs of training and test trials, with 95 % over the pairs, which are robots."""
+    found = [(outcomes(test), predictor(training, test, HORIZON_S)) for training, test in sets]
+    return {score.__name__: interval([[score(*one)] for one in found]) for score in (auroc, brier)}
 
 
 def in_blocks(predictor: Predictor, trials: Trials, horizon_s: float, blocks: int | None = None) -> Array:

@@ -134,7 +134,7 @@ def test_each_case_is_trained_and_tested_on_its_own_trials(monkeypatch: pytest.M
     found = compensation.cases(*sets)  # type: ignore[arg-type]
     assert found == {
         "no errors": sets[0],
-        "errors, map trained without": ["perfect training", "erring test"],
+        "errors, map trained without": ("perfect training", "erring test"),
         "errors, map trained with": sets[1],
         "encoder offsets estimated too": sets[2],
     }
