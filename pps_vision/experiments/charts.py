@@ -6,11 +6,6 @@ A value is a number or [value, low, high] with its 95 % interval; None is a valu
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")  # draws to files only; no display is needed
-
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -30,7 +25,8 @@ def panels(n: int, columns: int | None = None, width: float = 4.6, height: float
     columns = min(columns or n, n)
     rows, width = -(-n // columns), min(width, _WIDEST_IN / columns)
     size = (width * columns, height * rows)
-    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    figure = Figure(size, layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
     for unused in axes.ravel()[n:]:
         unused.axis("off")
     return figure, list(axes.ravel()[:n])
@@ -215,6 +211,7 @@ def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str]) -> None:
             fontsize=_NAME_PT,
             color=_INK,
             in_layout=False,
+            arrowprops={"arrowstyle": "-", "color": _INK, "lw": 0.4, "shrinkA": 0, "shrinkB": 2},
         )
 
 

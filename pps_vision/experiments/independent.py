@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
@@ -61,7 +60,8 @@ class Independent(Study):
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """One row a case: right and falsely claimed, error, coverage, time; a dot a film."""
         names = list(numbers["cases"])[::-1]
-        figure, axes = plt.subplots(1, 4, figsize=(15, 0.27 * len(names) + 1.4), sharey=True, layout="constrained")
+        figure = Figure((15, 0.27 * len(names) + 1.4), layout="constrained")
+        axes = figure.subplots(1, 4, sharey=True)
         for y, name in enumerate(names):
             films = numbers["cases"][name]["films"]
             for axis, key, color in (
