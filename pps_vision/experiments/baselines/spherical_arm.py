@@ -140,7 +140,8 @@ class SphericalArm:
             )
             q = [_angle(first, between, t), _angle(second, hand, between), turns, bends[:, :, None] + 0 * turns]
             out.append(np.stack([self._within(angle, k) for k, angle in enumerate(q)], axis=-1))
-        q_all = np.concatenate(out, axis=2).reshape(len(towards), -1, 4)
+        n, elbows, several, joints = np.shape(both := np.concatenate(out, axis=2))
+        q_all = both.reshape(n, elbows * several, joints)
         return np.where(np.isnan(q_all).any(axis=-1, keepdims=True), np.nan, q_all)
 
     def _within(self, angle: Array, joint: int) -> Array:

@@ -99,6 +99,7 @@ def test_least_effort_is_never_beaten(arm, side, rng):
             if np.linalg.norm(palm(side, middle + half * np.clip(found.x, -1, 1)) - point) < 1e-6:
                 best = min(best, float(np.mean(np.clip(found.x, -1, 1) ** 2)))
         assert m <= best + 1e-4
+    assert arm.solve(np.zeros((0, 3))).shape == (0, 4)
     far, none = arm.least_effort(points + np.array([2.0, 0, 0]))
     assert np.isnan(far).all()
     assert np.isnan(none).all()

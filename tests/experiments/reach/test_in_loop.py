@@ -45,6 +45,14 @@ def test_verdicts_are_counted_at_the_true_position() -> None:
     np.testing.assert_array_equal(values["not_fixated"], [False, False, False, True])
 
 
+def test_a_run_in_which_nothing_is_tracked_counts_for_nothing() -> None:
+    log = SimpleNamespace(
+        reachability=[Reachability.without_answer(0.0, ReachStatus.UNKNOWN)], truth_m=np.zeros((1, 3))
+    )
+    learned = SimpleNamespace(query=lambda gaze: MapPrediction(*[np.isfinite(gaze[:, 0])] * 4))
+    assert {len(values) for values in judge(ROBOT, learned, log).values()} == {0}
+
+
 def test_a_short_run_is_measured_and_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """One rendered path of 0.6 s from within reach, with a coarse map."""
     monkeypatch.setattr(in_loop, "_SECONDS", 0.6)
