@@ -1,0 +1,134 @@
+"""Training from answers made up of a known border: which labels are asked for, kept and believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from data import SEED
+
+from learning.reach.labels import HandModel, Labels, ReachOracle, _slope
+from learning.reach.lattice import isotropic
+from learning.reach.params import MapParams
+from learning.reach.training import _consistent, _nodes, _softness, learned_from
+from pps_vision.errors import InputError
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.icub import load_icub
+
+LIMITS = GazeLimits()
+PARAMS = MapParams(n_labels=600, round_labels=200, lattice=0.2)
+
+
+def plane(gaze, wrong=0.0, failed=0.0, rng=None):
+    """Reachable is what lies to the left; a share of the answers is the opposite, to a share there is none."""
+    draw = np.ones((2, len(gaze))) if rng is None else rng.random((2, len(gaze)))
+    left = gaze[:, 0] < 0
+    reachable = left ^ (draw[0] < wrong)
+    border = np.where(left[:, None], np.nan, gaze * [0, 1, 1])
+    error = np.where(draw[1] < failed, np.nan, np.where(reachable, 0.0, np.abs(gaze[:, 0])))
+    return Labels(gaze, reachable, error, np.where(reachable, 0.5, np.nan), border)
+
+
+def counted(calls, **how):
+    def label(gaze):
+        calls.append(len(gaze))
+        return plane(gaze, **how)
+
+    return label
+
+
+def test_all_labels_are_spent_round_by_round():
+    calls = []
+    learned = learned_from(counted(calls), "right", np.random.default_rng(SEED), PARAMS)
+    assert calls == [200, 200, 200]
+    assert len(learned.labels.gaze_rad) == 600
+    assert learned.max_error_m == learned.labels.error_m.max()
+
+
+def test_training_ends_when_the_expected_error_is_small_enough():
+    calls = []
+    learned_from(counted(calls), "right", np.random.default_rng(SEED), replace(PARAMS, max_error=0.9))
+    assert calls == [200, 200]
+
+
+def test_going_on_keeps_what_was_learned_and_does_not_count_it():
+    rng, calls = np.random.default_rng(SEED), []
+    first = learned_from(counted([], failed=0.1, rng=rng), "right", rng, PARAMS)
+    more = learned_from(counted(calls, failed=0.1, rng=rng), "right", rng, PARAMS, into=first)
+    assert calls == [200, 200, 200]
+    assert len(more.labels.gaze_rad) + more.unanswered == 1200
+    assert more.unanswered > first.unanswered > 30
+    np.testing.assert_array_equal(more.labels.gaze_rad[: len(first.labels.gaze_rad)], first.labels.gaze_rad)
+    for other in ({"side": "left"}, {"limits": GazeLimits(vergence_rad=(0.1, 1.0))}):
+        with pytest.raises(InputError, match="to continue from"):
+            learned_from(plane, "right", rng, PARAMS, into=replace(first, **other))
+
+
+def test_the_expected_error_is_that_of_all_postures():
+    """One of twenty answers is wrong, and the band about the border holds a tenth of all postures."""
+    rng = np.random.default_rng(SEED)
+    params = replace(PARAMS, n_labels=6000, round_labels=2000)
+    learned = learned_from(lambda gaze: plane(gaze, 0.05, rng=rng), "right", rng, params)
+    low, high = params.border_band
+    band = (high - low) / (LIMITS.upper[0] - LIMITS.lower[0])
+    assert band == pytest.approx(0.1, abs=0.01)
+    assert 0.04 * band < learned.expected_error < 0.1 * band  # some right answers are not predicted either
+
+
+@pytest.mark.parametrize(("scale", "expected"), [(0.03, 0.03), (0.1, 0.1), (1e-6, 0.008), (20.0, 0.5)])
+def test_softness_is_the_scale_of_the_answers_within_its_bounds(scale, expected):
+    rng = np.random.default_rng(SEED)
+    predicted = rng.uniform(-0.3, 0.3, 20_000)
+    reachable = predicted + scale * rng.logistic(size=len(predicted)) > 0
+    assert _softness(predicted, reachable, 0.008) == pytest.approx(expected, rel=0.1)
+
+
+def test_answers_that_contradict_their_neighbours_are_not_believed():
+    """One wrong answer well inside and one well outside; at the border neighbours differ rightly."""
+    rng = np.random.default_rng(SEED)
+    labels = plane(rng.uniform(LIMITS.lower, LIMITS.upper, (3000, 3)))
+    middle = [np.argmin(np.abs(labels.gaze_rad[:, 0] - at) + np.abs(labels.gaze_rad[:, 1])) for at in (-0.4, 0.4)]
+    wrong = labels.reachable.copy()
+    wrong[middle] ^= True
+    kept = {tuple(gaze) for gaze in _consistent(replace(labels, reachable=wrong)).gaze_rad}
+    assert not any(tuple(labels.gaze_rad[k]) in kept for k in middle)
+    assert len(kept) == len(labels.gaze_rad) - 2
+    few = labels.only(np.arange(8))
+    assert len(_consistent(few).gaze_rad) == 8
+
+
+def test_nodes_are_border_points_and_labels_clear_of_them():
+    rng = np.random.default_rng(SEED)
+    labels = plane(rng.uniform(LIMITS.lower, LIMITS.upper, (500, 3)))
+    gaze, signed = _nodes(labels, PARAMS)
+    border = labels.border_rad[np.isfinite(labels.border_rad[:, 0])]
+    nearest = np.linalg.norm(isotropic(labels.gaze_rad)[:, None] - isotropic(border), axis=2).min(axis=1)
+    clear = nearest > PARAMS.border_clearance
+    assert 0 < clear.sum() < len(clear)
+    np.testing.assert_array_equal(gaze, np.concatenate([border, labels.gaze_rad[clear]]))
+    np.testing.assert_allclose(signed[: len(border)], 0)
+    np.testing.assert_allclose(signed[len(border) :], np.where(labels.reachable, nearest, -nearest)[clear])
+
+
+def test_a_joint_at_its_limit_cannot_bring_the_hand_nearer():
+    """Targets to the right; joint 1 moves the hand to the right by 2 m/rad, joint 2 to the left by 1."""
+    J, right = np.array([[2.0, -1.0], [0, 0], [0, 0]]), np.array([0.3, 0.0, 0.0])
+    q = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+    slope = _slope(np.tile(right, (5, 1)), np.tile(J, (5, 1, 1)), q, -np.ones(2), np.ones(2))
+    np.testing.assert_allclose(slope, [2, 1, 0, 2, 2])
+    assert _slope(np.array([[np.nan, 0, 0]]), J[None], q[:1], -np.ones(2), np.ones(2)) == np.inf
+
+
+def test_solutions_start_from_the_nearest_posture_and_the_one_most_unlike_it():
+    robot, rng = load_icub(), np.random.default_rng(SEED)
+    oracle = ReachOracle(robot, "right", replace(PARAMS, n_babble=2000), rng)
+    hands = oracle.forward(oracle.babbled)[0]
+    points = hands[:5] + 0.01
+    near, unlike = oracle.starts(points)
+    for k, point in enumerate(points):
+        order = np.argsort(np.linalg.norm(hands - point, axis=1))[:16]
+        np.testing.assert_array_equal(near[k], oracle.babbled[order[0]])
+        away = np.linalg.norm(oracle.babbled[order] - near[k], axis=1)
+        np.testing.assert_array_equal(unlike[k], oracle.babbled[order[away.argmax()]])
+    tried = oracle.babbled[:100]
+    own = replace(HandModel.of(robot, oracle.forward), tried=tried)
+    assert ReachOracle(robot, "right", PARAMS, rng, own).babbled is tried
