@@ -10,8 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.errors import InputError
-from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
@@ -374,61 +372,3 @@ def _std_px(cov: Array, of_u: Vector, of_v: Vector) -> float:
         for j in range(3):
             var += cov[i, j] * (of_u[i] * of_u[j] + of_v[i] * of_v[j])
     return math.sqrt(var)
-
-
-@dataclass(frozen=True, slots=True)
-class BoxDetection:
-    """Where the object is (x, y, width, height px) and how well it fits, 0–1; 0 where it was not seen and the box is
-    the last one."""
-
-    box_px: BoxPx
-    score: float
-
-
-class BoxTracker:
-    """Follows one object in the images of an uncalibrated camera: `start` with the first image and box, then `step`
-    per image."""
-
-    def __init__(self, params: ImageTrackerParams, rng: np.random.Generator) -> None:
-        self.params, self.rng = params, rng
-        self._tracker: ImageTracker | None = None
-        self._target: Target | None = None
-        self._last = BoxDetection((0.0, 0.0, 0.0, 0.0), 0.0)
-        self._misses = 0
-
-    def start(self, image: Image, box_px: BoxPx) -> BoxDetection:
-        """Learn the object in `box_px` of the first RGB image; InputError where the box is no part of it."""
-        height, width = image.shape[:2]
-        x, y, w, h = box_px
-        if not (w >= 2 and h >= 2 and x >= 0 and y >= 0 and x + w <= width and y + h <= height):
-            raise InputError(
-                "image tracker", f"first box {x:g} {y:g} {w:g} {h:g}: expected a box inside the {width}×{height} image"
-            )
-        self._tracker = ImageTracker(self.params, assumed_optics(width, height), self.rng)
-        self._target = self._tracker.start(image, box_px)
-        self._last = BoxDetection(box_px, 1.0)
-        return self._last
-
-    def step(self, image: Image) -> BoxDetection:
-        """The object in the next image."""
-        if self._tracker is None or self._target is None:
-            raise ValueError("step before start; the tracker needs a first image and box")
-        self._target, seen = self._tracker.step(self._target, image)
-        if seen is None:
-            self._target, seen = self._tracker.step(self._target, image, self._wide_prior())
-        self._misses = 0 if seen else self._misses + 1
-        self._last = BoxDetection(seen.box_px, seen.score) if seen else BoxDetection(self._last.box_px, 0.0)
-        return self._last
-
-    def _wide_prior(self) -> Prior:
-        """Around the last box, the wider the longer the object has not been seen."""
-        x, y, w, h = self._last.box_px
-        side = float(np.sqrt(w * h))
-        return Prior(np.array([x + (w - 1) / 2, y + (h - 1) / 2]), side * min(1.0 + 0.3 * self._misses, 4.0), 1.0)
-
-
-def assumed_optics(width: int, height: int) -> Optics:
-    """For an unknown camera: a lens of about 30° without distortion.  (With a much longer one the angles would be too
-    small for single precision.)"""
-    focal = 2.0 * max(width, height)
-    return Optics(Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2))

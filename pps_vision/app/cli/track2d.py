@@ -1,7 +1,9 @@
-"""`pps-vision track2d`: follow a coloured object in one view."""
+"""`pps-vision track2d`: follow an object in one view."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -10,14 +12,17 @@ from pps_vision.app.cli.options import print_skipped
 
 @dataclass(frozen=True)
 class Track2d:
-    """Follow a coloured object through the images of a folder, given its box in the first."""
+    """Follow an object through the images of a folder, given its box in the first."""
 
     frames_dir: Positional[Path]
     """Folder of images, taken in the natural order of their names; the first is frame 1."""
     init: tuple[float, float, float, float]
     """X Y W H of the object in the first image: top-left corner and size, pixels."""
     out: Path
-    """Where to write frame,x,y,w,h,score."""
+    """Where to write frame,x,y,w,h,score; the score is the probability that the box holds the object."""
+    appearance: Literal["auto", "colour", "template"] = "auto"
+    """Follow the object by its colours, or by a spatial template and its colours; auto: the cheapest that tells it from
+    its surroundings."""
     seed: int = 0
     """Seed of the particles."""
 
@@ -27,10 +32,12 @@ class Track2d:
         from pps_vision.recordings.image_sequence import open_frames
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import write_boxes
+        from tracking.box_tracker import LOST_SCORE
 
         with whole_file(self.out, [self.frames_dir]) as partial:
             sequence = open_frames(self.frames_dir)
-            rows = follow(sequence, self.init, self.seed)
+            appearance = None if self.appearance == "auto" else self.appearance
+            rows = follow(sequence, self.init, self.seed, appearance, lambda line: print(line, file=sys.stderr))
             write_boxes(partial, rows)
         print_skipped(sequence.problems)
-        print(f"found in {sum(score > 0 for _, _, score in rows)} of {len(rows)} frames → {self.out}")
+        print(f"found in {sum(score >= LOST_SCORE for _, _, score in rows)} of {len(rows)} frames → {self.out}")

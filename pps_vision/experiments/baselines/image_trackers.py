@@ -30,25 +30,26 @@ class ImageTracker(Protocol):
         ...
 
 
-class OpenCVTracker:
-    """MOSSE, KCF or CSRT with its default parameters.
+_SHARES = {"MOSSE": 2.0, "KCF": 1.5, "CSRT": 1.5}
 
-    MOSSE is given twice the box, for it has no margin of its own and a plain object alone leaves it
-    nothing to correlate with; the middle of what it finds is the object.
+
+class OpenCVTracker:
+    """MOSSE, KCF or CSRT with its default parameters, in the interface that takes boxes of fractions of a pixel.
+
+    Each is given more than the box, because a plain object alone leaves little to correlate with; the middle of what it
+    finds is the object.
     """
 
     def __init__(self, name: Literal["MOSSE", "KCF", "CSRT"]) -> None:
         self._name = name
-        self._share = 2.0 if name == "MOSSE" else 1.0
+        self._share = _SHARES[name]
         self._code = cv2.COLOR_RGB2GRAY if name == "MOSSE" else cv2.COLOR_RGB2BGR
-        self._tracker: cv2.Tracker | cv2.legacy.Tracker | None = None
+        self._tracker: cv2.legacy.Tracker | None = None
 
     def start(self, image: Image, box: BoxPx) -> None:
-        """The box is rounded to whole pixels, which is all that KCF and CSRT take."""
-        x, y, w, h = _grown(box, self._share)
-        x0, y0 = round(x), round(y)
+        """Learn what is in the box."""
         self._tracker = _opencv(self._name)
-        self._tracker.init(cv2.cvtColor(image, self._code), (x0, y0, round(x + w) - x0, round(y + h) - y0))
+        self._tracker.init(cv2.cvtColor(image, self._code), _grown(box, self._share))
 
     def step(self, image: Image) -> BoxPx | None:
         """ValueError before `start`."""
@@ -64,10 +65,10 @@ def _grown(box: BoxPx, share: float) -> BoxPx:
     return x - (share - 1) * w / 2, y - (share - 1) * h / 2, share * w, share * h
 
 
-def _opencv(name: Literal["MOSSE", "KCF", "CSRT"]) -> cv2.Tracker | cv2.legacy.Tracker:
+def _opencv(name: Literal["MOSSE", "KCF", "CSRT"]) -> cv2.legacy.Tracker:
     if name == "MOSSE":
         return cv2.legacy.TrackerMOSSE.create()
-    return cv2.TrackerKCF.create() if name == "KCF" else cv2.TrackerCSRT.create()
+    return cv2.legacy.TrackerKCF.create() if name == "KCF" else cv2.legacy.TrackerCSRT.create()
 
 
 class HueModel:

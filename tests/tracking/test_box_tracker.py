@@ -1,0 +1,166 @@
+"""One camera's box tracker: where the object is, how sure it is, and what it takes for another thing."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.experiments.independent_scenes import procedural
+from pps_vision.types import Array, Image
+from tracking import template
+from tracking.box_tracker import ALIKE, LEAST_SCORE, LOST_SCORE, Appearance, BoxPx, BoxTracker
+from tracking.image_tracker import ImageTrackerParams
+
+
+def _tracker(rng: np.random.Generator, appearance: Appearance | None = None) -> BoxTracker:
+    return BoxTracker(ImageTrackerParams(), rng, appearance)
+
+
+def _overlap(a: BoxPx, b: BoxPx) -> float:
+    w = max(min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]), 0.0)
+    h = max(min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1]), 0.0)
+    return w * h / (a[2] * a[3] + b[2] * b[3] - w * h)
+
+
+def _textured(k: int, rng: np.random.Generator, hidden: bool = False) -> tuple[Image, BoxPx]:
+    """A piece of a texture, 60 × 44 px and growing, over other pieces of the same texture: colours do not tell."""
+    grain = procedural(3).astype(np.float32)
+    whole = np.clip(110 + 2 * (grain - cv2.GaussianBlur(grain, (0, 0), 6)), 0, 255).astype(np.uint8)
+    scene, piece = whole[:360, :480], whole[380:424, 500:560]
+    w, h = 60 * 1.006**k, 44 * 1.006**k
+    x, y = 120 + 2.5 * k + 8 * np.sin(0.3 * k), 130 + 30 * np.sin(0.1 * k)
+    image = scene.copy()
+    if not hidden:
+        M = np.array([[w / 60, 0, x + (w / 60 - 1) / 2], [0, h / 44, y + (h / 44 - 1) / 2]])
+        drawn = cv2.warpAffine(piece, M, (480, 360), flags=cv2.INTER_LINEAR)
+        inside = cv2.warpAffine(np.full(piece.shape[:2], 255, np.uint8), M, (480, 360), flags=cv2.INTER_NEAREST) > 0
+        image[inside] = np.asarray(drawn)[inside]
+    noisy = image + 3 * rng.standard_normal(image.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8), (x, y, w, h)
+
+
+def test_what_looks_like_its_surroundings_is_followed_by_its_template(rng: np.random.Generator) -> None:
+    """The boxes are those that were drawn; CSRT, which is given the same first box, is not far better."""
+    films = [_textured(k, rng) for k in range(60)]
+    image, box = films[0]
+    ours, csrt = _tracker(rng), cv2.TrackerCSRT.create()
+    ours.start(image, box)
+    csrt.init(image, tuple(round(value) for value in box))
+    found = [(ours.step(image).box_px, csrt.update(image)[1]) for image, _ in films[1:]]
+    overlap = [[_overlap(one, true) for one in pair] for pair, (_, true) in zip(found, films[1:], strict=True)]
+    mean, mean_csrt = np.mean(overlap, axis=0)
+    print(f"IoU {mean:.2f}, CSRT {mean_csrt:.2f}; similarity {ours.similarity:.2f}")
+    assert mean > 0.8
+    assert mean > mean_csrt - 0.05
+    assert ours.appearance == "template"
+    assert ours.similarity >= ALIKE
+
+
+def test_an_object_that_is_gone_gets_a_low_score_and_is_found_again(rng: np.random.Generator) -> None:
+    tracker = _tracker(rng)
+    tracker.start(*_textured(0, rng))
+    scores = [tracker.step(_textured(k, rng)[0]).score for k in range(1, 15)]
+    gone = [tracker.step(_textured(k, rng, hidden=True)[0]).score for k in range(15, 25)]
+    back = [(tracker.step(image), box) for image, box in (_textured(k, rng) for k in range(25, 37))]
+    assert min(scores) >= LEAST_SCORE
+    assert max(gone) < LOST_SCORE
+    assert _overlap(back[-1][0].box_px, back[-1][1]) > 0.6
+    assert back[-1][0].score >= LEAST_SCORE
+
+
+def _scene(rng: np.random.Generator) -> Image:
+    return cv2.resize(rng.integers(60, 150, (30, 40, 3), dtype=np.uint8), (640, 480), interpolation=cv2.INTER_CUBIC)
+
+
+def _draw(scene: Image, center: tuple[float, float], radius: float, rng: np.random.Generator) -> Image:
+    """An orange ball with a white patch, blurred and noisy."""
+    image = scene.copy()
+    at = (round(16 * center[0]), round(16 * center[1]))
+    cv2.circle(image, at, round(16 * radius), (240, 120, 20), cv2.FILLED, cv2.LINE_AA, 4)
+    cv2.circle(
+        image, (at[0] + round(5 * radius), at[1]), round(4 * radius), (235, 230, 220), cv2.FILLED, cv2.LINE_AA, 4
+    )
+    image = cv2.GaussianBlur(image, (0, 0), 1.0).astype(float)
+    return np.clip(image + 3 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+
+
+def test_it_follows_a_ball_that_moves_and_grows(rng: np.random.Generator) -> None:
+    scene = _scene(rng)
+    tracker = _tracker(rng)
+    overlap = []
+    for k in range(40):
+        x, y, r = 200 + 150 * np.sin(0.12 * k), 230 + 80 * np.sin(0.2 * k), 18 + 0.4 * k
+        image = _draw(scene, (x, y), r, rng)
+        box = (x - r, y - r, 2 * r, 2 * r)
+        found = tracker.start(image, box) if k == 0 else tracker.step(image)
+        fx, fy, fw, fh = found.box_px
+        w = max(min(fx + fw, x + r) - max(fx, x - r), 0)
+        h = max(min(fy + fh, y + r) - max(fy, y - r), 0)
+        overlap.append(w * h / (fw * fh + 4 * r * r - w * h))
+    assert np.mean(overlap) > 0.85
+    assert min(overlap) > 0.7
+
+
+def test_a_ball_that_vanishes_has_a_low_score_and_is_found_again(rng: np.random.Generator) -> None:
+    scene = _scene(rng)
+    tracker = _tracker(rng)
+    tracker.start(_draw(scene, (200, 200), 20, rng), (180, 180, 40, 40))
+    assert tracker.step(_draw(scene, (203, 200), 20, rng)).score > 0.8
+    gone = tracker.step(np.clip(scene + 3 * rng.standard_normal(scene.shape), 0, 255).astype(np.uint8))
+    assert gone.score < LOST_SCORE
+    assert np.all(np.isfinite(gone.box_px))
+    assert tracker.step(_draw(scene, (206, 200), 20, rng)).score > 0.8
+
+
+def test_an_object_that_jumps_is_caught_again(rng: np.random.Generator) -> None:
+    scene = _scene(rng)
+    tracker = _tracker(rng)
+    tracker.start(_draw(scene, (200, 200), 20, rng), (180, 180, 40, 40))
+    found = [tracker.step(_draw(scene, (270, 245), 20, rng)) for _ in range(5)][-1]
+    assert found.score > 0.8
+    assert np.linalg.norm([found.box_px[0] + 20 - 270, found.box_px[1] + 20 - 245]) < 4
+
+
+def test_bad_use_is_named(rng: np.random.Generator) -> None:
+    tracker = _tracker(rng)
+    image = np.zeros((48, 64, 3), np.uint8)
+    with pytest.raises(ValueError, match="before start"):
+        tracker.step(image)
+    with pytest.raises(ValueError, match=r"60 5 10 10.*64×48"):
+        tracker.start(image, (60, 5, 10, 10))
+
+
+def _patterned(shift: tuple[int, int]) -> Image:
+    """A texture that is shifted."""
+    return np.roll(procedural(5), shift[::-1], axis=(0, 1))[:300, :400]
+
+
+def test_the_response_is_largest_where_the_object_has_moved_to() -> None:
+    center: Array = np.array([200.0, 150.0])
+    learned = template.learn(_patterned((0, 0)), center, 40.0, (1.0, 1.0))
+    cell_px = template.PADDING * 40.0 / template.CELLS
+    for shift in ((0, 0), (12, -8), (-20, 16)):
+        fit = template.response(learned, template.sample(_patterned(shift), center, 40.0))
+        row, column = np.unravel_index(np.argmax(fit), fit.shape)
+        at = (np.array([column, row]) - template.CELLS // 2) * cell_px
+        np.testing.assert_allclose(at, shift, atol=0.51 * cell_px)
+
+
+def test_the_filter_over_scales_finds_the_size_within_three_images(rng: np.random.Generator) -> None:
+    scene, center, shape = _scene(rng), np.array([200.0, 150.0]), (1.0, 1.0)
+    learned = template.learn(_draw(scene, (200, 150), 30, rng), center, 60.0, shape)
+    for scale in (0.9, 0.95, 1.0, 1.05, 1.1):
+        image, size = _draw(scene, (200, 150), 30 * scale, rng), 60.0
+        for _ in range(3):
+            size *= template.growth(learned, image, center, size, shape)
+        assert size / 60 == pytest.approx(scale, abs=0.02)
+
+
+def test_patches_of_any_size_show_the_same_place() -> None:
+    """A ramp of brightness has its centre's level in the middle, also beyond the image's border and after averaging."""
+    ramp = np.repeat(np.tile((np.arange(320) // 2).astype(np.uint8)[None], (240, 1))[..., None], 3, axis=2)
+    for side in (40.0, 100.0, 230.0):
+        patch = template._patch(ramp, np.array([161.0, 117.0]), (side, side), 24).astype(float)
+        assert patch.mean() == pytest.approx(80.0, abs=1.0)
+        assert patch[0, -1].mean() - patch[0, 0].mean() == pytest.approx(side / 2 * 23 / 24, abs=2.0)
+    outside = template._patch(ramp, np.array([-500.0, 100.0]), (40.0, 40.0), 24)
+    assert outside.max() == 0
