@@ -32,8 +32,8 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.problems import Problem
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets
 from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
 from pps_vision.recordings.yarp_writer import YarpWriter
@@ -266,6 +266,44 @@ def _calibration(suffix: str) -> Reader:
     return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
 
 
+_PINHOLE = (
+    "resolution: [320, 240]\nintrinsics: [220.0, 221, 160, 120]  # f, c\ndistortion_coefficients: [0.1, 0, 0, 0]\n"
+)
+_ROS_K = "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [220, 0, 160, 0, 220, 120, 0, 0, 1]\n"
+_ROS_R = "distortion_model: plumb_bob\nrectification_matrix: {data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
+_ANIPOSE = "size = [320, 240]\nmatrix = [[220, 0, 160], [0, 221, 120], [0, 0, 1]]\nrotation = [0.1, 0, 0]\n"
+_CALIBRATIONS: Mapping[str, Sequence[str]] = {  # the files of one stereo camera in the form of each tool
+    "kalibr": [
+        "cam0:\n  " + _PINHOLE.replace("\n", "\n  ") + "\ncam1:\n  T_cn_cnm1:\n  - [1, 0, 0, -0.1]\n  - [0, 1, 0, 0]\n"
+        "  - - 0\n    - 0\n    - 1\n    - 0\n  - [0, 0, 0, 1]\n  " + _PINHOLE.replace("\n", "\n  ")
+    ],
+    "euroc": [
+        _PINHOLE + f"T_BS:\n  rows: 4\n  data: [1, 0, 0, {x},\n    0, 1, 0, 0, 0, 0, 1, 0,\n    0, 0, 0, 1]\n"
+        for x in (0, 0.1)
+    ],
+    "ros": [
+        "image_width: 320\nimage_height: 240\ndistortion_coefficients: {data: [0.1, 0, 0, 0, 0]}\n"
+        + _ROS_K
+        + _ROS_R
+        + f"projection_matrix:\n  data: [220, 0, 160, {x}, 0, 220, 120, 0, 0, 0, 1, 0]\n"
+        for x in (0, -22)
+    ],
+    "kitti": ["".join(f"P{k}: 220 0 160 {-22 * k} 0 220 120 0 0 0 1 0\n" for k in range(4))],
+    "anipose": [
+        "".join(f"[cam_{k}]\n{_ANIPOSE}translation = [{k}, 0, 0.5]\ndistortions = [0.0, 0.1]\n" for k in range(2))
+    ],
+}
+
+
+def _calibration_of(tool: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        for k, text in enumerate(_CALIBRATIONS[tool]):
+            (folder / str(k)).write_text(text)
+        return sorted(folder.iterdir())
+
+    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
+
+
 def _image(suffix: str) -> Reader:
     def write(folder: Path) -> list[Path]:
         pixels = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
@@ -332,6 +370,7 @@ READERS: Mapping[str, Reader] = {
     "truth": Reader(_truth, lambda folder: read_truth(folder / "rec/truth.csv", [])),
     "icub_eyes": Reader(_eyes, lambda folder: read_icub_eyes(folder / "rec/icubEyes.ini", (640, 480))),
     **{f"calibration_{suffix}": _calibration(suffix) for suffix in ("xml", "yml", "json")},
+    **{f"calibration_{tool}": _calibration_of(tool) for tool in _CALIBRATIONS},
     **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},
     **{f"mesh_{suffix}": _mesh(suffix) for suffix in ("stl", "obj", "ply")},
     "memory": Reader(_memory, lambda folder: _use_memory(load_memory(folder / "memory.npz"))),

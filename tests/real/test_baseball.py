@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.types import StereoFrame
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 

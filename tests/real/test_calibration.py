@@ -8,7 +8,7 @@ from data import shared_data
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.icub_eyes import read_icub_eyes
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 
 BASEBALL = ("calibration_left_final.xml", "calibration_right_final.xml", "calibration_stereo_final.xml")

@@ -21,8 +21,8 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import PartMap, write_taxels
 from pps_vision.robot.skin import icub_skin
@@ -134,7 +134,7 @@ def test_a_deeply_nested_calibration_is_refused(tmp_path: Path, name: str, text:
     (tmp_path / name).write_text(text)
     code = (
         "import sys; from pathlib import Path\n"
-        "from pps_vision.recordings.opencv_calibration import InputError, read_stereo_calibration\n"
+        "from pps_vision.recordings.stereo_calibration import InputError, read_stereo_calibration\n"
         "try: read_stereo_calibration([Path(sys.argv[1])], (8, 6))\n"
         "except InputError as refusal: print(refusal)"
     )

@@ -13,9 +13,9 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.image_file import ImageFile, number_in
 from pps_vision.recordings.image_sequence import natural_order
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.recording import Recording, Source, note_unpaired, usual_size
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 
 FORMAT = "left and right images with calib"
 _BASELINE_M = (1e-5, 1e4)  # of any two cameras; products of larger or smaller numbers leave the range of doubles

@@ -8,7 +8,7 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 
 SIZE = (640, 480)
 K1 = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])

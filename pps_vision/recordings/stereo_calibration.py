@@ -1,4 +1,4 @@
-"""Stereo calibrations in OpenCV's file storage (XML, YAML or JSON).
+"""Stereo calibrations: OpenCV's file storage (XML, YAML or JSON), and what `calibration_files` reads.
 
 | key | holds |
 |---|---|
@@ -8,8 +8,8 @@
 | `R`, `T` | pose of the left camera's frame in the right camera's: p_right = R p_left + T |
 | `image_width`, `image_height` | optional: the image size that the camera matrices are for |
 
-These are the keys of OpenCV's samples stereo_calib and calibration; other keys are ignored.  Of the files of one camera
-the first is the left one.
+These are the keys of OpenCV's samples stereo_calib and calibration; other keys are ignored.  Of the files of one
+camera the first is the left one.
 """
 
 import re
@@ -24,6 +24,7 @@ from pps_vision.files import read_bytes
 from pps_vision.geometry.camera import Camera
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.recordings.calibration import LARGEST_SIDE_PX, fit_to_images
+from pps_vision.recordings.calibration_files import read_matrices
 from pps_vision.types import Array
 
 _KEYS = {
@@ -31,7 +32,7 @@ _KEYS = {
     **{name: name for name in ("D1", "D2", "R", "T", "image_width", "image_height")},
     **{"camera_matrix": "K", "intrinsic": "K", "distortion_coefficients": "D", "distortion": "D"},
 }
-_OF_ONE_CAMERA = ("K", "D", "image_width", "image_height")
+_OF_ONE_CAMERA = ("K", "D", "image_width", "image_height", "pose")
 
 # OpenCV's parsers call themselves for each nested node and end the process where the stack does, at about 100 000.
 _NODE = re.compile(r"[\[{:]|-\s|<(?![/!?])")  # what may open one in YAML, JSON or XML
@@ -43,14 +44,15 @@ Entry = tuple[Path, Array]
 
 
 def read_stereo_calibration(
-    paths: Sequence[Path], image_size: tuple[int, int], unit_m: float = 1.0
+    paths: Sequence[Path], image_size: tuple[int, int], unit_m: float = 1.0, kitti: tuple[int, int] = (0, 1)
 ) -> tuple[Camera, Camera, Array]:
     """Left camera, right camera and `T_left_right` of a calibration; the root frame is the left camera's.
 
     Args:
         paths: The files, which together hold the keys above.
         image_size: Width and height of the images, to which the cameras are scaled.
-        unit_m: Metres per length unit of `T`.
+        unit_m: Metres per length unit of the calibration.
+        kitti: Which of KITTI's cameras are left and right.
 
     Raises:
         InputError: A file cannot be read, or a matrix is missing or invalid.
@@ -60,7 +62,7 @@ def read_stereo_calibration(
     entries: dict[str, Entry] = {}
     sides = ["1", "2"]
     for path in paths:
-        found = _read(path)
+        found = _read(path, kitti)
         if "K" in found:
             if not sides:
                 raise InputError(path, "is one camera more than two; expected a left and a right one")
@@ -69,6 +71,10 @@ def read_stereo_calibration(
         entries |= {key: (path, value) for key, value in found.items()}
     names = ", ".join(map(str, paths))
     left, right = (_camera(names, entries, side, image_size) for side in ("1", "2"))
+    if "pose1" in entries and "pose2" in entries:
+        T_right_left = entries["pose2"][1] @ inverse(entries["pose1"][1])
+        file = entries["pose2"][0]
+        entries |= {"R": (file, T_right_left[:3, :3]), "T": (file, T_right_left[:3, 3])}
     R, T = (_required(names, entries, key, shape) for key, shape in (("R", (3, 3)), ("T", (3,))))
     if not np.allclose(R[1] @ R[1].T, np.eye(3), atol=1e-3) or np.linalg.det(R[1]) < 0:
         raise InputError(R[0], f"R is {np.round(R[1], 3).tolist()}; expected a rotation matrix")
@@ -77,9 +83,11 @@ def read_stereo_calibration(
     return left, right, inverse(transform(R[1], unit_m * T[1]))
 
 
-def _read(file: Path) -> dict[str, Array]:
+def _read(file: Path, kitti: tuple[int, int]) -> dict[str, Array]:
     """The matrices of one file, by key."""
-    text = read_bytes(file, "an OpenCV calibration").decode("utf-8-sig", errors="replace")
+    text = read_bytes(file, "a calibration").decode("utf-8-sig", errors="replace")
+    if (others := read_matrices(file, text[: _MOST_CHARACTERS + 1], kitti)) is not None:
+        return others
     if len(text) > _MOST_CHARACTERS or sum(1 for _ in _NODE.finditer(text)) > _MOST_NODES:
         too_much = f"has more than {_MOST_CHARACTERS} characters or {_MOST_NODES} nodes"
         raise InputError(file, f"{too_much}; expected an OpenCV calibration")
@@ -107,7 +115,10 @@ def _read(file: Path) -> dict[str, Array]:
 def _required(names: str, entries: Mapping[str, Entry], key: str, shape: tuple[int, ...]) -> Entry:
     """The matrix of a key, reshaped."""
     if key not in entries:
-        raise InputError(names, f"no {key}; expected K1, D1, K2, D2, R and T, or a file for each camera and R and T")
+        raise InputError(
+            names,
+            f"no {key}; expected K1, D1, K2, D2, R and T, or two cameras with their poses",
+        )
     file, matrix = entries[key]
     if matrix.size != np.prod(shape):
         raise InputError(file, f"{key} has {matrix.size} numbers; expected {np.prod(shape)}")

@@ -1,0 +1,151 @@
+"""One stereo camera in the calibration of every tool, written as its documentation says, against its definition."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+from pps_vision.recordings.yaml_subset import parse_yaml
+
+SIZE = (640, 480)
+K1, K2 = (np.array([[f, 0, 320], [0, f + 5, 240], [0, 0, 1.0]]) for f in (500, 520))
+D1, D2 = [-0.3, 0.1, 0.001, 0.002], [-0.2, 0.05, 0.003, 0.004]
+ROTATION = np.array([0.01, -0.1, 0.02])
+T_RIGHT_LEFT = np.eye(4)
+T_RIGHT_LEFT[:3, :3], T_RIGHT_LEFT[:3, 3] = cv2.Rodrigues(ROTATION)[0], (-0.12, 0.003, 0.01)
+T_BODY_LEFT = np.eye(4)
+T_BODY_LEFT[:3, :3], T_BODY_LEFT[:3, 3] = cv2.Rodrigues(np.array([0.4, 1.1, -0.3]))[0], (0.05, -0.2, 0.3)
+
+
+def intrinsics(K: np.ndarray) -> list[float]:
+    return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]).tolist()
+
+
+def kalibr(folder: Path) -> list[Path]:
+    rows = "".join(f"  - {row.tolist()}\n" for row in T_RIGHT_LEFT)
+    cameras = [
+        f"cam{k}:\n{pose}  camera_model: pinhole\n  distortion_coeffs: {D}\n  distortion_model: radtan\n"
+        f"  intrinsics: {intrinsics(K)}\n  resolution: [640, 480]\n  rostopic: /cam{k}/image_raw\n"
+        for k, (pose, K, D) in enumerate([("", K1, D1), (f"  T_cn_cnm1:\n{rows}", K2, D2)])
+    ]
+    (folder / "camchain.yaml").write_text("".join(cameras))
+    return [folder / "camchain.yaml"]
+
+
+def euroc(folder: Path) -> list[Path]:
+    poses = (T_BODY_LEFT, T_BODY_LEFT @ np.linalg.inv(T_RIGHT_LEFT))
+    for k, (T_BS, K, D) in enumerate(zip(poses, (K1, K2), (D1, D2), strict=True)):
+        data = ",\n         ".join(str(row.tolist())[1:-1] for row in T_BS)
+        (folder / f"{k}.yaml").write_text(
+            f"# General sensor definitions.\nsensor_type: camera\ncomment: VI-Sensor cam{k} (MT9M034)\n\n"
+            f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\nrate_hz: 20\nresolution: [640, 480]\n"
+            f"camera_model: pinhole\nintrinsics: {intrinsics(K)} #fu, fv, cu, cv\n"
+            f"distortion_model: radial-tangential\ndistortion_coefficients: {D}\n"
+        )
+    return [folder / "0.yaml", folder / "1.yaml"]
+
+
+def ros(folder: Path) -> list[Path]:
+    """camera_calibration's files, rectified by OpenCV itself."""
+    lenses = np.append(D1, 0), np.append(D2, 0)
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+        K1, lenses[0], K2, lenses[1], SIZE, T_RIGHT_LEFT[:3, :3], T_RIGHT_LEFT[:3, 3]
+    )
+    for name, *matrices in (("left", K1, lenses[0][None], R1, P1), ("right", K2, lenses[1][None], R2, P2)):
+        keys = ("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix")
+        entries = "".join(
+            f"{key}:\n  rows: {M.shape[0]}\n  cols: {M.shape[1]}\n  data: {M.ravel().tolist()}\n"
+            for key, M in zip(keys, matrices, strict=True)
+        )
+        head = f"image_width: 640\nimage_height: 480\ncamera_name: {name}\ndistortion_model: plumb_bob\n"
+        (folder / f"{name}.yaml").write_text(head + entries)
+    return [folder / "left.yaml", folder / "right.yaml"]
+
+
+def anipose(folder: Path) -> list[Path]:
+    """Poses from the world, here the left camera turned."""
+    world = np.eye(4)
+    world[:3, :3], world[:3, 3] = cv2.Rodrigues(np.array([0.2, -0.5, 0.1]))[0], (0.3, 0.2, 1.0)
+    text = ""
+    for k, (pose, K, D) in enumerate([(world, K1, D1), (T_RIGHT_LEFT @ world, K2, D2)]):
+        text += (
+            f'[cam_{k}]\nname = "{k}"\nsize = [ 640, 480,]\nmatrix = {K.tolist()}\ndistortions = {[*D, 0.0]}\n'
+            f"rotation = {cv2.Rodrigues(pose[:3, :3])[0].ravel().tolist()}\ntranslation = {pose[:3, 3].tolist()}\n\n"
+        )
+    (folder / "calibration.toml").write_text(text + "[metadata]\nadjusted = false\nerror = 0.5\n")
+    return [folder / "calibration.toml"]
+
+
+@pytest.mark.parametrize("write", [kalibr, euroc, ros, anipose])
+def test_a_stereo_camera(tmp_path: Path, write: Callable[[Path], list[Path]]) -> None:
+    left, right, T_left_right = read_stereo_calibration(write(tmp_path), SIZE)
+    np.testing.assert_allclose([left.K, right.K], [K1, K2])
+    np.testing.assert_allclose([left.distortion, right.distortion], [[*D1, 0], [*D2, 0]])
+    np.testing.assert_allclose(T_left_right @ T_RIGHT_LEFT, np.eye(4), atol=1e-9)
+    half = read_stereo_calibration(write(tmp_path), (320, 240), unit_m=0.001)
+    np.testing.assert_allclose(half[0].fx, 250)
+    np.testing.assert_allclose(half[2][:3, 3], T_left_right[:3, 3] / 1000)
+
+
+@pytest.mark.parametrize("form", ["P{}: {}\n", "P_rect_0{}: {}\n"])
+def test_kitti(tmp_path: Path, form: str) -> None:
+    """The numbers of KITTI's odometry sequence 00: cameras 0 and 1 are 53.7 cm apart."""
+    K = "718.856 0.0 607.1928 {} 0.0 718.856 185.2157 {} 0.0 0.0 1.0 {}"
+    others = ("0.0 0.0 0.0", "-386.1448 0.0 0.0", "45.38225 -0.1130887 0.003779761", "-337.2877 2.369057 0.004915215")
+    text = "".join(form.format(k, K.format(*words.split())) for k, words in enumerate(others))
+    (tmp_path / "calib.txt").write_text(text + "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
+    left, right, T = read_stereo_calibration([tmp_path / "calib.txt"], (1241, 376))
+    np.testing.assert_allclose(T[:3, 3], [386.1448 / 718.856, 0, 0])
+    assert (left, left.fx, left.cx, left.distortion) == (right, 718.856, 607.1928, (0,) * 5)
+    _, _, T = read_stereo_calibration([tmp_path / "calib.txt"], (1241, 376), kitti=(2, 3))
+    np.testing.assert_allclose(T[:3, 3], [0.5327, -0.0031, -0.0011], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("write", "found", "instead", "message"),
+    [
+        (kalibr, "radtan", "equidistant", "distortion_model equidistant; expected one of radtan"),
+        (kalibr, "camera_model: pinhole", "camera_model: omni", "camera_model omni; expected pinhole"),
+        (kalibr, "T_cn_cnm1", "T_cam_imu", "T_cn_cnm1 is None; expected 4×4 numbers"),
+        (euroc, "resolution: [640, 480]", "resolution: [640]", "resolution is .* expected 2 numbers"),
+        (euroc, "data: [", "data: [nan, ", "T_BS is .* expected 4×4 numbers"),
+        (euroc, "rate_hz: 20", "rate_hz: &x 20", r"0\.yaml:12: cannot be parsed"),
+        (ros, "rows: 3\n", "rows: 3\n  rows: 3\n", "rows again"),
+        (anipose, "size", "[size", "cannot be parsed: .*line 3"),
+        (anipose, "[metadata]", "[cam_2]", "holds 3 cameras"),
+        (anipose, "rotation", "fisheye = true\nrotation", "fisheye is true"),
+    ],
+)
+def test_what_cannot_be_used_is_named(
+    tmp_path: Path, write: Callable[[Path], list[Path]], found: str, instead: str, message: str
+) -> None:
+    files = write(tmp_path)
+    files[0].write_text(files[0].read_text().replace(found, instead, 1))
+    with pytest.raises(InputError, match=message):
+        read_stereo_calibration(files, SIZE)
+
+
+def test_yaml() -> None:
+    """As YAML 1.2 defines it."""
+    text = (
+        "---\na: {rows: 3, data: [1, 2e-3, [x y, 'p, q']]}  # note\nlist:\n- - -1\n  - 2\n-\n  b: \"c # d: e\"\n  f:\n"
+        "url: http://x/y:1\nlong: [1,\n  2]\n"
+    )
+    assert parse_yaml(Path("f"), text) == {
+        "a": {"rows": 3, "data": [1, 0.002, ["x y", "p, q"]]},
+        "list": [[-1, 2], {"b": "c # d: e", "f": None}],
+        "url": "http://x/y:1",
+        "long": [1, 2],
+    }
+
+
+@pytest.mark.parametrize(
+    "text", ["a: *b", "a: |\n  b", "[" * 99, "- " * 99 + "1", "a: [1", "a: 1\n b: 2", "a: {b: 1, b: 2}"]
+)
+def test_what_is_no_such_yaml_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"f:[12]: "):
+        parse_yaml(Path("f"), text)
