@@ -23,12 +23,13 @@ class Background:
     """Mean colours of one eye's images, smoothed over 3×3 px, where nothing moves.
 
     What a changed pixel shows becomes its background once it has shown it for `memory_s`, except near the tracked
-    object.  The background begins anew when the eye has moved.
+    object.  The background begins anew when the eye has moved and rests again.
     """
 
     def __init__(self, ego: EgoMotion, memory_s: float) -> None:
         self.ego, self.memory_s = ego, memory_s
         self._view: View | None = None
+        self._last: View | None = None
         self._mean = self._recent = np.empty((0, 0, 3), np.float32)
         self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
         self._gain, self._threshold, self._band = 1.0, _MIN_CONTRAST, 0
@@ -56,9 +57,12 @@ class Background:
         self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
     ) -> None:
         """Take an image in, except around the box (x, y, width, height px) of what is tracked."""
+        last, self._last = self._last or view, view
         if not self.is_known(view):
-            self._view, self._mean = view, cv2.blur(image, (3, 3)).astype(np.float32)
-            self._recent, self._since_s = self._mean.copy(), np.full(image.shape[:2], stamp_s)
+            self._view = view if self.ego.is_still(last, view) else None
+            if self._view is not None:
+                self._mean = cv2.blur(image, (3, 3)).astype(np.float32)
+                self._recent, self._since_s = self._mean.copy(), np.full(image.shape[:2], stamp_s)
             return
         height = len(image)
         top, bottom = height * self._band // _BANDS, height * (self._band + 1) // _BANDS

@@ -24,6 +24,7 @@ from tracking.acquisition import (
     find_marker_pair,
 )
 from tracking.appearance import ColorModel, is_same_object
+from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
@@ -49,8 +50,8 @@ class TrackerParams:
     """An object is tracked once both cameras detected it in this many frames in a row."""
     lost_after_s: float = 0.5
     """A track that was not updated for this long is deleted."""
-    stamp_error_s: float = 0.0
-    """Standard deviation of the time between an image and the joints that come with it."""
+    stamp_error_s: float = 0.02
+    """Standard deviation of the time by which joints are late, before the images tell it; 0: they are not."""
     correlated_error_px: float = 0.02
     """Error of an outline's centre that both cameras share and that no frame averages out (light, defocus): a standard
     deviation across the line of sight.  Chosen on rendered balls and markers (bench consistency)."""
@@ -136,6 +137,7 @@ class Tracker:
             CameraTracker("right", self._optics[1], params.image, marker, params.background_memory_s, rng),
         )
         self.search_counts: SearchCounts = Counter()
+        self._poses = PoseEstimator(rig, params.stamp_error_s)
         self._acquisition = Acquisition(params.acquisition, self._optics, own_body, stages, self.search_counts)
         untrained = Association.untrained(params.stereo, rig.left.width)
         self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
@@ -146,6 +148,11 @@ class Tracker:
         """The marker's hue, or the object's colours when it was confirmed, in the left and the right eye; None while
         there is no object, or no colour."""
         return self.state.appearance
+
+    @property
+    def camera_motion(self) -> CameraMotion:
+        """What the told poses of the cameras lacked at the last frame."""
+        return self._poses.motion
 
     def step(self, frame: StereoFrame, found: tuple[Found, Found] = (None, None)) -> TrackerStep:
         """The track after this frame.
@@ -159,24 +166,25 @@ class Tracker:
                 has changed then.
         """
         frame_checks.check(frame, self.rig, self.state.stamps_s)
-        view = self.rig.view_of(frame)
-        self.state, result = self._advance(self.state, frame, view, found)
+        self.state, result = self._advance(self.state, frame, found)
         return result
 
     def _advance(
-        self, state: TrackerState, frame: StereoFrame, view: StereoView, found: tuple[Found, Found]
+        self, state: TrackerState, frame: StereoFrame, found: tuple[Found, Found]
     ) -> tuple[TrackerState, TrackerStep]:
         """Detect, associate, update, initiate or delete."""
         images = frame_checks.fingerprints(frame)
         blind = frame_checks.is_blind(images, state.images)
+        poses = self._poses.told(frame) if blind else self._poses.step(frame)
+        view, blind = poses.view, blind or not poses.is_known
         cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
         state, predicted, detections, regions = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
         with self.stages("triangulation"):
-            state, observation = self._associate(state, predicted, cameras, view, stamp_s, detections)
+            state, observation = self._associate(state, predicted, cameras, poses, stamp_s, detections)
         with self.stages("filter"):
             state, belief, updated = self._update(state, predicted, observation, view, stamp_s)
-            state, track = self._manage(state, belief, observation if updated else None, view, stamp_s, blind=blind)
+            state, track = self._manage(state, belief, observation if updated else None, poses, stamp_s, blind=blind)
         if not blind:
             state = self._learn(state, cameras, detections, observation)
         state = replace(state, stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
@@ -285,7 +293,7 @@ class Tracker:
         state: TrackerState,
         predicted: Belief | None,
         cameras: CameraFrames,
-        view: StereoView,
+        poses: CameraPoses,
         stamp_s: float,
         detections: Detections,
     ) -> tuple[TrackerState, Observation3D | None]:
@@ -296,7 +304,7 @@ class Tracker:
         left, right = detections
         if left is None or right is None:
             return state, None
-        shift = None
+        shift, view = None, poses.view
         if predicted is not None and state.kalman.order > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
             p, v = predicted.mean[0], predicted.mean[1]
             shift_left, shift_right = (
@@ -309,9 +317,9 @@ class Tracker:
         if predicted is not None:
             learned = state.association.learned(observation, left.outline, right.outline)
             state = replace(state, association=learned)
-        if self.params.stamp_error_s > 0 and state.view is not None:
+        if poses.stamp_error_s > 0 and state.view is not None:
             dt_s = stamp_s - 0.5 * sum(state.stamps_s)
-            observation = with_pose_error(observation, state.view, view, dt_s, self.params.stamp_error_s)
+            observation = with_pose_error(observation, state.view, view, dt_s, poses.stamp_error_s)
         return state, observation
 
     def _update(
@@ -341,7 +349,7 @@ class Tracker:
         state: TrackerState,
         belief: Belief | None,
         observation: Observation3D | None,
-        view: StereoView,
+        poses: CameraPoses,
         stamp_s: float,
         *,
         blind: bool,
@@ -360,10 +368,9 @@ class Tracker:
         if state.hits < self.params.confirm_frames:
             return state, Track3D.unknown(stamp_s)
         status = Status.COASTING if observation is None else Status.TRACKING
-        error = self.params.correlated_error_px / self._optics[0].camera.focal_px
-        mean, cov = _full_state(
-            *(belief.mean, belief.cov, belief.correlated_cov), belief.mean[0] - _middle(view), error
-        )
+        error = math.hypot(self.params.correlated_error_px / self._optics[0].camera.focal_px, poses.rotation_std_rad)
+        ahead = belief.mean[0] - _middle(poses.view)
+        mean, cov = _full_state(*(belief.mean, belief.cov, belief.correlated_cov), ahead, error)
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
     def _learn(

@@ -36,12 +36,19 @@ class Diagnosis:
         return "\n  try ".join([f"searched {n['frames']} frames: {', '.join(found)}", *self.advice])
 
 
-def diagnose(recording: Recording, mode: Mode, counts: Mapping[str, int], tracked_share: float) -> Diagnosis | None:
+def diagnose(
+    recording: Recording,
+    mode: Mode,
+    counts: Mapping[str, int],
+    tracked_share: float,
+    turn_deg: tuple[float, float] = (0.0, 0.0),
+) -> Diagnosis | None:
     """Return the likely causes why hardly anything was tracked in this mode, from what the search met.
 
     None where more than that was tracked and the recording has none of the faults that make positions wrong.
+    `turn_deg` is by how much cameras that are said to be fixed turned (deg), and how fast (deg/s).
     """
-    faults = tuple(_faults(recording))
+    faults = tuple(_faults(recording, turn_deg))
     if tracked_share >= _ENOUGH_TRACKED and not faults:
         return None
     if tracked_share >= _ENOUGH_TRACKED:
@@ -49,7 +56,7 @@ def diagnose(recording: Recording, mode: Mode, counts: Mapping[str, int], tracke
     return Diagnosis(dict(counts), (*faults, *_by_counts(recording, mode, counts)))
 
 
-def _faults(recording: Recording) -> Iterator[str]:
+def _faults(recording: Recording, turn_deg: tuple[float, float]) -> Iterator[str]:
     """What is wrong with the recording itself, whatever moves in it."""
     frames = _some_frames(recording)
     if not frames:
@@ -64,6 +71,11 @@ def _faults(recording: Recording) -> Iterator[str]:
         baseline = float(np.linalg.norm(view.right.center - view.left.center))
         if not _BASELINE_M[0] <= baseline <= _BASELINE_M[1]:
             yield f"another calibration or --unit-m: the cameras are {baseline:.3g} m apart"
+    if turn_deg[0] > 0:
+        yield (
+            f"cameras that rest, or a recording with joints: the cameras move although declared fixed, by up to "
+            f"{turn_deg[0]:.2g}° at {turn_deg[1]:.2g}°/s; only their rotation is compensated"
+        )
     joints = [q for frame in frames for q in (frame.joints_left_rad, frame.joints_right_rad) if q is not None]
     if joints and np.max(np.abs(np.rad2deg(joints))) <= _RADIANS:
         yield "joints in degrees: no joint in the logs is beyond ±3.14, as if they were in radians"

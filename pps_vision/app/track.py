@@ -22,6 +22,7 @@ from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking import DEFAULT_ORDER, Mode
 from tracking.acquisition import SearchCounts, Stages
+from tracking.camera_pose import CameraMotion
 from tracking.kalman import KalmanParams
 from tracking.smoother import smoothed_tracks
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
@@ -70,6 +71,7 @@ class TrackedRecording:
         self.recording, self.params, self.seed, self.device, self.choice = recording, params, seed, device, choice
         self.stopwatch = Stopwatch()
         self._search_counts: SearchCounts = Counter()
+        self._camera_motion: list[CameraMotion] = []
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -81,11 +83,12 @@ class TrackedRecording:
         """Yield the number of each frame (as `Recording.numbered`), the frame, and what tracking it gave."""
         self.stopwatch.ms.clear()
         tracker = tracker_for(self.recording, self.params, self.seed, self.stopwatch)
-        self._search_counts = tracker.search_counts
+        self._search_counts, self._camera_motion = tracker.search_counts, []
         if self.device is None:
             for number, frame in self.recording.numbered():
                 with self.stopwatch("total"):
                     step = tracker.step(frame)
+                self._camera_motion.append(tracker.camera_motion)
                 yield number, frame, step
             return
         from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
@@ -94,6 +97,7 @@ class TrackedRecording:
         for chunk in chunks(self.recording.numbered(), _BATCH):
             with self.stopwatch("total", len(chunk)):
                 steps = batches.steps([frame for _, frame in chunk])
+            self._camera_motion.append(tracker.camera_motion)
             yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
 
     def path(self, steps: Iterable[TrackerStep], smooth: bool = False) -> list[Track3D]:
@@ -110,7 +114,21 @@ class TrackedRecording:
     def diagnosis(self, tracks: Sequence[Track3D]) -> Diagnosis | None:
         """Why hardly anything was tracked or positions are wrong, and what to try; None where neither is so."""
         share = sum(track.status == Status.TRACKING for track in tracks) / max(1, len(tracks))
-        return diagnose(self.recording, self.params.mode, self._search_counts, share)
+        cameras = self._cameras()
+        turn = cameras["rotation_deg"], cameras["rotation_deg_s"]
+        return diagnose(self.recording, self.params.mode, self._search_counts, share, turn)
+
+    def _cameras(self) -> dict[str, float]:
+        """What the told poses lacked: largest rotation of a rig that is said to be fixed, and rate; delay of the joints
+        at the end, and its standard deviation."""
+        motion = self._camera_motion
+        last = motion[-1] if motion else None
+        return {
+            "rotation_deg": max((float(np.rad2deg(np.linalg.norm(one.rotation_rad))) for one in motion), default=0.0),
+            "rotation_deg_s": max((float(np.rad2deg(one.rate_rad_s)) for one in motion), default=0.0),
+            "joint_delay_ms": 1000 * last.delay_s if last else np.nan,
+            "joint_delay_std_ms": 1000 * last.delay_std_s if last else np.nan,
+        }
 
     def summary(self, tracks: Sequence[Track3D], diagnosis: Diagnosis | None = None) -> dict[str, object]:
         """What was tracked and how, for summary.json; `tracks` as returned by `path`."""
@@ -123,6 +141,7 @@ class TrackedRecording:
             "frames": len(tracks),
             "status": {status.value: sum(track.status == status for track in tracks) for status in Status},
             "ms_per_pair": self.stopwatch.summary(),
+            "cameras": self._cameras(),
             "skipped": count_by_kind(self.recording.problems),
         }
         if self.choice:

@@ -1,0 +1,91 @@
+"""Rotation of a camera against a photograph-like wall, drawn by a homography: the truth is the homography's."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.se3 import transform
+from pps_vision.types import Array, Image
+from tracking.registration import Reference
+
+CAMERA = Camera(320, 240, 280.0, 280.0, 159.5, 119.5)
+STILL = View(CAMERA, np.eye(4))
+
+
+@pytest.fixture
+def wall(rng: np.random.Generator) -> Image:
+    """(480, 640, 3) blobs of all sizes."""
+    layers = [
+        cv2.resize(rng.normal(0, 30, (480 // k, 640 // k, 1)), (640, 480), interpolation=cv2.INTER_CUBIC)
+        for k in (6, 12, 24, 60)
+    ]
+    return np.clip(128 + np.sum(layers, axis=0)[..., None] + np.zeros(3), 0, 255).astype(np.uint8)
+
+
+def seen(wall: Image, rotation: Array, rng: np.random.Generator, noise: float = 2.0) -> Image:
+    """The wall from a camera turned by a rotation vector (T_root_camera), with pixel noise."""
+    R = cv2.Rodrigues(np.asarray(rotation, float))[0]
+    to_wall = np.array([[1.0, 0, 160], [0, 1, 120], [0, 0, 1]])
+    H = to_wall @ CAMERA.K @ R @ np.linalg.inv(CAMERA.K)
+    image = cv2.warpPerspective(wall, H, (320, 240), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP).astype(float)
+    return np.clip(np.rint(image + noise * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
+
+
+def covered(image: Image, share: float) -> Image:
+    """A plain board with a bright edge over the left part of the image."""
+    out, x = image.copy(), round(share * image.shape[1])
+    out[:, :x] = (90, 60, 30)
+    out[:, max(x - 2, 0) : x] = 255
+    return out
+
+
+@pytest.mark.parametrize("degrees", [(0.0, 1.0, 0.0), (0.3, -0.6, 0.5), (-1.5, 2.0, 1.0), (0.05, 0.0, -0.05)])
+def test_a_rotation_is_measured_to_a_twentieth_of_a_pixel(
+    wall: Image, degrees: tuple[float, float, float], rng: np.random.Generator
+) -> None:
+    turn = np.deg2rad(degrees)
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
+    image = seen(wall, turn, rng)
+    found = reference.misalignment(image, STILL, 1.2, np.zeros(3))
+    assert found is not None
+    assert np.abs(found.rotation - turn)[:2].max() < 0.05 / CAMERA.fx
+    assert abs(found.rotation[2] - turn[2]) < 0.1 / CAMERA.fx
+    assert not reference.is_still(image)
+
+
+def test_an_eye_that_rests_is_still_through_noise_and_a_change_of_light(wall: Image, rng: np.random.Generator) -> None:
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
+    for _ in range(5):
+        assert reference.is_still(seen(wall, np.zeros(3), rng, noise=4.0))
+        assert reference.is_still(np.clip(0.9 * seen(wall, np.zeros(3), rng), 0, 255).astype(np.uint8))
+
+
+def test_a_told_rotation_is_no_error(wall: Image, rng: np.random.Generator) -> None:
+    turn = np.deg2rad([0.4, -1.2, 0.2])
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
+    told = View(CAMERA, transform(cv2.Rodrigues(turn)[0]))
+    found = reference.misalignment(seen(wall, turn, rng), told, 1.2, np.zeros(3))
+    assert found is not None
+    assert np.abs(found.rotation[:2]).max() < 0.05 / CAMERA.fx
+
+
+def test_what_covers_a_third_of_the_image_turns_nothing(wall: Image, rng: np.random.Generator) -> None:
+    turn = np.deg2rad([0.0, 0.5, 0.0])
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
+    found = reference.misalignment(covered(seen(wall, turn, rng), 0.3), STILL, 1.2, np.zeros(3))
+    assert found is not None
+    assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
+
+
+def test_another_scene_is_no_rotation(wall: Image, rng: np.random.Generator) -> None:
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
+    other = np.ascontiguousarray(seen(wall, np.zeros(3), rng)[::-1, ::-1])
+    assert reference.misalignment(other, STILL, 1.2, np.zeros(3)) is None
+
+
+def test_a_plain_wall_has_no_corners(rng: np.random.Generator) -> None:
+    plain = np.clip(np.rint(128 + 6 * rng.standard_normal((240, 320, 3))), 0, 255).astype(np.uint8)
+    reference = Reference(CAMERA, plain, np.eye(4))
+    assert not reference.has_corners
+    assert not reference.is_still(plain)

@@ -1,0 +1,239 @@
+"""Poses of the cameras as their images show them: of a rig that is said to be fixed, and of joints that come late."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from pps_vision.geometry.camera import StereoRig, StereoView, View
+from pps_vision.geometry.se3 import transform
+from pps_vision.types import Array, Image, StereoFrame
+from tracking.registration import Misalignment, Reference
+
+_ROOM_M = 1.2  # distance of most static things, as `TriggerParams.room_m`
+_ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
+_REST_PX, _SAME_PX = 0.1, 0.5  # a smaller rotation is none; both eyes' rotations may differ by so much
+_JITTER_MEMORY_S = 1.0  # over which a rotation's rate and jitter are averaged
+_RENEWED_S = 0.5  # a reference in which nothing is found again for so long is replaced
+_APART_S = 0.12  # time between the images that tell a delay
+_GAP_S = 0.25  # frames farther apart tell no velocity
+_DELAY_MEMORY_S = 10.0  # over which the delay is averaged
+_NOISE_PX = 0.05  # of a rotation between two images, per axis
+_SURE_PX = 0.03  # a delay whose error shifts the image by less is measured once in `_SELDOM_S`
+_SELDOM_S = 1.0
+_SLOW_RAD_S = 1e-3  # slower changes of the angular velocity tell no delay
+
+Joints = tuple[Array, Array]  # (n,) rad, at the left and the right image
+
+
+class CameraPoses(NamedTuple):
+    """Where both cameras are.
+
+    `stamp_error_s` is the standard deviation of the time between images and joints, and `rotation_std_rad` that of the
+    rotation about each axis.  Not `is_known`: the cameras move, and the images do not tell how.
+    """
+
+    view: StereoView
+    stamp_error_s: float = 0.0
+    rotation_std_rad: float = 0.0
+    is_known: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMotion:
+    """What the told poses lack: the rotation (3,) rad since the first frame of a rig that is said to be fixed, root
+    frame, and its rate (rad/s, mean of the last second); the time by which joints are late, and its standard
+    deviation."""
+
+    rotation_rad: Array
+    rate_rad_s: float = 0.0
+    delay_s: float = 0.0
+    delay_std_s: float = math.nan
+
+
+class PoseEstimator:
+    """Estimates the poses of the cameras; `step` takes frames in the order of their stamps.
+
+    Args:
+        rig: The cameras, and their poses as they are told.
+        stamp_error_s: Standard deviation of the time by which joints are late, before any image; 0: never.
+    """
+
+    def __init__(self, rig: StereoRig, stamp_error_s: float) -> None:
+        self._rig = rig
+        self._fixed = _FixedRig()
+        self._late = _LateJoints(rig, stamp_error_s) if stamp_error_s > 0 else None
+
+    def step(self, frame: StereoFrame) -> CameraPoses:
+        """The poses at which the images of a frame were taken."""
+        told = self._rig.view_of(frame)
+        left, right = frame.joints_left_rad, frame.joints_right_rad
+        if left is None or right is None:
+            return self._fixed.step(frame, told)
+        return self._late.step(frame, told, (left, right)) if self._late else CameraPoses(told)
+
+    def told(self, frame: StereoFrame) -> CameraPoses:
+        """The same of a frame that shows nothing."""
+        return CameraPoses(self._rig.view_of(frame))
+
+    @property
+    def motion(self) -> CameraMotion:
+        """What the told poses lacked at the last frame."""
+        delay = (self._late.delay_s, self._late.std_s) if self._late else (0.0, math.nan)
+        return CameraMotion(self._fixed.rotation.copy(), self._fixed.rate_rad_s, *delay)
+
+
+class _FixedRig:
+    """Rotation of a rig that is said to be fixed, from its first image on.
+
+    Both eyes must turn alike.  The first image stays the reference as long as half of its corners are in view, so that
+    a rig that swings back does not drift; else the last one that replaced it.
+    """
+
+    def __init__(self) -> None:
+        self.rotation: Array = np.zeros(3)
+        self.rate_rad_s = 0.0
+        self._jitter_rad2, self._known_s = 0.0, -math.inf
+        self._references: list[tuple[Reference, Reference]] = []
+
+    def step(self, frame: StereoFrame, told: StereoView) -> CameraPoses:
+        images, stamp_s = (frame.left, frame.right), frame.stamp_s
+        if not self._references:
+            self._renew(images, told, stamp_s)
+        rotation = self._measured(images, told)
+        if rotation is None:
+            if stamp_s - self._known_s > _RENEWED_S:
+                self._renew(images, told, stamp_s)
+            return CameraPoses(self._turned(told), is_known=False)
+        dt_s = stamp_s - self._known_s
+        if dt_s > 0:
+            change, share = rotation - self.rotation, min(dt_s / _JITTER_MEMORY_S, 1.0)
+            self._jitter_rad2 += share * (float(change @ change) / 6 - self._jitter_rad2)  # two images, three axes
+            self.rate_rad_s += share * (math.sqrt(float(change @ change)) / dt_s - self.rate_rad_s)
+        self.rotation, self._known_s = rotation, stamp_s
+        return CameraPoses(self._turned(told), rotation_std_rad=math.sqrt(self._jitter_rad2))
+
+    def _renew(self, images: tuple[Image, Image], told: StereoView, stamp_s: float) -> None:
+        """Take the present images for the last reference."""
+        view = self._turned(told)
+        left, right = (
+            Reference(eye.camera, image.copy(), eye.T_root_camera)
+            for eye, image in zip((view.left, view.right), images, strict=True)
+        )
+        self._references[1:] = [(left, right)]
+        self._known_s = stamp_s
+
+    def _measured(self, images: tuple[Image, Image], told: StereoView) -> Array | None:
+        """The rotation (3,) rad, root frame; None if it is unknown."""
+        first = [(one, image) for one, image in zip(self._references[0], images, strict=True) if one.has_corners]
+        if all(one.is_still(image) for one, image in first):
+            return np.zeros(3)
+        for references in self._references:
+            found = []
+            for reference, image, eye in zip(references, images, (told.left, told.right), strict=True):
+                R = eye.T_root_camera[:3, :3]
+                one = reference.misalignment(image, eye, _ROOM_M, R.T @ self.rotation)
+                if one is not None:
+                    found.append(R @ one.rotation)
+            same_rad, least_rad = _SAME_PX / told.left.camera.focal_px, _REST_PX / told.left.camera.focal_px
+            if found and math.dist(found[0], found[-1]) < same_rad:
+                rotation: Array = np.mean(found, axis=0)
+                return rotation if math.hypot(*rotation) > least_rad else np.zeros(3)
+        return None
+
+    def _turned(self, told: StereoView) -> StereoView:
+        """The view turned about the middle between the cameras."""
+        if not self.rotation.any():
+            return told
+        R, middle = np.asarray(cv2.Rodrigues(self.rotation)[0], float), 0.5 * (told.left.center + told.right.center)
+        T = transform(R, middle - R @ middle)
+        return StereoView(*(View(one.camera, T @ one.T_root_camera) for one in (told.left, told.right)))
+
+
+class _LateJoints:
+    """By how much joints are late; the frame's are extrapolated by it.
+
+    A delay τ puts the told rotation off by τ·ω.  Between two images of an eye the background shows how that error
+    changes; its inverse distance is estimated beside it (recursive least squares).
+    """
+
+    def __init__(self, rig: StereoRig, prior_std_s: float) -> None:
+        self._rig, self._prior = rig, np.diag([prior_std_s**-2, _ROOM_STD**-2])
+        self._information, self._pull, self._misfit_rad2 = np.zeros((2, 2)), np.zeros(2), 0.0
+        self._past: deque[tuple[float, StereoView, Joints]] = deque(maxlen=3)
+        self._reference: tuple[Reference, Array, float] | None = None  # with the angular velocity and the stamp
+        self._eye, self._taken_s = 0, -math.inf
+        self.delay_s, self.std_s = 0.0, prior_std_s
+
+    def step(self, frame: StereoFrame, told: StereoView, joints: Joints) -> CameraPoses:
+        if self._past and frame.stamp_s - self._past[-1][0] > _GAP_S:
+            self._past.clear()
+            self._reference = None
+        self._past.append((frame.stamp_s, told, joints))
+        if len(self._past) < 3:
+            return CameraPoses(told, self.std_s, self._rotation_std_rad)
+        self._measure(frame, told)
+        left, right = (self._extrapolated([joints[eye] for _, _, joints in self._past]) for eye in (0, 1))
+        return CameraPoses(self._rig.view(left, right), self.std_s, self._rotation_std_rad)
+
+    @property
+    def _rotation_std_rad(self) -> float:
+        """Of one image: what the delay does not explain between two."""
+        return math.sqrt(0.5 * self._misfit_rad2)
+
+    def _times(self) -> tuple[float, float]:
+        """Time between the last three frames, s."""
+        a, b, c = (stamp_s for stamp_s, _, _ in self._past)
+        return b - a, c - b
+
+    def _extrapolated(self, joints: list[Array]) -> Array:
+        """Joints (n,) after the delay, at constant acceleration."""
+        (h, k), (a, b, c), t = self._times(), joints, self.delay_s
+        before, now = (b - a) / h, (c - b) / k
+        ahead: Array = c + t * now + (now - before) / (h + k) * t * (k + t)
+        return ahead
+
+    def _rate(self, eye: int) -> Array:
+        """(3,) rad/s: told angular velocity of an eye in its own frame, at the last frame."""
+        h, k = self._times()
+        a, b, c = ((view.left, view.right)[eye].T_root_camera[:3, :3] for _, view, _ in self._past)
+        before, now = cv2.Rodrigues(a.T @ b)[0].ravel() / h, cv2.Rodrigues(b.T @ c)[0].ravel() / k
+        return np.asarray(now + (now - before) / (h + k) * k, float)
+
+    def _measure(self, frame: StereoFrame, told: StereoView) -> None:
+        """Compare an image with one a moment before, of either eye in turn."""
+        stamp_s = frame.stamp_s
+        view, image = ((told.left, frame.left), (told.right, frame.right))[self._eye]
+        if self._reference is not None:
+            reference, rate_then, then_s = self._reference
+            if stamp_s - then_s < _APART_S - 1e-6:
+                return
+            turned = view.T_camera_root[:3, :3] @ reference.T_root_camera[:3, :3]
+            change = self._rate(self._eye) - turned @ rate_then
+            one = reference.misalignment(image, view, _ROOM_M, self.delay_s * change)
+            if one is not None:
+                self._take(one, change, stamp_s)
+            self._reference, self._eye = None, 1 - self._eye
+            return
+        rate = self._rate(self._eye)
+        is_sure = self.std_s * math.hypot(*rate) * view.camera.focal_px < _SURE_PX
+        if is_sure and stamp_s - self._taken_s < _SELDOM_S:
+            return
+        self._reference = Reference(view.camera, image.copy(), view.T_root_camera), rate, stamp_s
+
+    def _take(self, one: Misalignment, change: Array, stamp_s: float) -> None:
+        """Update the delay by a rotation that is the delay times a change of angular velocity, and parallax."""
+        X = np.column_stack([change, one.by_parallax])
+        W = np.linalg.inv(one.cov + (_NOISE_PX / self._rig.left.focal_px) ** 2 * np.eye(3))
+        elapsed_s = min(stamp_s - self._taken_s, _DELAY_MEMORY_S)
+        keep = math.exp(-elapsed_s / _DELAY_MEMORY_S)
+        self._information = keep * self._information + X.T @ W @ X
+        self._pull = keep * self._pull + X.T @ W @ one.rotation
+        cov = np.linalg.inv(self._prior + self._information)
+        estimate = cov @ self._pull
+        misfit = one.rotation - X @ estimate
+        self._misfit_rad2 += (float(misfit @ misfit) / 3 - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
+        self.delay_s, self.std_s, self._taken_s = float(estimate[0]), math.sqrt(cov[0, 0]), stamp_s

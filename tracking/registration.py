@@ -1,0 +1,208 @@
+"""Rotation of a camera that its told pose lacks, measured on the background.
+
+Corners of a reference image are found again in the present one by pyramidal Lucas–Kanade (Bouguet 2001), and compared
+with where the told poses put them.  The rotation that most of them share (iteratively reweighted least squares) is the
+error of the told pose; what moves by itself is an outlier.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pps_vision.geometry.camera import Camera, View
+from pps_vision.jit import njit
+from pps_vision.types import Array, Image, Mask
+
+_WIDTH_PX = 320  # images are registered at about this width
+_MAX_POINTS, _APART_PX, _QUALITY = 50, 16, 0.02  # corners of a reference image; their strength beside the strongest's
+_MIN_POINTS, _MIN_SHARE = 12, 0.5  # so many corners, and that share of those in view, must agree
+_WINDOW_PX, _LEVELS = 11, 3  # of Lucas–Kanade
+_SAME_GAIN = 0.02  # of two images' brightness
+_ROUNDS = 12  # of the reweighting, at most
+_CUT_PX = 0.3, 1.5  # residual from which a point counts less: least and largest
+_PATCH = 4  # pixels to each side of a corner that tell whether the image has moved
+_NOISE = 3.0  # grey levels of the noise of a corner's shift, which must stay below `_STILL_PX`
+_STILL_PX, _STILL_SPREAD_PX = 0.1, 0.3  # median shift along either axis, and median length, of corners at rest
+
+Grey = NDArray[np.uint8]
+
+
+class Misalignment(NamedTuple):
+    """`rotation` (3,) rad in the camera's frame: T_root_camera·exp(rotation) explains the image; its covariance `cov`
+    (3, 3) rad²; and by how much it is off for each 1/m of error in the background's inverse distance, `by_parallax`
+    (3,) rad·m."""
+
+    rotation: Array
+    cov: Array
+    by_parallax: Array
+
+
+class Reference:
+    """An image that later ones are compared with: its corners, and the pose from which it was taken."""
+
+    def __init__(self, camera: Camera, image: Image, T_root_camera: Array) -> None:
+        self._scale = max(1, round(camera.width / _WIDTH_PX))
+        self._camera = camera.reduced(self._scale)
+        self._image, self.T_root_camera, self._grey = image, T_root_camera, self._reduced(image)
+        found = cv2.goodFeaturesToTrack(self._grey, _MAX_POINTS, _QUALITY, _APART_PX)
+        self._keep_sharp(np.empty((0, 1, 2), np.float32) if found is None else np.asarray(found, np.float32))
+        self._bearings = self._camera.bearings(self._points[:, 0]) if len(self._points) else np.empty((0, 3))
+
+    @property
+    def has_corners(self) -> bool:
+        """Whether enough corners tell a rotation."""
+        return len(self._points) >= _MIN_POINTS
+
+    def is_still(self, image: Image) -> bool:
+        """Whether most corners are where they were: a fraction of the time of `misalignment`."""
+        if not self.has_corners:
+            return False
+        shift = (self._solve @ (image[self._pixels].mean(axis=2) - self._before)[:, :, None])[:, :, 0]
+        middle = np.abs(np.median(shift, axis=0)).max()
+        return bool(middle < _STILL_PX and np.median(np.hypot(shift[:, 0], shift[:, 1])) < _STILL_SPREAD_PX)
+
+    def misalignment(self, image: Image, view: View, room_m: float, guess: Array) -> Misalignment | None:
+        """Return by how much the pose of an image is off, if that of the reference is right; None where too few corners
+        agree.
+
+        Args:
+            image: RGB.
+            view: From where it is told to have been taken.
+            room_m: Distance of most of the background.
+            guess: (3,) about the rotation that will be found, rad.
+        """
+        T = view.T_camera_root @ self.T_root_camera
+        told = self._bearings @ T[:3, :3].T + T[:3, 3] / room_m
+        told /= np.linalg.norm(told, axis=1, keepdims=True)
+        start = self._camera.project(told @ np.asarray(cv2.Rodrigues(guess)[0]))
+        seen = self._in_view(start)
+        if np.count_nonzero(seen) < max(_MIN_POINTS, _MIN_SHARE * len(seen)):
+            return None
+        points, start = self._points[seen], start[seen, None].astype(np.float32)
+        there, matched = self._found_again(self._reduced(image), points, start)
+        if np.count_nonzero(matched) < _MIN_POINTS:
+            return None
+        measured = self._camera.bearings(there[matched])
+        cut = _CUT_PX[0] / self._camera.focal_px, _CUT_PX[1] / self._camera.focal_px
+        fit = _fitted_rotation(told[seen][matched], measured, guess, T[:3, 3].copy(), cut)
+        agreeing = fit[3]
+        if agreeing < max(_MIN_POINTS, _MIN_SHARE * np.count_nonzero(seen)):
+            return None
+        return Misalignment(*fit[:3])
+
+    def _reduced(self, image: Image) -> Grey:
+        k, camera = self._scale, self._camera
+        if k > 1:
+            whole = image[: k * camera.height, : k * camera.width]
+            image = np.asarray(cv2.resize(whole, (camera.width, camera.height), interpolation=cv2.INTER_AREA), np.uint8)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+
+    def _found_again(
+        self, grey: Grey, points: NDArray[np.float32], start: NDArray[np.float32]
+    ) -> tuple[NDArray[Any], Mask]:
+        """Where the corners `points` (n, 1, 2) are in another image, about `start`, and which of them are found.
+
+        Lucas–Kanade takes a change of the light for motion: where the corners are brighter than they were, they are
+        searched once more, in an image of their brightness.
+        """
+        there, found = self._lucas_kanade(grey, points, start)
+        before, now = (cv2.blur(one, (_WINDOW_PX, _WINDOW_PX)) for one in (self._grey, grey))
+        rows, columns = np.rint(points[found, 0]).astype(int).T[::-1]
+        there_rows, there_columns = np.rint(there[found]).astype(int).T[::-1]
+        gain = np.median((before[rows, columns] + 1.0) / (now[there_rows, there_columns] + 1.0)) if found.any() else 1.0
+        if abs(gain - 1) < _SAME_GAIN:
+            return there, found
+        return self._lucas_kanade(np.asarray(cv2.convertScaleAbs(grey, alpha=float(gain)), np.uint8), points, start)
+
+    def _lucas_kanade(
+        self, grey: Grey, points: NDArray[np.float32], start: NDArray[np.float32]
+    ) -> tuple[NDArray[Any], Mask]:
+        there, found, _ = cv2.calcOpticalFlowPyrLK(
+            *(self._grey, grey, points, start.copy()),
+            winSize=(_WINDOW_PX, _WINDOW_PX),
+            maxLevel=_LEVELS - 1,
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        return there[:, 0], (found[:, 0] > 0) & self._in_view(there[:, 0])
+
+    def _in_view(self, pixels: NDArray[Any]) -> Mask:
+        u, v = pixels[:, 0], pixels[:, 1]
+        inside: Mask = (u >= 0) & (v >= 0) & (u <= self._camera.width - 1) & (v <= self._camera.height - 1)
+        return inside  # False for NaN
+
+    def _keep_sharp(self, points: NDArray[np.float32]) -> None:
+        """Keep the corners (n, 1, 2) that tell a shift, and what compares the pixels about them with a later image.
+
+        `_pixels`: their rows and columns (n, m) in the image as recorded; `_before` (n, m) their grey levels; `_solve`
+        (n, 2, m) what turns a change of these into a shift in px.
+        """
+        k, m = self._scale, _PATCH + 1
+        height, width = self._image.shape[:2]
+        x, y = np.rint((points[:, 0] + 0.5) * k - 0.5).astype(int).T
+        inside = (x >= m) & (y >= m) & (x < width - m) & (y < height - m)
+        points, x, y = points[inside], x[inside], y[inside]
+        down, across = np.mgrid[-m : m + 1, -m : m + 1]
+        rows, columns = y[:, None, None] + down, x[:, None, None] + across
+        grey = self._image[rows, columns].mean(axis=3)
+        slopes = 0.5 * np.stack(
+            [grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2], grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]], axis=1
+        )
+        slopes = slopes.reshape(len(points), 2, (2 * _PATCH + 1) ** 2)
+        slopes -= slopes.mean(axis=2, keepdims=True)  # a change of brightness is no shift
+        normal = slopes @ slopes.transpose(0, 2, 1)
+        sharp = np.linalg.eigvalsh(normal)[:, 0] > 2 * (_NOISE / _STILL_PX) ** 2
+        self._points, self._solve = points[sharp], -np.linalg.solve(normal[sharp], slopes[sharp])
+        rows, columns, self._before = (
+            one[sharp, 1:-1, 1:-1].reshape(-1, slopes.shape[2]) for one in (rows, columns, grey)
+        )
+        self._pixels = rows, columns
+
+
+@njit(cache=True, error_model="numpy")
+def _fitted_rotation(
+    before: Array, after: Array, guess: Array, shift: Array, cut: tuple[float, float]
+) -> tuple[Array, Array, Array, int]:
+    """The rotation vector w (3,) for which exp(w)ᵀ turns most unit vectors `before` (n, 3) into those `after`; its
+    covariance (3, 3); what it follows if `shift` (3,) moves all points; and how many of them agree.
+
+    `cut` is the least and the largest residual (rad) from which a vector counts less (Geman–McClure).
+    """
+    n, w = len(before), guess.copy()
+    length, weight, middle = np.empty(n), np.empty(n), np.zeros(3)
+    A, pulled, moved = np.empty((3, 3)), np.empty(3), np.empty(3)
+    scale = cut[0]
+    for k in range(_ROUNDS):
+        p = before @ _turn(w)
+        for i in range(3):
+            middle[i] = np.median(after[:, i] - p[:, i]) if k == 0 else 0.0
+        for i in range(n):
+            length[i] = math.sqrt(((after[i] - p[i] - middle) ** 2).sum())
+        scale = min(max(2.5 * np.median(length), cut[0]), cut[1])
+        A[:], pulled[:], moved[:] = 0.0, 0.0, 0.0
+        for i in range(n):
+            weight[i] = 1 / (1 + (length[i] / scale) ** 2) ** 2
+            A += weight[i] * (np.eye(3) - np.outer(p[i], p[i]))
+            pulled += weight[i] * np.cross(after[i], p[i])
+            moved += weight[i] * np.cross(shift, p[i])
+        step = np.linalg.solve(A, pulled)
+        w = w + step + 0.5 * np.cross(w, step)  # of two successive small rotations
+        if k > 0 and np.abs(step).max() < 1e-7:
+            break
+    agreeing, total = 0, 0.0
+    for i in range(n):
+        if length[i] < scale:
+            agreeing += 1
+            total += length[i] ** 2
+    return w, total / max(2 * agreeing - 3, 1) * np.linalg.inv(A), np.linalg.solve(A, moved), agreeing
+
+
+@njit(cache=True, error_model="numpy")
+def _turn(w: Array) -> Array:
+    """exp(w): rotation (3, 3) of a rotation vector (3,), Rodrigues' formula."""
+    angle = math.sqrt((w**2).sum())
+    s, t = (math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2) if angle > 1e-6 else (1.0, 0.5)
+    K = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    return np.eye(3) + s * K + t * (K @ K)
