@@ -6,7 +6,7 @@ the object.  A marker needs no motion: it is searched by its hue.
 
 import itertools
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -81,6 +81,9 @@ class Candidate:
     flow: Flow2D | None
     by_color: bool
     """Whether its colours alone separate it from what surrounds it."""
+    mask: Mask
+    box: Box
+    """Region of the image that `mask` (h, w) is of."""
 
 
 class Acquisition:
@@ -145,7 +148,8 @@ class Acquisition:
         known = then is not None and backgrounds[eye].is_known(camera.view)
         change = None if then is None or not known else Change(backgrounds[eye], camera.view, then, camera.image)
         found = (segment(self.params, camera.image, one, self._optics[eye], change) for one in regions)
-        return [candidate for candidate in found if candidate is not None]
+        parts = [candidate for candidate in found if candidate is not None]
+        return [*parts, *joined(self.params, camera.image, parts, self._optics[eye])]
 
     def _best_pair(
         self,
@@ -260,7 +264,37 @@ def segment(
     if shape is None:
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
-    return Candidate(shape, model, evidence, region.flow, by_color)
+    return Candidate(shape, model, evidence, region.flow, by_color, mask, box)
+
+
+def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], optics: Optics) -> list[Candidate]:
+    """Candidates that touch, as one object of several colours; each comes from a motion region of its own."""
+    colored = [one for one in parts if one.by_color]
+    if len(colored) < 2:
+        return []
+    boxes = np.array([one.box for one in colored])
+    x0, y0, x1, y1 = box = (*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
+    whole = np.zeros((y1 - y0, x1 - x0), bool)
+    for one in colored:
+        left, top, right, bottom = one.box
+        whole[top - y0 : bottom - y0, left - x0 : right - x0] |= one.mask
+    _, labels = cv2.connectedComponents(masks.closed(whole, masks.square(1)).view(np.uint8))
+    groups: dict[int, list[Candidate]] = {}
+    for one in colored:
+        row, column = np.argwhere(one.mask)[0] + (one.box[1] - y0, one.box[0] - x0)
+        groups.setdefault(int(labels[row, column]), []).append(one)
+    bins, found = color_bins(image[y0:y1, x0:x1]), []
+    for label, group in groups.items():
+        if len(group) < 2:
+            continue
+        mask = masks.filled(np.asarray(labels == label))
+        model, shape = _model(bins, mask), _object_outline(params, image, mask, box, optics)
+        likeness = model.similarity(model.background)
+        if shape is not None and likeness <= params.max_likeness:
+            evidence = sum(one.evidence for one in group)
+            flow = next((one.flow for one in group if one.flow is not None), None)
+            found.append(Candidate(shape, model, evidence, flow, True, mask, box))
+    return found
 
 
 def _is_cut(mask: Mask, box: Box, image: Image) -> bool:

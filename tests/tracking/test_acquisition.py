@@ -10,9 +10,10 @@ from ball_scenes import Sphere, frame
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
-from tracking.acquisition import Acquisition, AcquisitionParams, Change
+from tracking.acquisition import Acquisition, AcquisitionParams, Change, joined, segment
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
+from tracking.motion_trigger import Region2D
 from tracking.outline import Optics
 from tracking.stereo import Association, StereoParams, camera_frames
 
@@ -114,3 +115,22 @@ def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig
     seed[40:80, 20:60] = True
     away = Change(background, view, drawn(rng, (200, 120, 18)), drawn(rng, (212, 120, 18)))
     assert away.moving(seed, (40, 60, 160, 180)) is None
+
+
+@pytest.mark.parametrize(("apart_px", "is_one"), [(0, True), (12, False)])
+def test_parts_of_two_colours_that_touch_are_one_object(
+    apart_px: int, is_one: bool, rng: np.random.Generator, rig: StereoRig
+) -> None:
+    """A violet half above an orange one; a motion region in each."""
+    image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
+    image[80:100, 140:180] = (120, 20, 220)
+    image[100 + apart_px : 120 + apart_px, 140:180] = (240, 120, 10)
+    params, optics = AcquisitionParams(), Optics(rig.left)
+    regions = [Region2D((150, y, 20, 6), np.ones((6, 20), bool), 1.0) for y in (84, 106 + apart_px)]
+    parts = [segment(params, image, region, optics) for region in regions]
+    violet, orange = (part for part in parts if part is not None)
+    found = joined(params, image, [violet, orange], optics)
+    assert bool(found) == is_one
+    if is_one:
+        assert found[0].outline.center_px == pytest.approx([159.5, 99.5], abs=0.5)
+        assert found[0].evidence == violet.evidence + orange.evidence
