@@ -72,14 +72,18 @@ def _opencv(name: Literal["MOSSE", "KCF", "CSRT"]) -> cv2.legacy.Tracker:
 
 
 class HueModel:
-    """Hue and saturation in a box's ellipse, 30×32 bins, as in OpenCV's back-projection example."""
+    """Share of each hue and saturation, 30×32 bins, that lies in a box's ellipse: a ratio histogram (Swain and Ballard,
+    IJCV 1991), with which CamShift does better than with the histogram of OpenCV's example."""
 
     def __init__(self, image: Image, box: BoxPx) -> None:
         x, y, w, h = (round(value) for value in box)
         crop = np.ascontiguousarray(image[max(y, 0) : y + h, max(x, 0) : x + w])
         inside = cv2.resize(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (64, 64)), crop.shape[1::-1])
-        counts = cv2.calcHist([cv2.cvtColor(crop, cv2.COLOR_RGB2HSV)], [0, 1], inside, [30, 32], _RANGES)
-        self._hues = cv2.normalize(counts, counts, 0, 255, cv2.NORM_MINMAX)
+        counts, everywhere = (
+            np.asarray(cv2.calcHist([cv2.cvtColor(part, cv2.COLOR_RGB2HSV)], [0, 1], mask, [30, 32], _RANGES))
+            for part, mask in ((crop, inside), (image, None))
+        )
+        self._hues = (255 * counts / np.maximum(everywhere, 1)).astype(np.float32)
 
     def likelihood(self, image: Image) -> NDArray[np.uint8]:
         """(H, W) 0–255."""
@@ -88,7 +92,7 @@ class HueModel:
 
 
 class CamShift:
-    """Bradski's, as in OpenCV's example: hue back-projection of the whole image, then the window's climb."""
+    """Bradski's, hue back-projection of the whole image, then the window's climb."""
 
     def __init__(self) -> None:
         self._model: HueModel | None = None

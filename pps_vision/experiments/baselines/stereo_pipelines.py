@@ -1,4 +1,4 @@
-"""Baselines of the pipeline: two image trackers of OpenCV, or the colour blob in a whole disparity map (SGBM).
+"""Baselines of the pipeline: two image trackers of OpenCV, two hue blobs, or one in a whole disparity map (SGBM).
 
 All are told the true boxes in the first frame, and their points go through our Kalman filter.
 """
@@ -15,7 +15,7 @@ from pps_vision.geometry.triangulation import midpoint
 from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 
-StereoPipelineName = Literal["two CamShift", "two KCF", "two CSRT", "SGBM + blob"]
+StereoPipelineName = Literal["two hue blobs", "two CamShift", "two KCF", "two CSRT", "SGBM + blob"]
 _POINT_STD_PX = 1.0  # what the filter is told of the baselines' centres: their boxes are whole pixels
 
 
@@ -51,6 +51,31 @@ def meet(view: StereoView, left: BoxPx, right: BoxPx) -> Array | None:
     """(3,) where the rays through the middles of two boxes meet; None where they do not."""
     rays = [eye.rays(middle(box)) for eye, box in ((view.left, left), (view.right, right))]
     return midpoint(view.left.center, rays[0], view.right.center, rays[1])
+
+
+class TwoHueBlobs:
+    """The largest region of the object's hues in each eye; the rays through their centroids meet at their midpoint."""
+
+    def __init__(self, rig: StereoRig) -> None:
+        self._rig = rig
+        self._models: tuple[HueModel, HueModel] | None = None
+
+    def start(self, frame: StereoFrame, boxes: tuple[BoxPx, BoxPx]) -> None:
+        """Learn the hues in the boxes, left and right."""
+        self._models = HueModel(frame.left, boxes[0]), HueModel(frame.right, boxes[1])
+
+    def step(self, frame: StereoFrame) -> Array | None:
+        """None where an eye sees nothing of these hues, or the rays do not meet before the eyes."""
+        if self._models is None:
+            raise ValueError("step before start; the pipeline needs a first frame and boxes")
+        view, rays = self._rig.view_of(frame), []
+        for model, image, eye in zip(self._models, (frame.left, frame.right), (view.left, view.right), strict=True):
+            blob = _largest(model.likelihood(image))
+            if blob is None:
+                return None
+            seen = cv2.moments(blob.view(np.uint8), binaryImage=True)
+            rays.append(eye.rays(np.array([seen["m10"], seen["m01"]]) / seen["m00"]))
+        return midpoint(view.left.center, rays[0], view.right.center, rays[1])
 
 
 class BlobInDisparity:
@@ -116,6 +141,8 @@ def stereo_pipeline(name: StereoPipelineName, rig: StereoRig) -> StereoPipeline:
         raise ValueError(f"pipeline {name!r}; expected one of {', '.join(get_args(StereoPipelineName))}")
     if name == "SGBM + blob":
         return BlobInDisparity(rig)
+    if name == "two hue blobs":
+        return TwoHueBlobs(rig)
     kind: dict[str, ImageTrackerName] = {"two CamShift": "CamShift", "two KCF": "KCF", "two CSRT": "CSRT"}
     return TwoTrackers(rig, kind[name])
 
