@@ -88,3 +88,17 @@ def test_how_a_hand_faces_must_be_known():
     blind = ReachOracle(ROBOT, "right", params, np.random.default_rng(0), replace(hand, normals=None))
     with pytest.raises(ValueError, match="expected its normals"):
         blind.label(np.deg2rad([[10.0, -20.0, 30.0]]))
+
+
+def test_directions_are_those_of_all_starts_together_and_of_nothing_out_of_reach():
+    rng = np.random.default_rng(SEED)
+    hand, params = hand_and_params(ROBOT, "right", "palm", "approach", replace(PARAMS, n_babble=2000))
+    oracle, coverage = ReachOracle(ROBOT, "right", params, rng, hand), DirectionCoverage()
+    gaze = rng.uniform(LIMITS.lower, LIMITS.upper, (60, 3))
+    points = hand.points(gaze)
+    starts = oracle.starts(points)
+    together, *alone = (oracle._covered(points, some, coverage) for some in (starts, starts[:1], starts[1:]))
+    assert np.all(together >= np.maximum(*alone))
+    assert np.any(alone[0] > alone[1])
+    labels = oracle.label(gaze)
+    np.testing.assert_array_equal(np.isfinite(labels.optimality), labels.reachable)

@@ -132,3 +132,18 @@ def test_solutions_start_from_the_nearest_posture_and_the_one_most_unlike_it():
     tried = oracle.babbled[:100]
     own = replace(HandModel.of(robot, oracle.forward), tried=tried)
     assert ReachOracle(robot, "right", PARAMS, rng, own).babbled is tried
+
+
+def test_the_border_is_known_within_the_limits_that_are_asked_for():
+    """Points that nothing within the limits fixates are no border points."""
+    narrow, rng = GazeLimits(yaw_rad=(-0.3, 0.3)), np.random.default_rng(SEED)
+    gaze = rng.uniform(narrow.lower, narrow.upper, (150, 3))
+    wide, few = (
+        ReachOracle(load_icub(), "right", replace(PARAMS, gaze_limits=limits, n_babble=2000), np.random.default_rng(1))
+        for limits in (LIMITS, narrow)
+    )
+    border, within = wide.label(gaze).border_rad, few.label(gaze).border_rad
+    known = np.isfinite(within[:, 0])
+    assert np.all(np.abs(within[known, 0]) <= 0.3)
+    np.testing.assert_array_equal(known, np.abs(border[:, 0]) <= 0.3)
+    assert 0 < known.sum() < np.isfinite(border[:, 0]).sum()
