@@ -42,6 +42,7 @@ def test_all_labels_are_spent_round_by_round():
     assert calls == [200, 200, 200]
     assert len(learned.labels.gaze_rad) == 600
     assert learned.max_error_m == learned.labels.error_m.max()
+    assert learned.softness == pytest.approx(0.5 * PARAMS.lattice**2, rel=0.05)  # all answers as predicted
 
 
 def test_training_ends_when_the_expected_error_is_small_enough():
