@@ -24,11 +24,11 @@ with TemporaryDirectory() as folder:
     print(f"left_forearm:3 learned {touch:.0f} samples of touch, {no_touch:.0f} of no touch")
     print(f"activation at 5 cm and 0.4 s to contact {near:.2f}, at 18 cm and 2.5 s {far:.2f}")
 
-    params = replace(MapParams(), n_labels=600, round_labels=300, n_babble=20_000, lattice=0.15)
+    params = replace(MapParams(), n_labels=600, round_labels=300, n_babble=20_000, lattice=0.15, n_test=500)
     train_reachable_map(recording.robot, "left", np.random.default_rng(7), params).save(place / "reach.npz")
     reach = pv.ReachableMap.load(place / "reach.npz")
     gaze_deg = np.array([[20.0, -20.0, 15.0], [20.0, -20.0, 5.5]])  # yaw, pitch, vergence
     verdict = reach.query(np.deg2rad(gaze_deg))
     for gaze, reachable, degree in zip(gaze_deg, verdict.reachable, verdict.degree, strict=True):
         print(f"gaze {gaze} degrees: {'reachable' if reachable else 'out of reach'}, degree {degree:.2f}")
-    print(f"at most {100 * reach.expected_error:.1f} % of all gaze postures are expected to be misjudged")
+    print(f"at most {100 * reach.error_bound:.1f} % of all gaze postures are misjudged, with 95 % confidence")

@@ -14,7 +14,7 @@ from learning.reach.params import N_NEAR, MapParams
 from pps_vision.errors import InputError
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
-from pps_vision.robot.inverse_kinematics import ForwardModel, solve_ik
+from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, covered_directions
 from pps_vision.robot.two_stage import TwoStage, two_stage
@@ -23,6 +23,8 @@ from pps_vision.types import Array, Mask
 # m/rad: with a steeper descent left, inverse kinematics is farther than 0.1 mm from the nearest point.  Matters for
 # forward models with gaps (tests/stability/test_reachable_space.py).
 _SETTLED = 5e-3
+_EXACT = IKParams(tolerance=1e-6, max_steps=100, min_step_rad=1e-6)  # the tolerance of labels misjudges 0.05 %
+_FAR_M = 0.1  # a point farther than this from the nearest of all babbled hands is out of reach
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,18 @@ class ReachOracle:
         error = found.error.copy()
         error[failed] = np.where(settled, error[failed], np.nan)
         return Labels(gaze, found.reachable, error, found.quality, border)
+
+    def verdicts(self, gaze: Array) -> Mask:
+        """(n,) whether the hand reaches what each gaze posture (n, 3) fixates, from all of the 16 babbled postures that
+        bring it nearest: what one of them reaches is reachable, however many fail."""
+        points = self.hand.points(gaze)
+        away_m, near = self._tree.query(points, k=N_NEAR)
+        close = away_m[:, 0] < _FAR_M
+        starts = self.babbled[near[close]].swapaxes(0, 1)
+        found = solve_ik(self.forward, points[close], starts, self.lower, self.upper, _EXACT)
+        verdict = np.zeros(len(gaze), bool)
+        verdict[close] = found.converged
+        return verdict
 
     def starts(self, points: Array) -> Array:
         """(2, n, k) for each point (n, 3), of the postures whose hand was nearest to it, the nearest and the one most

@@ -20,8 +20,9 @@ from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.types import Array, Mask
 
-_KIND, _VERSION = "reachable-space map", 4
+_KIND, _VERSION = "reachable-space map", 5
 _NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness", "expected_error", "unanswered")
+_BOUND = "error_bound"
 _NAMES = ("end_point", "measure")
 _LABELS = tuple(f.name for f in fields(Labels))
 
@@ -59,7 +60,7 @@ class ReachableMap:
     softness: float
     """Standard uncertainty of the border in `isotropic` coordinates."""
     expected_error: float
-    """Share of gaze postures misjudged, from the last labels: an upper estimate, as they lie near the border."""
+    """Share of gaze postures misjudged, estimated from the last labels."""
     labels: Labels
     """What it was learned from; training can go on from them."""
     unanswered: int = 0
@@ -68,6 +69,8 @@ class ReachableMap:
     """Point of the arm that reaches: "palm" or a taxel."""
     measure: str = "joint-limits"
     """What `optimality` measures."""
+    error_bound: float = 1.0
+    """Upper bound of the share misjudged, from a test on postures not learned from; 1 without a test."""
 
     def __post_init__(self) -> None:
         shape = self.signed_distance.shape
@@ -81,7 +84,7 @@ class ReachableMap:
 
     def save(self, path: Path | str) -> None:
         """Write the map as .npz, whole or not at all."""
-        arrays: dict[str, ArrayLike] = {name: getattr(self, name) for name in ("side", *_NAMES, *_NUMBERS)}
+        arrays: dict[str, ArrayLike] = {name: getattr(self, name) for name in ("side", *_NAMES, *_NUMBERS, _BOUND)}
         arrays["limits_rad"] = np.array([self.limits.yaw_rad, self.limits.pitch_rad, self.limits.vergence_rad])
         arrays |= {f"label_{name}": getattr(self.labels, name) for name in _LABELS}
         write_archive(Path(path), _KIND, _VERSION, arrays)
@@ -89,7 +92,7 @@ class ReachableMap:
     @classmethod
     def load(cls, path: Path | str) -> "ReachableMap":
         """Read a map that `pps-vision reach train` or `save` wrote; InputError names the file and what is wrong."""
-        stored = ("side", *_NAMES, "limits_rad", *_NUMBERS, *(f"label_{name}" for name in _LABELS))
+        stored = ("side", *_NAMES, "limits_rad", *_NUMBERS, _BOUND, *(f"label_{name}" for name in _LABELS))
         data = read_archive(Path(path), _KIND, _VERSION, stored)
         try:
             (y0, y1), (p0, p1), (v0, v1) = np.asarray(data["limits_rad"], dtype=float).reshape(3, 2).tolist()
@@ -99,7 +102,8 @@ class ReachableMap:
             of = {name: np.asarray(data[f"label_{name}"], dtype=float) for name in _LABELS}
             labels = Labels(**{**of, "reachable": of["reachable"] > 0})
             values = signed, optimality, error_m, most, softness, expected, labels, int(unanswered)
-            return cls(str(data["side"]), limits, *values, *(str(data[name]) for name in _NAMES))
+            bound = float(np.asarray(data[_BOUND], dtype=float))
+            return cls(str(data["side"]), limits, *values, str(data["end_point"]), str(data["measure"]), bound)
         except (ValueError, TypeError, OverflowError) as error:
             raise InputError(path, f"{_KIND} that does not fit together: {error}") from error
 
@@ -154,7 +158,7 @@ class ReachableMap:
 def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
     """Map of what both hands reach at once, with the degree of the worse; ValueError where limits or lattices differ.
 
-    It has no labels, so that training cannot go on from it.
+    It has no labels, so that training cannot go on from it.  Its `error_bound` may fail wherever one of theirs does.
     """
     if left.limits != right.limits or left.signed_distance.shape != right.signed_distance.shape:
         raise ValueError(f"maps of {left.limits} and {right.limits}: expected the same limits and lattice")
@@ -172,4 +176,5 @@ def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:
         left.unanswered + right.unanswered,
         left.end_point,
         left.measure,
+        min(left.error_bound + right.error_bound, 1.0),
     )

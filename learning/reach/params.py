@@ -36,7 +36,11 @@ class MapParams:
     round_labels: int = 1500
     """Labels per round; the first round is uniform over all gaze postures."""
     max_error: float = 0.0
-    """Training ends when no larger share of gaze postures is expected to be misjudged."""
+    """Training ends when tests show, with `confidence`, that no larger share of gaze postures is misjudged."""
+    n_test: int = 0
+    """Gaze postures of a test, none of which is learned from; 0: 10 / `max_error`, and no test without that."""
+    confidence: float = 0.95
+    """Probability that the bound of a map's error holds, whatever the number of tests."""
     n_babble: int = 100_000
     """Random arm postures among which inverse kinematics finds its starts."""
     inverse: TwoStageParams = field(default_factory=TwoStageParams)
@@ -60,7 +64,17 @@ class MapParams:
             )
         if self.n_babble < N_NEAR:
             raise InputError("reachable-space map", f"{self.n_babble} random arm postures: expected at least {N_NEAR}")
+        if not (self.n_test >= 0 and 0 < self.confidence < 1):
+            raise InputError(
+                "reachable-space map",
+                f"{self.n_test} test postures, confidence {self.confidence}: expected 0 or more, and 0 to 1",
+            )
         if not 0 <= self.max_error < 1:
             raise InputError(
                 "reachable-space map", f"a share of {self.max_error} misjudged: expected at least 0 and below 1"
             )
+
+    @property
+    def test_postures(self) -> int:
+        """Number of gaze postures of a test: enough that a third of the errors allowed passes as a rule."""
+        return self.n_test or (int(np.ceil(10 / self.max_error)) if self.max_error else 0)

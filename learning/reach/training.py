@@ -1,6 +1,7 @@
 """Training of the reachable-space map (J, "Training the maps") by active learning.
 
-After a first round over all gaze postures, labels are asked for near the border, far from earlier ones.
+After a first round over all gaze postures, labels are asked for near the border, far from earlier ones.  Where the
+labels suggest that the map is good enough, a test on fresh gaze postures bounds its error.
 """
 
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
+from scipy.stats import beta
 
 from learning.reach.gaze_spline import GazeSpline
 from learning.reach.labels import HandModel, Labels, ReachOracle
@@ -36,7 +38,8 @@ def train_reachable_map(
     counted; `hand` says where it is, by default as the robot's own model has it.  ValueError for a map of another arm
     or other limits, and where inverse kinematics came to no answer at all."""
     params = params or MapParams()
-    return learned_from(ReachOracle(robot, side, params, rng, hand).label, side, rng, params, into)
+    oracle = ReachOracle(robot, side, params, rng, hand)
+    return learned_from(oracle.label, side, rng, params, into, oracle.verdicts)
 
 
 def learned_from(
@@ -45,8 +48,11 @@ def learned_from(
     rng: np.random.Generator,
     params: MapParams,
     into: ReachableMap | None = None,
+    verdicts: Callable[[Array], Mask] | None = None,
 ) -> ReachableMap:
-    """As `train_reachable_map`, with any function that labels gaze postures (n, 3)."""
+    """As `train_reachable_map`, with any function that labels gaze postures (n, 3), and one that says which are
+    reachable, to test the map by (default: as labelled)."""
+    verdicts = verdicts or (lambda gaze: label(gaze).reachable)
     limits, n = params.gaze_limits, params.round_labels
     if into is None:
         labels = label(rng.uniform(limits.lower, limits.upper, (n, 3)))
@@ -58,8 +64,8 @@ def learned_from(
         raise InputError(
             "reachable-space map", f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from"
         )
-    softness, expected = np.nan, 1.0
-    while spent + n <= params.n_labels and expected > params.max_error:
+    softness, expected, good_enough, risk = np.nan, 1.0, 0.5 * params.max_error, 1 - params.confidence
+    while spent + n <= params.n_labels:
         border = GazeSpline(*_nodes(_consistent(labels), params))
         asked, share = _near_border(border, labels, n, params, rng)
         more = label(asked)
@@ -69,7 +75,26 @@ def learned_from(
         softness = _softness(predicted, more.reachable, _CURVATURE * params.lattice**2)
         expected = share * float(np.mean((predicted > 0) != more.reachable))
         labels = labels.joined(more)
-    return replace(_on_lattice(side, labels, softness, expected, params), unanswered=unanswered)
+        if expected <= good_enough and spent + n <= params.n_labels:
+            risk /= 2  # of this test, the other half being left for those that may follow
+            learned = replace(_on_lattice(side, labels, softness, expected, params), unanswered=unanswered)
+            learned = _tested(learned, verdicts, risk, params, rng)
+            if learned.error_bound <= params.max_error:
+                return learned
+            good_enough /= 2
+    learned = replace(_on_lattice(side, labels, softness, expected, params), unanswered=unanswered)
+    return _tested(learned, verdicts, risk, params, rng) if params.test_postures else learned
+
+
+def _tested(
+    learned: ReachableMap, verdicts: Callable[[Array], Mask], risk: float, params: MapParams, rng: np.random.Generator
+) -> ReachableMap:
+    """The map with the upper bound of its error that is too low with a probability of at most `risk` (Clopper–Pearson),
+    from uniform gaze postures."""
+    limits, n = params.gaze_limits, params.test_postures
+    gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
+    wrong = int(np.sum(learned.query(gaze).reachable != verdicts(gaze)))
+    return replace(learned, error_bound=float(beta.ppf(1 - risk, wrong + 1, n - wrong)) if wrong < n else 1.0)
 
 
 def _on_lattice(side: str, labels: Labels, softness: float, expected: float, params: MapParams) -> ReachableMap:

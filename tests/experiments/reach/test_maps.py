@@ -6,6 +6,7 @@ from data import SEED
 from drawn_study import run_and_draw
 
 from learning.reach.map import MapPrediction
+from pps_vision.experiments.reach.error_bound import ErrorBound
 from pps_vision.experiments.reach.map_truth import scores
 from pps_vision.experiments.reach.maps import Maps
 from pps_vision.experiments.reach.measures import Measures
@@ -58,3 +59,10 @@ def test_measures_are_learned_to_a_fraction_of_their_spread() -> None:
 def test_more_single_problems_than_problems_is_an_error() -> None:
     with pytest.raises(ValueError, match="n_single 3 of n 2"):
         Solvers(n=2, n_single=3).run()
+
+
+def test_stated_bounds_of_a_few_maps_hold() -> None:
+    numbers, charts = run_and_draw(ErrorBound(SEED, n=1, requested=(0.05,), n_labels=400, n_test=2000))
+    assert len(numbers["maps"]) == 2
+    assert all(one["measured"] <= one["stated"] < 0.2 for one in numbers["maps"])
+    assert set(charts) == {""}
