@@ -8,7 +8,7 @@ from data import SEED
 
 from learning.reach.labels import HandModel, Labels, ReachOracle, _slope
 from learning.reach.lattice import isotropic
-from learning.reach.params import MapParams
+from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import _consistent, _nodes, _softness, learned_from
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
@@ -148,3 +148,9 @@ def test_the_border_is_known_within_the_limits_that_are_asked_for():
     assert np.all(np.abs(within[known, 0]) <= 0.3)
     np.testing.assert_array_equal(known, np.abs(border[:, 0]) <= 0.3)
     assert 0 < known.sum() < np.isfinite(border[:, 0]).sum()
+
+
+def test_the_arm_has_the_limits_of_the_paper():
+    """J: shoulder −95…10, 0…160 and −20…80°, elbow 15…105°."""
+    np.testing.assert_allclose(np.rad2deg(ArmLimits().lower_rad), [-95, 0, -20, 15])
+    np.testing.assert_allclose(np.rad2deg(ArmLimits().upper_rad), [10, 160, 80, 105])
