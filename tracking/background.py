@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
-from pps_vision.types import Image
+from pps_vision.types import Image, Mask
 from tracking.ego_motion import Box, EgoMotion
 from tracking.masks import square
 
@@ -15,6 +15,7 @@ _RATE = 0.1  # of the running mean
 _NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
 _STEP = 16  # px between the samples of gain and noise
 _LIT = 20.0  # grey levels: darker pixels do not tell the gain
+_UNKNOWN = -1e4  # of what has not been seen yet, since the object hides it: no pixel is like it
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
 
@@ -32,6 +33,7 @@ class Background:
         self._last: View | None = None
         self._mean = self._recent = np.empty((0, 0, 3), np.float32)
         self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
+        self._measured: Image | None = None
         self._gain, self._threshold, self._band = 1.0, _MIN_CONTRAST, 0
 
     def is_known(self, view: View) -> bool:
@@ -48,7 +50,7 @@ class Background:
             return np.zeros((y1 - y0, x1 - x0), np.float32)
         left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
         now = cv2.blur(image[top:bottom, left:right], (3, 3)).astype(np.float32)
-        mean = self._mean[top:bottom, left:right] * np.float32(self._gain)
+        mean = np.minimum(self._mean[top:bottom, left:right] * np.float32(self._gain_of(image)), np.float32(255))
         over = cv2.max(now - cv2.dilate(mean, square(1)), cv2.erode(mean, square(1)) - now).max(axis=2)
         over = over[y0 - top : y1 - top, x0 - left : x1 - left]
         return np.asarray(np.clip(over / (2 * self._threshold), 0.0, 1.0), np.float32)
@@ -58,30 +60,37 @@ class Background:
     ) -> None:
         """Take an image in, except around the box (x, y, width, height px) of what is tracked."""
         last, self._last = self._last or view, view
+        x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
         if not self.is_known(view):
             self._view = view if self.ego.is_still(last, view) else None
             if self._view is not None:
                 self._mean = cv2.blur(image, (3, 3)).astype(np.float32)
                 self._recent, self._since_s = self._mean.copy(), np.full(image.shape[:2], stamp_s)
+                self._mean[max(int(y), 0) : max(int(y + h), 0), max(int(x), 0) : max(int(x + w), 0)] = _UNKNOWN
             return
         height = len(image)
         top, bottom = height * self._band // _BANDS, height * (self._band + 1) // _BANDS
         self._band = (self._band + 1) % _BANDS
         now = np.asarray(cv2.blur(image[top:bottom], (3, 3)), np.uint8)
         rows = np.s_[top:bottom]
-        self._measure_levels(image, now[::_STEP, ::_STEP], self._mean[rows][::_STEP, ::_STEP])
-        x, y, w, h = object_px or (0.0, 0.0, 0.0, 0.0)
+        gain = self._gain_of(image)
+        noise = np.median(np.abs(now[::_STEP, ::_STEP] - gain * self._mean[rows][::_STEP, ::_STEP]))
+        self._threshold = max(_NOISE_FACTOR * 1.4826 * float(noise), _MIN_CONTRAST)
         kept = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
         layers = self._mean[rows], self._recent[rows], self._since_s[rows]
-        _learn(now, *layers, self._gain, self._threshold, stamp_s, self.memory_s, kept)
+        _learn(now, *layers, gain, self._threshold, stamp_s, self.memory_s, kept)
 
-    def _measure_levels(self, image: Image, now: NDArray[np.uint8], mean: Pixels) -> None:
-        """How much brighter the image is than the background, and from which difference a pixel has changed."""
-        whole, known = image[::_STEP, ::_STEP], self._mean[::_STEP, ::_STEP]
-        lit = known > _LIT
-        self._gain = float(np.median(whole[lit] / known[lit])) if lit.any() else 1.0
-        noise = 1.4826 * float(np.median(np.abs(now - self._gain * mean)))
-        self._threshold = max(_NOISE_FACTOR * noise, _MIN_CONTRAST)
+    def forget(self, mask: Mask, box: Box) -> None:
+        """Know no more what is behind the pixels of a mask (h, w) of the region `box`."""
+        self._mean[box[1] : box[3], box[0] : box[2]][mask] = _UNKNOWN
+
+    def _gain_of(self, image: Image) -> float:
+        """How much brighter an image is than the background."""
+        if image is not self._measured:
+            whole, known = image[::_STEP, ::_STEP], self._mean[::_STEP, ::_STEP]
+            lit = known > _LIT
+            self._measured, self._gain = image, float(np.median(whole[lit] / known[lit])) if lit.any() else 1.0
+        return self._gain
 
 
 @njit(cache=True, error_model="numpy")
