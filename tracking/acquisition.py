@@ -41,6 +41,7 @@ _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10
 _SAME_MASK = 0.8  # overlap from which colours show the same object as the change
 _MOVED = 0.05  # of its area that a moving object covers anew in the trigger's interval: 2 cm/s cover 8 % of 6 cm
 _UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
+_CHANGED = 0.3  # of an object that colours show, what must differ from the background: a static patch does not
 _SOLID = 0.9  # solidity below which what moves may be an object and what holds it
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
@@ -207,6 +208,10 @@ class Change:
     then: Image
     now: Image
 
+    def differs(self, box: Box) -> Mask:
+        """(h, w) the pixels of the region `box` that are not the background."""
+        return self.background.evidence(self.now, self.view, box) > 0.5
+
     def moving(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) what has moved onto the seed as a whole: it has uncovered about as much as it covers anew.
 
@@ -248,7 +253,7 @@ def segment(
     seed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
     bins = color_bins(image[crop])
     mask, model = _grow(params, bins, seed)
-    if mask is not None and _is_cut(mask, box, image):
+    if mask is not None and masks.is_cut(mask, box, image):
         mask = model = None
     by_color = model is not None
     if change is not None:
@@ -258,6 +263,10 @@ def segment(
             return None
         if whole is not None and not (by_color and _shows_the_object(mask, whole)):
             mask, model, by_color = whole, _model(bins, whole), False
+        elif mask is not None:
+            differs = change.differs(box)
+            if np.count_nonzero(differs & mask) < _CHANGED * np.count_nonzero(mask):
+                return None
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None
     shape = _object_outline(params, image, mask, box, optics)
@@ -295,14 +304,6 @@ def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], 
             flow = next((one.flow for one in group if one.flow is not None), None)
             found.append(Candidate(shape, model, evidence, flow, True, mask, box))
     return found
-
-
-def _is_cut(mask: Mask, box: Box, image: Image) -> bool:
-    """Whether a mask of a box goes on beyond it, within the image."""
-    height, width = image.shape[:2]
-    x0, y0, x1, y1 = box
-    sides = (mask[:, 0], x0 > 0), (mask[0], y0 > 0), (mask[:, -1], x1 < width), (mask[-1], y1 < height)
-    return any(inner and bool(side.any()) for side, inner in sides)
 
 
 def _shows_the_object(mask: Mask | None, whole: Mask) -> bool:

@@ -80,9 +80,12 @@ class Background:
         layers = self._mean[rows], self._recent[rows], self._since_s[rows]
         _learn(now, *layers, gain, self._threshold, stamp_s, self.memory_s, kept)
 
-    def forget(self, mask: Mask, box: Box) -> None:
-        """Know no more what is behind the pixels of a mask (h, w) of the region `box`."""
-        self._mean[box[1] : box[3], box[0] : box[2]][mask] = _UNKNOWN
+    def forget(self, image: Image, view: View, mask: Mask, box: Box) -> None:
+        """Know no more what is behind an object, a mask (h, w) of the region `box`, where it looks like the background,
+        and where anything else has changed: it may have rested there when the background was learned."""
+        if self.is_known(view):
+            doubtful = (self.evidence(image, view, box) > 0.5) ^ mask
+            self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
 
     def _gain_of(self, image: Image) -> float:
         """How much brighter an image is than the background."""

@@ -28,6 +28,8 @@ Evidence = Callable[[Box], NDArray[np.float32]]
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 _SEPARABLE = 0.8  # Bhattacharyya coefficient of an object's and its surroundings' colours up to which they tell it
 _WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
+_WIDE_SEARCH = 1.2  # of the object's size: within two of it 1 m/s may reverse from one image to the next
+_GAP = 0.05  # of the object's size: gaps up to twice as wide are closed in what differs from the background
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
 _SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
 _MIN_SCORE = 0.4  # below which the object counts as not seen
@@ -106,37 +108,54 @@ class ImageTracker:
         return Target(model, cloud, size, shape, fill)
 
     def step(
-        self, target: Target, image: Image, prior: Prior | None = None, evidence: Evidence | None = None
+        self,
+        target: Target,
+        image: Image,
+        prior: Prior | None = None,
+        evidence: Evidence | None = None,
+        by_color: bool = True,
     ) -> tuple[Target, ImageDetection | None]:
         """The target in the next image, and its detection; None where it does not show.
 
-        `evidence` replaces the likelihood of its colours.
+        Where there is `evidence`, what is not in it is no object; it replaces the likelihood of its colours unless
+        `by_color`.
         """
         s = target
+
+        def likelihood_in(roi: Box) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+            bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
+            colors = s.model.table()[bins]
+            if evidence is None:
+                return bins, colors
+            return bins, np.where(evidence(roi) > 0.5, colors, np.float32(0)) if by_color else evidence(roi)
+
         if prior:
             s = replace(s, size=s.size * prior.growth)
             if prior.std_px > _WIDE_PRIOR * s.size:
-                prior = self._narrowed(s, image, prior, evidence)
+                prior = self._narrowed(s, prior, likelihood_in)
         cloud = propagate(s.cloud, prior, self.rng)
         middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
         half = _REACH * s.size * np.array(s.shape) / 2 + reach + 4
         roi = self._region(middle, *half)
         if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
             return s, None
-        crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
-        bins = color_bins(image[crop])
-        likelihood = s.model.table()[bins] if evidence is None else evidence(roi)
+        bins, likelihood = likelihood_in(roi)
         weights = weigh(cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
         center = _mode(cloud, weights, s.size)
         s = replace(s, cloud=resample(cloud, weights, self.rng))
-        backdrop = None if evidence is not None else s.model.backdrop()[bins]
+        backdrop = s.model.backdrop()[bins] if evidence is None else None
         mask = self._mask(likelihood, backdrop, roi, center, s.size, s.shape)
+        if mask is not None and evidence is not None and masks.is_cut(mask, roi, image):
+            center = masks.centroid(mask, roi)
+            roi = self._region(center, *half)
+            bins, likelihood = likelihood_in(roi)
+            mask = self._mask(likelihood, None, roi, center, s.size, s.shape)
         expected_area = s.fill * s.size**2
         outline = None if mask is None else fit_outline(image, mask, roi, self.optics, expected_area)
         if mask is None or outline is None:
             return s, None
         ratio = outline.area_px / expected_area
-        score = s.model.similarity(histogram(bins[mask])) if evidence is None else float(likelihood[mask].mean())
+        score = s.model.similarity(histogram(bins[mask])) if by_color else float(likelihood[mask].mean())
         score *= min(ratio, 1 / ratio)
         if score < _MIN_SCORE:
             return s, None
@@ -147,15 +166,16 @@ class ImageTracker:
         size = float(np.sqrt(outline.area_px / target.fill))
         return replace(target, cloud=_moved_to(target.cloud, outline.center_px, size), size=size)
 
-    def _narrowed(self, s: Target, image: Image, prior: Prior, evidence: Evidence | None) -> Prior:
+    def _narrowed(
+        self, s: Target, prior: Prior, likelihood_in: Callable[[Box], tuple[NDArray[np.uint8], NDArray[np.float32]]]
+    ) -> Prior:
         """Instead of a wide prior, one around the place in it where something of the object's size stands out most
         from its surroundings."""
         w, h = (s.size * side for side in s.shape)
         roi = self._region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
         if roi[2] <= roi[0] or roi[3] <= roi[1]:
             return prior
-        crop = np.s_[roi[1] : roi[3], roi[0] : roi[2]]
-        likelihood = s.model.table()[color_bins(image[crop])] if evidence is None else evidence(roi)
+        likelihood = likelihood_in(roi)[1]
         inside, wider = (_box_mean(likelihood, w * k, h * k) for k in (1, 2))
         x, y = (np.arange(roi[k], roi[k + 2]) - prior.center_px[k] for k in (0, 1))
         far = (x * x)[None, :] + (y * y)[:, None]
@@ -197,11 +217,13 @@ class ImageTracker:
 
         Of a mask wider or higher than expected, what reaches past the expected outline is cut off there, and what is
         much thinner than the object is opened away (a part of the background that has the object's colour and touches
-        it).
+        it).  Without a `backdrop` (a mask of what differs from a known background) wider gaps are closed: there the
+        object looks like what is behind it.
         """
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
         if size >= 12:
-            hard = masks.closed(hard, masks.square(1))
+            gap = 1 if backdrop is not None else max(int(_GAP * size), 1)
+            hard = masks.closed(hard, masks.square(gap))
         w, h = size * shape[0], size * shape[1]
         one = hard
         for _ in range(2):
@@ -214,8 +236,7 @@ class ImageTracker:
             if max(wide / w, high / h) <= _REACH or not (one & ~allowed).any():
                 break
             one = _without_thin_parts(one & allowed, size)
-            ys, xs = np.nonzero(one)
-            center = np.array([roi[0] + xs.mean(), roi[1] + ys.mean()])
+            center = masks.centroid(one, roi)
         whole = masks.filled(one, backdrop)
         return whole if np.count_nonzero(whole) >= _MIN_AREA_PX else None
 
@@ -306,14 +327,20 @@ class CameraTracker:
             return state, None
         if given is not None:
             return state._replace(target=self.image_tracker.follow(state.target, given.outline)), given
-        model, by_background = state.target.model, state.by_background
-        if by_background and not self.background.is_known(camera.view):  # the eye moves: colours must do
-            if model.similarity(model.background) > _SEPARABLE:
+        before, evidence = state.target, None
+        if self.background.is_known(camera.view):
+            evidence = partial(self.background.evidence, camera.image, camera.view)
+        elif state.by_background:  # the eye moves: colours must do
+            if before.model.similarity(before.model.background) > _SEPARABLE:
                 return state, None
-            by_background = False
-        evidence = partial(self.background.evidence, camera.image, camera.view) if by_background else None
-        target, found_object = self.image_tracker.step(state.target, camera.image, prior, evidence)
-        return state._replace(target=target, by_background=by_background), found_object
+            state = state._replace(by_background=False)
+        by_color = not state.by_background
+        target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color)
+        if found_object is None and evidence is not None:  # it has turned abruptly: anywhere near where it was last
+            last_px = before.cloud.now[:, :2].mean(axis=0)
+            wide = Prior(last_px, _WIDE_SEARCH * before.size, prior.growth)
+            target, found_object = self.image_tracker.step(before, camera.image, wide, evidence, by_color)
+        return state._replace(target=target), found_object
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior

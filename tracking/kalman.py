@@ -319,9 +319,12 @@ def _weighed(mean: Array, cov: Array, position: Array, R: Array, w: float) -> tu
 
 
 def _inflated(params: KalmanParams, belief: Belief) -> Belief:
-    """As if the motion had begun anew at the last update: its prior spread added to every derivative, and as
-    much noise_scale as at the start."""
+    """As if the motion had begun anew at the last update, perhaps the other way: its prior spread added to every
+    derivative, to the velocity twice its amount besides, and as much noise_scale as at the start."""
     prior = np.diag([0.0, *params.prior_std[: params.order - 1]]) ** 2
+    if params.order > 1:
+        velocity = belief.mean[1]
+        prior[1, 1] += 4 * float(velocity @ velocity)
     F = discretise(params.order, belief.stamp_s - belief.updated_s, params.decay_s)[0]
     cov = belief.cov + np.kron(F @ prior @ F.T, np.eye(3))
     return belief._replace(cov=cov, noise_scale=max(belief.noise_scale, 1.0))

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.types import Array, Mask
+from pps_vision.types import Array, Image, Mask
 
 _SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
 
@@ -62,6 +62,20 @@ def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
             if stats[k, cv2.CC_STAT_AREA] > least and 2 * behind[k] > stats[k, cv2.CC_STAT_AREA]:
                 whole[np.asarray(labels) == k] = 0
     return whole.view(bool)
+
+
+def centroid(mask: Mask, box: tuple[int, int, int, int]) -> Array:
+    """(2,) px: that of a mask (h, w) of the region `box` (x0, y0, x1, y1), in the image's coordinates."""
+    ys, xs = np.nonzero(mask)
+    return np.array([box[0] + xs.mean(), box[1] + ys.mean()])
+
+
+def is_cut(mask: Mask, box: tuple[int, int, int, int], image: Image) -> bool:
+    """Whether a mask (h, w) of the region `box` (x0, y0, x1, y1) goes on beyond it, within the image."""
+    height, width = image.shape[:2]
+    x0, y0, x1, y1 = box
+    sides = (mask[:, 0], x0 > 0), (mask[0], y0 > 0), (mask[:, -1], x1 < width), (mask[-1], y1 < height)
+    return any(inner and bool(side.any()) for side, inner in sides)
 
 
 def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height: float) -> Mask:

@@ -266,6 +266,8 @@ class Tracker:
                 shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * period_s
                 x, y, w, h = one.outline.box_px
                 fill = None if by_color else one.outline.area_px / (w * h)
+                if by_color:
+                    tracker.background.forget(camera.image, camera.view, one.mask, one.box)
                 targets.append(tracker.image_tracker.start(camera.image, (x, y, w, h), one.model, shift_px, fill))
         left, right = (
             one._replace(target=target, by_background=not by_color)

@@ -178,7 +178,6 @@ def test_grey_eyes_that_move_are_not_believed() -> None:
     check(GREY, *grey())
 
 
-@pytest.mark.xfail(strict=True, reason="begins on part of the ball's motion: for 0.4 s up to 133 mm off, χ² 70")
 def test_grey_eyes_claim_nothing_wrong() -> None:
     tracks, truth = grey()
     known = [(t.position - p, t.cov[:3, :3]) for t, p in zip(tracks, truth, strict=True) if t.is_known]

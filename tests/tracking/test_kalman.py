@@ -198,8 +198,8 @@ def _moving(params: KalmanParams, k: int, R: np.ndarray) -> Belief:
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("missed", [0, 3])
 def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> None:
-    """Just inside and just outside each gate: an update, a change of motion (with the prior spread since the last
-    update, and noise_scale as at the start), an outlier."""
+    """Just inside and just outside each gate: an update, a change of motion (with the prior spread and a reversal since
+    the last update, and noise_scale as at the start), an outlier."""
     params, R = replace(KalmanParams.of_order(order), white_share=0.5), np.diag([1e-6, 2e-6, 3e-6])
     params = replace(params, gate_chi2=9.0, jump_chi2=16.0)
     before = _moving(params, 12, R)
@@ -207,7 +207,10 @@ def test_gates_are_at_their_mahalanobis_distances(order: int, missed: int) -> No
     ahead = predict(params, before, before.stamp_s + dt)
     assert ahead.noise_scale < 1
     F = matrices(params, dt)[0]
-    prior = np.kron(np.diag([0.0, *params.prior_std[: order - 1]]) ** 2, np.eye(3))
+    std = [0.0, *params.prior_std[: order - 1]]
+    if order > 1:
+        std[1] = math.hypot(std[1], 2 * float(np.linalg.norm(ahead.mean[1])))
+    prior = np.kron(np.diag(std) ** 2, np.eye(3))
     loose = ahead.cov + F @ prior @ F.T
     x, away = ahead.mean.ravel(), np.array([0.6, 0.0, 0.8])
 
