@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 import cv2
@@ -19,7 +20,7 @@ from pps_vision.geometry.camera import StereoView, View
 from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
-from tracking.background import Background
+from tracking.background import CHANGED, Background
 from tracking.ego_motion import Box
 from tracking.marker import MarkerParams, find_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
@@ -41,7 +42,6 @@ _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10
 _SAME_MASK = 0.8  # overlap from which colours show the same object as the change
 _MOVED = 0.05  # of its area that a moving object covers anew in the trigger's interval: 2 cm/s cover 8 % of 6 cm
 _UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
-_CHANGED = 0.3  # of an object that colours show, what must differ from the background: a static patch does not
 _SOLID = 0.9  # solidity below which what moves may be an object and what holds it
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
@@ -183,13 +183,15 @@ def find_marker_pair(
     view: StereoView,
     stamp_s: float,
     optics: tuple[Optics, Optics],
+    backgrounds: Backgrounds,
     association: Association,
     counts: SearchCounts,
 ) -> tuple[Outline, Outline] | None:
-    """Return the marker anywhere in both images; None where no two blobs are one thing."""
+    """Return the marker anywhere in both images; None where no two blobs are one thing, or it has not moved before eyes
+    at rest."""
     lefts, rights = (
-        find_markers(params, camera.image, one) if camera.found is None else camera.found
-        for camera, one in zip(cameras, optics, strict=True)
+        _moved_markers(params, camera, one, background)
+        for camera, one, background in zip(cameras, optics, backgrounds, strict=True)
     )
     counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
     for a, b in itertools.product(lefts, rights):
@@ -197,6 +199,14 @@ def find_marker_pair(
             return a, b
         counts[f"rejected by {association.refusal(view, a, b)}"] += 1
     return None
+
+
+def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
+    """The blobs of the marker's hue, but for those that look like the background."""
+    has_moved = partial(background.has_changed, camera.image, camera.view)
+    if camera.found is None:
+        return find_markers(params, camera.image, optics, is_candidate=has_moved)
+    return [one for one in camera.found if has_moved(*(round(value) for value in one.box_px))]
 
 
 @dataclass(frozen=True)
@@ -265,7 +275,7 @@ def segment(
             mask, model, by_color = whole, _model(bins, whole), False
         elif mask is not None:
             differs = change.differs(box)
-            if np.count_nonzero(differs & mask) < _CHANGED * np.count_nonzero(mask):
+            if np.count_nonzero(differs & mask) < CHANGED * np.count_nonzero(mask):
                 return None
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None

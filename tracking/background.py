@@ -10,6 +10,7 @@ from pps_vision.types import Image, Mask
 from tracking.ego_motion import Box, EgoMotion
 from tracking.masks import square
 
+CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
 _BANDS = 4  # an image is learned in so many bands of rows, one a frame
 _RATE = 0.1  # of the running mean
 _NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
@@ -51,9 +52,21 @@ class Background:
         left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
         now = cv2.blur(image[top:bottom, left:right], (3, 3)).astype(np.float32)
         mean = np.minimum(self._mean[top:bottom, left:right] * np.float32(self._gain_of(image)), np.float32(255))
-        over = cv2.max(now - cv2.dilate(mean, square(1)), cv2.erode(mean, square(1)) - now).max(axis=2)
+        low, high = cv2.erode(mean, square(1)), cv2.dilate(mean, square(1))
+        over = cv2.max(now - high, low - now).max(axis=2)
+        over[low[..., 0] < 0] = np.inf  # beside what is unknown there is nothing to compare with
         over = over[y0 - top : y1 - top, x0 - left : x1 - left]
         return np.asarray(np.clip(over / (2 * self._threshold), 0.0, 1.0), np.float32)
+
+    def differs(self, image: Image, view: View, box: Box) -> Mask:
+        """(h, w) which pixels of a region are not the background; all, where none is known."""
+        if not self.is_known(view):
+            return np.ones((box[3] - box[1], box[2] - box[0]), bool)
+        return self.evidence(image, view, box) > 0.5
+
+    def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
+        """Whether a box (px) shows something else than the background, or no background is known."""
+        return float(self.differs(image, view, (x, y, x + w, y + h)).mean()) > CHANGED
 
     def learn(
         self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
@@ -86,6 +99,17 @@ class Background:
         if self.is_known(view):
             doubtful = (self.evidence(image, view, box) > 0.5) ^ mask
             self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
+
+    def forget_around(self, image: Image, view: View, box_px: tuple[float, float, float, float]) -> None:
+        """Know no more what is behind an object's box (x, y, width, height px) and what has changed within two of its
+        widths: it may have rested there when the background was learned."""
+        if not self.is_known(view):
+            return
+        x, y, w, h = (max(round(value), 0) for value in box_px)
+        box = max(x - 2 * w, 0), max(y - 2 * h, 0), min(x + 3 * w, image.shape[1]), min(y + 3 * h, image.shape[0])
+        doubtful = self.differs(image, view, box)
+        doubtful[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = True
+        self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
 
     def _gain_of(self, image: Image) -> float:
         """How much brighter an image is than the background."""

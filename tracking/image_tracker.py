@@ -347,7 +347,9 @@ class CameraTracker:
     ) -> ImageDetection | None:
         """The blob nearest to the prior, unless its area is quite another."""
         x, y = prior.center_px.tolist()
-        found = find_markers(marker, camera.image, self.optics, (x, y, state.size_px + 4 * prior.std_px + 3))
+        near, area_px = (x, y, state.size_px + 4 * prior.std_px + 3), math.pi / 4 * (prior.growth * state.size_px) ** 2
+        differs = partial(self.background.differs, camera.image, camera.view)
+        found = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
         nearest = min(found, key=lambda one: math.dist(one.center_px.tolist(), (x, y)), default=None)
         if nearest is None:
             return None

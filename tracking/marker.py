@@ -1,8 +1,10 @@
 """Marker of known hue: threshold in HSV, blobs, sub-pixel outlines; no particles."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any, NamedTuple
 
 import cv2
@@ -15,6 +17,7 @@ from tracking.outline import Optics, Outline, fit_outline
 
 _MARGIN_PX = 8  # of background around a blob, from which the outline takes its background colour
 _MIN_AREA_PX = 8  # of a blob
+_MAX_COMPARED = 40  # are compared with the background at most
 _MAX_BLOBS = 4  # are outlined at most, the largest and roundest: it limits the time in an image full of the hue
 
 
@@ -49,11 +52,18 @@ class MarkerParams:
 
 
 def find_markers(
-    params: MarkerParams, image: Image, optics: Optics, near: tuple[float, float, float] | None = None
+    params: MarkerParams,
+    image: Image,
+    optics: Optics,
+    near: tuple[float, float, float] | None = None,
+    is_candidate: Callable[[int, int, int, int], bool] = lambda *_: True,
+    differs: Callable[[Box], Mask] | None = None,
+    expected_area_px: float | None = None,
 ) -> list[Outline]:
     """Return the outlines of the blobs of the marker's hue in an RGB image, the largest and roundest first.
 
-    `near` (x, y, half side px) is the square to search instead of the whole image.
+    `near` (x, y, half side px) is the square to search instead of the whole image; `is_candidate` takes a blob's box
+    (x, y, width, height px), `differs` a region, and returns which of its pixels may be the marker.
     """
     height, width = image.shape[:2]
     x0, y0, x1, y1 = 0, 0, width, height
@@ -64,19 +74,27 @@ def find_markers(
         if x1 - x0 < 3 or y1 - y0 < 3:
             return []
     hard = threshold(params, image[y0:y1, x0:x1])
-    return blob_outlines(image, hard, (x0, y0, x1, y1), optics)
+    if differs is not None:
+        hard = np.where(differs((x0, y0, x1, y1)), hard, np.uint8(0))
+    return blob_outlines(image, hard, (x0, y0, x1, y1), optics, is_candidate, expected_area_px)
 
 
-def blob_outlines(image: Image, mask: NDArray[np.uint8], box: Box, optics: Optics) -> list[Outline]:
+def blob_outlines(
+    image: Image,
+    mask: NDArray[np.uint8],
+    box: Box,
+    optics: Optics,
+    is_candidate: Callable[[int, int, int, int], bool] = lambda *_: True,
+    expected_area_px: float | None = None,
+) -> list[Outline]:
     """Return the outlines of the blobs of a mask (h, w) of the region `box` of an RGB image, the largest and roundest
     first."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     blobs = [blob for blob in map(_blob, contours) if blob.area_px >= _MIN_AREA_PX]
-    found = []
-    for blob in sorted(blobs, key=lambda one: -one.weight)[:_MAX_BLOBS]:
-        shape = fit_outline(image, *_cut_out(blob, box), optics)
-        found += [shape] if shape else []
-    return found
+    largest = sorted(blobs, key=lambda one: -one.weight)[:_MAX_COMPARED]
+    chosen = (blob for blob in largest if is_candidate(box[0] + blob.box[0], box[1] + blob.box[1], *blob.box[2:]))
+    found = (fit_outline(image, *_cut_out(blob, box), optics, expected_area_px) for blob in islice(chosen, _MAX_BLOBS))
+    return [shape for shape in found if shape]
 
 
 def threshold(params: MarkerParams, image: Image) -> NDArray[np.uint8]:

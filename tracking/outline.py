@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +29,9 @@ _SMALL_PX = 60  # area up to which the band is half as wide
 _CORRELATION = 2.0  # neighbouring pixels share their error: two are worth one
 _WHOLE = 0.85  # share of the expected area below which part of the object is hidden
 _OFF_CENTER = 4 / (3 * math.pi) / 0.5 / math.sqrt(2)  # half a disc's centroid is 4/(3π) of its radius off; per axis
+_SIZE_ERROR = 0.03  # from one frame to the next an object's size is predicted this well
+_EDGE_PX = 0.3  # standard deviation of a mask's edge
+_LEAST_VISIBLE, _LEAST_EDGE_PX, _ON_DISC = 0.25, 12, 0.5  # shares of a disc's area and of the edge that lies on it
 _HIDDEN_AT_BORDER = 0.3  # share of an object that is taken to be hidden where it meets the image's border
 
 
@@ -77,8 +81,9 @@ def fit_outline(
 ) -> Outline | None:
     """The outline of a hard mask (h, w) of the region `box` of an RGB image; None where nothing is covered.
 
-    Where the image's border cuts the object off, or where less than the expected area shows, the covariance grows by
-    the distance that the centre of the visible part may be off the object's.
+    Where the image's border cuts the object off, or where less than the expected area shows, most of the visible edge
+    may lie on a disc of the expected area: that is the outline then.  Else the covariance grows by the distance that
+    the centre of the visible part may be off the object's.
     """
     shape = outline(cover(image, mask, box), optics)
     if shape is None:
@@ -86,10 +91,79 @@ def fit_outline(
     expected = expected_area_px or shape.area_px
     if not (shape.is_partial or shape.area_px < _WHOLE * expected):
         return shape
+    whole = None if expected_area_px is None else _disc(mask, box, shape, expected_area_px)
+    if whole is not None:
+        return whole
     missing = max(1 - shape.area_px / expected, _HIDDEN_AT_BORDER if shape.is_partial else 0.0)
     radius_px = optics.camera.focal_px * shape.angular_radius_rad / math.sqrt(1 - missing)
     off_px = _OFF_CENTER * missing * radius_px
     return replace(shape, cov_px=shape.cov_px + off_px**2 * np.eye(2), is_partial=True)
+
+
+def _disc(mask: Mask, box: Box, visible: Outline, area_px: float) -> Outline | None:
+    """The outline of a disc of a known area (px) of which a mask (h, w) of the region `box` shows a part; None where
+    the mask's edge does not fit."""
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    edge = max(contours, key=len)[:, 0].astype(float)
+    inner = (edge > 0).all(axis=1) & (edge < np.array(mask.shape)[::-1] - 1).all(axis=1)
+    if visible.area_px < _LEAST_VISIBLE * area_px or np.count_nonzero(inner) < _LEAST_EDGE_PX:
+        return None
+    radius = math.sqrt(area_px / math.pi)
+    x, y, uu, uv, vv, share = _fit_circle(edge[inner], radius - 0.5)  # the edge's pixels lie inside
+    if share < _ON_DISC:
+        return None
+    center, angle = (
+        np.array([box[0] + x, box[1] + y]),
+        visible.angular_radius_rad * math.sqrt(area_px / visible.area_px),
+    )
+    return Outline(
+        *(center, np.array(((uu, uv), (uv, vv))), angle, (_SIZE_ERROR * angle) ** 2),
+        *((center[0] - radius, center[1] - radius, 2 * radius, 2 * radius), area_px, True),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _fit_circle(edge: Array, radius: float) -> tuple[float, float, float, float, float, float]:
+    """Centre x, y of the circle of a radius that most of the points (n, 2) lie on and none far outside of, its
+    covariance uu, uv, vv, and the share of the points on it less those outside."""
+    n, limit = len(edge), max(1.0, _SIZE_ERROR * radius)
+    best, x, y = 0, 0.0, 0.0
+    for i in range(0, n, max(n // 24, 1)):
+        for apart in (n // 8, n // 4, n // 2):
+            dx, dy = edge[(i + apart) % n, 0] - edge[i, 0], edge[(i + apart) % n, 1] - edge[i, 1]
+            chord2 = dx * dx + dy * dy
+            if chord2 < 0.25 * radius**2 or chord2 > 4 * radius**2:
+                continue
+            along = math.sqrt((radius**2 - 0.25 * chord2) / chord2)
+            for side in (-along, along):
+                u, v = edge[i, 0] + 0.5 * dx - side * dy, edge[i, 1] + 0.5 * dy + side * dx
+                votes = 0
+                for k in range(n):
+                    off = math.hypot(edge[k, 0] - u, edge[k, 1] - v) - radius
+                    votes += 1 if abs(off) < limit else -1 if off > 0 else 0
+                if votes > best:
+                    best, x, y = votes, u, v
+    uu = uv = vv = gx = gy = 0.0
+    for _ in range(3 if best else 0):
+        a = b = c = p = q = gx = gy = 0.0
+        for k in range(n):
+            dx, dy = edge[k, 0] - x, edge[k, 1] - y
+            far = math.hypot(dx, dy)
+            if abs(far - radius) < limit:
+                dx, dy = dx / far, dy / far
+                a, b, c, gx, gy = a + dx * dx, b + dx * dy, c + dy * dy, gx + dx, gy + dy
+                p, q = p + dx * (far - radius), q + dy * (far - radius)
+        det = a * c - b * b
+        if not det > 1e-6 * (a + c) ** 2:
+            return x, y, 0.0, 0.0, 0.0, 0.0
+        uu, uv, vv = c / det, -b / det, a / det
+        x, y = x + uu * p + uv * q, y + uv * p + vv * q
+    gx, gy = uu * gx + uv * gy, uv * gx + vv * gy  # ∂centre by the radius
+    edge_var, radius_var = _CORRELATION * _EDGE_PX**2, (_SIZE_ERROR * radius) ** 2
+    return (
+        *(x, y, edge_var * uu + radius_var * gx * gx, edge_var * uv + radius_var * gx * gy),
+        *(edge_var * vv + radius_var * gy * gy, best / n),
+    )
 
 
 def cover(image: Image, mask: Mask, box: Box) -> Coverage:

@@ -243,15 +243,20 @@ class Tracker:
     ) -> tuple[TrackerState, Detections, Regions]:
         """An object anywhere in both images; while one is tracked, that one only."""
         association = state.association
+        backgrounds = self._cameras[0].background, self._cameras[1].background
         if self.params.mode == "marker":
+            if state.view is None:  # whether anything has moved is known from the second frame on
+                return state, _NOTHING, ([], [])
             with self.stages("image"):
                 marker = find_marker_pair(
-                    self.params.marker, cameras, view, stamp_s, self._optics, association, self.search_counts
+                    *(self.params.marker, cameras, view, stamp_s, self._optics, backgrounds, association),
+                    self.search_counts,
                 )
             if marker is None or not self._passes_gate(state, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
+            for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
+                tracker.background.forget_around(camera.image, camera.view, blob.box_px)
             return state, _detections(*marker), ([], [])
-        backgrounds = self._cameras[0].background, self._cameras[1].background
         pair, regions = self._acquisition.step(cameras, view, stamp_s, backgrounds, association)
         if pair is None:
             return state, _NOTHING, regions
@@ -384,7 +389,7 @@ class Tracker:
     ) -> TrackerState:
         """Remember how each camera sees the object, its colours once it is confirmed, and the scene without it."""
         each = list(zip(self._cameras, cameras, detections, strict=True))
-        if self.params.mode == "generic":
+        if self.params.mode == "generic" or state.belief is None:  # a marker needs it to be found
             for tracker, camera, one in each:
                 tracker.background.learn(camera.image, camera.view, camera.stamp_s, one.box_px if one else None)
         if state.belief is None:
