@@ -7,9 +7,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pps_vision.app.cli import main
+from pps_vision.app.diagnosis import _epipolar, _misfit_px
+from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.se3 import transform
 
 CALIBRATION = """%YAML:1.0
 M1: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
@@ -41,6 +45,13 @@ def same_in_both_eyes(rec: Path) -> None:
         shutil.copy(file, rec / "cam" / "right" / file.name)
 
 
+def exchanged_eyes(rec: Path) -> None:
+    left, right = rec / "cam" / "left", rec / "cam" / "right"
+    left.rename(rec / "cam" / "other")
+    right.rename(left)
+    (rec / "cam" / "other").rename(right)
+
+
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rec = tmp_path_factory.mktemp("short") / "rec"
@@ -64,6 +75,7 @@ def diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str], *words: object
     ("damage", "advice"),
     [
         (in_radians, "joints in degrees"),
+        (exchanged_eyes, "--left and --right exchanged, or the folders cam/left and cam/right: "),
         (same_in_both_eyes, "left and right are the same in every frame"),
         (lambda rec: every_image(rec, lambda image: image // 24), "more light or exposure: the mean grey level is 3."),
         (lambda rec: every_image(rec, lambda image: np.full_like(image, 90)), "every frame is dark, plain or the same"),
@@ -75,6 +87,22 @@ def test_a_fault_of_the_recording(
     shutil.copytree(rendered, tmp_path / "rec")
     damage(tmp_path / "rec")
     assert any(advice in line for line in diagnosis(tmp_path, capsys, tmp_path / "rec")["advice"])
+
+
+@pytest.mark.parametrize("vergence_deg", [0.0, 8.0])
+@pytest.mark.parametrize("offset_px", [0.0, 6.0])
+def test_points_fit_the_cameras_that_have_seen_them(vergence_deg: float, offset_px: float) -> None:
+    """Points before parallel and verging cameras, the right one's images higher than its calibration says."""
+    rng = np.random.default_rng(0)
+    camera, turn = Camera(320, 240, 257.0, 257.0, 159.5, 119.5), np.deg2rad(0.5 * vergence_deg)
+    poses = [transform(pin.utils.rotate("y", side * turn), (-0.034 * side, 0, 0)) for side in (1, -1)]
+    left, right = (View(camera, pose) for pose in poses)
+    points = np.column_stack([rng.uniform(-0.4, 0.4, 300), rng.uniform(-0.3, 0.3, 300), rng.uniform(0.6, 2.0, 300)])
+    a, b = left.project(points), right.project(points) + (0.0, offset_px) + 0.3 * rng.standard_normal((300, 2))
+    as_is, exchanged = _misfit_px(_epipolar(left, right, a, b)), _misfit_px(_epipolar(left, right, b, a))
+    assert as_is < 0.4
+    assert exchanged > 2.5 * as_is
+    assert np.isinf(exchanged) == (vergence_deg == 0.0)
 
 
 def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
