@@ -51,7 +51,7 @@ class Outcome:
     slowest_ms: float = 0.0
     """Longest time of a frame."""
     smallest_distance_mm: float = np.inf
-    """Smallest self-collision distance of episodes that started at 20 mm or more."""
+    """Smallest self-collision distance on the way of a command given at 20 mm or more."""
     freed: int = 0
     """Episodes that started nearer and ended at 20 mm or more."""
 
