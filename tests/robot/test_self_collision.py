@@ -1,5 +1,6 @@
 """Self-collision distances against surface points and closed-form distance functions of the bodies."""
 
+from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
@@ -166,6 +167,25 @@ def _distances(bodies: SelfCollision, q: Array) -> Array:
     """Of all pairs."""
     bodies.distance_m(q)
     return np.array([result.min_distance for result in bodies._distances.distanceResults])
+
+
+def test_what_parts_and_what_is_free_both_bound_the_clear_share():
+    """A hanging arm near the chest turns its elbow: the pair that is near is clear for a quarter of the way, the others
+    for half of that."""
+    shortened = []
+
+    class Half(SelfCollision):
+        def _leaving_share(self, q_rad: Array, change_rad: Array, least: Mapping[int, float]) -> float:
+            return 0.25
+
+        def _free_share(self, q_rad: Array, change_rad: Array, least: float, d0: float) -> float:
+            shortened.append(change_rad)
+            return 0.5
+
+    change = np.zeros(ROBOT.n_joints)
+    change[ROBOT.indices(("left_elbow",))] = 0.05
+    assert Half(ROBOT).clear_share(np.zeros(ROBOT.n_joints), change, 0.02) == 0.125
+    np.testing.assert_array_equal(shortened, [0.25 * change])
 
 
 def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
