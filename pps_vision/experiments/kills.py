@@ -117,6 +117,8 @@ def kill_at_random(
         failed without a signal; hidden files "left_over" after the last run.
     """
     found: Counter[str] = Counter(dict.fromkeys(COUNTS, 0))
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's background jobs hand this on to the command
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     shutil.rmtree(folder / Path(command.out).parts[0], ignore_errors=True)  # another command's folder
     duration_s = run(command.words, folder)
     whole, inputs = _contents(folder / command.out), _inputs(command, folder)

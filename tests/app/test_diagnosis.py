@@ -10,10 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pps_vision.app import diagnosis as diagnosis_module
 from pps_vision.app.cli import main
 from pps_vision.app.diagnosis import _epipolar, _misfit_px
-from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
+from pps_vision.types import StereoFrame
 
 CALIBRATION = """%YAML:1.0
 M1: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [300, 0, 159.5, 0, 300, 119.5, 0, 0, 1]}}
@@ -103,6 +105,22 @@ def test_points_fit_the_cameras_that_have_seen_them(vergence_deg: float, offset_
     assert as_is < 0.4
     assert exchanged > 2.5 * as_is
     assert np.isinf(exchanged) == (vergence_deg == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("as_is", "other", "said"),
+    [(np.inf, 0.5, True), (5.0, 0.5, True), (0.5, 5.0, False), (0.6, 0.5, False), (90.0, 5.0, False)],
+)
+def test_images_are_called_exchanged_where_that_fits_well_and_far_better(
+    monkeypatch: pytest.MonkeyPatch, as_is: float, other: float, said: bool
+) -> None:
+    misfits, grey = iter((as_is, other)), np.zeros((240, 320, 3), np.uint8)
+    monkeypatch.setattr(diagnosis_module, "_matches", lambda left, right: (np.full((60, 2), 90.0),) * 2)
+    monkeypatch.setattr(diagnosis_module, "_misfit_px", lambda found: next(misfits))
+    camera = Camera(320, 240, 257.0, 257.0, 159.5, 119.5)
+    rig = StereoRig.fixed(camera, camera, transform(None, (0.07, 0.0, 0.0)))
+    found = list(diagnosis_module.exchanged([StereoFrame(grey, grey, 0.0, 0.0, None, None)], rig))
+    assert bool(found) == said
 
 
 def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import cv2
 from data import shared_data
-from pps_vision.recordings.opencv_calibration import read_stereo_calibration
 
 from pps_vision.app.diagnosis import exchanged
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.types import StereoFrame
 
 

@@ -58,6 +58,31 @@ def test_an_existing_folder_stays_the_same_folder(tmp_path: Path, monkeypatch: p
     assert (os.listdir(), target.stat().st_ino) == (["a"], before)
 
 
+@pytest.mark.parametrize("call", ["os.path.ismount", "os.access"])
+def test_a_mounted_folder_or_one_in_a_read_only_place_is_filled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    target = tmp_path / "out"
+    target.mkdir()
+    monkeypatch.setattr(call, lambda path, *_: call == "os.path.ismount")
+    before = target.stat().st_ino
+    with whole_folder(target) as folder:
+        (folder / "a").write_text("1")
+        assert folder.parent == target
+    assert (os.listdir(target), target.stat().st_ino) == (["a"], before)
+
+
+def test_a_working_directory_that_is_gone_does_no_harm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("gone", "out"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with whole_folder(tmp_path / "out") as folder:
+        (folder / "a").write_text("1")
+    assert os.listdir(tmp_path / "out") == ["a"]
+    os.chdir(tmp_path)
+
+
 def test_folders_are_moved_into_an_empty_one(tmp_path: Path) -> None:
     with whole_folder(tmp_path) as folder:
         (folder / "cam").mkdir()

@@ -62,6 +62,18 @@ def test_a_careless_command_is_found_out(
     assert found[wrong] > 0
 
 
+def test_a_background_job_hands_no_ignored_signal_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "program.py").write_text("import time; time.sleep(0.5); open('out.csv', 'w').write('whole.')")
+    monkeypatch.setattr(kills, "_words", lambda words: [kills.sys.executable, words])
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        rng = np.random.default_rng(SEED)
+        found = kill_at_random(Writing("program.py", "out.csv"), tmp_path, 1, rng, (signal.SIGINT,))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (found["kills"], found["running_on"]) == (1, 0)
+
+
 def test_a_command_that_fails_says_what_it_printed(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match=r"(?s)exit code 2.*nowhere"):
         run("track nowhere --out out", tmp_path)
