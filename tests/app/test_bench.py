@@ -224,3 +224,19 @@ def test_every_study_is_a_dataclass_with_the_listed_parameters(capsys: pytest.Ca
         assert [field.name for field in fields(cls)] == list(entry.fields), name
         assert entry.summary, name
         cls()  # every field has a default
+
+
+def test_a_stale_result_keeps_its_tables_and_stops_no_other_study(
+    fake: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers of earlier code may lack what the tables of today show."""
+    entry = Entry("fake_study", "Fake", "", {"seed": "0"})
+    monkeypatch.setattr(bench, "catalogue", lambda: {"fake": entry, "stale": entry})
+    (fake / "docs" / "results").mkdir()
+    (fake / "docs" / "results" / "stale.json").write_text('{"third": 1}')
+    page = fake / "docs" / "page.md"
+    page.write_text("<!-- table: stale -->\nold\n<!-- end -->\n<!-- table: fake -->\n<!-- end -->\n")
+    bench.bench(["fake"], {"seed": 1})
+    assert "<!-- table: stale -->\nold\n<!-- end -->" in page.read_text()
+    assert "| half | 0.333 |" in page.read_text()
+    assert "stale.json has no 'half'" in capsys.readouterr().out
