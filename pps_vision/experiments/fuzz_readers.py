@@ -17,8 +17,9 @@ from io import BytesIO
 from pathlib import Path
 from threading import Timer
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
+import av
 import cv2
 import numpy as np
 import trimesh
@@ -36,6 +37,8 @@ from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets
 from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
+from pps_vision.recordings.times import read_times
+from pps_vision.recordings.video import open_video
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, home, load_icub
@@ -320,6 +323,27 @@ def _read_image(folder: Path) -> None:
         raise InputError(file, image.message)
 
 
+def _video(suffix: str, codec: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        rng = np.random.default_rng(0)
+        with av.open(str(folder / f"video.{suffix}"), "w") as container:
+            stream = cast(av.VideoStream, container.add_stream(codec, rate=20))
+            stream.width, stream.height, stream.pix_fmt = 32, 24, "yuv420p"
+            for _ in range(5):
+                pixels = rng.integers(0, 256, (24, 32, 3), dtype=np.uint8)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+            container.mux(stream.encode())
+        return [folder / f"video.{suffix}"]
+
+    return Reader(write, lambda folder: [frame.load() for frame in open_video(next(folder.iterdir()), None)])
+
+
+def _times(folder: Path) -> list[Path]:
+    rows = [f"{1403636579763555584 + 50_000_000 * k},{k}.png\n" for k in range(5)]
+    (folder / "times.csv").write_text("#timestamp [ns],filename\n" + "".join(rows))
+    return [folder / "times.csv"]
+
+
 def _mesh(suffix: str) -> Reader:
     def write(folder: Path) -> list[Path]:
         trimesh.creation.icosphere(1, 0.05).export(folder / f"mesh.{suffix}")
@@ -372,6 +396,9 @@ READERS: Mapping[str, Reader] = {
     **{f"calibration_{suffix}": _calibration(suffix) for suffix in ("xml", "yml", "json")},
     **{f"calibration_{tool}": _calibration_of(tool) for tool in _CALIBRATIONS},
     **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},
+    "video_mp4": _video("mp4", "libx264"),
+    "video_mkv": _video("mkv", "mpeg4"),
+    "times": Reader(_times, lambda folder: read_times(folder / "times.csv")),
     **{f"mesh_{suffix}": _mesh(suffix) for suffix in ("stl", "obj", "ply")},
     "memory": Reader(_memory, lambda folder: _use_memory(load_memory(folder / "memory.npz"))),
     "trials": Reader(_trials, lambda folder: load_trials(folder / "trials.npz")),

@@ -18,7 +18,8 @@ from pps_vision.types import Array, Image
 # An orientation tag would turn the image away from its calibration: pixels are taken as recorded.
 _AS_RGB = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
-_MOST_PIXELS = 2**25  # 100 MB decoded
+MOST_PIXELS = 2**25  # 100 MB decoded
+_STAMP = re.compile(r"(?<![0-9.])(?:([0-9]{10}\.[0-9]+)|([0-9]{13}|[0-9]{16}|[0-9]{19}))$", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +42,26 @@ class ImageFile:
         """The last number in the file's name."""
         return number_in(self.path)
 
+    @property
+    def title(self) -> str:
+        """What reports call it."""
+        return self.path.name
+
+    def load(self) -> Image | str:
+        """The image as RGB uint8, or what is wrong with it."""
+        try:
+            data = read_bytes(self.path, "an image")
+        except InputError as error:
+            return f"cannot be opened ({error.args[1].partition(';')[0]})"
+        try:
+            n_pixels = _pixels_stated(data)
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if n_pixels <= MOST_PIXELS else None
+        except (cv2.error, OSError):
+            return "cannot be decoded"
+        if n_pixels > MOST_PIXELS:
+            return f"states {n_pixels} pixels, over {MOST_PIXELS}"
+        return "cannot be decoded" if image is None else np.asarray(image, dtype=np.uint8)
+
 
 def number_in(path: Path) -> int | None:
     """The last number in a file's name (its suffix left out), None if there is none."""
@@ -48,27 +69,26 @@ def number_in(path: Path) -> int | None:
     return int(digits[-1][-18:]) if digits else None
 
 
+def stamp_in(path: Path) -> float | None:
+    """The time since 1970 that a file is named after, s: "1403636579.763556", or 13 (ms), 16 (µs) or 19 (ns) digits."""
+    if not (found := _STAMP.search(path.stem)):
+        return None
+    seconds, digits = found.groups()
+    return float(seconds) if seconds else int(digits) / 10 ** (len(digits) - 10)
+
+
 def decode(file: ImageFile, size: tuple[int, int] | None = None) -> Image | Problem:
     """The image as RGB uint8: grey is replicated, alpha dropped, 16 bits a channel cut to 8.
 
     Of another `size` (width, height) than expected it is a problem.
     """
-    try:
-        data = read_bytes(file.path, "an image")
-    except InputError as error:
-        return _bad(file, f"cannot be opened ({error.args[1].partition(';')[0]})")
-    try:
-        n_pixels = _pixels_stated(data)
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if n_pixels <= _MOST_PIXELS else None
-    except (cv2.error, OSError):
-        return _bad(file, "cannot be decoded")
-    if image is None:
-        what = "cannot be decoded" if n_pixels <= _MOST_PIXELS else f"states {n_pixels} pixels, over {_MOST_PIXELS}"
-        return _bad(file, what)
+    image = file.load()
+    if isinstance(image, str):
+        return _bad(file, image)
     height, width = image.shape[:2]
     if size is not None and (width, height) != size:
         return _bad(file, f"is {width}×{height} pixels", f"{size[0]}×{size[1]} like the others")
-    return np.asarray(image, dtype=np.uint8)
+    return image
 
 
 def _pixels_stated(data: bytes) -> int:
@@ -79,10 +99,10 @@ def _pixels_stated(data: bytes) -> int:
             with PIL.Image.open(BytesIO(data), formats=_FORMATS) as image:
                 return image.width * image.height
     except PIL.Image.DecompressionBombError:
-        return _MOST_PIXELS + 1
+        return MOST_PIXELS + 1
     except Exception as error:  # each of its parsers raises its own kinds (SyntaxError, struct.error, …)
         raise OSError("no header of an image") from error
 
 
 def _bad(file: ImageFile, why: str, expected: str = "an image") -> Problem:
-    return Problem(ProblemKind.IMAGE, file.cited, file.line, f"{file.path.name} {why}; expected {expected}")
+    return Problem(ProblemKind.IMAGE, file.cited, file.line, f"{file.title} {why}; expected {expected}")

@@ -1,4 +1,4 @@
-"""One camera's image sequence: a folder of frames."""
+"""One camera's image sequence: a folder of frames, or a video."""
 
 import re
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ from pathlib import Path
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.problems import Problem
+from pps_vision.recordings.video import is_video, open_video
 from pps_vision.types import Image
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
@@ -35,15 +36,24 @@ class ImageSequence:
 
 
 def open_frames(folder: Path) -> ImageSequence:
-    """The images of a folder in natural order; InputError if there is none that can be read."""
-    if not folder.is_dir():
-        raise InputError(folder, "no such folder; expected one with the frames of a sequence")
-    paths = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()]
-    files = tuple(ImageFile(path, 0.0) for path in sorted(paths, key=natural_order))
+    """The images of a folder in natural order, or those of a video; InputError if there is none that can be read."""
+    files: tuple[ImageFile, ...]
+    if is_video(folder):
+        files = tuple(open_video(folder, fps=1.0))
+    elif folder.is_dir():
+        files = tuple(ImageFile(path, 0.0) for path in images_in(folder))
+    else:
+        raise InputError(folder, "no such folder; expected one with the frames of a sequence, or a video")
     first = next((image for image in map(decode, files) if not isinstance(image, Problem)), None)
     if first is None:
         raise InputError(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")
     return ImageSequence(files, (first.shape[1], first.shape[0]), [])
+
+
+def images_in(folder: Path) -> list[Path]:
+    """The image files of a folder in natural order."""
+    paths = [path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()]
+    return sorted(paths, key=natural_order)
 
 
 def natural_order(path: Path) -> tuple[tuple[int, str], ...]:

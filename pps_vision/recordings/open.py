@@ -20,24 +20,28 @@ def open_recording(
     left: Sequence[str] = (),
     right: Sequence[str] = (),
     calib: Sequence[Path | str] = (),
+    times: Path | str | None = None,
     fps: float | None = None,
     unit_m: float = 1.0,
     joints: Path | str | None = None,
     taxels: Path | str | None = None,
     max_skew_s: float = 0.02,
 ) -> Recording:
-    """Open the recording of an iCub, or any stereo images with a calibration.
+    """Open the recording of an iCub, an EuRoC or KITTI folder, videos, or any stereo images with a calibration.
 
     Iterating the recording decodes its frames one at a time; it also holds `rig`, `robot`, `touches`, `truth` and
     `problems` (what was skipped, and why).
 
     Args:
-        folder: Folder of an iCub's recording in yarpdatadumper layout, as `render` writes it.
-        left: Instead of `folder`: left images, as file names or patterns such as "seq/left*.png".
-        right: Right images, paired with the left ones by the last number in their names.
-        calib: OpenCV calibration of `left` and `right`; with `folder` an icubEyes.ini instead of its own.
-        fps: Frames per second of `left` and `right`; required with them.
-        unit_m: Metres per length unit of the OpenCV calibration.
+        folder: Folder of an iCub's recording in yarpdatadumper layout, as `render` writes it; an EuRoC or KITTI folder;
+            or a video with the left image in its left half.
+        left: Instead of `folder`: left images as a folder, patterns such as "seq/left*.png" or file names; or a video.
+        right: Right images, paired with the left ones by stamp, or with `fps` by the last number in their names.
+        calib: Calibration of `left` and `right` of OpenCV, Kalibr, ROS, KITTI, EuRoC or aniposelib; with `folder`
+            instead of its own.
+        times: Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns.
+        fps: Frames per second, where neither files nor names hold stamps, or instead of these.
+        unit_m: Metres per length unit of the calibration.
         joints: Offsets to add to the encoders, as `pps-vision joints` writes them.
         taxels: The robot's taxels*.ini, for a recording of its own skin events.
         max_skew_s: Left and right images further apart in time are no pair.
@@ -46,20 +50,21 @@ def open_recording(
         InputError: Nothing usable is there; names the file, the line and what was expected.
     """
     if (folder is None) == (not left and not right):
-        raise InputError("recording", "expected either a folder REC, or left and right images with calib")
+        raise InputError("recording", "expected either REC, or left and right images or videos with calib")
     source = Source(
         folder=None if folder is None else Path(folder),
         left=tuple(left),
         right=tuple(right),
         calib=tuple(map(Path, calib)),
+        times=Path(times) if times else None,
         fps=fps,
         unit_m=unit_m,
         joints=Path(joints) if joints else None,
         taxels=Path(taxels) if taxels else None,
         max_skew_s=max_skew_s,
     )
-    if source.folder is not None and not source.folder.is_dir():
-        raise InputError(source.folder, "no such folder; expected a recording")
+    if source.folder is not None and not source.folder.exists():
+        raise InputError(source.folder, "no such folder; expected a recording, or a side-by-side video")
     names = sorted(module.name for module in iter_modules(formats.__path__))
     known = [import_module(f"{formats.__name__}.{name}") for name in names]
     for module in known:

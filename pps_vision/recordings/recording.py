@@ -1,9 +1,10 @@
 """A stereo recording, however it is stored: pairs of images with their stamps and joints."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import StereoFrame, Truth
 
 Pair = tuple[ImageFile, ImageFile]
+FileT = TypeVar("FileT", bound=ImageFile)
 
 _SIZED = 10  # readable images whose sizes are compared
 
@@ -27,6 +29,7 @@ class Source:
     left: tuple[str, ...]
     right: tuple[str, ...]
     calib: tuple[Path, ...]
+    times: Path | None
     fps: float | None
     unit_m: float
     joints: Path | None
@@ -113,7 +116,7 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
 
 
 def pair_by_stamp(
-    left: list[ImageFile], right: list[ImageFile], max_skew_s: float, problems: list[Problem]
+    left: Sequence[ImageFile], right: Sequence[ImageFile], max_skew_s: float, problems: list[Problem]
 ) -> tuple[Pair, ...]:
     """As many images as possible in pairs at most `max_skew_s` apart, as close as possible.
 
@@ -129,10 +132,22 @@ def pair_by_stamp(
     return tuple((left[i], right[j]) for i, j in matches)
 
 
-def note_unpaired(files: list[ImageFile], paired: set[int], wanted: str, problems: list[Problem]) -> None:
+def distinct_stamps(files: Iterable[FileT], problems: list[Problem]) -> list[FileT]:
+    """The files in the order of their stamps; of several with one stamp the first, the others are noted."""
+    kept: list[FileT] = []
+    for file in sorted(files, key=lambda file: file.stamp_s):
+        if kept and file.stamp_s == kept[-1].stamp_s:
+            found = f"{file.title} has the stamp of {kept[-1].title}; expected each once"
+            problems.append(Problem(ProblemKind.STAMP, file.cited, file.line, found))
+        else:
+            kept.append(file)
+    return kept
+
+
+def note_unpaired(files: Sequence[ImageFile], paired: set[int], wanted: str, problems: list[Problem]) -> None:
     """A problem for every file whose place is not in `paired`."""
     problems += [
-        Problem(ProblemKind.UNPAIRED, file.cited, file.line, f"{file.path.name} is unpaired; expected a {wanted}")
+        Problem(ProblemKind.UNPAIRED, file.cited, file.line, f"{file.title} is unpaired; expected a {wanted}")
         for place, file in enumerate(files)
         if place not in paired
     ]

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,40 @@ from tracking import Mode
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """One recording, or any stereo images or videos."""
+
+    rec: Positional[Path | None] = None
+    """Recording: an iCub's folder (yarpdatadumper layout), an EuRoC or KITTI folder, or a video with the left image in
+    its left half."""
+    left: tuple[str, ...] = ()
+    """Left images: a folder, a pattern in quotes such as 'seq/left*.png', or the files themselves; or a video."""
+    right: tuple[str, ...] = ()
+    """Right images, paired with the left ones by stamp, or with --fps by the last number in their names; or a video."""
+    calib: tuple[Path, ...] = ()
+    """Calibration of OpenCV (one file for all, or left, right and stereo), Kalibr, ROS (left and right), KITTI, EuRoC
+    (left and right) or aniposelib; for an iCub's REC without its own icubEyes.ini that file."""
+    times: Path | None = None
+    """Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns."""
+    fps: float | None = None
+    """Frames per second; required where neither files nor names hold stamps."""
+    unit_m: float = 1.0
+    """Metres per length unit of the calibration (0.01 if its board was measured in cm)."""
+    joints: Path | None = None
+    """What to add to the encoders of REC, as `pps-vision joints` writes it."""
+    max_skew_s: float = 0.02
+    """Left and right images further apart in time are no pair."""
+
+    def open(self) -> "Recording":
+        """The recording; InputError if it cannot be used."""
+        from pps_vision.recordings.open import open_recording
+
+        return open_recording(
+            **{field.name: getattr(self, field.name) for field in fields(SourceOptions)[1:]}, folder=self.rec
+        )
 
 
 @dataclass(frozen=True)

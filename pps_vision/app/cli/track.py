@@ -4,33 +4,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tyro import MISSING
-from tyro.conf import Positional
 
-from pps_vision.app.cli.options import print_skipped
+from pps_vision.app.cli.options import SourceOptions, print_skipped
 from pps_vision.errors import InputError
 from tracking import DEFAULT_ORDER, Mode
 
 
 @dataclass(frozen=True)
-class Track:
+class Track(SourceOptions):
     """Follow a moving object (or a green marker) in both eyes and write its 3D path.
 
-    Either a recording folder REC of an iCub (yarpdatadumper layout, as `render` writes it), or
-    --left, --right, --calib and --fps for any stereo images; the root frame is then the left camera.
+    Either a recording REC (of an iCub, EuRoC, KITTI, or a side-by-side video), or --left, --right and --calib for any
+    stereo images or videos; the root frame is the left camera's where there is no robot.
     """
 
-    rec: Positional[Path | None] = None
-    """Recording folder."""
     out: Path = MISSING
     """Folder for detections.csv, trajectory.csv, summary.json (and overlay.mp4)."""
-    left: tuple[str, ...] = ()
-    """Left images: a pattern in quotes such as 'seq/left*.png', or the files themselves."""
-    right: tuple[str, ...] = ()
-    """Right images, paired with the left ones by the last number in their names."""
-    calib: tuple[Path, ...] = ()
-    """Calibration: OpenCV files (one for all, or left, right and stereo), or icubEyes.ini for a REC without its own."""
-    joints: Path | None = None
-    """What to add to the encoders of REC, as `pps-vision joints` writes it."""
     map: Path | None = None
     """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze
     that fixates the object (gaze_yaw_deg, gaze_pitch_deg, gaze_vergence_deg) and whether the hand can reach it
@@ -38,10 +27,6 @@ class Track:
     unknown without a track)."""
     max_fp: float = 1e-3
     """Share of unreachable places that --map may call reachable."""
-    fps: float | None = None
-    """Frames per second of --left/--right; required with them."""
-    unit_m: float = 1.0
-    """Metres per length unit of the OpenCV calibration (0.01 if its board was measured in cm)."""
     mode: Mode = "generic"
     """generic: whatever moves; marker: a green marker (faster)."""
     order: int = DEFAULT_ORDER
@@ -55,8 +40,6 @@ class Track:
     smooth: bool = False
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""
-    max_skew_s: float = 0.02
-    """Left and right images further apart in time are no pair."""
     video: bool = False
     """Also write overlay.mp4."""
     seed: int = 0
@@ -71,7 +54,6 @@ class Track:
         from pps_vision.app.pipeline import joints_of
         from pps_vision.app.report.overlay import VideoFile, draw_pair
         from pps_vision.app.track import track
-        from pps_vision.recordings.open import open_recording
         from pps_vision.recordings.outputs import whole_folder, write_json
         from pps_vision.recordings.tables import write_detections, write_trajectory
         from pps_vision.types import ReachStatus
@@ -81,16 +63,9 @@ class Track:
         if self.map and self.rec is None:
             raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
         with whole_folder(self.out) as folder:
-            recording = open_recording(
-                self.rec,
-                left=self.left,
-                right=self.right,
-                calib=self.calib,
-                fps=self.fps,
-                unit_m=self.unit_m,
-                joints=self.joints,
-                max_skew_s=self.max_skew_s,
-            )
+            recording = self.open()
+            if self.map and not recording.robot:
+                raise InputError("track", f"--map {self.map} without a robot; expected it with an iCub's REC")
             params = TrackerParams(mode=self.mode, kalman=KalmanParams.of_order(self.order))
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
             reach = None

@@ -12,10 +12,10 @@ from pps_vision.app.cli.options import print_skipped
 
 @dataclass(frozen=True)
 class Track2d:
-    """Follow an object through the images of a folder, given its box in the first."""
+    """Follow an object through the images of a folder or a video, given its box in the first."""
 
     frames_dir: Positional[Path]
-    """Folder of images, taken in the natural order of their names; the first is frame 1."""
+    """Folder of images, taken in the natural order of their names, or a video; the first image is frame 1."""
     init: tuple[float, float, float, float]
     """X Y W H of the object in the first image: top-left corner and size, pixels."""
     out: Path

@@ -1,4 +1,4 @@
-"""Image files of a stereo camera, paired by the numbers in their names, with an OpenCV calibration."""
+"""Image files of a stereo camera, paired by their stamps or the numbers in their names, with a calibration."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,11 +11,21 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.recordings.image_file import ImageFile, number_in
-from pps_vision.recordings.image_sequence import natural_order
+from pps_vision.recordings.image_file import ImageFile, number_in, stamp_in
+from pps_vision.recordings.image_sequence import images_in, natural_order
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Recording, Source, note_unpaired, usual_size
+from pps_vision.recordings.recording import (
+    Pair,
+    Recording,
+    Source,
+    distinct_stamps,
+    note_unpaired,
+    pair_by_stamp,
+    usual_size,
+)
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+from pps_vision.recordings.times import Times, read_times
+from pps_vision.recordings.video import is_video
 
 FORMAT = "left and right images with calib"
 _BASELINE_M = (1e-5, 1e4)  # of any two cameras; products of larger or smaller numbers leave the range of doubles
@@ -23,37 +33,89 @@ _BASELINE_M = (1e-5, 1e4)  # of any two cameras; products of larger or smaller n
 
 def recognises(source: Source) -> bool:
     """Return whether this is the format of a source."""
-    return source.folder is None
+    return source.folder is None and not any(is_video(Path(name)) for name in (*source.left, *source.right))
 
 
 def open_source(source: Source) -> Recording:
     """Open the images `source.left` and `source.right`; InputError if they or the calibration cannot be used."""
+    check_options(source)
+    times = read_times(source.times) if source.times else None
+    recording = open_stereo_images(source.left, source.right, source.fps, times, source.max_skew_s)
+    return replace(recording, rig=fixed_rig(source.calib, recording.image_size, source.unit_m))
+
+
+def refuse_robot_options(source: Source) -> None:
+    """Raise InputError for options that go with a robot's recording only."""
     if source.joints:
-        raise InputError(
-            "recording", f"joints {source.joints} with left and right images; expected it with a folder REC"
-        )
-    if not (source.left and source.right and source.calib):
+        raise InputError("recording", f"joints {source.joints} without a robot; expected it with an iCub's folder REC")
+
+
+def check_options(source: Source) -> None:
+    """Raise InputError for options that contradict each other or are missing."""
+    refuse_robot_options(source)
+    if source.folder is None and not (source.left and source.right and source.calib):
         raise InputError("recording", "left, right and calib go together; one is missing")
-    if source.fps is None:
-        raise InputError("recording", "left and right images without fps; expected their number a second")
-    recording = open_stereo_images(source.left, source.right, source.fps)
-    cameras = read_stereo_calibration(source.calib, recording.image_size, source.unit_m)
+    if not source.calib:
+        raise InputError(str(source.folder), "holds no calibration; expected one by --calib")
+    if source.fps is not None and source.times:
+        raise InputError("recording", "fps and times; expected one of them")
+    if source.fps is not None and not 0 < source.fps < float("inf"):
+        raise InputError("recording", f"fps {source.fps}; expected a positive number of frames a second")
+
+
+def fixed_rig(
+    calib: Sequence[Path], image_size: tuple[int, int], unit_m: float, kitti: tuple[int, int] = (0, 1)
+) -> StereoRig:
+    """Two cameras that do not move against each other; InputError for a calibration that cannot be one."""
+    cameras = read_stereo_calibration(calib, image_size, unit_m, kitti)
     baseline_m = float(np.max(np.abs(cameras[2][:3, 3])))
     if not _BASELINE_M[0] <= baseline_m <= _BASELINE_M[1]:
-        raise InputError(source.calib[-1], f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
-    return replace(recording, rig=StereoRig.fixed(*cameras))
+        raise InputError(calib[-1], f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
+    return StereoRig.fixed(*cameras)
 
 
-def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fps: float) -> Recording:
-    """Two sequences of one stereo camera, paired by the last number in each file's name.
+def open_stereo_images(
+    left_globs: Sequence[str],
+    right_globs: Sequence[str],
+    fps: float | None = None,
+    times: Times | None = None,
+    max_skew_s: float = 0.02,
+) -> Recording:
+    """Two sequences of one stereo camera.
 
-    The number counts frames, so a missing one leaves a gap in the stamps.  Unpaired images are
-    noted in `problems`.  InputError if a pattern matches nothing, or one number comes twice.
+    With `fps` they are paired by the last number in each file's name, which counts frames, so that a missing one leaves
+    a gap in the stamps.  Else the stamps are those of `times`, or of the names where these are stamps, and pair them.
+    Unpaired images are noted in `problems`.  InputError if a pattern matches nothing, one number comes twice, or the
+    images have no stamps.
     """
+    problems: list[Problem] = []
+    name = _briefly(left_globs)
+    if fps is None:
+        sides = [_stamped(_matched(patterns), times, problems) for patterns in (left_globs, right_globs)]
+        pairs = pair_by_stamp(sides[0], sides[1], max_skew_s, problems)
+    else:
+        pairs = _by_frame(left_globs, right_globs, fps, problems)
+    return Recording(name, pairs, usual_size(name, pairs, problems), problems)
+
+
+def _stamped(paths: Sequence[Path], times: Times | None, problems: list[Problem]) -> list[ImageFile]:
+    """Images in the order of their stamps."""
+    if times:
+        return distinct_stamps(times.stamp([ImageFile(path, 0.0) for path in paths], problems), problems)
+    stamps = {path: stamp_in(path) for path in paths}
+    if unstamped := [path for path, stamp_s in stamps.items() if stamp_s is None]:
+        expected = "--fps, --times, or stamps as names: s with a point, or 13 (ms), 16 (µs), 19 (ns) digits"
+        raise InputError(unstamped[0], f"its name is no stamp; expected {expected}")
+    return distinct_stamps([ImageFile(path, s) for path, s in stamps.items() if s is not None], problems)
+
+
+def _by_frame(
+    left_globs: Sequence[str], right_globs: Sequence[str], fps: float, problems: list[Problem]
+) -> tuple[Pair, ...]:
+    """Pairs of one number at a constant rate."""
     if not 0 < fps < float("inf"):
         raise InputError("recording", f"fps {fps}; expected a positive number of frames a second")
-    problems: list[Problem] = []
-    left, right = (_by_number(patterns, problems) for patterns in (left_globs, right_globs))
+    left, right = (_by_number(_matched(patterns), problems) for patterns in (left_globs, right_globs))
     numbers = sorted(left | right)
     step = median_low([b - a for a, b in pairwise(numbers)] or [1])
 
@@ -65,20 +127,26 @@ def open_stereo_images(left_globs: Sequence[str], right_globs: Sequence[str], fp
         note_unpaired(files(mine), paired, f"{which} image of the same number", problems)
     common = left.keys() & right.keys()
     both = [files({n: paths[n] for n in common}) for paths in (left, right)]
-    pairs = tuple(zip(*both, strict=True))
-    name = _briefly(left_globs)
-    return Recording(name, pairs, usual_size(name, pairs, problems), problems)
+    return tuple(zip(*both, strict=True))
 
 
-def _by_number(patterns: Sequence[str], problems: list[Problem]) -> dict[int, Path]:
-    """The files that patterns (or names, where the shell expanded them) match, by their number;
-    one without a number is noted."""
-    matched = {Path(name).absolute(): Path(name) for pattern in patterns for name in glob(pattern, recursive=True)}
+def _matched(patterns: Sequence[str]) -> list[Path]:
+    """The files that patterns, folders or names (where the shell expanded them) stand for, in natural order."""
+    matched: dict[Path, Path] = {}
+    for pattern in patterns:
+        names = images_in(Path(pattern)) if Path(pattern).is_dir() else map(Path, glob(pattern, recursive=True))
+        matched |= {name.absolute(): name for name in names}
     paths = [path for path in matched.values() if path.is_file()]
     if not paths:
-        raise InputError(_briefly(patterns), "matches no file; expected a pattern of image files, such as 'left/*.png'")
+        expected = "a folder or pattern of image files, such as 'left/*.png'"
+        raise InputError(_briefly(patterns), f"matches no file; expected {expected}")
+    return sorted(paths, key=natural_order)
+
+
+def _by_number(paths: Sequence[Path], problems: list[Problem]) -> dict[int, Path]:
+    """The files by their number; one without a number is noted."""
     numbered: dict[int, Path] = {}
-    for path in sorted(paths, key=natural_order):
+    for path in paths:
         number = number_in(path)
         if number is None:
             found = "no number in its name; expected one to pair it by"

@@ -1,0 +1,42 @@
+"""EuRoC's and other ASL folders: mav0/cam0 and cam1, each with data.csv, sensor.yaml and its images in data."""
+
+from pathlib import Path
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.formats.stereo_images import fixed_rig, refuse_robot_options
+from pps_vision.recordings.image_file import ImageFile
+from pps_vision.recordings.problems import Problem
+from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, usual_size
+from pps_vision.recordings.times import read_times
+
+FORMAT = "a EuRoC folder, mav0/cam0 and cam1 with a data.csv each"
+
+
+def recognises(source: Source) -> bool:
+    """Return whether this is the format of a source."""
+    return source.folder is not None and all((camera / "data.csv").exists() for camera in _cameras(source.folder))
+
+
+def open_source(source: Source) -> Recording:
+    """Open `source.folder`; InputError if its images or its calibration cannot be used."""
+    refuse_robot_options(source)
+    folder, problems = Path(str(source.folder)), list[Problem]()
+    cameras = _cameras(folder)
+    left, right = (_images(camera) for camera in cameras)
+    pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
+    size = usual_size(folder, pairs, problems)
+    calib = source.calib or [camera / "sensor.yaml" for camera in cameras]
+    return Recording(str(folder), pairs, size, problems, rig=fixed_rig(calib, size, source.unit_m))
+
+
+def _cameras(folder: Path) -> list[Path]:
+    place = folder / "mav0" if (folder / "mav0").is_dir() else folder
+    return [place / "cam0", place / "cam1"]
+
+
+def _images(camera: Path) -> list[ImageFile]:
+    times = read_times(camera / "data.csv")
+    if not times.names:
+        raise InputError(times.file, "names no image; expected rows of stamp and the name of an image")
+    both = zip(times.names, times.stamps_s, strict=True)
+    return [ImageFile(camera / "data" / name, stamp_s) for name, stamp_s in both]

@@ -1,0 +1,32 @@
+"""KITTI's odometry sequences: image_0 and image_1 (grey) or image_2 and image_3 (colour), times.txt, calib.txt."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from pps_vision.recordings.formats.stereo_images import fixed_rig, open_stereo_images, refuse_robot_options
+from pps_vision.recordings.recording import Recording, Source
+from pps_vision.recordings.times import read_times
+
+FORMAT = "a KITTI folder, image_0 and image_1 or image_2 and image_3 with times.txt and calib.txt"
+_PAIRS = ((2, 3), (0, 1))
+
+
+def recognises(source: Source) -> bool:
+    """Return whether this is the format of a source."""
+    return source.folder is not None and _pair(source.folder) is not None
+
+
+def open_source(source: Source) -> Recording:
+    """Open `source.folder`, in colour where it has both; InputError if its images or its calibration cannot be used."""
+    refuse_robot_options(source)
+    folder = Path(str(source.folder))
+    cameras = _pair(folder) or _PAIRS[0]
+    left, right = ([str(folder / f"image_{camera}")] for camera in cameras)
+    times = None if source.fps else read_times(source.times or folder / "times.txt")
+    recording = open_stereo_images(left, right, source.fps, times, source.max_skew_s)
+    rig = fixed_rig(source.calib or [folder / "calib.txt"], recording.image_size, source.unit_m, cameras)
+    return replace(recording, name=str(folder), rig=rig)
+
+
+def _pair(folder: Path) -> tuple[int, int] | None:
+    return next((pair for pair in _PAIRS if all((folder / f"image_{k}").is_dir() for k in pair)), None)

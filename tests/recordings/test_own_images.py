@@ -1,0 +1,137 @@
+"""Image folders with stamps, and folders in EuRoC's and KITTI's layout, against what was written into them."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.formats.stereo_images import open_stereo_images
+from pps_vision.recordings.image_file import stamp_in
+from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.problems import ProblemKind
+from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.times import read_times
+
+NS = [1403636579763555584 + 50_000_000 * k for k in range(4)]
+
+
+def write(folder: Path, names: list[str], first: int = 0) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, name in enumerate(names):
+        assert cv2.imwrite(str(folder / name), np.full((6, 8, 3), first + k, np.uint8))
+
+
+def own(folder: Path, left: list[str], right: list[str], times: str | None = None) -> Recording:
+    write(folder / "left", left)
+    write(folder / "right", right, 100)
+    if times is not None:
+        (folder / "times.txt").write_text(times)
+    return open_stereo_images(
+        [str(folder / "left")], [str(folder / "right")], times=read_times(folder / "times.txt") if times else None
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "stamp_s"),
+    [
+        ("1403636579.763555584.png", 1403636579.763555584),
+        ("1403636579763.png", 1403636579.763),
+        ("1403636579763555.png", 1403636579.763555),
+        ("left_1403636579763555584.png", 1403636579.763555584),
+        ("0001.png", None),
+        ("20261122.png", None),
+        ("14036365797635.png", None),
+    ],
+)
+def test_a_name_is_a_stamp_or_none(name: str, stamp_s: float | None) -> None:
+    assert stamp_in(Path(name)) == stamp_s
+
+
+def test_folders_of_stamps_pair_by_them(tmp_path: Path) -> None:
+    left, right = ([f"{t + shift}.png" for t in NS] for shift in (0, 3_000_000))
+    recording = own(tmp_path, left, [right[0], *right[2:]])
+    np.testing.assert_allclose([f.stamp_left_s for f in recording], [NS[k] / 10**9 for k in (0, 2, 3)], atol=1e-6)
+    np.testing.assert_allclose([f.stamp_right_s - f.stamp_left_s for f in recording], 0.003, atol=1e-6)
+    assert [(f.left[0, 0, 0], f.right[0, 0, 0]) for f in recording] == [(0, 100), (2, 101), (3, 102)]
+    assert [(p.kind, p.file.name) for p in recording.problems] == [(ProblemKind.UNPAIRED, left[1])]
+
+
+def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"0001\.png: its name is no stamp; expected --fps, --times, or"):
+        own(tmp_path, ["0001.png"], ["0001.png"])
+
+
+@pytest.mark.parametrize(
+    "times",
+    ["0.5\n0.75\n# note\n\n2\n", "0.5 left/b2.png\n0.75 b10.png\n2 b11.png\n", "0.5,b2.png\n0.75,b10.png\n2,b11.png\n"],
+)
+def test_a_file_of_stamps(tmp_path: Path, times: str) -> None:
+    names = ["b2.png", "b10.png", "b11.png"]
+    assert [f.stamp_left_s for f in own(tmp_path, names, names, times)] == [0.5, 0.75, 2]
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ("1\n2\n", r"2 stamps for 3 images of .*left; expected one for each"),
+        ("1\n1\n2\n", r"times\.txt:2: 1 after 1\.0 s"),
+        ("1\nx\n2\n", r"times\.txt:2: "),
+        ("1\nnan\n2\n", r"times\.txt:2: 'nan' is not finite"),
+        ("1 a.png\n2\n", "2 stamps, 1 names"),
+        ("# none\n", "0 stamps"),
+    ],
+)
+def test_a_bad_file_of_stamps_is_named(tmp_path: Path, times: str, message: str) -> None:
+    names = ["1.png", "2.png", "3.png"]
+    with pytest.raises(InputError, match=message):
+        own(tmp_path, names, names, times)
+
+
+def test_an_image_without_a_row_is_noted(tmp_path: Path) -> None:
+    recording = own(tmp_path, ["1.png", "2.png"], ["1.png", "2.png"], "7 1.png\n")
+    assert [f.stamp_left_s for f in recording] == [7]
+    assert [p.kind for p in recording.problems] == [ProblemKind.STAMP] * 2
+
+
+SENSOR = (
+    "sensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n  data: [1, 0, 0, {},\n    0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n"
+    "resolution: [8, 6]\ncamera_model: pinhole\nintrinsics: [10.0, 10.0, 4.0, 3.0]\n"
+    "distortion_model: radial-tangential\ndistortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n"
+)
+
+
+@pytest.mark.parametrize("place", ["mav0", "."])
+def test_euroc(tmp_path: Path, place: str) -> None:
+    for k in range(2):
+        camera = tmp_path / place / f"cam{k}"
+        write(camera / "data", [f"{t}.png" for t in NS], 100 * k)
+        rows = "".join(f"{t},{t}.png\r\n" for t in NS)
+        (camera / "data.csv").write_bytes(f"#timestamp [ns],filename\r\n{rows}".encode())
+        (camera / "sensor.yaml").write_text(SENSOR.format(0.11 * k))
+    (tmp_path / place / "cam1" / "data" / f"{NS[1]}.png").unlink()
+    recording = open_recording(tmp_path)
+    assert [f.stamp_left_s for f in recording] == [NS[k] / 10**9 for k in (0, 2, 3)]
+    assert [(f.left[0, 0, 0], f.right[0, 0, 0]) for f in recording] == [(0, 100), (2, 102), (3, 103)]
+    assert recording.rig is not None
+    np.testing.assert_allclose(recording.rig.view().right.center, [0.11, 0, 0], atol=1e-12)
+    assert [p.file.name for p in recording.problems] == [f"{NS[1]}.png"]
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_kitti(tmp_path: Path, colour: bool) -> None:
+    for k in range(4 if colour else 2):
+        write(tmp_path / f"image_{k}", ["000000.png", "000001.png"], 50 * k)
+    rows = [f"P{k}: 10 0 4 {-10 * baseline} 0 10 3 0 0 0 1 0\n" for k, baseline in enumerate((0, 0.5, 0.06, 0.66))]
+    (tmp_path / "calib.txt").write_text("".join(rows) + "Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
+    (tmp_path / "times.txt").write_text("0.000000e+00\n1.037359e-01\n")
+    recording = open_recording(tmp_path)
+    assert [f.stamp_left_s for f in recording] == [0, 0.1037359]
+    assert next(iter(recording)).right[0, 0, 0] == (150 if colour else 50)
+    assert recording.rig is not None
+    np.testing.assert_allclose(recording.rig.view().right.center, [0.6 if colour else 0.5, 0, 0], atol=1e-12)
+    (tmp_path / "times.txt").unlink()
+    with pytest.raises(InputError, match=r"times\.txt: cannot be read"):
+        open_recording(tmp_path)
+    np.testing.assert_allclose([f.stamp_left_s for f in open_recording(tmp_path, fps=10)], [0, 0.1])

@@ -1,0 +1,140 @@
+"""Videos that PyAV wrote with known stamps and brightness."""
+
+import tracemalloc
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from videos import number_of, write_video
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.image_sequence import open_frames
+from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.problems import ProblemKind
+from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.video import Video, open_video
+
+UNEVEN = [0.0, 0.033, 0.1, 0.104, 0.25, 0.3]  # a variable frame rate
+
+
+@pytest.fixture
+def calib(tmp_path: Path) -> Path:
+    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
+    K = np.array([[100.0, 0, 80], [0, 100, 60], [0, 0, 1]])
+    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
+        storage.write(key, value)
+    storage.release()
+    return tmp_path / "calib.yml"
+
+
+def two(folder: Path, calib: Path, left: list[float], right: list[float], **options: float) -> Recording:
+    files = [str(write_video(folder / f"{name}.mp4", stamps)) for name, stamps in (("l", left), ("r", right))]
+    return open_recording(left=files[:1], right=files[1:], calib=[calib], **options)
+
+
+@pytest.mark.parametrize(
+    ("codec", "suffix"), [("mpeg4", "mp4"), ("mpeg4", "mkv"), ("libx264", "mp4"), ("mjpeg", "mov")]
+)
+def test_a_video_has_its_own_stamps(tmp_path: Path, codec: str, suffix: str) -> None:
+    frames = open_video(write_video(tmp_path / f"v.{suffix}", UNEVEN, codec), fps=None)
+    np.testing.assert_allclose([frame.stamp_s for frame in frames], UNEVEN, atol=1e-9)
+    for _ in range(2):
+        assert [number_of(frame.load()) for frame in frames] == [*range(6)]
+
+
+@pytest.mark.parametrize("codec", ["mpeg4", "libx264"])
+def test_any_frame_is_found_in_any_order(tmp_path: Path, codec: str) -> None:
+    """B-frames, and seeking to what is far ahead."""
+    options = {"bf": "2"} if codec == "mpeg4" else {}
+    video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(300)], codec, **options))
+    asked = [0, 250, 251, 3, 3, 299, 120, 119, 0, 130]
+    assert [number_of(video.load(k)) for k in asked] == asked
+
+
+def test_two_videos_pair_by_stamp(tmp_path: Path, calib: Path) -> None:
+    recording = two(tmp_path, calib, [0, 0.1, 0.2, 0.3], [0.005, 0.205, 0.305])
+    frames = list(recording.numbered())
+    assert [number for number, _ in frames] == [0, 2, 3]
+    np.testing.assert_allclose([f.stamp_left_s for _, f in frames], [0, 0.2, 0.3])
+    np.testing.assert_allclose([f.stamp_right_s for _, f in frames], [0.005, 0.205, 0.305])
+    assert [number_of(f.left) for _, f in frames] == [0, 2, 3]
+    assert [number_of(f.right) for _, f in frames] == [0, 1, 2]
+    assert recording.image_size == (160, 120)
+    assert [str(p) for p in recording.problems] == [
+        f"{tmp_path / 'l.mp4'}: frame 1 is unpaired; expected a right image within 20 ms"
+    ]
+
+
+def test_a_frame_rate_overrides_the_stamps(tmp_path: Path, calib: Path) -> None:
+    recording = two(tmp_path, calib, UNEVEN, UNEVEN, fps=10)
+    np.testing.assert_allclose([f.stamp_s for f in recording], np.arange(6) / 10)
+
+
+def test_a_file_of_stamps_overrides_them_too(tmp_path: Path, calib: Path) -> None:
+    (tmp_path / "times.txt").write_text("5\n5.5\n7\n")
+    file = write_video(tmp_path / "both.mp4", [0, 0.1, 0.2])
+    recording = open_recording(file, calib=[calib], times=tmp_path / "times.txt")
+    assert [f.stamp_s for f in recording] == [5, 5.5, 7]
+    (tmp_path / "times.txt").write_text("5\n")
+    with pytest.raises(InputError, match=r"times\.txt: 1 stamps for 3 images of the video"):
+        open_recording(file, calib=[calib], times=tmp_path / "times.txt")
+
+
+def test_side_by_side(tmp_path: Path, calib: Path) -> None:
+    recording = open_recording(write_video(tmp_path / "both.mp4", UNEVEN, size=(320, 120)), calib=[calib])
+    for _ in range(2):  # it iterates more than once
+        frames = list(recording)
+        np.testing.assert_allclose([f.stamp_s for f in frames], UNEVEN, atol=1e-9)
+        assert {f.left.shape for f in frames} | {f.right.shape for f in frames} == {(120, 160, 3)}
+        np.testing.assert_allclose([np.mean(f.right) - np.mean(f.left) for f in frames], 100, atol=2)
+    with pytest.raises(InputError, match="holds no calibration"):
+        open_recording(tmp_path / "both.mp4")
+
+
+def test_frames_without_stamps_need_a_rate(tmp_path: Path) -> None:
+    file = tmp_path / "raw.avi"
+    write_video(file, [k / 25 for k in range(8)], "mpeg4", bf="2")  # AVI has none for B-frames
+    with pytest.raises(InputError, match="not every frame has a stamp of its own; expected --fps"):
+        open_video(file, fps=None)
+    frames = open_video(file, fps=25)
+    assert [number_of(frame.load()) for frame in frames] == [*range(8)]
+
+
+def test_a_broken_frame_is_noted_and_the_rest_is_read(tmp_path: Path) -> None:
+    file = write_video(tmp_path / "v.mkv", [k / 25 for k in range(10)], "mjpeg")
+    with av.open(str(file)) as container:
+        sizes = [bytes(packet) for packet in container.demux(video=0) if packet.size]
+    file.write_bytes(file.read_bytes().replace(sizes[4], bytes(len(sizes[4]))))
+    frames = open_frames(file)
+    for _ in range(2):
+        assert [k for k, _ in frames] == [1, 2, 3, 4, 6, 7, 8, 9, 10]
+        assert [(p.kind, str(p)) for p in frames.problems] == [
+            (ProblemKind.IMAGE, f"{file}: frame 4 is missing; expected an image")
+        ]
+
+
+def test_memory_does_not_grow_with_the_video(tmp_path: Path) -> None:
+    frames = open_video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(200)]), fps=None)
+    peaks = []
+    for n in (10, 200):
+        tracemalloc.start()
+        for frame in frames[:n]:
+            frame.load()
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 2 * 160 * 120 * 3
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no video", b"ffconcat version 1.0\nfile other.mp4\n", b"#EXTM3U\nother.mp4\n"]
+)
+def test_what_is_no_video_is_refused(tmp_path: Path, content: bytes) -> None:
+    """Playlists are none: they could name any file."""
+    write_video(tmp_path / "other.mp4", UNEVEN)
+    (tmp_path / "v.mp4").write_bytes(content)
+    with pytest.raises(InputError, match=r"v\.mp4: .*expected"):
+        Video(tmp_path / "v.mp4")
+    with pytest.raises(InputError, match="cannot be read"):
+        Video(tmp_path / "gone.mp4")
