@@ -56,7 +56,7 @@ def diagnose(
     None where more than that was tracked and the recording has none of the faults that make positions wrong.
     `turn_deg` is by how much cameras that are said to be fixed turned (deg), and how fast (deg/s).
     """
-    faults = tuple(_faults(recording, turn_deg))
+    faults = tuple(faults_of(recording, turn_deg))
     if tracked_share >= _ENOUGH_TRACKED and not faults:
         return None
     if tracked_share >= _ENOUGH_TRACKED:
@@ -64,7 +64,7 @@ def diagnose(
     return Diagnosis(dict(counts), (*faults, *_by_counts(recording, mode, counts)))
 
 
-def _faults(recording: Recording, turn_deg: tuple[float, float]) -> Iterator[str]:
+def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) -> Iterator[str]:
     """What is wrong with the recording itself, whatever moves in it."""
     frames = _some_frames(recording)
     if not frames:

@@ -97,6 +97,16 @@ def write_trajectory(file: Path, tracks: Sequence[Track3D], reachability: Sequen
     write_table(file, TRAJECTORY + REACHABILITY, ((*row, *reach) for row, reach in zip(rows, more, strict=True)))
 
 
+def write_tum(file: Path, tracks: Iterable[Track3D]) -> None:
+    """Write the known positions in TUM's form, "stamp x y z qx qy qz qw"; a tracked point has no rotation."""
+    rows = (
+        f"{track.stamp_s!r} {' '.join(map(repr, track.position.tolist()))} 0 0 0 1\n"
+        for track in tracks
+        if track.is_known
+    )
+    file.write_text("# stamp_s x_m y_m z_m qx qy qz qw\n" + "".join(rows))
+
+
 def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:
     """Write frame number (the first image is 1), box in original pixels, and score."""
     write_table(file, BOXES, ((frame, *box, score) for frame, box, score in boxes))

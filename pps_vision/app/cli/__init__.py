@@ -14,7 +14,21 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from pps_vision.errors import InputError
 
 COMMANDS = (
-    *("render", "track", "track2d", "learn", "joints", "trials", "show", "convert-taxels", "reach", "demo", "bench"),
+    *(
+        "render",
+        "info",
+        "track",
+        "track2d",
+        "evaluate",
+        "learn",
+        "joints",
+        "trials",
+        "show",
+        "convert-taxels",
+        "reach",
+        "demo",
+        "bench",
+    ),
 )
 _WHAT = "Stereo vision for robots that feel what is about to touch them."
 
@@ -29,9 +43,15 @@ class Command(Protocol):
 
 def main(args: list[str] | None = None) -> None:
     """Run one command; bad input ends with exit code 2 and one line on the error stream, a bug with a traceback."""
+    args = sys.argv[1:] if args is None else args
+    if args == ["--version"]:
+        from importlib.metadata import version
+
+        print(f"pps-vision {version('pps-vision')}")
+        return
     try:
         _refuse_python_control()
-        _parsed(sys.argv[1:] if args is None else args).run()
+        _parsed(args).run()
     except (InputError, OSError) as error:
         print(f"pps-vision: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(2)

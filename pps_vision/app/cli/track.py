@@ -40,6 +40,8 @@ class Track(SourceOptions):
     smooth: bool = False
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""
+    tum: bool = False
+    """Also write trajectory.tum, a row "stamp x y z 0 0 0 1" for every known position, for evo and other tools."""
     video: bool = False
     """Also write overlay.mp4."""
     seed: int = 0
@@ -54,8 +56,9 @@ class Track(SourceOptions):
         from pps_vision.app.pipeline import joints_of
         from pps_vision.app.report.overlay import VideoFile, draw_pair
         from pps_vision.app.track import track
+        from pps_vision.app.versions import versions
         from pps_vision.recordings.outputs import whole_folder, write_json
-        from pps_vision.recordings.tables import write_detections, write_trajectory
+        from pps_vision.recordings.tables import write_detections, write_trajectory, write_tum
         from pps_vision.types import ReachStatus
         from tracking.kalman import KalmanParams
         from tracking.tracker import TrackerParams
@@ -86,8 +89,15 @@ class Track(SourceOptions):
             reachability = [reach(q, one) for q, one in zip(joints, tracks, strict=True)] if reach else []
             write_detections(folder / "detections.csv", detections)
             write_trajectory(folder / "trajectory.csv", tracks, reachability)
+            if self.tum:
+                write_tum(folder / "trajectory.tum", tracks)
             diagnosis = run.diagnosis(tracks)
-            summary = run.summary(tracks, diagnosis) | {"smoothed": self.smooth, "joints": self.joints, "map": self.map}
+            summary = run.summary(tracks, diagnosis) | {
+                "smoothed": self.smooth,
+                "joints": self.joints,
+                "map": self.map,
+                "versions": versions(),
+            }
             if reachability:
                 found = [reach.status for reach in reachability]
                 counts = {status.value: found.count(status) for status in ReachStatus}

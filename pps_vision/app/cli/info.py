@@ -1,0 +1,43 @@
+"""`pps-vision info`: what a recording holds and lacks, and the command that tracks it."""
+
+import shlex
+from dataclasses import asdict, dataclass, fields
+
+from pps_vision.app.cli.options import SourceOptions, print_skipped
+
+
+@dataclass(frozen=True)
+class Info(SourceOptions):
+    """Print what a recording holds: rates, gaps, desynchronisation, cameras, and what is missing or implausible.
+
+    The options are those of `track`; the last line is the command that tracks this recording.
+    """
+
+    json: bool = False
+    """Print JSON instead."""
+
+    def run(self) -> None:
+        """Read the recording, but for a few images only its stamps."""
+        import json
+
+        from pps_vision.app.info import info
+        from pps_vision.recordings.outputs import plain
+
+        recording = self.open()
+        found = info(recording)
+        if self.json:
+            print(json.dumps(plain(asdict(found) | {"command": self.command()}), indent=2, ensure_ascii=False))
+            return
+        print_skipped(recording.problems)
+        print(found)
+        print(self.command())
+
+    def command(self) -> str:
+        """The command that tracks this recording."""
+        words = ["pps-vision", "track", *([str(self.rec)] if self.rec else [])]
+        for field in fields(SourceOptions):
+            value = getattr(self, field.name)
+            if field.name != "rec" and value != field.default:
+                values = value if isinstance(value, tuple) else (value,)
+                words += [f"--{field.name.replace('_', '-')}", *map(str, values)]
+        return shlex.join([*words, "--out", "path"])

@@ -1,0 +1,208 @@
+"""Score a path against the true one: `pps-vision evaluate`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.tables import read_table
+from pps_vision.recordings.text import finite, first_row, read_lines
+from pps_vision.types import Array, Mask, Track3D, Truth
+
+_BRIDGED = 1.5  # times the median interval: a longer one is a gap, across which nothing is interpolated
+_LAG_S = 0.5  # largest lag that is looked for
+_LAG_STEP_S = 0.005
+_FEWEST = 3  # positions to compare
+_COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
+
+
+@dataclass(frozen=True)
+class Path3D:
+    """Known positions in order of time.
+
+    Attributes:
+        name: Where it is from.
+        stamps_s: (n,) increasing.
+        position: (n, 3) m.
+        cov: (n, 3, 3) m², NaN where none is stated.
+    """
+
+    name: str
+    stamps_s: Array
+    position: Array
+    cov: Array
+
+
+@dataclass(frozen=True)
+class Score:
+    """How far a path is from the true one; errors are track minus truth, at the track's stamps."""
+
+    name: str
+    compared: int
+    """Positions with a truth at their stamp."""
+    rmse_mm: float
+    median_mm: float
+    p95_mm: float
+    bias_x_mm: float
+    bias_y_mm: float
+    bias_z_mm: float
+    lost_share: float
+    """Share of the truth's stamps at which the track has no position."""
+    coverage_95: float
+    """Share of the truth that the stated 95 % ellipsoids hold; NaN without covariances."""
+    nees: float
+    """Mean normalised squared error; 3 for true covariances."""
+    lag_s: float
+    """Seconds by which the track's stamps are late; 0 unless it was estimated."""
+
+
+def read_path(file: Path) -> Path3D:
+    """Read trajectory.csv, truth.csv, another CSV with stamp_s, x_m, y_m and z_m, or TUM's form.
+
+    Rows without a position are left out.  InputError for one that cannot be read, or stamps that do not increase.
+    """
+    header = first_row(file).split(",")
+    if "stamp_s" in header:
+        names = ["stamp_s", "x_m", "y_m", "z_m", *(_COVARIANCE if set(_COVARIANCE) <= set(header) else ())]
+        rows = read_table(file, names)
+    else:
+        expected = "rows of stamp x y z (TUM), or a CSV with the columns stamp_s, x_m, y_m, z_m"
+        lines = enumerate(read_lines(file, expected), start=1)
+        rows = [(line, row.split()[:4]) for line, row in lines if row.strip() and not row.lstrip().startswith("#")]
+        if short := [line for line, row in rows if len(row) < 4]:
+            raise InputError(file, f"fewer than four numbers; expected {expected}", short[0])
+    values = [(line, _numbers(file, line, row)) for line, row in rows]
+    known = [(line, row) for line, row in values if np.all(np.isfinite(row[:4]))]
+    for (_, before), (line, row) in pairwise(known):
+        if not row[0] > before[0]:
+            raise InputError(file, f"stamp {row[0]} after {before[0]}; expected stamps that increase", line)
+    table = np.array([row for _, row in known]).reshape(len(known), -1) if known else np.zeros((0, 4))
+    cov = np.full((len(table), 3, 3), np.nan)
+    if table.shape[1] == 10:
+        upper = np.triu_indices(3)
+        cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = table[:, 4:]
+    return Path3D(str(file), table[:, 0], table[:, 1:4], cov)
+
+
+def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
+    """The known positions of tracks."""
+    known = [track for track in tracks if track.is_known]
+    position = np.reshape([track.position for track in known], (-1, 3))
+    cov = np.reshape([track.cov[:3, :3] for track in known], (-1, 3, 3))
+    return Path3D(name, np.array([track.stamp_s for track in known]), position, cov)
+
+
+def path_of_truth(name: str, truth: Sequence[Truth]) -> Path3D:
+    """The truth of a recording."""
+    position = np.reshape([row.position for row in truth], (-1, 3))
+    return Path3D(name, np.array([row.stamp_s for row in truth]), position, np.full((len(truth), 3, 3), np.nan))
+
+
+def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = False) -> Score:
+    """Score a path.
+
+    The truth is interpolated between its rows to the track's stamps, but not across its gaps.
+
+    Args:
+        track: The path to score.
+        truth: The true path.
+        lag: Estimate by how much the track's stamps are late (within 0.5 s), and correct it.
+        align: Rotate and shift the track onto the truth (least squares, without scale) first.
+
+    Raises:
+        InputError: Fewer than three positions of the track have a truth.
+    """
+    lag_s = _lag_s(track, truth, align) if lag else 0.0
+    moved = replace(track, stamps_s=track.stamps_s - lag_s)
+    error, cov = _errors(moved, truth, align)
+    if len(error) < _FEWEST:
+        found = f"{len(error)} of {len(track.stamps_s)} positions have a truth at their stamp in {truth.name}"
+        raise InputError(track.name, f"{found}; expected at least {_FEWEST}")
+    distance_mm = 1000 * np.linalg.norm(error, axis=1)
+    nees = _nees(error, cov)
+    bias = 1000 * error.mean(axis=0)
+    return Score(
+        track.name,
+        len(error),
+        float(np.sqrt(np.mean(distance_mm**2))),
+        float(np.median(distance_mm)),
+        float(np.percentile(distance_mm, 95)),
+        bias_x_mm=float(bias[0]),
+        bias_y_mm=float(bias[1]),
+        bias_z_mm=float(bias[2]),
+        lost_share=1 - float(np.mean(_covered(moved, truth.stamps_s))),
+        coverage_95=float(np.mean(nees <= chi2.ppf(0.95, 3))) if len(nees) else np.nan,
+        nees=float(np.mean(nees)) if len(nees) else np.nan,
+        lag_s=lag_s,
+    )
+
+
+def rigid_alignment(points: Array, onto: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and shift (3,) with the least squared distances |R points + t − onto|² (Umeyama 1991)."""
+    U, _, Vt = np.linalg.svd((onto - onto.mean(axis=0)).T @ (points - points.mean(axis=0)))
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return R, onto.mean(axis=0) - R @ points.mean(axis=0)
+
+
+def _errors(track: Path3D, truth: Path3D, align: bool) -> tuple[Array, Array]:
+    """(m, 3) track minus truth in m, and the stated covariances (m, 3, 3)."""
+    at = _covered(truth, track.stamps_s)
+    stamps, position, cov = track.stamps_s[at], track.position[at], track.cov[at]
+    true = (
+        np.stack([np.interp(stamps, truth.stamps_s, column) for column in truth.position.T], axis=1)
+        if at.any()
+        else position
+    )
+    if align and len(position) >= _FEWEST:
+        R, t = rigid_alignment(position, true)
+        position, cov = position @ R.T + t, R @ cov @ R.T
+    return position - true, cov
+
+
+def _covered(path: Path3D, stamps_s: Array) -> Mask:
+    """(m,) whether a path has a position at each stamp: one there, or on both sides with no gap between."""
+    own = path.stamps_s
+    if not len(own):
+        return np.zeros(len(stamps_s), dtype=bool)
+    longest_s = _BRIDGED * float(np.median(np.diff(own))) if len(own) > 1 else 0.0
+    tolerance_s = 1e-3 * longest_s + 1e-6  # of stamps in doubles that count seconds since 1970
+    after = np.clip(np.searchsorted(own, stamps_s, "left"), 0, len(own) - 1)
+    before = np.clip(np.searchsorted(own, stamps_s, "right") - 1, 0, len(own) - 1)
+    nearest_s = np.minimum(np.abs(own[after] - stamps_s), np.abs(stamps_s - own[before]))
+    between = (own[before] <= stamps_s) & (stamps_s <= own[after]) & (own[after] - own[before] <= longest_s)
+    return between | (nearest_s <= tolerance_s)
+
+
+def _lag_s(track: Path3D, truth: Path3D, align: bool) -> float:
+    """By how much the track's stamps are late: the lag with the least mean squared error, of those under which most
+    positions have a truth."""
+
+    def cost(lag_s: float) -> float:
+        error, _ = _errors(replace(track, stamps_s=track.stamps_s - lag_s), truth, align)
+        return float(np.mean(np.sum(error**2, axis=1))) if len(error) >= 0.5 * len(track.stamps_s) else np.inf
+
+    lags = np.arange(-_LAG_S, _LAG_S + _LAG_STEP_S / 2, _LAG_STEP_S)
+    best = float(lags[int(np.argmin([cost(lag_s) for lag_s in lags]))])
+    bounds = (best - _LAG_STEP_S, best + _LAG_STEP_S)
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6})
+    return float(found.x) if np.isfinite(found.fun) else best
+
+
+def _nees(error: Array, cov: Array) -> Array:
+    """Normalised squared errors where a covariance is stated that can be one."""
+    stated = np.all(np.isfinite(cov), axis=(1, 2))
+    stated[stated] = np.all(np.linalg.eigvalsh(cov[stated]) > 0, axis=1)
+    return np.einsum("ni,ni->n", error[stated], np.linalg.solve(cov[stated], error[stated][..., None])[..., 0])
+
+
+def _numbers(file: Path, line: int, row: list[str]) -> list[float]:
+    """The numbers of a row, NaN for an empty field."""
+    try:
+        return [finite(word) if word and word.lower() != "nan" else np.nan for word in row]
+    except ValueError as error:
+        raise InputError(file, f"{error}; expected finite numbers", line) from None

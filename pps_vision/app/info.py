@@ -1,0 +1,122 @@
+"""What a recording holds and lacks, without tracking it: `pps-vision info`."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pps_vision.app.diagnosis import faults_of
+from pps_vision.recordings.problems import count_by_kind
+from pps_vision.recordings.recording import Recording
+
+_GAP = 1.5  # times the median interval
+_LOOKED_AT = 200  # pairs, spread over the recording, whose camera poses are compared
+_RESTING_DEG = 0.05  # turn of a camera below which it rests: the resolution of an encoder
+
+
+@dataclass(frozen=True)
+class Info:
+    """What a recording holds; `warnings` are what it lacks or what is implausible, and what to try."""
+
+    source: str
+    pairs: int
+    image_size: tuple[int, int]
+    """Width and height, px."""
+    duration_s: float
+    pairs_per_s: float
+    """By the median interval; NaN for a single pair."""
+    gaps: int
+    """Intervals of more than 1.5 times the median one."""
+    longest_interval_s: float
+    skew_median_ms: float
+    """Stamp of the right image minus that of the left one."""
+    skew_largest_ms: float
+    robot: bool
+    """Whether it holds the joints of a robot."""
+    cameras_turn_deg: float
+    """Largest turn of the left camera from its first pose by the joints, 0 where there are none."""
+    baseline_m: float
+    """Distance of the cameras; NaN without a calibration."""
+    focal_px: float
+    field_of_view_deg: float
+    """Horizontal, of the left camera without its distortion."""
+    touches: int
+    truth_rows: int
+    skipped: dict[str, int]
+    warnings: tuple[str, ...]
+
+    def __str__(self) -> str:
+        width, height = self.image_size
+        rows = [
+            f"{self.source}: {self.pairs} pairs of {width}×{height} pixels, {self.duration_s:.2f} s at "
+            f"{self.pairs_per_s:.4g} pairs/s",
+            f"intervals: longest {1000 * self.longest_interval_s:.1f} ms, {self.gaps} gaps",
+            f"right minus left stamp: median {self.skew_median_ms:+.2f} ms, largest {self.skew_largest_ms:.2f} ms",
+        ]
+        if np.isfinite(self.baseline_m):
+            rows.append(
+                f"cameras: {1000 * self.baseline_m:.4g} mm apart (measure it), focal length {self.focal_px:.1f} px, "
+                f"field of view {self.field_of_view_deg:.0f}°"
+            )
+        turn = self.cameras_turn_deg
+        moved = f"with joints, by which the left camera turns up to {turn:.2f}°" if self.robot else "declared fixed"
+        rows += [f"motion of the cameras: {moved}", f"touches: {self.touches}; rows of truth: {self.truth_rows}"]
+        rows += [f"skipped: {n} {kind}" for kind, n in self.skipped.items() if n]
+        return "\n".join([*rows, *(f"warning: try {warning}" for warning in self.warnings)])
+
+
+def info(recording: Recording) -> Info:
+    """Return what a recording holds; its images are not read but for a few."""
+    left, right = (np.array([pair[side].stamp_s for pair in recording.pairs]) for side in (0, 1))
+    steps, skews_ms = np.diff(left), 1000 * (right - left)
+    usual_s = float(np.median(steps)) if len(steps) else np.nan
+    baseline_m = focal_px = field_deg = np.nan
+    if recording.rig is not None:
+        view = recording.rig.view(recording.pairs[0][0].joints_rad, recording.pairs[0][1].joints_rad)
+        baseline_m = float(np.linalg.norm(view.right.center - view.left.center))
+        camera = recording.rig.left
+        focal_px, field_deg = camera.fx, float(np.rad2deg(2 * np.arctan(camera.width / (2 * camera.fx))))
+    gaps = int(np.sum(steps > _GAP * usual_s))
+    return Info(
+        source=recording.name,
+        pairs=len(recording),
+        image_size=recording.image_size,
+        duration_s=float(left[-1] - left[0]),
+        pairs_per_s=1 / usual_s if usual_s > 0 else np.nan,
+        gaps=gaps,
+        longest_interval_s=float(np.max(steps)) if len(steps) else np.nan,
+        skew_median_ms=float(np.median(skews_ms)),
+        skew_largest_ms=float(np.max(np.abs(skews_ms))),
+        robot=recording.robot is not None,
+        cameras_turn_deg=_turn_deg(recording),
+        baseline_m=baseline_m,
+        focal_px=focal_px,
+        field_of_view_deg=field_deg,
+        touches=sum(bool(touch.taxel_ids) for touch in recording.touches),
+        truth_rows=len(recording.truth),
+        skipped=count_by_kind(recording.problems),
+        warnings=tuple(_warnings(recording, float(np.median(skews_ms)), usual_s, gaps)),
+    )
+
+
+def _warnings(recording: Recording, skew_ms: float, usual_s: float, gaps: int) -> Iterator[str]:
+    if recording.rig is None:
+        yield "--calib icubEyes.ini: there is no calibration"
+    if not np.isfinite(usual_s):
+        yield "a longer recording: there is a single pair"
+    elif abs(skew_ms) > 250 * usual_s:  # a quarter of an interval
+        yield f"cameras triggered together: the right image is {skew_ms:+.1f} ms from the left one"
+    if gaps:
+        yield f"a recorder that keeps up: {gaps} intervals are longer than {_GAP} times the median one"
+    yield from faults_of(recording)
+
+
+def _turn_deg(recording: Recording) -> float:
+    """Largest turn of the left camera from its first pose."""
+    if recording.rig is None or recording.robot is None:
+        return 0.0
+    chosen = np.unique(np.linspace(0, len(recording) - 1, _LOOKED_AT).astype(int))
+    R = np.array([recording.rig.view(recording.pairs[k][0].joints_rad).left.T_root_camera[:3, :3] for k in chosen])
+    cosines = (np.trace(R[0].T @ R, axis1=1, axis2=2) - 1) / 2
+    turn_deg = float(np.rad2deg(np.arccos(np.clip(cosines.min(), -1, 1))))
+    return turn_deg if turn_deg > _RESTING_DEG else 0.0

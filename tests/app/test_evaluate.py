@@ -1,0 +1,157 @@
+"""Scores against closed forms and SciPy, and the files that other tools read and write."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import SEED
+from scipy.spatial.transform import Rotation
+
+from pps_vision.app.cli import main
+from pps_vision.app.evaluate import Path3D, evaluate, read_path, rigid_alignment
+from pps_vision.errors import InputError
+from pps_vision.recordings.tables import write_trajectory, write_tum
+from pps_vision.types import Status, Track3D
+
+STAMPS = 1403636579.75 + np.arange(400) / 20
+
+
+def curve(stamps_s: np.ndarray) -> np.ndarray:
+    t = stamps_s - STAMPS[0]
+    return np.stack([0.1 * np.sin(2 * t), 0.08 * np.cos(3 * t), 0.4 + 0.05 * np.sin(t)], axis=1)
+
+
+def path(position: np.ndarray, stamps_s: np.ndarray = STAMPS, cov: np.ndarray | None = None) -> Path3D:
+    return Path3D("path", stamps_s, position, np.full((len(position), 3, 3), np.nan) if cov is None else cov)
+
+
+TRUTH = path(curve(STAMPS))
+
+
+def test_a_constant_error() -> None:
+    score = evaluate(path(curve(STAMPS) + np.array([0.003, -0.004, 0])), TRUTH)
+    found = (score.rmse_mm, score.median_mm, score.p95_mm, score.bias_x_mm, score.bias_y_mm, score.bias_z_mm)
+    np.testing.assert_allclose(found, [5, 5, 5, 3, -4, 0], atol=1e-9)
+    assert (score.compared, score.lost_share, score.lag_s) == (400, 0, 0)
+    assert np.isnan([score.coverage_95, score.nees]).all()
+
+
+def test_true_covariances_hold_their_share() -> None:
+    rng = np.random.default_rng(SEED)
+    L = np.array([[2, 0, 0], [1, 3, 0], [-1, 2, 9.0]]) / 1000
+    cov = np.broadcast_to(L @ L.T, (400, 3, 3))
+    position = curve(STAMPS) + rng.normal(size=(400, 3)) @ L.T
+    score = evaluate(path(position, cov=cov), TRUTH)
+    assert abs(score.coverage_95 - 0.95) < 0.05
+    assert abs(score.nees - 3) < 0.5
+    narrow = evaluate(path(position, cov=cov / 100), TRUTH)
+    np.testing.assert_allclose(narrow.nees, 100 * score.nees)
+    assert narrow.coverage_95 < 0.1
+
+
+@pytest.mark.parametrize("lag_s", [-0.2, 0.0, 0.0733])
+@pytest.mark.parametrize("align", [False, True])
+def test_the_lag_is_found(lag_s: float, align: bool) -> None:
+    """The tracker says where the object is, and says it late."""
+    late = path(curve(STAMPS), STAMPS + lag_s)
+    found = evaluate(late, TRUTH, lag=True, align=align)
+    assert abs(found.lag_s - lag_s) < 2e-3
+    assert found.rmse_mm < 1
+    if lag_s:
+        assert evaluate(late, TRUTH).rmse_mm > 5
+
+
+def test_alignment_is_scipys() -> None:
+    rng = np.random.default_rng(SEED)
+    points = curve(STAMPS)
+    turn, shift = Rotation.from_rotvec([0.5, -1.2, 2.0]), np.array([1.0, -2, 0.5])
+    onto = turn.apply(points) + shift + rng.normal(0, 0.002, points.shape)
+    R, t = rigid_alignment(points, onto)
+    expected, distance = Rotation.align_vectors(onto - onto.mean(axis=0), points - points.mean(axis=0))
+    np.testing.assert_allclose(R, expected.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(t, onto.mean(axis=0) - expected.apply(points.mean(axis=0)))
+    score = evaluate(path(points), path(onto), align=True)
+    np.testing.assert_allclose(score.rmse_mm, 1000 * distance / np.sqrt(400))
+    assert evaluate(path(points), path(onto)).rmse_mm > 1000
+
+
+def test_alignment_turns_the_covariances_too() -> None:
+    cov = np.broadcast_to(np.diag([1e-6, 4e-6, 9e-4]), (400, 3, 3))
+    position = curve(STAMPS) + np.random.default_rng(SEED).multivariate_normal(np.zeros(3), cov[0], 400)
+    turn = Rotation.from_rotvec([0.5, -1.2, 2.0]).as_matrix()
+    turned = evaluate(path(position @ turn.T, cov=turn @ cov @ turn.T), TRUTH, align=True)
+    np.testing.assert_allclose(turned.nees, evaluate(path(position, cov=cov), TRUTH, align=True).nees, rtol=1e-6)
+
+
+def test_a_fast_truth_is_interpolated_and_its_gaps_are_not() -> None:
+    fine = STAMPS[0] + np.arange(20 * 200) / 200
+    score = evaluate(path(curve(STAMPS + 0.0017), STAMPS + 0.0017), path(curve(fine), fine))
+    assert score.rmse_mm < 0.02
+    keep = (fine < STAMPS[100] - 0.01) | (fine > STAMPS[200] + 0.01)
+    score = evaluate(path(curve(STAMPS)), path(curve(fine[keep]), fine[keep]))
+    assert score.compared == 299
+    assert score.rmse_mm < 0.02
+
+
+def test_what_is_lost_counts() -> None:
+    kept = np.r_[0:100, 150:399]
+    assert evaluate(path(curve(STAMPS[kept]), STAMPS[kept]), TRUTH).lost_share == pytest.approx(51 / 400)
+
+
+def test_too_little_in_common_is_refused() -> None:
+    with pytest.raises(InputError, match="0 of 400 positions have a truth"):
+        evaluate(path(curve(STAMPS), STAMPS + 1e6), TRUTH)
+
+
+def tracks() -> list[Track3D]:
+    unknown, known = [Track3D.unknown(STAMPS[0] - 0.05)], []
+    for stamp_s, position in zip(STAMPS, curve(STAMPS), strict=True):
+        mean, cov = np.zeros((4, 3)), 1e-6 * np.eye(12)
+        mean[0], cov[0, 1], cov[1, 0] = position + np.array([0.002, 0, 0]), 2e-7, 2e-7
+        known.append(Track3D(float(stamp_s), mean, cov, 0.03, 1e-6, Status.TRACKING))
+    return unknown + known
+
+
+def test_files_say_the_same(tmp_path: Path) -> None:
+    write_trajectory(tmp_path / "trajectory.csv", tracks())
+    write_tum(tmp_path / "a.tum", tracks())
+    csv, tum = (read_path(tmp_path / name) for name in ("trajectory.csv", "a.tum"))
+    np.testing.assert_array_equal(csv.stamps_s, tum.stamps_s)
+    np.testing.assert_array_equal(csv.position, tum.position)
+    np.testing.assert_array_equal(csv.cov[0], [[1e-6, 2e-7, 0], [2e-7, 1e-6, 0], [0, 0, 1e-6]])
+    rows = np.loadtxt(tmp_path / "a.tum")  # as TUM's tools read it
+    assert rows.shape == (400, 8)
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1)
+    np.testing.assert_array_equal(rows[:, 0], STAMPS)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_trajectory(tmp_path / "ours.csv", tracks())
+    write_tum(tmp_path / "theirs.tum", tracks())
+    np.savetxt(tmp_path / "truth.tum", np.c_[STAMPS, curve(STAMPS), np.tile([0, 0, 0, 1.0], (400, 1))], "%.9f")
+    files = [str(tmp_path / name) for name in ("ours.csv", "theirs.tum", "truth.tum")]
+    main(["evaluate", *files, "--json"])
+    ours, theirs = json.loads(capsys.readouterr().out)
+    assert ours["rmse_mm"] == pytest.approx(2, abs=1e-3)
+    assert (theirs["rmse_mm"], theirs["nees"]) == (ours["rmse_mm"], None)
+    assert ours["nees"] == pytest.approx(4 / (1 - 0.2**2), rel=1e-3)  # of (2, 0, 0) mm
+    main(["evaluate", *files])
+    assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [12, 12, 12]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "0 of 0 positions"),
+        ("stamp_s,x_m,y_m\n1,2,3\n", "no column z_m"),
+        ("1 2 3\n", "a.csv:1: fewer than four"),
+        ("1 2 3 x\n", "a.csv:1: "),
+        ("1 2 3 4\n1 2 3 4\n", "a.csv:2: stamp 1.0 after 1.0"),
+    ],
+)
+def test_a_bad_file_is_named(refused, tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "a.csv").write_text(content)
+    write_tum(tmp_path / "b.tum", tracks())
+    assert message in refused("evaluate", tmp_path / "a.csv", tmp_path / "b.tum")
+    assert "expected TRACK" in refused("evaluate", tmp_path / "a.csv")

@@ -1,0 +1,104 @@
+"""What `info` says of recordings whose stamps and cameras are known."""
+
+import json
+import shlex
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from videos import write_video
+
+from pps_vision.app.cli import main
+from pps_vision.app.info import info
+from pps_vision.recordings.open import open_recording
+from pps_vision.testing import check_error
+
+
+@pytest.fixture
+def videos(tmp_path: Path) -> list[str]:
+    """Two videos of 20 pairs a second with one gap of 0.2 s, the right one 15 ms late, cameras 12 units apart."""
+    stamps = [0.05 * k + 0.15 * (k > 7) for k in range(20)]
+    write_video(tmp_path / "l.mp4", stamps)
+    write_video(tmp_path / "r.mp4", [t + 0.015 for t in stamps])
+    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
+    K = np.array([[80.0, 0, 80], [0, 80, 60], [0, 0, 1]])
+    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-12.0, 0, 0])}.items():
+        storage.write(key, value)
+    storage.release()
+    return [
+        "--left",
+        str(tmp_path / "l.mp4"),
+        "--right",
+        str(tmp_path / "r.mp4"),
+        "--calib",
+        str(tmp_path / "calib.yml"),
+    ]
+
+
+def test_videos(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    main(["info", *videos, "--unit-m", "0.01", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (found["pairs"], found["image_size"], found["robot"], found["gaps"]) == (20, [160, 120], False, 1)
+    assert found["pairs_per_s"] == pytest.approx(20)
+    assert found["duration_s"] == pytest.approx(1.1)
+    assert found["longest_interval_s"] == pytest.approx(0.2)
+    assert (found["skew_median_ms"], found["skew_largest_ms"]) == pytest.approx((15, 15))
+    assert found["baseline_m"] == pytest.approx(0.12)
+    assert found["field_of_view_deg"] == pytest.approx(90)
+    warnings = "\n".join(found["warnings"])
+    assert "+15.0 ms" in warnings
+    assert "1 intervals" in warnings
+    assert "unit" not in warnings
+    command = shlex.split(found["command"])
+    assert command == ["pps-vision", "track", *videos, "--unit-m", "0.01", "--out", "path"]
+
+
+def test_an_implausible_unit(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    main(["info", *videos])
+    out = capsys.readouterr().out
+    assert "--unit-m: the cameras are 12 m apart" in out
+    assert out.splitlines()[-1].startswith("pps-vision track --left")
+
+
+def test_a_robot(approach: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = info(open_recording(approach))
+    assert (found.robot, found.image_size, found.pairs) == (True, (320, 240), 80)
+    assert (found.pairs_per_s, found.baseline_m) == pytest.approx((20, 0.068), rel=0.02)
+    assert found.touches > 0
+    assert found.truth_rows == 80
+    main(["info", str(approach)])
+    assert str(approach) in capsys.readouterr().out
+
+
+def test_what_is_no_recording(refused, tmp_path: Path) -> None:
+    assert "expected" in refused("info", tmp_path)
+    assert "no such folder" in refused("info", tmp_path / "gone")
+
+
+def test_a_laboratorys_own_test(approach: Path) -> None:
+    (score,) = check_error([approach], rmse_mm=20)
+    assert 0 < score.rmse_mm < 20
+    with pytest.raises(AssertionError, match=r"1 of 1 recordings: .*\n.*\(fails\)"):
+        check_error([approach], rmse_mm=score.rmse_mm / 2)
+
+
+def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--version"])
+    assert capsys.readouterr().out.startswith("pps-vision 0.")
+    main(["track", str(approach), "--tum", "--out", str(tmp_path / "out")])
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["versions"]["av"] == av.__version__
+    assert summary["versions"]["numpy"] == np.__version__
+    capsys.readouterr()
+    main(
+        [
+            "evaluate",
+            *(str(tmp_path / "out" / f"trajectory.{s}") for s in ("csv", "tum")),
+            str(approach / "truth.csv"),
+            "--json",
+        ]
+    )
+    csv, tum = json.loads(capsys.readouterr().out)
+    assert csv["rmse_mm"] == tum["rmse_mm"] == pytest.approx(summary["errors"]["position_rms_all_mm"], rel=0.5)
