@@ -79,6 +79,26 @@ def whole_file(file: Path, inputs: Iterable[Path | None] = ()) -> Iterator[Path]
         _rename(folder / final.name, final, file)
 
 
+@contextmanager
+def locked_folder(folder: Path) -> Iterator[int]:
+    """A folder, made if it is not there, that no other process can lock until the block ends; yields the descriptor of
+    the lock, with which a process that inherits it holds it on.
+
+    InputError if another holds it, or the folder cannot be written.
+    """
+    lock = _resolved(folder) / ".lock"
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        held = _lock(lock, folder)
+    except OSError as error:
+        raise InputError(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
+    try:
+        yield held
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(held)
+
+
 def _is_replaceable(folder: Path) -> bool:
     """Whether an existing folder is empty, and another can take its place unnoticed."""
     try:
