@@ -150,7 +150,10 @@ class Acquisition:
         change = None if then is None or not known else Change(backgrounds[eye], camera.view, then, camera.image)
         found = (segment(self.params, camera.image, one, self._optics[eye], change) for one in regions)
         parts = [candidate for candidate in found if candidate is not None]
-        return [*parts, *joined(self.params, camera.image, parts, self._optics[eye])]
+        parts += joined(self.params, camera.image, parts, self._optics[eye])
+        if then is None:  # the eye moves: only flow tells whether what has the colours of a motion region moves with it
+            parts = [one for one in parts if self._triggers[eye].moves(one.mask, one.box)]
+        return parts
 
     def _best_pair(
         self,
