@@ -41,18 +41,18 @@ class Video:
                 stream = container.streams.video[0]
                 if stream.codec_context is None:
                     raise ValueError("no decoder for it")
-                packets = [packet for packet in container.demux(stream) if packet.size and not packet.is_discard]
+                pts = [packet.pts for packet in container.demux(stream) if packet.size and not packet.is_discard]
                 self.image_size = stream.codec_context.width, stream.codec_context.height
                 self.time_base_s = float(stream.time_base or 0)
         except (av.error.FFmpegError, IndexError, ValueError, MemoryError) as error:
             raise InputError(path, f"cannot be read: {first_line(error)}; expected a video") from error
-        if not packets or min(self.image_size) < 1 or self.image_size[0] * self.image_size[1] > MOST_PIXELS:
+        if not pts or min(self.image_size) < 1 or self.image_size[0] * self.image_size[1] > MOST_PIXELS:
             width, height = self.image_size
-            found = f"{len(packets)} frames of {width}×{height} pixels"
+            found = f"{len(pts)} frames of {width}×{height} pixels"
             raise InputError(path, f"{found}; expected frames of at most {MOST_PIXELS} pixels")
-        stamps = sorted({packet.pts for packet in packets if packet.pts is not None})
-        self.has_stamps = len(stamps) == len(packets) and self.time_base_s > 0
-        self.pts = stamps if self.has_stamps else list(range(len(packets)))
+        stamps = sorted({stamp for stamp in pts if stamp is not None})
+        self.has_stamps = len(stamps) == len(pts) and self.time_base_s > 0
+        self.pts = stamps if self.has_stamps else list(range(len(pts)))
         self._place = {pts: index for index, pts in enumerate(self.pts)}
         self._frames: Iterator[tuple[int, Decoded]] = iter(())
         self._last: tuple[int, Image | str] = len(self.pts), ""  # index of the frame that was decoded last
@@ -136,6 +136,8 @@ def open_video(file: Path, fps: float | None, times: Times | None = None, part: 
     InputError if there is no video, or it has no stamps and none are given.
     """
     video = Video(file)
+    if times and times.names:
+        raise InputError(times.file, f"names images; expected a stamp for each frame of {file.name}, without names")
     if not (fps or times or video.has_stamps):
         raise InputError(file, "not every frame has a stamp of its own; expected --fps or --times with this file")
     step_s = 1 / fps if fps else video.time_base_s

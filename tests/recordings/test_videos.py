@@ -80,6 +80,9 @@ def test_a_file_of_stamps_overrides_them_too(tmp_path: Path, calib: Path) -> Non
     (tmp_path / "times.txt").write_text("5\n")
     with pytest.raises(InputError, match=r"times\.txt: 1 stamps for 3 images of the video"):
         open_recording(file, calib=[calib], times=tmp_path / "times.txt")
+    (tmp_path / "times.txt").write_text("5 a.png\n")
+    with pytest.raises(InputError, match=r"times\.txt: names images; expected a stamp for each frame of both\.mp4"):
+        open_recording(file, calib=[calib], times=tmp_path / "times.txt")
 
 
 def test_side_by_side(tmp_path: Path, calib: Path) -> None:
