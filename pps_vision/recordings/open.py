@@ -71,4 +71,4 @@ def open_recording(
         if module.recognises(source):
             recording: Recording = module.open_source(source)
             return recording
-    raise InputError(str(source.folder), f"expected {' or '.join(module.FORMAT for module in known)}")
+    raise InputError(str(source.folder), f"expected {'; or '.join(module.FORMAT for module in known)}")

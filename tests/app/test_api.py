@@ -67,7 +67,7 @@ def test_what_touches_is_learned_as_by_the_command(approach: Path, tmp_path: Pat
 def test_bad_input_has_one_exception(approach: Path, tmp_path: Path) -> None:
     with pytest.raises(pv.InputError, match="nowhere"):
         pv.open_recording(tmp_path / "nowhere")
-    with pytest.raises(pv.InputError, match="either a folder"):
+    with pytest.raises(pv.InputError, match="either REC"):
         pv.open_recording()
     with pytest.raises(pv.InputError, match="max_error_mm"):
         pv.track(approach, "marker", max_error_mm=5.0)

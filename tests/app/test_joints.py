@@ -70,4 +70,4 @@ def test_no_touch_is_refused_and_nothing_is_written(approach: Path, tmp_path: Pa
 def test_offsets_are_for_recordings_of_a_robot(tmp_path: Path, refused) -> None:
     images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
     line = refused("track", *images, "--joints", "joints.csv", "--out", tmp_path / "out")
-    assert "joints.csv with left and right images" in line
+    assert "joints.csv without a robot" in line
