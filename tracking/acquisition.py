@@ -1,7 +1,7 @@
 """Acquisition of an object while none is tracked (R Fig 13, left half).
 
 A motion region grows to the whole object, by its colours; what moves in both eyes and has the same colours and size is
-the object.  A marker needs no motion: it is searched by its hue.
+the object.  A marker is searched by its hue; before eyes at rest it must have moved, before moving eyes it need not.
 """
 
 import itertools
