@@ -151,7 +151,7 @@ class Acquisition:
         found = (segment(self.params, camera.image, one, self._optics[eye], change) for one in regions)
         parts = [candidate for candidate in found if candidate is not None]
         parts += joined(self.params, camera.image, parts, self._optics[eye])
-        if then is None:  # the eye moves: only flow tells whether what has the colours of a motion region moves with it
+        if then is None and eye == 0:  # the eye moves: flow tells whether what has a motion region's colours moves too
             parts = [one for one in parts if self._triggers[eye].moves(one.mask, one.box)]
         return parts
 

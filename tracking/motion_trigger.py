@@ -165,17 +165,19 @@ class MotionTrigger:
 
     def moves(self, mask: Mask, box: Box) -> bool:
         """Whether flow, unless it is off, shows that more points of a mask (h, w) of a box of the last image move by
-        themselves than rest."""
+        themselves than rest: since `flow_interval_s`, or since the image that the last one was compared with."""
+        if not self.params.flow:
+            return True
         now, p = self._past[-1], self.params
-        then = next(
-            (one for one in reversed(self._past) if now.stamp_s - one.stamp_s > p.flow_interval_s - JITTER_S), None
-        )
-        if then is None or not p.flow:
-            return not p.flow
         x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
         region = (box[0] + x, box[1] + y, w, h), mask[y : y + h, x : x + w]
-        (found,) = match(self._ego, then.grey, now.grey, p.room_m, p.tolerance_px, [region])
-        return found.moving > 1 - found.unmatched - found.moving
+        newest = (one for one in reversed(self._past) if now.stamp_s - one.stamp_s > p.flow_interval_s - JITTER_S)
+        for then in (next(newest, None), self._reference(now)):
+            if then is not None and then is not now:
+                (found,) = match(self._ego, then.grey, now.grey, p.room_m, p.tolerance_px, [region])
+                if found.moving > 1 - found.unmatched - found.moving:
+                    return True
+        return False
 
     def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Past:
         while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:

@@ -126,7 +126,8 @@ def test_images_are_called_exchanged_where_that_fits_well_and_far_better(
 def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = diagnosis(tmp_path, capsys, rendered, "--mode", "marker")
     assert found["advice"] == ["--mode generic: no blob of the marker's green is in both images"]
-    assert found["counts"] == {"frames": 20, "candidates_left": 0, "candidates_right": 0}
+    assert {"candidates_left": 0, "candidates_right": 0}.items() <= found["counts"].items()
+    assert found["counts"]["frames"] >= 18  # of 20; where the cameras' poses are in doubt nothing is searched
 
 
 def test_what_is_tracked_needs_no_diagnosis(rendered: Path, tmp_path: Path) -> None:

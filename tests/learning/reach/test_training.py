@@ -47,8 +47,10 @@ def test_all_labels_are_spent_round_by_round():
 
 def test_training_ends_when_the_expected_error_is_small_enough():
     calls = []
-    learned_from(counted(calls), "right", np.random.default_rng(SEED), replace(PARAMS, max_error=0.9))
-    assert calls == [200, 200]
+    learned = learned_from(counted(calls), "right", np.random.default_rng(SEED), replace(PARAMS, max_error=0.9))
+    assert calls[:2] == [200, 200]
+    assert len(calls) == 3  # the last ones test the map and are not learned from
+    assert len(learned.labels.gaze_rad) == 400
 
 
 def test_going_on_keeps_what_was_learned_and_does_not_count_it():
