@@ -36,6 +36,9 @@ _MIN_SCORE = 0.4  # below which the object counts as not seen
 _LEARN_RATE, _BACKGROUND_RATE = 0.03, 0.2  # at which the colours of the object and its surroundings follow the image
 _SIZE_RATE = 0.3  # the same for its size and proportions
 _MIN_AREA_PX = 10  # smallest image of an object
+_CORE = (
+    0.75  # share of a mask left without its thin parts, below which they are the object's own (octopus 0.6, leaks 0.9)
+)
 _REACH = 1.25  # largest mask, as a multiple of the expected size
 _MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
 
@@ -215,10 +218,10 @@ class ImageTracker:
     ) -> Mask | None:
         """The object's pixels near `center`, holes filled; None where there are too few.
 
-        Of a mask wider or higher than expected, what reaches past the expected outline is cut off there, and what is
-        much thinner than the object is opened away (a part of the background that has the object's colour and touches
-        it).  Without a `backdrop` (a mask of what differs from a known background) wider gaps are closed: there the
-        object looks like what is behind it.
+        What reaches past the expected outline is cut off there, and what is much thinner than the object is opened
+        away (a part of the background that has the object's colour and touches it), unless that is much of the mask.
+        Without a `backdrop` (a mask of what differs from a known background) wider gaps are closed: there the object
+        looks like what is behind it.
         """
         hard: Mask = np.asarray(cv2.GaussianBlur(likelihood, (3, 3), 0)) > 0.5
         if size >= 12:
@@ -232,8 +235,7 @@ class ImageTracker:
                 return None
             one = found
             allowed = masks.ellipse(roi, center, _REACH * w, _REACH * h)
-            _, _, wide, high = cv2.boundingRect(one.view(np.uint8))
-            if max(wide / w, high / h) <= _REACH or not (one & ~allowed).any():
+            if not (one & ~allowed).any():
                 break
             one = _without_thin_parts(one & allowed, size)
             center = masks.centroid(one, roi)
@@ -246,7 +248,7 @@ def _without_thin_parts(mask: Mask, size: float) -> Mask:
     if size <= 12:
         return mask
     core = masks.opened(mask, int(_THIN * size))
-    return core if np.count_nonzero(core) > 0.3 * np.count_nonzero(mask) else mask
+    return core if np.count_nonzero(core) > _CORE * np.count_nonzero(mask) else mask
 
 
 def _moved_to(cloud: Cloud, center_px: Array, size: float) -> Cloud:
