@@ -123,7 +123,7 @@ def kill_at_random(
     duration_s = run(command.words, folder)
     whole, inputs = _contents(folder / command.out), _inputs(command, folder)
     for _ in range(_MOST_STARTS * kills):
-        if found["kills"] == kills:
+        if found["kills"] == kills or found["running_on"]:
             break
         earlier = _begin_anew(command, folder)
         begun = time.monotonic()

@@ -47,7 +47,7 @@ for _ in range(20):
         ("Path('in.csv').open('a').write('x')", "out.write_text('whole.')", "damaged"),
         ("Path('.a').touch()", "out.write_text('whole.')", "left_over"),
         ("sys.exit(1) if Path('b').exists() else Path('b').touch()", "out.write_text('whole.')", "failed_reruns"),
-        ("", "time.sleep(5); out.write_text('whole.')", "running_on"),
+        ("", "time.sleep(2.5); out.write_text('whole.')", "running_on"),
     ],
 )
 def test_a_careless_command_is_found_out(
