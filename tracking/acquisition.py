@@ -112,8 +112,7 @@ class Acquisition:
     ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
         """Return the object in both eyes, if there is one, and the motion regions of each.
 
-        The right image is searched only if something moves in the left
-        one; flow need not confirm it again.
+        The right image is searched only if something moves in the left one; flow need not confirm it again.
         """
         with self.stages("trigger"):
             left = self._trigger(0, cameras[0], confirm=True)

@@ -81,7 +81,7 @@ class _Memory:
     colors: Array
 
     def blend(self, template: Template, cells: NDArray[np.float32], colors: Array) -> "_Memory":
-        """This memory moved towards what is seen."""
+        """This memory moved towards the present appearance."""
         k = np.float32(_MEMORY_RATE)
         places = (1 - k) * self.template.places + k * template.places
         return _Memory(

@@ -171,8 +171,7 @@ class MotionTrigger:
         now, p = self._past[-1], self.params
         x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
         region = (box[0] + x, box[1] + y, w, h), mask[y : y + h, x : x + w]
-        newest = (one for one in reversed(self._past) if now.stamp_s - one.stamp_s > p.flow_interval_s - JITTER_S)
-        for then in (next(newest, None), self._reference(now)):
+        for then in (self._newest(now), self._reference(now)):
             if then is not None and then is not now:
                 (found,) = match(self._ego, then.grey, now.grey, p.room_m, p.tolerance_px, [region])
                 if found.moving > 1 - found.unmatched - found.moving:
@@ -184,6 +183,11 @@ class MotionTrigger:
             self._past.popleft()
         self._is_slow = not self._is_slow
         return _Past(image.copy(), view, stamp_s, own)
+
+    def _newest(self, now: _Past) -> _Past | None:
+        """The newest image that is `flow_interval_s` old."""
+        least_s = self.params.flow_interval_s - JITTER_S
+        return next((one for one in reversed(self._past) if now.stamp_s - one.stamp_s > least_s), None)
 
     def _reference(self, now: _Past) -> _Past | None:
         """The image to compare with: as old as its interval says and the head's motion allows."""
@@ -222,9 +226,7 @@ class MotionTrigger:
         been uncovered in between has none either.
         """
         p = self.params
-        newest = next(
-            (one for one in reversed(self._past) if now.stamp_s - one.stamp_s > p.flow_interval_s - JITTER_S), then
-        )
+        newest = self._newest(now) or then
         matches = self._matches(newest, now, regions)
         confirmed = {
             k: replace(regions[k], flow=one.flow)
