@@ -17,7 +17,7 @@ from pps_vision.types import Array, Mask
 MOST_COUNTS = 2**53
 """Largest count of a bin: every whole number up to it is a float, and sums of all bins fit in 64 bits."""
 
-_KIND, _VERSION = "PPS memory", 2
+_KIND, _VERSION = "PPS memory", 3  # up to version 2, D was to the centre of the object
 _LARGEST = 1e9  # of the limits of a range, and inverse of its least width; keeps divisions finite
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]

@@ -1,7 +1,7 @@
 """Distance D and time to contact TTC of a stimulus, as a taxel perceives them (R eqs 1–2)."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,12 +22,15 @@ class ReceptiveField:
     """Radius of the cone at the skin (the authors' code)."""
     length_m: float = 0.20
     """Greatest perceived distance (R)."""
-    subtract_radius: bool = False
-    """D and TTC of the stimulus's surface; False: of its centre (R)."""
+    distance_to: Literal["centre", "surface"] = "centre"
+    """Point of the stimulus whose D and TTC are perceived: its centre (R), or its surface, which is at 0 at the touch
+    whatever the stimulus's size."""
     min_closing_sigmas: float = 1.0
     """A sample is learned from when its closing speed exceeds so many standard deviations of the velocity estimate."""
 
     def __post_init__(self) -> None:
+        if self.distance_to not in ("centre", "surface"):
+            raise ValueError(f"distance_to {self.distance_to!r}: expected centre or surface")
         if not (0 < self.half_angle_rad < np.pi / 2 and self.base_radius_m >= 0 and self.length_m > 0):
             raise ValueError(f"{self}: expected an angle between 0 and 90°, a radius ≥ 0 and a length > 0")
 
@@ -68,11 +71,12 @@ def distance_and_ttc(
 
     D = sgn(d·z)‖d‖ and TTC = −sgn(d·v)‖d‖/‖v_d‖; both NaN outside the receptive field or where
     the input is NaN.  In the plane of the skin D counts as positive.  TTC is negative for a
-    receding stimulus, inf for one that does not approach significantly, 0 on the taxel itself.
+    receding stimulus, inf for one that does not approach significantly, 0 for one that touches.
+    To the surface of a stimulus of radius r both have ‖d‖ − r in place of ‖d‖.
     """
     d, v, z = (np.asarray(a, dtype=float) for a in (d, v, normals))
     shape = np.broadcast(d, v, z).shape
-    shell = radius_m if field.subtract_radius else 0.0
+    shell = radius_m if field.distance_to == "surface" else 0.0
     far = (field.length_m + max(shell, 0.0)) * (1 + 1e-9)  # a cheap bound: most taxels are far from the stimulus
     close = _as(shape[:-1], (d * d) @ np.ones(3) <= far**2)
     n_close = np.count_nonzero(close)
@@ -110,16 +114,15 @@ def _within_reach(
     """D and TTC (…) of displacements, normals and velocities (…, 3)."""
     height = np.einsum("...i,...i->...", d, z)
     distance = np.sqrt(np.einsum("...i,...i->...", d, d))
-    at_taxel = distance == 0
-    u = d / np.where(at_taxel, 1.0, distance)[..., None]
+    touches = distance <= max(shell, 0.0)
+    u = d / np.where(distance == 0, 1.0, distance)[..., None]
     closing = -np.einsum("...i,...i->...", u, v)
     margin = np.zeros_like(closing)
     if cov_v is not None:
         variance = np.einsum("...i,...i->...", u, (cov_v @ u[..., None])[..., 0])
         margin = field.min_closing_sigmas * np.sqrt(np.maximum(variance, 0.0))
-    moving = (np.abs(closing) > margin) & ~at_taxel
-    gap = np.maximum(distance - shell, 0.0)
-    ttc = np.where(moving, gap / np.where(moving, closing, 1.0), np.where(at_taxel, 0.0, np.inf))
+    moving = (np.abs(closing) > margin) & ~touches
+    ttc = np.where(moving, (distance - shell) / np.where(moving, closing, 1.0), np.where(touches, 0.0, np.inf))
     D = np.where(height >= 0, distance, -distance) - shell
     aside = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
     reach = field.base_radius_m + height * np.tan(field.half_angle_rad)
@@ -147,7 +150,7 @@ def distance_and_ttc_variance(
     distance = np.sqrt(np.einsum("...i,...i->...", d, d))[..., None]
     u = np.where(distance > 0, d / np.where(distance > 0, distance, 1.0), z)  # on the taxel: along its normal
     closing = -np.einsum("...i,...i->...", u, v)[..., None]
-    shell, shell_var = (radius_m, radius_var_m2) if field.subtract_radius else (0.0, 0.0)
+    shell, shell_var = (radius_m, radius_var_m2) if field.distance_to == "surface" else (0.0, 0.0)
     gap = np.maximum(distance - shell, 0.0)
     across = v + closing * u
     moves = closing != 0

@@ -42,8 +42,9 @@ class PipelineParams:
     """Duration of the gaze search after the object was lost."""
     max_false_positives: float = 1e-3
     """Share of the unreachable gaze postures that the map may call reachable (J asks for few)."""
-    receptive_field: ReceptiveField = ReceptiveField()
-    """Region in which a taxel perceives the object (R, "Receptive field")."""
+    receptive_field: ReceptiveField = ReceptiveField(distance_to="surface")
+    """Region in which a taxel perceives the object (R, "Receptive field"); with R's D, to the object's centre, the
+    activation at the touch would depend on the object's size (`bench pps_single_touch`)."""
     learning: LearnerParams = LearnerParams()
     """When a contact is learned."""
     fixation: FixationParams = FixationParams()

@@ -35,7 +35,7 @@ SETTLED = 10
 _SIGMAS = {68: float(norm.ppf(0.84)), 95: float(norm.ppf(0.975))}
 _LATE_S = (0.02, 0.5)  # before the touch: where an error of the time to contact counts
 _SPANS_S = ((0.3, 0.5), (0.2, 0.3), (0.1, 0.2), (0.02, 0.1))
-_FIELD = ReceptiveField(np.pi / 2 - 1e-9, length_m=10.0, subtract_radius=True, min_closing_sigmas=0.0)  # all of space
+_FIELD = ReceptiveField(np.pi / 2 - 1e-9, length_m=10.0, distance_to="surface", min_closing_sigmas=0.0)  # all of space
 _ASIDE_M = np.array([0.0, 0.0, -0.15])  # from the path's middle: a point whose distance is asked for
 _METRICS = {
     **{f"{q} {s}": Metric(f"{q} {s}", percent) for q in QUANTITIES for s in _SIGMAS},

@@ -30,7 +30,7 @@ _FINE = MemoryParams(bins=(32, 16))
 _POOLED = 0.2  # weight of the samples of every other taxel in the fine map, chosen on earlier training trials
 _AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
 _FAR_M = 0.2  # gaps beyond the receptive field count as this one
-_SURFACE = ReceptiveField(subtract_radius=True, min_closing_sigmas=0.0)
+_SURFACE = ReceptiveField(distance_to="surface", min_closing_sigmas=0.0)
 _AUTHORS = MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75)  # of the authors' own code
 
 

@@ -103,7 +103,7 @@ def test_in_taxel_frames_the_skin_at_rest_perceives_each_frame_alone() -> None:
     apart = true.positions[:, None] - POSITIONS[:12]
     np.testing.assert_allclose(seen.d_m[..., 2], np.einsum("tni,ni->tn", apart, NORMALS[:12]), atol=1e-9)
     np.testing.assert_array_equal(seen.touched, true.touched[:12])
-    field = ReceptiveField(subtract_radius=True)
+    field = ReceptiveField(distance_to="surface")
     skin = POSITIONS[:12], NORMALS[:12]
     alone = perceive_at(field, *skin, true.positions, true.velocities, 0.03, true.velocity_covs)
     np.testing.assert_allclose(perceive(seen, field), alone, rtol=1e-6)

@@ -9,7 +9,14 @@ from learning.pps.memory import MemoryParams
 from pps_vision.experiments.pps import failures, whole_skin
 from pps_vision.experiments.pps.failures import DISTURBANCES, MAPS, PpsFailures, record
 from pps_vision.experiments.pps.monte_carlo import SIMULATIONS, MonteCarlo
-from pps_vision.experiments.pps.single_touch import APPROACHES, LEAD_S, THRESHOLD, SingleTouch, repeat_approaches
+from pps_vision.experiments.pps.single_touch import (
+    APPROACHES,
+    FIELDS,
+    LEAD_S,
+    THRESHOLD,
+    SingleTouch,
+    repeat_approaches,
+)
 from pps_vision.experiments.pps.whole_skin import WholeSkin, activations, buffer_at_touch, make_body
 from pps_vision.experiments.study import Axis
 
@@ -33,25 +40,22 @@ def test_the_monte_carlo_draws_six_maps() -> None:
 
 
 @pytest.mark.parametrize("approach", APPROACHES)
-def test_after_one_touch_the_threshold_is_passed_0_3_s_before_the_next(approach: str) -> None:
-    before_s, found = repeat_approaches(APPROACHES[approach], MemoryParams(), 100, np.random.default_rng(SEED))
+def test_after_one_touch_the_activation_is_high_until_the_next(approach: str) -> None:
+    rng = np.random.default_rng(SEED)
+    before_s, found = repeat_approaches(APPROACHES[approach], MemoryParams(), FIELDS["surface"], 100, rng)
     assert found.shape == (61, 100)
-    assert (found[before_s >= LEAD_S - 1e-9].max(axis=0) > THRESHOLD).all()
-
-
-def test_half_the_window_stays_above_the_threshold_0_3_s_before() -> None:
-    params = MemoryParams(sigma_bins=0.5)
-    before_s, found = repeat_approaches(APPROACHES["5 cm/s"], params, 100, np.random.default_rng(SEED))
-    assert np.mean(found[int(np.argmin(np.abs(before_s - LEAD_S)))] > THRESHOLD) >= 0.98
+    lasting = (before_s < LEAD_S + 1e-9) & (before_s > 1e-9)
+    assert np.mean(found[lasting] > THRESHOLD) >= 0.99
+    if "30" not in approach:  # the last sample may have been 1.5 cm away, in the next bin
+        assert np.mean(found[-1] > THRESHOLD) >= 0.99
 
 
 def test_the_single_touch_is_drawn() -> None:
     numbers, _ = run_and_draw(SingleTouch(SEED, n=20))
     assert set(numbers["approaches"]) == set(APPROACHES)
-    for maps in numbers["approaches"].values():
-        found = maps["8×4, σ 1 bin (R, default)"]
-        assert found["passed_at_lead_percent"] == 100
-        assert found["activation"][-1][0] < found["activation"][-4][0]  # it falls in the last 0.1 s
+    for of_reference in numbers["approaches"].values():
+        surface, centre = (of_reference[name]["8×4, σ 1 bin (R, default)"]["activation"][-1][0] for name in FIELDS)
+        assert surface > centre
 
 
 def auroc(name: str, severity: float) -> float:

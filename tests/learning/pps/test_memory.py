@@ -191,10 +191,10 @@ def rewrite(path, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 99}, "version 99; expected version 2"),
+        ({"version": 99}, "version 99; expected version 3"),
         ({"version": None}, "version unknown"),
-        ({"version": np.array([1, 2])}, "version .1 2.; expected version 2"),
-        ({"version": "one"}, "version one; expected version 2"),
+        ({"version": np.array([1, 2])}, "version .1 2.; expected version 3"),
+        ({"version": "one"}, "version one; expected version 3"),
         ({"kind": "something else"}, "is not a PPS memory"),
         ({"kind": None}, "is not a PPS memory"),
         ({"counts": None}, "no counts; expected PPS memory"),

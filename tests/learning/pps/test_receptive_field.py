@@ -61,10 +61,17 @@ def test_the_cone_is_cut_by_the_skin(d, inside):
 
 
 def test_surface_instead_of_centre():
-    field = ReceptiveField(subtract_radius=True)
+    field = ReceptiveField(distance_to="surface")
     assert one((0, 0, 0.10), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((0.07, 1.4))
     assert one((0, 0, 0.02), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((-0.01, 0.0))
     assert one((0, 0, 0.10), (0, 0, -0.05), radius_m=0.03) == pytest.approx((0.10, 2.0))
+
+
+@pytest.mark.parametrize("v", [(0, 0, -0.05), (0, 0, 0), (0, 0, 0.05), (0.1, 0, 0)])
+def test_what_touches_does_so_now_however_it_moves(v):
+    field = ReceptiveField(distance_to="surface")
+    assert one((0, 0, 0.03), v, field, radius_m=0.03) == (0.0, 0.0)
+    assert one((0, 0, 0.025), v, field, radius_m=0.03) == pytest.approx((-0.005, 0.0))
 
 
 def test_a_closing_speed_within_its_noise_is_no_approach():
@@ -147,11 +154,16 @@ def test_an_impossible_cone_is_refused(wrong):
         ReceptiveField(**wrong)
 
 
+def test_a_distance_to_anything_else_is_refused():
+    with pytest.raises(ValueError, match="expected centre or surface"):
+        ReceptiveField(distance_to="edge")
+
+
 @pytest.mark.parametrize("surface", [False, True])
 def test_variances_of_distance_and_time_to_contact_agree_with_sampling(surface):
     """Many draws of position, velocity (correlated, as a filter leaves them), radius and taxel."""
     rng = np.random.default_rng(7)
-    field = ReceptiveField(subtract_radius=surface, min_closing_sigmas=0.0)
+    field = ReceptiveField(distance_to="surface" if surface else "centre", min_closing_sigmas=0.0)
     half = rng.normal(size=(6, 6)) * np.repeat([0.0005, 0.001], 3)[:, None]
     cov, posture_std, radius, radius_std = half @ half.T, 0.0007, 0.03, 0.0005
     for d, v in (
@@ -182,7 +194,7 @@ def test_a_whole_skin_perceives_as_its_taxels_do_alone():
     rng = np.random.default_rng(8)
     x, n = rng.uniform(-0.4, 0.4, (500, 3)), rng.normal(size=(500, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    for field in (FIELD, ReceptiveField(subtract_radius=True)):
+    for field in (FIELD, ReceptiveField(distance_to="surface")):
         together = perceive(field, x, n, [0.05, 0, 0], [-0.1, 0, 0.02], 0.04, np.eye(3) * 1e-4)
         alone = [perceive(field, x[i : i + 1], n[i : i + 1], [0.05, 0, 0], [-0.1, 0, 0.02], 0.04, np.eye(3) * 1e-4)
                  for i in range(500)]  # fmt: skip
@@ -191,7 +203,7 @@ def test_a_whole_skin_perceives_as_its_taxels_do_alone():
 
 
 def test_of_a_large_object_the_surface_counts_as_far_as_the_field_reaches():
-    surface = ReceptiveField(subtract_radius=True)
+    surface = ReceptiveField(distance_to="surface")
     assert one((0, 0, 0.24), (0, 0, -0.1), surface, radius_m=0.05) == pytest.approx((0.19, 1.9))
     assert np.isnan(one((0, 0, 0.26), (0, 0, -0.1), surface, radius_m=0.05)).all()
     assert np.isnan(one((0, 0, 0.24), (0, 0, -0.1), radius_m=0.05)).all()
