@@ -141,8 +141,8 @@ def test_a_contact_that_goes_on_is_learned_at_the_end() -> None:
 
 
 def towards_a_resting_object(speed_m_s: float, object_m_s: float) -> tuple[PipelineStep, float]:
-    """The second of two frames between which the torso carries the forearm towards an object, and the closing speed
-    of taxel 3 there."""
+    """The second of two frames between which the torso carries the forearm towards an object whose surface is 0.08 m
+    from taxel 3, its radius 0.02 m, and their closing speed."""
     q, yaw = home(ROBOT), ROBOT.indices(("torso_yaw",))[0]
     skin = icub_skin(("left_forearm",))
     index = skin.index("left_forearm:3")
@@ -160,8 +160,8 @@ def towards_a_resting_object(speed_m_s: float, object_m_s: float) -> tuple[Pipel
 def test_a_taxel_that_moves_towards_a_resting_object_predicts_the_contact() -> None:
     step, closing = towards_a_resting_object(0.08, 0.0)
     index = step.events.taxel_ids.index("left_forearm:3")
-    assert step.events.distance_m[index] == pytest.approx(0.1, abs=1e-9)
-    assert step.events.ttc_s[index] == pytest.approx(0.1 / closing, rel=0.02)
+    assert step.events.distance_m[index] == pytest.approx(0.08, abs=1e-9)
+    assert step.events.ttc_s[index] == pytest.approx(0.08 / closing, rel=0.02)
 
 
 @pytest.mark.parametrize("arm_m_s", [0.02, -0.12])
@@ -169,7 +169,7 @@ def test_time_to_contact_is_the_sooner_of_that_of_the_resting_and_of_the_moving_
     """An object at 10 cm/s: a taxel that withdraws faster still predicts the contact that it would have at rest."""
     step, closing = towards_a_resting_object(arm_m_s, -0.1)
     index = step.events.taxel_ids.index("left_forearm:3")
-    assert step.events.ttc_s[index] == pytest.approx(0.1 / max(closing, 0.1), rel=0.02)
+    assert step.events.ttc_s[index] == pytest.approx(0.08 / max(closing, 0.1), rel=0.02)
 
 
 @given(st.floats(-9, 9) | st.just(np.inf), st.floats(-9, 9) | st.just(np.inf))
