@@ -151,7 +151,7 @@ def test_a_count_beyond_every_robots_is_refused(refused, like: Path, tmp_path: P
         "ranges": np.array([memory.params.distance_range_m, memory.params.ttc_range_s]),
         "sigma_bins": 1.0,
     }
-    write_archive(path, "PPS memory", 2, arrays)
+    write_archive(path, "PPS memory", 3, arrays)
     assert "expected finite ones from 0 to 2^53" in refused("convert-taxels", path, tmp_path / "t.ini", "--like", like)
     text = like.read_text().replace("nTaxels 0", "nTaxels 1", 1).replace("[r_hand]", f"27 ({int(count)}) (0)\n[r_hand]")
     like.write_text(text)
