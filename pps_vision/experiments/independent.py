@@ -31,8 +31,9 @@ class Independent(Study):
 
     Right: status tracking, less than 30 mm off, as a share of the frames from 1 s on (of `start` rest: from 1 s after
     the object first moves) in which both eyes see at least half of the object.  False claim: status tracking, more
-    than 50 mm off, as a share of all frames.  Error (median) and coverage of the 95 %
-    ellipsoid: over the frames of the first share with status tracking.
+    than 50 mm off, as a share of all frames.  Error (median) and coverage of the 95 % ellipsoid: over the frames of the
+    first share with status tracking.  Of two balls that nothing tells apart either may be tracked, but the same one
+    throughout: all numbers refer to the ball for which most frames are right.
     """
 
     n: int = 2
@@ -108,11 +109,19 @@ def measure(case: Case, number: int, seed: int, data: Path) -> dict[str, float]:
     film = Film(case.scene(number), seed, data)
     tracker = Tracker(case.tracker(film.hue_deg), film.rig, np.random.default_rng(seed))
     steps, ms = timed_steps(tracker.step, film)
-    scene = film.scene
-    return {
-        **score([step.track for step in steps], film.truth, scene.rest_s if scene.start == "rest" else 0.0),
-        "ms_per_pair": float(np.median(ms)),
-    }
+    scene, tracks = film.scene, [step.track for step in steps]
+    moves_at_s = scene.rest_s if scene.start == "rest" else 0.0
+    told_which = case.marker and scene.second != "same"
+    truths = film.truths[: 1 if told_which else None]
+    return {**score_of_either(tracks, truths, moves_at_s), "ms_per_pair": float(np.median(ms))}
+
+
+def score_of_either(
+    tracks: Sequence[Track3D], truths: Sequence[Sequence[Truth]], moves_at_s: float = 0.0
+) -> dict[str, float]:
+    """`score` by the one of several objects for which most frames are right: a track that changes from one to another
+    is wrong for a part of the film."""
+    return max((score(tracks, truth, moves_at_s) for truth in truths), key=lambda one: one["right_percent"])
 
 
 def score(tracks: Sequence[Track3D], truth: Sequence[Truth], moves_at_s: float = 0.0) -> dict[str, float]:

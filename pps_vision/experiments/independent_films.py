@@ -180,8 +180,8 @@ _MADE = ((1.0, 3.2, -2.6), (1.004, -2.4, 1.7))  # of each eye: relative focal le
 class Film:
     """Stereo frames of a scene, drawn anew on every iteration, bit for bit the same for the same seed.
 
-    `truth` (n) and `share` (n, 2; of the object's image that left and right eye see) are known beforehand; `rig` and
-    `hue_deg` are what a tracker may be told.
+    `truth` (n) and `share` (n, 2; of the object's image that left and right eye see) are known beforehand, as are the
+    `truths` of all that moves; `rig` and `hue_deg` are what a tracker may be told.
     """
 
     def __init__(self, scene: IndependentScene, seed: int, data: Path = DATA) -> None:
@@ -295,30 +295,38 @@ class Film:
         return World(tuple(balls))
 
     @cached_property
-    def _truth_and_share(self) -> tuple[tuple[Truth, ...], Array]:
-        rows, shares = [], []
+    def _truths_and_shares(self) -> tuple[tuple[tuple[Truth, ...], Array], ...]:
+        """Of each thing that moves, the object first."""
+        found: list[tuple[list[Truth], list[list[float]]]] = [([], []) for _ in self.world(0.0).things]
         R, o = self.T_root_stage[:3, :3], self.T_root_stage[:3, 3]
         for t in self.stamps_s.tolist():
-            p, v = self._path(t)
-            world, poses = self.world(t), self.eye_poses(t)
-            one = world.things[0]
-            views = list(zip(self._eyes, poses, strict=True))
-            share = [visible_share(lens, pose, world, one, self._still) for lens, pose in views]
-            pixels = [lens.project(pose, p)[0] for lens, pose in views]
-            seen = [value >= SEEN_SHARE for value in share]
-            rows.append(Truth(t, R @ p + o, R @ v, self.scene.radius_m, pixels[0], pixels[1], seen[0], seen[1]))
-            shares.append(share)
-        return tuple(rows), np.array(shares)
+            v, world = self._path(t)[1], self.world(t)
+            views = list(zip(self._eyes, self.eye_poses(t), strict=True))
+            for (rows, shares), one, sign in zip(found, world.things, (1, -1), strict=False):  # the second moves against
+                p = one.center
+                share = [visible_share(lens, pose, world, one, self._still) for lens, pose in views]
+                pixels = [lens.project(pose, p)[0] for lens, pose in views]
+                seen = [value >= SEEN_SHARE for value in share]
+                velocity, radius_m = sign * (R @ v), self.scene.radius_m
+                rows.append(Truth(t, R @ p + o, velocity, radius_m, pixels[0], pixels[1], seen[0], seen[1]))
+                shares.append(share)
+        return tuple((tuple(rows), np.array(shares)) for rows, shares in found)
+
+    @property
+    def truths(self) -> tuple[tuple[Truth, ...], ...]:
+        """Of each thing that moves, the object first: (n) in the tracker's root frame; an eye that sees at least half
+        of a thing sees it."""
+        return tuple(truth for truth, _ in self._truths_and_shares)
 
     @property
     def truth(self) -> tuple[Truth, ...]:
-        """(n) in the tracker's root frame; an eye that sees at least half of the object sees it."""
-        return self._truth_and_share[0]
+        """The same of the object."""
+        return self.truths[0]
 
     @property
     def share(self) -> Array:
         """(n, 2) share of the object's image that lies in the picture with nothing before it."""
-        return self._truth_and_share[1]
+        return self._truths_and_shares[0][1]
 
     def __len__(self) -> int:
         """Number of pairs."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from data import shared_data
 
-from pps_vision.experiments.independent import score
+from pps_vision.experiments.independent import score, score_of_either
 from pps_vision.experiments.independent_cases import CASES
 from pps_vision.experiments.independent_films import (
     EYES_AT_REST,
@@ -33,7 +33,7 @@ from pps_vision.experiments.independent_scenes import (
 )
 from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
 from pps_vision.robot.icub import load_icub
-from pps_vision.types import Status, Track3D
+from pps_vision.types import Array, Status, Track3D
 
 NOWHERE = Path("no such folder")  # every photograph a procedural texture
 BENT = np.array([-0.12, 0.05, 0.0006, -0.0004, 0.0])
@@ -261,6 +261,31 @@ def test_scores_count_what_they_say() -> None:
     nothing = score([Track3D.unknown(row.stamp_s) for row in film.truth], film.truth)
     assert nothing["right_percent"] == nothing["false_percent"] == 0
     assert np.isnan(nothing["median_mm"])
+
+
+def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
+    scene = IndependentScene(start="moving", seconds=2.0, fps=10.0, second="same")
+    film = Film(scene, 1, NOWHERE)
+    first, second = (np.array([row.position for row in truth]) for truth in film.truths)
+    middle = 0.5 * (first + second)
+    assert np.ptp(middle, axis=0).max() < 1e-9  # the second mirrors the first, 15 cm farther away
+    np.testing.assert_allclose(np.diff(second, axis=0)[:, 2], -np.diff(first, axis=0)[:, 2], atol=1e-9)
+    rates = [np.array([row.velocity for row in truth]) for truth in film.truths]
+    np.testing.assert_allclose(rates[1][1:-1], (second[2:] - second[:-2]) / 0.2, atol=0.02)
+    np.testing.assert_allclose(rates[0], -rates[1])
+
+    def tracks(path: Array) -> list[Track3D]:
+        return [
+            Track3D(row.stamp_s, np.vstack([p, np.zeros((3, 3))]), 1e-4 * np.eye(12), 0.03, 0.0, Status.TRACKING)
+            for row, p in zip(film.truth, path, strict=True)
+        ]
+
+    assert score(tracks(second), film.truth)["right_percent"] == 0
+    assert score_of_either(tracks(second), film.truths)["right_percent"] == 100
+    swapped = score_of_either(tracks(np.concatenate([first[:14], second[14:]])), film.truths)
+    assert swapped["right_percent"] == 60 and swapped["false_percent"] == 70
+    between = score_of_either(tracks(middle), film.truths)  # the left eye's ball paired with the right eye's other
+    assert between["right_percent"] == 0 and between["false_percent"] == 100
 
 
 def test_bad_use_is_named() -> None:
