@@ -302,7 +302,7 @@ class Film:
         for t in self.stamps_s.tolist():
             v, world = self._path(t)[1], self.world(t)
             views = list(zip(self._eyes, self.eye_poses(t), strict=True))
-            for (rows, shares), one, sign in zip(found, world.things, (1, -1), strict=False):  # the second moves against
+            for (rows, shares), one, sign in zip(found, world.things, _SIGNS, strict=False):
                 p = one.center
                 share = [visible_share(lens, pose, world, one, self._still) for lens, pose in views]
                 pixels = [lens.project(pose, p)[0] for lens, pose in views]
@@ -353,6 +353,7 @@ class Film:
         return self.scene.sensor.expose(light, float(gain), rng, tape)
 
 
+_SIGNS = (1, -1)  # of the object's and the second ball's velocity
 _SWAYING = ("neck_yaw", "neck_pitch", "neck_roll", "eyes_tilt", "version")
 _SWAY_SHARE = np.array([1.0, 0.6, 0.25, 0.4, 0.8])
 _SWAY_HZ = np.array([0.31, 0.23, 0.17, 0.41, 0.29])

@@ -283,9 +283,9 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
     assert score(tracks(second), film.truth)["right_percent"] == 0
     assert score_of_either(tracks(second), film.truths)["right_percent"] == 100
     swapped = score_of_either(tracks(np.concatenate([first[:14], second[14:]])), film.truths)
-    assert swapped["right_percent"] == 60 and swapped["false_percent"] == 70
+    assert (swapped["right_percent"], swapped["false_percent"]) == (60, 70)
     between = score_of_either(tracks(middle), film.truths)  # the left eye's ball paired with the right eye's other
-    assert between["right_percent"] == 0 and between["false_percent"] == 100
+    assert (between["right_percent"], between["false_percent"]) == (0, 100)
 
 
 def test_bad_use_is_named() -> None:
