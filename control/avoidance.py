@@ -14,8 +14,6 @@ from pps_vision.robot.model import Posture
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, JointVelocity
 
-_ARM_JOINTS = 7
-
 Mode = Literal["idle", "avoid", "reach", "return"]
 
 
@@ -24,7 +22,7 @@ class AvoidanceParams:
     """Response of one arm to its skin (R, "Avoidance and reaching"; FACTS §3)."""
 
     home_arm_rad: tuple[float, ...]
-    """(7,) the arm's joints at home."""
+    """(k,) the arm's joints at home."""
     side: Literal["left", "right"] = "left"
     """The arm."""
     behaviour: Literal["avoid", "reach"] = "avoid"
@@ -52,8 +50,8 @@ class AvoidanceParams:
     def __post_init__(self) -> None:
         if self.side not in ("left", "right") or self.behaviour not in ("avoid", "reach"):
             raise ValueError(f"{self.behaviour!r} by the {self.side!r} arm; expected avoid or reach, left or right")
-        if len(self.home_arm_rad) != _ARM_JOINTS or not np.isfinite(self.home_arm_rad).all():
-            raise ValueError(f"home_arm_rad {self.home_arm_rad}; expected {_ARM_JOINTS} angles")
+        if not self.home_arm_rad or not np.isfinite(self.home_arm_rad).all():
+            raise ValueError(f"home_arm_rad {self.home_arm_rad}; expected an angle for each joint")
         times = self.confirm_s, self.persist_s, self.ease_in_s
         above_0 = self.threshold, self.speed_m_s, self.radius_m, self.return_per_s, self.at_home_rad
         if not (all(time >= 0 for time in times) and all(value > 0 for value in above_0) and self.threshold <= 1):

@@ -99,13 +99,13 @@ def fixation_error(posture: Posture, p_root: ArrayLike) -> float:
 def gaze_at(robot: Robot, q_rad: ArrayLike, p_root: ArrayLike, params: FixationParams | None = None) -> Array:
     """The configuration (n_joints,) whose eyes fixate a point, or come as near as their limits allow.
 
-    The same control law, iterated from `q_rad` until it rests.
+    The same control law, iterated from `q_rad` until it rests; of fixed cameras `q_rad` itself.
     """
     params = params or FixationParams()
     slow = replace(params.limits, neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6)
     whole_step = replace(params, gain_per_s=0.8, tilt_return_per_s=0.5, limits=slow)
     q, p = np.array(q_rad, dtype=float), np.asarray(p_root, dtype=float)
-    for _ in range(60):
+    for _ in range(60 if robot.names.gaze_joints else 0):
         dq = _rates(whole_step, robot.at(q), p, np.zeros(3), 1.0)
         q += dq
         if np.abs(dq).max() < 1e-9:

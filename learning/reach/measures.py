@@ -11,18 +11,19 @@ from learning.reach.params import MapParams
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, Manipulability, Measure
+from pps_vision.robot.skin import Skin
 from pps_vision.types import Array
 
 _N_SAMPLED = 20_000  # postures among which the greatest manipulability is looked for
 
 
 def hand_and_params(
-    robot: Robot, side: str, end_point: str, measure: MeasureName, params: MapParams
+    robot: Robot, side: str, end_point: str, measure: MeasureName, params: MapParams, skin: Skin | None = None
 ) -> tuple[HandModel, MapParams]:
     """What `train_reachable_map` is to be given for an end point ("palm", or a taxel such as "left_forearm:27") and a
     measure; ValueError for a point that this arm does not carry."""
     lower, upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
-    point = EndPoint.of(robot, side, end_point, len(lower))
+    point = EndPoint.of(robot, side, end_point, len(lower), skin)
     hand = replace(HandModel.of(robot, point.positions), normals=point.normals)
     return hand, replace(params, measure=_measure(measure, point, lower, upper))
 

@@ -13,7 +13,9 @@ from pps_vision.app.track import tracker_for
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording, Touch
-from pps_vision.robot.skin import Skin, icub_skin
+from pps_vision.robot.icub import icub_setup
+from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.skin import Skin
 from pps_vision.types import Mask
 from tracking import Mode
 from tracking.tracker import TrackerParams
@@ -35,14 +37,16 @@ def learn(
     into: PPSMemory | None = None,
     mode: Mode = "generic",
     seed: int = 0,
+    robot: RobotSetup | None = None,
 ) -> PPSMemory:
-    """Learn PPS maps from recordings of an iCub in which its skin is touched.
+    """Learn PPS maps from recordings of a robot in which its skin is touched.
 
     Args:
         recordings: Recordings, or their folders, in the order to learn from them.
         into: An earlier memory to continue from; None: an empty one.
         mode: How the object is tracked.
         seed: Seed of the particle filter.
+        robot: Whose recordings they are; default: the iCub's.
 
     Returns:
         The memory: counts of touch and no touch by distance and time to contact, for every taxel of the skin.
@@ -50,20 +54,24 @@ def learn(
     Raises:
         InputError: A recording cannot be read or is not of a robot, or `into` has other taxels than the skin.
     """
-    memory = PPSMemory.empty(icub_skin()) if into is None else into
+    robot = robot or icub_setup()
+    memory = PPSMemory.empty(robot.skin) if into is None else into
     for recording in recordings:
-        opened = recording if isinstance(recording, Recording) else open_recording(recording)
-        memory = learn_from(opened, memory, mode, seed).memory
+        opened = recording if isinstance(recording, Recording) else open_recording(recording, robot=robot)
+        memory = learn_from(opened, memory, mode, seed, robot).memory
     return memory
 
 
-def learn_from(recording: Recording, memory: PPSMemory, mode: Mode = "generic", seed: int = 0) -> Learned:
+def learn_from(
+    recording: Recording, memory: PPSMemory, mode: Mode = "generic", seed: int = 0, robot: RobotSetup | None = None
+) -> Learned:
     """Continue `memory` with one recording; arguments and errors as in `learn`."""
-    skin = icub_skin()
+    setup = robot or icub_setup()
+    skin = setup.skin
     if recording.robot is None:
         raise InputError(recording.name, "has no joints; expected the recording of a robot")
     tracker = tracker_for(recording, TrackerParams(mode=mode), seed)
-    pipeline = Pipeline(PipelineParams(), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
+    pipeline = Pipeline(PipelineParams.of(setup), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
     for frame in recording:
         pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
     after = pipeline.finish()

@@ -25,6 +25,7 @@ from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.setup import RobotSetup
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Activation, Array, JointVelocity, Mask, Reachability, StereoFrame, TaxelEvents, Track3D
 from tracking.tracker import Tracker, TrackerStep
@@ -55,6 +56,11 @@ class PipelineParams:
     """Response of the arm to its skin (R eq. 6)."""
     limits: LimitParams = LimitParams()
     """Limits of every command."""
+
+    @classmethod
+    def of(cls, setup: RobotSetup) -> "PipelineParams":
+        """Of any robot: its first arm avoids."""
+        return cls(avoidance=AvoidanceParams(setup.home_arm(setup.side), setup.side))
 
 
 @dataclass(frozen=True)
@@ -114,8 +120,12 @@ class Pipeline:
             raise InputError(
                 "pipeline", f"reachable-space map of {map_side}; expected one of the {side} arm, which is to reach"
             )
+        n = len(robot.names.arm(side))
+        if len(params.avoidance.home_arm_rad) != n:
+            found = f"home_arm_rad {params.avoidance.home_arm_rad}"
+            raise InputError("pipeline", f"{found}; expected the {n} joints of the {side} arm")
         self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
-        self._arm_skin = Skin(tuple(part for part in skin.parts if part.name.startswith(side)))
+        self._arm_skin = skin.on_arm(robot, side)
         self._on_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
         self._reachability = reachable_map and TrackReachability(robot, reachable_map, params.max_false_positives)
         self._self_collision = SelfCollision(robot)
@@ -213,8 +223,11 @@ class Pipeline:
     def _move_gaze(
         self, state: PipelineState, posture: Posture, track: Track3D
     ) -> tuple[SearchState | None, JointVelocity]:
-        """Fixate a known object, search for `search_for_s` after it was lost, otherwise keep still."""
+        """Fixate a known object, search for `search_for_s` after it was lost, otherwise keep still; as fixed cameras
+        always do."""
         params, stamp_s = self.params, track.stamp_s
+        if not self.robot.names.gaze_joints:
+            return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints), params.hold_s)
         if track.is_known:
             return None, fixation.step(params.fixation, posture, track.position, track.velocity, params.hold_s, stamp_s)
         if stamp_s - state.last_known_s < params.search_for_s:

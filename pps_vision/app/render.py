@@ -1,4 +1,4 @@
-"""`pps-vision render`: a recording of an iCub that watches a moving object, with its truth."""
+"""`pps-vision render`: a recording of a robot that watches a moving object, with its truth."""
 
 import math
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from control.limits import MAX_HOLD_S
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.robot_file import robot_setup
 from pps_vision.recordings.yarp_writer import YarpWriter
-from pps_vision.robot.icub import home, icub_rig, load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import icub_skin, touched_taxels
+from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.skin import touched_taxels
 from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
@@ -49,14 +49,14 @@ def record(options: RenderParams) -> tuple[int, int]:
     if options.center is not None and not np.all(np.isfinite(options.center)):
         raise InputError("render", f"--center {options.center}; expected three numbers in metres")
     rng = np.random.default_rng(options.seed)
-    robot, skin = load_icub(), icub_skin()
-    rig = icub_rig(robot)
+    setup = robot_setup(options.robot)
+    robot, skin, rig = setup.robot, setup.skin, setup.rig
     fidelity = Fidelity(scale=options.scale)
     stimulus = stimulus_of(options, fidelity.fineness)
     sensor = Sensor(options.noise, options.shot, options.exposure, options.blur_s)
-    states, touches = list(scene(options, robot, rig, rng)), 0
+    states, touches = list(scene(options, setup, rng)), 0
     with (
-        YarpWriter(options.out, robot, rig.left, rig.right) as writer,
+        YarpWriter(options.out, setup) as writer,
         Eyes(robot, rig, stimulus, options.carrier, sensor, fidelity=fidelity) as eyes,
     ):
         for t, state in tqdm(states, desc="render", unit="pair", disable=None):
@@ -80,11 +80,9 @@ def stimulus_of(options: RenderParams, fineness: int) -> Stimulus:
     return make_stimulus(options.stimulus, options.radius, fineness)
 
 
-def scene(
-    options: RenderParams, robot: Robot, rig: StereoRig, rng: np.random.Generator
-) -> Iterator[tuple[float, SceneState]]:
+def scene(options: RenderParams, setup: RobotSetup, rng: np.random.Generator) -> Iterator[tuple[float, SceneState]]:
     """Stamp and state of each frame."""
-    q, motion = _begin(options, robot, rig, rng, stimulus_of(options, 0).radius_m)
+    robot, (q, motion) = setup.robot, _begin(options, setup, rng, stimulus_of(options, 0).radius_m)
     dt = 1 / options.fps
     for k in range(max(1, round(options.seconds * options.fps))):
         t = k * dt
@@ -94,11 +92,11 @@ def scene(
         q = robot.clamp(q + dt * dq)
 
 
-def _begin(
-    options: RenderParams, robot: Robot, rig: StereoRig, rng: np.random.Generator, radius_m: float
-) -> tuple[Array, Motion]:
+def _begin(options: RenderParams, setup: RobotSetup, rng: np.random.Generator, radius_m: float) -> tuple[Array, Motion]:
     """The robot at home fixating the start of a random motion that both eyes can follow."""
-    q_home, skin = home(robot), icub_skin()
+    robot, rig, q_home, skin = setup.robot, setup.rig, setup.home_rad, setup.skin
+    if options.robot and options.center is None and options.motion not in REACH_M:
+        raise InputError("render", f"--motion {options.motion} without --center; expected one, before the cameras")
     taxels, _ = skin.at(robot.at(q_home))
     target = skin.index(options.target)
     aim = at_taxel(skin, robot.at(q_home), target, radius_m + REACH_M.get(options.motion, 0.0))
@@ -118,7 +116,7 @@ def _begin(
 def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array, t: float, dt: float) -> Array:
     """Joint rates until the next frame: fixation of where the object will be, and the sway."""
     dq: Array = np.zeros(robot.n_joints)
-    if options.head == "still":
+    if options.head == "still" or not robot.names.gaze_joints:
         return dq
     if options.head == "follow":
         gains = fixation.FixationParams(gain_per_s=min(8.0, 0.6 / dt))
@@ -130,7 +128,7 @@ def _head_rate(options: RenderParams, robot: Robot, q: Array, p: Array, v: Array
 
 
 def _before_the_eyes(rng: np.random.Generator) -> Array:
-    """A point 0.33–0.52 m before the eyes of the robot at home, so that a motion about it keeps to 0.25–0.6 m."""
+    """A point 0.33–0.52 m before the eyes of the iCub at home, so that a motion about it keeps to 0.25–0.6 m."""
     azimuth, elevation = np.deg2rad([rng.uniform(-15, 15), rng.uniform(-25, 5)])
     distance = rng.uniform(0.33, 0.52)
     ahead = np.array([-np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
@@ -138,7 +136,7 @@ def _before_the_eyes(rng: np.random.Generator) -> Array:
 
 
 def render(stimulus: StimulusName | Path, motion: MotionName, out: Path | str, **options: Any) -> Recording:
-    """Render a recording of an iCub that watches a moving object, and open it.
+    """Render a recording of a robot that watches a moving object, and open it.
 
     Args:
         stimulus: What is shown: a name, or a mesh file (.stl, .obj, .ply).
@@ -154,4 +152,4 @@ def render(stimulus: StimulusName | Path, motion: MotionName, out: Path | str, *
     """
     asked = RenderParams(stimulus, motion, Path(out), **options)
     record(asked)
-    return open_recording(asked.out)
+    return open_recording(asked.out, robot=robot_setup(asked.robot))

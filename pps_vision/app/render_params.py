@@ -45,5 +45,7 @@ class RenderParams:
     """follow: the eyes fixate the object while the head sways; sway: the head moves by itself; still."""
     scale: float = 1.0
     """Pixels of the drawn pinhole image per pixel of the eye, 0.5 to 2: finer images take longer (`bench fidelity`)."""
+    robot: Path | None = None
+    """robot.toml of another robot, with one of its taxels as --target; default: the iCub."""
     seed: int = 0
     """Seed of the motion and the noise."""

@@ -22,8 +22,9 @@ from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.setup import RobotSetup
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
 from pps_vision.types import Array, Mask, Reachability, Status, StereoFrame
@@ -71,22 +72,42 @@ class TrainingParams:
     """Standard deviation of the pixel noise, grey levels of 255."""
     objects: tuple[StimulusName, ...] = ("ball", "cube")
     """Objects that touch, in turn."""
+    taxels: tuple[str, ...] = tuple(f"left_forearm:{i}" for i in INNER_FOREARM)
+    """Taxels that are touched, in turn."""
 
 
 @dataclass(frozen=True)
 class World:
     """The robot, its skin and eyes, and the random numbers of the simulation."""
 
-    robot: Robot
-    rig: StereoRig
-    skin: Skin
+    setup: RobotSetup
     eyes: Eyes
     rng: np.random.Generator
+
+    @property
+    def robot(self) -> Robot:
+        """Its kinematics."""
+        return self.setup.robot
+
+    @property
+    def rig(self) -> StereoRig:
+        """Its cameras."""
+        return self.setup.rig
+
+    @property
+    def skin(self) -> Skin:
+        """Its skin."""
+        return self.setup.skin
+
+    @cached_property
+    def arm(self) -> list[int]:
+        """Where the joints of the arm that avoids are in the configuration vector."""
+        return self.robot.indices(self.robot.names.arm(self.setup.side))
 
     @cached_property
     def home(self) -> Array:
         """(n_joints,) arms at home, eyes on the space before the skin."""
-        return watching(self.robot, self.skin, home(self.robot))
+        return watching(self.robot, self.skin, self.setup.home_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,13 +162,12 @@ class EpisodeLog:
 
 
 @contextmanager
-def open_world(noise_sigma: float, seed: int) -> Iterator[World]:
-    """The iCub with the skin of its left forearm and palm; `noise_sigma` of the pixels in grey levels of 255."""
-    robot = load_icub()
-    rig = icub_rig(robot)
-    skin = icub_skin(("left_forearm", "left_palm"))
-    with Eyes(robot, rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=noise_sigma)) as eyes:
-        yield World(robot, rig, skin, eyes, np.random.default_rng(seed))
+def open_world(noise_sigma: float, seed: int, setup: RobotSetup | None = None) -> Iterator[World]:
+    """A robot, by default the iCub with the skin of its left forearm and palm; `noise_sigma` of the pixels in grey
+    levels of 255."""
+    setup = setup or icub_setup(icub_skin(("left_forearm", "left_palm")))
+    with Eyes(setup.robot, setup.rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=noise_sigma)) as eyes:
+        yield World(setup, eyes, np.random.default_rng(seed))
 
 
 def new_pipeline(
@@ -156,7 +176,7 @@ def new_pipeline(
     """A pipeline with a new tracker and an earlier memory."""
     timing = {} if stopwatch is None else {"stages": stopwatch}
     tracker = Tracker(TrackerParams(), world.rig, world.rng, own_body=Silhouette(world.robot), **timing)
-    return Pipeline(PipelineParams(), world.robot, world.skin, tracker, memory, world.rng, reachable_map)
+    return Pipeline(PipelineParams.of(world.setup), world.robot, world.skin, tracker, memory, world.rng, reachable_map)
 
 
 def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True) -> Iterator[SimulationStep]:
@@ -166,8 +186,7 @@ def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True)
     """
     robot, stimulus = world.robot, make_stimulus(episode.stimulus)
     world.eyes.set_stimulus(stimulus)
-    arm = robot.indices(robot.names.arm("left"))
-    q = world.home
+    arm, q = world.arm, world.home
     if episode.motion is not None:
         q = gaze_at(robot, q, episode.motion(0.0)[0])
     for k in range(int(np.ceil(episode.seconds / PERIOD_S - 1e-9))):
@@ -192,7 +211,7 @@ def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True)
 def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoid: bool = True) -> EpisodeLog:
     """The arrays of the frames of an episode; `avoid` as in `simulate`."""
     rows = list(steps)
-    arm = world.robot.indices(world.robot.names.arm("left"))
+    arm = world.arm
     radius_m = make_stimulus(episode.stimulus).radius_m
     tracks = [row.step.tracking.track for row in rows]
     truth, taxels = np.array([row.position for row in rows]), np.array([row.taxels for row in rows])
@@ -216,12 +235,13 @@ def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoi
 
 
 def train(world: World, params: TrainingParams) -> PPSMemory:
-    """The memory after approaches to the inner taxels of the forearm in turn, with the objects in turn."""
-    if params.trials < 1 or not params.objects:
-        raise InputError("training", f"{params.trials} trials, {len(params.objects)} objects; expected at least one")
+    """The memory after approaches to the taxels in turn, with the objects in turn."""
+    if params.trials < 1 or not params.objects or not params.taxels:
+        found = f"{params.trials} trials, {len(params.objects)} objects, {len(params.taxels)} taxels"
+        raise InputError("training", f"{found}; expected at least one of each")
     memory = PPSMemory.empty(world.skin)
     for trial in tqdm(range(params.trials), desc="training", unit="approach", disable=None):
-        taxel = f"left_forearm:{INNER_FOREARM[trial % len(INNER_FOREARM)]}"
+        taxel = params.taxels[trial % len(params.taxels)]
         stimulus = params.objects[trial % len(params.objects)]
         speed = world.rng.uniform(*SPEED_M_S)
         episode = make_episode("approach", world, taxel, stimulus, world.rng, speed, reach_m=0.0)

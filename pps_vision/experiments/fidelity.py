@@ -17,7 +17,7 @@ from pps_vision.experiments.exact_images import ray_cast
 from pps_vision.experiments.study import NOISE_SIGMA, Metric, SampledStudy, Values, compare, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import View
-from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.icub import icub_rig, icub_setup, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes
@@ -96,8 +96,7 @@ class Fidelity(SampledStudy):
     def _states(self, stimulus: StimulusName, seconds: float, seed: int) -> list[SceneState]:
         """The states of a random motion that the eyes follow."""
         what = RenderParams(stimulus, "figure8" if seed % 2 else "circle", Path(), seconds=seconds, seed=seed)
-        robot = load_icub()
-        return [state for _, state in scene(what, robot, icub_rig(robot), np.random.default_rng(seed))]
+        return [state for _, state in scene(what, icub_setup(), np.random.default_rng(seed))]
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against the image error and against the tracking error of each object, and against the error of blur."""

@@ -41,7 +41,7 @@ from pps_vision.recordings.times import read_times
 from pps_vision.recordings.video import open_video
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.gaze import GazeLimits
-from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, home, load_icub
+from pps_vision.robot.icub import home, icub_setup, load_icub
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import StereoFrame, Truth
 from rendering.stimulus_file import load_stimulus
@@ -178,9 +178,10 @@ def mutate_archive(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _recording(folder: Path) -> list[Path]:
-    robot, rng = load_icub(), np.random.default_rng(0)
+    setup, rng = icub_setup(), np.random.default_rng(0)
+    robot = setup.robot
     q = home(robot)
-    with YarpWriter(folder / "rec", robot, LEFT_EYE, RIGHT_EYE) as writer:
+    with YarpWriter(folder / "rec", setup) as writer:
         for i in range(4):
             left, right = rng.integers(0, 256, (2, 6, 8, 3), dtype=np.uint8)
             stamp_s = 1512784563.5 + 0.05 * i

@@ -14,7 +14,7 @@ from pps_vision.experiments.baselines.image_trackers import BoxPx, sphere_box
 from pps_vision.experiments.independent_eyes import eyes_of, own_body_of
 from pps_vision.experiments.study import NOISE_SIGMA, SceneSource
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.icub import home, icub_rig, icub_setup, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask, StereoFrame
 from rendering.motions import Motion
@@ -171,8 +171,8 @@ def film(
 
 def rendered(what: RenderParams, source: SceneSource = "rendered") -> Recording:
     """Return what `pps-vision render` would write (its folder is not used), or the same states by ray casting."""
-    rng, robot = np.random.default_rng(what.seed), load_icub()
-    states = list(scene(what, robot, icub_rig(robot), rng))
+    rng = np.random.default_rng(what.seed)
+    states = list(scene(what, icub_setup(), rng))
     sensor = Sensor(what.noise, what.shot, what.exposure, what.blur_s)
     return film(states, stimulus_of(what, 3), source, sensor, what.seed, rng)
 

@@ -12,6 +12,7 @@ from pkgutil import iter_modules
 from pps_vision.errors import InputError
 from pps_vision.recordings import formats
 from pps_vision.recordings.recording import Recording, Source
+from pps_vision.robot.setup import RobotSetup
 
 
 def open_recording(
@@ -26,6 +27,7 @@ def open_recording(
     joints: Path | str | None = None,
     taxels: Path | str | None = None,
     max_skew_s: float = 0.02,
+    robot: RobotSetup | None = None,
 ) -> Recording:
     """Open the recording of an iCub, an EuRoC or KITTI folder, videos, or any stereo images with a calibration.
 
@@ -45,6 +47,7 @@ def open_recording(
         joints: Offsets to add to the encoders, as `pps-vision joints` writes them.
         taxels: The robot's taxels*.ini, for a recording of its own skin events.
         max_skew_s: Left and right images further apart in time are no pair.
+        robot: Whose recording it is; default: an iCub.
 
     Raises:
         InputError: Nothing usable is there; names the file, the line and what was expected.
@@ -62,6 +65,7 @@ def open_recording(
         joints=Path(joints) if joints else None,
         taxels=Path(taxels) if taxels else None,
         max_skew_s=max_skew_s,
+        robot=robot,
     )
     if source.folder is not None and not source.folder.exists():
         raise InputError(source.folder, "no such folder; expected a recording, or a side-by-side video")

@@ -13,6 +13,7 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.robot.model import Robot
+from pps_vision.robot.setup import RobotSetup
 from pps_vision.types import StereoFrame, Truth
 
 Pair = tuple[ImageFile, ImageFile]
@@ -35,6 +36,7 @@ class Source:
     joints: Path | None
     taxels: Path | None
     max_skew_s: float
+    robot: RobotSetup | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,23 +9,13 @@ from typing import TextIO
 import cv2
 from numpy.typing import ArrayLike
 
-from pps_vision.geometry.camera import Camera
 from pps_vision.recordings.icub_eyes import write_icub_eyes
 from pps_vision.recordings.outputs import whole_folder
 from pps_vision.recordings.tables import write_truth
-from pps_vision.robot.icub import encoders_from_q
-from pps_vision.robot.model import Robot
+from pps_vision.robot.setup import RobotSetup
 from pps_vision.types import StereoFrame, Truth
 
-_PORTS = {
-    "cam/left": "Image:ppm",
-    "cam/right": "Image:ppm",
-    "torso": "Bottle",
-    "head": "Bottle",
-    "left_arm": "Bottle",
-    "right_arm": "Bottle",
-    "skin": "Bottle",
-}
+_IMAGES = ("cam/left", "cam/right")
 
 
 class YarpWriter:
@@ -35,20 +25,20 @@ class YarpWriter:
     may come at its own rate; joints must span the frames' stamps.
     """
 
-    def __init__(self, folder: Path, robot: Robot, left: Camera, right: Camera) -> None:
-        self._target, self._robot, self._eyes = folder, robot, (left, right)
+    def __init__(self, folder: Path, setup: RobotSetup) -> None:
+        self._target, self._setup, self._eyes = folder, setup, (setup.rig.left, setup.rig.right)
         self._stack = ExitStack()
         self._logs: dict[str, TextIO] = {}
-        self._rows = dict.fromkeys(_PORTS, 0)
+        self._rows = dict.fromkeys((*_IMAGES, *setup.ports, "skin"), 0)
         self._truth: list[Truth] = []
 
     def __enter__(self) -> "YarpWriter":
         with ExitStack() as stack:  # undoes what was begun if beginning fails
             self._folder = stack.enter_context(whole_folder(self._target))
-            for port, kind in _PORTS.items():
+            for port in self._rows:
                 place = self._folder / port
                 place.mkdir(parents=True)
-                (place / "info.log").write_text(f"Type: {kind};\n")
+                (place / "info.log").write_text(f"Type: {'Image:ppm' if port in _IMAGES else 'Bottle'};\n")
                 self._logs[port] = stack.enter_context((place / "data.log").open("w"))
             write_icub_eyes(self._folder / "icubEyes.ini", *self._eyes)
             stack.callback(lambda: write_truth(self._folder / "truth.csv", self._truth))
@@ -71,7 +61,7 @@ class YarpWriter:
 
     def write_joints(self, stamp_s: float, q_rad: ArrayLike) -> None:
         """The configuration at a stamp, as every port's encoders read it, in degrees."""
-        for port, degrees in encoders_from_q(self._robot, q_rad).items():
+        for port, degrees in self._setup.encoders(q_rad).items():
             self._write_row(port, stamp_s, [f"{value:.9g}" for value in degrees])
 
     def write_touches(self, stamp_s: float, taxel_ids: Iterable[str]) -> None:

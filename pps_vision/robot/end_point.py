@@ -7,7 +7,7 @@ import numpy as np
 from pps_vision.errors import InputError
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import SkinPart, icub_skin
+from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array
 
 
@@ -25,16 +25,18 @@ class EndPoint:
     """(3,) unit normal of the skin there, in the chain's frame."""
 
     @classmethod
-    def of(cls, robot: Robot, side: str, name: str, n_joints: int) -> "EndPoint":
+    def of(cls, robot: Robot, side: str, name: str, n_joints: int, skin: Skin | None = None) -> "EndPoint":
         """The "palm" (the origin of its frame) or a taxel of the arm of `side`, moved by the arm's first `n_joints`.
 
-        InputError for a name of neither.
+        Of the iCub's skin by default.  A palm without taxels faces along z.  InputError for a name of neither.
         """
         joints = robot.names.arm(side)[:n_joints]
+        parts = (skin or icub_skin()).on_arm(robot, side).parts
         if name == "palm":
-            palm = next(part for part in _parts(side) if part.name.endswith("palm"))
-            return cls(name, Chain.of(robot, joints, palm.frame), np.zeros(3), palm.normals[0])
-        taxels = {f"{part.name}:{i}": (part, k) for part in _parts(side) for k, i in enumerate(part.ids)}
+            palm = robot.names.palms[("left", "right").index(side)]
+            normal = next((part.normals[0] for part in parts if part.frame == palm), np.array([0.0, 0.0, 1.0]))
+            return cls(name, Chain.of(robot, joints, palm), np.zeros(3), normal)
+        taxels = {f"{part.name}:{i}": (part, k) for part in parts for k, i in enumerate(part.ids)}
         if name not in taxels:
             raise InputError("end point", f"{name!r} of the {side} arm; expected palm or one of {', '.join(taxels)}")
         part, k = taxels[name]
@@ -48,7 +50,3 @@ class EndPoint:
         """(N, 3) unit normals of the skin in the root frame at postures (N, k)."""
         normals: Array = self.chain.frames(q_rad)[0] @ self.normal
         return normals
-
-
-def _parts(side: str) -> list[SkinPart]:
-    return [part for part in icub_skin().parts if part.name.startswith(side)]

@@ -2,7 +2,8 @@
 
 A gaze posture is (neck yaw, neck pitch, vergence) in rad (J, "gaze"); the eyes verge symmetrically (version 0) and
 every other joint is 0.  A pitch beyond the neck's own limit denotes the fixation point it would have; on the robot
-the eyes' tilt adds to the neck's pitch.
+the eyes' tilt adds to the neck's pitch.  Of fixed cameras (no gaze joints) a gaze posture is the direction of a point
+from the middle between them, and the angle under which eyes that turned about that middle would verge.
 """
 
 from dataclasses import dataclass
@@ -77,9 +78,12 @@ class GazeModel:
     def __init__(self, robot: Robot) -> None:
         """InputError for a head that the closed form does not describe (a round trip through `points` fails)."""
         names = robot.names
+        if not names.gaze_joints:
+            self._of_fixed_cameras(robot)
+            return
         yaw, pitch, _, left_pan, right_pan = names.gaze_joints
-        self._left = Chain.of(robot, (yaw, pitch, left_pan), names.left_eye)
-        self._right = Chain.of(robot, (yaw, pitch, right_pan), names.right_eye)
+        self._left: Chain | None = Chain.of(robot, (yaw, pitch, left_pan), names.left_eye)
+        self._right: Chain | None = Chain.of(robot, (yaw, pitch, right_pan), names.right_eye)
         moving = robot.moving(names.left_eye)
         trunk = moving[: min(moving.index(yaw), moving.index(pitch))]
         self._trunk, self._trunk_joints = Chain.of(robot, trunk, names.left_eye), robot.indices(trunk)
@@ -100,8 +104,30 @@ class GazeModel:
                 "pan about axes parallel to the yaw axis, symmetric to the neck",
             )
 
+    def _of_fixed_cameras(self, robot: Robot) -> None:
+        """Eyes that turn about the middle between the cameras; the torso is what moves cameras and arms alike."""
+        names = robot.names
+        (left, right), hands = robot.eye_poses(np.zeros(robot.n_joints)), [palm for palm in names.palms if palm]
+        trunk = tuple(j for j in robot.moving(names.left_eye) if all(j in robot.moving(palm) for palm in hands))
+        self._trunk, self._trunk_joints = Chain.of(robot, trunk, names.left_eye), robot.indices(trunk)
+        leftwards = left[:3, 3] - right[:3, 3]
+        self._half_baseline_m = 0.5 * float(np.linalg.norm(leftwards))
+        sideways, between = 0.5 * leftwards / self._half_baseline_m, left[:3, 2] + right[:3, 2]
+        ahead = between - between @ sideways * sideways
+        ahead /= np.linalg.norm(ahead)
+        self._axes = np.stack([ahead, sideways, np.cross(ahead, sideways)], axis=1)
+        self._on_pitch_axis, self._yaw_axis = 0.5 * (left[:3, 3] + right[:3, 3]), np.zeros(3)
+        self._eyes = np.zeros(3)
+        self._left = self._right = None
+
     def points(self, gaze_rad: Array) -> Array:
         """(N, 3) fixation points of gaze postures (N, 3), torso at zero; NaN where the axes do not meet."""
+        if self._left is None or self._right is None:
+            yaw, pitch, vergence = gaze_rad.T
+            distance = self._half_baseline_m / np.tan(np.where(vergence > 0, vergence, np.nan) / 2)
+            ahead = np.cos(yaw)
+            direction = np.stack([ahead * np.cos(pitch), np.sin(yaw), ahead * np.sin(pitch)], axis=1)
+            return self._on_pitch_axis + distance[:, None] * direction @ self._axes.T
         half = np.array([1.0, 1.0, 0.5])
         R_left, c_left = self._left.frames(gaze_rad * half)
         R_right, c_right = self._right.frames(gaze_rad * half * [1, 1, -1])

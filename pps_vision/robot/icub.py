@@ -6,17 +6,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import Camera, StereoRig
-from pps_vision.robot.model import Robot
+from pps_vision.robot.model import FrameNames, Robot
+from pps_vision.robot.setup import RobotSetup
+from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array
 
 # Eye calibration at 320×240 of the robot behind R (FACTS §1).
 LEFT_EYE = Camera(320, 240, 219.057, 219.028, 174.742, 102.874, (-0.374173, 0.205428, 0.00282356, 0.00270998, 0.0))
 RIGHT_EYE = Camera(320, 240, 225.904, 227.041, 157.858, 113.51, (-0.377318, 0.155149, -0.000726514, 0.000317338, 0.0))
 
-# Encoder order on the robot, degrees.  The torso's motor order is the reverse of its chain.
-TORSO_PORT = ("torso_yaw", "torso_roll", "torso_pitch")
-HEAD_PORT = ("neck_pitch", "neck_roll", "neck_yaw", "eyes_tilt", "version", "vergence")
-ARM_PORT_JOINTS = 16  # the first seven are the chain, the rest fingers
+# Encoder order on the robot, degrees; "-": no joint of the model.  The torso's motor order is the reverse of its chain.
+_ARM = FrameNames().arm
+PORTS = {
+    "torso": ("torso_yaw", "torso_roll", "torso_pitch"),
+    "head": ("neck_pitch", "neck_roll", "neck_yaw", "eyes_tilt", "version", "vergence"),
+    "left_arm": (*_ARM("left"), *("-",) * 9),  # the fingers
+    "right_arm": (*_ARM("right"), *("-",) * 9),
+}
 
 # Left arm at home (rows 3–9): the palm is at (−.30, −.20, .05) m and the inner forearm in view.
 HOME_ARM_DEG = (-30.3, 22.9, -8.5, 50.7, -45.9, 0.0, 0.0)
@@ -32,6 +38,12 @@ def load_icub() -> Robot:
 def icub_rig(robot: Robot, left: Camera = LEFT_EYE, right: Camera = RIGHT_EYE) -> StereoRig:
     """The robot's eyes: calibrated cameras that move with its joints."""
     return StereoRig(left, right, robot.eye_poses)
+
+
+def icub_setup(skin: Skin | None = None) -> RobotSetup:
+    """The iCub with its virtual taxels (default: all), at home."""
+    robot = load_icub()
+    return RobotSetup(robot, icub_rig(robot), skin or icub_skin(), home(robot), PORTS, ("head",))
 
 
 def home(robot: Robot) -> Array:
@@ -61,40 +73,3 @@ def set_gaze(
     vergence = q_new[i_left] - q_new[i_right] if vergence is None else vergence
     q_new[i_left], q_new[i_right] = version + vergence / 2, version - vergence / 2
     return q_new
-
-
-def encoders_from_q(robot: Robot, q_rad: ArrayLike) -> dict[str, Array]:
-    """Ports torso (3), head (6), left_arm and right_arm (16) in degrees, as on the robot; fingers 0."""
-    q = np.rad2deg(np.asarray(q_rad, dtype=float))
-    value = dict(zip(robot.joint_names, q, strict=True))
-    value["version"] = 0.5 * (value["left_eye_pan"] + value["right_eye_pan"])
-    value["vergence"] = value["left_eye_pan"] - value["right_eye_pan"]
-    ports = {
-        "torso": np.array([value[name] for name in TORSO_PORT]),
-        "head": np.array([value[name] for name in HEAD_PORT]),
-    }
-    for side in ("left", "right"):
-        chain = [value[name] for name in robot.names.arm(side)]
-        ports[f"{side}_arm"] = np.concatenate([chain, np.zeros(ARM_PORT_JOINTS - len(chain))])
-    return ports
-
-
-def q_from_encoders(
-    robot: Robot,
-    torso: ArrayLike | None = None,
-    head: ArrayLike | None = None,
-    left_arm: ArrayLike | None = None,
-    right_arm: ArrayLike | None = None,
-) -> Array:
-    """The configuration (rad) of encoder readings in degrees; a port that was not recorded reads 0."""
-    value = dict.fromkeys(robot.joint_names, 0.0)
-    if torso is not None:
-        value.update(zip(TORSO_PORT, np.asarray(torso, dtype=float), strict=True))
-    for side, arm in (("left", left_arm), ("right", right_arm)):
-        if arm is not None:
-            value.update(zip(robot.names.arm(side), np.asarray(arm, dtype=float)[:7], strict=True))
-    if head is not None:
-        value.update(zip(HEAD_PORT, np.asarray(head, dtype=float), strict=True))
-        version, vergence = value.pop("version"), value.pop("vergence")
-        value["left_eye_pan"], value["right_eye_pan"] = version + vergence / 2, version - vergence / 2
-    return np.deg2rad([value[name] for name in robot.joint_names])

@@ -1,11 +1,13 @@
 """A robot described by a URDF: poses of its frames, their Jacobians, its bodies; by Pinocchio."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -33,15 +35,16 @@ class FrameNames:
     """Links of the palms."""
     index_tips: tuple[str, str] = ("left_index_tip", "right_index_tip")
     """Links at the tips of the index fingers."""
-    gaze_joints: tuple[str, str, str, str, str] = (
+    gaze_joints: tuple[str, ...] = (
         "neck_yaw",
         "neck_pitch",
         "eyes_tilt",
         "left_eye_pan",
         "right_eye_pan",
     )
-    """Neck yaw, neck pitch, eyes tilt, and the pans of the eyes in the same sense; vergence is left minus right."""
-    torso: tuple[str, str] = ("torso_yaw", "torso_pitch")
+    """Neck yaw, neck pitch, eyes tilt, and the pans of the eyes in the same sense; vergence is left minus right.
+    Empty: cameras that do not turn towards anything."""
+    torso: tuple[str, ...] = ("torso_yaw", "torso_pitch")
     """Yaw and pitch of the torso."""
     left_arm: tuple[str, ...] = tuple(f"left_{joint}" for joint in _ARM)
     """Joints of the left arm from shoulder to wrist."""
@@ -76,18 +79,37 @@ class Body:
 class Robot:
     """A robot's kinematics and shape.  Immutable; `at(q)` evaluates it at a posture."""
 
-    def __init__(self, urdf: Path, names: FrameNames | None = None) -> None:
-        """Read a URDF of revolute and prismatic joints; InputError names the file and what is missing."""
+    def __init__(
+        self,
+        urdf: Path,
+        names: FrameNames | None = None,
+        root: str | None = None,
+        mounted: Mapping[str, tuple[str, Array]] | None = None,
+    ) -> None:
+        """Read a URDF of revolute and prismatic joints; InputError names the file and what is missing.
+
+        Args:
+            urdf: File; its meshes are looked for in the folders above it and in ROS_PACKAGE_PATH.
+            names: What its links and joints are for.
+            root: Link that is the root frame, which no joint moves; default: the URDF's own.
+            mounted: Frames that the URDF lacks, by name: their link and pose (4, 4) there.
+        """
         names, self.urdf = names or FrameNames(), urdf
         if not urdf.is_file():
             raise InputError(urdf, "no such robot description; expected a URDF file")
         try:
             self.model = pin.buildModelFromUrdf(str(urdf))
-            self.geometry = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.VISUAL)
+            folders = [str(folder) for folder in urdf.resolve().parents]
+            self.geometry = pin.buildGeomFromUrdf(self.model, str(urdf), pin.GeometryType.VISUAL, package_dirs=folders)
         except (ValueError, RuntimeError) as error:
             raise InputError(urdf, f"cannot be read as URDF: {str(error).strip().splitlines()[0]}") from error
         if self.model.nq != self.model.njoints - 1:
             raise InputError(urdf, "has joints that are not revolute or prismatic; expected one number per joint")
+        for visual in self.geometry.geometryObjects:
+            _box(visual)
+        self._mount(mounted or {})
+        if root is not None:
+            self._rebase(root)
         self.names = names
         self.joint_names: tuple[str, ...] = tuple(self.model.names)[1:]
         self.lower_rad: Array = self.model.lowerPositionLimit.copy()
@@ -99,6 +121,30 @@ class Robot:
         missing += [j for j in names.gaze_joints if j not in self.joint_names]
         if missing:
             raise InputError(urdf, f"lacks {', '.join(missing)}; name its own frames and joints in FrameNames")
+
+    def _mount(self, mounted: Mapping[str, tuple[str, Array]]) -> None:
+        for name, (link, T_link_frame) in mounted.items():
+            if not self.model.existFrame(link, pin.FrameType.BODY):
+                raise InputError(self.urdf, f"lacks link {link!r}, which is to carry {name}")
+            index = self.model.getFrameId(link, pin.FrameType.BODY)
+            carrier = self.model.frames[index]
+            placement = carrier.placement * pin.SE3(T_link_frame)
+            self.model.addFrame(pin.Frame(name, carrier.parentJoint, index, placement, pin.FrameType.OP_FRAME))
+
+    def _rebase(self, root: str) -> None:
+        """Express everything in the frame of a link that no joint moves."""
+        if not self.model.existFrame(root, pin.FrameType.BODY):
+            raise InputError(self.urdf, f"lacks link {root!r}, which is to be the root frame")
+        frame = self.model.frames[self.model.getFrameId(root, pin.FrameType.BODY)]
+        if frame.parentJoint != 0:
+            raise InputError(self.urdf, f"root frame {root} is moved by joints; expected a link that none moves")
+        T = frame.placement.inverse()
+        for joint in range(1, self.model.njoints):
+            if self.model.parents[joint] == 0:
+                self.model.jointPlacements[joint] = T * self.model.jointPlacements[joint]
+        for placed in (*self.model.frames, *self.geometry.geometryObjects):
+            if placed.parentJoint == 0:
+                placed.placement = T * placed.placement
 
     @property
     def n_joints(self) -> int:
@@ -153,7 +199,7 @@ class Robot:
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """The URDF's visuals (spheres, cylinders, boxes); InputError for any other shape."""
+        """The URDF's visuals; of any other shape than sphere, cylinder and box, such as a mesh, the bounding box."""
         return tuple(self._body(geometry) for geometry in self.geometry.geometryObjects)
 
     def _body(self, obj: Any) -> Body:
@@ -167,10 +213,18 @@ class Robot:
         if kind == "cylinder":
             size = (shape.radius, 2 * shape.halfLength)
             return Body(obj.name, frame.name, "cylinder", size, T_frame_body, color)
-        if kind == "box":
-            sides = (2 * float(shape.halfSide[0]), 2 * float(shape.halfSide[1]), 2 * float(shape.halfSide[2]))
-            return Body(obj.name, frame.name, "box", sides, T_frame_body, color)
-        raise InputError(self.urdf, f"body {obj.name} is a {kind}; expected a sphere, cylinder or box")
+        sides = (2 * float(shape.halfSide[0]), 2 * float(shape.halfSide[1]), 2 * float(shape.halfSide[2]))
+        return Body(obj.name, frame.name, "box", sides, T_frame_body, color)
+
+
+def _box(obj: pin.GeometryObject) -> None:
+    """Replace the shape of a visual that is no sphere, cylinder or box by its bounding box."""
+    if isinstance(obj.geometry, coal.Sphere | coal.Cylinder | coal.Box):
+        return
+    obj.geometry.computeLocalAABB()
+    low, high = obj.geometry.aabb_local.min_, obj.geometry.aabb_local.max_
+    obj.placement = obj.placement * pin.SE3(np.eye(3), 0.5 * (low + high))
+    obj.geometry = coal.Box(*(high - low).tolist())
 
 
 class Posture:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pps_vision.errors import InputError
-from pps_vision.robot.model import Posture
+from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, Mask
 
 TOUCH_RADIUS_M = 0.020  # a touch this near a virtual taxel's centre is a touch of it
@@ -84,6 +84,11 @@ class Skin:
         if taxel_id not in self.taxel_ids:
             raise InputError("skin", f"no taxel {taxel_id!r}; this skin has {', '.join(self.taxel_ids)}")
         return self.taxel_ids.index(taxel_id)
+
+    def on_arm(self, robot: Robot, side: str) -> "Skin":
+        """The body parts that joints of the "left" or "right" arm move."""
+        joints = set(robot.names.arm(side))
+        return Skin(tuple(part for part in self.parts if not joints.isdisjoint(robot.moving(part.frame))))
 
     def at(self, posture: Posture) -> tuple[Array, Array]:
         """Positions (n, 3) m and unit normals (n, 3) of all taxels in the root frame.

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from pps_vision.recordings.yarp_writer import YarpWriter
-from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, load_icub, set_gaze
+from pps_vision.robot.icub import icub_setup, set_gaze
 from pps_vision.types import Array, StereoFrame, Truth
 
 START_S = 1512784563.547172
-ROBOT = load_icub()
+SETUP = icub_setup()
+ROBOT = SETUP.robot
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ def write_recording(folder: Path, n: int = 4, seed: int = 0) -> Written:
     """`n` frames 0.05 s apart, the right eye 5 ms later, joints noted at every image."""
     rng = np.random.default_rng(seed)
     written = Written(folder, [], [], [])
-    with YarpWriter(folder, ROBOT, LEFT_EYE, RIGHT_EYE) as writer:
+    with YarpWriter(folder, SETUP) as writer:
         for i in range(n):
             stamp = START_S + 0.05 * i
             images = rng.integers(0, 256, (2, 6, 8, 3), dtype=np.uint8)

@@ -1,12 +1,14 @@
 """A recording written is the recording read, laid out as yarpdatadumper does."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded import ROBOT, random_joints, write_recording
+from recorded import ROBOT, SETUP, random_joints, write_recording
 
 from pps_vision.errors import InputError
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.icub_eyes import fit_to_images, read_icub_eyes
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.yarp_writer import YarpWriter
@@ -48,7 +50,7 @@ def test_encoders_are_in_the_robots_order_and_degrees(tmp_path: Path) -> None:
     q = np.zeros(ROBOT.n_joints)
     names = ("torso_yaw", "neck_pitch", "left_eye_pan", "right_eye_pan", "right_elbow")
     q[ROBOT.indices(names)] = np.deg2rad([3, -20, 15, 5, 40])
-    with YarpWriter(tmp_path / "rec", ROBOT, LEFT_EYE, RIGHT_EYE) as writer:
+    with YarpWriter(tmp_path / "rec", SETUP) as writer:
         writer.write_joints(1.0, q)
     rows = {
         port: np.array((tmp_path / "rec" / port / "data.log").read_text().split(), dtype=float)
@@ -63,7 +65,7 @@ def test_joints_may_come_at_their_own_rate(tmp_path: Path) -> None:
     # joints sampled ten times as often as the images, moving linearly: read at the images' stamps
     written = write_recording(tmp_path / "still", n=3)
     rate = random_joints(np.random.default_rng(5))
-    with YarpWriter(tmp_path / "rec", ROBOT, LEFT_EYE, RIGHT_EYE) as writer:
+    with YarpWriter(tmp_path / "rec", SETUP) as writer:
         for k in range(-5, 40):
             writer.write_joints(written.frames[0].stamp_s + 0.004 * k, 0.004 * k * rate)
         for frame in written.frames:
@@ -75,7 +77,7 @@ def test_joints_may_come_at_their_own_rate(tmp_path: Path) -> None:
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), YarpWriter(tmp_path / "rec", ROBOT, LEFT_EYE, RIGHT_EYE) as writer:
+    with pytest.raises(ZeroDivisionError), YarpWriter(tmp_path / "rec", SETUP) as writer:
         writer.write_joints(1 / 0, np.zeros(ROBOT.n_joints))
     assert list(tmp_path.iterdir()) == []
 
@@ -84,16 +86,17 @@ def test_a_used_or_unwritable_folder_is_refused(tmp_path: Path) -> None:
     write_recording(tmp_path / "rec", n=1)
     with (
         pytest.raises(InputError, match="rec: already holds cam"),
-        YarpWriter(tmp_path / "rec", ROBOT, LEFT_EYE, RIGHT_EYE),
+        YarpWriter(tmp_path / "rec", SETUP),
     ):
         pass
     place = tmp_path / "rec" / "truth.csv" / "out"
-    with pytest.raises(InputError, match="cannot be written"), YarpWriter(place, ROBOT, LEFT_EYE, RIGHT_EYE):
+    with pytest.raises(InputError, match="cannot be written"), YarpWriter(place, SETUP):
         pass
 
 
 def test_cameras_the_calibration_cannot_hold_leave_nothing(tmp_path: Path) -> None:
     bent = LEFT_EYE.__class__(8, 6, 5, 5, 4, 3, (0, 0, 0, 0, 0.1))
-    with pytest.raises(ValueError, match="k3"), YarpWriter(tmp_path / "rec", ROBOT, LEFT_EYE, bent):
+    setup = replace(SETUP, rig=StereoRig(LEFT_EYE, bent, ROBOT.eye_poses))
+    with pytest.raises(ValueError, match="k3"), YarpWriter(tmp_path / "rec", setup):
         pass
     assert list(tmp_path.iterdir()) == []

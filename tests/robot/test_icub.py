@@ -145,20 +145,20 @@ def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
     np.testing.assert_allclose(both, [0.06 + 0.15, 0.06 - 0.15])
 
 
-def test_an_arm_port_with_too_few_encoders_is_refused(robot: Robot) -> None:
+def test_an_arm_port_with_too_few_encoders_is_refused() -> None:
     with pytest.raises(ValueError, match="shorter"):
-        icub.q_from_encoders(robot, left_arm=np.zeros(5))
+        icub.icub_setup().configuration({"left_arm": np.zeros(5)})
 
 
 def test_encoders_to_joints_and_back(robot: Robot) -> None:
-    rng = np.random.default_rng(5)
+    rng, setup = np.random.default_rng(5), icub.icub_setup()
     for _ in range(20):
         q = rng.uniform(robot.lower_rad, robot.upper_rad)
-        ports = icub.encoders_from_q(robot, q)
+        ports = setup.encoders(q)
         assert {name: len(values) for name, values in ports.items()} == {
             "torso": 3, "head": 6, "left_arm": 16, "right_arm": 16,
         }  # fmt: skip
-        np.testing.assert_allclose(icub.q_from_encoders(robot, **ports), q, atol=1e-12)
+        np.testing.assert_allclose(setup.configuration(ports), q, atol=1e-12)
 
 
 def test_encoders_are_degrees_in_the_robots_order(robot: Robot) -> None:
@@ -166,11 +166,11 @@ def test_encoders_are_degrees_in_the_robots_order(robot: Robot) -> None:
     q = np.zeros(robot.n_joints)
     q[robot.indices(("torso_pitch", "torso_yaw", "neck_roll", "left_elbow"))] = np.deg2rad([1, 3, 5, 7])
     q = icub.set_gaze(robot, q, version=np.deg2rad(4), vergence=np.deg2rad(6))
-    ports = icub.encoders_from_q(robot, q)
+    ports = icub.icub_setup().encoders(q)
     np.testing.assert_allclose(ports["torso"], [3, 0, 1], atol=1e-12)
     np.testing.assert_allclose(ports["head"], [0, 5, 0, 0, 4, 6], atol=1e-12)
     np.testing.assert_allclose(ports["left_arm"][:7], [0, 0, 0, 7, 0, 0, 0], atol=1e-12)
 
 
 def test_ports_that_were_not_recorded_read_zero(robot: Robot) -> None:
-    np.testing.assert_array_equal(icub.q_from_encoders(robot), np.zeros(robot.n_joints))
+    np.testing.assert_array_equal(icub.icub_setup().configuration({}), np.zeros(robot.n_joints))

@@ -146,16 +146,17 @@ def test_frames_it_does_not_have_are_named(tmp_path: Path) -> None:
         Robot(planar_urdf(tmp_path))
 
 
-def test_a_body_of_another_shape_is_refused(tmp_path: Path) -> None:
+def test_a_mesh_is_a_body_of_its_bounding_box(tmp_path: Path) -> None:
     mesh = tmp_path / "nose.stl"
-    trimesh.creation.icosphere().export(mesh)
+    trimesh.creation.box((0.2, 0.4, 0.6)).apply_translation((1.0, 0.0, 0.0)).export(mesh)
     nose = (
-        f'<link name="nose"><visual><geometry><mesh filename="{mesh}"/></geometry></visual></link>'
-        '<joint name="glue" type="fixed"><parent link="base"/><child link="nose"/></joint>'
+        f'<link name="nose"><visual><origin xyz="0 0 1"/><geometry><mesh filename="{mesh}" scale="1 1 0.5"/></geometry>'
+        '</visual></link><joint name="glue" type="fixed"><parent link="base"/><child link="nose"/></joint>'
     )
     robot = Robot(planar_urdf(tmp_path, nose), PLANAR_NAMES)
-    with pytest.raises(InputError, match=r"body nose_0 is a .*; expected a sphere, cylinder or box"):
-        _ = robot.bodies
+    body = next(body for body in robot.bodies if body.frame == "nose")
+    assert (body.shape, body.size_m) == ("box", pytest.approx((0.2, 0.4, 0.3)))
+    np.testing.assert_allclose(body.T_frame_body[:3, 3], [1.0, 0.0, 1.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("q", [np.zeros(3), np.full(23, np.nan), np.full(23, np.inf), np.zeros((23, 1))])

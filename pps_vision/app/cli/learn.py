@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pps_vision.app.cli.options import RecordingOptions
+from pps_vision.app.cli.options import RecordingOptions, RobotOptions
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
-class Learn(RecordingOptions):
-    """Learn PPS maps from recordings of an iCub in which its skin is touched, and write the memory (.npz)."""
+class Learn(RobotOptions, RecordingOptions):
+    """Learn PPS maps from recordings of a robot in which its skin is touched, and write the memory (.npz)."""
 
     into: Path | None = None
     """An earlier memory to continue from; default: an empty one."""
@@ -26,14 +26,13 @@ class Learn(RecordingOptions):
         from pps_vision.app.learn import learn_from
         from pps_vision.app.pipeline import check_memory
         from pps_vision.recordings.outputs import whole_file
-        from pps_vision.robot.skin import icub_skin
 
-        skin = icub_skin()
-        memory = PPSMemory.empty(skin)
+        setup = self.setup()
+        memory = PPSMemory.empty(setup.skin)
 
         def use(recording: "Recording") -> None:
             nonlocal memory
-            learned = learn_from(recording, memory, self.mode, self.seed)
+            learned = learn_from(recording, memory, self.mode, self.seed, setup)
             memory = learned.memory
             rejected = ", ".join(f"{n} {what}" for what, n in learned.rejected.items() if n)
             print(
@@ -41,12 +40,12 @@ class Learn(RecordingOptions):
                 + (f"; rejected: {rejected}" if rejected else "")
             )
 
-        with whole_file(self.out, (*self.inputs, self.into, self.joints)) as partial:
+        with whole_file(self.out, (*self.inputs, *self.files, self.into, self.joints)) as partial:
             if self.into:
                 memory = load_memory(self.into)
-                check_memory(memory, skin, self.into)
+                check_memory(memory, setup.skin, self.into)
             before = memory
-            used = self.use_each("learn", use, self.joints)
+            used = self.use_each("learn", use, self.joints, setup)
             save_memory(partial, memory)
         if memory is before:
             print("nothing learned: no recording has a touch by a tracked object", file=sys.stderr)

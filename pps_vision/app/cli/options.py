@@ -13,6 +13,7 @@ from tracking import Mode
 
 if TYPE_CHECKING:
     from pps_vision.recordings.recording import Recording
+    from pps_vision.robot.setup import RobotSetup
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,32 @@ class SourceOptions:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions:
+    """Whose skin, eyes and arms; by default the iCub's."""
+
+    robot: Path | None = None
+    """robot.toml of another robot: its URDF, skin, cameras and joints; default: the iCub."""
+    urdf: Path | None = None
+    """URDF instead of the one that --robot names."""
+    skin: Path | None = None
+    """Skin instead of the robot's: a table part,frame,taxel,x_m,y_m,z_m,nx,ny,nz (.csv), or the iCub's own .ini."""
+
+    def setup(self) -> "RobotSetup":
+        """The robot; InputError for files that do not describe one."""
+        from pps_vision.recordings.robot_file import robot_setup
+
+        return robot_setup(self.robot, self.urdf, self.skin)
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """What is read, and must not be written over."""
+        return self.robot, self.urdf, self.skin
+
+
 @dataclass(frozen=True)
 class RecordingOptions:
-    """Recordings of an iCub in which its skin is touched, and how they are read and tracked."""
+    """Recordings of a robot in which its skin is touched, and how they are read and tracked."""
 
     recordings: Positional[tuple[Path, ...]]
     """Recording folders REC …, used in this order."""
@@ -73,7 +97,13 @@ class RecordingOptions:
         """What is read, and must not be written over."""
         return (*self.recordings, self.calib, self.taxels)
 
-    def use_each(self, command: str, use: "Callable[[Recording], None]", joints: Path | None = None) -> "Used":
+    def use_each(
+        self,
+        command: str,
+        use: "Callable[[Recording], None]",
+        joints: Path | None = None,
+        robot: "RobotSetup | None" = None,
+    ) -> "Used":
         """Open and use every recording, and print what was skipped; one that fails does not stop the others.
 
         Raises:
@@ -96,6 +126,7 @@ class RecordingOptions:
                     joints=joints,
                     taxels=self.taxels,
                     max_skew_s=self.max_skew_s,
+                    robot=robot,
                 )
                 try:
                     use(recording)

@@ -7,23 +7,25 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, subcommand
 
 from learning.reach import MeasureName
+from pps_vision.app.cli.options import RobotOptions
 from pps_vision.errors import InputError
 
 if TYPE_CHECKING:
     from learning.reach.map import ReachableMap
     from learning.reach.params import MapParams
-    from pps_vision.robot.model import Robot
+    from pps_vision.robot.setup import RobotSetup
 
 _TEST_POSTURES = 10_000  # of a map without --max-error: they bound an error of 0.02 % by 0.06 %
 _LEAST_BUDGET = 200  # labels, below which what is left to test with says nothing of the error
 
 
 @dataclass(frozen=True)
-class Train:
+class Train(RobotOptions):
     """Learn the map of an arm, or of what both reach at once, by inverse kinematics with the robot's own model.
 
     Torso, neck roll, eye tilt, version and wrist at 0; the hand is the origin of the palm's frame; yaw, pitch and
-    vergence within ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.
+    vergence within ±55, ±40 and 5–90°, the four arm joints within the limits of Jamone et al.; of another robot's arm
+    all joints within the limits of its URDF.  With fixed cameras, gaze means the direction and vergence of a point.
     """
 
     arm: Literal["left", "right", "both"]
@@ -52,7 +54,6 @@ class Train:
         from learning.reach.map import both
         from learning.reach.params import MapParams
         from pps_vision.recordings.outputs import whole_file
-        from pps_vision.robot.icub import load_icub
 
         if self.arm == "both" and self.into is not None:
             raise InputError("reach train", f"--into {self.into} with --arm both; expected --into with one arm")
@@ -68,11 +69,11 @@ class Train:
             n_test=0 if self.max_error else _TEST_POSTURES,
             confidence=1 - 0.05 / len(sides),
         )
-        robot = load_icub()
-        with whole_file(self.out, [self.into]) as partial:
+        setup = self.setup()
+        with whole_file(self.out, [self.into, *self.files]) as partial:
             into = self._earlier()
             maps = [
-                self._learn(robot, side, params, into)
+                self._learn(setup, side, params, into)
                 for side in tqdm(sides, desc="reachable space", unit="arm", disable=None)
             ]
             learned = both(*maps) if len(maps) == 2 else maps[0]
@@ -99,13 +100,23 @@ class Train:
                 raise InputError(self.into, f"is a map of {there}; expected one of {value} to continue from")
         return into
 
-    def _learn(self, robot: "Robot", side: str, params: "MapParams", into: "ReachableMap | None") -> "ReachableMap":
+    def _learn(
+        self, setup: "RobotSetup", side: str, params: "MapParams", into: "ReachableMap | None"
+    ) -> "ReachableMap":
         import numpy as np
 
         from learning.reach.measures import hand_and_params
+        from learning.reach.params import ArmLimits
         from learning.reach.training import train_reachable_map
 
-        hand, params = hand_and_params(robot, side, self.end_point, self.measure, params)
+        robot = setup.robot
+        if self.robot is not None:
+            joints = robot.indices(robot.names.arm(side))
+            if not joints:
+                raise InputError(self.robot, f"has no {side}_arm; expected --arm {setup.side}")
+            limits = ArmLimits(tuple(robot.lower_rad[joints].tolist()), tuple(robot.upper_rad[joints].tolist()))
+            params = replace(params, arm_limits=limits)
+        hand, params = hand_and_params(robot, side, self.end_point, self.measure, params, setup.skin)
         learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand, into)
         return replace(learned, end_point=self.end_point, measure=self.measure)
 
@@ -146,7 +157,7 @@ class Query:
 
 
 @dataclass(frozen=True)
-class Show:
+class Show(RobotOptions):
     """Draw a map: the degree of reachability over yaw and pitch at several vergences."""
 
     map: Positional[Path]
@@ -160,9 +171,9 @@ class Show:
         from pps_vision.app.report import figures
         from pps_vision.recordings.outputs import whole_file
 
-        with whole_file(self.out, [self.map]) as partial:
+        with whole_file(self.out, [self.map, *self.files]) as partial:
             reachable_map = ReachableMap.load(self.map)
-            figures.save(figures.reachable_space(reachable_map), partial)
+            figures.save(figures.reachable_space(reachable_map, self.setup().robot), partial)
         print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")
 
 

@@ -5,10 +5,15 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from pps_vision.app.cli.options import RobotOptions
+
 
 @dataclass(frozen=True)
-class Show:
-    """Draw the landscapes a memory holds: probability of touch over distance and time to contact."""
+class Show(RobotOptions):
+    """Draw the landscapes a memory holds: probability of touch over distance and time to contact.
+
+    With --robot or --skin the memory must be one of that skin.
+    """
 
     memory: Positional[Path]
     """The memory (.npz)."""
@@ -18,11 +23,14 @@ class Show:
     def run(self) -> None:
         """Draw every taxel that has ever been stimulated; all of them if none has."""
         from learning.pps.memory import load_memory
+        from pps_vision.app.pipeline import check_memory
         from pps_vision.app.report import figures
         from pps_vision.recordings.outputs import whole_file
 
-        with whole_file(self.out, [self.memory]) as partial:
+        with whole_file(self.out, [self.memory, *self.files]) as partial:
             memory = load_memory(self.memory)
+            if any(self.files):
+                check_memory(memory, self.setup().skin, self.memory)
             stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
             figures.save(figures.landscapes(memory, stimulated or None), partial)
         print(f"{len(stimulated)} of {len(memory.taxel_ids)} taxels were stimulated → {self.out}")

@@ -17,7 +17,7 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.simulation import EpisodeLog
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import fixation_points
-from pps_vision.robot.icub import load_icub
+from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Reachability, ReachStatus
 
 Range = tuple[float, float]
@@ -139,9 +139,9 @@ def path(log: EpisodeLog) -> Figure:
     return figure
 
 
-def reachable_space(reachable_map: ReachableMap) -> Figure:
+def reachable_space(reachable_map: ReachableMap, robot: Robot) -> Figure:
     """Degree of reachability over yaw and pitch at several vergences, with its border at 0.5 (as J Figs 5 and 8)."""
-    limits, robot = reachable_map.limits, load_icub()
+    limits = reachable_map.limits
     yaw, pitch = (np.linspace(*ends, 120) for ends in (limits.yaw_rad, limits.pitch_rad))
     Y, P = np.meshgrid(yaw, pitch)
     shown = [v for v in _VERGENCES_DEG if limits.lower[2] <= np.deg2rad(v) <= limits.upper[2]]

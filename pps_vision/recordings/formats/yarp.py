@@ -8,6 +8,7 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from pps_vision.errors import InputError
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.problems import Problem, ProblemKind
@@ -17,26 +18,13 @@ from pps_vision.recordings.tables import read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.text import first_row
 from pps_vision.recordings.yarp_log import read_log
-from pps_vision.robot.icub import ARM_PORT_JOINTS, HEAD_PORT, TORSO_PORT, icub_rig, load_icub, q_from_encoders
-from pps_vision.robot.model import Robot
+from pps_vision.robot.icub import PORTS, icub_setup
+from pps_vision.robot.setup import RobotSetup
 from pps_vision.types import Array
 
 FORMAT = "a yarpdatadumper recording, folders with a data.log each"
-JOINT_PORTS = {
-    "torso": len(TORSO_PORT),
-    "head": len(HEAD_PORT),
-    "left_arm": ARM_PORT_JOINTS,
-    "right_arm": ARM_PORT_JOINTS,
-}
 MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
 MAX_BEYOND_S = 0.025  # from an image to the end of a log: a head moves on
-_JOINTS_AND_SKIN = {
-    "torso": "torso",
-    "head": "head",
-    "leftarm": "left_arm",
-    "rightarm": "right_arm",
-    "skin": "skin",
-}
 _IMAGE_SUFFIXES = (".ppm", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 _STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts seconds since 1970
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
@@ -51,7 +39,8 @@ def open_source(source: Source) -> Recording:
     """Open `source.folder`: pairs of images with the joints at each image's stamp.
 
     Ports are found by what their folders are called, wherever they lie.  A joint port that was not recorded reads 0;
-    the head must be there.  Bad rows, unpaired images and images without joints go to `problems`.
+    the iCub's head, and all ports of another robot, must be there.  Bad rows, unpaired images and images without joints
+    go to `problems`.
 
     Raises:
         InputError: No frame remains, or a log, the calibration or another file cannot be read at all.
@@ -59,19 +48,22 @@ def open_source(source: Source) -> Recording:
     folder, problems = Path(str(source.folder)), list[Problem]()
     if len(source.calib) > 1:
         raise InputError("recording", f"calib has {len(source.calib)} files; expected one icubEyes.ini with REC")
-    robot = load_icub()
+    setup = source.robot or icub_setup()
+    robot = setup.robot
     offsets_rad = read_joint_offsets(source.joints, robot.joint_names) if source.joints else 0.0
     virtual = representatives(read_taxels(source.taxels)) if source.taxels else None
-    ports = find_ports(folder)
-    for port in ("left", "right", "head"):
+    ports = find_ports(folder, tuple(setup.ports))
+    for port in ("left", "right", *setup.required):
         if port not in ports:
-            what = "head joints" if port == "head" else f"{port} images"
+            what = f"{port} images" if port in ("left", "right") else "joints" if port == "joints" else f"{port} joints"
             raise InputError(folder, f"no {what}; expected a folder '{port}' with a data.log")
-    joints = {port: _read_joints(ports[port], n, problems) for port, n in JOINT_PORTS.items() if port in ports}
+    joints = {
+        port: _read_joints(ports[port], len(names), problems) for port, names in setup.ports.items() if port in ports
+    }
     touches = read_touches(ports["skin"], virtual, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], source.max_skew_s, problems)
-    posed = _with_joints(pairs, joints, problems, robot, offsets_rad)
+    posed = _with_joints(pairs, joints, problems, setup, offsets_rad)
     image_size = usual_size(folder, posed, problems)
     own, truth = folder / "icubEyes.ini", folder / "truth.csv"
     eyes_file = source.calib[0] if source.calib else own if own.exists() else None
@@ -81,7 +73,7 @@ def open_source(source: Source) -> Recording:
         image_size=image_size,
         problems=problems,
         robot=robot,
-        rig=icub_rig(robot, *read_icub_eyes(eyes_file, image_size)) if eyes_file else None,
+        rig=StereoRig(*read_icub_eyes(eyes_file, image_size), robot.eye_poses) if eyes_file else None,
         touches=touches,
         truth=read_truth(truth, problems) if truth.exists() else (),
     )
@@ -125,7 +117,7 @@ def _with_joints(
     pairs: tuple[Pair, ...],
     joints: dict[str, tuple[Array, Array]],
     problems: list[Problem],
-    robot: Robot,
+    setup: RobotSetup,
     offsets_rad: Array | float,
 ) -> tuple[Pair, ...]:
     """Every pair with the joints at each eye's stamp; what the joint logs do not cover is noted and left out."""
@@ -142,7 +134,7 @@ def _with_joints(
         if not missing:
             readings = [{port: _at(*log, file.stamp_s) for port, log in joints.items()} for file in pair]
             left, right = (
-                replace(file, joints_rad=q_from_encoders(robot, **reading) + offsets_rad)
+                replace(file, joints_rad=setup.configuration(reading) + offsets_rad)
                 for file, reading in zip(pair, readings, strict=True)
             )
             posed.append((left, right))
@@ -164,16 +156,16 @@ def _at(stamps: Array, samples: Array, stamp_s: float) -> Array:
     return np.array([np.interp(stamp_s, stamps, column) for column in samples.T])
 
 
-def find_ports(folder: Path) -> dict[str, Path]:
-    """The data.log of every port: "left" and "right" (images), torso, head, left_arm, right_arm, skin.
+def find_ports(folder: Path, joint_ports: tuple[str, ...] = tuple(PORTS)) -> dict[str, Path]:
+    """The data.log of every port: "left" and "right" (images), those of the joints, skin.
 
     Joints and skin lie in a folder called so (`rightArm`, `right_arm/state:o`), images below one
     whose name holds left or right.  InputError if two logs claim one port.
     """
     ports: dict[str, Path] = {}
-    logs = sorted(_logs(folder))
+    logs, known = sorted(_logs(folder)), {_plain(port): port for port in (*joint_ports, "skin")}
     for log in logs:
-        port = _port(log.parent.relative_to(folder), log)
+        port = _port(log.parent.relative_to(folder), log, known)
         if port in ports:
             raise InputError(log, f"a second log for {port}; expected one, and {ports[port]} is there")
         if port is not None:
@@ -184,14 +176,17 @@ def find_ports(folder: Path) -> dict[str, Path]:
     return ports
 
 
-def _port(place: Path, log: Path) -> str | None:
+def _port(place: Path, log: Path, known: dict[str, str]) -> str | None:
     """Which port a log belongs to, None if to one that is not read here."""
     if _holds_images(log):
         name = place.as_posix().lower()
         side = max(("left", "right"), key=name.rfind)
         return side if side in name else None
-    parts = [part.lower().replace("_", "") for part in place.parts]
-    return next((_JOINTS_AND_SKIN[part] for part in parts if part in _JOINTS_AND_SKIN), None)
+    return next((known[part] for part in map(_plain, place.parts) if part in known), None)
+
+
+def _plain(name: str) -> str:
+    return name.lower().replace("_", "")
 
 
 def _holds_images(log: Path) -> bool:

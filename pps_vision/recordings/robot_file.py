@@ -1,0 +1,194 @@
+"""A robot of one's own: robot.toml, which names its URDF, skin, cameras and joints.
+
+| key | holds |
+|---|---|
+| `urdf` | file, from the folder of robot.toml |
+| `skin` | file or files: tables of part,frame,taxel,x_m,y_m,z_m,nx,ny,nz, or the iCub's own (`skin_file`) |
+| `root` | link that is the root frame; default: the URDF's own |
+| `left_eye`, `right_eye` | link with the axes of a camera (z out of it, x right, y down), or `{link, xyz_m, rpy_deg}` |
+| `cameras` | intrinsics in the form of icubEyes.ini; default: the iCub's |
+| `left_arm`, `right_arm` | joints from shoulder to wrist, of one arm or both |
+| `left_palm`, `right_palm` | link at the end of each arm |
+| `gaze_joints` | neck yaw, neck pitch, eyes tilt, left pan, right pan; default: none, the cameras do not turn |
+| `torso` | yaw and pitch of the torso; default: none |
+| `[home_deg]` | joint = angle at rest; default: 0, or the nearest limit |
+| `[ports]` | port = joints in the order of its encoders (degrees), "-": none; default: `joints`, all of the URDF |
+"""
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Never
+
+import numpy as np
+import pinocchio as pin
+
+from pps_vision.errors import InputError, first_line
+from pps_vision.files import read_bytes
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.recordings.icub_eyes import read_icub_eyes
+from pps_vision.recordings.skin_file import read_skin
+from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE, icub_setup
+from pps_vision.robot.model import FrameNames, Robot
+from pps_vision.robot.setup import RobotSetup
+from pps_vision.types import Array
+
+_FILES = ("urdf", "skin", "cameras")
+_JOINTS = ("gaze_joints", "torso", "left_arm", "right_arm")
+_LINKS = ("root", "left_palm", "right_palm")
+_EYES = ("left_eye", "right_eye")
+_TABLES = ("home_deg", "ports")
+
+
+def robot_setup(file: Path | None = None, urdf: Path | None = None, skin: Path | None = None) -> RobotSetup:
+    """The robot that `file` (robot.toml) describes, by default the iCub, with another URDF or skin if given.
+
+    Raises:
+        InputError: Names the file, the line and the value that cannot be used.
+    """
+    if file is not None:
+        return read_robot(file, urdf, skin)
+    if urdf is not None:
+        raise InputError("robot", f"--urdf {urdf}; expected --robot robot.toml too, which says what its joints are")
+    robot = icub_setup().robot
+    return icub_setup(None if skin is None else read_skin((skin,), robot))
+
+
+def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -> RobotSetup:
+    """The robot that a robot.toml describes; `urdf` and `skin` replace the files that it names."""
+    toml = _Toml.read(file)
+    urdf_file = urdf or toml.folder_file("urdf")
+    eyes, mounted = {}, {}
+    for eye in _EYES:
+        eyes[eye], pose = toml.eye(eye)
+        if pose is not None:
+            mounted[eye] = pose
+    joints = {key: toml.names(key) for key in _JOINTS}
+    if len(joints["gaze_joints"]) not in (0, 5):
+        toml.refuse("gaze_joints", "neck yaw, neck pitch, eyes tilt, left pan and right pan, or none")
+    links = {key: toml.word(key, "") for key in _LINKS}
+    names = FrameNames(palms=(links["left_palm"], links["right_palm"]), index_tips=("", ""), **eyes, **joints)  # type: ignore[arg-type]
+    robot = Robot(urdf_file, names, links["root"] or None, mounted)
+    for key in _JOINTS:
+        toml.check_known(key, joints[key], robot.joint_names)
+    for key in (*_LINKS, *_EYES):
+        toml.check_known(key, [links[key]] if links.get(key) else [], robot.frame_ids)
+    for side in ("left", "right"):
+        if bool(names.arm(side)) != bool(links[f"{side}_palm"]):
+            key = f"{side}_arm" if names.arm(side) else f"{side}_palm"
+            toml.refuse(key, f"both {side}_arm and {side}_palm, or neither")
+    skin_files = (skin,) if skin else toml.folder_files("skin")
+    cameras = toml.folder_files("cameras") if "cameras" in toml.values else ()
+    left, right = read_icub_eyes(cameras[0]) if cameras else (LEFT_EYE, RIGHT_EYE)
+    ports = toml.ports(robot)
+    return RobotSetup(
+        robot,
+        StereoRig(left, right, robot.eye_poses),
+        read_skin(skin_files, robot),
+        toml.home(robot),
+        ports,
+        tuple(ports),
+    )
+
+
+@dataclass(frozen=True)
+class _Toml:
+    """The values of a robot.toml, and its lines for what is wrong with one."""
+
+    file: Path
+    lines: list[str]
+    values: dict[str, Any]
+
+    @classmethod
+    def read(cls, file: Path) -> "_Toml":
+        text = read_bytes(file, "a robot.toml").decode("utf-8-sig", errors="replace")
+        try:
+            values = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            at = re.search(r"at line (\d+)", str(error))
+            found = f"cannot be read as TOML: {first_line(error)}"
+            raise InputError(file, found, int(at[1]) if at else None) from error
+        toml = cls(file, text.split("\n"), values)
+        known = (*_FILES, *_JOINTS, *_LINKS, *_EYES, *_TABLES)
+        for key in values:
+            if key not in known:
+                toml.refuse(key, f"one of {', '.join(known)}", "unknown key")
+        for key in ("urdf", "skin", *_EYES):
+            if key not in values:
+                raise InputError(file, f"no {key}; expected {', '.join(('urdf', 'skin', *_EYES))}")
+        return toml
+
+    def refuse(self, key: str, expected: str, found: str | None = None) -> Never:
+        """Raise InputError for a key, by the line in which it first stands."""
+        pattern = re.compile(rf"\s*\[?\s*[\"']?{re.escape(key)}[\"']?\s*[\]=]")
+        line = next((n for n, text in enumerate(self.lines, start=1) if pattern.match(text)), None)
+        shown = f"{key} {self.values[key]!r}"[:80] if found is None else f"{found} {key}"
+        raise InputError(self.file, f"{shown}; expected {expected}", line)
+
+    def word(self, key: str, default: str) -> str:
+        value = self.values.get(key, default)
+        return value if isinstance(value, str) else self.refuse(key, "a name in quotes")
+
+    def names(self, key: str) -> tuple[str, ...]:
+        return self._words(key, self.values.get(key, []), key)
+
+    def _words(self, key: str, value: object, shown: str) -> tuple[str, ...]:
+        if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+            self.refuse(shown, "a list of names in quotes", f"no list of names: {value!r} of")
+        return tuple(value)
+
+    def folder_file(self, key: str) -> Path:
+        return self.file.parent / self.word(key, "")
+
+    def folder_files(self, key: str) -> tuple[Path, ...]:
+        value = self.values[key]
+        words = [value] if isinstance(value, str) else value
+        return tuple(self.file.parent / word for word in self._words(key, words, key))
+
+    def eye(self, key: str) -> tuple[str, tuple[str, Array] | None]:
+        """The name of a camera's frame, and, for one that is mounted on a link, that link and the pose there."""
+        value = self.values[key]
+        if isinstance(value, str):
+            return value, None
+        expected = "a link, or {link = ..., xyz_m = [x, y, z], rpy_deg = [r, p, y]}"
+        if not isinstance(value, dict) or not set(value) <= {"link", "xyz_m", "rpy_deg"} or "link" not in value:
+            self.refuse(key, expected)
+        try:
+            xyz, rpy = (np.array(value.get(part, (0, 0, 0)), dtype=float) for part in ("xyz_m", "rpy_deg"))
+        except (ValueError, TypeError):
+            self.refuse(key, expected)
+        if xyz.shape != (3,) or rpy.shape != (3,) or not np.isfinite([xyz, rpy]).all():
+            self.refuse(key, expected)
+        return key, (str(value["link"]), pin.SE3(pin.rpy.rpyToMatrix(np.deg2rad(rpy)), xyz).homogeneous)
+
+    def check_known(self, key: str, names: Any, known: Any) -> None:
+        for name in names:
+            if name not in known:
+                self.refuse(key, f"some of {', '.join(known)}", f"unknown {name!r} in")
+
+    def table(self, key: str) -> dict[str, Any]:
+        value = self.values.get(key, {})
+        return value if isinstance(value, dict) else self.refuse(key, "a table")
+
+    def home(self, robot: Robot) -> Array:
+        """(n_joints,) rad, within the limits."""
+        q, table = np.zeros(robot.n_joints), self.table("home_deg")
+        for joint, angle in table.items():
+            if joint not in robot.joint_names:
+                self.refuse(joint, f"one of {', '.join(robot.joint_names)}", "unknown joint")
+            index = robot.joint_names.index(joint)
+            low, high = np.rad2deg(robot.lower_rad[index]), np.rad2deg(robot.upper_rad[index])
+            if isinstance(angle, bool) or not isinstance(angle, int | float) or not low <= angle <= high:
+                self.refuse(joint, f"degrees from {low:.4g} to {high:.4g}", f"home_deg {angle!r} of")
+            q[index] = np.deg2rad(angle)
+        return robot.clamp(q)
+
+    def ports(self, robot: Robot) -> dict[str, tuple[str, ...]]:
+        ports = {port: self._words(port, names, port) for port, names in self.table("ports").items()}
+        known = (*robot.joint_names, "-", *(("version", "vergence") if robot.names.gaze_joints else ()))
+        for port, names in ports.items():
+            for name in names:
+                if name not in known:
+                    self.refuse(port, f"joints of {', '.join(known)}", f"unknown {name!r} in port")
+        return ports or {"joints": robot.joint_names}

@@ -1,0 +1,217 @@
+"""Robots that are not our iCub: the official iCub model, and an arm of seven joints beside two fixed cameras."""
+
+from itertools import takewhile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from data import shared_data
+
+from learning.pps.memory import PPSMemory, load_memory
+from learning.reach.map import ReachableMap
+from pps_vision.app.cli import main
+from pps_vision.app.simulation import World, log_of, make_episode, new_pipeline, open_world, simulate
+from pps_vision.errors import InputError
+from pps_vision.experiments.official_icub import compare_joints
+from pps_vision.recordings.robot_file import read_robot, robot_setup
+from pps_vision.robot.gaze import GazeModel
+from pps_vision.robot.icub import icub_setup
+from pps_vision.robot.model import FrameNames, Robot
+from pps_vision.robot.setup import RobotSetup
+
+ARM7 = Path(__file__).parents[1] / "arm7" / "robot.toml"
+SETUP = read_robot(ARM7)
+
+
+@pytest.fixture(scope="module")
+def memory(tmp_path_factory: pytest.TempPathFactory) -> PPSMemory:
+    """What one rendered touch of the skin patch taught, by the command line."""
+    out = tmp_path_factory.mktemp("arm7")
+    scene = "--stimulus ball --motion approach --target forearm:4 --seconds 3 --speed 0.12 --noise 2 --seed 1"
+    main(["render", *scene.split(), "--robot", str(ARM7), "--out", str(out / "rec")])
+    main(["learn", str(out / "rec"), "--robot", str(ARM7), "--out", str(out / "memory.npz")])
+    return load_memory(out / "memory.npz")
+
+
+def test_a_touch_is_learned_by_the_taxels_that_felt_it(memory: PPSMemory) -> None:
+    positive = memory.counts[..., 0].sum(axis=(1, 2))
+    assert memory.taxel_ids == SETUP.skin.taxel_ids
+    assert positive[4] > 10
+    assert positive[[0, 8]].sum() == 0  # 5 cm along the arm: not touched
+
+
+@pytest.mark.parametrize("avoid", [False, True])
+def test_the_arm_withdraws_from_what_it_learned_would_touch(memory: PPSMemory, avoid: bool) -> None:
+    with open_world(2.0, 3, SETUP) as world:
+        log = _episode(world, memory, avoid)
+    assert log.was_touched == (not avoid)
+    assert log.was_commanded == avoid
+    moved = np.ptp(log.q_rad, axis=0) > 1e-9
+    assert moved.any() == avoid
+
+
+def _episode(world: World, memory: PPSMemory, avoid: bool):
+    episode = make_episode("approach", world, "forearm:4", "ball", np.random.default_rng(5), 0.12)
+    until_s = episode.motion.contact_s + 0.2
+    steps = simulate(world, episode, new_pipeline(world, memory).step, avoid)
+    return log_of(world, episode, list(takewhile(lambda step: step.frame.stamp_s < until_s, steps)), avoid)
+
+
+def test_the_map_of_the_arm_holds_for_where_its_hand_has_been(tmp_path: Path) -> None:
+    """Points in view where a random posture's palm is are within reach; those beyond the arm's length are not."""
+    words = "--arm right --ik-budget 600 --max-error 0.3"
+    main(["reach", "train", *words.split(), "--robot", str(ARM7), "--out", str(tmp_path / "map.npz")])
+    learned, robot = ReachableMap.load(tmp_path / "map.npz"), SETUP.robot
+    rng = np.random.default_rng(0)
+    hands = [robot.at(q).point("palm") for q in rng.uniform(robot.lower_rad, robot.upper_rad, (3000, 7))]
+    gaze = GazeModel(robot).gaze(np.array(hands), learned.limits)
+    seen = gaze[np.isfinite(gaze).all(axis=1)]
+    assert len(seen) > 100
+    assert learned.query(seen).reachable.mean() > 0.9
+    anywhere = rng.uniform(learned.limits.lower, learned.limits.upper, (3000, 3))
+    too_far = np.linalg.norm(GazeModel(robot).points(anywhere) - [0, 0, 0.34], axis=1) > 0.28 + 0.26 + 0.06
+    assert too_far.sum() > 100
+    assert learned.query(anywhere[too_far]).reachable.mean() < 0.05
+
+
+def test_gaze_of_fixed_cameras_is_the_direction_from_their_middle() -> None:
+    """Of a point 0.5 m ahead, 0.1 m to the left and 0.2 m up, in the axes of the cameras, by trigonometry."""
+    robot = SETUP.robot
+    T, other = robot.eye_poses(SETUP.home_rad)
+    middle = 0.5 * (T[:3, 3] + other[:3, 3])
+    point = middle + T[:3, :3] @ [-0.1, -0.2, 0.5]
+    (gaze,) = GazeModel(robot).gaze(point[None])
+    distance = np.sqrt(0.1**2 + 0.2**2 + 0.5**2)
+    expected = np.arctan2(0.1, np.hypot(0.2, 0.5)), np.arctan2(0.2, 0.5), 2 * np.arctan2(0.035, distance)
+    np.testing.assert_allclose(gaze, expected, atol=1e-9)
+    np.testing.assert_allclose(GazeModel(robot).points(gaze[None])[0], point, atol=1e-9)
+
+
+ICUB = """
+urdf = "{urdf}"
+skin = "skin.csv"
+root = "root_link"
+left_eye = {{link = "head", xyz_m = [-0.034, 0.1, 0.05], rpy_deg = [0, 90, 90]}}
+right_eye = {{link = "head", xyz_m = [0.034, 0.1, 0.05], rpy_deg = [0, 90, 90]}}
+left_arm = ["l_shoulder_pitch", "l_shoulder_roll", "l_shoulder_yaw", "l_elbow"]
+left_palm = "l_hand_dh_frame"
+"""
+
+
+def test_the_official_icub_is_read_with_its_meshes_as_boxes(tmp_path: Path) -> None:
+    icub_models = pytest.importorskip("icub_models")
+    (tmp_path / "robot.toml").write_text(ICUB.format(urdf=icub_models.get_model_file("iCubLisboa01")))
+    rows = (
+        "part,frame,taxel,x_m,y_m,z_m,nx,ny,nz\nleft_forearm,l_forearm_dh_frame,27,-.031,-.097,.014,-.976,.061,.208\n"
+    )
+    (tmp_path / "skin.csv").write_text(rows)
+    setup, ours = read_robot(tmp_path / "robot.toml"), icub_setup()
+    assert {body.shape for body in setup.robot.bodies} == {"box"}
+    assert len(setup.robot.bodies) > 20
+    positions, normals = setup.skin.at(setup.robot.at(np.zeros(32)))
+    there, facing = ours.skin.at(ours.robot.at(np.zeros(ours.robot.n_joints)))
+    np.testing.assert_allclose(positions[0], there[0], atol=2e-4)
+    np.testing.assert_allclose(normals[0], facing[0], atol=1e-5)
+
+
+def test_the_official_icub_of_our_version_has_our_arms() -> None:
+    """Version 1, whose Denavit–Hartenberg tables ours are: axes within 0.2 mm; the neck's roll is another's."""
+    icub_models = pytest.importorskip("icub_models")
+    rows = {row.joint: row for row in compare_joints(icub_models.get_model_file("iCubLisboa01"))}
+    assert len(rows) == 13
+    assert max(row.angle_deg for row in rows.values()) < 0.01
+    assert max(row.offset_m for name, row in rows.items() if not name.startswith("neck")) < 2e-4
+    assert rows["neck_roll"].offset_m == pytest.approx(0.033 - 0.0095, abs=1e-5)  # A of the neck's pitch: v1, v2
+
+
+def test_the_comparison_sees_an_elbow_that_is_displaced(tmp_path: Path) -> None:
+    icub_models = pytest.importorskip("icub_models")
+    tree = ElementTree.parse(icub_models.get_model_file("iCubLisboa01"))
+    origin = tree.find("joint[@name='l_elbow']/origin")
+    x, y, z = map(float, origin.get("xyz").split())
+    origin.set("xyz", f"{x + 0.003} {y} {z + 0.004}")
+    tree.write(tmp_path / "moved.urdf")
+    rows = {row.joint: row for row in compare_joints(tmp_path / "moved.urdf")}
+    assert rows["left_shoulder_yaw"].offset_m < 2e-4
+    assert 0.003 < rows["left_elbow"].offset_m < 0.0055
+    assert rows["left_elbow"].angle_deg < 0.01
+
+
+def test_a_root_elsewhere_moves_everything_alike(tmp_path: Path) -> None:
+    """The arm bolted to a world: in the frame of its base it is as before."""
+    bolt = '<link name="world"/><joint name="bolt" type="fixed"><parent link="world"/><child link="base"/>'
+    placed = bolt + '<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/></joint>'
+    text = ARM7.with_name("arm.urdf").read_text()
+    (tmp_path / "placed.urdf").write_text(text.replace('<robot name="arm7">', f'<robot name="arm7">{placed}'))
+    names = FrameNames("palm", "palm", gaze_joints=())
+    alone = Robot(ARM7.with_name("arm.urdf"), names)
+    in_world, in_base = Robot(tmp_path / "placed.urdf", names), Robot(tmp_path / "placed.urdf", names, "base")
+    T_base_world = np.linalg.inv(pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([1.0, 2.0, 3.0])).homogeneous)
+    q = np.linspace(-0.5, 0.7, 7)
+    np.testing.assert_allclose(T_base_world @ in_world.at(q).T_root("palm"), alone.at(q).T_root("palm"), atol=1e-12)
+    np.testing.assert_allclose(in_base.at(q).T_root("palm"), alone.at(q).T_root("palm"), atol=1e-12)
+    np.testing.assert_allclose(in_base.at(q).T_root("world"), T_base_world, atol=1e-12)
+    np.testing.assert_allclose(in_base.at(q).jacobian("palm"), alone.at(q).jacobian("palm"), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('urdf = "arm.urdf"', 'urdf = "none.urdf"', r"none\.urdf: no such robot description"),
+        ('urdf = "arm.urdf"', "urdf = arm.urdf", r"robot\.toml:2: cannot be read as TOML"),
+        ('root = "base"', 'rot = "base"', r"robot\.toml:4: unknown key rot; expected one of urdf, skin"),
+        ('root = "base"', 'root = "palm"', r"arm\.urdf: root frame palm is moved by joints"),
+        ('"a7"]', '"a8"]', r"robot\.toml:7: unknown 'a8' in right_arm; expected some of a1, a2"),
+        ('right_palm = "palm"', "", r"robot\.toml:7: right_arm .*; expected both right_arm and right_palm"),
+        ('"palm"', '"paw"', r"robot\.toml:8: unknown 'paw' in right_palm"),
+        ("a4 = 60", "a4 = 160", r"robot\.toml:12: home_deg 160 of a4; expected degrees from -126.1 to 126.1"),
+        ("a4 = 60", "b4 = 60", r"robot\.toml:12: unknown joint b4"),
+        ("rpy_deg = [-113.7, 0, 180]}\nright", "rpy_deg = [0, 0]}\nright", r"robot\.toml:5: left_eye .*rpy_deg"),
+        ('link = "base"', 'link = "bass"', r"arm\.urdf: lacks link 'bass', which is to carry left_eye"),
+        ('skin = "skin.csv"\n', "", r"robot\.toml: no skin; expected urdf, skin, left_eye, right_eye"),
+    ],
+)
+def test_what_is_wrong_in_a_robot_file_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    for name in ("arm.urdf", "skin.csv"):
+        (tmp_path / name).write_text(ARM7.with_name(name).read_text())
+    text = ARM7.read_text()
+    assert old in text
+    (tmp_path / "robot.toml").write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        read_robot(tmp_path / "robot.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("forearm,forearm,1,", "forearm,arm,1,", r"skin\.csv:3: frame 'arm'; expected one of .*forearm"),
+        ("forearm,forearm,1,", "forearm,forearm,0,", r"skin\.csv:3: taxel forearm:0; expected each number from 0 once"),
+        ("0.00000,1.00000,0\n", "0,0,0\n", r"skin\.csv:2: normal \[.*\]; expected one of length 1"),
+        ("0.03500,0.06", "nan,0.06", r"skin\.csv:2: .*nan.*; expected part,frame,taxel"),
+        ("nz\n", "n\n", r"skin\.csv:1: no column nz"),
+    ],
+)
+def test_what_is_wrong_in_a_skin_file_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = ARM7.with_name("skin.csv").read_text()
+    assert old in text
+    (tmp_path / "skin.csv").write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        read_robot(ARM7, skin=tmp_path / "skin.csv")
+
+
+def test_the_icubs_own_skin_file_has_our_taxels() -> None:
+    """The forearm's calibration names the virtual taxels; ours are of the paper."""
+    setup: RobotSetup = robot_setup(skin=shared_data("icub_files", "skin_positions", "left_forearm_mesh.txt"))
+    (part,), (ours, *_) = setup.skin.parts, icub_setup().skin.parts
+    assert (part.name, part.frame) == ("left_forearm", "left_forearm")
+    assert set(ours.ids) <= set(part.ids)
+    where = [part.ids.index(i) for i in ours.ids]
+    np.testing.assert_allclose(part.positions_m[where], ours.positions_m, atol=1e-4)
+    np.testing.assert_allclose(part.normals[where], ours.normals, atol=2e-3)
+
+
+def test_a_urdf_without_a_robot_file_is_refused() -> None:
+    with pytest.raises(InputError, match=r"--urdf x\.urdf; expected --robot robot\.toml too"):
+        robot_setup(urdf=Path("x.urdf"))
