@@ -37,10 +37,11 @@ def test_holds_exactly_the_five_packages_with_their_data(wheel: Path) -> None:
 
 
 def test_installs_and_runs_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
-    venv.create(tmp_path / "env", with_pip=True)
+    venv.create(tmp_path / "env")
     python = tmp_path / "env" / "bin" / "python"
     run = {"check": True, "capture_output": True, "text": True, "cwd": tmp_path}
-    subprocess.run([python, "-m", "pip", "install", "-q", "--no-deps", "--no-index", wheel], **run)
+    pip = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index"]
+    subprocess.run([*pip, wheel], **run)
     site = next((tmp_path / "env").glob("lib/python*/site-packages"))
     # the dependencies come from the environment that runs this test
     (site / "dependencies.pth").write_text(f"import site; site.addsitedir({sysconfig.get_paths()['purelib']!r})\n")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from pps_vision.types import Array
 
@@ -32,7 +32,7 @@ def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike)
     independent units (Student's t of the paired differences); arguments (trials, taxels), at least two trials."""
     y, p, q = (np.asarray(a, dtype=float) for a in (outcome, probability, reference))
     gains = np.mean((q - y) ** 2 - (p - y) ** 2, axis=1)
-    half = float(t.ppf(0.975, len(gains) - 1) * gains.std(ddof=1) / np.sqrt(len(gains)))
+    half = float(stdtrit(len(gains) - 1, 0.975) * gains.std(ddof=1) / np.sqrt(len(gains)))
     mean = float(gains.mean())
     return mean, mean - half, mean + half
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from learning.reach.gaze_spline import GazeSpline
 from learning.reach.labels import HandModel, Labels, ReachOracle
@@ -94,7 +94,7 @@ def _tested(
     limits, n = params.gaze_limits, params.test_postures
     gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
     wrong = int(np.sum(learned.query(gaze).reachable != verdicts(gaze)))
-    return replace(learned, error_bound=float(beta.ppf(1 - risk, wrong + 1, n - wrong)) if wrong < n else 1.0)
+    return replace(learned, error_bound=float(betaincinv(wrong + 1, n - wrong, 1 - risk)) if wrong < n else 1.0)
 
 
 def _on_lattice(side: str, labels: Labels, softness: float, expected: float, params: MapParams) -> ReachableMap:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pps_vision.errors import InputError
 from pps_vision.types import Observation3D, Status, StereoFrame
@@ -152,7 +152,7 @@ def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> C
     for order in (2, 3, 4):
         kalman = KalmanParams.of_order(order)
         nis = _innovations(scaled(kalman, distance_m), seen)[_WARM_UP:]
-        if np.mean(nis) <= chi2.ppf(0.975, 3 * len(nis)) / len(nis):
+        if np.mean(nis) <= chdtri(3 * len(nis), 0.025) / len(nis):
             return replace(configuration, params=replace(configuration.params, kalman=kalman))
     return replace(configuration, params=replace(configuration.params, kalman=default))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.tables import read_table
@@ -136,7 +136,7 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
         bias_y_mm=float(bias[1]),
         bias_z_mm=float(bias[2]),
         lost_share=1 - float(np.mean(_covered(moved, truth.stamps_s))),
-        coverage_95=float(np.mean(nees <= chi2.ppf(0.95, 3))) if len(nees) else np.nan,
+        coverage_95=float(np.mean(nees <= chdtri(3, 0.05))) if len(nees) else np.nan,
         nees=float(np.mean(nees)) if len(nees) else np.nan,
         lag_s=lag_s,
     )

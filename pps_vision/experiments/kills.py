@@ -59,9 +59,13 @@ COMMANDS = (
 
 
 def prepare(folder: Path, commands: Sequence[Writing] = COMMANDS) -> None:
-    """Write what the commands read: a recording with a touch, a memory, trials, a robot's map, gaze postures, and, as
-    it takes longest, a reachable-space map only where one of them reads it."""
-    run("render --stimulus ball --motion approach --target left_forearm:3 --speed 0.15 --seconds 3 --out rec", folder)
+    """Write what the commands read: a memory, trials, a robot's map, gaze postures, and, as they take longest, a
+    recording with a touch and a reachable-space map only where one of them reads it."""
+    if any("rec" in command.words.replace("/", " ").split() for command in commands):
+        run(
+            "render --stimulus ball --motion approach --target left_forearm:3 --speed 0.15 --seconds 3 --out rec",
+            folder,
+        )
     if any("map.npz" in command.words for command in commands):
         run("reach train --arm left --ik-budget 600 --out map.npz", folder)
     skin = icub_skin(("left_forearm",))

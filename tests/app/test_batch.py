@@ -50,14 +50,14 @@ def test_a_batch(tmp_path: Path, calib: Path, refused, capsys: pytest.CaptureFix
     assert "b.mp4: cannot be read" in rows["b.mp4"]["reason"]
     assert (rows["a.mp4"]["pairs"], rows["c.mp4"]["pairs"]) == ("6", "8")
     assert not (one / "b.mp4").exists()
-    main([*args, str(two), "--workers", "2"])
-    assert results(two) == results(one)
     # again: what is finished is kept, what failed is tried again
     before = (one / "a.mp4" / "summary.json").stat().st_mtime_ns
     write_video(tmp_path / "b.mp4", [k / 20 for k in range(4)])
     main([*args, str(one)])
     assert {row["status"] for row in table(one).values()} == {"done"}
     assert (one / "a.mp4" / "summary.json").stat().st_mtime_ns == before
+    main([*args, str(two), "--workers", "2"])
+    assert results(two) == results(one)
     assert "expected the options" in refused(*args, one, "--seed", 3)
 
 
@@ -78,7 +78,7 @@ def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
 
 def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     """After kill -9 in the middle no half result has a final name; a second batch is refused while work goes on."""
-    for k in range(3):
+    for k in range(2):
         write_video(tmp_path / f"{k}.mp4", [i / 20 for i in range(5)])
     out = tmp_path / "out"
     words = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--out", str(out)]
@@ -91,8 +91,8 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
         os.killpg(running.pid, signal.SIGKILL)
     assert (second.returncode, "another run is writing to it" in second.stderr) == (2, True)
     finished = list(out.glob("[0-9].mp4"))
-    assert 1 <= len(finished) < 3
+    assert len(finished) == 1
     assert all(json.loads((folder / "summary.json").read_text())["frames"] == 5 for folder in finished)
     main(words)
-    assert [row["status"] for row in table(out).values()] == ["done"] * 3
-    assert sorted(path.name for path in out.iterdir()) == ["0.mp4", "1.mp4", "2.mp4", "batch.csv", "settings.json"]
+    assert [row["status"] for row in table(out).values()] == ["done"] * 2
+    assert sorted(path.name for path in out.iterdir()) == ["0.mp4", "1.mp4", "batch.csv", "settings.json"]

@@ -2,10 +2,16 @@
 
 import json
 
+import pytest
+
+from pps_vision.experiments import budget
 from pps_vision.experiments.budget import Budget
 
 
-def test_the_default_states_its_error_on_rendered_balls_and_keeps_a_wide_limit() -> None:
+def test_the_default_states_its_error_on_rendered_balls_and_keeps_a_wide_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(budget, "_OBJECTS", ("ball",))
     study = Budget(n=1, seconds=2.0, scenes="rendered")
     numbers = json.loads(json.dumps(study.run()))
     ball = numbers["cells"]["rendered, ball"]["120 particles"]

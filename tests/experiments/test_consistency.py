@@ -1,5 +1,7 @@
 """Errors drawn from the covariance that comes with them are found consistent; twice as large ones are not."""
 
+import itertools
+
 import numpy as np
 import pytest
 from drawn_study import run_and_draw
@@ -62,7 +64,8 @@ def test_coverage_has_intervals_over_recordings(monkeypatch: pytest.MonkeyPatch)
     """The study on simulated tracks: every number has an interval that holds it, and a place in chart and table."""
     rng = np.random.default_rng(6)
     monkeypatch.setattr("pps_vision.experiments.scenarios.moving", lambda *_, **__: None)
-    monkeypatch.setattr("pps_vision.experiments.consistency._run", lambda *_: _values(rng, 1.0))
+    values = itertools.cycle([_values(rng, 1.0) for _ in range(5)])
+    monkeypatch.setattr("pps_vision.experiments.consistency._run", lambda *_: next(values))
     numbers, charts = run_and_draw(Consistency(n=2, scenes="rendered"))
     value, low, high = numbers["cells"]["rendered"]["all"]["position 95"]
     assert 90 < low < value < high < 99

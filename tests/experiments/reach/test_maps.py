@@ -62,7 +62,7 @@ def test_more_single_problems_than_problems_is_an_error() -> None:
 
 
 def test_stated_bounds_of_a_few_maps_hold() -> None:
-    numbers, charts = run_and_draw(ErrorBound(SEED, n=1, requested=(0.05,), n_labels=400, n_test=2000))
+    numbers, charts = run_and_draw(ErrorBound(SEED, n=1, requested=(0.05,), n_labels=300, n_test=1000))
     assert len(numbers["maps"]) == 2
     assert all(one["measured"] <= one["stated"] < 0.2 for one in numbers["maps"])
     assert set(charts) == {""}
