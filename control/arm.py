@@ -1,4 +1,4 @@
-"""Move any point of an arm at a Cartesian velocity: damped least squares within the joint limits."""
+"""Move any point of an arm at a Cartesian velocity: a quadratic programme within joint limits and clear of the body."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S
 from pps_vision.errors import InputError
 from pps_vision.robot.model import Posture
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.types import Array
 
 _DEG = np.pi / 180
-_KEEP_IN_WEIGHT = 30.0  # of the sphere's row; outweighs the task's a thousandfold in the squares
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,10 @@ class ArmParams:
     """Damping that keeps rates finite at singular postures."""
     posture_per_s: float = 1.0
     """Rate at which the joints that the task leaves free return to the rest posture."""
+    clearance_m: float = 0.025
+    """Self-collision distance that the arm approaches no further; above that of `LimitParams`, which stops it."""
+    near_m: float = 0.1
+    """Bodies farther apart than this are not looked at."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +62,13 @@ def arm_velocity(
     rest_rad: ArrayLike,
     keep_in: KeepIn | None = None,
     hold_s: float = MAX_HOLD_S,
+    self_collision: SelfCollision | None = None,
 ) -> Array:
     """Joint rates (n_joints,) of the arm of `side` that move a `point` (3,) of `frame` at `velocity_root` (3,) m/s.
 
     `rest_rad` (k,) is the arm's rest posture.  Where a joint limit, within the time `hold_s` for which the rates may be
-    held, or the sphere forbids the motion, the point slides along it, or stops.  InputError for a velocity that is not
-    finite.
+    held, the sphere, or another body of the robot (of `self_collision`; None: none) forbids the motion, the point
+    slides along it, or stops.  InputError for a velocity that is not finite.
     """
     velocity = np.asarray(velocity_root, dtype=float)
     if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
@@ -74,13 +79,15 @@ def arm_velocity(
     limits = rate_limits(q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, 1 / hold_s)
     preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
     J = posture.jacobian(frame, point)[:3, columns]
-    rates = solve_rates(J, velocity, preferred, params.damping_m, limits)
+    rows: Array = np.empty((0, len(columns)))
+    most: Array = np.empty(0)
+    if self_collision is not None:
+        distance, parting = self_collision.parting(posture.q_rad, params.near_m, columns)
+        rows, most = -parting, (distance - params.clearance_m) / hold_s
     if keep_in is not None:
         outward, max_m_s = keep_in.row(posture, columns)
-        if outward @ rates > max_m_s:
-            J = np.vstack([J, _KEEP_IN_WEIGHT * outward])
-            velocity = np.append(velocity, _KEEP_IN_WEIGHT * max_m_s)
-            rates = solve_rates(J, velocity, preferred, params.damping_m, limits)
+        rows, most = np.vstack([rows, outward]), np.append(most, max_m_s)
+    rates = solve_rates(J, velocity, preferred, params.damping_m, limits, rows, most)
     dq = np.zeros(robot.n_joints)
     dq[columns] = rates
     return dq

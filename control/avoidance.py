@@ -11,6 +11,7 @@ from control.limits import MAX_HOLD_S, check_times
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.model import Posture
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, JointVelocity
 
@@ -97,19 +98,21 @@ def step(
     stamp_s: float,
     may_reach: bool = False,
     hold_s: float = MAX_HOLD_S,
+    self_collision: SelfCollision | None = None,
 ) -> tuple[AvoidanceState, JointVelocity, Response]:
     """One control step from the activations (n,) of `skin`, the taxels this arm carries.
 
     The arm reaches only while `may_reach`: while the reachable-space map calls the object reachable; it avoids in any
-    case.  The command may be held for `hold_s`.  InputError if an activation is not in [0, 1], if there is not one per
-    taxel, or if the stamp is not finite or before the last one.
+    case.  The command may be held for `hold_s`; the response keeps clear of the bodies of `self_collision`.  InputError
+    if an activation is not in [0, 1], if there is not one per taxel, or if the stamp is not finite or before the last
+    one.
     """
     check_times("avoidance", stamp_s, hold_s, state.stamp_s)
     found = control_point(params.threshold, posture, skin, np.asarray(activations, dtype=float))
     state = _next(params, state, posture, found, stamp_s, may_reach or params.behaviour == "avoid")
     state = replace(state, stamp_s=stamp_s)
     if state.mode in ("avoid", "reach"):
-        dq = _respond(params, state, posture, hold_s)
+        dq = _respond(params, state, posture, hold_s, self_collision)
         response = Response(state.mode, state.velocity_root, posture.point(state.frame, state.point))
     else:
         dq = _return(params, posture, stamp_s - state.since_s) if state.mode == "return" else 0 * posture.q_rad
@@ -163,13 +166,19 @@ def _next(
     return state
 
 
-def _respond(params: AvoidanceParams, state: AvoidanceState, posture: Posture, hold_s: float) -> Array:
+def _respond(
+    params: AvoidanceParams,
+    state: AvoidanceState,
+    posture: Posture,
+    hold_s: float,
+    self_collision: SelfCollision | None,
+) -> Array:
     """Joint rates that move the control point as commanded, the palm staying within its sphere."""
     palm, q_home = _palm(params, posture), posture.q_rad.copy()
     q_home[_columns(params, posture)] = params.home_arm_rad
     keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
     task = state.frame, state.point, state.velocity_root
-    return arm_velocity(params.arm, posture, params.side, *task, params.home_arm_rad, keep_in, hold_s)
+    return arm_velocity(params.arm, posture, params.side, *task, params.home_arm_rad, keep_in, hold_s, self_collision)
 
 
 def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float) -> Array:

@@ -159,6 +159,7 @@ class Pipeline:
             stamp_s,
             may_reach=reachability is not None and reachability.is_reachable,
             hold_s=params.hold_s,
+            self_collision=self._self_collision,
         )
         searching, gaze_command = self._move_gaze(state, posture, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s

@@ -1,6 +1,6 @@
 """Self-collision distance: how far apart the two arms and the trunk are, by coal through Pinocchio."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from math import hypot, sqrt
 from typing import NamedTuple
@@ -61,6 +61,31 @@ class SelfCollision:
         q = np.asarray(q_rad, dtype=float)
         nearest = pin.computeDistances(self._model, self._data, self._geometry, self._distances, q)
         return float(self._distances.distanceResults[nearest].min_distance)
+
+    def parting(self, q_rad: ArrayLike, within_m: float, joints: Sequence[int]) -> tuple[Array, Array]:
+        """The distances (k,) m of pairs nearer than `within_m` that `joints` (n,) move, and their rates per joint rate.
+
+        The rates (k, n), m/rad, are n·(v₂ − v₁) of the nearest points along their connection n, both bodies taken to
+        carry the same point p: [n, p×n] times the difference of their spatial Jacobians.
+        """
+        q = np.asarray(q_rad, dtype=float)
+        self.distance_m(q)
+        pin.computeJointJacobians(self._model, self._data, q)
+        results = self._distances.distanceResults
+        moved = np.flatnonzero(self._turns[:, joints].any(axis=1)).tolist()
+        near = [k for k in moved if results[k].min_distance < within_m]
+        rates = np.empty((len(near), len(joints)))
+        for row, k in enumerate(near):
+            n, p, pair = results[k].normal, results[k].getNearestPoint1(), self._geometry.collisionPairs[k]
+            one, other = (self._spatial_jacobian(body)[:, joints] for body in (pair.first, pair.second))
+            rates[row] = np.concatenate([n, pin.skew(p) @ n]) @ (other - one)
+        return np.array([results[k].min_distance for k in near]), rates
+
+    def _spatial_jacobian(self, body: int) -> Array:
+        """(6, n_joints) in the root's axes at its origin."""
+        joint = self._geometry.geometryObjects[body].parentJoint
+        J: Array = pin.getJointJacobian(self._model, self._data, joint, pin.ReferenceFrame.WORLD)
+        return J
 
     def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
         """The share in [0, 1] of a straight motion along which the distance provably stays at `clearance_m` or more.

@@ -6,6 +6,7 @@ import pytest
 from control.arm import ArmParams, KeepIn, arm_velocity
 from pps_vision.robot.icub import HOME_ARM_DEG, home
 from pps_vision.robot.model import Robot
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.types import Array
 
 DEG = np.pi / 180
@@ -93,6 +94,24 @@ def test_a_palm_outside_its_sphere_is_brought_back(robot: Robot) -> None:
         keep_in = KeepIn("left_palm", center, 0.05)
         q = q + DT * arm_velocity(PARAMS, robot.at(q), "left", "left_forearm", (0, 0, 0), np.zeros(3), REST, keep_in)
     assert np.linalg.norm(robot.at(q).point("left_palm") - center) < 0.0505
+
+
+def test_the_palm_slides_along_the_trunk(robot: Robot) -> None:
+    """Pushed askew against the trunk it goes on sideways at 25 mm from it; without the rows it would run into it."""
+    bodies, palm, gaps = SelfCollision(robot), "left_palm", {}
+    velocity = np.array([0.1, 0.06, 0.0])  # the trunk lies behind the palm, the left of the robot is at −y
+    for avoided in (bodies, None):
+        q = home(robot)
+        begun = robot.at(q).point(palm)
+        for _ in range(60):
+            q = q + DT * arm_velocity(
+                PARAMS, robot.at(q), "left", palm, (0, 0, 0), velocity, REST, hold_s=DT, self_collision=avoided
+            )
+            gaps.setdefault(avoided, []).append(bodies.distance_m(q))
+        if avoided:
+            assert abs((robot.at(q).point(palm) - begun)[1]) > 0.05
+    assert min(gaps[bodies]) > 0.0245
+    assert min(gaps[None]) < 0.02
 
 
 @pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])

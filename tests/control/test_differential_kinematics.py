@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from control.differential_kinematics import rate_limits, solve_rates
 
@@ -23,6 +24,21 @@ def test_rates_are_the_bounded_minimum(rng: np.random.Generator) -> None:
 def test_a_singular_task_gives_finite_rates() -> None:
     rates = solve_rates(np.zeros((3, 4)), np.ones(3), np.array([0.1, 0.2, 0.3, 5.0]), 0.01, (-np.ones(4), np.ones(4)))
     np.testing.assert_allclose(rates, [0.1, 0.2, 0.3, 1.0], atol=1e-9)
+
+
+def test_rows_hold_where_they_can_and_limits_everywhere(rng: np.random.Generator) -> None:
+    """Against SciPy's general solver; where a row excludes the limits, it is left by as little as possible."""
+    for _ in range(30):
+        J, wanted, preferred = rng.normal(size=(3, 7)), 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=7)
+        rows, most, limits = 0.3 * rng.normal(size=(2, 7)), rng.uniform(0, 0.01, 2), (-np.ones(7), np.ones(7))
+        x = solve_rates(J, wanted, preferred, 0.1, limits, rows, most)
+        cost = lambda y, J=J, w=wanted, p=preferred: np.sum((J @ y - w) ** 2) + 0.01 * np.sum((y - p) ** 2)  # noqa: E731
+        constraint = {"type": "ineq", "fun": lambda y, rows=rows, most=most: most - rows @ y}
+        best = minimize(cost, np.zeros(7), bounds=[(-1, 1)] * 7, constraints=constraint, tol=1e-12)
+        assert np.all(rows @ x <= most + 1e-6)
+        np.testing.assert_allclose(x, best.x, atol=1e-4)
+    x = solve_rates(np.eye(2), np.ones(2), np.zeros(2), 0.1, (-np.ones(2), np.ones(2)), np.array([[1.0, 0.0]]), [-3.0])
+    np.testing.assert_allclose(x, [-1.0, 1 / 1.01], atol=1e-5)
 
 
 def test_a_joint_without_room_stands_still() -> None:

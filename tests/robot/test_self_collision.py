@@ -68,6 +68,19 @@ def reference(q: Array, ignored: tuple[str, ...] = ()) -> float:
     )
 
 
+def test_rates_of_distances_are_their_differences() -> None:
+    rng, bodies, h, compared = np.random.default_rng(11), SelfCollision(ROBOT), 5e-4, 0
+    joints = list(range(ROBOT.n_joints))
+    for _ in range(40):
+        q, dq = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.normal(size=ROBOT.n_joints)
+        distance, rates = bodies.parting(q, 0.1, joints)
+        before, after = (bodies.parting(q + step * dq, 0.1, joints)[0] for step in (-h, h))
+        if len(before) == len(after) == len(distance) and np.all(distance > 0.005):
+            np.testing.assert_allclose((after - before) / (2 * h), rates @ dq, atol=0.005)
+            compared += len(distance)
+    assert compared > 20
+
+
 def crossed_arms() -> Array:
     """Forearms that swing inwards until they overlap."""
     q = home(ROBOT)
