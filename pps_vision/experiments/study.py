@@ -54,6 +54,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "pps_double_touches": {"starts": 4},
     "pps_landscapes": {"share": 0.1},
     "pps_real_trials": {"permutations": 1},
+    "pps_representations": {"robots": 1},
     "pps_single_touch": {"n": 5},
     "pps_table5": {"share": 0.1},
     "reach_error_bound": {"requested": (0.05,)},

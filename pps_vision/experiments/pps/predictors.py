@@ -6,10 +6,12 @@ from what is known `horizon_s` before their end.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
+from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.isotonic import IsotonicRegression
 
 from learning.pps.contact import ContactParams, learn_contact, predict_contact, predict_session
@@ -26,6 +28,9 @@ Predictor = Callable[[Trials, Trials, float], Array]
 """Training trials, test trials, horizon_s → probabilities (test trials, taxels)."""
 
 FOLDS = 8
+PRIORS = (1.0, 10.0, 100.0, 1000.0, 1e9)
+PRIOR_BLOCKS = 4
+_HALF_WINDOWS = MemoryParams(bins=(16, 8), sigma_bins=0.5)
 _FINE = MemoryParams(bins=(32, 16))
 _POOLED = 0.2  # weight of the samples of every other taxel in the fine map, chosen on earlier training trials
 _AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
@@ -77,6 +82,51 @@ def by_fine_map(training: Trials, test: Trials, horizon_s: float) -> Array:
     seen = np.einsum("kd,kdtc,kt->kc", w_distance, counts[np.nonzero(inside)[-1]], w_ttc)
     p[inside] = seen[:, 0] / np.maximum(seen.sum(axis=1), 1e-12)
     return p
+
+
+def by_half_windows(training: Trials, test: Trials, horizon_s: float) -> Array:
+    """Predict the activation of a map of 16×8 bins with a window of half a bin at the last sample known."""
+    return activation(train_memory(training, _HALF_WINDOWS), *at_horizon(test, horizon_s))
+
+
+def by_shrunk_map(training: Trials, test: Trials, horizon_s: float) -> Array:
+    """Predict from R's counts, of which `n` prior samples say the taxel's rate of touch: (n⁺ + n r) / (n⁺ + n⁻ + n).
+
+    n⁺ and n⁻ are smoothed by R's window.  n is the one that best
+    predicts blocks of the training trials from the others.
+    """
+    found = [in_blocks(partial(_shrunk, prior), training, horizon_s, PRIOR_BLOCKS) for prior in PRIORS]
+    errors = [brier(outcomes(training), p) for p in found]
+    return _shrunk(PRIORS[int(np.argmin(errors))], training, test, horizon_s)
+
+
+def _shrunk(prior: float, training: Trials, test: Trials, horizon_s: float) -> Array:
+    memory, p = train_memory(training), by_base_rate(training, test, horizon_s)
+    D, TTC = at_horizon(test, horizon_s)
+    inside = memory.params.covers(D, TTC)
+    w_distance, w_ttc = windows(memory.params, D, TTC, inside)
+    seen = np.einsum("kd,kdtc,kt->kc", w_distance, memory.counts[np.nonzero(inside)[-1]], w_ttc)
+    p[inside] = (seen[:, 0] + prior * p[inside]) / (seen.sum(axis=1) + prior)
+    return p
+
+
+def by_trees(training: Trials, test: Trials, horizon_s: float) -> Array:
+    """Predict by gradient-boosted trees (scikit-learn's defaults) of the taxel, D, TTC and the displacement from it."""
+    rows = [_rows(trials, horizon_s) for trials in (training, test)]
+    touched = outcomes(training).ravel()
+    if touched.all() or not touched.any():
+        return by_base_rate(training, test, horizon_s)
+    trees = HistGradientBoostingClassifier(categorical_features=[0], random_state=0).fit(rows[0], touched)
+    return np.asarray(trees.predict_proba(rows[1])[:, 1]).reshape(len(test), -1)
+
+
+def _rows(trials: Trials, horizon_s: float) -> Array:
+    """(trials · taxels, 6) taxel, D, TTC and the displacement at the last sample known."""
+    D, TTC = at_horizon(trials, horizon_s)
+    last = [int(np.flatnonzero(known_at(trial.stamps_s, horizon_s))[-1]) for trial in trials]
+    d = np.array([trial.d_m[k] for trial, k in zip(trials, last, strict=True)])
+    taxel = np.broadcast_to(np.arange(D.shape[1], dtype=float), D.shape)
+    return np.concatenate([np.stack([taxel, D, TTC], axis=-1), d], axis=-1).reshape(-1, 6)
 
 
 def by_displacement(training: Trials, test: Trials, horizon_s: float) -> Array:

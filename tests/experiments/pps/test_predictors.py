@@ -8,11 +8,22 @@ from data import SEED
 
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.receptive_field import perceive as perceive_at
+from learning.pps.scores import brier
 from learning.pps.trials import TouchTrial, Trial
 from pps_vision.experiments.pps import calibration, real_trials
 from pps_vision.experiments.pps.calibration import COMBINATION, METHODS
 from pps_vision.experiments.pps.perceived import HORIZON_S, at_horizon, in_taxel_frames, perceive
-from pps_vision.experiments.pps.predictors import Trials, by_fine_map, corrected, landing_gap, outcomes
+from pps_vision.experiments.pps.predictors import (
+    Trials,
+    by_base_rate,
+    by_fine_map,
+    by_map,
+    by_shrunk_map,
+    by_trees,
+    corrected,
+    landing_gap,
+    outcomes,
+)
 from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin, touched_taxels
 from pps_vision.types import Array
@@ -155,3 +166,15 @@ def test_a_straight_path_lands_where_geometry_says():
     trial = Trial(t, d, np.zeros_like(d), np.array([True, False]), 0.03)
     np.testing.assert_allclose(landing_gap(trial, 0.2), [0.0, 0.02], atol=1.1e-3)
     assert np.isinf(landing_gap(trial, 2.0)).all()
+
+
+def test_trees_and_shrunk_maps_find_what_touches_and_invent_nothing(trials: tuple[Trials, Trials]) -> None:
+    """Better than the base rate on balls that pass or touch; on outcomes dealt to other balls no prior is too large."""
+    training, test = trials
+    touched = outcomes(test)
+    rate = brier(touched, by_base_rate(training, test, HORIZON_S))
+    assert brier(touched, by_trees(training, test, HORIZON_S)) < rate
+    assert brier(touched, by_shrunk_map(training, test, HORIZON_S)) < rate
+    dealt = [replace(trial, touched=other.touched) for trial, other in zip(training, training[::-1], strict=True)]
+    p, base = (predict(dealt, test, HORIZON_S) for predict in (by_shrunk_map, by_base_rate))
+    assert np.abs(p - base).max() < np.abs(by_map(dealt, test, HORIZON_S) - base).max()
