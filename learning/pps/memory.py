@@ -1,5 +1,6 @@
 """Memory of the taxels: counts of touch and no touch by distance and time to contact (R eqs 3–5)."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from learning.archive import read_archive, write_archive
 from learning.pps.buffer import EventBuffer, resample
 from pps_vision.errors import InputError
+from pps_vision.jit import njit
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, Mask
 
@@ -147,9 +149,52 @@ def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, devic
 
         found[at] = batch.activation(memory, distance, ttc, inside, device)
     elif len(at[0]):
-        w_distance, w_ttc = windows(memory.params, distance, ttc, inside)
-        found[at] = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[at[-1]], w_ttc)
+        p = memory.params
+        ranges = np.array([p.distance_range_m, p.ttc_range_s])
+        found[at] = _weighted(memory.frequency, at[-1], distance[at], ttc[at], ranges, p.sigma_bins)
     return np.minimum(found, 1.0)  # against rounding
+
+
+@njit(cache=True, error_model="numpy")
+def _weighted(
+    frequency: Array, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array, ranges: Array, sigma_bins: float
+) -> Array:
+    """(k,) mean of the frequencies (n, D bins, TTC bins) of each `taxel` (k,), weighted as by `windows`."""
+    found = np.empty(len(taxel))
+    _, n_distance, n_ttc = frequency.shape
+    w_distance, w_ttc = np.empty(n_distance), np.empty(n_ttc)
+    step = math.exp(-1 / sigma_bins**2)
+    for i in range(len(taxel)):
+        _weigh(w_distance, distance_m[i], ranges[0, 0], ranges[0, 1], sigma_bins, step)
+        _weigh(w_ttc, ttc_s[i], ranges[1, 0], ranges[1, 1], sigma_bins, step)
+        total = 0.0
+        for j in range(n_distance):
+            row = 0.0
+            for k in range(n_ttc):
+                row += w_ttc[k] * frequency[taxel[i], j, k]
+            total += w_distance[j] * row
+        found[i] = total / (w_distance.sum() * w_ttc.sum())
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _weigh(weights: Array, value: float, low: float, high: float, sigma_bins: float, step: float) -> None:
+    """Fill in the Gaussian weights of the bins about a value, that of the nearest bin 1.
+
+    From bin to bin the ratio of weights falls by the factor `step`, exp(−1/σ²): two exponentials do for all bins.
+    """
+    n = len(weights)
+    weights[:] = 1.0
+    if n == 1:
+        return
+    place = (value - low) / (high - low) * n - 0.5
+    nearest = min(max(int(place + 0.5), 0), n - 1)
+    for way, last in ((1, n - 1), (-1, 0)):
+        ratio, weight = math.exp(min((2 * way * (place - nearest) - 1) / (2 * sigma_bins**2), 0.0)), 1.0
+        for j in range(nearest + way, last + way, way):
+            weight *= ratio
+            ratio *= step
+            weights[j] = weight
 
 
 def paired(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """Distance D and time to contact TTC of a stimulus, as a taxel perceives them (R eqs 1–2)."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
+from pps_vision.jit import njit
 from pps_vision.types import Array
 
 _QUANTILES: Array = ndtri((np.arange(8) + 0.5) / 8)  # of equal probability, in standard deviations
@@ -83,9 +85,18 @@ def distance_and_ttc(
     D, ttc = np.full((2, *shape[:-1]), np.nan)
     if n_close:
         near = np.nonzero(close) if 2 * n_close < close.size else ...  # sorting out most would cost more than it saves
-        cov = None if cov_v is None else _as((*shape, 3), np.asarray(cov_v, dtype=float))[near]
-        d, v, z = (_as(shape, a)[near] for a in (d, v, z))
-        D[near], ttc[near] = _within_reach(field, d, z, v, shell, cov)
+        cov = np.zeros((3, 3)) if cov_v is None else np.asarray(cov_v, dtype=float)
+        covs = cov.reshape(1, 3, 3) if cov.size == 9 else _as((*shape, 3), cov)[near].reshape(-1, 3, 3)
+        d, v, z = (_as(shape, a)[near].reshape(-1, 3) for a in (d, v, z))
+        d, z, v, covs = (
+            np.ascontiguousarray(d),
+            np.ascontiguousarray(z),
+            np.ascontiguousarray(v),
+            np.ascontiguousarray(covs),
+        )
+        shape_of_field = field.length_m, field.base_radius_m, float(np.tan(field.half_angle_rad))
+        found = _within_reach(d, z, v, covs, shell, shape_of_field, field.min_closing_sigmas)
+        D[near], ttc[near] = found.reshape(2, *D[near].shape)
     return D, ttc
 
 
@@ -108,26 +119,35 @@ def _as(shape: tuple[int, ...], a: NDArray[Any]) -> NDArray[Any]:
     return a if a.shape == shape else np.broadcast_to(a, shape)
 
 
+@njit(cache=True, error_model="numpy")
 def _within_reach(
-    field: ReceptiveField, d: Array, z: Array, v: Array, shell: float, cov_v: Array | None
-) -> tuple[Array, Array]:
-    """D and TTC (…) of displacements, normals and velocities (…, 3)."""
-    height = np.einsum("...i,...i->...", d, z)
-    distance = np.sqrt(np.einsum("...i,...i->...", d, d))
-    touches = distance <= max(shell, 0.0)
-    u = d / np.where(distance == 0, 1.0, distance)[..., None]
-    closing = -np.einsum("...i,...i->...", u, v)
-    margin = np.zeros_like(closing)
-    if cov_v is not None:
-        variance = np.einsum("...i,...i->...", u, (cov_v @ u[..., None])[..., 0])
-        margin = field.min_closing_sigmas * np.sqrt(np.maximum(variance, 0.0))
-    moving = (np.abs(closing) > margin) & ~touches
-    ttc = np.where(moving, (distance - shell) / np.where(moving, closing, 1.0), np.where(touches, 0.0, np.inf))
-    D = np.where(height >= 0, distance, -distance) - shell
-    aside = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
-    reach = field.base_radius_m + height * np.tan(field.half_angle_rad)
-    inside = (aside <= reach) & (distance - shell <= field.length_m) & np.isfinite(closing)
-    return np.where(inside, D, np.nan), np.where(inside, ttc, np.nan)
+    d: Array, z: Array, v: Array, cov_v: Array, shell: float, cone: tuple[float, float, float], sigmas: float
+) -> Array:
+    """(2, n) D and TTC of displacements, normals and velocities (n, 3), with a covariance (3, 3) each or one of all;
+    `cone`: length, radius at the skin, tangent of the half angle."""
+    length, base, tangent = cone
+    found = np.full((2, len(d)), np.nan)
+    for i in range(len(d)):
+        cov = cov_v[i if len(cov_v) > 1 else 0]
+        square, height, nearing, variance = 0.0, 0.0, 0.0, 0.0
+        for j in range(3):
+            square += d[i, j] * d[i, j]
+            height += d[i, j] * z[i, j]
+            nearing -= d[i, j] * v[i, j]
+            for k in range(3):
+                variance += d[i, j] * cov[j, k] * d[i, k]
+        distance = math.sqrt(square)
+        aside = math.sqrt(max(square - height * height, 0.0))
+        if not (aside <= base + height * tangent and distance - shell <= length and math.isfinite(nearing)):
+            continue
+        found[0, i] = (distance if height >= 0 else -distance) - shell
+        if distance <= max(shell, 0.0):
+            found[1, i] = 0.0
+        elif abs(nearing) > sigmas * math.sqrt(max(variance, 0.0)):  # both times the distance
+            found[1, i] = (distance - shell) * distance / nearing
+        else:
+            found[1, i] = math.inf
+    return found
 
 
 def distance_and_ttc_variance(

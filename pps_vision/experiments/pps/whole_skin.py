@@ -10,15 +10,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.pps.buffer import EventBuffer, push
-from learning.pps.memory import MemoryParams, PPSMemory, activation, learn
+from learning.pps.memory import MemoryParams, PPSMemory, activation, learn, windows
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.tables import Table
 from pps_vision.types import Array, TaxelEvents
 
-TAXELS = (32, 125, 500, 1000, 2000, 4000, 8000, 16000)  # the iCub has 4000
+TAXELS = (32, 125, 500, 1000, 2000, 4000, 8000, 16000)
+_ICUB = 4000
 _LIMBS = 8
 _SAMPLES = 60  # 3 s at 50 ms
+_FIELD, _RADIUS_M, _COV = ReceptiveField(distance_to="surface"), 0.035, 1e-6 * np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ class Body:
 class WholeSkin(SampledStudy):
     """Processor time to perceive one stimulus and activate all taxels, and to learn from 3 s, against the taxels.
 
-    Usually the ball is in the receptive fields of the taxels near it; in the worst case it is in all of them.
+    Usually the ball is in the receptive fields of the taxels near it; in the worst case it is in all of them. The
+    compiled code stands beside the same in NumPy.
     """
 
     n: int = 100
@@ -46,7 +50,8 @@ class WholeSkin(SampledStudy):
     def run(self) -> dict[str, Any]:
         """Return median and quartiles of the milliseconds, by case, for each number of taxels."""
         rng = np.random.default_rng(self.seed)
-        found: dict[str, list[list[float]]] = {"one stimulus": [], "one stimulus, worst case": [], "3 s learned": []}
+        cases = "one stimulus", "one stimulus, worst case", "worst case, NumPy", "3 s learned"
+        found: dict[str, list[list[float]]] = {case: [] for case in cases}
         for n in TAXELS:
             body = make_body(n, rng)
             shape = body.positions.shape
@@ -55,6 +60,7 @@ class WholeSkin(SampledStudy):
             learning = partial(learn, body.memory, buffer_at_touch(body), np.arange(n) == 0)
             found["one stimulus"].append(_cpu_ms(partial(activations, body), self.n))
             found["one stimulus, worst case"].append(_cpu_ms(partial(activations, in_all), self.n))
+            found["worst case, NumPy"].append(_cpu_ms(partial(activations_by_arrays, in_all), self.n))
             found["3 s learned"].append(_cpu_ms(learning, self.n // 5))
         return {"taxels": TAXELS, "ms": found}
 
@@ -65,6 +71,16 @@ class WholeSkin(SampledStudy):
         axis.set(xscale="log", yscale="log")
         axis.legend(fontsize=8)
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the times of the iCub's number of taxels, and how many times as long NumPy takes."""
+        taxels = numbers["taxels"]
+        at = taxels.index(_ICUB) if _ICUB in taxels else -1
+        ms = {case: values[at] for case, values in numbers["ms"].items()}
+        ratio = ms["worst case, NumPy"][0] / ms["one stimulus, worst case"][0]
+        rows = [[case, *(f"{value:.2g}" for value in values)] for case, values in ms.items()]
+        header = [f"{taxels[at]} taxels, processor time (ms)", "median", "25 %", "75 %"]
+        return {"": Table(header, [*rows, ["NumPy / compiled, worst case", f"{ratio:.2g}", "", ""]])}
 
 
 def _cpu_ms(call: Callable[[], object], runs: int) -> list[float]:
@@ -94,14 +110,32 @@ def make_body(n: int, rng: np.random.Generator) -> Body:
 
 def activations(body: Body, sample: int = _SAMPLES // 2) -> Array:
     """Return the activations (n,) for the ball at one sample, from its position and velocity on."""
-    stimulus = (body.ball[sample], body.velocity, 0.035, 1e-6 * np.eye(3))
-    return activation(body.memory, *perceive(ReceptiveField(), body.positions, body.normals, *stimulus))
+    stimulus = (body.ball[sample], body.velocity, _RADIUS_M, _COV)
+    return activation(body.memory, *perceive(_FIELD, body.positions, body.normals, *stimulus))
+
+
+def activations_by_arrays(body: Body, sample: int = _SAMPLES // 2) -> Array:
+    """Return the same as `activations`, computed as R eqs 1–5 stand there."""
+    d, v = body.ball[sample] - body.positions, body.velocity
+    distance, height = np.linalg.norm(d, axis=1), np.einsum("ni,ni->n", d, body.normals)
+    closing = -d @ v / distance
+    uncertain = _FIELD.min_closing_sigmas * np.sqrt(np.einsum("ni,ij,nj->n", d, _COV, d)) / distance
+    D, gap = np.where(height >= 0, distance, -distance) - _RADIUS_M, distance - _RADIUS_M
+    with np.errstate(divide="ignore"):
+        ttc = np.where(gap <= 0, 0.0, np.where(np.abs(closing) > uncertain, gap / closing, np.inf))
+    aside = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
+    within = (aside <= _FIELD.base_radius_m + height * np.tan(_FIELD.half_angle_rad)) & (gap <= _FIELD.length_m)
+    inside = within & body.memory.params.covers(D, ttc)
+    w_distance, w_ttc = windows(body.memory.params, D, ttc, inside)
+    found = np.zeros(len(d))
+    found[inside] = np.einsum("kd,kdt,kt->k", w_distance, body.memory.frequency[inside], w_ttc)
+    return found
 
 
 def buffer_at_touch(body: Body) -> EventBuffer:
     """Return the buffered samples of the whole approach."""
     buffer, none = EventBuffer(), np.zeros(len(body.positions), bool)
     for k, p in enumerate(body.ball):
-        D, TTC = perceive(ReceptiveField(), body.positions, body.normals, p, body.velocity)
+        D, TTC = perceive(_FIELD, body.positions, body.normals, p, body.velocity)
         buffer = push(buffer, TaxelEvents(0.05 * k, body.memory.taxel_ids, D, TTC, none))
     return buffer

@@ -17,7 +17,13 @@ from pps_vision.experiments.pps.single_touch import (
     SingleTouch,
     repeat_approaches,
 )
-from pps_vision.experiments.pps.whole_skin import WholeSkin, activations, buffer_at_touch, make_body
+from pps_vision.experiments.pps.whole_skin import (
+    WholeSkin,
+    activations,
+    activations_by_arrays,
+    buffer_at_touch,
+    make_body,
+)
 from pps_vision.experiments.study import Axis
 
 
@@ -87,6 +93,14 @@ def test_only_taxels_near_the_ball_are_activated() -> None:
     active = activations(body) > 0
     assert 0 < active.sum() < 100
     assert np.isfinite(buffer_at_touch(body).samples[30].distance_m)[active].all()
+
+
+@pytest.mark.parametrize("sample", [10, 30, 45, 59])
+def test_the_compiled_activations_are_those_of_the_equations(sample: int) -> None:
+    body = make_body(2000, np.random.default_rng(SEED))
+    expected = activations_by_arrays(body, sample)
+    assert (expected > 0).any()
+    np.testing.assert_allclose(activations(body, sample), expected, rtol=1e-9)
 
 
 def test_the_cost_of_the_skin_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,11 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
 from learning.pps.buffer import EventBuffer, push
-from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples, learn, load_memory, save_memory
+from learning.pps.memory import (
+    MemoryParams,
+    PPSMemory,
+    activation,
+    count_samples,
+    learn,
+    load_memory,
+    save_memory,
+    windows,
+)
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.errors import InputError
 from pps_vision.robot.skin import icub_skin
@@ -300,3 +311,20 @@ def test_the_upper_limit_of_a_single_bin_does_not_count():
     for ttc_s, n in ((3.0, 0), (np.nextafter(3.0, 0), 1)):
         memory = count_samples(empty, np.full((1, N), 0.1), np.full((1, N), ttc_s), touched(0))
         assert memory.counts[0, ..., 0].sum() == n
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    bins=st.tuples(st.integers(1, 9), st.integers(1, 5)),
+    sigma=st.sampled_from([1e-9, 0.1, 0.5, 1.0, 3.0, 1e9]),
+)
+def test_the_activation_is_the_mean_of_f_weighted_by_the_windows(seed, bins, sigma):
+    """The compiled sum against the windows' own, in every place of the ranges and at their ends."""
+    rng, params = np.random.default_rng(seed), MemoryParams(bins=bins, sigma_bins=sigma)
+    memory = PPSMemory(("a", "b"), np.zeros(2, np.intp), rng.integers(0, 9, (2, *bins, 2)), params)
+    D, TTC = rng.uniform(-0.1, 0.2, (40, 2)), rng.uniform(0, 3, (40, 2))
+    D[:2], TTC[2:4] = [[-0.1], [0.2]], [[0.0], [3.0]]
+    w_distance, w_ttc = windows(params, D, TTC, np.ones(D.shape, bool))
+    expected = np.einsum("kd,kdt,kt->k", w_distance, memory.frequency[np.tile([0, 1], 40)], w_ttc)
+    np.testing.assert_allclose(activation(memory, D, TTC).ravel(), expected, rtol=1e-9, atol=1e-12)
