@@ -5,6 +5,7 @@ compiled on its first call, which takes seconds once; the machine code is cached
 C-ordered and writable; for another layout the function is compiled again.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -202,3 +203,37 @@ def moments(alpha: Map, variance: Map, weights: Map, left: int, top: int) -> Mom
     cov = (xx, xy, xz, xo, yy, yz, yo, zz, zo, oo)
     direction = (x, y, z)
     return Moments(direction, omega, cov, area, (x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)))
+
+
+@njit(cache=True, error_model="numpy")
+def harmonics(
+    alpha: Map, weights: Map, left: int, top: int, axis: Color, omega: float
+) -> tuple[tuple[float, float, float, float], float]:
+    """Non-circularity of an outline: cosine and sine of the second and of the third harmonic of its edge, in shares of
+    its radius, and the share by which its second moment exceeds a disc's.
+
+    In the tangent plane of `axis`, the mean direction, in which a ball's image is a disc.  An edge at r(1 + ε cos kθ)
+    has the moment ∫ρᵏ cos kθ dA = ε π r^(k + 2).
+
+    Args:
+        alpha, weights, left, top: As for `moments`.
+        axis, omega: Direction and solid angle of its result.
+    """
+    p, q, r = axis
+    length, side = math.sqrt(p * p + q * q + r * r), math.sqrt(p * p + r * r)
+    p, q, r, ex, ez = p / length, q / length, r / length, r / side, -p / side  # e = (ex, 0, ez) is across the axis
+    fx, fy, fz = q * ez, r * ex - p * ez, -q * ex
+    c2 = s2 = c3 = s3 = spread = 0.0
+    for row in range(len(alpha)):
+        for column in range(alpha.shape[1]):
+            if alpha[row, column] == 0:
+                continue
+            v, u = top + row, left + column
+            a, b, c, d = weights[0, v, u], weights[1, v, u], weights[2, v, u], weights[3, v, u]
+            x, y, w = (ex * a + ez * c) / d, (fx * a + fy * b + fz * c) / d, float(alpha[row, column]) * d
+            xx, yy, xy = x * x, y * y, x * y
+            c2, s2, spread = c2 + w * (xx - yy), s2 + 2 * w * xy, spread + w * (xx + yy)
+            c3, s3 = c3 + w * x * (xx - 3 * yy), s3 + w * y * (3 * xx - yy)
+    square = omega * omega / math.pi  # π r⁴
+    cube = square * math.sqrt(omega / math.pi)
+    return (c2 / square, s2 / square, c3 / cube, s3 / cube), 2 * spread / square - 1

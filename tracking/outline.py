@@ -18,7 +18,7 @@ from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
-from tracking.kernels import Upper, covered, moments
+from tracking.kernels import Upper, covered, harmonics, moments
 
 EDGE_ERROR_PX = 0.065
 """Systematic error of an edge's position (shading, background), correlated along the edge: an outline of radius r px
@@ -50,7 +50,9 @@ class Outline:
     """An object's outline in one image.
 
     `center_px` (2,) with covariance `cov_px` (2, 2); angular radius with variance, rad and rad²; bounding box (x, y,
-    width, height) px; area px; whether a part of the object is cut off by the image's border or hidden.
+    width, height) px; area px; whether a part of the object is cut off by the image's border or hidden; the edge's
+    second and third harmonic (cosine, sine, cosine, sine) as shares of the radius, and the share by which the second
+    moment exceeds a disc's.
     """
 
     center_px: Array
@@ -60,6 +62,8 @@ class Outline:
     box_px: tuple[float, float, float, float]
     area_px: float
     is_partial: bool
+    harmonics: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    non_circularity: float = 0.0
 
 
 class Optics:
@@ -193,7 +197,8 @@ def outline(coverage: Coverage, optics: Optics) -> Outline | None:
     cov = np.array(((uu, uv), (uv, vv)))
     at_border = x <= 0 or y <= 0 or x + width >= camera.width or y + height >= camera.height
     box_px = (float(x), float(y), float(width), float(height))
-    return Outline(np.array((u, v)), cov, radius, radius_var, box_px, area, at_border)
+    edge, excess = harmonics(coverage.alpha, optics.weights, left, top, seen.direction, seen.omega)
+    return Outline(np.array((u, v)), cov, radius, radius_var, box_px, area, at_border, edge, excess)
 
 
 @njit(cache=True, error_model="numpy")

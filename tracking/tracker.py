@@ -306,7 +306,8 @@ class Tracker:
     ) -> tuple[TrackerState, Observation3D | None]:
         """Triangulate what both cameras detected.
 
-        The first outline, grown from a moving region, is too rough to learn the calibration's error from.
+        The first outline, grown from a moving region, is too rough to learn the calibration's error from.  A pair's own
+        differences count for it too.
         """
         left, right = detections
         if left is None or right is None:
@@ -322,8 +323,9 @@ class Tracker:
         if observation is None:
             return state, None
         if predicted is not None:
-            learned = state.association.learned(observation, left.outline, right.outline)
+            learned = state.association.learned(poses.view, observation, left.outline, right.outline)
             state = replace(state, association=learned)
+            observation = learned.observe(poses.view, left.outline, right.outline, stamp_s, shift) or observation
         if poses.stamp_error_s > 0 and state.view is not None:
             dt_s = stamp_s - 0.5 * sum(state.stamps_s)
             observation = with_pose_error(observation, state.view, view, dt_s, poses.stamp_error_s)

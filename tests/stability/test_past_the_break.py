@@ -94,8 +94,6 @@ DISTURBANCES: dict[str, Disturbance] = {
 GENERIC, MARKER = OURS
 FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly (χ² of 3 degrees of freedom)
     ("noise", MARKER): "measures blobs of noise: 595 mm off, χ² 3609",
-    ("blur", GENERIC): "does not know of an exposure as long as 2.5 frames: 3 mm off, χ² 52",
-    ("blur", MARKER): "does not know of an exposure as long as 2.5 frames: 4 mm off, χ² 150",
     ("stamp jitter", GENERIC): "does not know that stamps are off: 74 mm off, χ² 8864",
     ("stamp jitter", MARKER): "does not know that stamps are off: 1 mm off, χ² 1696",
     ("right eye late", GENERIC): "takes the two eyes' images for simultaneous: 728 mm off, χ² 325000",
@@ -182,8 +180,7 @@ def test_grey_eyes_claim_nothing_wrong() -> None:
     tracks, truth = grey()
     known = [(t.position - p, t.cov[:3, :3]) for t, p in zip(tracks, truth, strict=True) if t.is_known]
     assert len(known) > 30
-    honest = [e @ np.linalg.solve(cov, e) < HONEST for e, cov in known]
-    assert np.mean(honest) > 0.9  # an outline that leaks for a moment passes; a track of something else does not
+    assert max(e @ np.linalg.solve(cov, e) for e, cov in known) < HONEST
 
 
 def test_stamps_said_to_be_off_widen_what_is_known_by_as_much() -> None:

@@ -144,6 +144,32 @@ def test_a_small_window_is_as_good_as_the_whole_image(optics: Optics, rng: np.ra
         assert one.angular_radius_rad == pytest.approx(other.angular_radius_rad, rel=1e-6)
 
 
+def test_harmonics_are_those_of_the_edge() -> None:
+    """Far off the axis a ball's image is an ellipse, and its edge has none.  On the axis an edge has those it was drawn
+    with; a square's second moment is π/3 of a disc's."""
+    wide = Camera(320, 240, 220.0, 220.0, 159.5, 119.5)
+    aside = _hard(wide, Sphere(np.array([-0.14, 0.0, 0.25]), 0.03, RED))
+    ball = outline(Coverage(aside.astype(np.float32), np.zeros(aside.shape, np.float32), FULL), Optics(wide))
+    assert ball is not None
+    assert np.abs([*ball.harmonics, ball.non_circularity]).max() < 0.006
+    rows, columns = np.nonzero(aside)
+    assert np.ptp(columns) > 1.1 * np.ptp(rows)
+    camera = Camera(100, 100, 900.0, 900.0, 49.5, 49.5)
+    y, x = np.mgrid[:100, :100] - 49.5
+    angle, share = np.arctan2(y, x), np.array([0.03, -0.02, 0.01, 0.025])
+    waves = np.stack([np.cos(2 * angle), np.sin(2 * angle), np.cos(3 * angle), np.sin(3 * angle)], axis=-1)
+    edge = 30 * (1 + waves @ share)
+    square = np.clip(30.5 - np.abs(x), 0, 1) * np.clip(30.5 - np.abs(y), 0, 1)
+    waved, squared = (
+        outline(Coverage(alpha.astype(np.float32), np.zeros((100, 100), np.float32), (0, 0, 100, 100)), Optics(camera))
+        for alpha in (np.clip(edge - np.hypot(x, y) + 0.5, 0, 1), square)
+    )
+    assert waved is not None
+    assert squared is not None
+    np.testing.assert_allclose(waved.harmonics, share, atol=0.003)
+    assert squared.non_circularity == pytest.approx(np.pi / 3 - 1, abs=0.003)
+
+
 def test_nothing_covered_is_none(optics: Optics) -> None:
     image = np.full((240, 320, 3), 90, np.uint8)
     assert outline(cover(image, np.zeros((240, 320), bool), FULL), optics) is None
