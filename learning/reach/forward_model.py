@@ -1,15 +1,19 @@
-"""Forward model arm posture → gaze posture for revolute joints, exact from a hundred exact samples.
+"""Forward model arm posture → gaze posture for revolute joints, exact from a hundred samples of an exact robot.
 
 The position of the hand is linear in the products Φ of 1, cos q and sin q of the joint angles.  The eyes see it from a
 head that the neck carries: the lines of sight cross there but for C(gaze) o, where o holds the constant offsets between
 eyes and neck.  So Φ(arm) W = crossing(gaze) + C(gaze) o is linear in the unknown W and o, which gives a first estimate;
 the noise is in the gaze, so that both are then fitted in its angles.  Outliers (another point fixated, an encoder
-stuck) get little weight.
+stuck) get little weight.  A neck that yaws first is the same with yaw and pitch exchanged.  What such a robot cannot do
+(sag, errors of gears, cross-talk) is left to a Gaussian process of the arm posture, `learning/reach/residual.py`.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from learning.reach.babbling import crossing, gaze_at
+from learning.reach.residual import Residual, fit_residual
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 from pps_vision.types import Array
@@ -19,52 +23,58 @@ _NO_ERROR = 1e-9  # residuals below this count as this
 _PRIOR_STD = 1.0  # eye distances, of every coefficient; 0.5 to 2 measured on 20 simulated arms with other end points
 _WIDE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
 _FINE = IKParams(tolerance=1e-9, max_steps=30)
+_ORDERS = ((0, 1, 2), (1, 0, 2))  # of yaw, pitch, vergence: a neck that pitches first (the iCub's), or yaws first
+_SURE = 5.0  # standard deviations by which more than half of the samples must fit the second order better
+_NEGLIGIBLE_RAD = 1e-5  # a median residual of 0.0006° is left as it is
+
+
+class _Fit(NamedTuple):
+    """W (3^k, 3), o (4,), the order of the neck's joints, and what the process adds to Φ W."""
+
+    W: Array
+    o: Array
+    order: tuple[int, ...]
+    residual: Residual | None
 
 
 class RevoluteArm:
     """Learns the position of the hand from arm postures (N, k) in rad and the gaze postures (N, 3) that fixate it.
 
-    Positions are seen from the neck and measured in eye distances; `eyes_apart_m` scales them to metres."""
+    Positions are seen from the neck and measured in eye distances; `eyes_apart_m` scales them to metres.  `corrected`:
+    with the process, where there is evidence for it."""
 
-    def __init__(self, n_joints: int = 4, eyes_apart_m: float = 0.068) -> None:
-        self.n_joints, self.eyes_apart_m = n_joints, eyes_apart_m
+    def __init__(self, n_joints: int = 4, eyes_apart_m: float = 0.068, corrected: bool = True) -> None:
+        self.n_joints, self.eyes_apart_m, self.corrected = n_joints, eyes_apart_m, corrected
         self._samples: list[tuple[Array, Array]] = []
-        self._known: tuple[Array, Array] | None = None
+        self._known: _Fit | None = None
 
     def learn(self, arm_rad: Array, gaze_rad: Array) -> None:
-        """Add samples; their order does not matter."""
+        """Add samples in the order of their measurement, of which blocks are the evidence for the process."""
         self._samples.append((arm_rad, gaze_rad))
         self._known = None
 
-    def _fitted(self) -> tuple[Array, Array]:
-        """W (3^k, 3) and o (4,), fitted when first asked for; ValueError before the second sample.
-
-        First the least sum of distances, by iteratively reweighted least squares, on which outliers have little
-        influence; then Gauss–Newton steps in the angles of the gaze with Geman–McClure weights.  Both have the prior
-        W, o ~ N(0, _PRIOR_STD²) and estimate the noise variance from the median residual."""
+    def _fitted(self) -> _Fit:
+        """The model of all samples, fitted when first asked for; ValueError before the second sample."""
         if self._known is None:
             n = sum(len(arm) for arm, _ in self._samples)
             if n < 2:
                 raise ValueError(f"{n} samples: expected at least two to learn from")
             arm, gaze = (np.concatenate(parts) for parts in zip(*self._samples, strict=True))
-            Z = np.concatenate([crossing(gaze)[:, :, None], _carried(gaze)], axis=2)
-            A, weight = _products(self._bases(arm)), np.ones(n)
-            spread = np.median(np.linalg.norm(Z[:, :, 0] - np.median(Z[:, :, 0], axis=0), axis=1))
-            noise = spread**2 / 3  # variance of a coordinate before the first estimate
-            for _ in range(_LINEAR_ROUNDS):
-                W, o = _least_squares(A, Z, weight, noise / _PRIOR_STD**2)
-                off = np.linalg.norm(Z[:, :, 0] + Z[:, :, 1:] @ o - A @ W, axis=1)
-                middle = np.median(off) + _NO_ERROR
-                weight, noise = 1 / np.maximum(off, 0.1 * middle), middle / 3  # the variance times the weight
-            seen = gaze
-            for k in range(_FIXED_ROUNDS + _FREE_ROUNDS):
-                W, o, seen = _gauss_newton(A, gaze, W, o, seen, moves=k >= _FIXED_ROUNDS)
-            self._known = W, o
+            A = _products(self._bases(arm))
+            (left, found), (left_other, other) = (_structure(A, gaze, order) for order in _ORDERS)
+            if 2 * np.mean(left_other < left) - 1 > _SURE / np.sqrt(n):
+                left, found = left_other, other
+            if self.corrected and np.median(left) > _NEGLIGIBLE_RAD:
+                seen = gaze[:, found.order]
+                place, slope = _fixated(seen, found.o)
+                found = found._replace(residual=fit_residual(arm, place - A @ found.W, np.linalg.inv(slope)))
+            self._known = found
         return self._known
 
     def forward(self, arm_rad: Array) -> tuple[Array, Array]:
         """Positions of the hand (N, 3) m, and their Jacobians by the joints (N, 3, k)."""
-        W, bases = self.eyes_apart_m * self._fitted()[0], self._bases(arm_rad)
+        known, bases = self._fitted(), self._bases(arm_rad)
+        W = self.eyes_apart_m * known.W
         slopes = [np.stack([0 * b[:, 0], -b[:, 2], b[:, 1]], axis=1) for b in bases]
         half = self.n_joints // 2
         first, second = _products(bases[:half]), _products(bases[half:])
@@ -80,23 +90,30 @@ class RevoluteArm:
             columns.append(
                 place(_products(turned[:half]), second) if k < half else place(first, _products(turned[half:]))
             )
-        return place(first, second), np.stack(columns, axis=2)
+        position, J = place(first, second), np.stack(columns, axis=2)
+        if known.residual is None:
+            return position, J
+        value, slope = known.residual(arm_rad)
+        return position + self.eyes_apart_m * value, J + self.eyes_apart_m * slope
 
     def points(self, gaze_rad: Array) -> Array:
         """(N, 3) m: the points that gaze postures (N, 3) fixate."""
-        return self.eyes_apart_m * (crossing(gaze_rad) + _carried(gaze_rad) @ self._fitted()[1])
+        known = self._fitted()
+        seen = gaze_rad[:, known.order]
+        return self.eyes_apart_m * (crossing(seen) + _carried(seen) @ known.o)
 
     def gaze(self, points: Array, limits: GazeLimits = _WIDE) -> Array:
         """(N, 3) rad: the gaze postures that fixate points (N, 3); NaN where the limits forbid it."""
-        o, eyes = self._fitted()[1], self.eyes_apart_m
+        known, eyes = self._fitted(), self.eyes_apart_m
 
         def forward(gaze: Array) -> tuple[Array, Array]:
-            place, slope = _fixated(gaze, o)
+            place, slope = _fixated(gaze, known.o)
             return eyes * place, eyes * slope
 
-        starts = np.clip(gaze_at(points / self.eyes_apart_m), limits.lower, limits.upper)[None]
-        found = solve_ik(forward, points, starts, limits.lower, limits.upper, _FINE)
-        return np.where(found.converged[:, None], found.q_rad, np.nan)
+        lower, upper = limits.lower[list(known.order)], limits.upper[list(known.order)]
+        starts = np.clip(gaze_at(points / eyes), lower, upper)[None]
+        found = solve_ik(forward, points, starts, lower, upper, _FINE)
+        return np.where(found.converged[:, None], found.q_rad[:, known.order], np.nan)  # each order is its own inverse
 
     def __call__(self, arm_rad: Array) -> Array:
         """Gaze postures (N, 3) for arm postures (N, k)."""
@@ -107,6 +124,27 @@ class RevoluteArm:
         if arm_rad.ndim != 2 or arm_rad.shape[1] != self.n_joints:
             raise ValueError(f"arm postures of shape {arm_rad.shape}: expected (N, {self.n_joints})")
         return [np.stack([np.ones_like(q), np.cos(q), np.sin(q)], axis=1) for q in arm_rad.T]
+
+
+def _structure(A: Array, gaze: Array, order: tuple[int, ...]) -> tuple[Array, _Fit]:
+    """The residuals (N,) rad of the robot with one order of the neck's joints, and the robot.
+
+    First the least sum of distances, by iteratively reweighted least squares, on which outliers have little
+    influence; then Gauss–Newton steps in the angles of the gaze with Geman–McClure weights.  Both have the prior
+    W, o ~ N(0, _PRIOR_STD²) and estimate the noise variance from the median residual."""
+    gaze = gaze[:, order]
+    Z, weight = np.concatenate([crossing(gaze)[:, :, None], _carried(gaze)], axis=2), np.ones(len(A))
+    spread = np.median(np.linalg.norm(Z[:, :, 0] - np.median(Z[:, :, 0], axis=0), axis=1))
+    noise = spread**2 / 3  # variance of a coordinate before the first estimate
+    for _ in range(_LINEAR_ROUNDS):
+        W, o = _least_squares(A, Z, weight, noise / _PRIOR_STD**2)
+        off = np.linalg.norm(Z[:, :, 0] + Z[:, :, 1:] @ o - A @ W, axis=1)
+        middle = np.median(off) + _NO_ERROR
+        weight, noise = 1 / np.maximum(off, 0.1 * middle), middle / 3  # the variance times the weight
+    seen = gaze
+    for k in range(_FIXED_ROUNDS + _FREE_ROUNDS):
+        W, o, seen = _gauss_newton(A, gaze, W, o, seen, moves=k >= _FIXED_ROUNDS)
+    return np.linalg.norm(gaze - gaze_at(A @ W - _carried(seen) @ o), axis=1), _Fit(W, o, order, None)
 
 
 def _least_squares(A: Array, Z: Array, weight: Array, prior: float) -> tuple[Array, Array]:

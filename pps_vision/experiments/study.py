@@ -57,6 +57,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "pps_representations": {"robots": 1},
     "pps_single_touch": {"n": 5},
     "pps_table5": {"share": 0.1},
+    "reach_deviations": {"samples": 200},
     "reach_error_bound": {"requested": (0.05,)},
     "reach_forward_model": {"sizes": (100, 200)},
     "reach_lean": {"n": 4},
