@@ -55,9 +55,9 @@ def cross_talk(q: Array) -> Array:
 def head(yaw_first: bool = False, tilt_rad: float = 0.0) -> GazeModel:
     """Return the iCub's head with its neck's axes exchanged, or its yaw axis tilted sideways."""
     model = GazeModel(_ROBOT)
-    tilt = Rotation.from_rotvec(tilt_rad * model._left.T_root_frame[:3, 2]).as_matrix()
     for name in ("_left", "_right"):
         eye: Chain = getattr(model, name)
+        tilt = Rotation.from_rotvec(tilt_rad * eye.T_root_frame[:3, 2]).as_matrix()
         v, w = eye.screws[0, :3], eye.screws[0, 3:]
         turned = tilt @ w
         screws = np.concatenate([[[*np.cross(np.cross(w, v), turned), *turned]], eye.screws[1:]])
