@@ -27,5 +27,21 @@ def test_the_counts_after_one_and_four_trials(found):
     assert numbers["the taxel"]["l1_percent"] > 50
 
 
+def test_the_offsets_of_fig_8_are_the_stated_ones(found):
+    """R's means, and each of the ten taxels, by the convention found; by bin centres they are 4 mm off."""
+    by_r = found["fig8"]["edited landscape, spread over the ranges (R)"]
+    assert by_r["means_cm"] == pytest.approx([2.11, 1.73, 1.16], abs=0.01)
+    assert by_r["largest_error_mm"] < 0.01
+    assert found["fig8"]["positive counts, bin centres"]["largest_error_mm"] > 10
+
+
+def test_the_noisy_monte_carlo_is_counted_as_far_as_the_file_allows(found):
+    near, every = (of["l1_percent"] for of in found["fig3"].values())
+    print(found["fig3"], found["ridge_cm"])
+    assert near < 24
+    assert near < every < 37
+    assert 0 < min(found["ridge_cm"].values()) < max(found["ridge_cm"].values()) < 2  # not at the offset of −10 cm
+
+
 def test_absent_data_are_said_to_be(tmp_path):
     assert AuthorsCounts(tmp_path).run() == {"skipped": f"no {tmp_path / 'pps_real_robot'}"}

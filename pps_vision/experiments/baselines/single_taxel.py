@@ -101,7 +101,8 @@ def from_landing(d_m: Array, v_m_s: Array, offset_m: float = 0.0) -> tuple[Array
     which is no sample itself: R's published maps.
 
     With an offset, TTC is the time to the path's end and D is measured from the point of the assumed skin that was
-    touched, so that the ridge of R Fig 3 crosses TTC = 0 at the offset.
+    touched: the ridge crosses TTC = 0 at the offset.  The counts behind R Fig 3 shift D and TTC alike, so that theirs
+    crosses it near 0 (study `pps_authors_counts`).
     """
     d, v = np.asarray(d_m, dtype=float), np.asarray(v_m_s, dtype=float)
     left = d[..., :-1, :, :] - d[..., -1:, :, :]
