@@ -258,6 +258,7 @@ def test_scores_count_what_they_say() -> None:
     assert found["false_percent"] == 5  # of all frames
     assert found["median_mm"] == pytest.approx(10)
     assert found["covered_percent"] == 75  # of the eight claimed: two are 4 and 6 σ off
+    assert found["stated_mm"] == pytest.approx(10)
     nothing = score([Track3D.unknown(row.stamp_s) for row in film.truth], film.truth)
     assert nothing["right_percent"] == nothing["false_percent"] == 0
     assert np.isnan(nothing["median_mm"])
