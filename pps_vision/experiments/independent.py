@@ -33,6 +33,8 @@ class Independent(Study):
     the object first moves) in which both eyes see at least half of the object.  False claim: status tracking, more
     than 50 mm off, as a share of all frames.  Medians of the error and of the stated standard deviation (geometric mean
     of the three axes), and coverage of the 95 % ellipsoid: over the frames of the first share with status tracking.
+    Of two balls that nothing tells apart either may be tracked, but the same one throughout: all numbers refer to the
+    ball for which most frames are right.
     """
 
     n: int = 2
