@@ -5,11 +5,12 @@ the object.  A marker is searched by its hue; before eyes at rest it must have m
 """
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import cv2
@@ -43,6 +44,8 @@ _SAME_MASK = 0.8  # overlap from which colours show the same object as the chang
 _MOVED = 0.05  # of its area that a moving object covers anew in the trigger's interval: 2 cm/s cover 8 % of 6 cm
 _UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
 _SOLID = 0.9  # solidity below which what moves may be an object and what holds it
+_WITHIN = 0.9  # of a colour's region, what the hull of its change must hold: the rest is something else
+_ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
 
@@ -126,7 +129,7 @@ class Acquisition:
                 for eye, (camera, regions) in enumerate(zip(cameras, (left, right), strict=True))
             )
             self._counts.update(candidates_left=len(a), candidates_right=len(b))
-            pair = self._best_pair(association, view, a, b, stamp_s)
+            pair = self._best_pair(association, cameras, view, a, b, stamp_s)
         return pair and _with_both_colors(*pair), (left, right)
 
     def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
@@ -157,6 +160,7 @@ class Acquisition:
     def _best_pair(
         self,
         association: Association,
+        cameras: CameraFrames,
         view: StereoView,
         left: list[Candidate],
         right: list[Candidate],
@@ -166,17 +170,34 @@ class Acquisition:
         best, most = None, 0.0
         for a, b in itertools.product(left, right):
             likeness = a.model.similarity(b.model.object)
-            ratio = a.outline.angular_radius_rad / b.outline.angular_radius_rad
-            evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
             if likeness < self.params.min_likeness:
                 self._counts["rejected by colour"] += 1
-            elif max(ratio, 1 / ratio) > self.params.max_ratio:
+                continue
+            pair = self._completed(0, cameras[0], cameras[1], a, b), self._completed(1, cameras[1], cameras[0], b, a)
+            one, other = pair[0].outline, pair[1].outline
+            ratio = one.angular_radius_rad / other.angular_radius_rad
+            evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
+            if max(ratio, 1 / ratio) > self.params.max_ratio:
                 self._counts["rejected by size"] += 1
-            elif evidence > most and association.observe(view, a.outline, b.outline, stamp_s):
-                best, most = (a, b), evidence
+            elif evidence > most and association.observe(view, one, other, stamp_s):
+                best, most = pair, evidence
             elif evidence > most:
-                self._counts[f"rejected by {association.refusal(view, a.outline, b.outline)}"] += 1
+                self._counts[f"rejected by {association.refusal(view, one, other)}"] += 1
         return best
+
+    def _completed(
+        self, eye: int, camera: CameraFrame, other_camera: CameraFrame, part: Candidate, other: Candidate
+    ) -> Candidate:
+        """A candidate as a disc of the size that the other eye sees, where it is smaller and a part of such a disc."""
+        ratio = other.outline.angular_radius_rad / part.outline.angular_radius_rad
+        if ratio < (1.0 if part.outline.is_partial else self.params.max_ratio) or not _is_disc(other.outline):
+            return part
+        baseline = other_camera.view.center - camera.view.center
+        sine = _sine(baseline, camera.view.rays(part.outline.center_px))
+        nearer = sine / _sine(baseline, other_camera.view.rays(other.outline.center_px))  # by the law of sines
+        area_px = part.outline.area_px * (nearer * ratio) ** 2
+        whole = fit_outline(camera.image, part.mask, part.box, self._optics[eye], area_px)
+        return part if whole is None else replace(part, outline=whole)
 
 
 def find_marker_pair(
@@ -220,9 +241,18 @@ class Change:
     then: Image
     now: Image
 
-    def differs(self, box: Box) -> Mask:
-        """(h, w) the pixels of the region `box` that are not the background."""
-        return self.background.evidence(self.now, self.view, box) > 0.5
+    @cached_property
+    def differs(self) -> Mask:
+        """(H, W) the pixels that are not the background now."""
+        return self._differs(self.now)
+
+    @cached_property
+    def differed(self) -> Mask:
+        """(H, W) the same a moment ago."""
+        return self._differs(self.then)
+
+    def _differs(self, image: Image) -> Mask:
+        return self.background.differs(image, self.view, (0, 0, image.shape[1], image.shape[0]))
 
     def moving(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) what has moved onto the seed as a whole: it has uncovered about as much as it covers anew.
@@ -234,13 +264,12 @@ class Change:
         height, width = self.now.shape[:2]
         m = max(x1 - x0, y1 - y0)  # a fast object was so far away
         wide = max(x0 - m, 0), max(y0 - m, 0), min(x1 + m, width), min(y1 + m, height)
-        inside = np.s_[y0 - wide[1] : y1 - wide[1], x0 - wide[0] : x1 - wide[0]]
-        now = self.background.evidence(self.now, self.view, wide) > 0.5
-        mask = _connected(now[inside], seed)
+        inside, around = np.s_[y0:y1, x0:x1], np.s_[wide[1] : wide[3], wide[0] : wide[2]]
+        mask = _connected(self.differs[inside], seed)
         if mask is None:
             return None
-        before = self.background.evidence(self.then, self.view, wide) > 0.5
-        gained, lost = np.count_nonzero(mask & ~before[inside]), np.count_nonzero(before & ~now)
+        gained = np.count_nonzero(mask & ~self.differed[inside])
+        lost = np.count_nonzero(self.differed[around] & ~self.differs[around])
         return mask if gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained else None
 
 
@@ -276,8 +305,9 @@ def segment(
         if whole is not None and not (by_color and _shows_the_object(mask, whole)):
             mask, model, by_color = whole, _model(bins, whole), False
         elif mask is not None:
-            differs = change.differs(box)
-            if np.count_nonzero(differs & mask) < CHANGED * np.count_nonzero(mask):
+            differs = change.differs[crop]
+            within = np.count_nonzero(_hull(differs, mask) & mask)
+            if np.count_nonzero(differs & mask) < CHANGED * within or within < _WITHIN * np.count_nonzero(mask):
                 return None
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None
@@ -331,6 +361,28 @@ def _solidity(mask: Mask) -> float:
     contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = cv2.convexHull(np.concatenate(contours))
     return float(np.count_nonzero(mask)) / max(float(cv2.contourArea(hull)), 1.0)
+
+
+def _sine(a: Array, b: Array) -> float:
+    """Of the angle between two vectors (3,)."""
+    return float(np.linalg.norm(np.cross(a, b)) / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def _is_disc(outline: Outline) -> bool:
+    """Whether an outline's box is as wide as high, and filled like a disc's."""
+    _, _, w, h = outline.box_px
+    return max(w, h) < _ROUND * min(w, h) and 1 / _ROUND < outline.area_px / (math.pi / 4 * w * h) < _ROUND
+
+
+def _hull(changed: Mask, touched: Mask) -> Mask:
+    """The convex hull of what has changed and touches a mask."""
+    _, labels = cv2.connectedComponents(changed.view(np.uint8))
+    near = np.isin(labels, np.unique(np.asarray(labels)[touched & changed])) & changed
+    contours, _ = cv2.findContours(near.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    whole = np.zeros(changed.shape, np.uint8)
+    if contours:
+        cv2.fillConvexPoly(whole, cv2.convexHull(np.concatenate(contours)), (1,))
+    return whole.view(bool)
 
 
 def _object_outline(params: AcquisitionParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:

@@ -8,7 +8,6 @@ from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 from tracking.ego_motion import Box, EgoMotion
-from tracking.masks import square
 
 CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
 _BANDS = 4  # an image is learned in so many bands of rows, one a frame
@@ -42,27 +41,29 @@ class Background:
         return self._view is not None and self.ego.is_still(self._view, view)
 
     def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
-        """(h, w) probability that a pixel of the box is not the background: ½ at the noise's edge, 0 if none is known.
-
-        A pixel is compared with the range of its neighbours in the background.
-        """
-        x0, y0, x1, y1 = box
+        """(h, w) probability that a pixel of a box is not the background: ½ at the noise's edge, 0 from half of that on
+        and if none is known."""
         if not self.is_known(view):
-            return np.zeros((y1 - y0, x1 - x0), np.float32)
-        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
-        now = cv2.blur(image[top:bottom, left:right], (3, 3)).astype(np.float32)
-        mean = np.minimum(self._mean[top:bottom, left:right] * np.float32(self._gain_of(image)), np.float32(255))
-        low, high = cv2.erode(mean, square(1)), cv2.dilate(mean, square(1))
-        over = cv2.max(now - high, low - now).max(axis=2)
-        over[low[..., 0] < 0] = np.inf  # beside what is unknown there is nothing to compare with
-        over = over[y0 - top : y1 - top, x0 - left : x1 - left]
-        return np.asarray(np.clip(over / (2 * self._threshold), 0.0, 1.0), np.float32)
+            return np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
+        over = self._difference(image, box, 0.5 * self._threshold)
+        return np.asarray(np.minimum(over * np.float32(0.5 / self._threshold), 1), np.float32)
 
     def differs(self, image: Image, view: View, box: Box) -> Mask:
         """(h, w) which pixels of a region are not the background; all, where none is known."""
         if not self.is_known(view):
             return np.ones((box[3] - box[1], box[2] - box[0]), bool)
-        return self.evidence(image, view, box) > 0.5
+        different: Mask = self._difference(image, box, self._threshold) > self._threshold
+        return different
+
+    def _difference(self, image: Image, box: Box, least: float) -> NDArray[np.float32]:
+        """(h, w) grey levels, the most of the three channels, by which a pixel is beyond the range of its neighbours in
+        the background, 0 if `least` or less from itself there; infinite beside what is unknown, where there is nothing
+        to compare with."""
+        x0, y0, x1, y1 = box
+        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
+        now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
+        now = now[y0 - top : y1 - top, x0 - left : x1 - left]
+        return _beyond(now, self._mean, np.float32(self._gain_of(image)), np.float32(least), x0, y0)
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
         """Whether a box (px) shows something else than the background, or no background is known."""
@@ -97,7 +98,7 @@ class Background:
         """Know no more what is behind an object, a mask (h, w) of the region `box`, where it looks like the background,
         and where anything else has changed: it may have rested there when the background was learned."""
         if self.is_known(view):
-            doubtful = (self.evidence(image, view, box) > 0.5) ^ mask
+            doubtful = self.differs(image, view, box) ^ mask
             self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
 
     def forget_around(self, image: Image, view: View, box_px: tuple[float, float, float, float]) -> None:
@@ -118,6 +119,38 @@ class Background:
             lit = known > _LIT
             self._measured, self._gain = image, float(np.median(whole[lit] / known[lit])) if lit.any() else 1.0
         return self._gain
+
+
+@njit(cache=True, error_model="numpy")
+def _beyond(
+    now: NDArray[np.uint8], mean: Pixels, gain: np.float32, least: np.float32, left: int, top: int
+) -> NDArray[np.float32]:
+    """`Background._difference` of the pixels `now` (h, w, 3) from `mean` (H, W, 3), where they begin at left, top."""
+    over = np.zeros(now.shape[:2], np.float32)
+    bottom, right = mean.shape[0] - 1, mean.shape[1] - 1
+    brightest = np.float32(255)
+    for y in range(now.shape[0]):
+        for x in range(now.shape[1]):
+            u, v = left + x, top + y
+            r, g, b = np.float32(now[y, x, 0]), np.float32(now[y, x, 1]), np.float32(now[y, x, 2])
+            if (
+                abs(r - min(gain * mean[v, u, 0], brightest)) <= least
+                and abs(g - min(gain * mean[v, u, 1], brightest)) <= least
+                and abs(b - min(gain * mean[v, u, 2], brightest)) <= least
+            ):
+                continue
+            for channel in range(3):
+                low, high = np.float32(np.inf), np.float32(-np.inf)
+                for j in range(max(v - 1, 0), min(v + 1, bottom) + 1):
+                    for i in range(max(u - 1, 0), min(u + 1, right) + 1):
+                        low, high = min(low, mean[j, i, channel]), max(high, mean[j, i, channel])
+                level = np.float32(now[y, x, channel])
+                if low < 0:
+                    over[y, x] = np.inf
+                else:
+                    beyond = max(min(gain * low, brightest) - level, level - min(gain * high, brightest))
+                    over[y, x] = max(over[y, x], beyond)
+    return over
 
 
 @njit(cache=True, error_model="numpy")

@@ -23,8 +23,8 @@ from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import SHARPNESS, Cloud, Prior, propagate, resample, spawn, weigh
 from tracking.stereo import CameraFrame
 
-Evidence = Callable[[Box], NDArray[np.float32]]
-"""(h, w) probability that each pixel of a box is not the background."""
+Evidence = Callable[[Box], NDArray[np.float32] | Mask]
+"""(h, w) probability that each pixel of a box is not the background, or whether it differs from it."""
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
 _SEPARABLE = 0.8  # Bhattacharyya coefficient of an object's and its surroundings' colours up to which they tell it
 _WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
@@ -130,7 +130,8 @@ class ImageTracker:
             colors = s.model.table()[bins]
             if evidence is None:
                 return bins, colors
-            return bins, np.where(evidence(roi) > 0.5, colors, np.float32(0)) if by_color else evidence(roi)
+            changed = evidence(roi)
+            return bins, np.where(changed > 0.5, colors, 0) if by_color else np.asarray(changed, np.float32)
 
         if prior:
             s = replace(s, size=s.size * prior.growth)
@@ -331,7 +332,8 @@ class CameraTracker:
             return state._replace(target=self.image_tracker.follow(state.target, given.outline)), given
         before, evidence = state.target, None
         if self.background.is_known(camera.view):
-            evidence = partial(self.background.evidence, camera.image, camera.view)
+            of_pixels = self.background.evidence if state.by_background else self.background.differs
+            evidence = partial(of_pixels, camera.image, camera.view)
         elif state.by_background:  # the eye moves: colours must do
             if before.model.similarity(before.model.background) > _SEPARABLE:
                 return state, None

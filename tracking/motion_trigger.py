@@ -311,7 +311,10 @@ class Residual:
             now = np.clip(now - np.float32(exposure), 0, 255).astype(np.uint8)
         beyond = cv2.max(cv2.subtract(now, high), cv2.subtract(low, now))
         residual = np.asarray(cv2.threshold(beyond, threshold, 0, cv2.THRESH_TOZERO)[1], dtype=np.uint8)
-        return residual if residual.ndim == 2 else residual.max(axis=2)
+        if residual.ndim == 2:
+            return residual
+        red, green, blue = cv2.split(residual)
+        return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
 
     def _range(self, old: Pixels, inverse_distance: float, box: Box) -> tuple[Pixels, Pixels, Pixels]:
         """The older image at each pixel of the box, and its darkest and brightest level within the tolerance; all

@@ -270,7 +270,7 @@ class Tracker:
                 flow = one.flow
                 shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * period_s
                 x, y, w, h = one.outline.box_px
-                fill = None if by_color else one.outline.area_px / (w * h)
+                fill = None if by_color and not one.outline.is_partial else one.outline.area_px / (w * h)
                 if by_color:
                     tracker.background.forget(camera.image, camera.view, one.mask, one.box)
                 targets.append(tracker.image_tracker.start(camera.image, (x, y, w, h), one.model, shift_px, fill))

@@ -134,3 +134,49 @@ def test_parts_of_two_colours_that_touch_are_one_object(
     if is_one:
         assert found[0].outline.center_px == pytest.approx([159.5, 99.5], abs=0.5)
         assert found[0].evidence == violet.evidence + orange.evidence
+
+
+def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
+    rng: np.random.Generator, rig: StereoRig, robot: Robot
+) -> None:
+    """A red ball that begins to move before a red bar: the colour's region is both, and no object yet."""
+    view, red = rig.view(home(robot)).left, (200, 30, 30)
+    y, x = np.mgrid[:240, :320]
+
+    def picture(u: int) -> np.ndarray:
+        image = drawn(rng).mean(axis=2, keepdims=True).astype(np.uint8).repeat(3, axis=2)
+        image[138:160, 112:136] = red
+        image[(x - u) ** 2 + (y - 120) ** 2 < 20**2] = red
+        return image
+
+    background = Background(EgoMotion(rig.left), 0.3)
+    for k in range(12):
+        background.learn(picture(100), view, DT * k, None)
+    now, region = picture(124), Region2D((120, 100, 25, 30), np.ones((30, 25), bool), 1.0)
+    params, optics = AcquisitionParams(), Optics(rig.left)
+    alone = segment(params, now, region, optics)
+    assert alone is not None
+    assert alone.outline.box_px[3] > 55  # nothing but colour: the bar belongs to it
+    assert segment(params, now, region, optics, Change(background, view, picture(116), now)) is None
+
+
+def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whole(robot: Robot, rig: StereoRig) -> None:
+    """A ball comes into the right image after the left one: its size is known from there."""
+    q, rng = home(robot), np.random.default_rng(3)
+    view = rig.view(q)
+    optics = Optics(rig.left), Optics(rig.right)
+    acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), Counter())
+    association = Association.untrained(StereoParams(), rig.left.width)
+    backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
+    errors = []
+    for k in range(22):
+        p = view.right.center + 0.4 * view.right.rays([-35.0 + 2 * k, 120.0])
+        one = frame(rig, q, [Sphere(p, 0.02, (210, 45, 40))], DT * k, rng)
+        pair, _ = acquisition.step(camera_frames(one, view), view, DT * k, backgrounds, association)
+        for camera, background in zip(camera_frames(one, view), backgrounds, strict=True):
+            background.learn(camera.image, camera.view, DT * k, None)
+        if pair is not None:
+            errors.append(pair[1].outline.center_px - view.right.project(p))
+            assert pair[1].outline.box_px[0] < 0  # goes on beyond the image
+    assert len(errors) >= 2
+    assert np.abs(errors).max() < 2.5  # of a ball of 22 px
