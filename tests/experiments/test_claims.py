@@ -31,3 +31,10 @@ def test_a_claim_is_read_from_its_study_and_absent_ones_are_left_out(tmp_path: P
 @pytest.mark.parametrize("claim", MEASURED, ids=lambda claim: claim.study)
 def test_the_results_in_the_documents_have_what_a_claim_reads(claim) -> None:
     assert claim.measured(json.loads((RESULTS / f"{claim.study}.json").read_text()))
+
+
+def test_what_a_short_run_could_not_measure_is_not_a_number(tmp_path: Path) -> None:
+    numbers = {"right": [None, None, None], "frames": 0, "processor_ms": {"all": [None, None, None]}}
+    (tmp_path / "reach_in_loop.json").write_text(json.dumps({**MACHINE, **numbers}))
+    (row,) = Claims(tmp_path).run()["claims"]
+    assert row["measured"] == "nan % of 0 frames; nan ms"
