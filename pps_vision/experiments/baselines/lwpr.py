@@ -4,23 +4,35 @@ After Vijayakumar, D'Souza & Schaal, "Incremental online learning in high dimens
 (2005), with the safeguards that the documentation of the authors' library describes.  Each receptive field is
 a Gaussian about its centre with a linear model found by partial least squares (of moments kept exactly, where
 the paper recurs); fields are added where none responds, and adapt their reach.  The fields of all outputs are
-rows of one table: a sample updates those it activates in one go, and no others.
+rows of one table: a sample updates those it activates, and no others, in one compiled loop.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pps_vision.experiments.baselines.lwpr_fields import Fields, field_type, new_field, quadratic
+from pps_vision.experiments.baselines.lwpr_fields import (
+    CENTER,
+    METRIC,
+    OUTPUT,
+    Fields,
+    Groups,
+    new_field,
+    quadratic,
+    row_of,
+    write_form,
+)
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams, adapt_metric
 from pps_vision.experiments.baselines.lwpr_regression import (
     RegressionParams,
-    add_projections,
+    add_projection,
     is_trusted,
     refresh_models,
     regress,
 )
+from pps_vision.jit import njit
 from pps_vision.types import Array
 
 _PAIRS_AT_ONCE = 4_000_000  # queries × fields looked at together
@@ -55,7 +67,12 @@ class LWPR:
         if n_inputs < 1 or n_outputs < 1:
             raise ValueError(f"{n_inputs} inputs, {n_outputs} outputs: expected at least one of each")
         self.n_inputs, self.n_outputs, self.params = n_inputs, n_outputs, params or LWPRParams()
-        self.fields = Fields(np.zeros(0, field_type(n_inputs)))
+        self.fields = Fields(n_inputs)
+        p = self.params
+        self._rates = (
+            *(p.regression.last_forgetting, p.regression.forgetting_pace, p.regression.add_threshold),
+            *(p.metric.rate, p.metric.penalty, p.metric.meta_rate),
+        )
 
     @property
     def n_fields(self) -> NDArray[np.intp]:
@@ -66,30 +83,17 @@ class LWPR:
         """Learn one sample x (inputs,), y (outputs,); ValueError unless both are finite."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         shapes = x.shape == (self.n_inputs,) and y.shape == (self.n_outputs,)
-        if not shapes or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        if not (shapes and all(map(math.isfinite, [*x.tolist(), *y.tolist()]))):
             raise ValueError(f"sample {x}, {y}: expected {self.n_inputs} and {self.n_outputs} finite numbers")
         p = self.params
-        q = self.fields.forms @ quadratic(x[None])[0]
-        active = np.flatnonzero(q < -2 * np.log(p.cutoff))
-        rows, w = self.fields.rows[active], np.exp(-0.5 * np.maximum(q[active], 0.0))
-        if len(active):
-            fit = regress(rows, x, y[rows["output"]], w, p.regression)
-            if p.metric.rate:
-                adapt_metric(rows, x, w, fit, p.metric)
-            add_projections(rows, p.regression)
-            self.fields.put(active, rows, same_metric=not p.metric.rate)
-        doomed = []
-        for output in range(self.n_outputs):
-            own = np.flatnonzero(rows["output"] == output)
-            first = own[w[own].argmax()] if len(own) else None
-            if first is None or w[first] <= p.w_gen:
-                like = rows[first] if first is not None and w[first] > 0.1 * p.w_gen else None
-                self._add(x, y[output], output, like)
-            elif w[first] > p.w_prune and np.count_nonzero(w[own] > p.w_prune) > 1:
-                pair = own[np.argsort(-w[own])[:2]]
-                doomed.append(int(active[pair[np.sum(rows["metric"][pair] ** 2, axis=(1, 2)).argmax()]]))
-        if doomed:
-            self.fields.remove(doomed)
+        best, doomed = _learn(
+            self.fields.groups, self.fields.forms, x, y, self._rates, p.metric.full, p.cutoff, p.w_prune
+        )
+        for output, (first, w) in enumerate(best.tolist()):
+            if w <= p.w_gen:
+                self._add(x, y[output], output, self.fields.rows[int(first)] if w > 0.1 * p.w_gen else None)
+        if narrower := [k for k in doomed.tolist() if k >= 0]:
+            self.fields.remove(narrower)
 
     def _add(self, x: Array, y: float, output: int, like: np.void | None) -> None:
         """A new field about x, as wide as that which responds most if it has seen enough."""
@@ -143,13 +147,62 @@ class LWPR:
         q = quadratic(x) @ self.fields.forms.T
         i, k = np.nonzero(q < -2 * np.log(self.params.cutoff))
         rows = self.fields.rows
-        stale = np.unique(k[rows["stale"][k]])
+        stale = np.unique(k[rows["stale"][k] > 0])
         if len(stale):
-            fresh = rows[stale]
-            refresh_models(fresh)
-            rows[stale] = fresh
+            refresh_models(self.fields.groups, stale)
         trusted = is_trusted(rows, k)
         i, k = i[trusted], k[trusted]
         w = np.exp(-0.5 * np.maximum(q[i, k], 0.0))
         y = rows["offset"][k] + np.einsum("pi,pi->p", rows["slope"][k], x[i])
         return i, k, w, y
+
+
+@njit(cache=True, error_model="numpy")
+def _learn(
+    table: Groups,
+    forms: Array,
+    x: Array,
+    y: Array,
+    rates: tuple[float, float, float, float, float, float],
+    full: bool,
+    cutoff: float,
+    w_prune: float,
+) -> tuple[Array, NDArray[np.intp]]:
+    """Update in place all fields that a sample x (inputs,), y (outputs,) activates.
+
+    Returns for each output the index and activation of the field that it activates most, (outputs, 2), 0 without one;
+    and the one to remove (outputs,), −1 for none.
+    """
+    last_forgetting, forgetting_pace, add_threshold, rate, penalty, meta_rate = rates
+    n, farthest = len(x), -2 * math.log(cutoff)
+    best, second = np.zeros((len(y), 2)), np.zeros((len(y), 2))
+    for k in range(len(forms)):
+        form, q, m = forms[k], forms[k, 0], 1 + n
+        for i in range(n):
+            q += form[1 + i] * x[i]
+        for i in range(n):
+            for j in range(i, n):
+                q += form[m] * x[i] * x[j]
+                m += 1
+        if q >= farthest:
+            continue
+        row = row_of(table, k)
+        output, w = row.whole[OUTPUT], math.exp(-0.5 * max(q, 0.0))
+        fit = regress(row, x, y[output], w, (last_forgetting, forgetting_pace))
+        if rate:
+            adapt_metric(row, x, w, fit, penalty, full, meta_rate)
+            write_form(form, row.matrices[METRIC], row.vectors[CENTER])
+        add_projection(row, add_threshold)
+        if w > best[output, 1]:
+            second[output] = best[output]
+            best[output, 0], best[output, 1] = k, w
+        elif w > second[output, 1]:
+            second[output, 0], second[output, 1] = k, w
+    doomed = np.full(len(y), -1)
+    for output in range(len(y)):
+        if second[output, 1] > w_prune:  # of the two that respond most, the narrower
+            a, b = int(best[output, 0]), int(second[output, 0])
+            doomed[output] = (
+                a if (table.matrices[a, METRIC] ** 2).sum() >= (table.matrices[b, METRIC] ** 2).sum() else b
+            )
+    return best, doomed

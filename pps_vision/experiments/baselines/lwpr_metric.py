@@ -3,14 +3,29 @@
 J = Σ w e²_cv / Σ w + γ/N Σ D²ᵢⱼ with D = MᵀM; the rates may follow the Incremental Delta Bar Delta rule.
 """
 
+import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
-from pps_vision.experiments.baselines.lwpr_fields import LITTLE, Rows
-from pps_vision.experiments.baselines.lwpr_regression import Fit, has_settled
-from pps_vision.types import Array, Mask
+from pps_vision.experiments.baselines.lwpr_fields import (
+    CENTER,
+    FORGETTING,
+    LITTLE,
+    LOG_RATE,
+    METRIC,
+    N_PROJECTIONS,
+    RATE_TRACE,
+    SUM_E2,
+    SUM_E2_CV,
+    TRACE_H,
+    TRACE_R,
+    WEIGHT,
+    Groups,
+)
+from pps_vision.experiments.baselines.lwpr_regression import Fit, dot, has_settled
+from pps_vision.jit import njit
+from pps_vision.types import Array
 
 _MOST_LOG_RATE, _MOST_LOG_RATE_STEP, _MOST_STEP = 10.0, 0.1, 0.1
 
@@ -32,52 +47,51 @@ class MetricParams:
             )
 
 
-def adapt_metric(rows: Rows, x: Array, w: Array, fit: Fit, params: MetricParams) -> None:
-    """One step for the k fields that a sample x (inputs,) activates by `w` (k,), in place; none while they have seen
-    too little."""
-    settled = has_settled(rows)
-    if not settled.any():
+@njit(cache=True, error_model="numpy")
+def adapt_metric(row: Groups, x: Array, w: float, fit: Fit, penalty: float, full: bool, meta_rate: float) -> None:
+    """One step for a field that a sample x (inputs,) activates by `w`, in place; none while it has seen too little."""
+    if not has_settled(row):
         return
-    n, forget, e_cv2 = len(x), rows["forgetting"][:, None], fit.e_cv**2
-    weight, error = rows["weight"], rows["sum_e2_cv"][np.arange(len(rows)), rows["n_projections"] - 1]
-    H, R = rows["trace_h"], rows["trace_r"]
-    along = e_cv2 - (fit.scaled * (fit.scaled * R + fit.e[:, None] * H)).sum(axis=1) * 2
-    dJ = (along - error / weight) / weight  # ∂J/∂w
-    per_left = w * settled * fit.e_cv / np.maximum(1 - fit.leverage, LITTLE)
-    H *= forget
-    H += per_left[:, None] * fit.scores
-    R *= forget
-    R += (per_left * w * fit.e_cv)[:, None] * fit.scores**2
+    n, weight, error, dJ = len(x), row.scalars[WEIGHT], row.vectors[SUM_E2_CV, row.whole[N_PROJECTIONS] - 1], 0.0
+    for r in range(n):
+        dJ += fit.scaled[r] * (fit.scaled[r] * row.vectors[TRACE_R, r] + fit.e * row.vectors[TRACE_H, r])
+    dJ = (fit.e_cv**2 - 2 * dJ - error / weight) / weight  # ∂J/∂w
+    per_left = w * fit.e_cv / max(1 - fit.leverage, LITTLE)
+    for r in range(n):
+        row.vectors[TRACE_H, r] = row.scalars[FORGETTING] * row.vectors[TRACE_H, r] + per_left * fit.scores[r]
+        row.vectors[TRACE_R, r] = (
+            row.scalars[FORGETTING] * row.vectors[TRACE_R, r] + per_left * w * fit.e_cv * fit.scores[r] ** 2
+        )
 
-    M = rows["metric"]
-    away = x - rows["center"]
-    v = (M @ away[:, :, None])[:, :, 0]
-    dw = (-w[:, None] * v)[:, :, None] * away[:, None, :]  # ∂w/∂M
-    D = M.swapaxes(1, 2) @ M
-    share = (params.penalty / n * w / weight)[:, None, None]
-    gradient = dJ[:, None, None] * dw + 4 * share * (M @ D)
-    transient = np.minimum(rows["sum_e2"] / (error + LITTLE), 1.0) ** 4
-    moves = _free(n, params.full) & settled[:, None, None]
-    log_rate, trace = rows["log_rate"], rows["rate_trace"]
-    if params.meta_rate:
-        change = np.clip(-params.meta_rate * gradient * trace, -_MOST_LOG_RATE_STEP, _MOST_LOG_RATE_STEP)
-        log_rate += moves * change
-        np.clip(log_rate, -_MOST_LOG_RATE, _MOST_LOG_RATE, out=log_rate)
-    rate = np.exp(log_rate) * transient[:, None, None]
-    step = -rate * gradient
-    too_far = np.abs(step) > _MOST_STEP * M.max(axis=(1, 2))[:, None, None]
-    log_rate -= np.log(2) * (moves & too_far)
-    moves &= ~too_far
-    if params.meta_rate:
-        ddJ = 2 * (fit.e**2 * (fit.scores * fit.scaled).sum(axis=1) - dJ) / weight
-        ddw = (w[:, None] * (v**2 - 1))[:, :, None] * (away**2)[:, None, :]
-        ddpenalty = 4 * (np.diagonal(D, axis1=1, axis2=2)[:, None, :] + (M**2).sum(axis=2)[:, :, None] + M**2)
-        curvature = ddJ[:, None, None] * dw**2 + dJ[:, None, None] * ddw + share * ddpenalty
-        rows["rate_trace"] = np.where(moves, trace * np.maximum(1 - rate * curvature, 0.0) + step, trace)
-    M += moves * step
-
-
-@cache
-def _free(n: int, full: bool) -> Mask:
-    """(n, n) which elements of M there are."""
-    return np.triu(np.ones((n, n), dtype=bool)) if full else np.eye(n, dtype=bool)
+    M, away, v = row.matrices[METRIC].copy(), x - row.vectors[CENTER], np.zeros(n)
+    D, squares = np.zeros((n, n)), np.zeros(n)  # MᵀM; Σ_k M_ik²
+    for i in range(n):
+        v[i] = dot(M[i], away)
+        squares[i] = dot(M[i], M[i])
+        for j in range(n):
+            D[i, j] = dot(M[:, i], M[:, j])
+    share = penalty / n * w / weight
+    transient = min(row.scalars[SUM_E2] / (error + LITTLE), 1.0) ** 4
+    most_step = _MOST_STEP * M.max()
+    ddJ = 2 * (fit.e**2 * dot(fit.scores, fit.scaled) - dJ) / weight
+    for i in range(n):
+        for j in range(i, n if full else i + 1):
+            dw = -w * v[i] * away[j]  # ∂w/∂M
+            gradient = dJ * dw + 4 * share * dot(M[i], D[:, j])
+            trace = row.matrices[RATE_TRACE, i, j]
+            if meta_rate:
+                change = min(max(-meta_rate * gradient * trace, -_MOST_LOG_RATE_STEP), _MOST_LOG_RATE_STEP)
+                row.matrices[LOG_RATE, i, j] = min(
+                    max(row.matrices[LOG_RATE, i, j] + change, -_MOST_LOG_RATE), _MOST_LOG_RATE
+                )
+            own_rate = math.exp(row.matrices[LOG_RATE, i, j]) * transient
+            step = -own_rate * gradient
+            if abs(step) > most_step:
+                row.matrices[LOG_RATE, i, j] -= math.log(2)
+                continue
+            if meta_rate:
+                ddw = w * (v[i] ** 2 - 1) * away[j] ** 2
+                ddpenalty = 4 * (D[j, j] + squares[i] + M[i, j] ** 2)
+                curvature = ddJ * dw**2 + dJ * ddw + share * ddpenalty
+                row.matrices[RATE_TRACE, i, j] = trace * max(1 - own_rate * curvature, 0.0) + step
+            row.matrices[METRIC, i, j] = M[i, j] + step

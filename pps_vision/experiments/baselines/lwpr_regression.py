@@ -1,13 +1,34 @@
-"""The linear model inside a receptive field: partial least squares of weighted moments."""
+"""The linear model inside a receptive field: partial least squares of weighted moments, compiled by numba."""
 
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass
 from types import EllipsisType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.experiments.baselines.lwpr_fields import LITTLE, Rows
+from pps_vision.experiments.baselines.lwpr_fields import (
+    CENTER,
+    FORGETTING,
+    LITTLE,
+    MEAN_X,
+    MEAN_Y,
+    N_PROJECTIONS,
+    N_SEEN,
+    OFFSET,
+    SLOPE,
+    STALE,
+    SUM_E2,
+    SUM_E2_CV,
+    WEIGHT,
+    XX,
+    XY,
+    Groups,
+    Rows,
+    row_of,
+)
+from pps_vision.jit import njit
 from pps_vision.types import Array, Mask
 
 _NO_LENGTH = 1e-300
@@ -33,95 +54,120 @@ class RegressionParams:
             raise ValueError(f"first_projections {self.first_projections}: expected at least 1")
 
 
-@dataclass(frozen=True)
-class Fit:
-    """What one sample did to the k fields it activates: scores s (k, inputs) and s over their weighted sum of squares,
-    its leverage h (k,), the errors it leaves `e` (k,), and would if left out `e_cv` (k,)."""
+class Fit(NamedTuple):
+    """What one sample did to a field that it activates: scores s (inputs,) and s over their weighted sum of squares,
+    its leverage h, the error it leaves, and the one it would if left out."""
 
     scores: Array
     scaled: Array
-    leverage: Array
-    e: Array
-    e_cv: Array
+    leverage: float
+    e: float
+    e_cv: float
 
 
-def regress(rows: Rows, x: Array, y: Array, w: Array, params: RegressionParams) -> Fit:
-    """Update the local models in place with one sample x (inputs,), `y` (k,) that activates the fields by `w` (k,)."""
-    forget = rows["forgetting"].copy()
-    rows["weight"] = forget * rows["weight"] + w
-    rows["n_seen"] = forget * rows["n_seen"] + 1
-    rows["forgetting"] += (1 - params.forgetting_pace) * (params.last_forgetting - forget)
-    z, left_over = _update_moments(rows, x, y, w, forget)
-    scores, scaled, e, e_cv = (np.zeros((len(rows), len(x))) for _ in range(4))
-    left = np.ones(len(rows))  # 1 − h
-    for r, (unit, load, slope, ss) in enumerate(_projections(rows)):
-        s = (z * unit).sum(axis=1)
-        scores[:, r], scaled[:, r] = s, s / ss
-        left = left - w * s * scaled[:, r]
-        left_over = left_over - s * slope
-        z = z - s[:, None] * load
-        e[:, r], e_cv[:, r] = left_over, left_over / np.maximum(left, LITTLE)
-    on, last = _on(rows), (np.arange(len(rows)), rows["n_projections"] - 1)
-    scores, scaled, e_last = scores * on, scaled * on, e[last]
-    leverage = w * (scores * scaled).sum(axis=1)
-    settled = has_settled(rows)
-    if settled.any():
-        w_settled = w * settled
-        rows["sum_e2_cv"] = forget[:, None] * rows["sum_e2_cv"] + w_settled[:, None] * e_cv**2
-        rows["sum_e2"] = forget * rows["sum_e2"] + w_settled * e_last**2
-    rows["stale"] = True
-    return Fit(scores, scaled, leverage, e_last, e_cv[last])
+@njit(cache=True, error_model="numpy")
+def regress(row: Groups, x: Array, y: float, w: float, forgetting: tuple[float, float]) -> Fit:
+    """Update a field's local model in place with one sample x (inputs,), y that activates it by `w`; `forgetting`: its
+    last factor and its pace."""
+    n, forget = len(x), row.scalars[FORGETTING]
+    row.scalars[WEIGHT] = forget * row.scalars[WEIGHT] + w
+    row.scalars[N_SEEN] = forget * row.scalars[N_SEEN] + 1
+    row.scalars[FORGETTING] += (1 - forgetting[1]) * (forgetting[0] - forget)
+    z = np.empty(n)
+    left_over = _update_moments(row, x, y, w, forget, z)
+    xx, xy, unit, load = row.matrices[XX].copy(), row.vectors[XY].copy(), np.empty(n), np.empty(n)
+    scores, scaled, e_cv = np.zeros(n), np.zeros(n), np.empty(n)
+    left, leverage, e = 1.0, 0.0, 0.0  # left: 1 − h of all projections so far
+    for r in range(n):
+        ss, slope = project(xx, xy, unit, load)
+        s = dot(z, unit)
+        left -= w * s * s / ss
+        left_over -= s * slope
+        for i in range(n):
+            z[i] -= s * load[i]
+        e_cv[r] = left_over / max(left, LITTLE)
+        if r < row.whole[N_PROJECTIONS]:
+            scores[r], scaled[r], e = s, s / ss, left_over
+            leverage += w * s * s / ss
+    if has_settled(row):
+        for r in range(n):
+            row.vectors[SUM_E2_CV, r] = forget * row.vectors[SUM_E2_CV, r] + w * e_cv[r] ** 2
+        row.scalars[SUM_E2] = forget * row.scalars[SUM_E2] + w * e**2
+    row.whole[STALE] = 1
+    return Fit(scores, scaled, leverage, e, e_cv[row.whole[N_PROJECTIONS] - 1])
 
 
-def _on(rows: Rows) -> Mask:
-    """(k, inputs) the projections in use."""
-    on: Mask = np.arange(rows["center"].shape[1]) < rows["n_projections"][:, None]
-    return on
+@njit(cache=True, error_model="numpy")
+def dot(a: Array, b: Array) -> float:
+    """Σ a b of short vectors."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
 
 
-def _update_moments(rows: Rows, x: Array, y: Array, w: Array, forget: Array) -> tuple[Array, Array]:
-    """Weighted means and co-moments about them, in place; what the sample differs from its new means by, x (k, inputs)
-    and y (k,).  Kept exactly, where the paper's recursions go on summing what earlier means and directions left: the
-    same in the long run, but with tens of samples a field the difference is half of the error."""
-    gain = w / rows["weight"]
-    off_x, off_y, old = x - rows["mean_x"], y - rows["mean_y"], 1 - gain
-    rows["mean_x"] += gain[:, None] * off_x
-    rows["mean_y"] += gain * off_y
-    grown = (w * old)[:, None] * off_x
-    rows["xx"] = forget[:, None, None] * rows["xx"] + grown[:, :, None] * off_x[:, None, :]
-    rows["xy"] = forget[:, None] * rows["xy"] + grown * off_y[:, None]
-    return old[:, None] * off_x, old * off_y
+@njit(cache=True, error_model="numpy")
+def _update_moments(row: Groups, x: Array, y: float, w: float, forget: float, z: Array) -> float:
+    """Weighted means and co-moments about them, in place; what the sample differs from its new means by, `z` (inputs,)
+    and returned for y.  Kept exactly, where the paper's recursions go on summing what earlier means and directions
+    left: the same in the long run, but with tens of samples a field the difference is half of the error."""
+    gain = w / row.scalars[WEIGHT]
+    old, off_y = 1 - gain, y - row.scalars[MEAN_Y]
+    row.scalars[MEAN_Y] += gain * off_y
+    for i in range(len(x)):
+        z[i] = x[i] - row.vectors[MEAN_X, i]
+        row.vectors[MEAN_X, i] += gain * z[i]
+    for i in range(len(x)):
+        grown = w * old * z[i]
+        for j in range(len(x)):
+            row.matrices[XX, i, j] = forget * row.matrices[XX, i, j] + grown * z[j]
+        row.vectors[XY, i] = forget * row.vectors[XY, i] + grown * off_y
+    for i in range(len(x)):
+        z[i] *= old
+    difference: float = old * off_y
+    return difference
 
 
-def _projections(rows: Rows) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Partial least squares from the co-moments, one projection after the other, as many as there are inputs: unit
-    direction (k, inputs), what a score takes from the inputs (k, inputs) and the output (k,), weighted sum of squared
-    scores (k,)."""
-    xx, xy = rows["xx"].copy(), rows["xy"].copy()
-    for _ in range(xy.shape[1]):
-        length = np.sqrt((xy * xy).sum(axis=1))
-        unit = xy / (length + _NO_LENGTH)[:, None]
-        along = (xx @ unit[:, :, None])[:, :, 0]
-        ss = (unit * along).sum(axis=1) + LITTLE
-        load, slope = along / ss[:, None], length / ss
-        yield unit, load, slope, ss
-        xx -= along[:, :, None] * load[:, None, :]
-        xy -= slope[:, None] * along
+@njit(cache=True, error_model="numpy")
+def project(xx: Array, xy: Array, unit: Array, load: Array) -> tuple[float, float]:
+    """The next projection of partial least squares, which is taken from the co-moments in place.
+
+    Written: its `unit` direction (inputs,), and `load` (inputs,), what a score takes from the inputs.  Returned: the
+    weighted sum of squared scores, and what a score takes from the output."""
+    n, length = len(xy), math.sqrt(dot(xy, xy))
+    for i in range(n):
+        unit[i] = xy[i] / (length + _NO_LENGTH)
+    ss = LITTLE
+    for i in range(n):
+        load[i] = dot(xx[i], unit)
+        ss += unit[i] * load[i]
+    slope = length / ss
+    for i in range(n):
+        xy[i] -= slope * load[i]
+    for i in range(n):
+        for j in range(n):
+            xx[i, j] -= load[i] * load[j] / ss
+    for i in range(n):
+        load[i] /= ss
+    return ss, slope
 
 
-def has_settled(rows: Rows) -> Mask:
-    """(fields,) which have seen enough samples for their errors to mean something."""
-    settled: Mask = rows["n_seen"] * (1 - rows["forgetting"]) > 0.1
+@njit(cache=True, error_model="numpy")
+def has_settled(row: Groups) -> bool:
+    """Whether a field has seen enough samples for its errors to mean something."""
+    settled: bool = row.scalars[N_SEEN] * (1 - row.scalars[FORGETTING]) > 0.1
     return settled
 
 
-def add_projections(rows: Rows, params: RegressionParams) -> None:
+@njit(cache=True, error_model="numpy")
+def add_projection(row: Groups, add_threshold: float) -> None:
     """One more projection, in place, where the last one has earned its place and has seen enough to say so."""
-    last = rows["n_projections"] - 1
-    at = np.flatnonzero((last > 0) & (last < rows["center"].shape[1] - 1))
-    error, error_before = (rows["sum_e2_cv"][at, r] / rows["weight"][at] + LITTLE for r in (last[at], last[at] - 1))
-    adds = (error < params.add_threshold * error_before) & (rows["n_seen"][at] * (1 - rows["forgetting"][at]) > 0.5)
-    rows["n_projections"][at[adds]] += 1
+    last = row.whole[N_PROJECTIONS] - 1
+    if 0 < last < len(row.vectors[CENTER]) - 1:
+        error = row.vectors[SUM_E2_CV, last] / row.scalars[WEIGHT] + LITTLE
+        error_before = row.vectors[SUM_E2_CV, last - 1] / row.scalars[WEIGHT] + LITTLE
+        if error < add_threshold * error_before and row.scalars[N_SEEN] * (1 - row.scalars[FORGETTING]) > 0.5:
+            row.whole[N_PROJECTIONS] += 1
 
 
 def is_trusted(rows: Rows, which: NDArray[np.intp] | EllipsisType = ...) -> Mask:
@@ -130,14 +176,22 @@ def is_trusted(rows: Rows, which: NDArray[np.intp] | EllipsisType = ...) -> Mask
     return trusted
 
 
-def refresh_models(rows: Rows) -> None:
-    """Work out, in place, what queries need: `offset` and `slope` of the linear model."""
-    n, on = rows["center"].shape[1], _on(rows)
-    rows["slope"] = 0.0
-    z = np.tile(np.eye(n), (len(rows), 1, 1))  # ∂(what is left of x)/∂x
-    for r, (unit, load, slope, _) in enumerate(_projections(rows)):
-        s = on[:, r, None] * (unit[:, None] @ z)[:, 0]  # ∂score/∂x
-        rows["slope"] += s * slope[:, None]
-        z = z - load[:, :, None] * s[:, None]
-    rows["offset"] = rows["mean_y"] - np.sum(rows["slope"] * rows["mean_x"], axis=1)
-    rows["stale"] = False
+@njit(cache=True, error_model="numpy")
+def refresh_models(table: Groups, which: NDArray[np.intp]) -> None:
+    """Work out, in place, what queries need of some fields: `offset` and `slope` of the linear model."""
+    for k in which:
+        row = row_of(table, k)
+        n = len(row.vectors[CENTER])
+        xx, xy, unit, load = row.matrices[XX].copy(), row.vectors[XY].copy(), np.empty(n), np.empty(n)
+        z, s = np.eye(n), np.empty(n)  # ∂(what is left of x)/∂x, ∂score/∂x
+        row.vectors[SLOPE, :] = 0.0
+        for _ in range(row.whole[N_PROJECTIONS]):
+            _, slope = project(xx, xy, unit, load)
+            for j in range(n):
+                s[j] = dot(unit, z[:, j])
+                row.vectors[SLOPE, j] += s[j] * slope
+            for i in range(n):
+                for j in range(n):
+                    z[i, j] -= load[i] * s[j]
+        row.scalars[OFFSET] = row.scalars[MEAN_Y] - dot(row.vectors[SLOPE], row.vectors[MEAN_X])
+        row.whole[STALE] = 0

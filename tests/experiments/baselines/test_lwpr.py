@@ -139,12 +139,13 @@ def test_the_narrower_of_two_that_say_the_same_is_pruned():
 
 
 def test_activation_is_linear_in_the_monomials(rng):
-    rows = np.concatenate(
-        [new_field(c, 0.0, 0, np.triu(rng.standard_normal((3, 3))), 0.0, 1.0) for c in rng.random((5, 3))]
-    )
+    fields = Fields(3)
+    for c in rng.random((5, 3)):
+        fields.append(new_field(c, 0.0, 0, np.triu(rng.standard_normal((3, 3))), 0.0, 1.0))
+    rows = fields.rows
     x = rng.standard_normal((7, 3))
     expected = np.sum(np.einsum("fij,nfj->nfi", rows["metric"], x[:, None] - rows["center"]) ** 2, axis=2)
-    np.testing.assert_allclose(quadratic(x) @ Fields(rows).forms.T, expected, atol=1e-12)
+    np.testing.assert_allclose(quadratic(x) @ fields.forms.T, expected, atol=1e-12)
 
 
 def test_where_it_knows_nothing_it_says_so(rng):
