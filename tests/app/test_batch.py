@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -89,6 +90,10 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
             time.sleep(0.05)
         second = subprocess.run(command, capture_output=True, text=True)
         os.killpg(running.pid, signal.SIGKILL)
+    with suppress(ProcessLookupError):  # what it had started holds the lock until it has died too
+        while time.monotonic() < deadline:
+            os.killpg(running.pid, 0)
+            time.sleep(0.02)
     assert (second.returncode, "another run is writing to it" in second.stderr) == (2, True)
     finished = list(out.glob("[0-9].mp4"))
     assert len(finished) == 1
