@@ -22,7 +22,7 @@ def world() -> Iterator[World]:
 
 @pytest.fixture(scope="module")
 def memory(world: World) -> PPSMemory:
-    return train(world, TrainingParams(trials=5))
+    return train(world, TrainingParams(trials=3))
 
 
 def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
