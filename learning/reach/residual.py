@@ -25,9 +25,6 @@ _BLOCKS = 5  # of consecutive samples, held out in turn
 _MOST_STEPS = 40  # of the tuning; without a signal it would go on for long
 _LEAST_LOG = -60.0  # of the kernel: subnormal numbers take a hundred times as long
 _ROUNDING = 1e-11  # added to the diagonal, of its mean
-_ROUNDS = (
-    2  # of precisions, from what the structured model leaves, then from what the process leaves of held-out blocks
-)
 
 
 @dataclass(frozen=True)
