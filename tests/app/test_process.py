@@ -28,8 +28,8 @@ def start(function: str, **options: Any) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_the_program_even_where_exceptions_are_swallowed(tmp_path: Path, signum: signal.Signals) -> None:
-    """As numba swallows them while it loads."""
-    process = start(f"""
+    """As numba swallows them while it loads; a signal that a shell's background job ignores stays ignored."""
+    program = f"""
 import signal
 from pathlib import Path
 from pps_vision.recordings.outputs import whole_file, whole_folder
@@ -42,7 +42,8 @@ def run():
         except BaseException:
             print("swallowed")
     print("ran on")
-""")
+"""
+    process = start(program, preexec_fn=lambda: signal.signal(signum, signal.SIG_DFL))
     printed, _ = process.communicate()
     assert (process.returncode, printed) == (-signum, "")
     assert list(tmp_path.iterdir()) == []
