@@ -14,8 +14,8 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from pps_vision.errors import InputError
 
 COMMANDS = (
-    *("render", "info", "track", "track2d", "batch", "evaluate", "learn", "joints", "trials", "show"),
-    *("convert-taxels", "reach", "demo", "bench"),
+    *("render", "info", "calibrate", "track", "track2d", "batch", "evaluate", "learn", "joints", "trials"),
+    *("show", "convert-taxels", "reach", "demo", "bench"),
 )
 _WHAT = "Stereo vision for robots that feel what is about to touch them."
 

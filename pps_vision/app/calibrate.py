@@ -1,0 +1,282 @@
+"""Calibrate a stereo camera from images of a chessboard or charuco board: `pps-vision calibrate`."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.formats.stereo_images import open_stereo_images
+from pps_vision.recordings.image_file import decode
+from pps_vision.recordings.problems import Problem
+from pps_vision.recordings.recording import Pair, pair_by_stamp, usual_size
+from pps_vision.recordings.video import is_video, open_video
+from pps_vision.types import Array, Image
+
+_FEWEST_VIEWS = 3  # of a planar board, for four intrinsics and a lens (Zhang 2000)
+_FEWEST_CORNERS = 6  # in common, for the pose of a board in a view
+_MOST_VIEWS = 60  # of a video; more add time and no accuracy
+_MOST_SQUARES = 100  # along one side
+_HALF_WINDOW_PX = 11  # of the refinement of a corner, at most: as in OpenCV's sample stereo_calib
+_WINDOW = 0.25  # of the distance to the nearest corner, beyond which a tilted board's window may hold the next one
+
+
+@dataclass(frozen=True)
+class Board:
+    """A chessboard, or with `marker_m` a charuco board.
+
+    Attributes:
+        columns: Inner corners along the longer side; of a charuco board its squares.
+        rows: The same along the other side.
+        square_m: Side of a square.
+        marker_m: Side of a charuco board's markers.
+        dictionary: Name of the markers' dictionary in OpenCV, without DICT_.
+    """
+
+    columns: int
+    rows: int
+    square_m: float
+    marker_m: float | None = None
+    dictionary: str = "5X5_100"
+
+    def __post_init__(self) -> None:
+        if not all(3 <= n <= _MOST_SQUARES for n in (self.columns, self.rows)):
+            found = f"{self.columns}×{self.rows}"
+            raise InputError("board", f"{found}; expected 3 to {_MOST_SQUARES} inner corners (charuco: squares) a side")
+        if not 0 < self.square_m < np.inf:
+            raise InputError("board", f"squares of {1000 * self.square_m:g} mm; expected a positive length")
+        if self.marker_m is not None and not 0 < self.marker_m < self.square_m:
+            raise InputError("board", f"markers of {1000 * self.marker_m:g} mm; expected less than the squares")
+        if not hasattr(cv2.aruco, f"DICT_{self.dictionary}"):
+            raise InputError("board", f"dictionary {self.dictionary!r}; expected one of OpenCV's, such as 5X5_100")
+
+    @property
+    def corners(self) -> Array:
+        """(n, 3) m, the inner corners in the board's frame, in the order of their numbers."""
+        if self.marker_m is not None:
+            return np.asarray(self._charuco().getChessboardCorners(), dtype=np.float32)
+        grid = np.mgrid[: self.columns, : self.rows].T.reshape(-1, 2)
+        return (self.square_m * np.column_stack([grid, np.zeros(len(grid))])).astype(np.float32)
+
+    def find(self, image: Image) -> dict[int, Array]:
+        """Return the pixel (2,) of every corner that is found, by its number; of a chessboard all or none."""
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        if self.marker_m is not None:
+            pixels, numbers, _, _ = cv2.aruco.CharucoDetector(self._charuco()).detectBoard(grey)
+            if numbers is None or len(numbers) < _FEWEST_CORNERS:
+                return {}
+            found_px = np.asarray(pixels, dtype=float).reshape(-1, 2)
+            return {int(k): pixel for k, pixel in zip(np.ravel(numbers), found_px, strict=True)}
+        found, pixels = cv2.findChessboardCorners(grey, (self.columns, self.rows))
+        if not found:
+            return {}
+        grid = pixels.reshape(self.rows, self.columns, 2)
+        apart = min(np.linalg.norm(np.diff(grid, axis=k), axis=2).min() for k in (0, 1))
+        half = int(np.clip(_WINDOW * apart, 2, _HALF_WINDOW_PX))
+        ends = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
+        return dict(enumerate(cv2.cornerSubPix(grey, pixels, (half, half), (-1, -1), ends).reshape(-1, 2)))
+
+    def _charuco(self) -> cv2.aruco.CharucoBoard:
+        markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary}"))
+        n_markers = self.columns * self.rows // 2
+        if n_markers > len(markers.bytesList):
+            known = len(markers.bytesList)
+            raise InputError("board", f"{n_markers} markers, and {self.dictionary} has {known}; expected a larger one")
+        size = (self.columns, self.rows)
+        return cv2.aruco.CharucoBoard(size, self.square_m, float(self.marker_m or 0), markers)
+
+
+@dataclass(frozen=True)
+class View:
+    """A board in one pair of images: its corners (n, 3) m, and their pixels (n, 2) in both."""
+
+    name: str
+    corners: Array
+    left_px: Array
+    right_px: Array
+
+
+@dataclass(frozen=True)
+class StereoCalibration:
+    """What was calibrated, and how well it fits.
+
+    Attributes:
+        image_size: Width and height.
+        K: Camera matrices (2, 3, 3) of left and right.
+        D: Lenses (2, 5): k1, k2, p1, p2, k3.
+        R: (3, 3), p_right = R p_left + T.
+        T: (3,) m.
+        rms_px: RMS reprojection error of both cameras together.
+        focal_std_px: (2,) standard deviation of fx, each camera calibrated by itself.
+        views: The views that were used.
+        residuals_px: For every view those of the left and of the right image, (n, 2) each.
+    """
+
+    image_size: tuple[int, int]
+    K: Array
+    D: Array
+    R: Array
+    T: Array
+    rms_px: float
+    focal_std_px: Array
+    views: tuple[View, ...]
+    residuals_px: tuple[tuple[Array, Array], ...]
+
+    def rms_of(self, side: int) -> float:
+        """RMS reprojection error of the left (0) or the right (1) images, px."""
+        return _rms(np.concatenate([both[side] for both in self.residuals_px]))
+
+    def write(self, file: Path) -> None:
+        """Write OpenCV's YAML, lengths in metres, as `pps-vision track --calib` reads it."""
+        storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+        matrices = {"K1": self.K[0], "D1": self.D[0], "K2": self.K[1], "D2": self.D[1], "R": self.R, "T": self.T}
+        for key, value in matrices.items():
+            storage.write(key, value)
+        for key, size in zip(("image_width", "image_height"), self.image_size, strict=True):
+            storage.write(key, size)
+        storage.release()
+
+    def summary(self) -> dict[str, object]:
+        """The numbers, for summary.json."""
+        return {
+            "pairs": len(self.views),
+            "corners": sum(len(view.corners) for view in self.views),
+            "rms_px": {"left": self.rms_of(0), "right": self.rms_of(1), "stereo": self.rms_px},
+            "baseline_mm": 1000 * float(np.linalg.norm(self.T)),
+            "focal_px": self.K[:, 0, 0],
+            "focal_std_px": self.focal_std_px,
+            "views": {view.name: [_rms(r) for r in both] for view, both in self._both()},
+        }
+
+    def figure(self) -> Figure:
+        """Reprojection errors: as arrows where they are in both images, against each other, and by view."""
+        figure = Figure(figsize=(11, 7.5), layout="constrained")
+        axes = figure.subplots(2, 2)
+        colors = [f"C{k % 10}" for k in range(len(self.views))]
+        width, height = self.image_size
+        for side, (axis, title) in enumerate(zip(axes[0], ("left", "right"), strict=True)):
+            for (view, both), color in zip(self._both(), colors, strict=True):
+                px, residual = (view.left_px, view.right_px)[side], both[side]
+                axis.quiver(*px.T, *residual.T, color=color, angles="xy", scale_units="xy", scale=0.02, width=0.002)
+            axis.set(xlim=(0, width), ylim=(height, 0), aspect="equal", xlabel="x (px)", ylabel="y (px)")
+            axis.set_title(f"{title}: RMS {self.rms_of(side):.3f} px; errors 50 times enlarged", fontsize=9)
+        for (_, both), color in zip(self._both(), colors, strict=True):
+            axes[1, 0].scatter(*np.concatenate(both).T, s=3, color=color)
+        axes[1, 0].set(aspect="equal", xlabel="error in x (px)", ylabel="error in y (px)")
+        axes[1, 0].grid(alpha=0.25)
+        x = np.arange(len(self.views))
+        for side, label in enumerate(("left", "right")):
+            heights = [_rms(both[side]) for both in self.residuals_px]
+            axes[1, 1].bar(x + 0.4 * side, heights, 0.4, label=label, color=("0.35", "0.7")[side])
+        axes[1, 1].set_xticks(x + 0.2, [view.name for view in self.views], rotation=90, fontsize=6)
+        axes[1, 1].set_ylabel("RMS by view (px)")
+        axes[1, 1].legend(fontsize=8)
+        baseline_mm = 1000 * np.linalg.norm(self.T)
+        figure.suptitle(f"stereo RMS {self.rms_px:.3f} px, {len(self.views)} views, baseline {baseline_mm:.2f} mm")
+        return figure
+
+    def _both(self) -> Iterable[tuple[View, tuple[Array, Array]]]:
+        return zip(self.views, self.residuals_px, strict=True)
+
+
+def board_pairs(
+    left: Sequence[str], right: Sequence[str], fps: float | None, max_skew_s: float, problems: list[Problem]
+) -> tuple[Pair, ...]:
+    """Pairs of images of the board: images by the last number in their names (without `fps`: 1, or 2, …), or frames of
+    two videos by their stamps, spread over the videos."""
+    if not (left and right):
+        raise InputError("calibrate", "expected left and right images, or two videos")
+    if not any(is_video(Path(name)) for name in (*left, *right)):
+        recording = open_stereo_images(left, right, fps or 1.0)
+        problems += recording.problems
+        return recording.pairs
+    if len(left) != 1 or len(right) != 1:
+        raise InputError("calibrate", "expected one left and one right video")
+    both = [open_video(Path(side[0]), fps) for side in (left, right)]
+    pairs = pair_by_stamp(both[0], both[1], max_skew_s, problems)
+    chosen = np.unique(np.linspace(0, len(pairs) - 1, _MOST_VIEWS).astype(int)) if pairs else np.empty(0, int)
+    return tuple(pairs[k] for k in chosen)
+
+
+def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], list[View], list[str]]:
+    """Return the images' width and height, the views of the board, and why other pairs have none."""
+    size = usual_size("calibrate", tuple(pairs), [])
+    views: list[View] = []
+    skipped: list[str] = []
+    for pair in pairs:
+        images = [decode(file, size) for file in pair]
+        if bad := [str(image) for image in images if isinstance(image, Problem)]:
+            skipped += bad
+            continue
+        found = [board.find(image) for image in images if not isinstance(image, Problem)]
+        if missing := [file.title for file, corners in zip(pair, found, strict=True) if not corners]:
+            skipped.append(
+                f"{' and '.join(missing)}: no board found; expected all of a chessboard, or part of a charuco"
+            )
+            continue
+        common = sorted(found[0].keys() & found[1].keys())
+        if len(common) < _FEWEST_CORNERS:
+            skipped.append(f"{pair[0].title}: {len(common)} corners in both images; expected {_FEWEST_CORNERS}")
+            continue
+        left_px, right_px = (np.array([corners[k] for k in common], np.float32) for corners in found)
+        if board.marker_m is None and (left_px[-1] - left_px[0]) @ (right_px[-1] - right_px[0]) < 0:
+            right_px = right_px[::-1].copy()  # a board with as many dark as light corners looks the same upside down
+        views.append(View(pair[0].title, board.corners[common], left_px, right_px))
+    return size, views, skipped
+
+
+def calibrate(image_size: tuple[int, int], views: Sequence[View]) -> StereoCalibration:
+    """Calibrate each camera by itself (Zhang 2000), then both together with OpenCV's stereoCalibrate.
+
+    Raises:
+        InputError: Fewer than three views, or views from which the cameras do not follow.
+    """
+    if len(views) < _FEWEST_VIEWS:
+        found = f"the board is seen by both cameras in {len(views)} pairs"
+        raise InputError("calibrate", f"{found}; expected at least {_FEWEST_VIEWS}, better 10 or more")
+    corners = [view.corners for view in views]
+    left_px, right_px = [view.left_px for view in views], [view.right_px for view in views]
+    try:
+        singles = [
+            cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in (left_px, right_px)
+        ]
+        (_, K1, D1, *_), (_, K2, D2, *_) = singles
+        flags = cv2.CALIB_USE_INTRINSIC_GUESS
+        rms, *matrices, _, _, rotations, shifts, _ = cv2.stereoCalibrateExtended(
+            corners, left_px, right_px, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
+        )
+    except cv2.error as error:
+        raise InputError("calibrate", f"the views do not determine the cameras ({error.err}); add others") from error
+    KL, DL, KR, DR, R, T = (np.array(matrix, dtype=float) for matrix in matrices)
+    if not all(np.isfinite(matrix).all() for matrix in (rms, KL, DL, KR, DR, R, T)):
+        raise InputError("calibrate", "the views do not determine the cameras; add boards at other angles")
+    residuals = []
+    for view, turn, shift in zip(views, rotations, shifts, strict=True):
+        in_left = view.corners @ np.array(cv2.Rodrigues(turn)[0], dtype=float).T + np.array(shift, dtype=float).ravel()
+        in_right = in_left @ R.T + T.ravel()
+        residuals.append((view.left_px - _projected(in_left, KL, DL), view.right_px - _projected(in_right, KR, DR)))
+    return StereoCalibration(
+        image_size,
+        np.stack([KL, KR]),
+        np.stack([DL.ravel()[:5], DR.ravel()[:5]]),
+        R,
+        T.ravel(),
+        float(rms),
+        np.array([single[5].ravel()[0] for single in singles]),
+        tuple(views),
+        tuple(residuals),
+    )
+
+
+def _projected(points: Array, K: Array, D: Array) -> Array:
+    """(n, 2) px of points (n, 3) in a camera's frame."""
+    origin = np.zeros(3)
+    return np.array(cv2.projectPoints(points, origin, origin, K, D)[0], dtype=float).reshape(-1, 2)
+
+
+def _rms(residuals: Array) -> float:
+    """Root mean square length of (n, 2) residuals."""
+    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))

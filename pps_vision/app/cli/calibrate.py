@@ -1,0 +1,61 @@
+"""`pps-vision calibrate`: a stereo camera from images of a board."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pps_vision.app.cli.options import print_skipped
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrate:
+    """Calibrate a stereo camera from pairs of images of a chessboard or charuco board.
+
+    Writes calibration.yml (for `track --calib`, in metres), reprojection.png and summary.json.  Show the board in at
+    least 10 poses: tilted, near, and in all corners of the images.
+    """
+
+    left: tuple[str, ...]
+    """Left images: a folder, a pattern in quotes such as 'seq/left*.png', or the files themselves; or a video."""
+    right: tuple[str, ...]
+    """Right images, paired with the left ones by the last number in their names; or a video, paired by stamp."""
+    board: tuple[int, int]
+    """Inner corners of the chessboard along its two sides; with --marker-mm the squares of the charuco board."""
+    square_mm: float
+    """Side of a square; measure it on the print."""
+    out: Path
+    """Folder to write to."""
+    marker_mm: float | None = None
+    """Side of the markers of a charuco board; default: a chessboard."""
+    dictionary: str = "5X5_100"
+    """Dictionary of a charuco board's markers, as OpenCV calls it without DICT_."""
+    fps: float | None = None
+    """Frames per second of videos without stamps of their own."""
+    max_skew_s: float = 0.02
+    """Frames of two videos further apart in time are no pair."""
+
+    def run(self) -> None:
+        """Find the board, calibrate, write, and print how well it fits."""
+        from tqdm import tqdm
+
+        from pps_vision.app.calibrate import Board, board_pairs, calibrate, find_views
+        from pps_vision.app.versions import versions
+        from pps_vision.recordings.outputs import whole_folder, write_json
+        from pps_vision.recordings.problems import Problem
+
+        with whole_folder(self.out) as folder:
+            marker_m = None if self.marker_mm is None else self.marker_mm / 1000
+            board = Board(*self.board, self.square_mm / 1000, marker_m, self.dictionary)
+            problems: list[Problem] = []
+            pairs = board_pairs(self.left, self.right, self.fps, self.max_skew_s, problems)
+            size, views, skipped = find_views(board, tqdm(pairs, desc="calibrate", unit="pair", disable=None))
+            print_skipped([*problems, *skipped])
+            found = calibrate(size, views)
+            found.write(folder / "calibration.yml")
+            found.figure().savefig(folder / "reprojection.png", dpi=130)
+            write_json(folder / "summary.json", found.summary() | {"skipped": skipped, "versions": versions()})
+        print(
+            f"{len(views)} of {len(pairs)} pairs; RMS left {found.rms_of(0):.3f}, right {found.rms_of(1):.3f}, stereo "
+            f"{found.rms_px:.3f} px; baseline {1000 * float((found.T @ found.T) ** 0.5):.2f} mm, focal lengths "
+            f"{found.K[0, 0, 0]:.1f} ± {found.focal_std_px[0]:.1f} and {found.K[1, 0, 0]:.1f} ± "
+            f"{found.focal_std_px[1]:.1f} px → {self.out}"
+        )

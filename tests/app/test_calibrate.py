@@ -1,0 +1,110 @@
+"""Boards drawn through two known cameras, and what the calibration says of them."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from data import SEED
+from scipy.spatial.transform import Rotation
+
+from pps_vision.app.calibrate import Board
+from pps_vision.app.cli import main
+from pps_vision.errors import InputError
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+
+SIZE = (640, 480)
+K = (np.array([[520.0, 0, 318], [0, 524, 236], [0, 0, 1]]), np.array([[498.0, 0, 330], [0, 500, 249], [0, 0, 1]]))
+R, T = Rotation.from_rotvec([0.01, -0.06, 0.02]).as_matrix(), np.array([-0.12, 0.003, 0.004])
+SQUARE_PX, SQUARE_M = 60, 0.03
+
+
+def pattern(charuco: bool) -> np.ndarray:
+    """A board of 9×6 squares seen from the front, with a white margin of one square."""
+    if charuco:
+        markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+        board = cv2.aruco.CharucoBoard((9, 6), SQUARE_M, 0.022, markers)
+        drawn = board.generateImage((9 * SQUARE_PX, 6 * SQUARE_PX))
+    else:
+        rows, columns = np.mgrid[: 6 * SQUARE_PX, : 9 * SQUARE_PX] // SQUARE_PX
+        drawn = np.where((rows + columns) % 2, 255, 0).astype(np.uint8)
+    return cv2.copyMakeBorder(drawn, *[SQUARE_PX] * 4, cv2.BORDER_CONSTANT, value=255)
+
+
+def seen(pattern: np.ndarray, pose_R: np.ndarray, pose_t: np.ndarray, side: int) -> np.ndarray:
+    """An image of the board, anti-aliased: the plane through K [r1 r2 t], pixel centres at integer coordinates."""
+    if side:
+        pose_R, pose_t = R @ pose_R, R @ pose_t + T
+    scale = SQUARE_M / SQUARE_PX
+    middle = (np.array(pattern.shape[::-1]) - 1) / 2
+    plane = np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1]])
+    H = K[side] @ np.column_stack([pose_R[:, 0], pose_R[:, 1], pose_t]) @ plane
+    finer = np.array([[3.0, 0, 1], [0, 3, 1], [0, 0, 1]])
+    large = cv2.warpPerspective(pattern, finer @ H, (3 * SIZE[0], 3 * SIZE[1]), borderValue=90)
+    return cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
+
+
+@pytest.mark.parametrize("charuco", [False, True])
+def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(SEED)
+    board = pattern(charuco)
+    for k in range(8):
+        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
+        at = np.array([*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.45, 0.6)]) + np.array([0.05, 0, 0])
+        for side, name in enumerate(("left", "right")):
+            cv2.imwrite(str(tmp_path / f"{name}{k}.png"), seen(board, turn, at, side))
+    for name in ("left", "right"):  # no board here
+        cv2.imwrite(str(tmp_path / f"{name}99.png"), np.full(SIZE[::-1], 90, np.uint8))
+    words = ["calibrate", "--left", str(tmp_path / "left*.png"), "--right", str(tmp_path / "right*.png")]
+    size = ["--board", *(("9", "6", "--marker-mm", "22") if charuco else ("8", "5")), "--square-mm", "30"]
+    out = tmp_path / "out"
+    main([*words, *size, "--out", str(out)])
+    said = capsys.readouterr()
+    assert "left99.png and right99.png: no board found" in said.err
+    left, right, T_left_right = read_stereo_calibration([out / "calibration.yml"], SIZE)
+    for camera, truth in ((left, K[0]), (right, K[1])):
+        np.testing.assert_allclose([camera.fx, camera.fy], [truth[0, 0], truth[1, 1]], rtol=0.004)
+        np.testing.assert_allclose([camera.cx, camera.cy], truth[:2, 2], atol=2.5)
+    true = np.linalg.inv(np.block([[R, T[:, None]], [np.zeros((1, 3)), 1]]))
+    np.testing.assert_allclose(T_left_right[:3, 3], true[:3, 3], atol=1e-3)
+    assert np.linalg.norm(Rotation.from_matrix(T_left_right[:3, :3].T @ true[:3, :3]).as_rotvec()) < 5e-3
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["pairs"] >= 7
+    assert summary["rms_px"]["stereo"] < 0.15
+    assert abs(summary["focal_px"][0] - 520) < 4 * summary["focal_std_px"][0]
+    picture = cv2.imread(str(out / "reprojection.png"))
+    assert picture is not None
+    assert picture.std() > 5
+
+
+def test_what_cannot_be_calibrated(tmp_path: Path, refused) -> None:
+    for k in range(2):
+        for name in ("left", "right"):
+            cv2.imwrite(str(tmp_path / f"{name}{k}.png"), np.full((60, 80), 90, np.uint8))
+    images = [
+        "calibrate",
+        "--left",
+        tmp_path / "left*.png",
+        "--right",
+        tmp_path / "right*.png",
+        "--out",
+        tmp_path / "o",
+    ]
+    for board, why in (("0 5", "expected 3 to 100"), ("8 101", "expected 3 to 100")):
+        assert why in refused(*images, "--board", *board.split(), "--square-mm", 30)
+    assert "positive length" in refused(*images, "--board", 8, 5, "--square-mm", 0)
+    assert "less than the squares" in refused(*images, "--board", 8, 5, "--square-mm", 30, "--marker-mm", 31)
+    assert not (tmp_path / "o").exists()
+    with pytest.raises(InputError, match="expected a larger one"):
+        Board(20, 20, 0.03, 0.02).find(np.zeros((60, 80, 3), np.uint8))
+
+
+def test_too_few_views(tmp_path: Path, refused_with) -> None:
+    cv2.imwrite(str(tmp_path / "a1.png"), np.full((60, 80), 90, np.uint8))
+    lines = refused_with(
+        *("calibrate", "--left", tmp_path / "a1.png", "--right", tmp_path / "a1.png", "--board", 8, 5),
+        *("--square-mm", 30, "--out", tmp_path / "o"),
+    )
+    assert "no board found" in lines[0]
+    assert "in 0 pairs; expected at least 3" in lines[-1]
