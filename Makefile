@@ -16,7 +16,7 @@ PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
 	@touch $@
 
 .venv/.installed-test: .venv/.installed
-	@echo "installing what testing needs: about 125 MB to download, 0.4 GB on disk"
+	@echo "installing what testing needs: about 155 MB to download, 0.6 GB on disk"
 	$(PIP) -e '.[test]'
 	@touch $@
 

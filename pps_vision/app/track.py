@@ -15,6 +15,7 @@ from pps_vision.app.device import torch_device
 from pps_vision.app.diagnosis import Diagnosis, diagnose
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
+from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
@@ -110,6 +111,19 @@ class TrackedRecording:
         if not steps:
             raise InputError(self.recording.name, "no usable frame; expected at least one readable stereo pair")
         return smoothed_tracks(self.params.kalman, steps) if smooth else [step.track for step in steps]
+
+    def tracked_pairs(self, tracks: Sequence[Track3D], steps: Sequence[TrackerStep]) -> list[TrackedPair]:
+        """What the writers of other tools' forms take; `tracks` as returned by `path`."""
+        images = {0.5 * (left.stamp_s + right.stamp_s): (left.path, right.path) for left, right in self.recording.pairs}
+        return [
+            TrackedPair(
+                images[step.track.stamp_s],
+                track,
+                step.detections,
+                step.observation.residual_px if step.observation else np.nan,
+            )
+            for track, step in zip(tracks, steps, strict=True)
+        ]
 
     def diagnosis(self, tracks: Sequence[Track3D]) -> Diagnosis | None:
         """Why hardly anything was tracked or positions are wrong, and what to try; None where neither is so."""

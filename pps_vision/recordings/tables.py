@@ -23,6 +23,7 @@ DETECTIONS = ("frame", "stamp_s", "camera", "u_px", "v_px", "cov_uu_px2", "cov_u
 TRAJECTORY = (
     *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"),
     *("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2", "radius_m", "status"),
+    *("sigma_x_m", "sigma_y_m", "sigma_z_m", "radius_95_m"),
 )
 REACHABILITY = (
     *("gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg", "reach_probability", "reach_degree", "reach_status"),
@@ -35,6 +36,7 @@ TRUTH = (
 JOINT_OFFSETS = ("joint", "offset_deg")
 GAZE = ("yaw_deg", "pitch_deg", "vergence_deg")
 
+_CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
 _MAX_OFFSET_DEG = 90.0  # an encoder that is further off is a typing error
 
 
@@ -85,26 +87,26 @@ def write_detections(file: Path, detections: Iterable[tuple[int, Detection2D, St
 
 def write_trajectory(file: Path, tracks: Sequence[Track3D], reachability: Sequence[Reachability] = ()) -> None:
     """Write trajectory.csv: position, velocity and covariance of the position in the root frame, and, where given, the
-    reachability of every track."""
+    reachability of every track.
+
+    radius_95_m is half the longest axis of the ellipsoid that holds the position with 95 %.
+    """
     upper = np.triu_indices(3)
+    covs = np.reshape([track.cov[:3, :3] for track in tracks], (-1, 3, 3))
+    known = np.isfinite(covs).all(axis=(1, 2))
+    radius_95 = np.full(len(covs), np.nan)
+    radius_95[known] = np.sqrt(_CHI2_95 * np.linalg.eigvalsh(covs[known])[:, -1])
     rows: list[tuple[object, ...]] = [
-        (track.stamp_s, *track.position, *track.velocity, *track.cov[:3, :3][upper], track.radius_m, track.status)
-        for track in tracks
+        (
+            *(track.stamp_s, *track.position, *track.velocity, *cov[upper], track.radius_m, track.status),
+            *(*np.sqrt(np.diag(cov)), radius),
+        )
+        for track, cov, radius in zip(tracks, covs, radius_95, strict=True)
     ]
     if not reachability:
         return write_table(file, TRAJECTORY, rows)
     more = [(*np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status) for reach in reachability]
     write_table(file, TRAJECTORY + REACHABILITY, ((*row, *reach) for row, reach in zip(rows, more, strict=True)))
-
-
-def write_tum(file: Path, tracks: Iterable[Track3D]) -> None:
-    """Write the known positions in TUM's form, "stamp x y z qx qy qz qw"; a tracked point has no rotation."""
-    rows = (
-        f"{track.stamp_s!r} {' '.join(map(repr, track.position.tolist()))} 0 0 0 1\n"
-        for track in tracks
-        if track.is_known
-    )
-    file.write_text("# stamp_s x_m y_m z_m qx qy qz qw\n" + "".join(rows))
 
 
 def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:

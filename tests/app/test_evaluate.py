@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from data import SEED
+from evo.core import metrics
+from evo.tools.file_interface import read_tum_trajectory_file
 from scipy.spatial.transform import Rotation
 
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate import Path3D, evaluate, read_path, rigid_alignment
 from pps_vision.errors import InputError
-from pps_vision.recordings.tables import write_trajectory, write_tum
+from pps_vision.recordings.exchange import write_tum
+from pps_vision.recordings.tables import write_trajectory
 from pps_vision.types import Status, Track3D
 
 STAMPS = 1403636579.75 + np.arange(400) / 20
@@ -124,6 +127,24 @@ def test_files_say_the_same(tmp_path: Path) -> None:
     assert rows.shape == (400, 8)
     np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1)
     np.testing.assert_array_equal(rows[:, 0], STAMPS)
+
+
+def test_evo_gives_the_same_errors(tmp_path: Path) -> None:
+    truth = path(curve(STAMPS))
+    bent = path(curve(STAMPS) + 0.01 * np.sin(curve(STAMPS)[:, ::-1] * 30))
+    for align in (False, True):
+        score, trajectories = evaluate(bent, truth, align=align), []
+        for one in (truth, bent):
+            np.savetxt(
+                tmp_path / "a.tum", np.c_[one.stamps_s, one.position, np.tile([0, 0, 0, 1.0], (400, 1))], "%.17g"
+            )
+            trajectories.append(read_tum_trajectory_file(str(tmp_path / "a.tum")))
+        if align:
+            trajectories[1].align(trajectories[0])
+        error = metrics.APE(metrics.PoseRelation.translation_part)
+        error.process_data(tuple(trajectories))
+        expected = error.get_all_statistics()
+        np.testing.assert_allclose([score.rmse_mm, score.median_mm], [1000 * expected[k] for k in ("rmse", "median")])
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

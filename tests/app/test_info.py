@@ -87,7 +87,7 @@ def test_a_laboratorys_own_test(approach: Path) -> None:
 def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["--version"])
     assert capsys.readouterr().out.startswith("pps-vision 0.")
-    main(["track", str(approach), "--tum", "--out", str(tmp_path / "out")])
+    main(["track", str(approach), "--also", "tum", "--out", str(tmp_path / "out")])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["versions"]["av"] == av.__version__
     assert summary["versions"]["numpy"] == np.__version__

@@ -62,7 +62,8 @@ def test_tracking_writes_what_it_promises(tracked: Path) -> None:
     first = {name: (tracked / name).read_text().splitlines()[0] for name in ("detections.csv", "trajectory.csv")}
     assert first["detections.csv"] == "frame,stamp_s,camera,u_px,v_px,cov_uu_px2,cov_uv_px2,cov_vv_px2,score,status"
     assert first["trajectory.csv"] == (
-        "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status"
+        "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status,"
+        "sigma_x_m,sigma_y_m,sigma_z_m,radius_95_m"
     )
     film = cv2.VideoCapture(str(tracked / "overlay.mp4"))
     assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == 80

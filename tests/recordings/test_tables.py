@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import write_json
@@ -58,13 +59,16 @@ def test_trajectory(tmp_path: Path) -> None:
     write_trajectory(file, [Track3D.unknown(0.0), known])
     assert file.read_text().splitlines()[0] == (
         "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,"
-        "cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status"
+        "cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status,"
+        "sigma_x_m,sigma_y_m,sigma_z_m,radius_95_m"
     )
     nothing, row = rows_of(file)
     assert nothing["x_m"] == nothing["cov_zz_m2"] == nothing["radius_m"] == ""
     assert nothing["status"] == "searching"
     assert [float(row[key]) for key in ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")] == [0, 1, 2, 3, 4, 5]
     assert [float(row[f"cov_{key}_m2"]) for key in ("xx", "xy", "xz", "yy", "yz", "zz")] == [1, 2, 3, 4, 5, 6]
+    assert [float(row[f"sigma_{axis}_m"]) for axis in "xyz"] == pytest.approx(np.sqrt([1, 4, 6]))
+    assert float(row["radius_95_m"]) == pytest.approx(np.sqrt(chi2.ppf(0.95, 3) * np.linalg.eigvalsh(cov[:3, :3])[-1]))
 
 
 def test_boxes(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from tyro.conf import Positional
 
 from pps_vision.app.cli.options import SourceOptions
 from pps_vision.errors import InputError
+from pps_vision.recordings import Form
 from tracking import DEFAULT_ORDER, Mode
 
 
@@ -37,8 +38,8 @@ class Batch:
     """Order of the Kalman filter, 1–4."""
     smooth: bool = False
     """Smooth the paths with later measurements."""
-    tum: bool = False
-    """Also write trajectory.tum."""
+    also: tuple[Form, ...] = ()
+    """Also write the forms of other tools, as for `track`."""
     seed: int = 0
     """Seed of the particles."""
 
@@ -61,5 +62,5 @@ class Batch:
         """What `track` is given for every recording."""
         words = [f"--mode={self.mode}", f"--order={self.order}", f"--seed={self.seed}", f"--unit-m={self.unit_m}"]
         words += [f"--fps={self.fps}"] if self.fps is not None else []
-        words += ["--smooth"] * self.smooth + ["--tum"] * self.tum
+        words += ["--smooth"] * self.smooth + (["--also", *self.also] if self.also else [])
         return words + (["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else [])

@@ -7,6 +7,7 @@ from tyro import MISSING
 
 from pps_vision.app.cli.options import SourceOptions, print_skipped
 from pps_vision.errors import InputError
+from pps_vision.recordings import Form
 from tracking import DEFAULT_ORDER, Mode
 
 
@@ -40,8 +41,8 @@ class Track(SourceOptions):
     smooth: bool = False
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""
-    tum: bool = False
-    """Also write trajectory.tum, a row "stamp x y z 0 0 0 1" for every known position, for evo and other tools."""
+    also: tuple[Form, ...] = ()
+    """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images)."""
     video: bool = False
     """Also write overlay.mp4."""
     seed: int = 0
@@ -57,8 +58,9 @@ class Track(SourceOptions):
         from pps_vision.app.report.overlay import VideoFile, draw_pair
         from pps_vision.app.track import track
         from pps_vision.app.versions import versions
+        from pps_vision.recordings.exchange import write_forms
         from pps_vision.recordings.outputs import whole_folder, write_json
-        from pps_vision.recordings.tables import write_detections, write_trajectory, write_tum
+        from pps_vision.recordings.tables import write_detections, write_trajectory
         from pps_vision.types import ReachStatus
         from tracking.kalman import KalmanParams
         from tracking.tracker import TrackerParams
@@ -89,8 +91,8 @@ class Track(SourceOptions):
             reachability = [reach(q, one) for q, one in zip(joints, tracks, strict=True)] if reach else []
             write_detections(folder / "detections.csv", detections)
             write_trajectory(folder / "trajectory.csv", tracks, reachability)
-            if self.tum:
-                write_tum(folder / "trajectory.tum", tracks)
+            if self.also:
+                write_forms(folder, self.also, run.tracked_pairs(tracks, steps), recording.image_size)
             diagnosis = run.diagnosis(tracks)
             summary = run.summary(tracks, diagnosis) | {
                 "smoothed": self.smooth,

@@ -23,12 +23,15 @@ class Track2d:
     appearance: Literal["auto", "colour", "template"] = "auto"
     """Follow the object by its colours, or by a spatial template and its colours; auto: the cheapest that tells it from
     its surroundings."""
+    form: Literal["csv", "mot", "coco"] = "csv"
+    """What to write: csv as said, or the form of MOTChallenge or COCO."""
     seed: int = 0
     """Seed of the particles."""
 
     def run(self) -> None:
         """Track through all frames; what could not be read is reported and left out."""
         from pps_vision.app.track2d import follow
+        from pps_vision.recordings.exchange import SeenBox, write_coco, write_mot
         from pps_vision.recordings.image_sequence import open_frames
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import write_boxes
@@ -38,6 +41,13 @@ class Track2d:
             sequence = open_frames(self.frames_dir)
             appearance = None if self.appearance == "auto" else self.appearance
             rows = follow(sequence, self.init, self.seed, appearance, lambda line: print(line, file=sys.stderr))
-            write_boxes(partial, rows)
+            boxes = [SeenBox(frame, 1, box, score) for frame, box, score in rows]
+            if self.form == "csv":
+                write_boxes(partial, rows)
+            elif self.form == "mot":
+                write_mot(partial, boxes)
+            else:
+                files = {"": [file.path for file in sequence.files]}
+                write_coco(partial, {"": boxes}, files, sequence.image_size)
         print_skipped(sequence.problems)
         print(f"found in {sum(score >= LOST_SCORE for _, _, score in rows)} of {len(rows)} frames → {self.out}")

@@ -1,0 +1,93 @@
+"""What is written for other tools is what their own libraries read."""
+
+from pathlib import Path
+
+import motmetrics
+import numpy as np
+import pandas
+import pytest
+from evo.tools.file_interface import read_tum_trajectory_file
+from pycocotools.coco import COCO
+
+from pps_vision.recordings.exchange import SeenBox, TrackedPair, write_coco, write_forms
+from pps_vision.types import Detection2D, Status, Track3D
+
+N = 12
+
+
+def detection(camera: str, k: int) -> Detection2D:
+    box = (10.0 + k, 20.5, 8.0, 6.0 + (camera == "right"))
+    return Detection2D(
+        0.05 * k, camera, np.array([14.0 + k, 23.5]), np.eye(2), 0.9 - 0.1 * (camera == "right"), 0.1, box
+    )  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def pairs() -> list[TrackedPair]:
+    """Nothing in the first pair; lost in the sixth; another track afterwards."""
+    found = []
+    for k in range(N):
+        stamp_s, images = 1403636579.75 + 0.05 * k, (Path(f"left/{k}.png"), Path(f"right/{k}.png"))
+        if k in (0, 5):
+            track = Track3D.unknown(stamp_s, Status.LOST if k == 5 else Status.SEARCHING)
+            found.append(TrackedPair(images, track, ()))
+            continue
+        mean = np.zeros((4, 3))
+        mean[0] = 0.1 * np.sin(k), 0.02 * k, 0.5
+        track = Track3D(stamp_s, mean, 1e-6 * np.eye(12), 0.03, 1e-6, Status.TRACKING)
+        found.append(TrackedPair(images, track, (detection("left", k), detection("right", k)), 0.25))
+    return found
+
+
+def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+    write_forms(tmp_path, ["tum"], pairs, (320, 240))
+    read = read_tum_trajectory_file(str(tmp_path / "trajectory.tum"))
+    known = [pair.track for pair in pairs if pair.track.is_known]
+    np.testing.assert_array_equal(read.timestamps, [track.stamp_s for track in known])
+    np.testing.assert_array_equal(read.positions_xyz, [track.position for track in known])
+    assert read.check()[0]
+
+
+def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+    """The columns that `movement` takes: POINT_x, _y, _z and _score for every row."""
+    write_forms(tmp_path, ["anipose"], pairs, (320, 240))
+    table = pandas.read_csv(tmp_path / "trajectory_anipose.csv")
+    assert table["fnum"].tolist() == list(range(N))
+    assert {name.rsplit("_", 1)[0] for name in table.columns if name[-2:] in ("_x", "_y", "_z")} == {"object"}
+    np.testing.assert_array_equal(table[["object_x", "object_y", "object_z"]], [p.track.position for p in pairs])
+    assert table["object_ncams"].tolist() == [2 * pair.track.is_known for pair in pairs]
+    np.testing.assert_allclose(table["object_score"], [0.8 * pair.track.is_known for pair in pairs])
+    np.testing.assert_array_equal(table["object_error"], [0.25 if p.track.is_known else np.nan for p in pairs])
+    np.testing.assert_array_equal(table[[f"M_{i}{i}" for i in range(3)]], 1)
+
+
+def test_motmetrics_reads_mot(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+    write_forms(tmp_path, ["mot"], pairs, (320, 240))
+    for camera, height in (("left", 6.0), ("right", 7.0)):
+        read = motmetrics.io.loadtxt(str(tmp_path / f"mot_{camera}.txt"), fmt="mot15-2D")  # counts pixels from 0
+        assert read.index.tolist() == [(k + 1, 1 if k < 5 else 2) for k in range(N) if k not in (0, 5)]
+        boxes = [[10.0 + k, 20.5, 8.0, height] for k in range(N) if k not in (0, 5)]
+        np.testing.assert_allclose(read[["X", "Y", "Width", "Height"]], boxes)
+
+
+def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+    write_forms(tmp_path, ["coco"], pairs, (320, 240))
+    read = COCO(str(tmp_path / "coco.json"))
+    assert len(read.getImgIds()) == 2 * N
+    for annotation in read.loadAnns(read.getAnnIds()):
+        (image,) = read.loadImgs([annotation["image_id"]])
+        k = image["frame_id"] - 1
+        assert image["file_name"] == f"{image['camera']}/{k}.png"
+        assert annotation["bbox"] == [10.0 + k, 20.5, 8.0, 6.0 + (image["camera"] == "right")]
+        assert annotation["track_id"] == (1 if k < 5 else 2)
+        assert read.annToMask(annotation | {"segmentation": [[0, 0, 4, 0, 4, 4, 0, 4]]}).shape == (240, 320)
+    assert len(read.getAnnIds()) == 2 * (N - 2)
+
+
+def test_one_view(tmp_path: Path) -> None:
+    write_coco(
+        tmp_path / "a.json", {"": [SeenBox(2, 1, (1, 2, 3, 4), 0.5)]}, {"": [Path("1.png"), Path("2.png")]}, (9, 9)
+    )
+    read = COCO(str(tmp_path / "a.json"))
+    (annotation,) = read.loadAnns(read.getAnnIds())
+    assert (read.loadImgs([annotation["image_id"]])[0]["file_name"], annotation["area"]) == ("2.png", 12)
