@@ -1,6 +1,6 @@
 """Tracking on independent scenes, case by case, as it is."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,8 @@ from pps_vision.experiments.independent_scenes import PHOTOS
 from pps_vision.experiments.score import timed_steps
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.types import Array, Mask, Status, Track3D, Truth
-from tracking.tracker import Tracker
+from pps_vision.types import Array, Mask, Status, StereoFrame, Track3D, Truth
+from tracking.tracker import Tracker, TrackerParams
 
 RIGHT_M = 0.03
 FALSE_M = 0.05
@@ -115,8 +115,13 @@ class Independent(Study):
 def measure(case: Case, number: int, seed: int, data: Path) -> dict[str, float]:
     """Track one film with nothing but its rig known."""
     film = Film(case.scene(number), seed, data)
-    tracker = Tracker(case.tracker(film.hue_deg), film.rig, np.random.default_rng(seed))
-    steps, ms = timed_steps(tracker.step, film)
+    return scored(case, film, film, case.tracker(film.hue_deg))
+
+
+def scored(case: Case, film: Film, frames: Iterable[StereoFrame], params: TrackerParams) -> dict[str, float]:
+    """Track a film's frames and score the tracks."""
+    tracker = Tracker(params, film.rig, np.random.default_rng(film.seed))
+    steps, ms = timed_steps(tracker.step, frames)
     scene, tracks = film.scene, [step.track for step in steps]
     moves_at_s = scene.rest_s if scene.start == "rest" else 0.0
     told_which = case.marker and scene.second != "same"

@@ -46,6 +46,7 @@ _LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
 
 SHORT: Mapping[str, Mapping[str, Any]] = {
     "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2},
+    "constants": {"cases": ("vivid, red",), "only": "confirm_frames"},
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
     "fixation": {"n": 5},
