@@ -52,10 +52,14 @@ def speed_error(
 ) -> None:
     """Draw time (logarithmic, "ms" = quartiles) against `metric` of each method: Pareto front dotted, default ringed.
 
-    A method without an error stands at the top, marked "fails".
+    A method without an error stands at the top, marked "fails"; one that had no frame to work on is left out.
     """
-    names = list(methods)
-    ms = np.array([_quartiles(methods[name]["ms"]) for name in names])
+    quartiles = {name: _quartiles(method["ms"]) for name, method in methods.items()}
+    names = [name for name, of in quartiles.items() if np.isfinite(of).all()]
+    if not names:
+        axis.text(0.5, 0.5, "no frame to measure on", ha="center", va="center", transform=axis.transAxes)
+        return
+    ms = np.array([quartiles[name] for name in names])
     value, low, high = intervals([methods[name][metric] for name in names])
     known = np.isfinite(value)
     wide = known.any() and value[known].min() > 0 and value[known].max() > _WIDE * value[known].min()
@@ -184,8 +188,9 @@ def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:
     return value, low, high
 
 
-def _quartiles(ms: Any) -> list[float]:
-    return list(ms) if isinstance(ms, list | tuple) else [ms, ms, ms]
+def _quartiles(ms: Any) -> Array:
+    """(3,) ms; NaN where nothing was measured."""
+    return np.array(ms if isinstance(ms, list | tuple) else [ms] * 3, dtype=float)
 
 
 def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str]) -> None:

@@ -108,7 +108,7 @@ class Stereo(TrackingStudy):
         rows = []
         for m in next(iter(cells.values())):
             ms = [cell[m]["ms"][1] for cell in cells.values()]
-            rows.append([m, *(estimate(cell[m]["rms_mm"]) for cell in cells.values()), f"{ms[0]:.3f}"])
+            rows.append([m, *(estimate(cell[m]["rms_mm"]) for cell in cells.values()), estimate([ms[0]])])
         return {"": Table(["3D RMS error at 0.4 m (mm)", *cells, "ms per pair"], rows)}
 
 

@@ -47,6 +47,16 @@ def test_speed_error_marks_default_front_and_failures(axis) -> None:
     assert points[2, 5 * 1.15].get_marker() == "x", "above all others"
 
 
+def test_methods_that_had_no_frame_to_work_on_are_left_out(axis) -> None:
+    measured = {"ms": [1.0, 2.0, 3.0], "rms": [0.5, 0.4, 0.6]}
+    nothing = {"ms": [None, None, None], "rms": [None, None, None]}  # as a result file holds NaN
+    speed_error(axis, {"a": measured, "b": nothing}, "rms")
+    assert "b" not in {text.get_text() for text in axis.texts}
+    axis.clear()
+    speed_error(axis, {"b": nothing}, "rms")
+    assert [text.get_text() for text in axis.texts] == ["no frame to measure on"]
+
+
 def test_names_of_near_points_neither_meet_nor_leave_the_axes() -> None:
     """Three points a hair apart, one at each edge; as they are drawn."""
     figure, (axis,) = panels(1)
