@@ -12,7 +12,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from pps_vision.app.report.figures import save
+from pps_vision.app.report.figure_file import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import Entry, Study, catalogue, load, short_parameters
 from pps_vision.experiments.tables import filled, markdown, names

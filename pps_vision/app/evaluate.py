@@ -61,15 +61,22 @@ class Score:
     """Seconds by which the track's stamps are late; 0 unless it was estimated."""
 
 
-def read_path(file: Path) -> Path3D:
-    """Read trajectory.csv, truth.csv, another CSV with stamp_s, x_m, y_m and z_m, or TUM's form.
+def read_path(file: Path, fps: float | None = None) -> Path3D:
+    """Read trajectory.csv, truth.csv, another CSV with stamp_s, x_m, y_m and z_m, TUM's form, or Anipose's table of one
+    point (in m), whose frames come at `fps` from 0 s on.
 
     Rows without a position are left out.  InputError for one that cannot be read, or stamps that do not increase.
     """
     header = first_row(file).split(",")
+    anipose = [name.removesuffix("_x") for name in header if name.endswith("_x")] if "fnum" in header else []
     if "stamp_s" in header:
         names = ["stamp_s", "x_m", "y_m", "z_m", *(_COVARIANCE if set(_COVARIANCE) <= set(header) else ())]
         rows = read_table(file, names)
+    elif anipose:
+        if len(anipose) > 1 or not fps or not 0 < fps < np.inf:
+            found = f"points {', '.join(anipose)}, fps {fps}"
+            raise InputError(file, f"{found}; expected Anipose's table of one point, and --fps", 1)
+        rows = read_table(file, ["fnum", *(f"{anipose[0]}_{axis}" for axis in "xyz")])
     else:
         expected = "rows of stamp x y z (TUM), or a CSV with the columns stamp_s, x_m, y_m, z_m"
         lines = enumerate(read_lines(file, expected), start=1)
@@ -77,6 +84,8 @@ def read_path(file: Path) -> Path3D:
         if short := [line for line, row in rows if len(row) < 4]:
             raise InputError(file, f"fewer than four numbers; expected {expected}", short[0])
     values = [(line, _numbers(file, line, row)) for line, row in rows]
+    if anipose and fps:
+        values = [(line, [row[0] / fps, *row[1:]]) for line, row in values]
     known = [(line, row) for line, row in values if np.all(np.isfinite(row[:4]))]
     for (_, before), (line, row) in pairwise(known):
         if not row[0] > before[0]:
@@ -119,7 +128,7 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
     """
     lag_s = _lag_s(track, truth, align) if lag else 0.0
     moved = replace(track, stamps_s=track.stamps_s - lag_s)
-    error, cov = _errors(moved, truth, align)
+    _, error, cov = errors_of(moved, truth, align)
     if len(error) < _FEWEST:
         found = f"{len(error)} of {len(track.stamps_s)} positions have a truth at their stamp in {truth.name}"
         raise InputError(track.name, f"{found}; expected at least {_FEWEST}")
@@ -149,8 +158,9 @@ def rigid_alignment(points: Array, onto: Array) -> tuple[Array, Array]:
     return R, onto.mean(axis=0) - R @ points.mean(axis=0)
 
 
-def _errors(track: Path3D, truth: Path3D, align: bool) -> tuple[Array, Array]:
-    """(m, 3) track minus truth in m, and the stated covariances (m, 3, 3)."""
+def errors_of(track: Path3D, truth: Path3D, align: bool = False) -> tuple[Array, Array, Array]:
+    """The track's stamps (m,) at which there is a truth, track minus truth (m, 3) in m, and the stated covariances
+    (m, 3, 3)."""
     at = _covered(truth, track.stamps_s)
     stamps, position, cov = track.stamps_s[at], track.position[at], track.cov[at]
     true = (
@@ -161,7 +171,7 @@ def _errors(track: Path3D, truth: Path3D, align: bool) -> tuple[Array, Array]:
     if align and len(position) >= _FEWEST:
         R, t = rigid_alignment(position, true)
         position, cov = position @ R.T + t, R @ cov @ R.T
-    return position - true, cov
+    return stamps, position - true, cov
 
 
 def _covered(path: Path3D, stamps_s: Array) -> Mask:
@@ -183,7 +193,7 @@ def _lag_s(track: Path3D, truth: Path3D, align: bool) -> float:
     positions have a truth."""
 
     def cost(lag_s: float) -> float:
-        error, _ = _errors(replace(track, stamps_s=track.stamps_s - lag_s), truth, align)
+        _, error, _ = errors_of(replace(track, stamps_s=track.stamps_s - lag_s), truth, align)
         return float(np.mean(np.sum(error**2, axis=1))) if len(error) >= 0.5 * len(track.stamps_s) else np.inf
 
     lags = np.arange(-_LAG_S, _LAG_S + _LAG_STEP_S / 2, _LAG_STEP_S)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate import Path3D, evaluate, read_path, rigid_alignment
 from pps_vision.errors import InputError
-from pps_vision.recordings.exchange import write_tum
+from pps_vision.recordings.exchange import TrackedPair, write_anipose, write_tum
 from pps_vision.recordings.tables import write_trajectory
 from pps_vision.types import Status, Track3D
 
@@ -147,6 +147,16 @@ def test_evo_gives_the_same_errors(tmp_path: Path) -> None:
         np.testing.assert_allclose([score.rmse_mm, score.median_mm], [1000 * expected[k] for k in ("rmse", "median")])
 
 
+def test_anipose_tables_are_read(tmp_path: Path) -> None:
+    pairs = [TrackedPair((Path("l"), Path("r")), track, ()) for track in tracks()]
+    write_anipose(tmp_path / "a.csv", pairs)
+    read = read_path(tmp_path / "a.csv", fps=20)
+    np.testing.assert_allclose(read.stamps_s, np.arange(1, 401) / 20)
+    np.testing.assert_array_equal(read.position, [track.position for track in tracks()[1:]])
+    with pytest.raises(InputError, match="and --fps"):
+        read_path(tmp_path / "a.csv")
+
+
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_trajectory(tmp_path / "ours.csv", tracks())
     write_tum(tmp_path / "theirs.tum", tracks())
@@ -157,7 +167,8 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert ours["rmse_mm"] == pytest.approx(2, abs=1e-3)
     assert (theirs["rmse_mm"], theirs["nees"]) == (ours["rmse_mm"], None)
     assert ours["nees"] == pytest.approx(4 / (1 - 0.2**2), rel=1e-3)  # of (2, 0, 0) mm
-    main(["evaluate", *files])
+    main(["evaluate", *files, "--figure", str(tmp_path / "errors.pdf")])
+    assert (tmp_path / "errors.pdf").stat().st_size > 5000
     assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [12, 12, 12]
 
 

@@ -1,41 +1,58 @@
-"""`pps-vision evaluate`: the errors of one or several paths against the true one."""
+"""`pps-vision evaluate`: the errors of one or several trackers against the truth."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from pps_vision.errors import InputError
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Compare paths with the true one, the last file: a row of a table for each.
+    """Compare paths, or boxes, with the true ones, the last file: a row of a table for each.
 
-    Files are trajectory.csv of `track`, truth.csv, any CSV with the columns stamp_s, x_m, y_m and z_m, or TUM's form
-    (stamp x y z …).  Coverage and NEES need the covariance columns of trajectory.csv.
+    Paths are trajectory.csv of `track`, truth.csv, any CSV with the columns stamp_s, x_m, y_m and z_m, TUM's form
+    (stamp x y z …), or Anipose's table of one point.  Coverage and NEES need the covariance columns of trajectory.csv.
+    Boxes are those of `track2d`, MOTChallenge's rows, or a true box a row (OTB, VOT).
     """
 
     files: Positional[tuple[Path, ...]]
     """TRACK … TRUTH."""
+    boxes: bool = False
+    """The files hold boxes in images."""
     lag: bool = False
     """Estimate by how much the stamps of each path are late, and correct it."""
     align: bool = False
     """Rotate and shift each path onto the truth first: for another root frame."""
+    fps: float | None = None
+    """Frames per second of Anipose's tables."""
     json: bool = False
     """Print JSON instead."""
+    figure: Path | None = None
+    """Also draw the errors of all, or for boxes the success and precision curves, into this file (.png, .pdf, .svg)."""
 
     def run(self) -> None:
         """Read, score, print."""
         import json
 
-        from pps_vision.app.evaluate import evaluate, read_path
-        from pps_vision.recordings.outputs import plain
+        from pps_vision.recordings.outputs import plain, whole_file
 
         if len(self.files) < 2:
             raise InputError("evaluate", f"{len(self.files)} files; expected TRACK … TRUTH")
-        *tracks, truth = (read_path(file) for file in self.files)
-        scores = [asdict(evaluate(track, truth, self.lag, self.align)) for track in tracks]
+        if self.figure is None:
+            scores, _ = self._score(drawn=False)
+        else:
+            from pps_vision.app.report.figure_file import save
+
+            with whole_file(self.figure, self.files) as partial:
+                scores, figure = self._score(drawn=True)
+                if figure:
+                    save(figure, partial)
         if self.json:
             print(json.dumps(plain(scores), indent=2, ensure_ascii=False))
             return
@@ -44,6 +61,29 @@ class Evaluate:
         widths = [max(len(row[k]) for row in rows) for k in range(len(columns))]
         for row in rows:
             print("  ".join([row[0].ljust(widths[0]), *(f.rjust(w) for f, w in zip(row[1:], widths[1:], strict=True))]))
+
+    def _score(self, drawn: bool) -> "tuple[list[dict[str, object]], Figure | None]":
+        """The rows of the table, and the figure."""
+        if self.boxes:
+            from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
+
+            *tracks, truth = (read_boxes(file) for file in self.files)
+            rows = [asdict(evaluate_boxes(track, truth)) for track in tracks]
+            if not drawn:
+                return rows, None
+            from pps_vision.app.report.errors import box_curves
+
+            return rows, box_curves(tracks, truth)
+        from pps_vision.app.evaluate import evaluate, read_path
+
+        *paths, true_path = (read_path(file, self.fps) for file in self.files)
+        scores = [evaluate(path, true_path, self.lag, self.align) for path in paths]
+        rows = [asdict(score) for score in scores]
+        if not drawn:
+            return rows, None
+        from pps_vision.app.report.errors import path_errors
+
+        return rows, path_errors(paths, true_path, scores, self.align)
 
 
 def _text(value: object) -> str:

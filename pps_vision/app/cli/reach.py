@@ -169,11 +169,12 @@ class Show(RobotOptions):
         """Draw it."""
         from learning.reach.map import ReachableMap
         from pps_vision.app.report import figures
+        from pps_vision.app.report.figure_file import save
         from pps_vision.recordings.outputs import whole_file
 
         with whole_file(self.out, [self.map, *self.files]) as partial:
             reachable_map = ReachableMap.load(self.map)
-            figures.save(figures.reachable_space(reachable_map, self.setup().robot), partial)
+            save(figures.reachable_space(reachable_map, self.setup().robot), partial)
         print(f"{reachable_map.side} arm, {reachable_map.end_point} → {self.out}")
 
 

@@ -25,6 +25,7 @@ class Show(RobotOptions):
         from learning.pps.memory import load_memory
         from pps_vision.app.pipeline import check_memory
         from pps_vision.app.report import figures
+        from pps_vision.app.report.figure_file import save
         from pps_vision.recordings.outputs import whole_file
 
         with whole_file(self.out, [self.memory, *self.files]) as partial:
@@ -32,5 +33,5 @@ class Show(RobotOptions):
             if any(self.files):
                 check_memory(memory, self.setup().skin, self.memory)
             stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
-            figures.save(figures.landscapes(memory, stimulated or None), partial)
+            save(figures.landscapes(memory, stimulated or None), partial)
         print(f"{len(stimulated)} of {len(memory.taxel_ids)} taxels were stimulated → {self.out}")

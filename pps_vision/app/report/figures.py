@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
@@ -10,12 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike
-from PIL import Image
 
 from learning.pps.memory import PPSMemory, activation
 from learning.reach.map import ReachableMap
 from pps_vision.app.simulation import EpisodeLog
-from pps_vision.errors import InputError
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Reachability, ReachStatus
@@ -25,22 +22,6 @@ Range = tuple[float, float]
 _R_RANGES: tuple[Range, Range] = ((-0.10, 0.20), (0.0, 3.0))  # D in m and TTC in s (R Fig 5)
 _VERGENCES_DEG = (10, 13, 17, 22, 30, 45, 60, 80)
 _INK = "0.25"
-
-
-def save(figure: Figure, file: Path, colors: int | None = None) -> None:
-    """Write a figure in the format of the file's suffix; with `colors` as a .png with a palette of so many.
-
-    Raises:
-        InputError: The suffix is that of no known format.
-    """
-    known = figure.canvas.get_supported_filetypes()
-    if file.suffix[1:].lower() not in known:
-        expected = ", ".join(f".{name}" for name in known)
-        raise InputError(file.name, f"has the suffix {file.suffix!r}; expected one of {expected}")
-    figure.savefig(file, dpi=130)
-    if colors is not None:
-        with Image.open(file) as image:
-            image.convert("RGB").quantize(colors, dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
 
 
 def landscape(memory: PPSMemory, taxel: int = 0) -> Array:

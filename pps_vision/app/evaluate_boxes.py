@@ -1,0 +1,198 @@
+"""Score boxes in images against the true ones: `pps-vision evaluate --boxes`.
+
+Success and precision are those of OTB (Wu et al. 2013), for one object: the share of frames whose overlap exceeds a
+threshold, and whose centre is within a distance.  Misses, false boxes and identity switches are those of CLEAR MOT
+(Bernardin and Stiefelhagen 2008), for any number of objects.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.tables import BOXES, read_table
+from pps_vision.recordings.text import first_row, number, read_lines
+from pps_vision.types import Array
+
+OVERLAPS = np.linspace(0, 1, 21)
+"""Thresholds of the success curve."""
+DISTANCES_PX = np.arange(51)
+"""Thresholds of the precision curve."""
+_MATCHED = 0.5  # least overlap of a match in MOTChallenge
+_EXPECTED = "frame,x,y,w,h,score; MOTChallenge's rows; or a row of 4 (x, y, w, h) or 8 (polygon) numbers a frame"
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """The boxes (x, y, width, height, px) of numbered tracks, by frame."""
+
+    name: str
+    frames: Mapping[int, Mapping[int, Array]]
+
+
+@dataclass(frozen=True)
+class BoxScore:
+    """How well boxes agree with the true ones; NaN for what is defined for one object only where there are more."""
+
+    name: str
+    boxes: int
+    """True boxes."""
+    mean_iou: float
+    """Overlap, 0 where there is no box."""
+    success_auc: float
+    """Area under the success curve."""
+    precision_20px: float
+    """Share of frames whose centre is within 20 px."""
+    center_median_px: float
+    """Of the frames with a box."""
+    missed_share: float
+    """Share of true boxes without a match."""
+    false_share: float
+    """Boxes without a match over true boxes."""
+    id_switches: int
+    mota: float
+    """1 − (missed + false + switches) / true boxes."""
+
+
+def read_boxes(file: Path) -> Boxes:
+    """Read boxes.csv, MOTChallenge's rows, or a true box a row as OTB and VOT write them; frames count from 1.
+
+    A row of NaN or of a box without area is a frame without a box.  InputError for a row that cannot be read.
+    """
+    frames: dict[int, dict[int, Array]] = defaultdict(dict)
+    if first_row(file).split(",") == list(BOXES):
+        rows = [(line, [*fields[:1], "1", *fields[1:5]]) for line, fields in read_table(file, BOXES)]
+        first_px = 0.0
+    else:
+        rows, first_px = _rows(file)
+    for line, fields in rows:
+        try:
+            frame, track, *box = (number(field) for field in fields)
+            if not (frame.is_integer() and track.is_integer()):
+                raise ValueError(f"frame {frame:g}, track {track:g}")
+        except ValueError as error:
+            raise InputError(file, f"{error}; expected {_EXPECTED}", line) from None
+        if not np.all(np.isfinite(box)) or min(box[2:]) <= 0:
+            continue
+        if int(track) in frames[int(frame)]:
+            raise InputError(file, f"track {track:g} twice in frame {frame:g}; expected each once", line)
+        frames[int(frame)][int(track)] = np.array(box) - (first_px, first_px, 0, 0)
+    if not any(frames.values()):
+        raise InputError(file, f"no box; expected {_EXPECTED}")
+    return Boxes(str(file), frames)
+
+
+def _rows(file: Path) -> tuple[list[tuple[int, list[str]]], float]:
+    """Rows of frame, track, x, y, w, h, and the number of the first pixel."""
+    split = [(line, re.split(r"[,\s]+", row.strip())) for line, row in enumerate(read_lines(file, _EXPECTED), start=1)]
+    split = [(line, fields) for line, fields in split if fields != [""]]
+    counts = {len(fields) for _, fields in split}
+    if counts <= {4, 8}:
+        return [(line, [str(k), "1", *_box(file, line, row)]) for k, (line, row) in enumerate(split, start=1)], 0.0
+    if short := [line for line, fields in split if len(fields) < 6]:
+        raise InputError(file, f"fewer than 6 numbers; expected {_EXPECTED}", short[0])
+    return [(line, fields[:6]) for line, fields in split], 1.0
+
+
+def _box(file: Path, line: int, row: list[str]) -> list[str]:
+    """The box of a row of 4 numbers, or that around a polygon of 8."""
+    if len(row) == 4:
+        return row
+    try:
+        corners = np.reshape([number(field) for field in row], (4, 2))
+    except ValueError as error:
+        raise InputError(file, f"{error}; expected {_EXPECTED}", line) from None
+    return [repr(float(value)) for value in (*corners.min(axis=0), *np.ptp(corners, axis=0))]
+
+
+def overlaps(boxes: Array, others: Array) -> Array:
+    """(n, m) intersection over union of boxes (n, 4) and others (m, 4)."""
+    a, b = np.reshape(boxes, (-1, 1, 4)), np.reshape(others, (1, -1, 4))
+    low, high = np.maximum(a[..., :2], b[..., :2]), np.minimum(a[..., :2] + a[..., 2:], b[..., :2] + b[..., 2:])
+    shared = np.prod(np.clip(high - low, 0, None), axis=2)
+    return shared / (np.prod(a[..., 2:], axis=2) + np.prod(b[..., 2:], axis=2) - shared)
+
+
+def per_frame(track: Boxes, truth: Boxes) -> tuple[Array, Array]:
+    """Overlap and distance of the centres (px; 0 and infinite without a box) in every frame with a true box.
+
+    Raises:
+        InputError: Several boxes in a frame.
+    """
+    iou, distance = [], []
+    for frame, true in sorted(truth.frames.items()):
+        found = track.frames.get(frame, {})
+        for boxes, one in ((truth, true), (track, found)):
+            if len(one) > 1:
+                raise InputError(boxes.name, f"{len(one)} boxes in frame {frame}; expected one for a success curve")
+        if not true:
+            continue
+        (a,), b = true.values(), next(iter(found.values()), None)
+        iou.append(0.0 if b is None else float(overlaps(a, b)[0, 0]))
+        distance.append(np.inf if b is None else float(np.linalg.norm(a[:2] - b[:2] + (a[2:] - b[2:]) / 2)))
+    return np.array(iou), np.array(distance)
+
+
+def success(iou: Array) -> Array:
+    """(21,) share of frames whose overlap exceeds `OVERLAPS`."""
+    return np.mean(iou[:, None] > OVERLAPS, axis=0)
+
+
+def precision(distance_px: Array) -> Array:
+    """(51,) share of frames whose centre is within `DISTANCES_PX`."""
+    return np.mean(distance_px[:, None] <= DISTANCES_PX, axis=0)
+
+
+def evaluate_boxes(track: Boxes, truth: Boxes) -> BoxScore:
+    """Score boxes."""
+    single = all(len(one) <= 1 for boxes in (track, truth) for one in boxes.frames.values())
+    iou, distance = per_frame(track, truth) if single else (np.array([np.nan]), np.array([np.nan]))
+    n, missed, false, switches = _clear(track, truth)
+    with_box = distance[np.isfinite(distance)]
+    return BoxScore(
+        track.name,
+        n,
+        mean_iou=float(np.mean(iou)),
+        success_auc=float(np.mean(success(iou))) if single else np.nan,
+        precision_20px=float(precision(distance)[20]) if single else np.nan,
+        center_median_px=float(np.median(with_box)) if len(with_box) else np.nan,
+        missed_share=missed / n,
+        false_share=false / n,
+        id_switches=switches,
+        mota=1 - (missed + false + switches) / n,
+    )
+
+
+def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
+    """True boxes, missed, false, and identity switches: matches go on while they overlap, others are the best ones."""
+    n = missed = false = switches = 0
+    last: dict[int, int] = {}
+    for frame in sorted(truth.frames.keys() | track.frames.keys()):
+        true, found = dict(truth.frames.get(frame, {})), dict(track.frames.get(frame, {}))
+        n += len(true)
+        matched = {
+            name: last[name]
+            for name in true
+            if last.get(name) in found and overlaps(true[name], found[last[name]])[0, 0] >= _MATCHED
+        }
+        names = [name for name in true if name not in matched]
+        others = [name for name in found if name not in matched.values()]
+        iou = overlaps(_stack(true, names), _stack(found, others))
+        allowed = iou >= _MATCHED
+        for i, j in zip(*linear_sum_assignment(np.where(allowed, -iou, 1e3)), strict=True):
+            if allowed[i, j]:
+                switches += names[i] in last and last[names[i]] != others[j]
+                matched[names[i]] = others[j]
+        last |= matched
+        missed += len(true) - len(matched)
+        false += len(found) - len(matched)
+    return n, missed, false, switches
+
+
+def _stack(boxes: Mapping[int, Array], names: Sequence[int]) -> Array:
+    return np.reshape([boxes[name] for name in names], (-1, 4))
