@@ -23,6 +23,12 @@ def rate_limits(
     return slowest, fastest
 
 
+def within_change(limits: tuple[Array, Array], before: Array, change: Array) -> tuple[Array, Array]:
+    """Limits (n,) narrowed to what is within `change` (n,) of the rates `before` (n,), as far as they allow it."""
+    lower, upper = limits
+    return np.clip(before - change, lower, upper), np.clip(before + change, lower, upper)
+
+
 def solve_rates(
     J: Array,
     wanted: Array,

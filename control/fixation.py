@@ -45,10 +45,15 @@ def step(
     limits meanwhile.  InputError for a target that is not finite, a stamp that is not, or `dt_s` out of (0, 0.5].
     """
     check_times("fixation", stamp_s, dt_s)
+    return JointVelocity(stamp_s, _rates(params, posture, *checked_target(p_root, v_root), dt_s), dt_s)
+
+
+def checked_target(p_root: ArrayLike, v_root: ArrayLike) -> tuple[Array, Array]:
+    """A target's position (3,) and velocity (3,); InputError unless both are finite."""
     p, v = np.asarray(p_root, dtype=float), np.asarray(v_root, dtype=float)
     if p.shape != (3,) or v.shape != (3,) or not np.all(np.isfinite([p, v])):
         raise InputError("fixation", f"target at {p} moving {v}; expected a known point and velocity (3,)")
-    return JointVelocity(stamp_s, _rates(params, posture, p, v, dt_s), dt_s)
+    return p, v
 
 
 def _rates(params: FixationParams, posture: Posture, p: Array, v: Array, hold_s: float) -> Array:

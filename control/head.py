@@ -65,3 +65,17 @@ def gaze_columns(robot: Robot) -> Array:
     columns[yaw, YAW] = columns[pitch, PITCH] = columns[tilt, TILT] = 1.0
     columns[left, VERGENCE], columns[right, VERGENCE] = 0.5, -0.5
     return columns
+
+
+def carried_velocity(posture: Posture, p_root: Array, dq_rad_s: Array) -> Array:
+    """(3,) m/s velocity of a point `p_root` that moves with the trunk, whose joints turn at `dq_rad_s` (n_joints,).
+
+    For the eyes, which the trunk carries, an object at rest moves as fast the other way: gaze control compensates for
+    the trunk if this velocity is subtracted from the object's.
+    """
+    robot, eye = posture.robot, posture.robot.names.left_eye
+    moving = robot.moving(eye)
+    index = robot.indices(moving[: min(moving.index(joint) for joint in robot.names.gaze_joints[:2])])
+    T = posture.T_root(eye)
+    J: Array = posture.jacobian(eye, (p_root - T[:3, 3]) @ T[:3, :3])[:3, index]
+    return J @ dq_rad_s[index]

@@ -76,15 +76,3 @@ def step(
         nearest = int(distance.argmin())
         dq[index] = turns[nearest] / max(dt_s, float(distance[nearest]) / params.torso_rad_s)
     return status, JointVelocity(stamp_s, dq, dt_s)
-
-
-def carried_velocity(posture: Posture, p_root: Array, dq_rad_s: Array) -> Array:
-    """(3,) m/s velocity of a point `p_root` that moves with the torso, whose joints turn at `dq_rad_s` (n_joints,).
-
-    For the eyes, which the torso carries, an object at rest moves as fast the other way: the fixation controller
-    compensates for the torso if this velocity is subtracted from the object's.
-    """
-    eye, index = posture.robot.names.left_eye, posture.robot.indices(posture.robot.names.torso)
-    T = posture.T_root(eye)
-    J: Array = posture.jacobian(eye, (p_root - T[:3, 3]) @ T[:3, :3])[:3, index]
-    return J @ dq_rad_s[index]

@@ -110,9 +110,9 @@ def _as_predicted(posture: Posture, wanted: JointVelocity, last: JointVelocity |
 def _rate_range(params: LimitParams, posture: Posture, hold_s: float) -> tuple[Array, Array]:
     """Lowest and highest rate (n_joints,) that can be held for `hold_s`, and stopped within it."""
     robot, q = posture.robot, posture.q_rad
-    fastest = _fastest(params, robot) * min(1.0, hold_s / params.speed_up_s)
-    lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / hold_s, -fastest, 0.0)
-    upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / hold_s, 0.0, fastest)
+    rate = fastest(params, robot) * min(1.0, hold_s / params.speed_up_s)
+    lower = np.clip((robot.lower_rad + _MARGIN_RAD - q) / hold_s, -rate, 0.0)
+    upper = np.clip((robot.upper_rad - _MARGIN_RAD - q) / hold_s, 0.0, rate)
     return lower, upper
 
 
@@ -120,19 +120,25 @@ def _braking(
     params: LimitParams, robot: Robot, wanted: JointVelocity, last: JointVelocity | None
 ) -> tuple[Array, Array, Array]:
     """Rates (n_joints,) so far, rates that end where the last command would have, and the largest change."""
-    rest, acceleration = np.zeros(robot.n_joints), _fastest(params, robot) / params.speed_up_s
-    elapsed_s = MAX_HOLD_S if last is None else wanted.stamp_s - last.stamp_s
-    if last is None or elapsed_s >= last.valid_s:
-        return rest, rest, acceleration * elapsed_s
-    left = min(1.0, (last.valid_s - elapsed_s) / wanted.valid_s)
-    return last.dq_rad_s, left * last.dq_rad_s, acceleration * elapsed_s
+    before, change = change_limits(params, robot, wanted.stamp_s, last)
+    if last is None or not before.any():
+        return before, before, change
+    left = min(1.0, (last.valid_s - (wanted.stamp_s - last.stamp_s)) / wanted.valid_s)
+    return before, left * before, change
 
 
-def _fastest(params: LimitParams, robot: Robot) -> Array:
+def change_limits(params: LimitParams, robot: Robot, stamp_s: float, last: JointVelocity | None) -> tuple[Array, Array]:
+    """Rates (n_joints,) at a stamp after the last command, and by how much the acceleration limit lets them change."""
+    elapsed_s = MAX_HOLD_S if last is None else stamp_s - last.stamp_s
+    before = last.dq_rad_s if last is not None and elapsed_s < last.valid_s else np.zeros(robot.n_joints)
+    return before, fastest(params, robot) / params.speed_up_s * elapsed_s
+
+
+def fastest(params: LimitParams, robot: Robot) -> Array:
     """(n_joints,) rate limits."""
-    fastest = np.full(robot.n_joints, params.joint_rad_s)
-    fastest[robot.indices(robot.names.gaze_joints[2:])] = params.eyes_rad_s
-    return fastest
+    rates = np.full(robot.n_joints, params.joint_rad_s)
+    rates[robot.indices(robot.names.gaze_joints[2:])] = params.eyes_rad_s
+    return rates
 
 
 def _largest_share(start: Array, end: Array, lower: Array, upper: Array) -> float:

@@ -1,6 +1,12 @@
-"""Search for a target that is not in view by random left–right and up–down turns of the head (J IV.B)."""
+"""Search for a target that is not in view: over the whole field of view in bounded time, or at random (J IV.B).
+
+The covering search visits the points of a grid, always the nearest that is left.  Its `spacing_rad` leaves half of it
+to either side of a point: 20° and 15° of the 33° and 25° that both of the iCub's eyes see to every side of their axes
+(FACTS §1), so that what is as near as 0.25 m, where the eyes' directions differ by 8° from the head's, is seen too.
+"""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -17,16 +23,26 @@ _DEG = np.pi / 180
 class SearchParams:
     """Range and speed of the search."""
 
+    pattern: Literal["covering", "random"] = "covering"
+    """All gaze directions in turn, the nearest first; or J's random turns about the centre."""
+    spacing_rad: tuple[float, float] = (40 * _DEG, 30 * _DEG)
+    """Covering: largest distance of the grid's points in yaw and in pitch."""
     yaw_rad: float = 30 * _DEG
-    """Largest turn to the left and right of the centre."""
+    """Random: largest turn to the left and right of the centre."""
     pitch_rad: float = 20 * _DEG
-    """Largest turn up and down from the centre."""
+    """Random: largest turn up and down from the centre."""
     gain_per_s: float = 8.0
     """The head nears a goal no faster than this times the angle left."""
     limits: HeadLimits = field(default_factory=lambda: HeadLimits(neck_rad_s=30 * _DEG, eyes_rad_s=30 * _DEG))
     """Range and speed of the head."""
     arrived_rad: float = 1 * _DEG
     """Largest angle from a goal that counts as having reached it."""
+
+    def __post_init__(self) -> None:
+        if self.pattern not in ("covering", "random") or not min(self.spacing_rad) > 0:
+            raise ValueError(
+                f"search {self.pattern!r}, spacing {self.spacing_rad}; expected covering or random, above 0"
+            )
 
 
 @dataclass(frozen=True)
@@ -37,6 +53,8 @@ class SearchState:
     """(4,) rad, the gaze to search around (`head.gaze_of`)."""
     goal: Array | None = None
     """(4,) rad, the gaze that the head turns to; None before the first step."""
+    left: Array = field(default_factory=lambda: np.empty((0, 4)))
+    """(k, 4) rad, the goals of the covering search that are left."""
 
 
 def step(
@@ -47,7 +65,7 @@ def step(
     rng: np.random.Generator,
     stamp_s: float = 0.0,
 ) -> tuple[SearchState, JointVelocity]:
-    """Head rates towards a random goal within the limits, a new one as each is reached.
+    """Head rates towards a goal within the limits, the next one as each is reached.
 
     The rates may be held for `dt_s`: no joint leaves its limits meanwhile.  InputError for a stamp that is not finite
     or a `dt_s` out of (0, 0.5].
@@ -55,20 +73,36 @@ def step(
     check_times("search", stamp_s, dt_s)
     gaze = gaze_of(posture)
     lower, upper = gaze_range(params.limits.gaze, posture)
-    goal = state.goal
+    goal, left = state.goal, state.left
     if goal is None or np.abs(goal - gaze).max() < params.arrived_rad:
-        goal = _random_goal(params, state.center, lower, upper, rng)
+        if params.pattern == "random":
+            goal = _random_goal(params, state.center, lower, upper, rng)
+        else:
+            left = left if len(left) else _grid(params, gaze[VERGENCE], lower, upper)
+            nearest = int(np.argmin(np.abs(left - gaze).max(axis=1)))
+            goal, left = left[nearest], np.delete(left, nearest, axis=0)
     slowest, fastest = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
     rates = np.clip(params.gain_per_s * (goal - gaze), slowest, fastest)
-    return SearchState(state.center, goal), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, dt_s)
+    return SearchState(state.center, goal, left), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, dt_s)
 
 
 def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
     """A random gaze about the centre; the eyes' tilt continues where the neck's pitch ends."""
     aside, up = rng.uniform(-1, 1, 2) * (params.yaw_rad, params.pitch_rad)
-    pitch = center[PITCH] + center[TILT] + up
-    goal = np.empty(4)
-    goal[YAW], goal[VERGENCE] = center[YAW] + aside, center[VERGENCE]
-    goal[PITCH] = np.clip(pitch, lower[PITCH], upper[PITCH])
-    goal[TILT] = pitch - goal[PITCH]
-    return np.clip(goal, lower, upper)
+    return _goal(center[YAW] + aside, center[PITCH] + center[TILT] + up, center[VERGENCE], lower, upper)
+
+
+def _grid(params: SearchParams, vergence: float, lower: Array, upper: Array) -> Array:
+    """(k, 4) goals from half a spacing inside one end of the gaze's range to half a spacing inside the other."""
+    low, high = lower[[YAW, PITCH]], upper[[YAW, PITCH]]
+    low[1], high[1] = low[1] + lower[TILT], high[1] + upper[TILT]
+    counts = np.ceil((high - low) / params.spacing_rad).astype(int).clip(1)
+    yaws, ups = (a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, counts, strict=True))
+    return np.array([_goal(yaw, up, vergence, lower, upper) for up in ups for yaw in yaws])
+
+
+def _goal(yaw: float, up: float, vergence: float, lower: Array, upper: Array) -> Array:
+    """(4,) the gaze to the side and up, within its limits."""
+    pitch = np.clip(up, lower[PITCH], upper[PITCH])
+    goal: Array = np.clip([yaw, pitch, up - pitch, vergence], lower, upper)
+    return goal

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from control import arbiter, avoidance, fixation, limits, search
+from control import arbiter, avoidance, fixation, limits, neck_and_eyes, search
 from control.avoidance import AvoidanceParams, AvoidanceState
 from control.fixation import FixationParams
-from control.head import gaze_of
+from control.head import carried_velocity, gaze_of
+from control.latency import posture_after
 from control.limits import MAX_HOLD_S, LimitParams
+from control.neck_and_eyes import NeckAndEyesParams
 from control.search import SearchParams, SearchState
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
@@ -28,6 +30,8 @@ from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.setup import RobotSetup
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Activation, Array, JointVelocity, Mask, Reachability, StereoFrame, TaxelEvents, Track3D
+from tracking import kalman
+from tracking.kalman import KalmanParams
 from tracking.tracker import Tracker, TrackerStep
 
 _LARGEST = 1e6  # m and m/s: what is farther or faster is no measurement
@@ -39,8 +43,10 @@ class PipelineParams:
 
     hold_s: float = MAX_HOLD_S
     """Time for which a command may be held if no later one comes."""
-    search_for_s: float = 2.0
-    """Duration of the gaze search after the object was lost."""
+    latency_s: float = 0.0
+    """Time from a frame's stamp until its command takes effect; target and posture are predicted to then."""
+    search_for_s: float = 15.0
+    """Duration of the gaze search after the object was lost; the covering search sees every point within it."""
     max_false_positives: float = 1e-3
     """Share of the unreachable gaze postures that the map may call reachable (J asks for few)."""
     receptive_field: ReceptiveField = ReceptiveField(distance_to="surface")
@@ -48,8 +54,8 @@ class PipelineParams:
     activation at the touch would depend on the object's size (`bench pps_single_touch`)."""
     learning: LearnerParams = LearnerParams()
     """When a contact is learned."""
-    fixation: FixationParams = FixationParams()
-    """Gaze control of a tracked object (J IV.1)."""
+    fixation: FixationParams | NeckAndEyesParams = FixationParams()
+    """Gaze control of a tracked object: J IV.1, or six joints."""
     search: SearchParams = SearchParams()
     """Gaze control after the object was lost (J IV.B)."""
     avoidance: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
@@ -77,10 +83,10 @@ class PipelineState:
     """Stamp of the last frame in which the object was known."""
     last_taxels: tuple[float, Array] | None = None
     """Stamp and taxel positions (n, 3) in the root frame of the last frame."""
-    last_command: JointVelocity | None = None
-    """Command of the last frame."""
+    commands: tuple[JointVelocity, ...] = ()
+    """Those that may still be obeyed; the last is the last frame's."""
     last_q_rad: Array | None = None
-    """Joints (n_joints,) of the last frame."""
+    """Joints (n_joints,) at which the last command was to take effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +148,7 @@ class Pipeline:
         touched = self._checked(touched)
         posture = self.robot.at(joints_of(frame))
         taxels, normals = self.skin.at(posture)
+        then = self._posture_then(posture, stamp_s)
         tracking = self.tracker.step(frame)
         track = tracking.track
         check_track(track)
@@ -153,7 +160,7 @@ class Pipeline:
         arm, arm_command, response = avoidance.step(
             params.avoidance,
             state.arm,
-            posture,
+            then,
             self._arm_skin,
             felt.probability[self._on_arm],
             stamp_s,
@@ -161,12 +168,14 @@ class Pipeline:
             hold_s=params.hold_s,
             self_collision=self._self_collision,
         )
-        searching, gaze_command = self._move_gaze(state, posture, track)
+        searching, gaze_command = self._move_gaze(state, then, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s
         wanted = arbiter.combine((arm_command, gaze_command))
-        last = state.last_command, state.last_q_rad
-        command = limits.limit(params.limits, self._self_collision, posture, wanted, *last)
-        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), command, posture.q_rad)
+        last = self._last_command, state.last_q_rad
+        command = limits.limit(params.limits, self._self_collision, then, wanted, *last)
+        since_s = stamp_s - params.latency_s - MAX_HOLD_S
+        commands = (*(one for one in state.commands if one.stamp_s > since_s), command)
+        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), commands, then.q_rad)
         return PipelineStep(posture, tracking, events, felt, reachability, response, command)
 
     def finish(self) -> PPSMemory:
@@ -183,6 +192,18 @@ class Pipeline:
     def rejected(self) -> dict[str, int]:
         """Number of samples and contacts that were not learned, by reason."""
         return {"stale samples": self._state.learning.stale, "unseen touches": self._state.learning.unseen}
+
+    @property
+    def _last_command(self) -> JointVelocity | None:
+        return self._state.commands[-1] if self._state.commands else None
+
+    def _posture_then(self, posture: Posture, stamp_s: float) -> Posture:
+        """Where the robot will be when this frame's command takes effect."""
+        latency_s = self.params.latency_s
+        if latency_s == 0:
+            return posture
+        until_s = stamp_s + latency_s
+        return self.robot.at(posture_after(posture.q_rad, self._state.commands, stamp_s, until_s, latency_s))
 
     def _checked(self, touched: Mask | None) -> Mask:
         n = len(self.skin.taxel_ids)
@@ -230,11 +251,28 @@ class Pipeline:
         if not self.robot.names.gaze_joints:
             return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints), params.hold_s)
         if track.is_known:
-            return None, fixation.step(params.fixation, posture, track.position, track.velocity, params.hold_s, stamp_s)
+            p, v = kalman.ahead(KalmanParams(), track, params.latency_s, self._since_last(stamp_s))
+            v = v - self._carried(posture, p, stamp_s)
+            target = posture, p, v, params.hold_s, stamp_s
+            if isinstance(params.fixation, NeckAndEyesParams):
+                return None, neck_and_eyes.step(params.fixation, *target, self._last_command)
+            return None, fixation.step(params.fixation, *target)
         if stamp_s - state.last_known_s < params.search_for_s:
             searching = state.searching or SearchState(gaze_of(posture))
             return search.step(params.search, searching, posture, params.hold_s, self._rng, stamp_s)
         return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints), params.hold_s)
+
+    def _carried(self, posture: Posture, p_root: Array, stamp_s: float) -> Array:
+        """(3,) m/s velocity of a point that moves with the trunk, as that has turned since the last frame."""
+        elapsed_s, q = self._since_last(stamp_s), self._state.last_q_rad
+        if q is None or elapsed_s == 0:
+            return np.zeros(3)
+        return carried_velocity(posture, p_root, (posture.q_rad - q) / elapsed_s)
+
+    def _since_last(self, stamp_s: float) -> float:
+        """Time since the last frame; 0 where there is none, or too long ago."""
+        last = self._last_command
+        return stamp_s - last.stamp_s if last is not None and stamp_s <= last.stamp_s + MAX_HOLD_S else 0.0
 
 
 def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline") -> None:

@@ -49,7 +49,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "constants": {"cases": ("vivid, red",), "only": "confirm_frames"},
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
-    "fixation": {"n": 5},
+    "fixation": {"axes": ()},
     "independent": {"only": "head moves"},
     "loop": {"training_trials": 2},
     "pps_double_touches": {"starts": 4},

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from known_track import DT, KnownTrack, Motion, frame_at, run
 
-from control.fixation import fixation_error
+from control.fixation import FixationParams, fixation_error, gaze_at
+from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, sooner
 from pps_vision.errors import InputError
@@ -88,6 +89,34 @@ def test_gaze_follows_a_moving_object_without_lag_or_lead() -> None:
     _, joints = run(following(motion), 1.0)
     errors = [fixation_error(ROBOT.at(q), motion(DT * k)[0]) for k, q in enumerate(joints)]
     assert np.rad2deg(max(errors[-5:])) < 0.2
+
+
+@pytest.mark.parametrize("gaze", [FixationParams(), NeckAndEyesParams()], ids=["J IV.1", "neck and eyes"])
+@pytest.mark.parametrize("latency_s", [0.08, 0.2])
+def test_gaze_follows_a_moving_object_by_commands_that_take_effect_late(gaze: object, latency_s: float) -> None:
+    """Posture and target are predicted; 0.3 m/s at 0.3 m would otherwise be 11° away after 0.2 s."""
+
+    def motion(t: float) -> tuple[Array, Array]:
+        return np.array([-0.35, -0.15 + 0.3 * t, 0.3]), np.array([0.0, 0.3, 0.0])
+
+    params = PipelineParams(fixation=gaze, latency_s=latency_s)  # type: ignore[arg-type]
+    _, joints = run(following(motion, params), 1.0, latency_s)
+    errors = [fixation_error(ROBOT.at(q), motion(DT * k)[0]) for k, q in enumerate(joints)]
+    assert np.rad2deg(max(errors[-5:])) < 0.2
+
+
+@pytest.mark.parametrize("gaze", [FixationParams(), NeckAndEyesParams()], ids=["J IV.1", "neck and eyes"])
+def test_gaze_compensates_for_a_torso_that_turns_by_itself(gaze: object) -> None:
+    p, torso = np.array([-0.4, 0.0, 0.3]), ROBOT.indices(("torso_yaw", "torso_pitch"))
+    pipeline = following(lambda t: (p, np.zeros(3)), PipelineParams(fixation=gaze))  # type: ignore[arg-type]
+    q, errors = gaze_at(ROBOT, home(ROBOT), p), []
+    for k in range(20):
+        command = pipeline.step(frame_at(DT * k, q)).command
+        q = q + DT * command.dq_rad_s
+        q[torso] += DT * np.deg2rad([20.0, 10.0])
+        errors.append(np.rad2deg(fixation_error(ROBOT.at(q), p)))
+    assert max(errors[:2]) > 0.8, "who has not turned yet cannot know"
+    assert max(errors[6:]) < 0.25
 
 
 def test_gaze_searches_for_the_given_time_after_the_object_was_lost_and_then_keeps_still() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control import fixation, lean
+from control import fixation, head, lean
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.lean import LeanParams
 from pps_vision.robot.gaze import GazeLimits, GazeModel
@@ -84,7 +84,7 @@ def test_within_reach_and_out_of_reach_the_torso_rests():
 def test_the_head_compensates_for_the_torso():
     q, dq, error = gaze_at(ROBOT, START, ASIDE), np.zeros(ROBOT.n_joints), {}
     dq[TORSO] = np.deg2rad([12.0, -9.0])
-    carried = lean.carried_velocity(ROBOT.at(q), ASIDE, dq)
+    carried = head.carried_velocity(ROBOT.at(q), ASIDE, dq)
     for velocity in (-carried, 0 * carried):
         gaze = fixation.step(FixationParams(), ROBOT.at(q), ASIDE, velocity, DT).dq_rad_s
         error[velocity.any()] = fixation_error(ROBOT.at(q + DT * (dq + gaze)), ASIDE)
@@ -94,8 +94,8 @@ def test_the_head_compensates_for_the_torso():
 def test_a_carried_point_moves_with_the_torso_whatever_else_moves():
     q, dq, h = START + 0.05, np.full(ROBOT.n_joints, 0.3), 1e-6
     of_torso = np.zeros(ROBOT.n_joints)
-    of_torso[TORSO] = 0.3
+    of_torso[ROBOT.indices(("torso_yaw", "torso_roll", "torso_pitch"))] = 0.3
     moved = q + h * of_torso
     T = ROBOT.at(moved).T_root("chest") @ np.linalg.inv(ROBOT.at(q).T_root("chest"))
     expected = ((T @ np.append(ASIDE, 1))[:3] - ASIDE) / h
-    np.testing.assert_allclose(lean.carried_velocity(ROBOT.at(q), ASIDE, dq), expected, atol=1e-5)
+    np.testing.assert_allclose(head.carried_velocity(ROBOT.at(q), ASIDE, dq), expected, atol=1e-5)

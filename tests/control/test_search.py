@@ -1,4 +1,4 @@
-"""The search looks left, right, up and down of its centre, within every limit."""
+"""The random search looks to all sides of its centre, the covering one everywhere in bounded time."""
 
 import numpy as np
 import pytest
@@ -6,24 +6,50 @@ import pytest
 from control.fixation import gaze_at
 from control.head import gaze_of
 from control.search import SearchParams, SearchState, step
-from pps_vision.robot.icub import home, set_gaze
+from pps_vision.robot.gaze import GazeLimits, fixation_points
+from pps_vision.robot.icub import home, icub_rig, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
 DEG = np.pi / 180
 DT = 0.05
+RANDOM = SearchParams("random")
+COVERS_WITHIN_S = 15.0  # `PipelineParams.search_for_s`
 
 
-def look_around(robot: Robot, q: Array, n: int, seed: int) -> Array:
-    """Gazes (n, 4) of a search about where `q` looks."""
-    rng, params, gazes = np.random.default_rng(seed), SearchParams(), []
+def looked(robot: Robot, q: Array, n: int, seed: int = 0, params: SearchParams = RANDOM) -> Array:
+    """Postures (n, n_joints) of a search that begins at `q`."""
+    rng, qs = np.random.default_rng(seed), []
     state = SearchState(gaze_of(robot.at(q)))
     for _ in range(n):
         state, command = step(params, state, robot.at(q), DT, rng)
         q = q + DT * command.dq_rad_s
         assert np.all((q >= robot.lower_rad - 1e-9) & (q <= robot.upper_rad + 1e-9))
-        gazes.append(gaze_of(robot.at(q)))
-    return np.array(gazes)
+        qs.append(q)
+    return np.array(qs)
+
+
+def look_around(robot: Robot, q: Array, n: int, seed: int) -> Array:
+    """Gazes (n, 4) of a random search about where `q` looks."""
+    return np.array([gaze_of(robot.at(q)) for q in looked(robot, q, n, seed)])
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (54.0, 29.0), (-50.0, -39.0)])
+def test_whatever_can_be_fixated_is_in_view_of_both_eyes_within_15_s(
+    robot: Robot, rng: np.random.Generator, start: tuple[float, float]
+) -> None:
+    """Points 0.2–0.8 m away: fixated by a gaze within J's limits, or below it with the eyes' tilt."""
+    gaze = rng.uniform(GazeLimits().lower - [0, 30 * DEG, 0], [55 * DEG, 40 * DEG, 20 * DEG], (500, 3))
+    points, seen = fixation_points(robot, gaze), np.zeros(500, bool)
+    q = set_gaze(robot, home(robot), yaw=start[0] * DEG, pitch=start[1] * DEG)
+    rig, seen_within = icub_rig(robot), []
+    for q_now in looked(robot, q, int(COVERS_WITHIN_S / DT), params=SearchParams())[::2]:
+        view = rig.view(q_now)
+        pixels = [eye.project(points) for eye in (view.left, view.right)]
+        seen |= np.logical_and.reduce([((px >= 0) & (px <= (319, 239))).all(axis=1) for px in pixels])
+        seen_within.append(int(seen.sum()))
+    print(f"\ncovering search: all of 500 points seen after {2 * DT * (seen_within.index(500) + 1):.1f} s")
+    assert seen.all()
 
 
 def test_it_looks_to_all_sides_of_its_centre_at_its_own_speed(robot: Robot) -> None:
@@ -54,7 +80,7 @@ def test_held_for_half_a_second_no_joint_leaves_its_limits(robot: Robot) -> None
     ends = []
     for seed in range(20):
         state, rng = SearchState(gaze_of(robot.at(q))), np.random.default_rng(seed)
-        _, command = step(SearchParams(), state, robot.at(q), 0.5, rng)
+        _, command = step(RANDOM, state, robot.at(q), 0.5, rng)
         ends.append(q + 0.5 * command.dq_rad_s)
         assert command.valid_s == 0.5
     assert np.all((np.array(ends) >= robot.lower_rad - 1e-9) & (np.array(ends) <= robot.upper_rad + 1e-9))

@@ -36,11 +36,15 @@ def frame_at(stamp_s: float, q_left: Array, q_right: Array | None = None) -> Ste
     return StereoFrame(black, black, stamp_s, stamp_s, q_left, q_left if q_right is None else q_right)
 
 
-def run(pipeline: Pipeline, seconds: float = 2.0) -> tuple[list[PipelineStep], Array]:
-    """The steps of a robot that starts at home and obeys the commands, and its joints (T, n) before each."""
+def run(pipeline: Pipeline, seconds: float = 2.0, latency_s: float = 0.0) -> tuple[list[PipelineStep], Array]:
+    """The steps of a robot that starts at home and obeys the commands, each for one period from `latency_s` after its
+    stamp on, and its joints (T, n) before each."""
     q, steps, joints = home(pipeline.robot), [], []
+    late, part = divmod(latency_s / DT + 1e-9, 1)
     for k in range(int(seconds / DT)):
         steps.append(pipeline.step(frame_at(DT * k, q)))
         joints.append(q)
-        q = pipeline.robot.clamp(q + DT * steps[-1].command.dq_rad_s)
+        for behind, share in ((int(late) + 1, part), (int(late), 1 - part)):
+            if k >= behind:
+                q = pipeline.robot.clamp(q + share * DT * steps[k - behind].command.dq_rad_s)
     return steps, np.array(joints)

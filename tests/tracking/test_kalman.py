@@ -10,7 +10,9 @@ from linear_model import corrected, discretised, matrices, system
 from scipy.linalg import expm
 from scipy.stats import chi2
 
+from pps_vision.types import Status, Track3D
 from rendering.motions import make_motion
+from tracking import kalman
 from tracking.kalman import Belief, KalmanParams, discretise, predict, scaled, start, update
 
 # Tests against an exact model set `adaptation_rate=0`: the model's process noise is known there and constant, while a
@@ -402,3 +404,15 @@ def test_what_is_unseen_is_not_taken_to_accelerate_for_ever(rng: np.random.Gener
             errors.append(float(np.linalg.norm(belief.mean[0] - motion(1.25)[0])))
     rests, goes_on = (np.sqrt(np.mean(np.square(errors))) for errors in off_m.values())
     assert rests < 0.85 * goes_on
+
+
+def test_a_motion_is_followed_ahead_by_how_certain_it_is() -> None:
+    """As predict has it where the velocity is certain, not at all where it is not told from rest."""
+    mean = np.array([[0.3, -0.1, 0.2], [0.1, 0.2, -0.1], [0.5, -1.0, 0.3], [2.0, 1.0, -3.0]])
+    belief = start(KalmanParams(), 0.0, mean[0], 1e-6 * np.eye(3))._replace(mean=mean)
+    for std, share in ((1e-6, 1.0), (0.2, 0.0)):
+        track = Track3D(0.0, mean, std**2 * np.eye(12), 0.03, 0.0, Status.TRACKING)
+        p, v = kalman.ahead(KalmanParams(), track, 0.1, 0.05)
+        then, midway = predict(KalmanParams(), belief, 0.1).mean, predict(KalmanParams(), belief, 0.125).mean
+        np.testing.assert_allclose(p, mean[0] + share * (then[0] - mean[0]), atol=1e-6)
+        np.testing.assert_allclose(v, share * midway[1], atol=1e-6)

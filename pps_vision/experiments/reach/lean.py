@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from control import fixation, lean
+from control import fixation, head, lean
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.lean import LeanParams, LeanStatus
 from learning.reach.labels import ReachOracle
@@ -70,7 +70,7 @@ def attempt(
         if status != "leaning":
             break
         dq = command.dq_rad_s
-        carried = compensates * lean.carried_velocity(posture, point, dq)
+        carried = compensates * head.carried_velocity(posture, point, dq)
         gaze_command = fixation.step(FixationParams(), posture, point, -carried, _DT_S, t)
         turned += _DT_S * float(np.linalg.norm(dq[torso]))
         q, t = robot.clamp(q + _DT_S * (dq + gaze_command.dq_rad_s)), t + _DT_S

@@ -1,0 +1,103 @@
+"""Fixate a point with six joints: the eyes converge fast, the neck follows, and the eyes turn back as it does.
+
+The structure and the gains of the eyes are those of the iCub's own controller (Roncone et al., RSS 2016; FACTS §5).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from control.differential_kinematics import rate_limits, solve_rates, within_change
+from control.fixation import checked_target, features
+from control.limits import MAX_HOLD_S, LimitParams, change_limits, check_times, fastest
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.types import Array, JointVelocity
+
+# Least-squares weights of the rates, in units of the features: damping; the neck gives way where the eyes cannot make
+# up for it, and its roll to yaw and pitch.
+_WEIGHT, _NECK_WEIGHT, _ROLL_WEIGHT = 1e-3, 0.05, 0.05
+
+
+@dataclass(frozen=True)
+class NeckAndEyesParams:
+    """Gains and limits."""
+
+    eyes_per_s: float = 12.5
+    """Rate at which the eyes reduce the fixation error (FACTS §5); stable below 2 by the time between two commands."""
+    neck_per_s: float = 8.0
+    """Rate at which the neck turns to where the eyes would look straight ahead (`bench fixation`)."""
+    limits: LimitParams = field(default_factory=LimitParams)
+    """Rates and accelerations."""
+
+
+def step(
+    params: NeckAndEyesParams,
+    posture: Posture,
+    p_root: ArrayLike,
+    v_root: ArrayLike = (0.0, 0.0, 0.0),
+    dt_s: float = MAX_HOLD_S,
+    stamp_s: float = 0.0,
+    last: JointVelocity | None = None,
+) -> JointVelocity:
+    """Rates of neck and eyes towards fixation of a point.
+
+    The neck turns to the posture in which the eyes, at their present vergence, would see the point straight ahead with
+    tilt, version and the neck's roll at zero: this restoring posture resolves the redundancy.  Together they null x of
+    `fixation.features`, J q̇ = −k x − ∂x/∂p v, so that the eyes turn back as the neck comes, at rates near the neck's.
+    `p_root` (3,) m is the target at `stamp_s` and `v_root` (3,) m/s its velocity, less that of a point which the trunk
+    carries (`head.carried_velocity`: the vestibulo-ocular reflex).  Rates may be held for `dt_s`; their change from the
+    `last` command keeps the acceleration limits.  InputError as in `fixation.step`.
+    """
+    check_times("neck and eyes", stamp_s, dt_s)
+    p, v = checked_target(p_root, v_root)
+    robot = posture.robot
+    neck, eyes = joints(robot)
+    lower, upper = _range(params.limits, posture, dt_s, stamp_s, last)
+    preferred, weights = np.zeros(robot.n_joints), np.full(robot.n_joints, _WEIGHT)
+    preferred[neck] = _follow(params, posture, neck, p, v, (lower[neck], upper[neck]))
+    weights[neck] = _NECK_WEIGHT
+    x, dx_dq, dx_dp = features(posture, p)
+    left, right = eyes[1:]
+    converging = np.zeros((1, robot.n_joints))  # the optical axes do not diverge
+    converging[0, left], converging[0, right] = -1.0, 1.0
+    most = [(posture.q_rad[left] - posture.q_rad[right]) / dt_s]
+    head, dq = neck + eyes, np.zeros(robot.n_joints)
+    limits = lower[head], upper[head]
+    task = dx_dq[:, head], -params.eyes_per_s * x - dx_dp @ v
+    dq[head] = solve_rates(*task, preferred[head], weights[head], limits, converging[:, head], most)
+    return JointVelocity(stamp_s, dq, dt_s)
+
+
+def joints(robot: Robot) -> tuple[list[int], list[int]]:
+    """Where the neck's joints (yaw, pitch, others such as roll) and the eyes' three are in the configuration vector."""
+    names = robot.names
+    moving = robot.moving(names.left_eye)
+    yaw, pitch, *eyes = names.gaze_joints
+    others = moving[min(moving.index(yaw), moving.index(pitch)) : moving.index(eyes[0])]
+    return robot.indices((yaw, pitch, *(j for j in others if j not in (yaw, pitch)))), robot.indices(tuple(eyes))
+
+
+def _follow(
+    params: NeckAndEyesParams, posture: Posture, neck: list[int], p: Array, v: Array, limits: tuple[Array, Array]
+) -> Array:
+    """Rates of the neck (k,) towards the posture in which the point is straight ahead of eyes that look ahead."""
+    robot = posture.robot
+    tilt, left, right = joints(robot)[1]
+    q = posture.q_rad.copy()
+    version = 0.5 * (q[left] + q[right])
+    q[tilt], q[left], q[right] = 0.0, q[left] - version, q[right] - version
+    x, dx_dq, dx_dp = features(robot.at(q), p)
+    wanted = -params.neck_per_s * x[1:] - dx_dp[1:] @ v
+    weights, preferred = np.full(len(neck), _ROLL_WEIGHT), -params.neck_per_s * posture.q_rad[neck]
+    weights[:2], preferred[:2] = _WEIGHT, 0.0
+    return solve_rates(dx_dq[1:, neck], wanted, preferred, weights, limits)
+
+
+def _range(
+    params: LimitParams, posture: Posture, hold_s: float, stamp_s: float, last: JointVelocity | None
+) -> tuple[Array, Array]:
+    """Lowest and highest rate (n_joints,) by the joints' ranges, rates and accelerations."""
+    robot = posture.robot
+    limits = rate_limits(posture.q_rad, robot.lower_rad, robot.upper_rad, fastest(params, robot), 1 / hold_s)
+    return within_change(limits, *change_limits(params, robot, stamp_s, last))

@@ -1,0 +1,28 @@
+"""Where a robot that obeys late will be, against a clock with small ticks."""
+
+import numpy as np
+import pytest
+
+from control.latency import posture_after
+from pps_vision.types import JointVelocity
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.03, 0.1, 0.23])
+def test_the_commands_on_the_way_are_obeyed_in_turn(rng: np.random.Generator, latency_s: float) -> None:
+    stamps = np.cumsum(rng.uniform(0.02, 0.2, 6))
+    commands = [JointVelocity(float(t), rng.normal(size=3), 0.1) for t in stamps]  # some end before the next
+    q0, from_s, until_s = rng.normal(size=3), 0.11, 0.9
+    expected, ticks = q0.copy(), np.arange(from_s, until_s, 1e-4)
+    for t in ticks:
+        begun = [c for c in commands if c.stamp_s + latency_s <= t]
+        if begun and t < begun[-1].stamp_s + latency_s + begun[-1].valid_s:
+            expected += 1e-4 * begun[-1].dq_rad_s
+    np.testing.assert_allclose(posture_after(q0, commands, from_s, until_s, latency_s), expected, atol=2e-3)
+
+
+def test_nothing_moves_in_no_time_or_without_commands() -> None:
+    q = np.arange(3.0)
+    command = JointVelocity(0.0, np.ones(3), 0.5)
+    np.testing.assert_array_equal(posture_after(q, [command], 0.2, 0.2), q)
+    np.testing.assert_array_equal(posture_after(q, [], 0.0, 1.0), q)
+    np.testing.assert_array_equal(posture_after(q, [command], 0.5, 1.0), q)
