@@ -58,7 +58,7 @@ def read_matrices(file: Path, text: str, cameras: tuple[int, int] = (0, 1)) -> M
     if not isinstance(content, Mapping):
         return None
     if "projection_matrix" in content:
-        return _ros(file, content)
+        return ros_matrices(file, content)
     if "T_BS" in content:
         return _intrinsics(file, content) | {"pose": inverse(_numbers(file, content, "T_BS", 4, 4))}
     if "cam0" in content and "cam1" in content:
@@ -83,8 +83,10 @@ def _intrinsics(file: Path, content: Mapping[str, Any]) -> Matrices:
     return _sized(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), _numbers(file, content, key), width, height)
 
 
-def _ros(file: Path, content: Mapping[str, Any]) -> Matrices:
-    """p_rectified = R p_camera, and P = [K' | K' t] of the rectified camera, which is t beside the left one."""
+def ros_matrices(file: Path, content: Mapping[str, Any]) -> Matrices:
+    """The matrices of a camera_info; InputError if it cannot be used.
+
+    p_rectified = R p_camera, and P = [K' | K' t] of the rectified camera, which is t beside the left one."""
     _check_lens(file, content)
     P = _numbers(file, content, "projection_matrix", 3, 4)
     beside = transform(None, _translation(file, P))

@@ -53,14 +53,19 @@ class ImageFile:
             data = read_bytes(self.path, "an image")
         except InputError as error:
             return f"cannot be opened ({error.args[1].partition(';')[0]})"
-        try:
-            n_pixels = _pixels_stated(data)
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if n_pixels <= MOST_PIXELS else None
-        except (cv2.error, OSError):
-            return "cannot be decoded"
-        if n_pixels > MOST_PIXELS:
-            return f"states {n_pixels} pixels, over {MOST_PIXELS}"
-        return "cannot be decoded" if image is None else np.asarray(image, dtype=np.uint8)
+        return decode_bytes(data)
+
+
+def decode_bytes(data: bytes) -> Image | str:
+    """The image of a file's content as RGB uint8, or what is wrong with it."""
+    try:
+        n_pixels = _pixels_stated(data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_RGB) if n_pixels <= MOST_PIXELS else None
+    except (cv2.error, OSError):
+        return "cannot be decoded"
+    if n_pixels > MOST_PIXELS:
+        return f"states {n_pixels} pixels, over {MOST_PIXELS}"
+    return "cannot be decoded" if image is None else np.asarray(image, dtype=np.uint8)
 
 
 def number_in(path: Path) -> int | None:

@@ -36,8 +36,9 @@ def open_recording(
 
     Args:
         folder: Folder of an iCub's recording in yarpdatadumper layout, as `render` writes it; an EuRoC or KITTI folder;
-            or a video with the left image in its left half.
+            a ROS bag; or a video with the left image in its left half.
         left: Instead of `folder`: left images as a folder, patterns such as "seq/left*.png" or file names; or a video.
+            With a ROS bag: the topic of the left images.
         right: Right images, paired with the left ones by stamp, or with `fps` by the last number in their names.
         calib: Calibration of `left` and `right` of OpenCV, Kalibr, ROS, KITTI, EuRoC or aniposelib; with `folder`
             instead of its own.
@@ -52,7 +53,7 @@ def open_recording(
     Raises:
         InputError: Nothing usable is there; names the file, the line and what was expected.
     """
-    if (folder is None) == (not left and not right):
+    if folder is None and not left and not right:
         raise InputError("recording", "expected either REC, or left and right images or videos with calib")
     source = Source(
         folder=None if folder is None else Path(folder),
@@ -71,8 +72,10 @@ def open_recording(
         raise InputError(source.folder, "no such folder; expected a recording, or a side-by-side video")
     names = sorted(module.name for module in iter_modules(formats.__path__))
     known = [import_module(f"{formats.__name__}.{name}") for name in names]
-    for module in known:
-        if module.recognises(source):
-            recording: Recording = module.open_source(source)
-            return recording
-    raise InputError(str(source.folder), f"expected {'; or '.join(module.FORMAT for module in known)}")
+    module = next((module for module in known if module.recognises(source)), None)
+    if source.folder is not None and (left or right) and not getattr(module, "TAKES_TOPICS", False):
+        raise InputError("recording", "expected either REC, or left and right images or videos with calib")
+    if module is None:
+        raise InputError(str(source.folder), f"expected {'; or '.join(module.FORMAT for module in known)}")
+    recording: Recording = module.open_source(source)
+    return recording

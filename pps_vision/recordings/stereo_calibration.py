@@ -57,19 +57,25 @@ def read_stereo_calibration(
     Raises:
         InputError: A file cannot be read, or a matrix is missing or invalid.
     """
+    return cameras_of([(path, _read(path, kitti)) for path in paths], image_size, unit_m)
+
+
+def cameras_of(
+    files: Sequence[tuple[Path, Mapping[str, Array]]], image_size: tuple[int, int], unit_m: float = 1.0
+) -> tuple[Camera, Camera, Array]:
+    """The same of matrices that have been read, with the file that each is from."""
     if not 0 < unit_m < float("inf"):
         raise InputError("calibration", f"unit_m {unit_m}; expected the positive length of the unit in metres")
     entries: dict[str, Entry] = {}
     sides = ["1", "2"]
-    for path in paths:
-        found = _read(path, kitti)
+    for path, found in files:
         if "K" in found:
             if not sides:
                 raise InputError(path, "is one camera more than two; expected a left and a right one")
             side = sides.pop(0)
             found = {key + side * (key in _OF_ONE_CAMERA): value for key, value in found.items()}
         entries |= {key: (path, value) for key, value in found.items()}
-    names = ", ".join(map(str, paths))
+    names = ", ".join(dict.fromkeys(str(path) for path, _ in files))
     left, right = (_camera(names, entries, side, image_size) for side in ("1", "2"))
     if "pose1" in entries and "pose2" in entries:
         T_right_left = entries["pose2"][1] @ inverse(entries["pose1"][1])

@@ -21,10 +21,11 @@ class SourceOptions:
     """One recording, or any stereo images or videos."""
 
     rec: Positional[Path | None] = None
-    """Recording: an iCub's folder (yarpdatadumper layout), an EuRoC or KITTI folder, or a video with the left image in
-    its left half."""
+    """Recording: an iCub's folder (yarpdatadumper layout), an EuRoC or KITTI folder, a ROS bag, or a video with the
+    left image in its left half."""
     left: tuple[str, ...] = ()
-    """Left images: a folder, a pattern in quotes such as 'seq/left*.png', or the files themselves; or a video."""
+    """Left images: a folder, a pattern in quotes such as 'seq/left*.png', or the files themselves; or a video.
+    Of a ROS bag: the topic, where its name does not hold "left"."""
     right: tuple[str, ...] = ()
     """Right images, paired with the left ones by stamp, or with --fps by the last number in their names; or a video."""
     calib: tuple[Path, ...] = ()

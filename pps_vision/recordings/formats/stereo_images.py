@@ -10,7 +10,7 @@ from statistics import median_low
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.recordings.image_file import ImageFile, number_in, stamp_in
 from pps_vision.recordings.image_sequence import images_in, natural_order
 from pps_vision.recordings.problems import Problem, ProblemKind
@@ -26,6 +26,7 @@ from pps_vision.recordings.recording import (
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.times import Times, read_times
 from pps_vision.recordings.video import is_video
+from pps_vision.types import Array
 
 FORMAT = "left and right images with calib"
 _BASELINE_M = (1e-5, 1e4)  # of any two cameras; products of larger or smaller numbers leave the range of doubles
@@ -67,10 +68,14 @@ def fixed_rig(
     calib: Sequence[Path], image_size: tuple[int, int], unit_m: float, kitti: tuple[int, int] = (0, 1)
 ) -> StereoRig:
     """Two cameras that do not move against each other; InputError for a calibration that cannot be one."""
-    cameras = read_stereo_calibration(calib, image_size, unit_m, kitti)
+    return rig_of(read_stereo_calibration(calib, image_size, unit_m, kitti), calib[-1])
+
+
+def rig_of(cameras: tuple[Camera, Camera, Array], file: Path) -> StereoRig:
+    """Two cameras, with their pose to each other, that do not move; InputError, naming the file, if they cannot be."""
     baseline_m = float(np.max(np.abs(cameras[2][:3, 3])))
     if not _BASELINE_M[0] <= baseline_m <= _BASELINE_M[1]:
-        raise InputError(calib[-1], f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
+        raise InputError(file, f"the cameras are {baseline_m:.3g} m apart; expected 0.01 mm to 10 km")
     return StereoRig.fixed(*cameras)
 
 

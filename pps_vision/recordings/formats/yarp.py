@@ -63,7 +63,7 @@ def open_source(source: Source) -> Recording:
     touches = read_touches(ports["skin"], virtual, problems) if "skin" in ports else ()
     eyes = [_read_images(ports[side], problems) for side in ("left", "right")]
     pairs = pair_by_stamp(eyes[0], eyes[1], source.max_skew_s, problems)
-    posed = _with_joints(pairs, joints, problems, setup, offsets_rad)
+    posed = with_joints(pairs, joints, problems, setup, offsets_rad)
     image_size = usual_size(folder, posed, problems)
     own, truth = folder / "icubEyes.ini", folder / "truth.csv"
     eyes_file = source.calib[0] if source.calib else own if own.exists() else None
@@ -113,7 +113,7 @@ def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Arr
     return np.array(stamps), np.array(samples)
 
 
-def _with_joints(
+def with_joints(
     pairs: tuple[Pair, ...],
     joints: dict[str, tuple[Array, Array]],
     problems: list[Problem],

@@ -1,0 +1,220 @@
+"""Small bags that rosbags writes: ROS 1, ROS 2 and MCAP, raw and compressed images, calibration and joints."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from pps_vision.errors import InputError
+from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.recording import Recording
+from pps_vision.robot.icub import icub_setup
+
+START_S = 1512784563
+SIZE = (24, 16)
+N = 5
+KINDS = ("ros1.bag", "ros2", "ros2_mcap", "one.mcap")
+
+
+class Bag:
+    """A bag of one kind, as a context manager, that writes messages by their fields."""
+
+    def __init__(self, folder: Path, kind: str) -> None:
+        self.one = kind == "ros1.bag"
+        self.store = get_typestore(Stores.ROS1_NOETIC if self.one else Stores.ROS2_JAZZY)
+        self.path = folder / kind
+        self._folder = folder / "written" if kind == "one.mcap" else self.path
+        plugin = StoragePlugin.MCAP if "mcap" in kind else StoragePlugin.SQLITE3
+        self._writer: Any = Writer1(self.path) if self.one else Writer2(self._folder, version=9, storage_plugin=plugin)
+        self._topics: dict[str, Any] = {}
+
+    def __enter__(self) -> "Bag":
+        self._writer.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.close()
+        if self._folder != self.path:
+            next(self._folder.glob("*.mcap")).rename(self.path)
+
+    def message(self, kind: str, **fields: object) -> Any:
+        return self.store.types[kind](**fields)
+
+    def header(self, stamp_s: float) -> Any:
+        nanoseconds = round(stamp_s * 1e9)
+        stamp = self.message("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        return self.message("std_msgs/msg/Header", stamp=stamp, frame_id="", **({"seq": 0} if self.one else {}))
+
+    def write(self, topic: str, message: Any, received_s: float) -> None:
+        kind = message.__msgtype__
+        if topic not in self._topics:
+            self._topics[topic] = self._writer.add_connection(topic, kind, typestore=self.store)
+        data = self.store.serialize_ros1(message, kind) if self.one else self.store.serialize_cdr(message, kind)
+        self._writer.write(self._topics[topic], round(received_s * 1e9), data)
+
+    def image(self, image: np.ndarray, encoding: str, stamp_s: float) -> Any:
+        wide = np.pad(image.reshape(image.shape[0], -1), ((0, 0), (0, 3)))  # rows may be longer than their pixels
+        return self.message(
+            "sensor_msgs/msg/Image",
+            header=self.header(stamp_s),
+            height=image.shape[0],
+            width=image.shape[1],
+            encoding=encoding,
+            is_bigendian=0,
+            step=wide.shape[1],
+            data=wide.ravel(),
+        )
+
+    def camera_info(self, P: np.ndarray, size: tuple[int, int] = SIZE, D: tuple[float, ...] = (0, 0, 0, 0, 0)) -> Any:
+        fields = {"k": P[:, :3].ravel(), "d": np.array(D, float), "r": np.eye(3).ravel(), "p": P.ravel()}
+        roi = self.message(
+            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        )
+        return self.message(
+            "sensor_msgs/msg/CameraInfo", header=self.header(0), height=size[1], width=size[0], roi=roi,
+            distortion_model="plumb_bob", binning_x=0, binning_y=0,
+            **{key.upper() if self.one else key: value for key, value in fields.items()},
+        )  # fmt: skip
+
+    def joints(self, names: list[str], position: list[float], stamp_s: float) -> Any:
+        empty = np.zeros(0)
+        return self.message(
+            "sensor_msgs/msg/JointState",
+            header=self.header(stamp_s),
+            name=names,
+            position=np.array(position, float),
+            velocity=empty,
+            effort=empty,
+        )
+
+
+def projection(baseline_m: float) -> np.ndarray:
+    return np.array([[30.0, 0, 11.5, -30 * baseline_m], [0, 30, 7.5, 0], [0, 0, 1, 0]])
+
+
+def images() -> np.ndarray:
+    return np.random.default_rng(5).integers(0, 256, (2, N, SIZE[1], SIZE[0], 3), dtype=np.uint8)
+
+
+def stamp(side: int, k: int) -> float:
+    return START_S + 0.05 * k + 0.004 * side
+
+
+def write(folder: Path, kind: str, with_joints: bool = False, calibrated: bool = True) -> Path:
+    """Images that arrive late and a while after each other; raw on the left, PNG on the right."""
+    shown = images()
+    with Bag(folder, kind) as bag:
+        for side, (name, baseline_m) in enumerate((("left", 0.0), ("right", 0.12))):
+            if calibrated:
+                bag.write(f"/stereo/{name}/camera_info", bag.camera_info(projection(baseline_m)), START_S)
+            for k in range(N):
+                at = stamp(side, k)
+                if side == 0:
+                    bag.write("/stereo/left/image_raw", bag.image(shown[0, k][..., ::-1], "bgr8", at), at + 0.3)
+                else:
+                    data = cv2.imencode(".png", shown[1, k][..., ::-1])[1].ravel()
+                    kind_ = "sensor_msgs/msg/CompressedImage"
+                    message = bag.message(kind_, header=bag.header(at), format="png", data=data)
+                    bag.write("/stereo/right/image_raw/compressed", message, at + 0.1)
+        if with_joints:
+            robot = icub_setup().robot
+            for k in range(-2, 22):
+                q = 0.01 * k * np.arange(1, robot.n_joints + 1)
+                bag.write(
+                    "/joint_states", bag.joints(list(robot.joint_names), q.tolist(), START_S + 0.0125 * k), START_S
+                )
+    return bag.path
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_is_read(tmp_path: Path, kind: str) -> None:
+    recording = open_recording(write(tmp_path, kind))
+    shown = images()
+    for _ in range(2):  # again from the beginning
+        frames = list(recording)
+        assert len(frames) == N
+        for k, frame in enumerate(frames):
+            np.testing.assert_array_equal(frame.left, shown[0, k])
+            np.testing.assert_array_equal(frame.right, shown[1, k])
+            assert (frame.stamp_left_s, frame.stamp_right_s) == pytest.approx((stamp(0, k), stamp(1, k)), abs=1e-6)
+    np.testing.assert_array_equal(recording.pairs[1][0].load(), shown[0, 1])  # and out of order
+    assert recording.problems == []
+    view = recording.rig.view()
+    np.testing.assert_allclose(view.right.center, [0.12, 0, 0], atol=1e-12)
+    assert (recording.rig.left.fx, recording.rig.left.cx) == (30, 11.5)
+
+
+def test_joints_of_a_robot_are_interpolated(tmp_path: Path) -> None:
+    setup = icub_setup()
+    recording: Recording = open_recording(write(tmp_path, "ros2_mcap", with_joints=True), robot=setup)
+    assert recording.robot is setup.robot
+    for k, frame in enumerate(recording):
+        for side, q in enumerate((frame.joints_left_rad, frame.joints_right_rad)):
+            expected = 0.01 * (stamp(side, k) - START_S) / 0.0125 * np.arange(1, setup.robot.n_joints + 1)
+            np.testing.assert_allclose(q, expected, atol=1e-5)
+
+
+def test_encodings(tmp_path: Path) -> None:
+    """Grey, alpha, and Bayer patterns of one colour, whose inside is that colour."""
+    grey = images()[0, 0, ..., :1]
+    bayer = np.zeros((SIZE[1], SIZE[0], 1), np.uint8)
+    bayer[::2, ::2] = 200  # red where rows and columns are even
+    rgba = np.dstack([images()[0, 0], grey])
+    written = {"mono8": grey, "rgba8": rgba, "bayer_rggb8": bayer, "bayer_bggr8": bayer, "yuv9": grey}
+    with Bag(tmp_path, "ros2") as bag:
+        for k, (encoding, image) in enumerate(written.items()):
+            for side in ("left", "right"):
+                bag.write(f"/{side}", bag.image(image, encoding, 10 + k), 10 + k)
+    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
+    K = projection(0)[:, :3]
+    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.12, 0, 0])}.items():
+        storage.write(key, value)
+    storage.release()
+    recording = open_recording(bag.path, calib=[tmp_path / "calib.yml"])
+    loaded = [pair[0].load() for pair in recording.pairs]
+    np.testing.assert_array_equal(loaded[0], np.repeat(grey, 3, axis=2))
+    np.testing.assert_array_equal(loaded[1], images()[0, 0])
+    for image, channel in ((loaded[2], 0), (loaded[3], 2)):
+        inside = np.asarray(image)[4:-4, 4:-4].mean(axis=(0, 1))
+        assert inside[channel] == 200
+        assert inside.sum() == 200
+    assert "encoding 'yuv9'" in str(loaded[4])
+    list(recording)
+    assert "encoding 'yuv9'" in str(recording.problems[0])
+
+
+def test_what_a_bag_lacks(tmp_path: Path) -> None:
+    bag = write(tmp_path, "ros2", calibrated=False)
+    with pytest.raises(InputError, match=r"no /stereo/left/camera_info; expected a calibration"):
+        open_recording(bag)
+    with pytest.raises(InputError, match=r"no topic /a among /stereo/left/image_raw, /stereo/right"):
+        open_recording(bag, left=["/a"], right=["/stereo/left/image_raw"])
+    bag = write(tmp_path, "ros1.bag")
+    with pytest.raises(InputError, match="no JointState with all joints of head"):
+        open_recording(bag, robot=icub_setup())
+    with pytest.raises(InputError, match="either REC, or left and right"):
+        open_recording(tmp_path, left=["a"], right=["b"], calib=["c"])
+
+
+@pytest.mark.parametrize("kind", ["ros1.bag", "one.mcap"])
+def test_damaged_bags_are_read_or_refused(tmp_path: Path, kind: str) -> None:
+    sound = write(tmp_path, kind).read_bytes()
+    rng = np.random.default_rng(3)
+    ends = set()
+    for k in range(25):
+        content = bytearray(sound[: int(rng.integers(len(sound)))] if k % 3 == 0 else sound)
+        for at in rng.integers(0, len(content), 1 + k):
+            content[at] = rng.integers(256)
+        (tmp_path / kind).write_bytes(content)
+        try:
+            ends.add(len(list(open_recording(tmp_path / kind))))
+        except InputError as error:
+            ends.add("refused" if kind in str(error) else str(error))
+    assert "refused" in ends
+    assert all(end == "refused" or isinstance(end, int) for end in ends)
