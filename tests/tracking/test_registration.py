@@ -7,7 +7,7 @@ import pytest
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image
-from tracking.registration import Reference
+from tracking.registration import Reference, _fitted_rotation
 
 CAMERA = Camera(320, 240, 280.0, 280.0, 159.5, 119.5)
 STILL = View(CAMERA, np.eye(4))
@@ -89,3 +89,34 @@ def test_a_plain_wall_has_no_corners(rng: np.random.Generator) -> None:
     reference = Reference(CAMERA, plain, np.eye(4))
     assert not reference.has_corners
     assert not reference.is_still(plain)
+
+
+def test_the_stated_covariance_is_the_scatter_of_the_rotations(rng: np.random.Generator) -> None:
+    """Of 400 fits to directions with Gaussian noise; the weights of a robust fit cost a little, which is not stated."""
+    n, noise = 60, 1e-3
+    before = rng.standard_normal((n, 3)) * (0.3, 0.1, 0.0) + (0.2, 0.0, 1.0)
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    turn = np.array([0.02, -0.03, 0.01])
+    exact = before @ cv2.Rodrigues(turn)[0]  # exp(w)ᵀ turns each of them
+    found, stated = [], []
+    for _ in range(400):
+        after = exact + noise * rng.standard_normal(exact.shape)
+        after /= np.linalg.norm(after, axis=1, keepdims=True)
+        w, cov, _, agreeing = _fitted_rotation(before, after, np.zeros(3), np.zeros(3), (1e-4, 1e-2))
+        assert agreeing > n / 2
+        found.append(w - turn)
+        stated.append(cov)
+    share = np.linalg.eigvals(np.linalg.solve(np.mean(stated, axis=0), np.cov(np.array(found).T)))
+    assert ((share > 0.7) & (share < 1.5)).all()
+    assert np.abs(np.mean(found, axis=0)).max() < 4 * np.sqrt(np.mean(stated, axis=0).diagonal().max() / 400)
+
+
+def test_the_shift_of_all_points_turns_what_follows_it() -> None:
+    """A translation of all points: to first order its rotation is that of a fit to the moved points."""
+    before = np.array([[0.3, 0.1, 1.0], [-0.2, 0.2, 1.0], [0.1, -0.3, 1.0], [-0.1, -0.1, 1.0], [0.2, 0.3, 1.0]])
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    shift = np.array([1e-5, -2e-5, 0.0])
+    cut = (1e-3, 1e-2)  # no vector counts less
+    _, _, following, _ = _fitted_rotation(before, before.copy(), np.zeros(3), shift, cut)
+    turned, _, _, _ = _fitted_rotation(before, before + shift, np.zeros(3), shift, cut)
+    np.testing.assert_allclose(following, turned, rtol=0.02, atol=1e-8)
