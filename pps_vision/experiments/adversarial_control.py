@@ -6,7 +6,9 @@ long as a command is valid.
 
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,8 @@ from control.limits import LimitParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.errors import InputError
+from pps_vision.experiments.study import Study, run_parts
+from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -30,6 +34,44 @@ _COUNTERS = "refused", "modes", "starts"
 _LIMITS = LimitParams()
 _TOLERANCE = 1e-9  # rad, rad/s
 _DISTANCE_TOLERANCE_M = 1e-5
+_EPISODE = 400  # frames
+_PART = 50 * _EPISODE  # frames that are kept when a run is interrupted; every kind of start and path is in it
+
+
+@dataclass(frozen=True)
+class AdversarialControl(Study):
+    """Impossible tracks, stamps and postures for the control: what is refused, and whether every limit holds.
+
+    A fault is any exception but InputError, a limit of the robot that is left, or an earlier violation that grows.
+    """
+
+    steps: int = 1_000_000
+    """Frames."""
+    seed: int = 0
+    """Seed of the episodes."""
+
+    def run(self) -> dict[str, Any]:
+        """Return what the attack found; an interrupted run goes on."""
+        parts: dict[str, Callable[[], Any]] = {
+            f"control {begun}": partial(_attack_json, min(_PART, self.steps - begun), self.seed, begun // _EPISODE)
+            for begun in range(0, self.steps, _PART)
+        }
+        found = Outcome()
+        for part in run_parts(self, parts).values():
+            found.add(Outcome.of_json(part))
+        return found.to_json()
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return one row: frames, faults, and the smallest self-collision distance from a start above the limit."""
+        refused = sum(numbers["refused"].values())
+        smallest = f"{numbers['smallest_distance_mm']:.2f}"
+        cells = numbers["steps"] - refused, refused, len(numbers["faults"]), smallest, numbers["freed"]
+        header = ["frames accepted", "refused", "faults", "smallest self-distance (mm)", "episodes freed from nearer"]
+        return {"": Table(header, [[*map(str, cells)]])}
+
+
+def _attack_json(steps: int, seed: int, first: int) -> dict[str, Any]:
+    return attack(steps, seed, _EPISODE, first).to_json()
 
 
 @dataclass

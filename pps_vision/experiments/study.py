@@ -6,13 +6,17 @@ dataclass derived from `Study`. `pps-vision bench` finds it there; its name is t
 """
 
 import ast
+import hashlib
+import json
 import os
+import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from tempfile import gettempdir
 from time import process_time
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -21,6 +25,7 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from pps_vision.errors import InputError
+from pps_vision.recordings.outputs import whole_file, write_json
 from pps_vision.types import Array
 
 if TYPE_CHECKING:
@@ -46,6 +51,7 @@ _LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
 
 SHORT: Mapping[str, Mapping[str, Any]] = {
     "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2},
+    "adversarial_control": {"steps": 200},
     "constants": {"cases": ("vivid, red",), "only": "confirm_frames"},
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
@@ -67,7 +73,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "reach_severity": {"n_labels": 200},
     "reach_solvers": {"n": 100, "n_single": 10},
     "reach_whole_paper": {"n_tried": 500, "labels": 600, "labels_of_j": 600},
-    "robustness": {"commands": ("track2d", "trials"), "mutants": 3, "steps": 200},
+    "robustness": {"commands": ("track2d", "trials"), "mutants": 3},
     "trigger": {"watched": 1},
 }
 """Parameters of a short run, which shows that every study works but measures nothing: by study, "" for all."""
@@ -347,3 +353,31 @@ def load(entry: Entry) -> type[Study]:
     """Import a study's class."""
     cls: type[Study] = getattr(import_module(entry.module), entry.cls)
     return cls
+
+
+def run_parts(study: Study, tasks: Mapping[str, Callable[[], Any]]) -> dict[str, Any]:
+    """Do the tasks in turn and return their results by name, as JSON holds them.
+
+    Finished parts are kept in the system's folder for temporary files until all are, so that an interrupted run of the
+    same study by the same code goes on there.
+    """
+    kept = Path(gettempdir()) / f"pps-vision-{_fingerprint(study)}"
+    parts = {}
+    for name, do in tqdm(tasks.items(), disable=None):
+        file = kept / f"{name}.json"
+        if not file.exists():
+            found = do()
+            with whole_file(file) as partial_file:
+                write_json(partial_file, found)
+        parts[name] = json.loads(file.read_text())
+    shutil.rmtree(kept)
+    return parts
+
+
+def _fingerprint(study: Study) -> str:
+    """A name of the study's parameters and of all code."""
+    root, digest = Path(__file__).parents[2], hashlib.sha256(repr(study).encode())
+    for package in ("pps_vision", "rendering", "tracking", "learning", "control"):
+        for file in sorted((root / package).rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""Adversarial tracks, stamps and postures against the pipeline's control; the long run is in `bench robustness`."""
+"""Adversarial tracks, stamps and postures against the control; at length in `bench adversarial_control`."""
 
 from dataclasses import replace
 
