@@ -64,6 +64,22 @@ def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
     assert np.linalg.norm(goal) <= smallest + PARAMS.spacing_rad
 
 
+def test_the_limits_themselves_are_tried():
+    """A torso with one posture that reaches: at its upper limits, where a map says so of nothing else."""
+    robot_limit = ROBOT.upper_rad[TORSO]
+    spacing = (ROBOT.upper_rad[TORSO] - ROBOT.lower_rad[TORSO])[0] / 8
+
+    def only_at_the_limit(gaze):
+        reaches = np.zeros(len(gaze), dtype=bool)
+        reaches[-1] = True  # postures are tried from the lower to the upper limits
+        return reaches
+
+    params = LeanParams(torso_rad_s=10.0, spacing_rad=spacing)
+    status, command = lean.step(params, MODEL, LIMITS, only_at_the_limit, ROBOT.at(START), ASIDE, 0.5, 3.0)
+    assert status == "leaning"
+    assert command.dq_rad_s[TORSO][0] * 0.5 == pytest.approx(robot_limit[0] - START[TORSO][0], abs=1e-6)
+
+
 def test_the_last_step_does_not_pass_the_goal():
     """However fast the torso, held to its end the command ends where the object is reachable, within the limits."""
     status, command = step(START, ASIDE, dt_s=0.5, params=AT_ONCE)

@@ -44,6 +44,13 @@ def test_another_radius_scales_the_whole(name: StimulusName) -> None:
         assert np.allclose(large.mesh.vertices, 2 * small.mesh.vertices, atol=1e-12)
 
 
+def test_an_octopus_is_the_same_on_both_sides_of_its_face() -> None:
+    eyes = [part.mesh for part in make_stimulus("octopus").parts if max(part.color) == min(part.color)]
+    both = np.sort([mesh.vertices * (1, np.sign(mesh.centroid[1]), 1) for mesh in eyes], axis=1)
+    assert len(eyes) == 4
+    np.testing.assert_allclose(both[:2], both[2:], atol=1e-4)
+
+
 def test_usual_sizes() -> None:
     assert [make_stimulus(n).radius_m for n in ("marker", "ball", "cube", "octopus")] == [0.010, 0.035, 0.030, 0.040]
 

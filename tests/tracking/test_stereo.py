@@ -4,6 +4,7 @@ more; and what is stated of objects that are no balls."""
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -195,6 +196,30 @@ def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be() -> None:
     assert behind == pytest.approx(ball.radius_m**2 / z, rel=0.1)
     assert flat.cov_root[2, 2] - ball.cov_root[2, 2] == pytest.approx(behind**2 / 3, rel=0.2)
     assert 0 < flat.cov_root[0, 0] - ball.cov_root[0, 0] < behind**2 / 6
+
+
+@pytest.mark.parametrize("radius_m", [0.012, 0.03, 0.06])
+def test_a_ball_that_is_out_of_focus_is_not_taken_for_what_is_flat(radius_m: float) -> None:
+    """Images of balls of 10–50 px radius, blurred by √2 px: at most a tenth of what is stated of a square."""
+    association, optics = Association.untrained(StereoParams(unknown_error=1e-9), 320), Optics(CAMERA)
+    center, outlines = np.array([0.034, 0.0, 0.5]), []
+    for eye in (VIEW.left, VIEW.right):
+        radius, (u, v) = radius_m / 0.5 * CAMERA.focal_px, eye.project(center)
+        half = int(radius + 8)
+        x0, y0 = int(u) - half, int(v) - half
+        x, y = np.meshgrid(np.arange(x0, x0 + 2 * half) - u, np.arange(y0, y0 + 2 * half) - v)
+        sharp = np.clip(radius - np.hypot(x, y) + 0.5, 0, 1)
+        alpha = cv2.GaussianBlur(sharp, (0, 0), np.sqrt(2)).astype(np.float32)
+        found = outline(Coverage(alpha, np.zeros_like(alpha), (x0, y0, x0 + 2 * half, y0 + 2 * half)), optics)
+        assert found is not None
+        outlines.append(found)
+    stated = [
+        association.observe(VIEW, *(replace(one, non_circularity=value) for one in outlines), 0.0)
+        for value in (0.0, 0.5 * (outlines[0].non_circularity + outlines[1].non_circularity), 0.2)
+    ]
+    round_, blurred, flat = (observation.cov_root[2, 2] for observation in stated if observation is not None)
+    assert blurred - round_ <= 0.1 * (flat - round_)
+    assert flat > round_
 
 
 def test_eyes_that_look_one_after_the_other_are_brought_to_one_moment() -> None:
