@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rendering.motions import Approach, Jerk, Motion, Recede, Target, make_motion
+from rendering.motions import Approach, Jerk, Motion, Recede, Target, make_motion, make_reach
 from rendering.names import MotionName
 
 CENTER = np.array([-0.3, -0.1, 0.12])
@@ -79,6 +79,23 @@ def test_starts_fill_the_cap_around_the_normal_evenly() -> None:
     cosine = starts @ normal / np.linalg.norm(starts, axis=1)
     # on a sphere, area grows with the cosine: half of the cap lies below its mean
     assert np.mean(cosine < (1 + np.cos(np.deg2rad(45))) / 2) == pytest.approx(0.5, abs=0.1)
+
+
+def test_reaches_bow_as_stated_and_arrive_at_speed() -> None:
+    """At half of the path a curve has gone half of the way that its control point is aside, 0.15 of the length."""
+    rng, bows = np.random.default_rng(3), []
+    for _ in range(300):
+        reach = make_reach(rng, POINT, NORMAL, 0.3, 0.5)
+        path = np.array([reach(t)[0] for t in np.linspace(0, reach.arrives_s, 201)])
+        np.testing.assert_allclose(path[-1], POINT, atol=1e-6)
+        assert np.linalg.norm(path[0] - POINT) == pytest.approx(0.3)
+        assert (path[0] - POINT) @ NORMAL > 0
+        assert np.linalg.norm(reach(reach.arrives_s)[1]) > 0.05
+        chord = (path[-1] - path[0]) / 0.3
+        aside = (path - path[0]) - np.outer((path - path[0]) @ chord, chord)
+        middle = np.argmin(np.abs((path - path[0]) @ chord - 0.15))
+        bows.append(np.linalg.norm(aside[middle]))
+    assert np.sqrt(np.mean(np.square(bows)) / 2) == pytest.approx(0.075 * 0.3, rel=0.1)  # of two lateral axes
 
 
 def test_a_recede_is_an_approach_reversed() -> None:

@@ -61,8 +61,8 @@ def test_an_object_that_is_gone_gets_a_low_score_and_is_found_again(rng: np.rand
     scores = [tracker.step(_textured(k, rng)[0]).score for k in range(1, 15)]
     gone = [tracker.step(_textured(k, rng, hidden=True)[0]).score for k in range(15, 25)]
     back = [(tracker.step(image), box) for image, box in (_textured(k, rng) for k in range(25, 37))]
-    assert min(scores) >= LEAST_SCORE
-    assert max(gone) < LOST_SCORE
+    assert LEAST_SCORE <= min(scores) <= max(scores) <= 1
+    assert 0 <= min(gone) <= max(gone) < LOST_SCORE
     assert _overlap(back[-1][0].box_px, back[-1][1]) > 0.6
     assert back[-1][0].score >= LEAST_SCORE
 
@@ -106,7 +106,7 @@ def test_a_ball_that_vanishes_has_a_low_score_and_is_found_again(rng: np.random.
     tracker.start(_draw(scene, (200, 200), 20, rng), (180, 180, 40, 40))
     assert tracker.step(_draw(scene, (203, 200), 20, rng)).score > 0.8
     gone = tracker.step(np.clip(scene + 3 * rng.standard_normal(scene.shape), 0, 255).astype(np.uint8))
-    assert gone.score < LOST_SCORE
+    assert 0 <= gone.score < LOST_SCORE
     assert np.all(np.isfinite(gone.box_px))
     assert tracker.step(_draw(scene, (206, 200), 20, rng)).score > 0.8
 
