@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,13 +18,14 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from pps_vision.errors import InputError
-from pps_vision.recordings.outputs import locked_folder, whole_file
+from pps_vision.errors import InputError, first_line
+from pps_vision.recordings.outputs import BUSY, locked_folder, whole_file
 from pps_vision.recordings.tables import write_table
 from pps_vision.recordings.text import read_lines
 
 TABLE = ("name", "status", "pairs", "frames", "tracked_share", "position_rms_mm", "ms_per_pair", "reason")
 SETTINGS = "settings.json"
+_BUSY_S = 0.5  # between two looks at a recording that another run is tracking
 
 
 @dataclass(frozen=True)
@@ -82,13 +84,23 @@ def _flag(key: str) -> str:
     return f"--{key.replace('_', '-')}"
 
 
-def run_batch(jobs: Sequence[Job], options: Sequence[str], out: Path, workers: int) -> list[dict[str, object]]:
+def run_batch(
+    jobs: Sequence[Job], options: Sequence[str], out: Path, workers: int, scheduler: str | None = None
+) -> list[dict[str, object]]:
     """Track what is not finished and return a row of `TABLE` for each job, in their order; they are in batch.csv too.
 
-    A recording that cannot be tracked fails alone.  The results do not depend on `workers`.
+    A recording that cannot be tracked fails alone.  The results do not depend on where they are tracked.
+
+    Args:
+        jobs: What to track.
+        options: What `pps-vision track` is given for all.
+        out: Folder of the results.
+        workers: Processes on this machine.
+        scheduler: Address or scheduler file of a Dask cluster that does it instead.
 
     Raises:
         InputError: Another batch is writing to the folder, or has begun there with other options.
+        OSError: The cluster does not answer.
     """
     if workers < 1:
         raise InputError("batch", f"{workers} workers; expected at least 1")
@@ -104,19 +116,54 @@ def run_batch(jobs: Sequence[Job], options: Sequence[str], out: Path, workers: i
                 settings, f"{found}; expected the options that this folder was begun with, or another folder"
             )
 
-        def track(job: Job) -> str:
-            return _track(job, options, out, held)
-
-        with ThreadPoolExecutor(workers) as pool:
-            reasons = list(tqdm(pool.map(track, jobs), total=len(jobs), desc="batch", unit="recording", disable=None))
+        with tqdm(total=len(jobs), desc="batch", unit="recording", disable=None) as bar:
+            if scheduler:
+                reasons = _on_cluster(scheduler, jobs, options, out.resolve(), bar)
+            else:
+                reasons = []
+                with ThreadPoolExecutor(workers) as pool:
+                    for reason in pool.map(lambda job: _track(job, options, out, held), jobs):
+                        reasons.append(reason)
+                        bar.update()
         rows = [_row(job, out, reason) for job, reason in zip(jobs, reasons, strict=True)]
         with whole_file(out / "batch.csv") as partial:
             write_table(partial, TABLE, ([row[key] for key in TABLE] for row in rows))
     return rows
 
 
-def _track(job: Job, options: Sequence[str], out: Path, held: int) -> str:
-    """Track one recording unless it is finished; return why it failed, or ""."""
+def _on_cluster(scheduler: str, jobs: Sequence[Job], options: Sequence[str], out: Path, bar: tqdm) -> list[str]:
+    """`_track` of every job on the workers of a Dask cluster; a job whose worker dies goes to another."""
+    try:
+        from distributed import Client, as_completed
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        wanted = "the extra cluster: pip install 'pps-vision[cluster]'"
+        raise InputError("batch", f"--scheduler needs Dask; expected {wanted}") from error
+    where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
+    with Client(**where, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+        places = {client.submit(_track, job, options, out, pure=False): place for place, job in enumerate(jobs)}
+        reasons = [""] * len(jobs)
+        done = as_completed(list(places), loop=client.loop)  # type: ignore[no-untyped-call]
+        for future in done:
+            try:
+                reasons[places[future]] = future.result()
+            except KilledWorker as error:
+                reasons[places[future]] = f"the workers that tracked it died: {first_line(error)}"
+            bar.update()
+    return reasons
+
+
+def _track(job: Job, options: Sequence[str], out: Path, held: int | None = None) -> str:
+    """Track one recording unless it is finished; return why it failed, or "".
+
+    What a worker that died has started may still be at it, in which case its end is waited for.
+    """
+    while (reason := _track_once(job, options, out, held)).endswith(BUSY):
+        time.sleep(_BUSY_S)
+    return reason
+
+
+def _track_once(job: Job, options: Sequence[str], out: Path, held: int | None) -> str:
     if (out / job.name / "summary.json").exists():
         return ""
     command = [
@@ -132,7 +179,13 @@ def _track(job: Job, options: Sequence[str], out: Path, held: int) -> str:
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     # What survives this process holds the lock on.
     done = subprocess.run(
-        command, cwd=job.folder, env=environment, capture_output=True, text=True, errors="replace", pass_fds=[held]
+        command,
+        cwd=job.folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        pass_fds=[] if held is None else [held],
     )
     if done.returncode < 0:
         return f"ended by signal {-done.returncode}"

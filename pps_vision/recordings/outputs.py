@@ -21,6 +21,9 @@ import numpy as np
 
 from pps_vision.errors import InputError, first_line
 
+BUSY = "another run is writing to it; expected one at a time"
+"""Why an output is refused while it is being written."""
+
 _unfinished: set[Path] = set()  # lock files and temporary folders of the outputs that this process is writing
 
 
@@ -168,7 +171,7 @@ def _lock(lock: Path, output: Path) -> int:
                 return held
         except BlockingIOError as error:
             os.close(held)
-            raise InputError(output, "another run is writing to it; expected one at a time") from error
+            raise InputError(output, BUSY) from error
         except FileNotFoundError:  # its holder has just ended and removed it: lock a new one
             pass
         os.close(held)

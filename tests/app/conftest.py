@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from pps_vision.app.cli import main
@@ -14,6 +16,16 @@ def approach(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = "--stimulus ball --motion approach --target left_forearm:3 --speed 0.12 --seconds 4 --noise 2 --seed 11"
     main(["render", *words.split(), "--out", str(out)])
     return out
+
+
+@pytest.fixture
+def calib(tmp_path: Path) -> Path:
+    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
+    K = np.array([[80.0, 0, 40], [0, 80, 60], [0, 0, 1]])
+    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
+        storage.write(key, value)
+    storage.release()
+    return tmp_path / "calib.yml"
 
 
 @pytest.fixture

@@ -10,22 +10,10 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 from videos import write_video
 
 from pps_vision.app.cli import main
-
-
-@pytest.fixture
-def calib(tmp_path: Path) -> Path:
-    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
-    K = np.array([[80.0, 0, 40], [0, 80, 60], [0, 0, 1]])
-    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
-        storage.write(key, value)
-    storage.release()
-    return tmp_path / "calib.yml"
 
 
 def table(out: Path) -> dict[str, dict[str, str]]:

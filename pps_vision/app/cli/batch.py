@@ -26,6 +26,9 @@ class Batch:
     """Folder for the results: new, or of a batch with the same options."""
     workers: int = 1
     """Recordings that are tracked at once; the results do not depend on it."""
+    scheduler: str | None = None
+    """Instead of --workers: a Dask cluster, by its scheduler's address (tcp://host:8786) or scheduler file; its workers
+    see the same files."""
     calib: tuple[Path, ...] = ()
     """Calibration for all, as for `track`."""
     fps: float | None = None
@@ -50,7 +53,7 @@ class Batch:
         jobs = jobs_of(self.recordings, [field.name for field in fields(SourceOptions)])
         if not jobs:
             raise InputError("batch", "no recording given; expected one or more")
-        rows = run_batch(jobs, self._options(), self.out, self.workers)
+        rows = run_batch(jobs, self._options(), self.out, self.workers, self.scheduler)
         failed = [row for row in rows if row["status"] == "failed"]
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")

@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+#SBATCH --job-name=pps-vision
+#SBATCH --ntasks=32            # recordings that are tracked at once
+#SBATCH --cpus-per-task=1
+#SBATCH --mem-per-cpu=2G
+#SBATCH --time=04:00:00
+# sbatch slurm.sh 'recs/*' --calib camchain.yaml --out results     (the words of `pps-vision batch`)
+# Recordings and results lie on a file system that all nodes share.  Submitted again, it does what is left to do.
+set -eu
+export OMP_NUM_THREADS=1
+file=$(mktemp -d "$PWD/.dask-XXXXXX")/scheduler.json
+trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$(dirname "$file")"' EXIT
+dask scheduler --scheduler-file "$file" --port 0 --no-dashboard &
+scheduler=$!
+srun dask worker --scheduler-file "$file" --nthreads 1 --no-nanny --no-dashboard &
+until [ -s "$file" ]; do kill -0 $scheduler; sleep 0.2; done
+pps-vision batch "$@" --scheduler "$file"
