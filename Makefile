@@ -1,9 +1,10 @@
 # make demo   installs what running needs, runs the closed avoidance loop, writes demo/report.html
 # make test   installs what testing needs too, runs linters, types and tests
+# make test-browser   opens the reports in a headless Chromium
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup libraries test demo clean
+.PHONY: setup libraries test test-browser demo clean
 setup: libraries .venv/.installed
 
 PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
@@ -35,6 +36,11 @@ test: setup .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@$(BIN)/mypy & types=$$!; OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile; tests=$$?; wait $$types && exit $$tests
+
+# The reports in a headless browser; installs Debian's chromium where there is none.
+test-browser: setup .venv/.installed-test
+	@command -v chromium >/dev/null || { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium; } >/dev/null
+	PPS_VISION_BROWSER=chromium $(BIN)/pytest tests/browser
 
 demo: setup
 	rm -rf demo

@@ -15,7 +15,7 @@ from pps_vision.errors import InputError
 
 COMMANDS = (
     *("render", "info", "calibrate", "track", "track2d", "batch", "evaluate", "learn", "joints", "trials"),
-    *("show", "convert-taxels", "reach", "demo", "bench"),
+    *("report", "show", "convert-taxels", "reach", "demo", "bench"),
 )
 _WHAT = "Stereo vision for robots that feel what is about to touch them."
 

@@ -43,6 +43,8 @@ class Batch:
     """Smooth the paths with later measurements."""
     also: tuple[Form, ...] = ()
     """Also write the forms of other tools, as for `track`."""
+    report: bool = False
+    """Also write a report.html for every recording, and one for the batch."""
     seed: int = 0
     """Seed of the particles."""
 
@@ -54,6 +56,10 @@ class Batch:
         if not jobs:
             raise InputError("batch", "no recording given; expected one or more")
         rows = run_batch(jobs, self._options(), self.out, self.workers, self.scheduler)
+        if self.report:
+            from pps_vision.app.report.tracking import write_batch_report
+
+            write_batch_report(self.out)
         failed = [row for row in rows if row["status"] == "failed"]
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")
@@ -65,5 +71,5 @@ class Batch:
         """What `track` is given for every recording."""
         words = [f"--mode={self.mode}", f"--order={self.order}", f"--seed={self.seed}", f"--unit-m={self.unit_m}"]
         words += [f"--fps={self.fps}"] if self.fps is not None else []
-        words += ["--smooth"] * self.smooth + (["--also", *self.also] if self.also else [])
+        words += ["--smooth"] * self.smooth + ["--report"] * self.report + (["--also", *self.also] if self.also else [])
         return words + (["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else [])

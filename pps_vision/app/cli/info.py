@@ -1,9 +1,8 @@
 """`pps-vision info`: what a recording holds and lacks, and the command that tracks it."""
 
-import shlex
 from dataclasses import asdict, dataclass, fields
 
-from pps_vision.app.cli.options import SourceOptions, print_skipped
+from pps_vision.app.cli.options import SourceOptions, command_line, print_skipped
 
 
 @dataclass(frozen=True)
@@ -34,10 +33,4 @@ class Info(SourceOptions):
 
     def command(self) -> str:
         """The command that tracks this recording."""
-        words = ["pps-vision", "track", *([str(self.rec)] if self.rec else [])]
-        for field in fields(SourceOptions):
-            value = getattr(self, field.name)
-            if field.name != "rec" and value != field.default:
-                values = value if isinstance(value, tuple) else (value,)
-                words += [f"--{field.name.replace('_', '-')}", *map(str, values)]
-        return shlex.join([*words, "--out", "path"])
+        return command_line("track", self, fields(SourceOptions)) + " --out path"

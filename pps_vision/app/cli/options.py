@@ -1,10 +1,11 @@
 """What several commands share: options of recordings of a robot, and how problems are printed."""
 
+import shlex
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import Field, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tyro.conf import Positional
 
@@ -49,6 +50,18 @@ class SourceOptions:
         return open_recording(
             **{field.name: getattr(self, field.name) for field in fields(SourceOptions)[1:]}, folder=self.rec
         )
+
+
+def command_line(name: str, options: object, chosen: "Sequence[Field[Any]] | None" = None) -> str:
+    """The command that gives these options, but for those at their defaults; `chosen` fields, or all."""
+    words = ["pps-vision", name]
+    for field in chosen or fields(options):  # type: ignore[arg-type]
+        value = getattr(options, field.name)
+        if value is None or value == field.default:
+            continue
+        flag = [] if field.name == "rec" else [f"--{field.name.replace('_', '-')}"]
+        words += flag if value is True else [*flag, *map(str, value if isinstance(value, tuple) else (value,))]
+    return shlex.join(words)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,10 +5,12 @@ from pathlib import Path
 
 from tyro import MISSING
 
-from pps_vision.app.cli.options import SourceOptions, print_skipped
+from pps_vision.app.cli.options import SourceOptions, command_line, print_skipped
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from tracking import DEFAULT_ORDER, Mode
+
+_KEY_FRAMES = 8  # of a report without a video
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class Track(SourceOptions):
     """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images)."""
     video: bool = False
     """Also write overlay.mp4."""
+    report: bool = False
+    """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames."""
     seed: int = 0
     """Seed of the particles."""
 
@@ -55,7 +59,7 @@ class Track(SourceOptions):
         from learning.reach.map import ReachableMap
         from learning.reach.track_reachability import TrackReachability
         from pps_vision.app.pipeline import joints_of
-        from pps_vision.app.report.overlay import VideoFile, draw_pair
+        from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
         from pps_vision.app.track import track
         from pps_vision.app.versions import versions
         from pps_vision.recordings.exchange import write_forms
@@ -76,7 +80,8 @@ class Track(SourceOptions):
             reach = None
             if self.map and recording.robot:
                 reach = TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
-            detections, steps, joints = [], [], []
+            detections, steps, joints, key_frames = [], [], [], []
+            every = -(-len(run) // _KEY_FRAMES)
             with VideoFile(folder / "overlay.mp4", recording.fps) as film:
                 for number, frame, step in tqdm(
                     run.numbered(), total=len(run), desc="track", unit="pair", disable=None
@@ -85,8 +90,13 @@ class Track(SourceOptions):
                     if reach:
                         joints.append(joints_of(frame))
                     detections += [(number, seen, step.track.status) for seen in step.detections]
-                    if self.video and recording.rig is not None:
-                        film.add(draw_pair(frame, recording.rig.view_of(frame), step.track, step.detections))
+                    shown = self.report and (len(steps) - 1) % every == every // 2
+                    if (self.video or shown) and recording.rig is not None:
+                        drawn = draw_pair(frame, recording.rig.view_of(frame), step.track, step.detections)
+                        if self.video:
+                            film.add(drawn)
+                        if shown:
+                            key_frames.append(drawn)
             tracks = run.path(steps, self.smooth)
             reachability = [reach(q, one) for q, one in zip(joints, tracks, strict=True)] if reach else []
             write_detections(folder / "detections.csv", detections)
@@ -99,12 +109,20 @@ class Track(SourceOptions):
                 "joints": self.joints,
                 "map": self.map,
                 "versions": versions(),
+                "command": command_line("track", self),
             }
             if reachability:
                 found = [reach.status for reach in reachability]
                 counts = {status.value: found.count(status) for status in ReachStatus}
                 summary["reach"] = {"max_fp": self.max_fp, **counts}
             write_json(folder / "summary.json", summary)
+            if self.report:
+                from pps_vision.app.report.tracking import KEY_FRAMES, write_report
+
+                (folder / KEY_FRAMES).mkdir()
+                for k, drawn in enumerate(key_frames):
+                    save_jpeg(folder / KEY_FRAMES / f"{k}.jpg", drawn)
+                write_report(folder)
         print_skipped(recording.problems)
         print(run.headline(tracks), f"→ {self.out}")
         if diagnosis:

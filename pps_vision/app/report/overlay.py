@@ -52,6 +52,11 @@ class VideoFile:
             self._file.close()
 
 
+def save_jpeg(file: Path, image: Image) -> None:
+    """Write an RGB image."""
+    file.write_bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+
+
 def draw_pair(
     frame: StereoFrame,
     view: StereoView,

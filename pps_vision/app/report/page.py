@@ -1,4 +1,4 @@
-"""The demo's report: one self-contained page with the video on top."""
+"""Reports: self-contained pages, with what matters most on top."""
 
 import base64
 import html
@@ -15,7 +15,8 @@ h1{font-size:1.7rem;margin-bottom:.2rem} h2{font-size:1.2rem;margin-top:2.2rem}
 video,img{max-width:100%;height:auto} video{width:100%;background:#111;border-radius:6px}
 table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
 th,td{padding:.3rem .8rem;border-bottom:1px solid #ddd;text-align:right} th:first-child,td:first-child{text-align:left}
-p.lead{color:#555;margin-top:0}
+p.lead{color:#555;margin-top:0} pre{background:#f4f4f4;padding:.6rem;white-space:pre-wrap;overflow-wrap:anywhere}
+ul.warnings{background:#fff3dc;border-left:4px solid #e0a020;padding:.6rem 1rem .6rem 2rem}
 """
 
 

@@ -1,0 +1,24 @@
+"""`pps-vision report`: a page for what was tracked."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write report.html into a folder of `track`, or into one of `batch` and all its recordings.
+
+    A page holds everything it shows; nothing is fetched.
+    """
+
+    folder: Positional[Path]
+    """Folder that `track` or `batch` has written."""
+
+    def run(self) -> None:
+        """Read the results and write the page."""
+        from pps_vision.app.report.tracking import REPORT, report_folder
+
+        n = report_folder(self.folder)
+        print(f"{n} recordings → {self.folder / REPORT}")

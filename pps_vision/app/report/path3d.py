@@ -1,0 +1,95 @@
+"""A 3D path that turns under the mouse, as an HTML fragment with its own script."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from pps_vision.types import Array
+
+_CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
+_MOST_POINTS = 4000  # of a line; every k-th of a longer one is drawn
+_MOST_ELLIPSOIDS = 40
+
+_SCRIPT = """
+(function(){
+const data=JSON.parse(document.getElementById("ID-data").textContent),canvas=document.getElementById("ID");
+const c=canvas.getContext("2d");let yaw=0.6,pitch=0.5,zoom=1,drag=null;
+function turn(p){const a=Math.cos(yaw),b=Math.sin(yaw),e=Math.cos(pitch),f=Math.sin(pitch);
+const x=a*p[0]-b*p[1],y=b*p[0]+a*p[1];return [x,-(e*p[2]-f*y)];}
+function draw(){
+const w=canvas.width,h=canvas.height,s=zoom*0.42*Math.min(w,h)/data.size;
+const at=p=>{
+const q=turn([p[0]-data.center[0],p[1]-data.center[1],p[2]-data.center[2]]);return [w/2+s*q[0],h/2+s*q[1]];};
+c.clearRect(0,0,w,h);c.font="14px system-ui";
+for(const axis of data.axes){const a=at(axis.from),b=at(axis.to);c.strokeStyle=axis.color;c.lineWidth=1;
+c.beginPath();c.moveTo(a[0],a[1]);c.lineTo(b[0],b[1]);c.stroke();c.fillStyle=axis.color;c.fillText(axis.name,b[0]+4,b[1]);}
+c.strokeStyle="rgba(70,120,200,0.35)";
+for(const e of data.ellipsoids){const o=at(e.at),v=e.axes.map(turn);
+const xx=v.reduce((t,q)=>t+q[0]*q[0],0),xy=v.reduce((t,q)=>t+q[0]*q[1],0),yy=v.reduce((t,q)=>t+q[1]*q[1],0);
+const m=(xx+yy)/2,d=Math.hypot((xx-yy)/2,xy),angle=0.5*Math.atan2(2*xy,xx-yy);
+c.beginPath();c.ellipse(o[0],o[1],s*Math.sqrt(m+d),s*Math.sqrt(Math.max(m-d,0)),angle,0,7);c.stroke();}
+for(const line of data.lines){c.strokeStyle=line.color;c.lineWidth=line.width;c.beginPath();let down=false;
+for(const p of line.points){if(p===null){down=false;continue;}const q=at(p);
+if(down)c.lineTo(q[0],q[1]);else c.moveTo(q[0],q[1]);down=true;}c.stroke();}
+}
+canvas.addEventListener("pointerdown",e=>{drag=[e.clientX,e.clientY];canvas.setPointerCapture(e.pointerId);});
+canvas.addEventListener("pointermove",e=>{if(!drag)return;yaw+=(e.clientX-drag[0])/150;pitch+=(e.clientY-drag[1])/150;
+drag=[e.clientX,e.clientY];draw();});
+canvas.addEventListener("pointerup",()=>{drag=null;});
+canvas.addEventListener("wheel",e=>{e.preventDefault();zoom*=Math.exp(-e.deltaY/600);draw();},{passive:false});
+draw();})();
+"""
+
+
+def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array, name: str = "path") -> str:
+    """Return lines (color, points (n, 3) in m; NaN is a gap) and the 95 % ellipsoids of positions, as HTML.
+
+    Args:
+        lines: The lines; the first is drawn thicker.
+        at: (m, 3) positions with a covariance.
+        cov: (m, 3, 3) m².
+        name: Distinguishes the fragments of a page.
+    """
+    shown = [(color, points[:: -(-len(points) // _MOST_POINTS) or 1]) for color, points in lines]
+    known = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown] or [np.zeros((0, 3))])
+    if not len(known):
+        return "<p>No position is known.</p>"
+    low, high = known.min(axis=0), known.max(axis=0)
+    size = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
+    chosen = np.unique(np.linspace(0, len(at) - 1, _MOST_ELLIPSOIDS).astype(int)) if len(at) else np.empty(0, int)
+    step = 10.0 ** np.floor(np.log10(size))
+    data = {
+        "center": ((low + high) / 2).tolist(),
+        "size": size,
+        "axes": [
+            {
+                "name": f"{axis} +{step:g} m",
+                "color": color,
+                "from": low.tolist(),
+                "to": (low + step * np.eye(3)[k]).tolist(),
+            }
+            for k, (axis, color) in enumerate(zip("xyz", ("#c33", "#393", "#33c"), strict=True))
+        ],
+        "lines": [
+            {
+                "color": color,
+                "width": 1 if k else 2.5,
+                "points": [point.tolist() if np.isfinite(point).all() else None for point in points],
+            }
+            for k, (color, points) in enumerate(shown)
+        ],
+        "ellipsoids": [{"at": at[k].tolist(), "axes": _axes(cov[k])} for k in chosen],
+    }
+    return (
+        f'<canvas id="{name}" width="900" height="560" style="width:100%;touch-action:none;cursor:grab"></canvas>'
+        f'<script type="application/json" id="{name}-data">{json.dumps(data, allow_nan=False)}</script>'
+        f"<script>{_SCRIPT.replace('ID', name)}</script>"
+    )
+
+
+def _axes(cov: Array) -> list[list[float]]:
+    """The half axes of the 95 % ellipsoid, m."""
+    values, vectors = np.linalg.eigh(cov)
+    axes: list[list[float]] = (vectors * np.sqrt(_CHI2_95 * np.clip(values, 0, None))).T.tolist()
+    return axes

@@ -1,0 +1,300 @@
+"""The report of a tracked recording, made from the files that `track` has written: `pps-vision report`."""
+
+import base64
+import html
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pps_vision.app.report import page
+from pps_vision.app.report.path3d import path3d
+from pps_vision.errors import InputError
+from pps_vision.files import read_bytes
+from pps_vision.recordings.outputs import whole_file
+from pps_vision.recordings.tables import read_table
+from pps_vision.recordings.text import finite
+from pps_vision.types import Array, Status
+
+REPORT = "report.html"
+KEY_FRAMES = "keyframes"
+_COLORS = {Status.TRACKING: "#2a9d4a", Status.COASTING: "#e0a020", Status.LOST: "#d33", Status.SEARCHING: "#999"}
+_FEW_TRACKED = 0.5  # share of pairs, below which the report says so first
+_LARGEST_VIDEO = 20 * 2**20
+_COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """What a folder of results holds.
+
+    Attributes:
+        folder: The folder.
+        summary: summary.json.
+        stamps_s: (n,).
+        position: (n, 3) m; NaN where unknown.
+        velocity: (n, 3) m/s.
+        cov: (n, 3, 3) m².
+        status: (n,).
+        reach: (n,) degree of reachability, NaN where unknown; None without a map.
+        truth: (m, 4) stamp and true position; (0, 4) without one.
+    """
+
+    folder: Path
+    summary: Mapping[str, Any]
+    stamps_s: Array
+    position: Array
+    velocity: Array
+    cov: Array
+    status: tuple[str, ...]
+    reach: Array | None
+    truth: Array
+
+
+def write_report(folder: Path) -> None:
+    """Write report.html into the folder of a tracked recording; InputError if it is none."""
+    with whole_file(folder / REPORT) as partial:
+        partial.write_text(report(read_tracked(folder)), encoding="utf-8", errors="backslashreplace")
+
+
+def report_folder(folder: Path) -> int:
+    """Write the report of a tracked recording, or of a batch and all its recordings; return how many these are."""
+    if not (folder / "batch.csv").is_file():
+        write_report(folder)
+        return 1
+    done = [row[0] for _, row in read_table(folder / "batch.csv", ["name", "status"]) if row[1] == "done"]
+    for name in done:
+        write_report(folder / name)
+    write_batch_report(folder)
+    return len(done)
+
+
+def write_batch_report(folder: Path) -> None:
+    """Write report.html into the folder of a batch."""
+    with whole_file(folder / REPORT) as partial:
+        partial.write_text(batch_report(folder), encoding="utf-8", errors="backslashreplace")
+
+
+def read_tracked(folder: Path) -> Tracked:
+    """Read what `track` has written."""
+    summary = read_summary(folder)
+    file = folder / "trajectory.csv"
+    header = read_bytes(file, "a table of track").split(b"\n", 1)[0].decode(errors="replace").split(",")
+    with_map = ["reach_degree"] if "reach_degree" in header else []
+    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *_COVARIANCE, *with_map]
+    rows = read_table(file, [*columns, "status"])
+    values = _numbers(file, [(line, row[:-1]) for line, row in rows], len(columns))
+    upper, cov = np.triu_indices(3), np.full((len(rows), 3, 3), np.nan)
+    cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = values[:, 7:13]
+    true = Path(str(summary.get("source", ""))) / "truth.csv"
+    truth: Array = np.zeros((0, 4))
+    if true.is_file():
+        names = ["stamp_s", "x_m", "y_m", "z_m"]
+        truth = _numbers(true, read_table(true, names), 4)
+    reach = values[:, 13] if with_map else None
+    status = tuple(row[-1] for _, row in rows)
+    return Tracked(folder, summary, values[:, 0], values[:, 1:4], values[:, 4:7], cov, status, reach, truth)
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return what summary.json of a tracked recording holds."""
+    file = folder / "summary.json"
+    try:
+        summary = json.loads(read_bytes(file, "the summary of a tracked recording"))
+    except ValueError as error:
+        raise InputError(file, f"{error}; expected the summary of a tracked recording") from error
+    if not isinstance(summary, dict) or not {"frames", "status", "ms_per_pair"} <= summary.keys():
+        raise InputError(file, "is of another command; expected the summary of a tracked recording")
+    return summary
+
+
+def warnings_of(summary: Mapping[str, Any]) -> list[str]:
+    """What whoever uses the results has to know first."""
+    found = []
+    frames = max(1, int(summary["frames"]))
+    share = summary["status"].get("tracking", 0) / frames
+    if share < _FEW_TRACKED:
+        found.append(f"measured in {100 * share:.0f} % of {frames} pairs only")
+    if lost := summary["status"].get("lost", 0):
+        found.append(f"lost {lost} times")
+    found += [f"try {advice}" for advice in summary.get("diagnosis", {}).get("advice", ())]
+    found += [f"skipped: {n} {kind}" for kind, n in summary.get("skipped", {}).items() if n]
+    turned = summary.get("cameras", {}).get("rotation_deg") or 0
+    if turned > 1:
+        found.append(f"cameras that are said to be fixed turned by {turned:.1f}°")
+    return found
+
+
+def report(tracked: Tracked) -> str:
+    """The page."""
+    summary = tracked.summary
+    sections = [page.Section("Images", "", images) for images in [_images(tracked.folder)] if images]
+    sections += [
+        page.Section("Tracks in the images", "Centres of the detections, over time.", _image_tracks(tracked.folder)),
+        page.Section(
+            "3D path",
+            "Green: the track, with 95 % ellipsoids; grey: the truth, where it is known. Drag to turn, wheel to zoom. "
+            "Root frame: the robot's, or the left camera's (x right, y down, z ahead).",
+            path3d(
+                [("#2a9d4a", tracked.position), *([("#777", tracked.truth[:, 1:])] if len(tracked.truth) else [])],
+                *_with_covariance(tracked),
+            ),
+        ),
+        page.Section(
+            "Position, distance and approach",
+            "Position with its own ±2σ; distance from the root frame's origin, and the time until the object would be "
+            "there at its present speed of approach.",
+            page.image(_over_time(tracked)),
+        ),
+        page.Section("Numbers", "", _numbers_table(summary)),
+        page.Section("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
+        page.Section("To repeat it", "", _repeat(summary)),
+    ]
+    warned = "".join(f"<li>{html.escape(text)}</li>" for text in warnings_of(summary))
+    opening = f'<ul class="warnings">{warned}</ul>' if warned else "<p>No warnings.</p>"
+    frames = summary["frames"]
+    lead = f"{summary['status'].get('tracking', 0)} of {frames} stereo pairs measured, {len(tracked.stamps_s)} rows"
+    return page.page(str(summary.get("source", tracked.folder)), lead, opening, sections)
+
+
+def _images(folder: Path) -> str:
+    """The overlay video, or key frames."""
+    film = folder / "overlay.mp4"
+    if film.is_file() and film.stat().st_size <= _LARGEST_VIDEO:
+        return page.video(film)
+    frames = sorted((folder / KEY_FRAMES).glob("*.jpg"))
+    return "".join(
+        f'<img alt="{frame.stem}" src="data:image/jpeg;base64,{base64.b64encode(frame.read_bytes()).decode()}">'
+        for frame in frames
+    )
+
+
+def _image_tracks(folder: Path) -> str:
+    file = folder / "detections.csv"
+    rows = read_table(file, ["stamp_s", "u_px", "v_px", "camera"])
+    if not rows:
+        return "<p>Nothing was detected.</p>"
+    values = _numbers(file, [(line, row[:3]) for line, row in rows], 3)
+    camera = np.array([row[3] for _, row in rows])
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    for axis, side in zip(figure.subplots(1, 2), ("left", "right"), strict=True):
+        seen = values[camera == side]
+        points = axis.scatter(seen[:, 1], seen[:, 2], c=seen[:, 0] - values[0, 0], s=6, cmap="viridis")
+        axis.set(title=side, xlabel="u (px)", ylabel="v (px)", aspect="equal")
+        axis.invert_yaxis()
+        figure.colorbar(points, ax=axis, label="time (s)")
+    return page.image(figure)
+
+
+def _with_covariance(tracked: Tracked) -> tuple[Array, Array]:
+    known = np.isfinite(tracked.cov).all(axis=(1, 2)) & np.isfinite(tracked.position).all(axis=1)
+    return tracked.position[known], tracked.cov[known]
+
+
+def _over_time(tracked: Tracked) -> Figure:
+    t = tracked.stamps_s - tracked.stamps_s[0]
+    distance = np.linalg.norm(tracked.position, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        closing = -np.sum(tracked.position * tracked.velocity, axis=1) / distance
+        ttc = np.where(closing > 0.01, distance / closing, np.nan)
+    more = tracked.reach is not None
+    figure = Figure(figsize=(9, 9 + 1.6 * more), layout="constrained")
+    axes = figure.subplots(5 + more, 1, sharex=True)
+    for k, name in enumerate("xyz"):
+        sigma = np.sqrt(tracked.cov[:, k, k])
+        p = tracked.position[:, k]
+        axes[k].fill_between(t, p - 2 * sigma, p + 2 * sigma, color="tab:blue", alpha=0.25, lw=0)
+        axes[k].plot(t, p, color="tab:blue", lw=1)
+        if len(tracked.truth):
+            axes[k].plot(tracked.truth[:, 0] - tracked.stamps_s[0], tracked.truth[:, 1 + k], "k:", lw=1)
+        axes[k].set_ylabel(f"{name} (m)")
+    axes[3].plot(t, distance, color="tab:blue", lw=1)
+    axes[3].set_ylabel("distance (m)")
+    axes[4].plot(t, ttc, ".", ms=3, color="tab:red")
+    axes[4].set(ylabel="time to contact (s)", ylim=(0, 5))
+    if tracked.reach is not None:
+        axes[5].plot(t, tracked.reach, color="0.25", lw=1)
+        axes[5].axhline(0.5, color="0.25", lw=1, ls="--")
+        axes[5].set(ylabel="degree of reach", ylim=(0, 1))
+    for axis in axes:
+        axis.grid(alpha=0.25)
+        for status, color in _COLORS.items():
+            is_so = np.array([one == status for one in tracked.status])
+            if status != Status.TRACKING and is_so.any():
+                over = axis.get_xaxis_transform()
+                axis.fill_between(t, 0, 1, where=is_so, step="mid", transform=over, color=color, alpha=0.15, lw=0)
+    axes[-1].set_xlabel("time (s); shaded: searching (grey), predicted (yellow), lost (red)")
+    return figure
+
+
+def _numbers_table(summary: Mapping[str, Any]) -> str:
+    rows = [[f"pairs {key}", str(n)] for key, n in summary["status"].items()]
+    rows += [[key, _text(value)] for key, value in summary.get("errors", {}).items()]
+    rows += [
+        [f"cameras: {key}", _text(value)] for key, value in summary.get("cameras", {}).items() if value is not None
+    ]
+    return page.table(["", "value"], rows)
+
+
+def _times(summary: Mapping[str, Any]) -> str:
+    header = ("stage", "median_ms", "q25_ms", "q75_ms", "runs")
+    rows = [[stage, *(_text(row.get(key)) for key in header[1:])] for stage, row in summary["ms_per_pair"].items()]
+    return page.table(["stage", "median", "lower quartile", "upper quartile", "runs"], rows)
+
+
+def _repeat(summary: Mapping[str, Any]) -> str:
+    command = html.escape(str(summary.get("command", "")))
+    known = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "max_error") if key in summary}
+    rows = [[key, _text(value)] for key, value in (*known.items(), *summary.get("versions", {}).items())]
+    return f"<pre>{command}</pre>" + page.table(["setting or package", "value"], rows)
+
+
+def batch_report(folder: Path) -> str:
+    """The page of a batch: what failed, and a row for every recording; InputError if the folder holds no batch."""
+    file = folder / "batch.csv"
+    columns = ("name", "status", "pairs", "frames", "tracked_share", "position_rms_mm", "ms_per_pair", "reason")
+    rows = [dict(zip(columns, row, strict=True)) for _, row in read_table(file, columns)]
+    failed = [row for row in rows if row["status"] == "failed"]
+    warned = [f"{row['name']} failed: {row['reason']}" for row in failed]
+    for row in rows:
+        if row["status"] != "failed":
+            warned += [f"{row['name']}: {text}" for text in warnings_of(read_summary(folder / row["name"]))]
+    items = "".join(f"<li>{html.escape(text)}</li>" for text in warned)
+    opening = f'<ul class="warnings">{items}</ul>' if items else "<p>No warnings.</p>"
+    sections = [page.Section("Recordings", "", _batch_table(folder, rows, columns))]
+    return page.page(f"Batch {folder.name}", f"{len(rows) - len(failed)} of {len(rows)} tracked", opening, sections)
+
+
+def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
+    def cells(row: Mapping[str, str]) -> Iterator[str]:
+        name = html.escape(row["name"])
+        there = (folder / row["name"] / REPORT).is_file()
+        yield f'<a href="{html.escape(row["name"], quote=True)}/{REPORT}">{name}</a>' if there else name
+        for column in columns[1:]:
+            try:
+                yield f"{float(row[column]):.4g}"
+            except ValueError:
+                yield html.escape(row[column])
+
+    head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
+    lines = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells(row)) + "</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{lines}</table>"
+
+
+def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array:
+    """(rows, n), NaN for an empty field."""
+    values = np.full((len(rows), n), np.nan)
+    for k, (line, row) in enumerate(rows):
+        try:
+            values[k] = [finite(field) if field else np.nan for field in row]
+        except ValueError as error:
+            raise InputError(file, f"{error}; expected finite numbers", line) from None
+    return values
+
+
+def _text(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else "–" if value is None else str(value)

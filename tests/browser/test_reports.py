@@ -1,0 +1,43 @@
+"""Reports in a headless Chromium: nothing in the console, pictures there, the path drawn (`make test-browser`)."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import cv2
+import pytest
+from results import write_results
+
+from pps_vision.app.report.tracking import report_folder
+
+pytestmark = pytest.mark.skipif("PPS_VISION_BROWSER" not in os.environ, reason="only with make test-browser")
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr")
+OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND"
+
+
+def browse(page: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    profile = f"--user-data-dir={page.parent / 'profile'}"
+    command = [os.environ["PPS_VISION_BROWSER"], *FLAGS, OFFLINE, profile, *words, page.resolve().as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+
+
+def test_the_page_of_a_recording(tmp_path: Path) -> None:
+    folder = write_results(tmp_path / "results")
+    report_folder(folder)
+    page = folder / "report.html"
+    check = (
+        "<script>window.addEventListener('load',()=>{const c=document.querySelector('canvas');"
+        "const d=c.getContext('2d').getImageData(0,0,c.width,c.height).data;let n=0;"
+        "for(let k=0;k<d.length;k+=4)if(d[k+3]>0&&d[k+1]>d[k]+60)n++;"
+        "const bad=[...document.images].filter(i=>!i.naturalWidth).length;"
+        "document.title=`green ${n} broken ${bad} of ${document.images.length}`;});</script>"
+    )
+    page.write_text(page.read_text().replace("</html>", check + "</html>"))
+    seen = browse(page, "--dump-dom")
+    green, broken, images = map(int, re.findall(r"green (\d+) broken (\d+) of (\d+)", seen.stdout)[0])
+    assert green > 300  # pixels of the path
+    assert (broken, images) == (0, 4)
+    assert "CONSOLE" not in seen.stderr
+    browse(page, f"--screenshot={tmp_path / 'page.png'}", "--window-size=1100,3600")
+    assert cv2.imread(str(tmp_path / "page.png")).std() > 10

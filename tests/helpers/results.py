@@ -1,0 +1,55 @@
+"""A folder as `track` writes it, of a made-up path."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pps_vision.app.report.overlay import save_jpeg
+from pps_vision.app.versions import versions
+from pps_vision.recordings.outputs import write_json
+from pps_vision.recordings.tables import write_detections, write_table, write_trajectory
+from pps_vision.types import Detection2D, Status, Track3D
+
+N = 40
+
+
+def write_results(folder: Path) -> Path:
+    """A helix before the cameras, lost once, with truth, detections and two key frames."""
+    (folder / "keyframes").mkdir(parents=True)
+    tracks, detections, truth = [], [], []
+    for k in range(N):
+        t, angle = 0.05 * k, 0.3 * k
+        position = np.array([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.8 - 0.01 * k])
+        truth.append((t, *position))
+        if k in (0, 20):
+            tracks.append(Track3D.unknown(t, Status.LOST if k else Status.SEARCHING))
+            continue
+        mean = np.zeros((4, 3))
+        mean[0], mean[1] = position + 0.002, (0, 0, -0.2)
+        cov = 1e-4 * np.diag(np.r_[1, 1, 4, np.ones(9)])
+        tracks.append(Track3D(t, mean, cov, 0.03, 1e-6, Status.COASTING if k == 19 else Status.TRACKING))
+        for camera in ("left", "right"):
+            seen = Detection2D(t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))  # type: ignore[arg-type]
+            detections.append((k, seen, tracks[-1].status))
+    write_trajectory(folder / "trajectory.csv", tracks)
+    write_detections(folder / "detections.csv", detections)
+    source = folder / "source"
+    source.mkdir()
+    write_table(source / "truth.csv", ("stamp_s", "x_m", "y_m", "z_m"), truth)
+    status = {one.value: sum(track.status == one for track in tracks) for one in Status}
+    stage = {"q25_ms": 1.0, "median_ms": 1.5, "q75_ms": 2.0, "runs": N}
+    summary = {"source": str(source), "mode": "generic", "seed": 3, "device": None, "pairs": N, "frames": N}
+    summary |= {
+        "status": status,
+        "ms_per_pair": {"total": stage},
+        "cameras": {"rotation_deg": 0.1},
+        "versions": versions(),
+    }
+    summary |= {
+        "diagnosis": {"counts": {}, "advice": ["a <longer> baseline"]},
+        "command": "pps-vision track rec --seed 3 --out out",
+    }
+    write_json(folder / "summary.json", summary)
+    for k in range(2):
+        save_jpeg(folder / "keyframes" / f"{k}.jpg", np.full((120, 320, 3), (40, 90 + 60 * k, 160), np.uint8))
+    return folder
