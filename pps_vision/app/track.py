@@ -19,7 +19,6 @@ from pps_vision.recordings.exchange import TrackedPair
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
-from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking import DEFAULT_ORDER, Mode
 from tracking.acquisition import SearchCounts, Stages
@@ -239,7 +238,11 @@ def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: 
     """
     if recording.rig is None:
         raise InputError(recording.name, "holds no icubEyes.ini; expected a calibration there or by --calib")
-    own_body = Silhouette(recording.robot) if recording.robot else None
+    own_body = None
+    if recording.robot:
+        from pps_vision.robot.silhouette import Silhouette  # loads the kinematics
+
+        own_body = Silhouette(recording.robot)
     timed = {} if stages is None else {"stages": stages}
     return Tracker(params, recording.rig, np.random.default_rng(seed), own_body, **timed)
 

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import TYPE_CHECKING
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import formats
 from pps_vision.recordings.recording import Recording, Source
-from pps_vision.robot.setup import RobotSetup
+
+if TYPE_CHECKING:
+    from pps_vision.robot.setup import RobotSetup
 
 
 def open_recording(
@@ -27,7 +30,7 @@ def open_recording(
     joints: Path | str | None = None,
     taxels: Path | str | None = None,
     max_skew_s: float = 0.02,
-    robot: RobotSetup | None = None,
+    robot: "RobotSetup | None" = None,
 ) -> Recording:
     """Open the recording of an iCub, an EuRoC or KITTI folder, videos, or any stereo images with a calibration.
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -12,9 +12,11 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.robot.model import Robot
-from pps_vision.robot.setup import RobotSetup
 from pps_vision.types import StereoFrame, Truth
+
+if TYPE_CHECKING:  # kinematics take 0.2 s to load, and are not installed where there is only tracking
+    from pps_vision.robot.model import Robot
+    from pps_vision.robot.setup import RobotSetup
 
 Pair = tuple[ImageFile, ImageFile]
 FileT = TypeVar("FileT", bound=ImageFile)
@@ -36,7 +38,7 @@ class Source:
     joints: Path | None
     taxels: Path | None
     max_skew_s: float
-    robot: RobotSetup | None = None
+    robot: "RobotSetup | None" = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ class Recording:
     pairs: tuple[Pair, ...]
     image_size: tuple[int, int]  # width, height
     problems: list[Problem]
-    robot: Robot | None = None
+    robot: "Robot | None" = None
     rig: StereoRig | None = None
     touches: tuple[Touch, ...] = ()
     truth: tuple[Truth, ...] = ()

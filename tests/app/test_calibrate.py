@@ -49,7 +49,7 @@ def seen(pattern: np.ndarray, pose_R: np.ndarray, pose_t: np.ndarray, side: int)
 def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(SEED)
     board = pattern(charuco)
-    for k in range(8):
+    for k in range(7):
         turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
         at = np.array([*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.45, 0.6)]) + np.array([0.05, 0, 0])
         for side, name in enumerate(("left", "right")):
@@ -70,7 +70,7 @@ def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.C
     np.testing.assert_allclose(T_left_right[:3, 3], true[:3, 3], atol=1e-3)
     assert np.linalg.norm(Rotation.from_matrix(T_left_right[:3, :3].T @ true[:3, :3]).as_rotvec()) < 5e-3
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["pairs"] >= 7
+    assert summary["pairs"] >= 6
     assert summary["rms_px"]["stereo"] < 0.15
     assert abs(summary["focal_px"][0] - 520) < 4 * summary["focal_std_px"][0]
     picture = cv2.imread(str(out / "reprojection.png"))

@@ -56,9 +56,6 @@ class Track(SourceOptions):
         """Read, track, and write everything at once; what had to be skipped is printed."""
         from tqdm import tqdm
 
-        from learning.reach.map import ReachableMap
-        from learning.reach.track_reachability import TrackReachability
-        from pps_vision.app.pipeline import joints_of
         from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
         from pps_vision.app.track import track
         from pps_vision.app.versions import versions
@@ -79,6 +76,9 @@ class Track(SourceOptions):
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
             reach = None
             if self.map and recording.robot:
+                from learning.reach.map import ReachableMap
+                from learning.reach.track_reachability import TrackReachability
+
                 reach = TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
             detections, steps, joints, key_frames = [], [], [], []
             every = -(-len(run) // _KEY_FRAMES)
@@ -88,6 +88,8 @@ class Track(SourceOptions):
                 ):
                     steps.append(step)
                     if reach:
+                        from pps_vision.app.pipeline import joints_of
+
                         joints.append(joints_of(frame))
                     detections += [(number, seen, step.track.status) for seen in step.detections]
                     shown = self.report and (len(steps) - 1) % every == every // 2

@@ -4,7 +4,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -19,8 +19,10 @@ from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.recording import Recording, Source, distinct_stamps, pair_by_stamp, usual_size
 from pps_vision.recordings.stereo_calibration import cameras_of
 from pps_vision.recordings.tables import read_joint_offsets
-from pps_vision.robot.setup import RobotSetup
 from pps_vision.types import Array, Image
+
+if TYPE_CHECKING:
+    from pps_vision.robot.setup import RobotSetup
 
 FORMAT = "a ROS bag (.bag, .mcap, .db3, or a folder with metadata.yaml)"
 TAKES_TOPICS = True  # as `left` and `right`
@@ -157,7 +159,7 @@ class Bag:
             _, _, data = next(self.reader.messages([connection]))
             return self.reader.deserialize(data, connection.msgtype)
 
-    def joints(self, setup: RobotSetup) -> dict[str, tuple[Array, Array]]:
+    def joints(self, setup: "RobotSetup") -> dict[str, tuple[Array, Array]]:
         """For each port stamps (n,) and encoder readings (n, joints) in degrees, of messages that hold all of it."""
         stamps: dict[str, list[float]] = {port: [] for port in setup.ports}
         rows: dict[str, list[Array]] = {port: [] for port in setup.ports}

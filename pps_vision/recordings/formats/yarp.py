@@ -1,9 +1,10 @@
 """Recordings of yarpdatadumper: two image ports, joint ports and skin, each a folder with its data.log."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from pps_vision.recordings.tables import read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.text import first_row
 from pps_vision.recordings.yarp_log import read_log
-from pps_vision.robot.icub import PORTS, icub_setup
-from pps_vision.robot.setup import RobotSetup
 from pps_vision.types import Array
+
+if TYPE_CHECKING:
+    from pps_vision.robot.setup import RobotSetup
 
 FORMAT = "a yarpdatadumper recording, folders with a data.log each"
 MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
@@ -48,7 +50,7 @@ def open_source(source: Source) -> Recording:
     folder, problems = Path(str(source.folder)), list[Problem]()
     if len(source.calib) > 1:
         raise InputError("recording", f"calib has {len(source.calib)} files; expected one icubEyes.ini with REC")
-    setup = source.robot or icub_setup()
+    setup = source.robot or _icub(folder)
     robot = setup.robot
     offsets_rad = read_joint_offsets(source.joints, robot.joint_names) if source.joints else 0.0
     virtual = representatives(read_taxels(source.taxels)) if source.taxels else None
@@ -77,6 +79,16 @@ def open_source(source: Source) -> Recording:
         touches=touches,
         truth=read_truth(truth, problems) if truth.exists() else (),
     )
+
+
+def _icub(folder: Path) -> "RobotSetup":
+    """The iCub, whose kinematics need Pinocchio; InputError without it, as in an environment for tracking only."""
+    try:
+        from pps_vision.robot.icub import icub_setup
+    except ModuleNotFoundError as error:
+        found = f"is of a robot, and {error.name} is not installed"
+        raise InputError(folder, f"{found}; expected the whole of pps-vision's packages") from error
+    return icub_setup()
 
 
 def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
@@ -117,7 +129,7 @@ def with_joints(
     pairs: tuple[Pair, ...],
     joints: dict[str, tuple[Array, Array]],
     problems: list[Problem],
-    setup: RobotSetup,
+    setup: "RobotSetup",
     offsets_rad: Array | float,
 ) -> tuple[Pair, ...]:
     """Every pair with the joints at each eye's stamp; what the joint logs do not cover is noted and left out."""
@@ -156,7 +168,7 @@ def _at(stamps: Array, samples: Array, stamp_s: float) -> Array:
     return np.array([np.interp(stamp_s, stamps, column) for column in samples.T])
 
 
-def find_ports(folder: Path, joint_ports: tuple[str, ...] = tuple(PORTS)) -> dict[str, Path]:
+def find_ports(folder: Path, joint_ports: Sequence[str]) -> dict[str, Path]:
     """The data.log of every port: "left" and "right" (images), those of the joints, skin.
 
     Joints and skin lie in a folder called so (`rightArm`, `right_arm/state:o`), images below one
