@@ -19,7 +19,7 @@ import numpy as np
 
 from pps_vision.recordings import Form
 from pps_vision.recordings.tables import Box, write_table
-from pps_vision.types import Detection2D, Status, Track3D
+from pps_vision.types import Array, Detection2D, Status, Track3D
 
 _POINT = "object"  # what Anipose's columns and COCO's category call what is tracked
 _ANIPOSE = (
@@ -76,10 +76,15 @@ def write_forms(folder: Path, forms: Iterable[Form], pairs: Sequence[TrackedPair
 
 def write_tum(file: Path, tracks: Iterable[Track3D]) -> None:
     """Write the known positions in TUM's form, "stamp x y z qx qy qz qw"; a tracked point has no rotation."""
+    known = [track for track in tracks if track.is_known]
+    write_tum_rows(file, [track.stamp_s for track in known], [track.position for track in known])
+
+
+def write_tum_rows(file: Path, stamps_s: Iterable[float], positions: Iterable[Array]) -> None:
+    """Write stamps and positions (3,) in TUM's form."""
     rows = (
-        f"{track.stamp_s!r} {' '.join(map(repr, track.position.tolist()))} 0 0 0 1\n"
-        for track in tracks
-        if track.is_known
+        f"{float(stamp_s)!r} {' '.join(map(repr, position.tolist()))} 0 0 0 1\n"
+        for stamp_s, position in zip(stamps_s, positions, strict=True)
     )
     file.write_text("# stamp_s x_m y_m z_m qx qy qz qw\n" + "".join(rows))
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from data import SEED
+from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
 
 from pps_vision.app.calibrate import Board
@@ -14,9 +15,6 @@ from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 
-SIZE = (640, 480)
-K = (np.array([[520.0, 0, 318], [0, 524, 236], [0, 0, 1]]), np.array([[498.0, 0, 330], [0, 500, 249], [0, 0, 1]]))
-R, T = Rotation.from_rotvec([0.01, -0.06, 0.02]).as_matrix(), np.array([-0.12, 0.003, 0.004])
 SQUARE_PX, SQUARE_M = 60, 0.03
 
 
@@ -32,19 +30,6 @@ def pattern(charuco: bool) -> np.ndarray:
     return cv2.copyMakeBorder(drawn, *[SQUARE_PX] * 4, cv2.BORDER_CONSTANT, value=255)
 
 
-def seen(pattern: np.ndarray, pose_R: np.ndarray, pose_t: np.ndarray, side: int) -> np.ndarray:
-    """An image of the board, anti-aliased: the plane through K [r1 r2 t], pixel centres at integer coordinates."""
-    if side:
-        pose_R, pose_t = R @ pose_R, R @ pose_t + T
-    scale = SQUARE_M / SQUARE_PX
-    middle = (np.array(pattern.shape[::-1]) - 1) / 2
-    plane = np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1]])
-    H = K[side] @ np.column_stack([pose_R[:, 0], pose_R[:, 1], pose_t]) @ plane
-    finer = np.array([[3.0, 0, 1], [0, 3, 1], [0, 0, 1]])
-    large = cv2.warpPerspective(pattern, finer @ H, (3 * SIZE[0], 3 * SIZE[1]), borderValue=90)
-    return cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
-
-
 @pytest.mark.parametrize("charuco", [False, True])
 def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(SEED)
@@ -53,7 +38,7 @@ def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.C
         turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
         at = np.array([*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.45, 0.6)]) + np.array([0.05, 0, 0])
         for side, name in enumerate(("left", "right")):
-            cv2.imwrite(str(tmp_path / f"{name}{k}.png"), seen(board, turn, at, side))
+            cv2.imwrite(str(tmp_path / f"{name}{k}.png"), seen(board, SQUARE_M / SQUARE_PX, turn, at, side))
     for name in ("left", "right"):  # no board here
         cv2.imwrite(str(tmp_path / f"{name}99.png"), np.full(SIZE[::-1], 90, np.uint8))
     words = ["calibrate", "--left", str(tmp_path / "left*.png"), "--right", str(tmp_path / "right*.png")]

@@ -1,6 +1,6 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tyro import MISSING
@@ -86,7 +86,7 @@ class Track(SourceOptions):
                 for number, frame, step in tqdm(
                     run.numbered(), total=len(run), desc="track", unit="pair", disable=None
                 ):
-                    steps.append(step)
+                    steps.append(replace(step, regions=((), ())))  # their masks would take 8 kB a pair
                     if reach:
                         from pps_vision.app.pipeline import joints_of
 

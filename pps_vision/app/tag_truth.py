@@ -1,0 +1,81 @@
+"""The true path of a stimulus from an ArUco tag that is rigid to it: `pps-vision truth`."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pps_vision.app.evaluate import rigid_alignment
+from pps_vision.errors import InputError
+from pps_vision.geometry.camera import StereoView
+from pps_vision.geometry.triangulation import triangulate
+from pps_vision.recordings.recording import Recording
+from pps_vision.types import Array, Image
+
+_CORNER_PX2 = 0.1**2  # variance of a refined corner; both eyes are taken to be equally sharp
+
+
+@dataclass(frozen=True)
+class TagPath:
+    """Positions (n, 3) m at stamps (n,), root frame, and the sides of the tag as they were measured (n,) m."""
+
+    stamps_s: Array
+    position: Array
+    sides_m: Array
+
+
+def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, dictionary: str) -> TagPath:
+    """Triangulate the corners of a tag in every pair that shows it in both images.
+
+    Args:
+        recording: The recording.
+        number: Of the tag.
+        side_m: Of its black square, m.
+        offset_m: (3,) from the tag's centre to the point that is wanted, in the tag's frame: x to its right, y to its
+            top, z out of it.
+        dictionary: Of the tag, as OpenCV calls it without DICT_.
+
+    Raises:
+        InputError: There is no calibration or no such dictionary, or no pair shows the tag.
+    """
+    if recording.rig is None:
+        raise InputError(recording.name, "holds no calibration; expected one there or by --calib")
+    if not hasattr(cv2.aruco, f"DICT_{dictionary}"):
+        raise InputError("truth", f"dictionary {dictionary!r}; expected one of OpenCV's, such as 4X4_50")
+    if not 0 < side_m < np.inf:
+        raise InputError("truth", f"a tag of {1000 * side_m:g} mm; expected a positive length")
+    params = cv2.aruco.DetectorParameters()
+    params.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    detector = cv2.aruco.ArucoDetector(known, params)
+    square = side_m / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
+    stamps, positions, sides = [], [], []
+    for frame in recording:
+        corners = [_corners(detector, image, number) for image in (frame.left, frame.right)]
+        points = _points(recording.rig.view_of(frame), *corners)
+        if points is None:
+            continue
+        R, t = rigid_alignment(square, points)
+        stamps.append(frame.stamp_s)
+        positions.append(R @ offset_m + t)
+        sides.append(float(np.mean(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1))))
+    if not stamps:
+        raise InputError(recording.name, f"no pair shows tag {number} of {dictionary} in both images")
+    return TagPath(np.array(stamps), np.array(positions), np.array(sides))
+
+
+def _corners(detector: cv2.aruco.ArucoDetector, image: Image, number: int) -> Array | None:
+    """(4, 2) px of the tag: its top left, top right, bottom right and bottom left; None unless it is seen once."""
+    quads, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    found = [k for k, one in enumerate(np.ravel(numbers) if numbers is not None else ()) if one == number]
+    return np.asarray(quads[found[0]], dtype=float).reshape(4, 2) if len(found) == 1 else None
+
+
+def _points(view: StereoView, left_px: Array | None, right_px: Array | None) -> Array | None:
+    """(4, 3) m of the corners, root frame."""
+    if left_px is None or right_px is None:
+        return None
+    cov = _CORNER_PX2 * np.eye(2)
+    found = [triangulate(view, a, b, cov, cov) for a, b in zip(left_px, right_px, strict=True)]
+    points = [one.p_root for one in found if one is not None]
+    return np.array(points) if len(points) == len(found) else None
