@@ -114,6 +114,23 @@ def test_the_palm_slides_along_the_trunk(robot: Robot) -> None:
     assert min(gaps[None]) < 0.02
 
 
+def test_from_any_start_also_outside_limits_there_are_rates_that_lead_back(
+    robot: Robot, rng: np.random.Generator
+) -> None:
+    """Some postures overlap with the trunk or the other arm: joint limits go before the distance."""
+    bodies = SelfCollision(robot)
+    arm = robot.indices(robot.names.arm("left"))
+    for _ in range(40):
+        q = rng.uniform(robot.lower_rad, robot.upper_rad)
+        q[arm] += rng.choice([-0.3, 0.0, 0.3], len(arm))
+        keep_in = KeepIn("left_palm", rng.uniform(-0.3, 0.3, 3), 0.05)
+        velocity = rng.normal(size=3)
+        dq = arm_velocity(PARAMS, robot.at(q), "left", "left_palm", (0, 0, 0), velocity, REST, keep_in, DT, bodies)
+        assert np.all(np.abs(dq) <= 60 * DEG + 1e-6)
+        beyond = [np.maximum(np.maximum(p - robot.upper_rad, robot.lower_rad - p), 0.0) for p in (q, q + DT * dq)]
+        assert np.all(beyond[1][arm] <= np.maximum(beyond[0][arm] - DT * 60 * DEG, 0.0) + 1e-6)
+
+
 @pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])
 def test_a_velocity_that_is_not_finite_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="expected three finite numbers"):
