@@ -1,6 +1,8 @@
-"""Move any point of an arm at a Cartesian velocity: a quadratic programme within joint limits and clear of the body."""
+"""Move points of an arm at Cartesian velocities: a quadratic programme within joint limits and clear of the body."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +33,19 @@ class ArmParams:
     """Bodies farther apart than this are not looked at."""
 
 
+class MovingPoint(NamedTuple):
+    """A point of the arm that is to move."""
+
+    frame: str
+    """Name of the frame that carries it."""
+    point: ArrayLike
+    """(3,) m in `frame`."""
+    velocity_root: ArrayLike
+    """(3,) m/s."""
+    weight: float = 1.0
+    """How much its error counts beside that of other points."""
+
+
 @dataclass(frozen=True)
 class KeepIn:
     """A sphere that the origin of a frame must not leave."""
@@ -56,29 +71,35 @@ def arm_velocity(
     params: ArmParams,
     posture: Posture,
     side: str,
-    frame: str,
-    point: ArrayLike,
-    velocity_root: ArrayLike,
+    points: Sequence[MovingPoint],
     rest_rad: ArrayLike,
     keep_in: KeepIn | None = None,
     hold_s: float = MAX_HOLD_S,
     self_collision: SelfCollision | None = None,
+    more_rows: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Joint rates (n_joints,) of the arm of `side` that move a `point` (3,) of `frame` at `velocity_root` (3,) m/s.
+    """Joint rates (n_joints,) of the arm of `side` that move `points` as they are to, by least squares.
 
     `rest_rad` (k,) is the arm's rest posture.  Where a joint limit, within the time `hold_s` for which the rates may be
-    held, the sphere, or another body of the robot (of `self_collision`; None: none) forbids the motion, the point
-    slides along it, or stops.  InputError for a velocity that is not finite.
+    held, the sphere, another body of the robot (of `self_collision`; None: none) or one of `more_rows`, rates @ rows
+    (m, n_joints) ≤ most (m,), forbids the motion, the points slide along it, or stop.  InputError for a velocity that
+    is not finite.
     """
-    velocity = np.asarray(velocity_root, dtype=float)
-    if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
-        raise InputError("arm", f"velocity {velocity} of {frame}; expected three finite numbers in m/s")
+    velocities = [np.asarray(one.velocity_root, dtype=float) for one in points]
+    for one, velocity in zip(points, velocities, strict=True):
+        if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
+            raise InputError("arm", f"velocity {velocity} of {one.frame}; expected three finite numbers in m/s")
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
     q = posture.q_rad[columns]
     limits = rate_limits(q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, 1 / hold_s)
     preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
-    J = posture.jacobian(frame, point)[:3, columns]
+    J: Array = np.zeros((3, len(columns)))  # without points nothing is asked for
+    wanted: Array = np.zeros(3)
+    for one, velocity in zip(points, velocities, strict=True):
+        weight = np.sqrt(one.weight)
+        J = np.vstack([J, weight * posture.jacobian(one.frame, one.point)[:3, columns]])
+        wanted = np.append(wanted, weight * velocity)
     rows: Array = np.empty((0, len(columns)))
     most: Array = np.empty(0)
     if self_collision is not None:
@@ -87,7 +108,9 @@ def arm_velocity(
     if keep_in is not None:
         outward, max_m_s = keep_in.row(posture, columns)
         rows, most = np.vstack([rows, outward]), np.append(most, max_m_s)
-    rates = solve_rates(J, velocity, preferred, params.damping_m, limits, rows, most)
+    if more_rows is not None:
+        rows, most = np.vstack([rows, more_rows[0][:, columns]]), np.concatenate([most, more_rows[1]])
+    rates = solve_rates(J, wanted, preferred, params.damping_m, limits, rows, most)
     dq = np.zeros(robot.n_joints)
     dq[columns] = rates
     return dq

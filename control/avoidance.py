@@ -1,21 +1,23 @@
 """Move away from what the skin predicts to touch it, or reach for it (R eq. 6), and return home."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.arm import ArmParams, KeepIn, arm_velocity
+from control.arm import ArmParams, KeepIn, MovingPoint, arm_velocity
 from control.limits import MAX_HOLD_S, check_times
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.robot.bare_links import BareLinks, Near
 from pps_vision.robot.model import Posture
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin
-from pps_vision.types import Array, JointVelocity
+from pps_vision.types import Array, JointVelocity, Track3D
 
-Mode = Literal["idle", "avoid", "reach", "return"]
+Mode = Literal["idle", "avoid", "reach", "hold", "return"]
+_FULL_SPEED_NORMAL = 0.5  # a mean normal that is shorter (60° from all normals to it, or more) slows the response
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,10 @@ class AvoidanceParams:
     """Activation above which a taxel responds."""
     speed_m_s: float = 0.10
     """Speed of the control point."""
+    weighting: Literal["sum", "count"] = "sum"
+    """What Σ a n is divided by: Σ a, so that the speed is constant (the robot's code), or the number of taxels, so that
+    it grows with the activation (R eq. 6 as printed).  P is divided by Σ a in both: otherwise it is no point of the
+    arm."""
     radius_m: float = 0.20
     """The palm stays this near to its place at home."""
     confirm_s: float = 0.15
@@ -39,22 +45,43 @@ class AvoidanceParams:
     to three frames."""
     persist_s: float = 0.3
     """Time the response outlasts the activation."""
+    wait_s: float = 1.0
+    """Time for which the arm stays where it is when the object is lost, before it goes home."""
+    gone_m: float = 0.05
+    """An object that interrupted the return must move by so much before the arm returns again: it does not swing
+    before an object at rest."""
+    link_clearance_m: float = 0.03
+    """Links without taxels come no nearer to the object, and respond if it is to come nearer within `link_lead_s`."""
+    link_lead_s: float = 0.5
+    """Time before an object comes near a link without taxels in which the arm responds."""
     return_per_s: float = 3.0
     """Rate of the return home, of the angles left."""
     ease_in_s: float = 0.3
     """Time over which the return speeds up."""
     at_home_rad: float = np.deg2rad(0.2)
     """Largest angle from home that counts as being there."""
+    give_up_s: float = 6.0
+    """Longest return; a joint that is stuck never gets home."""
     arm: ArmParams = field(default_factory=ArmParams)
     """Limits and damping of the arm."""
 
     def __post_init__(self) -> None:
         if self.side not in ("left", "right") or self.behaviour not in ("avoid", "reach"):
             raise ValueError(f"{self.behaviour!r} by the {self.side!r} arm; expected avoid or reach, left or right")
+        if self.weighting not in ("sum", "count"):
+            raise ValueError(f"weighting {self.weighting!r}; expected sum or count")
         if not self.home_arm_rad or not np.isfinite(self.home_arm_rad).all():
             raise ValueError(f"home_arm_rad {self.home_arm_rad}; expected an angle for each joint")
-        times = self.confirm_s, self.persist_s, self.ease_in_s
-        above_0 = self.threshold, self.speed_m_s, self.radius_m, self.return_per_s, self.at_home_rad
+        times = self.confirm_s, self.persist_s, self.ease_in_s, self.wait_s, self.link_lead_s, self.link_clearance_m
+        above_0 = (
+            self.threshold,
+            self.speed_m_s,
+            self.radius_m,
+            self.return_per_s,
+            self.at_home_rad,
+            self.give_up_s,
+            self.gone_m,
+        )
         if not (all(time >= 0 for time in times) and all(value > 0 for value in above_0) and self.threshold <= 1):
             raise ValueError(f"{self}; expected no time below 0, the rest above, a threshold of at most 1")
 
@@ -65,15 +92,13 @@ class AvoidanceState:
 
     mode: Mode = "idle"
     since_s: float = 0.0
-    """Stamp of the last activation that it responds to; on the way home, when that began."""
+    """Stamp of the last activation that it responds to; of a hold and of the way home, when that began."""
     active_since_s: float = np.inf
     """Since when some taxel is above threshold without a break; inf if none is."""
-    frame: str = ""
-    """Frame of the control point."""
-    point: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) control point in `frame`, m."""
-    velocity_root: Array = field(default_factory=lambda: np.zeros(3))
-    """(3,) its commanded velocity, m/s."""
+    points: tuple[MovingPoint, ...] = ()
+    """Control points with their commanded velocities, the most activated first."""
+    blocked_by: Array | None = None
+    """(3,) where the object was when it interrupted the return, m."""
     stamp_s: float = -np.inf
     """Stamp of the last step."""
 
@@ -84,9 +109,9 @@ class Response:
 
     mode: Mode
     velocity_root: Array
-    """(3,) m/s of the control point; zero unless the arm avoids or reaches."""
+    """(3,) m/s of the most activated control point; zero unless the arm avoids or reaches."""
     point_root: Array
-    """(3,) control point, m; NaN unless the arm avoids or reaches."""
+    """(3,) that control point, m; NaN unless the arm avoids or reaches."""
 
 
 def step(
@@ -99,71 +124,153 @@ def step(
     may_reach: bool = False,
     hold_s: float = MAX_HOLD_S,
     self_collision: SelfCollision | None = None,
+    track: Track3D | None = None,
+    bare_links: BareLinks | None = None,
 ) -> tuple[AvoidanceState, JointVelocity, Response]:
     """One control step from the activations (n,) of `skin`, the taxels this arm carries.
 
     The arm reaches only while `may_reach`: while the reachable-space map calls the object reachable; it avoids in any
-    case.  The command may be held for `hold_s`; the response keeps clear of the bodies of `self_collision`.  InputError
-    if an activation is not in [0, 1], if there is not one per taxel, or if the stamp is not finite or before the last
-    one.
+    case.  It reaches with the body part that is most likely to be touched, and withdraws all parts at once.  The
+    command may be held for `hold_s`; the response keeps clear of the bodies of `self_collision`.  Of a `track` (None:
+    unknown) the `bare_links`, which have no taxels, are kept clear too, and when it is lost the arm holds still, then
+    goes home.  InputError if an activation is not in [0, 1], if there is not one per taxel, or if the stamp is not
+    finite or before the last one.
     """
     check_times("avoidance", stamp_s, hold_s, state.stamp_s)
-    found = control_point(params.threshold, posture, skin, np.asarray(activations, dtype=float))
-    state = _next(params, state, posture, found, stamp_s, may_reach or params.behaviour == "avoid")
+    found = control_points(params.threshold, posture, skin, np.asarray(activations, dtype=float), params.weighting)
+    near: list[Near] = []
+    if bare_links is not None and track is not None and track.is_known:
+        near, threatened = _near(params, bare_links, posture, track)
+        found += [_of_link(one) for one in threatened if params.behaviour == "avoid"]
+    if params.behaviour == "reach":
+        found = sorted(found, key=lambda one: -one.likeliest)[:1]
+    allowed = may_reach or params.behaviour == "avoid"
+    state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track)
     state = replace(state, stamp_s=stamp_s)
     if state.mode in ("avoid", "reach"):
-        dq = _respond(params, state, posture, hold_s, self_collision)
-        response = Response(state.mode, state.velocity_root, posture.point(state.frame, state.point))
+        dq = _respond(params, state, posture, hold_s, self_collision, near)
+        first = state.points[0]
+        response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
     else:
-        dq = _return(params, posture, stamp_s - state.since_s) if state.mode == "return" else 0 * posture.q_rad
+        dq = 0 * posture.q_rad
+        if state.mode == "return":
+            dq = _return(params, posture, stamp_s - state.since_s, _rows(params, posture, near, hold_s))
         response = Response(state.mode, np.zeros(3), np.full(3, np.nan))
     return state, JointVelocity(stamp_s, dq, hold_s), response
 
 
-def control_point(
-    threshold: float, posture: Posture, skin: Skin, activations: Array
-) -> tuple[str, Array, Array] | None:
-    """R eq. 6: the frame that carries P, P (3,) in the root frame, and the unit normal N (3,) there.
+class ControlPoint(NamedTuple):
+    """P and N of one body part (R eq. 6)."""
 
-    P = Σ a p / Σ a and N = Σ a n / Σ a over the taxels above threshold of the body part with the largest Σ a; None
-    where no taxel is above threshold.
+    frame: str
+    """The frame that carries P."""
+    point_root: Array
+    """(3,) P, m."""
+    direction: Array
+    """(3,) N; of length 1 at full speed, shorter where normals cancel or, by weighting, for a lower activation."""
+    weight: float
+    """Σ a over the taxels above threshold."""
+    likeliest: float
+    """The largest a."""
+
+
+def control_points(
+    threshold: float,
+    posture: Posture,
+    skin: Skin,
+    activations: Array,
+    weighting: Literal["sum", "count"] = "sum",
+) -> list[ControlPoint]:
+    """R eq. 6 for each body part with taxels above threshold, that with the largest Σ a first.
+
+    P = Σ a p / Σ a; N = Σ a n / Σ a made a unit vector, but shorter where normals cancel, or N = Σ a n / k.
     """
     n = len(skin.taxel_ids)
     if activations.shape != (n,) or not np.all((activations >= 0) & (activations <= 1)):
         raise InputError("avoidance", f"activations {activations}; expected {n} numbers in [0, 1], one a taxel")
     weights = np.where(activations > threshold, activations, 0.0)
     if not weights.any():
-        return None
-    by_part = np.bincount(skin.part_index, weights, len(skin.parts))
-    part = int(np.argmax(by_part))
-    shares = np.where(skin.part_index == part, weights, 0.0) / by_part[part]
+        return []
     positions, normals = skin.at(posture)
-    normal = shares @ normals
-    return skin.parts[part].frame, shares @ positions, normal / max(float(np.linalg.norm(normal)), 1e-9)
+    found = []
+    for k, part in enumerate(skin.parts):
+        a = np.where(skin.part_index == k, weights, 0.0)
+        if a.any():
+            total = float(a.sum())
+            mean: Array = a @ normals / total
+            by_sum = mean / max(float(np.linalg.norm(mean)), _FULL_SPEED_NORMAL)
+            direction = by_sum if weighting == "sum" else a @ normals / np.count_nonzero(a)
+            found.append(ControlPoint(part.frame, a @ positions / total, direction, total, float(a.max())))
+    return sorted(found, key=lambda one: -one.weight)
+
+
+def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Track3D) -> tuple[list[Near], list[Near]]:
+    """The nearest points of links without taxels, and those of them to which the object comes within the lead time."""
+    radius = track.radius_m if np.isfinite(track.radius_m) else 0.0
+    near, *later = (
+        links.near(posture, track.position + after_s * track.velocity, radius)
+        for after_s in (0.0, 0.5 * params.link_lead_s, params.link_lead_s)
+    )
+    nearest = np.min([[one.distance_m for one in then] for then in later], axis=0, initial=np.inf)
+    comes = [
+        distance < min(one.distance_m, params.link_clearance_m) for one, distance in zip(near, nearest, strict=True)
+    ]
+    return near, [one for one, it_comes in zip(near, comes, strict=True) if it_comes]
+
+
+def _of_link(near: Near) -> ControlPoint:
+    """The nearest point of a link without taxels, as if a taxel there were fully activated."""
+    return ControlPoint(near.frame, near.point_root, near.normal, 1.0, 1.0)
 
 
 def _next(
     params: AvoidanceParams,
     state: AvoidanceState,
     posture: Posture,
-    found: tuple[str, Array, Array] | None,
+    found: list[ControlPoint],
     stamp_s: float,
     allowed: bool,
+    track: Track3D | None,
 ) -> AvoidanceState:
-    """Respond to a confirmed activation while allowed, keep responding for a while, then return, then rest."""
-    found = found if allowed else None
-    state = replace(state, active_since_s=np.inf if found is None else min(state.active_since_s, stamp_s))
-    responding = state.mode in ("avoid", "reach")
-    if found is not None and (responding or stamp_s - state.active_since_s > params.confirm_s - 1e-6):
-        frame, p_root, normal = found
-        velocity = normal * (params.speed_m_s if params.behaviour == "reach" else -params.speed_m_s)
-        point = move_points(inverse(posture.T_root(frame)), p_root)
-        return AvoidanceState(params.behaviour, stamp_s, state.active_since_s, frame, point, velocity)
-    if responding and (not allowed or stamp_s - state.since_s > params.persist_s):
-        return AvoidanceState("return", stamp_s, state.active_since_s)
-    if state.mode == "return" and np.abs(_angles_from_home(params, posture)).max() < params.at_home_rad:
-        return AvoidanceState("idle", stamp_s, state.active_since_s)
-    return state
+    """Respond to a confirmed activation while allowed, keep responding for a while, then return, then rest.
+
+    Before the return, hold when the object is lost, or has interrupted a return and not moved since.
+    """
+    active_since_s = min(state.active_since_s, stamp_s) if found else np.inf
+    mode, since_s, blocked_by = state.mode, stamp_s - state.since_s, state.blocked_by
+    responding, position = mode in ("avoid", "reach"), track.position if track and track.is_known else None
+    if found and (responding or mode == "hold" or stamp_s - active_since_s > params.confirm_s - 1e-6):
+        by = position if mode == "return" else blocked_by
+        return AvoidanceState(params.behaviour, stamp_s, active_since_s, _moving(params, posture, found), by)
+    blocked = False
+    if blocked_by is not None and position is not None:
+        blocked = float(np.linalg.norm(position - blocked_by)) < params.gone_m
+    lost = track is not None and position is None
+    ended = responding and (lost or not allowed or since_s > params.persist_s)
+    if ended and (lost or blocked):
+        return AvoidanceState("hold", stamp_s, blocked_by=blocked_by)
+    if ended or (mode == "hold" and not blocked and (not lost or since_s > params.wait_s)):
+        return AvoidanceState("return", stamp_s, active_since_s)
+    if mode == "return":
+        at_home = np.abs(_angles_from_home(params, posture)).max() < params.at_home_rad
+        if at_home or since_s > params.give_up_s:
+            return AvoidanceState("idle", stamp_s, active_since_s)
+    return replace(state, active_since_s=active_since_s)
+
+
+def _moving(params: AvoidanceParams, posture: Posture, found: list[ControlPoint]) -> tuple[MovingPoint, ...]:
+    """The control points in their frames, with their velocities; their weights are shares of Σ a."""
+    speed = params.speed_m_s if params.behaviour == "reach" else -params.speed_m_s
+    total = sum(one.weight for one in found)
+    return tuple(
+        MovingPoint(
+            one.frame,
+            move_points(inverse(posture.T_root(one.frame)), one.point_root),
+            speed * one.direction,
+            one.weight / total,
+        )
+        for one in found
+    )
 
 
 def _respond(
@@ -172,23 +279,43 @@ def _respond(
     posture: Posture,
     hold_s: float,
     self_collision: SelfCollision | None,
+    near: list[Near],
 ) -> Array:
-    """Joint rates that move the control point as commanded, the palm staying within its sphere."""
+    """Joint rates that move the control points as commanded, the palm within its sphere, links off the object."""
     palm, q_home = _palm(params, posture), posture.q_rad.copy()
     q_home[_columns(params, posture)] = params.home_arm_rad
     keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
-    task = state.frame, state.point, state.velocity_root
-    return arm_velocity(params.arm, posture, params.side, *task, params.home_arm_rad, keep_in, hold_s, self_collision)
+    rows = _rows(params, posture, near, hold_s)
+    rest = params.home_arm_rad
+    return arm_velocity(params.arm, posture, params.side, state.points, rest, keep_in, hold_s, self_collision, rows)
 
 
-def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float) -> Array:
-    """Joint rates towards home: eased in and out, the palm no faster than the control point of a response."""
+def _rows(params: AvoidanceParams, posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array] | None:
+    """Speeds (m, n_joints) of links without taxels towards the object per joint rate, and their largest values (m,)."""
+    near = [one for one in near if np.isfinite(one.distance_m)]
+    if not near:
+        return None
+    rows = []
+    for one in near:
+        point = move_points(inverse(posture.T_root(one.frame)), one.point_root)
+        rows.append(one.normal @ posture.jacobian(one.frame, point)[:3])
+    most = [max(one.distance_m - params.link_clearance_m, 0.0) / hold_s for one in near]
+    return np.array(rows), np.array(most)
+
+
+def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float, rows: tuple[Array, Array] | None) -> Array:
+    """Joint rates towards home: eased in and out, the palm no faster than the control point of a response, and no
+    faster than the `rows` of links near the object allow."""
     dq = np.zeros_like(posture.q_rad)
     dq[_columns(params, posture)] = -params.return_per_s * _angles_from_home(params, posture)
     palm_speed = np.linalg.norm(posture.jacobian(_palm(params, posture))[:3] @ dq)
     excess = max(palm_speed / params.speed_m_s, np.abs(dq).max() / params.arm.max_rate_rad_s, 1.0)
     eased = elapsed_s / params.ease_in_s if elapsed_s < params.ease_in_s else 1.0
-    return np.asarray(dq * eased / excess)
+    dq *= eased / excess
+    if rows is not None:
+        towards = rows[0] @ dq
+        dq *= np.min(rows[1][towards > 0] / towards[towards > 0], initial=1.0)
+    return dq
 
 
 def _columns(params: AvoidanceParams, posture: Posture) -> list[int]:

@@ -17,6 +17,7 @@ from pps_vision.types import Array, JointVelocity
 # Least-squares weights of the rates, in units of the features: damping; the neck gives way where the eyes cannot make
 # up for it, and its roll to yaw and pitch.
 _WEIGHT, _NECK_WEIGHT, _ROLL_WEIGHT = 1e-3, 0.05, 0.05
+_NEAREST_M = 0.1  # what is nearer moves past the eyes as fast as the neck turns: the neck would swing
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,9 @@ def step(
     neck, eyes = joints(robot)
     lower, upper = _range(params.limits, posture, dt_s, stamp_s, last)
     preferred, weights = np.zeros(robot.n_joints), np.full(robot.n_joints, _WEIGHT)
+    middle = 0.5 * (posture.point(robot.names.left_eye) + posture.point(robot.names.right_eye))
+    if np.linalg.norm(p - middle) < _NEAREST_M:
+        lower[neck] = upper[neck] = np.clip(0.0, lower[neck], upper[neck])
     preferred[neck] = _follow(params, posture, neck, p, v, (lower[neck], upper[neck]))
     weights[neck] = _NECK_WEIGHT
     x, dx_dq, dx_dp = features(posture, p)

@@ -24,6 +24,7 @@ from learning.pps.receptive_field import ReceptiveField, likely_velocities, perc
 from learning.reach.map import ReachableMap
 from learning.reach.track_reachability import TrackReachability
 from pps_vision.errors import InputError
+from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -135,6 +136,7 @@ class Pipeline:
         self._on_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
         self._reachability = reachable_map and TrackReachability(robot, reachable_map, params.max_false_positives)
         self._self_collision = SelfCollision(robot)
+        self._bare_links = BareLinks(robot, self._arm_skin, side)
         self._state = PipelineState(LearnerState(memory, EventBuffer()))
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
@@ -167,6 +169,8 @@ class Pipeline:
             may_reach=reachability is not None and reachability.is_reachable,
             hold_s=params.hold_s,
             self_collision=self._self_collision,
+            track=track,
+            bare_links=self._bare_links,
         )
         searching, gaze_command = self._move_gaze(state, then, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from control.avoidance import AvoidanceParams, AvoidanceState, Response, control_point, step
+from control.avoidance import AvoidanceParams, AvoidanceState, Response, control_points, step
+from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_DEG, home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
-from pps_vision.types import Array
+from pps_vision.types import Array, Status, Track3D
 
 DEG = np.pi / 180
 DT = 0.05
@@ -46,9 +47,8 @@ def test_p_and_n_are_activation_weighted_means_over_what_exceeds_the_threshold(r
     a = activations_of(
         FOREARM, left_forearm_27=0.5, left_forearm_135=1.0, left_forearm_15=0.4
     )  # 0.4 does not exceed 0.4
-    found = control_point(0.4, posture, FOREARM, a)
-    assert found is not None
-    frame, p, n = found
+    ((frame, p, n, weight, likeliest),) = control_points(0.4, posture, FOREARM, a)
+    assert (weight, likeliest) == (1.5, 1.0)
     i, j = FOREARM.index("left_forearm:27"), FOREARM.index("left_forearm:135")
     assert frame == "left_forearm"
     np.testing.assert_allclose(p, (positions[i] + 2 * positions[j]) / 3)
@@ -65,9 +65,9 @@ def test_the_most_active_body_part_has_the_control_point(
     """By the sum of its activations."""
     skin = icub_skin(("left_forearm", "left_palm"))
     a = activations_of(skin, left_forearm_27=forearm, left_palm_101=palms[0], left_palm_99=palms[1])
-    found = control_point(0.4, robot.at(home(robot)), skin, a)
-    assert found is not None
-    assert found[0] == part
+    found = control_points(0.4, robot.at(home(robot)), skin, a)
+    assert found[0].frame == part
+    assert len(found) == 2
 
 
 def test_an_arm_that_responds_follows_a_new_activation_at_once(robot: Robot) -> None:
@@ -80,7 +80,7 @@ def test_an_arm_that_responds_follows_a_new_activation_at_once(robot: Robot) -> 
 
 
 def test_an_arm_without_skin_has_no_control_point(robot: Robot) -> None:
-    assert control_point(0.4, robot.at(home(robot)), Skin(()), np.zeros(0)) is None
+    assert control_points(0.4, robot.at(home(robot)), Skin(()), np.zeros(0)) == []
 
 
 @pytest.mark.parametrize(("behaviour", "sign"), [("avoid", -1), ("reach", 1)])
@@ -296,3 +296,90 @@ def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot: Ro
         modes.append(response.mode)
         assert response.mode == "reach" or not command.dq_rad_s.any()
     assert modes == ["idle"] * 6 + ["reach"] * 2 + ["return"] + ["idle"] * 2 + ["reach"]
+
+
+def test_by_count_the_speed_grows_with_the_activation(robot: Robot) -> None:
+    """R eq. 6 as printed: N = Σ a n / k."""
+    posture, (positions, normals) = robot.at(home(robot)), FOREARM.at(robot.at(home(robot)))
+    i, j = FOREARM.index("left_forearm:27"), FOREARM.index("left_forearm:15")
+    a = activations_of(FOREARM, left_forearm_27=0.5, left_forearm_15=0.9)
+    ((_, p, n, *_),) = control_points(0.4, posture, FOREARM, a, "count")
+    np.testing.assert_allclose(n, (0.5 * normals[i] + 0.9 * normals[j]) / 2)
+    np.testing.assert_allclose(p, (0.5 * positions[i] + 0.9 * positions[j]) / 1.4)
+    params = replace(AT_ONCE, weighting="count")
+    ((_, _, response),) = simulate(robot, [a], params)
+    np.testing.assert_allclose(response.velocity_root, -0.1 * n)
+
+
+def test_all_parts_withdraw_at_once_and_the_likeliest_reaches(robot: Robot) -> None:
+    """Two stimuli: one before the forearm, one before the palm; touching by the largest activation, not the sum."""
+    skin = icub_skin(("left_forearm", "left_palm"))
+    a = activations_of(skin, left_forearm_27=0.6, left_forearm_15=0.6, left_palm_101=0.9)
+    posture = robot.at(home(robot))
+    state, command, _ = step(AT_ONCE, AvoidanceState(), posture, skin, a, 0.0)
+    moved = robot.at(home(robot) + 1e-4 * command.dq_rad_s)
+    positions, normals = skin.at(posture)
+    away = (skin.at(moved)[0] - positions) / 1e-4
+    for name in ("left_forearm:27", "left_palm:101"):
+        k = skin.index(name)
+        assert away[k] @ normals[k] < -0.03
+    assert {one.frame for one in state.points} == {"left_forearm", "left_palm"}
+    reaching = replace(AT_ONCE, behaviour="reach")
+    state, _, response = step(reaching, AvoidanceState(), posture, skin, a, 0.0, may_reach=True)
+    assert [one.frame for one in state.points] == ["left_palm"]
+    np.testing.assert_allclose(response.point_root, positions[skin.index("left_palm:101")])
+
+
+def track_at(position: Array, velocity: Array, radius_m: float = BALL_M, status: Status = Status.TRACKING) -> Track3D:
+    mean = np.array([position, velocity, np.zeros(3), np.zeros(3)])
+    return Track3D(0.0, mean, 1e-6 * np.eye(12), radius_m, 1e-8, status)
+
+
+def test_nearest_points_of_links_without_taxels(robot: Robot) -> None:
+    """By hand for the elbow's ball of 36 mm; the palm is bare only where its skin is missing."""
+    posture, links = robot.at(home(robot)), BareLinks(robot, FOREARM, "left")
+    elbow, up = posture.point("left_lower_arm"), np.array([0.0, 0.0, 1.0])
+    near = {one.frame: one for one in links.near(posture, elbow + 0.1 * up, 0.02)}
+    assert set(near) == {"left_upper_arm", "left_lower_arm", "left_palm"}
+    np.testing.assert_allclose(near["left_lower_arm"].normal, [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(near["left_lower_arm"].point_root, elbow + 0.036 * up, atol=1e-6)
+    assert near["left_lower_arm"].distance_m == pytest.approx(0.1 - 0.02 - 0.036, abs=1e-6)
+    assert all(np.isinf(one.distance_m) for one in links.near(posture, elbow + 5 * up, 0.02))
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 0.12])
+def test_the_elbow_which_has_no_taxels_gives_way_to_what_comes_and_not_to_what_passes(
+    robot: Robot, aside_m: float
+) -> None:
+    links, q, state = BareLinks(robot, FOREARM, "left"), home(robot), AvoidanceState()
+    way = np.array([0.0, -1.0, 0.0])  # the left side
+    across = np.array([0.0, 0.0, -1.0])
+    elbow, gaps, moved = robot.at(q).point("left_lower_arm"), [], False
+    for k in range(120):
+        center = elbow + aside_m * across + (0.25 - 0.1 * min(k * DT, 2.0)) * way
+        gaps.append(min(one.distance_m for one in links.near(robot.at(q), center, BALL_M)))
+        velocity = -0.1 * way if k * DT < 2.0 else 0 * way
+        track = track_at(center, velocity)
+        state, command, _ = step(
+            PARAMS, state, robot.at(q), FOREARM, np.zeros(12), k * DT, hold_s=0.05, track=track, bare_links=links
+        )
+        moved = moved or bool(command.dq_rad_s.any())
+        q = q + DT * command.dq_rad_s
+    assert moved == (aside_m == 0.0)
+    assert min(gaps) > (0.02 if aside_m == 0.0 else 0.05)
+
+
+def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) -> None:
+    on, modes, state, q = activations_of(FOREARM, left_forearm_27=1.0), [], AvoidanceState(), home(robot)
+    for k in range(120):
+        track = track_at(np.zeros(3), np.zeros(3)) if k < 10 else Track3D.unknown(k * DT)
+        state, command, response = step(
+            AT_ONCE, state, robot.at(q), FOREARM, on * (k < 10), k * DT, hold_s=0.05, track=track
+        )
+        assert response.mode != "hold" or not command.dq_rad_s.any()
+        modes.append(response.mode)
+        q = q + DT * command.dq_rad_s
+    assert modes[:10] == ["avoid"] * 10
+    assert DT * modes.count("hold") == pytest.approx(AT_ONCE.wait_s, abs=2 * DT)
+    assert modes == sorted(modes, key=["avoid", "hold", "return", "idle"].index)
+    np.testing.assert_allclose(q, home(robot), atol=0.3 * DEG)
