@@ -7,7 +7,8 @@ from qpsolvers import solve_qp
 from pps_vision.types import Array
 
 _PRICE = 100.0  # of leaving a row, per unit; the multipliers of tasks are below 1 (m/s)
-_ROUND = 1e-6  # of the rows' slack in the Hessian, which must be positive definite
+# Of the rows' slack in the Hessian, which must be positive definite; with 1e-6 DAQP now and then finds no solution.
+_ROUND = 1e-4
 
 
 def rate_limits(

@@ -14,7 +14,7 @@ from pps_vision.robot.self_collision import SelfCollision
 def test_no_limit_is_left_and_nothing_but_input_is_refused() -> None:
     found = attack(1200, SEED, 60)
     assert found.faults == []
-    assert set(found.modes) == {"idle", "avoid", "reach", "return"}
+    assert set(found.modes) == {"idle", "avoid", "reach", "hold", "return"}
     assert {"pipeline", "avoidance", "posture"} <= set(found.refused)
     assert found.refused.total() < 0.5 * found.steps
     assert set(found.starts) == set(STARTS)
