@@ -115,7 +115,13 @@ class Arm(SampledStudy):
             "ms": "ms",
         }
         rows = [
-            [f"{case}: {name}", *(estimate([cell[key][1]] if key == "ms" else cell[key]) for key in columns.values())]
+            [
+                f"{case}: {name}",
+                *(
+                    estimate([cell[key][1]] if key == "ms" else [round(value, 6) for value in cell[key]])
+                    for key in columns.values()
+                ),
+            ]
             for case, cells in numbers.items()
             if case not in ("study", "parameters", "machine")
             for name, cell in cells.items()
