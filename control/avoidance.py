@@ -211,9 +211,11 @@ def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Tr
         links.near(posture, track.position + after_s * track.velocity, radius)
         for after_s in (0.0, 0.5 * params.link_lead_s, params.link_lead_s)
     )
-    nearest = np.min([[one.distance_m for one in then] for then in later], axis=0, initial=np.inf)
+    nearest = np.min([[one.distance_m for one in then] for then in later], axis=0)
+    nearer_m = 0.1 * params.speed_m_s * params.link_lead_s  # by the noise of its velocity what is at rest comes nearer
     comes = [
-        distance < min(one.distance_m, params.link_clearance_m) for one, distance in zip(near, nearest, strict=True)
+        distance < min(one.distance_m - nearer_m, params.link_clearance_m)
+        for one, distance in zip(near, nearest, strict=True)
     ]
     return near, [one for one, it_comes in zip(near, comes, strict=True) if it_comes]
 
