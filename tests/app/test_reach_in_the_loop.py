@@ -97,12 +97,12 @@ def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: Reach
     assert not truly(leaves, steps)[-1]
     stays = towards("left_palm:101", 0.17, 0.08)
     lost, _ = run(pipeline(lambda t: stays(t) if t < 1 else None, REACH, left))
-    for found in (steps, lost):
+    for found, given_up in ((steps, "return"), (lost, "hold")):
         modes = [step.response.mode for step in found]
         reached = [step.reachability is not None and step.reachability.is_reachable for step in found]
-        assert modes.index("return") == len(reached) - reached[::-1].index(True), "in the frame in which it is known"
+        assert modes.index(given_up) == len(reached) - reached[::-1].index(True), "in the frame in which it is known"
         assert all(may for may, mode in zip(reached, modes, strict=True) if mode == "reach")
-        assert "reach" not in modes[modes.index("return") :]
+        assert "reach" not in modes[modes.index(given_up) :]
 
 
 @pytest.mark.parametrize("taxel", ["left_palm:101", "left_forearm:27"])
