@@ -193,7 +193,7 @@ class Fixation(SampledStudy):
             series = {name: [cell["rms_deg"] for cell in cells] for name, cells in values["methods"].items()}
             charts.curves(axis, values["severities"], series, label, "RMS fixation error (°)")
             axis.set_yscale("log")
-        panels[min(1, len(panels) - 1)].legend(fontsize=7)
+            axis.legend(fontsize=6)
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
