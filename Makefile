@@ -1,10 +1,11 @@
 # make demo   installs what running needs, runs the closed avoidance loop, writes demo/report.html
 # make test   installs what testing needs too, runs linters, types and tests
+# make test-all   the long tests too
 # make test-browser   opens the reports in a headless Chromium
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup libraries test test-browser demo clean
+.PHONY: setup libraries test test-all test-browser demo clean
 setup: libraries .venv/.installed
 
 PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
@@ -36,6 +37,10 @@ test: setup .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@$(BIN)/mypy & types=$$!; OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile; tests=$$?; wait $$types && exit $$tests
+
+# What takes too long for every day: a real Dask cluster.
+test-all: test
+	PPS_VISION_ALL=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/app/test_cluster.py
 
 # The reports in a headless browser; installs Debian's chromium where there is none.
 test-browser: setup .venv/.installed-test

@@ -1,4 +1,4 @@
-"""Tracks and detections in the forms of other tools: TUM, Anipose, MOTChallenge, COCO.
+"""Tracks and detections in the forms of other tools: TUM, Anipose, MOTChallenge, COCO, ROS 2 bags.
 
 | form | files | holds |
 |---|---|---|
@@ -6,6 +6,7 @@
 | anipose | trajectory_anipose.csv | a row for every pair, m; `fnum` counts them from 0 |
 | mot | mot_left.txt, mot_right.txt | boxes; frames and pixels count from 1 |
 | coco | coco.json | images, boxes with score, frame and track; pixels count from 0 |
+| ros2 | trajectory_ros2/ (MCAP) | geometry_msgs/PoseWithCovarianceStamped of every known position on /object |
 
 Tracks are numbered: after an object was lost, the next one is another.
 """
@@ -14,9 +15,11 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from pps_vision.recordings.tables import Box, write_table
 from pps_vision.types import Array, Detection2D, Status, Track3D
@@ -66,6 +69,8 @@ def write_forms(folder: Path, forms: Iterable[Form], pairs: Sequence[TrackedPair
             write_tum(folder / "trajectory.tum", [pair.track for pair in pairs])
         elif form == "anipose":
             write_anipose(folder / "trajectory_anipose.csv", pairs)
+        elif form == "ros2":
+            write_ros2(folder / "trajectory_ros2", [pair.track for pair in pairs])
         elif form == "mot":
             for camera, boxes in seen.items():
                 write_mot(folder / f"mot_{camera}.txt", boxes)
@@ -98,6 +103,33 @@ def write_anipose(file: Path, pairs: Iterable[TrackedPair]) -> None:
         return (*pair.track.position, pair.residual_px, len(seen), score, *_NO_ROTATION, frame)
 
     write_table(file, _ANIPOSE, (row(frame, pair) for frame, pair in enumerate(pairs)))
+
+
+def write_ros2(folder: Path, tracks: Iterable[Track3D]) -> None:
+    """Write a ROS 2 bag of the known positions, in the frame "root"; a tracked point has no rotation, whose variance is
+    -1.  InputError without the extra `ros`."""
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise InputError(folder, "needs the extra ros: pip install 'pps-vision[ros]'") from error
+    store, kind = get_typestore(Stores.ROS2_JAZZY), "geometry_msgs/msg/PoseWithCovarianceStamped"
+    known: Any = {name.rsplit("/", 1)[-1]: make for name, make in store.types.items()}
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        connection = bag.add_connection(f"/{_POINT}", kind, typestore=store)
+        for track in tracks:
+            if not track.is_known:
+                continue
+            nanoseconds = round(1e9 * track.stamp_s)
+            stamp = known["Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+            x, y, z = track.position.tolist()
+            pose = known["Pose"](known["Point"](x, y, z), known["Quaternion"](0.0, 0.0, 0.0, 1.0))
+            cov = np.diag([0.0, 0, 0, -1, -1, -1])
+            cov[:3, :3] = track.cov[:3, :3]
+            message = known["PoseWithCovarianceStamped"](
+                known["Header"](stamp, "root"), known["PoseWithCovariance"](pose, cov.ravel())
+            )
+            bag.write(connection, nanoseconds, store.serialize_cdr(message, kind))
 
 
 def write_mot(file: Path, boxes: Iterable[SeenBox]) -> None:

@@ -8,6 +8,7 @@ import pandas
 import pytest
 from evo.tools.file_interface import read_tum_trajectory_file
 from pycocotools.coco import COCO
+from rosbags.highlevel import AnyReader
 
 from pps_vision.recordings.exchange import SeenBox, TrackedPair, write_coco, write_forms
 from pps_vision.types import Detection2D, Status, Track3D
@@ -91,3 +92,16 @@ def test_one_view(tmp_path: Path) -> None:
     read = COCO(str(tmp_path / "a.json"))
     (annotation,) = read.loadAnns(read.getAnnIds())
     assert (read.loadImgs([annotation["image_id"]])[0]["file_name"], annotation["area"]) == ("2.png", 12)
+
+
+def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
+    write_forms(tmp_path, ["ros2"], pairs, (320, 240))
+    known = [pair.track for pair in pairs if pair.track.is_known]
+    with AnyReader([tmp_path / "trajectory_ros2"]) as bag:
+        read = [bag.deserialize(data, connection.msgtype) for connection, _, data in bag.messages()]
+    assert len(read) == len(known)
+    for message, track in zip(read, known, strict=True):
+        point, stamp = message.pose.pose.position, message.header.stamp
+        assert [point.x, point.y, point.z] == track.position.tolist()
+        assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(track.stamp_s, abs=1e-6)
+        np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6)[:3, :3], track.cov[:3, :3])

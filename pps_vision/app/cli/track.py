@@ -44,7 +44,8 @@ class Track(SourceOptions):
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
     the smoothed path; the video shows the path as it was known then."""
     also: tuple[Form, ...] = ()
-    """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images)."""
+    """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images), ros2
+    (a bag; extra `ros`)."""
     video: bool = False
     """Also write overlay.mp4."""
     report: bool = False
