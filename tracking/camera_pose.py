@@ -22,6 +22,7 @@ _APART_S = 0.12  # time between the images that tell a delay
 _GAP_S = 0.25  # frames farther apart tell no velocity
 _DELAY_MEMORY_S = 10.0  # over which the delay is averaged
 _NOISE_PX = 0.05  # of a rotation between two images, per axis
+_SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise counts for
 _SURE_PX = 0.03  # a delay whose error shifts the image by less is measured once in `_SELDOM_S`
 _SELDOM_S = 1.0
 _SLOW_RAD_S = 1e-3  # slower changes of the angular velocity tell no delay
@@ -157,12 +158,16 @@ class _LateJoints:
     """By how much joints are late; the frame's are extrapolated by it.
 
     A delay τ puts the told rotation off by τ·ω.  Between two images of an eye the background shows how that error
-    changes; its inverse distance is estimated beside it (recursive least squares).
+    changes; its inverse distance is estimated beside it (recursive least squares).  The scatter of these measurements
+    scales its variance.  Joints are exact or late, each with probability ½ before any image; the delay and its
+    variance are the mean and the variance of both.
     """
 
     def __init__(self, rig: StereoRig, prior_std_s: float) -> None:
         self._rig, self._prior = rig, np.diag([prior_std_s**-2, _ROOM_STD**-2])
+        self._prior_std_s = prior_std_s
         self._information, self._pull, self._misfit_rad2 = np.zeros((2, 2)), np.zeros(2), 0.0
+        self._scatter, self._scattered = 0.0, 0.0  # sum of the squared normalised misfits, and their number
         self._past: deque[tuple[float, StereoView, Joints]] = deque(maxlen=3)
         self._reference: tuple[Reference, Array, float] | None = None  # with the angular velocity and the stamp
         self._eye, self._taken_s = 0, -math.inf
@@ -181,8 +186,8 @@ class _LateJoints:
 
     @property
     def _rotation_std_rad(self) -> float:
-        """Of one image: what the delay does not explain between two."""
-        return math.sqrt(0.5 * self._misfit_rad2)
+        """Of one image: what neither the delay nor the measurement's error explains between two."""
+        return math.sqrt(0.5 * max(self._misfit_rad2, 0.0))
 
     def _times(self) -> tuple[float, float]:
         """Time between the last three frames, s."""
@@ -235,5 +240,21 @@ class _LateJoints:
         cov = np.linalg.inv(self._prior + self._information)
         estimate = cov @ self._pull
         misfit = one.rotation - X @ estimate
-        self._misfit_rad2 += (float(misfit @ misfit) / 3 - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
-        self.delay_s, self.std_s, self._taken_s = float(estimate[0]), math.sqrt(cov[0, 0]), stamp_s
+        self._scatter, self._scattered = keep * self._scatter + float(misfit @ W @ misfit), keep * self._scattered + 3
+        beyond = (float(misfit @ misfit) - float(np.trace(one.cov))) / 3
+        self._misfit_rad2 += (beyond - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
+        scale = (_SCATTER_PRIOR + self._scatter) / (_SCATTER_PRIOR + self._scattered)
+        self.delay_s, self.std_s = exact_or_late(float(estimate[0]), scale * cov[0, 0], self._prior_std_s)
+        self._taken_s = stamp_s
+
+
+def exact_or_late(late_s: float, late_var_s2: float, prior_std_s: float) -> tuple[float, float]:
+    """Mean and standard deviation of a delay that is 0 with probability ½, else normal about 0 with `prior_std_s`.
+
+    `late_s` and `late_var_s2` are its mean and variance if it is not 0.  The odds of 0 are the density there after the
+    measurements to that before them (Dickey 1971).
+    """
+    odds = prior_std_s / math.sqrt(late_var_s2) * math.exp(-0.5 * late_s**2 / late_var_s2)
+    is_late = 1 / (1 + odds)
+    delay_s = is_late * late_s
+    return delay_s, math.sqrt(is_late * (late_var_s2 + late_s**2) - delay_s**2)
