@@ -201,22 +201,19 @@ class MotionTrigger:
         return None
 
     def _regions(self, then: _Past, now: _Past) -> list[Region2D]:
-        """Regions of the residual, first of the coarse images; where that is left, of all pixels and colours."""
+        """Regions of the residual, first of the coarse images; around what that leaves, of all pixels and colours."""
         p, (height, width) = self.params, now.image.shape[:2]
         mx, my = (round((1 - p.central) / 2 * (side // _COARSE)) for side in (width, height))
         coarse = Residual(p, self._coarse_ego, then, now, _COARSE)
         left = coarse(then.coarse, now.coarse, (mx, my, width // _COARSE - mx, height // _COARSE - my))
         if left is None:
             return []
-        (x0, y0, x1, y1), k, m = left[0], _COARSE, _COLOR_MARGIN_PX
-        box = (
-            max(k * x0 - m, k * mx),
-            max(k * y0 - m, k * my),
-            min(k * x1 + m, k * (width // k - mx)),
-            min(k * y1 + m, k * (height // k - my)),
-        )
-        left = Residual(p, self._ego, then, now, 1)(then.smooth, now.smooth, box)
-        return self._split(*left) if left else []
+        fine, regions = Residual(p, self._ego, then, now, 1), []
+        field = _COARSE * mx, _COARSE * my, _COARSE * (width // _COARSE - mx), _COARSE * (height // _COARSE - my)
+        for box in _surroundings(*left, field, coarse.min_area_px):
+            found = fine(then.smooth, now.smooth, box)
+            regions += self._split(*found) if found else []
+        return sorted(regions, key=lambda r: -r.evidence)
 
     def _confirmed(self, then: _Past, now: _Past, regions: list[Region2D], confirm: bool) -> list[Region2D]:
         """The regions that move according to flow, with their flow; all of them, if it need not `confirm`.
@@ -263,7 +260,7 @@ class MotionTrigger:
             contrast = np.where(np.asarray(labels)[crop] == k, residual[crop], 0)
             if np.count_nonzero(contrast) >= self.params.min_area_px:
                 regions.append(Region2D((box[0] + x, box[1] + y, w, h), contrast > 0, float(contrast.sum())))
-        return sorted(regions, key=lambda r: -r.evidence)
+        return regions
 
 
 class Residual:
@@ -276,7 +273,7 @@ class Residual:
     def __init__(self, params: TriggerParams, ego: EgoMotion, then: _Past, now: _Past, scale: int) -> None:
         self._params, self._ego, self._then, self._now, self._scale = params, ego, then, now, scale
         self._tolerance_px = params.tolerance_px / scale
-        self._min_area_px = -(-params.min_area_px // scale**2)
+        self.min_area_px = -(-params.min_area_px // scale**2)
         self._is_still = ego.is_still(then.view, now.view)
         self._levels: tuple[float, float] | None = None
 
@@ -287,10 +284,10 @@ class Residual:
         for inverse_distance in self._inverse_distances():
             residual = self._at(old, new, inverse_distance, box)
             least = residual if least is None else np.minimum(least, residual)
-            if np.count_nonzero(least) < self._min_area_px:
+            if np.count_nonzero(least) < self.min_area_px:
                 return None
             box, least = _shrunk(box, least)
-        if least is None or np.count_nonzero(self._without_body(least, box)) < self._min_area_px:
+        if least is None or np.count_nonzero(self._without_body(least, box)) < self.min_area_px:
             return None
         return _shrunk(box, least)
 
@@ -357,6 +354,31 @@ class Residual:
             was = self._warped(self._then.body[step].view(np.uint8), 1 / self._params.room_m, box)
             residual[was.view(bool)] = 0
         return residual
+
+
+def _surroundings(box: Box, residual: Pixels, field: Box, least_px: int) -> list[Box]:
+    """The parts of `field`, px, around the blobs of a coarse residual (h, w) of `box`, largest first; none overlap.
+
+    A blob of fewer than `least_px` coarse pixels has none.
+    """
+    count, _, stats, _ = cv2.connectedComponentsWithStats((residual > 0).view(np.uint8))
+    k, m = _COARSE, _COLOR_MARGIN_PX
+    boxes: list[Box] = []
+    for x, y, w, h, area in stats[1:count].tolist():
+        if area < least_px:
+            continue
+        left, top = max(k * (box[0] + x) - m, field[0]), max(k * (box[1] + y) - m, field[1])
+        one = left, top, min(k * (box[0] + x + w) + m, field[2]), min(k * (box[1] + y + h) + m, field[3])
+        while near := [other for other in boxes if _overlap(one, other)]:
+            boxes = [other for other in boxes if other not in near]
+            x0, y0, x1, y1 = zip(one, *near, strict=True)
+            one = min(x0), min(y0), max(x1), max(y1)
+        boxes.append(one)
+    return sorted(boxes, key=lambda b: (b[0] - b[2]) * (b[3] - b[1]))
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def _median(values: NDArray[Any]) -> float:
