@@ -5,12 +5,11 @@ the object.  A marker is searched by its hue; before eyes at rest it must have m
 """
 
 import itertools
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Literal
 
 import cv2
@@ -45,7 +44,7 @@ _MOVED = 0.05  # of its area that a moving object covers anew in the trigger's i
 _UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
 _SOLID = 0.9  # solidity below which what moves may be an object and what holds it
 _WITHIN = 0.9  # of a colour's region, what the hull of its change must hold: the rest is something else
-_ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
+_LONG = 2.0  # ratio of a marker's sides
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
 
@@ -190,7 +189,7 @@ class Acquisition:
     ) -> Candidate:
         """A candidate as a disc of the size that the other eye sees, where it is smaller and a part of such a disc."""
         ratio = other.outline.angular_radius_rad / part.outline.angular_radius_rad
-        if ratio < (1.0 if part.outline.is_partial else self.params.max_ratio) or not _is_disc(other.outline):
+        if ratio < (1.0 if part.outline.is_partial else self.params.max_ratio) or not other.outline.is_disc:
             return part
         baseline = other_camera.view.center - camera.view.center
         sine = _sine(baseline, camera.view.rays(part.outline.center_px))
@@ -225,11 +224,18 @@ def find_marker_pair(
 
 
 def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
-    """The blobs of the marker's hue, but for those that look like the background."""
-    has_moved = partial(background.has_changed, camera.image, camera.view)
+    """The blobs of the marker's hue, but for those that look like the background, are long, or are cut by the image's
+    border: what is seen in part may be of any size."""
+    height, width = camera.image.shape[:2]
+
+    def may_be(x: int, y: int, w: int, h: int) -> bool:
+        whole = x > 0 and y > 0 and x + w < width and y + h < height
+        compact = max(w, h) <= _LONG * min(w, h)
+        return whole and compact and background.has_changed(camera.image, camera.view, x, y, w, h)
+
     if camera.found is None:
-        return find_markers(params, camera.image, optics, is_candidate=has_moved)
-    return [one for one in camera.found if has_moved(*(round(value) for value in one.box_px))]
+        return find_markers(params, camera.image, optics, is_candidate=may_be)
+    return [one for one in camera.found if may_be(*(round(value) for value in one.box_px))]
 
 
 @dataclass(frozen=True)
@@ -366,12 +372,6 @@ def _solidity(mask: Mask) -> float:
 def _sine(a: Array, b: Array) -> float:
     """Of the angle between two vectors (3,)."""
     return float(np.linalg.norm(np.cross(a, b)) / np.linalg.norm(a) / np.linalg.norm(b))
-
-
-def _is_disc(outline: Outline) -> bool:
-    """Whether an outline's box is as wide as high, and filled like a disc's."""
-    _, _, w, h = outline.box_px
-    return max(w, h) < _ROUND * min(w, h) and 1 / _ROUND < outline.area_px / (math.pi / 4 * w * h) < _ROUND
 
 
 def _hull(changed: Mask, touched: Mask) -> Mask:

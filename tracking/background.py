@@ -7,14 +7,23 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
+from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
 
 CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
+LEARNED_EDGE = 0.6  # of `learned_edge`, from which a place rather is empty
+_SURELY_EMPTY, _LEAST_PLACE_PX = 0.7, 64  # the same where nothing is tracked; smallest such place
 _BANDS = 4  # an image is learned in so many bands of rows, one a frame
 _RATE = 0.1  # of the running mean
 _NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
 _STEP = 16  # px between the samples of gain and noise
 _LIT = 20.0  # grey levels: darker pixels do not tell the gain
+_ASIDE_PX, _TANGENT, _LEAST_EDGE = (
+    2.5,
+    4,
+    30,
+)  # an edge is compared so far to both sides; points that give its direction
+_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 _UNKNOWN = -1e4  # of what has not been seen yet, since the object hides it: no pixel is like it
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
@@ -33,6 +42,7 @@ class Background:
         self._last: View | None = None
         self._mean = self._recent = np.empty((0, 0, 3), np.float32)
         self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
+        self._rests = np.empty((0, 0), bool)  # what shows the same again that is not the background
         self._measured: Image | None = None
         self._gain, self._threshold, self._band = 1.0, _MIN_CONTRAST, 0
 
@@ -69,6 +79,42 @@ class Background:
         """Whether a box (px) shows something else than the background, or no background is known."""
         return float(self.differs(image, view, (x, y, x + w, y + h)).mean()) > CHANGED
 
+    def learned_edge(self, image: Image, mask: Mask, box: Box) -> float | None:
+        """Share of the edge of a mask (h, w) of the region `box` across which the background changes more than the
+        image: above ½ for the empty place of what was learned as background, below for an object before it.  None where
+        too little of it is known."""
+        contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        edge = max(contours, key=len)[:, 0].astype(float)
+        along = np.roll(edge, -_TANGENT, axis=0) - np.roll(edge, _TANGENT, axis=0)
+        length = np.hypot(*along.T)
+        edge, across = edge[length > 1], (along @ _QUARTER_TURN)[length > 1] / length[length > 1, None]
+        height, width = image.shape[:2]
+        sides = [np.rint(edge + box[:2] + sign * _ASIDE_PX * across).astype(int) for sign in (1, -1)]
+        inside = np.all([((q > 0) & (q < (width - 1, height - 1))).all(axis=1) for q in sides], axis=0)
+        (u, v), (x, y) = (q[inside].T for q in sides)
+        known = (self._mean[v, u, 0] >= 0) & (self._mean[y, x, 0] >= 0)
+        if np.count_nonzero(known) < _LEAST_EDGE:
+            return None
+        (u, v), (x, y) = (u[known], v[known]), (x[known], y[known])
+        left, top, right, bottom = (
+            min(u.min(), x.min()),
+            min(v.min(), y.min()),
+            max(u.max(), x.max()),
+            max(v.max(), y.max()),
+        )
+        now = cv2.blur(image[top - 1 : bottom + 2, left - 1 : right + 2], (3, 3)).astype(np.float32)
+        step = np.abs(now[v - top + 1, u - left + 1] - now[y - top + 1, x - left + 1]).max(axis=1)
+        before = np.abs(self._mean[v, u] - self._mean[y, x]).max(axis=1)
+        return float(np.mean(self._gain_of(image) * before > step))
+
+    def absorb(self, image: Image, mask: Mask, box: Box) -> None:
+        """Take what the image shows in a mask (h, w) of the region `box` for background."""
+        x0, y0, x1, y1 = box
+        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
+        now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.float32)
+        now = now[y0 - top : y1 - top, x0 - left : x1 - left] / np.float32(self._gain_of(image))
+        self._mean[y0:y1, x0:x1][mask] = now[mask]
+
     def learn(
         self, image: Image, view: View, stamp_s: float, object_px: tuple[float, float, float, float] | None
     ) -> None:
@@ -80,6 +126,7 @@ class Background:
             if self._view is not None:
                 self._mean = cv2.blur(image, (3, 3)).astype(np.float32)
                 self._recent, self._since_s = self._mean.copy(), np.full(image.shape[:2], stamp_s)
+                self._rests = np.zeros(image.shape[:2], bool)
                 self._mean[max(int(y), 0) : max(int(y + h), 0), max(int(x), 0) : max(int(x + w), 0)] = _UNKNOWN
             return
         height = len(image)
@@ -91,8 +138,22 @@ class Background:
         noise = np.median(np.abs(now[::_STEP, ::_STEP] - gain * self._mean[rows][::_STEP, ::_STEP]))
         self._threshold = max(_NOISE_FACTOR * 1.4826 * float(noise), _MIN_CONTRAST)
         kept = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
-        layers = self._mean[rows], self._recent[rows], self._since_s[rows]
+        layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
         _learn(now, *layers, gain, self._threshold, stamp_s, self.memory_s, kept)
+        if self._band == 0 and self._rests.any():
+            self._absorb_empty_places(image)
+
+    def _absorb_empty_places(self, image: Image) -> None:
+        """Where something was learned as background and has left."""
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(self._rests.view(np.uint8))
+        for k in range(1, count):
+            x, y, w, h, area = (int(value) for value in stats[k])
+            if area >= _LEAST_PLACE_PX:
+                box = max(x - 2, 0), max(y - 2, 0), min(x + w + 2, image.shape[1]), min(y + h + 2, len(image))
+                mask = np.asarray(labels[box[1] : box[3], box[0] : box[2]] == k)
+                edge = self.learned_edge(image, mask, box)
+                if edge is not None and edge > _SURELY_EMPTY:
+                    self.absorb(image, masks.dilated(mask, 2), box)
 
     def forget(self, image: Image, view: View, mask: Mask, box: Box) -> None:
         """Know no more what is behind an object, a mask (h, w) of the region `box`, where it looks like the background,
@@ -159,13 +220,15 @@ def _learn(
     mean: Pixels,
     recent: Pixels,
     since_s: NDArray[np.float64],
+    rests: Mask,
     gain: float,
     threshold: float,
     stamp_s: float,
     memory_s: float,
     kept: tuple[int, int, int, int],
 ) -> None:
-    """Update `mean`, `recent` (h, w, 3) and `since_s` (h, w) with the rows `now`; not the mean in the box `kept`."""
+    """Update `mean`, `recent` (h, w, 3), `since_s` and `rests` (h, w) with the rows `now`; not the mean in the box
+    `kept`."""
     rows, columns = since_s.shape
     scale, rate, limit = np.float32(1 / gain), np.float32(_RATE), np.float32(threshold)
     for y in range(rows):
@@ -174,6 +237,7 @@ def _learn(
             r, g, b = mean[y, x, 0], mean[y, x, 1], mean[y, x, 2]
             if max(abs(red - recent[y, x, 0]), abs(green - recent[y, x, 1]), abs(blue - recent[y, x, 2])) > limit:
                 recent[y, x, 0], recent[y, x, 1], recent[y, x, 2], since_s[y, x] = red, green, blue, stamp_s
+            rests[y, x] = False
             if kept[0] <= x < kept[2] and kept[1] <= y < kept[3]:
                 continue
             if max(abs(red - r), abs(green - g), abs(blue - b)) <= limit:
@@ -181,3 +245,5 @@ def _learn(
                 mean[y, x, 2] = b + rate * (blue - b)
             elif stamp_s - since_s[y, x] > memory_s:
                 mean[y, x, 0], mean[y, x, 1], mean[y, x, 2] = red, green, blue
+            else:
+                rests[y, x] = stamp_s > since_s[y, x]

@@ -15,7 +15,7 @@ from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
-from tracking.background import Background
+from tracking.background import LEARNED_EDGE, Background
 from tracking.ego_motion import Box, EgoMotion
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
@@ -40,6 +40,11 @@ _CORE = (
     0.75  # share of a mask left without its thin parts, below which they are the object's own (octopus 0.6, leaks 0.9)
 )
 _REACH = 1.25  # largest mask, as a multiple of the expected size
+_RESTS_PX = 1.0  # shift from one image to the next
+_EMPTY, _SURE = 0.25, -3.0  # sum of `learned_edge` beyond `LEARNED_EDGE` that makes a place empty; and least sum
+_TOUCHING = 0.25  # of the object's area, what is joined with it beyond its reach if another thing touches it
+_PASSING = 5  # images for which the two may hide each other then
+_BESIDE = 0.05  # of its size, by which it may then be off the prediction beside its standard deviation
 _MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
 
 
@@ -67,13 +72,14 @@ class ImageDetection(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Target:
     """State of the image tracker: colours, particles, √(width·height) of the box in px, the box's sides at unit size,
-    and the share of the box that the object covers."""
+    the share of the box that the object covers, and for how many more images another thing may touch it."""
 
     model: ColorModel
     cloud: Cloud
     size: float
     shape: tuple[float, float]
     fill: float
+    touched: int = 0
 
 
 class ImageTracker:
@@ -97,15 +103,15 @@ class ImageTracker:
         """
         x, y, w, h = box
         center = np.array([x + (w - 1) / 2, y + (h - 1) / 2])
-        roi = self._region(center, 1.2 * w + 4, 1.2 * h + 4)
+        roi = self.region(center, 1.2 * w + 4, 1.2 * h + 4)
         bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
         inside, around = masks.ellipse(roi, center, 0.9 * w, 0.9 * h), masks.ellipse(roi, center, 1.2 * w, 1.2 * h)
         model = model or ColorModel(histogram(bins[inside]), histogram(bins[~around]))
         size, aspect = float(np.sqrt(w * h)), float(np.sqrt(w / h))
         shape = (aspect, 1 / aspect)
         if fill is None:
-            mask = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
-            whole = None if mask is None else fit_outline(image, mask, roi, self.optics)
+            found = self._mask(model.table()[bins], model.backdrop()[bins], roi, center, size, shape)
+            whole = None if found is None else fit_outline(image, found[0], roi, self.optics)
             fill = np.pi / 4 if whole is None else min(whole.area_px / (w * h), 1.0)  # in the measure `step` uses
         cloud = spawn(self.params.particles, center, size, 0.5, self.rng, shift_px)
         return Target(model, cloud, size, shape, fill)
@@ -123,7 +129,7 @@ class ImageTracker:
         Where there is `evidence`, what is not in it is no object; it replaces the likelihood of its colours unless
         `by_color`.
         """
-        s = target
+        s = replace(target, touched=max(target.touched - 1, 0))
 
         def likelihood_in(roi: Box) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
             bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
@@ -140,7 +146,7 @@ class ImageTracker:
         cloud = propagate(s.cloud, prior, self.rng)
         middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
         half = _REACH * s.size * np.array(s.shape) / 2 + reach + 4
-        roi = self._region(middle, *half)
+        roi = self.region(middle, *half)
         if roi[2] - roi[0] < 4 or roi[3] - roi[1] < 4:
             return s, None
         bins, likelihood = likelihood_in(roi)
@@ -148,15 +154,22 @@ class ImageTracker:
         center = _mode(cloud, weights, s.size)
         s = replace(s, cloud=resample(cloud, weights, self.rng))
         backdrop = s.model.backdrop()[bins] if evidence is None else None
-        mask = self._mask(likelihood, backdrop, roi, center, s.size, s.shape)
-        if mask is not None and evidence is not None and masks.is_cut(mask, roi, image):
-            center = masks.centroid(mask, roi)
-            roi = self._region(center, *half)
+        seen = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.fill)
+        if seen is not None and evidence is not None and masks.is_cut(seen[0], roi, image):
+            center = masks.centroid(seen[0], roi)
+            roi = self.region(center, *half)
             bins, likelihood = likelihood_in(roi)
-            mask = self._mask(likelihood, None, roi, center, s.size, s.shape)
+            seen = self._mask(likelihood, None, roi, center, s.size, s.shape, s.fill)
+        if seen is None:
+            return s, None
+        mask, both = seen
+        if evidence is None:
+            both = None
+        if both is not None:
+            s = replace(s, touched=_PASSING)
         expected_area = s.fill * s.size**2
-        outline = None if mask is None else fit_outline(image, mask, roi, self.optics, expected_area)
-        if mask is None or outline is None:
+        outline = fit_outline(image, mask, roi, self.optics, expected_area, both)
+        if outline is None or (s.touched and prior is not None and _is_off(outline, prior, s.size)):
             return s, None
         ratio = outline.area_px / expected_area
         score = s.model.similarity(histogram(bins[mask])) if by_color else float(likelihood[mask].mean())
@@ -176,7 +189,7 @@ class ImageTracker:
         """Instead of a wide prior, one around the place in it where something of the object's size stands out most
         from its surroundings."""
         w, h = (s.size * side for side in s.shape)
-        roi = self._region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
+        roi = self.region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
         if roi[2] <= roi[0] or roi[3] <= roi[1]:
             return prior
         likelihood = likelihood_in(roi)[1]
@@ -198,12 +211,13 @@ class ImageTracker:
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))
         model = s.model.blend(newest, _LEARN_RATE, _BACKGROUND_RATE)
         sides = (float(np.sqrt(aspect)), float(1 / np.sqrt(aspect)))
-        target = Target(model, _moved_to(s.cloud, outline.center_px, size), size, sides, s.fill)
+        target = Target(model, _moved_to(s.cloud, outline.center_px, size), size, sides, s.fill, s.touched)
         w, h = size * sides[0], size * sides[1]
         x, y = outline.center_px.tolist()
         return target, ImageDetection(outline, (x - (w - 1) / 2, y - (h - 1) / 2, w, h), score)
 
-    def _region(self, center: Array, half_w: float, half_h: float) -> Box:
+    def region(self, center: Array, half_w: float, half_h: float) -> Box:
+        """The part of the image that reaches so far (px) to all sides of a centre (2,)."""
         camera = self.optics.camera
         x0, y0 = max(int(center[0] - half_w), 0), max(int(center[1] - half_h), 0)
         return x0, y0, min(int(center[0] + half_w) + 2, camera.width), min(int(center[1] + half_h) + 2, camera.height)
@@ -216,8 +230,10 @@ class ImageTracker:
         center: Array,
         size: float,
         shape: tuple[float, float],
-    ) -> Mask | None:
-        """The object's pixels near `center`, holes filled; None where there are too few.
+        fill: float = 1.0,
+    ) -> tuple[Mask, Mask | None] | None:
+        """The object's pixels near `center`, holes filled, and all that they are joined with, where that is so large
+        that another thing touches the object; None where there are too few.
 
         What reaches past the expected outline is cut off there, and what is much thinner than the object is opened
         away (a part of the background that has the object's colour and touches it), unless that is much of the mask.
@@ -229,19 +245,28 @@ class ImageTracker:
             gap = 1 if backdrop is not None else max(int(_GAP * size), 1)
             hard = masks.closed(hard, masks.square(gap))
         w, h = size * shape[0], size * shape[1]
-        one = hard
-        for _ in range(2):
+        one, both = hard, None
+        for k in range(2):
             found = masks.component(hard, masks.ellipse(roi, center, 0.6 * w, 0.6 * h))
             if found is None:
                 return None
             one = found
             allowed = masks.ellipse(roi, center, _REACH * w, _REACH * h)
-            if not (one & ~allowed).any():
+            beyond = np.count_nonzero(one & ~allowed)
+            if not beyond:
                 break
+            if k == 0 and beyond > _TOUCHING * fill * size**2:
+                both = masks.filled(found, backdrop)
             one = _without_thin_parts(one & allowed, size)
             center = masks.centroid(one, roi)
         whole = masks.filled(one, backdrop)
-        return whole if np.count_nonzero(whole) >= _MIN_AREA_PX else None
+        return (whole, both) if np.count_nonzero(whole) >= _MIN_AREA_PX else None
+
+
+def _is_off(outline: Outline, prior: Prior, size: float) -> bool:
+    """Whether an outline is another object's than the predicted one, of which both touch."""
+    off_px = math.dist(outline.center_px.tolist(), prior.center_px.tolist())
+    return off_px > 3 * prior.std_px + _BESIDE * size
 
 
 def _without_thin_parts(mask: Mask, size: float) -> Mask:
@@ -280,12 +305,14 @@ def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
 class CameraState(NamedTuple):
     """What one camera's tracker knows of the object: its target, None for a marker; the offset of its outline's centre
     from the track's projection (calibration error), px; its apparent diameter, px; whether it is followed by what
-    changes before the background, since colours do not separate it."""
+    changes before the background, since colours do not separate it; and evidence that it is the empty place of
+    something that was learned as background: the sum of `learned_edge` beyond `LEARNED_EDGE` where it rests."""
 
     target: Target | None = None
     offset_px: tuple[float, float] = (0.0, 0.0)
     size_px: float = 0.0
     by_background: bool = False
+    emptiness: float = 0.0
 
 
 class CameraTracker:
@@ -340,11 +367,41 @@ class CameraTracker:
             state = state._replace(by_background=False)
         by_color = not state.by_background
         target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color)
-        if found_object is None and evidence is not None:  # it has turned abruptly: anywhere near where it was last
+        if (
+            found_object is None and evidence is not None and not target.touched
+        ):  # it has turned abruptly: anywhere near where it was last
             last_px = before.cloud.now[:, :2].mean(axis=0)
             wide = Prior(last_px, _WIDE_SEARCH * before.size, prior.growth)
             target, found_object = self.image_tracker.step(before, camera.image, wide, evidence, by_color)
+        if found_object is not None and state.by_background:
+            emptiness = self._emptiness(state, camera, before, found_object)
+            state = state._replace(emptiness=emptiness)
         return state._replace(target=target), found_object
+
+    def _emptiness(self, state: CameraState, camera: CameraFrame, before: Target, found: ImageDetection) -> float:
+        """The state's `emptiness` after another image."""
+        place = self._changed_place(camera, found)
+        share = None if place is None else self.background.learned_edge(camera.image, *place)
+        if share is None:
+            return state.emptiness
+        rests = math.dist(before.cloud.now[:, :2].mean(axis=0).tolist(), found.outline.center_px.tolist()) < _RESTS_PX
+        change = share - LEARNED_EDGE
+        return max(state.emptiness + (change if rests else min(change, 0.0)), _SURE)
+
+    def _changed_place(self, camera: CameraFrame, found: ImageDetection) -> tuple[Mask, Box] | None:
+        """What differs from the background where an object was found."""
+        _, _, w, h = found.outline.box_px
+        box = self.image_tracker.region(found.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
+        differs = self.background.differs(camera.image, camera.view, box)
+        mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
+        return None if mask is None else (mask, box)
+
+    def absorb(self, camera: CameraFrame, found: ImageDetection) -> None:
+        """Learn what an object's place shows as background."""
+        place = self._changed_place(camera, found)
+        if place is not None:
+            mask, box = place
+            self.background.absorb(camera.image, masks.dilated(mask, 2), box)
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
@@ -369,6 +426,11 @@ class CameraTracker:
             if near and abs(self._size_px(one) / expected_px - 1) < _SAME_SIZE:
                 return ImageDetection(one, one.box_px, 1.0)
         return None
+
+    @staticmethod
+    def is_empty(state: CameraState) -> bool:
+        """Whether what is followed is the empty place of something that was learned as background."""
+        return state.emptiness > _EMPTY
 
     def remember(self, state: CameraState, camera: CameraFrame, outline: Outline, belief: Belief) -> CameraState:
         """The state with the object's offset from the track and its size."""

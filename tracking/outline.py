@@ -32,6 +32,7 @@ _OFF_CENTER = 4 / (3 * math.pi) / 0.5 / math.sqrt(2)  # half a disc's centroid i
 _SIZE_ERROR = 0.03  # from one frame to the next an object's size is predicted this well
 _EDGE_PX = 0.3  # standard deviation of a mask's edge
 _LEAST_VISIBLE, _LEAST_EDGE_PX, _ON_DISC = 0.25, 12, 0.5  # shares of a disc's area and of the edge that lies on it
+_ROUND = 1.12  # ratio of a disc's sides, and of its area to that of its box's ellipse
 _HIDDEN_AT_BORDER = 0.3  # share of an object that is taken to be hidden where it meets the image's border
 
 
@@ -65,6 +66,12 @@ class Outline:
     harmonics: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     non_circularity: float = 0.0
 
+    @property
+    def is_disc(self) -> bool:
+        """Whether its box is as wide as high, and filled like a disc's."""
+        _, _, w, h = self.box_px
+        return max(w, h) < _ROUND * min(w, h) and 1 / _ROUND < self.area_px / (math.pi / 4 * w * h) < _ROUND
+
 
 class Optics:
     """Per-pixel weights of one camera: solid angle, and solid angle times viewing direction."""
@@ -81,19 +88,27 @@ class Optics:
 
 
 def fit_outline(
-    image: Image, mask: Mask, box: Box, optics: Optics, expected_area_px: float | None = None
+    image: Image,
+    mask: Mask,
+    box: Box,
+    optics: Optics,
+    expected_area_px: float | None = None,
+    joined: Mask | None = None,
 ) -> Outline | None:
     """The outline of a hard mask (h, w) of the region `box` of an RGB image; None where nothing is covered.
 
-    Where the image's border cuts the object off, or where less than the expected area shows, most of the visible edge
-    may lie on a disc of the expected area: that is the outline then.  Else the covariance grows by the distance that
-    the centre of the visible part may be off the object's.
+    Where the image's border cuts the object off, or where less than the expected area shows that is no disc, most of
+    the visible edge may lie on a disc of the expected area: that is the outline then.  Else the covariance grows by the
+    distance that the centre of the visible part may be off the object's.  A mask that was cut out of a larger one,
+    `joined` (h, w), shows the disc by the edge that both have in common, or nothing.
     """
     shape = outline(cover(image, mask, box), optics)
     if shape is None:
         return None
+    if joined is not None:
+        return None if expected_area_px is None else _disc(mask, box, shape, expected_area_px, joined)
     expected = expected_area_px or shape.area_px
-    if not (shape.is_partial or shape.area_px < _WHOLE * expected):
+    if not shape.is_partial and (shape.area_px >= _WHOLE * expected or shape.is_disc):
         return shape
     whole = None if expected_area_px is None else _disc(mask, box, shape, expected_area_px)
     if whole is not None:
@@ -104,11 +119,13 @@ def fit_outline(
     return replace(shape, cov_px=shape.cov_px + off_px**2 * np.eye(2), is_partial=True)
 
 
-def _disc(mask: Mask, box: Box, visible: Outline, area_px: float) -> Outline | None:
+def _disc(mask: Mask, box: Box, visible: Outline, area_px: float, joined: Mask | None = None) -> Outline | None:
     """The outline of a disc of a known area (px) of which a mask (h, w) of the region `box` shows a part; None where
-    the mask's edge does not fit."""
-    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    edge = max(contours, key=len)[:, 0].astype(float)
+    the mask's edge, as far as it is one of `joined` (h, w) too, does not fit."""
+    whole = mask if joined is None else joined
+    contours, _ = cv2.findContours(whole.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    edge = max(contours, key=len)[:, 0]
+    edge = edge[mask[edge[:, 1], edge[:, 0]]].astype(float)
     inner = (edge > 0).all(axis=1) & (edge < np.array(mask.shape)[::-1] - 1).all(axis=1)
     if visible.area_px < _LEAST_VISIBLE * area_px or np.count_nonzero(inner) < _LEAST_EDGE_PX:
         return None

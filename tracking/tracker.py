@@ -36,6 +36,8 @@ from tracking.stereo import Association, CameraFrames, Found, StereoParams, came
 Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
+_MAX_SIZE_CHANGE = 1.5  # of an object's radius
+_MAX_REFUSED = 6  # pairs in a row, from which the two cameras follow different things
 _NOTHING: Detections = (None, None)
 _NO_MODELS = (None, None)
 
@@ -110,6 +112,8 @@ class TrackerState:
     hits: int = 0
     """Frames in which the object was observed."""
     observed_s: float = -math.inf
+    refused: int = 0
+    """Frames in a row in which both cameras detected something, but not one object."""
     stamps_s: Stamps = (-math.inf, -math.inf)
     images: Fingerprints | None = None
     view: StereoView | None = None
@@ -204,7 +208,8 @@ class Tracker:
     ) -> tuple[TrackerState, Belief | None, Detections, Regions]:
         """The object in both images: near the prediction, else anywhere.
 
-        An object that is found elsewhere passes the re-identification gate; what was known of its motion is void then.
+        An object that is found elsewhere passes the re-identification gate; what was known of its motion is void then,
+        and it is confirmed anew.
         """
         regions: Regions = ([], [])
         if blind:
@@ -214,10 +219,16 @@ class Tracker:
             return state, None, detections, regions
         with self.stages("image"):
             state, detections = self._follow(state, predicted, cameras)
-        if None in detections and state.hits >= self.params.confirm_frames:
-            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s)
+            if any(CameraTracker.is_empty(one) for one in state.cameras):
+                for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
+                    if one is not None:
+                        tracker.absorb(camera, one)
+                return replace(self._initial, association=state.association), None, _NOTHING, regions
+        passing = any(one.target is not None and one.target.touched for one in state.cameras)
+        if None in detections and state.hits >= self.params.confirm_frames and not passing:
+            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
-                return acquired, None, elsewhere, regions
+                return replace(acquired, hits=0), None, elsewhere, regions
         return state, predicted, detections, regions
 
     def _follow(
@@ -240,6 +251,7 @@ class Tracker:
         cameras: CameraFrames,
         view: StereoView,
         stamp_s: float,
+        predicted: Belief | None = None,
     ) -> tuple[TrackerState, Detections, Regions]:
         """An object anywhere in both images; while one is tracked, that one only."""
         association = state.association
@@ -252,7 +264,7 @@ class Tracker:
                     *(self.params.marker, cameras, view, stamp_s, self._optics, backgrounds, association),
                     self.search_counts,
                 )
-            if marker is None or not self._passes_gate(state, view, marker, stamp_s, _NO_MODELS):
+            if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
             for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
                 tracker.background.forget_around(camera.image, camera.view, blob.box_px)
@@ -261,7 +273,8 @@ class Tracker:
         if pair is None:
             return state, _NOTHING, regions
         outlines = pair[0].outline, pair[1].outline
-        if not self._passes_gate(state, view, outlines, stamp_s, (pair[0].model, pair[1].model)):
+        models = pair[0].model, pair[1].model
+        if not self._passes_gate(state, predicted, view, outlines, stamp_s, models):
             return state, _NOTHING, regions
         by_color = pair[0].by_color and pair[1].by_color
         period_s, targets = cameras[0].stamp_s - state.stamps_s[0], []
@@ -275,7 +288,7 @@ class Tracker:
                     tracker.background.forget(camera.image, camera.view, one.mask, one.box)
                 targets.append(tracker.image_tracker.start(camera.image, (x, y, w, h), one.model, shift_px, fill))
         left, right = (
-            one._replace(target=target, by_background=not by_color)
+            one._replace(target=target, by_background=not by_color, emptiness=0.0)
             for one, target in zip(state.cameras, targets, strict=True)
         )
         return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines), regions
@@ -283,17 +296,20 @@ class Tracker:
     def _passes_gate(
         self,
         state: TrackerState,
+        predicted: Belief | None,
         view: StereoView,
         outlines: tuple[Outline, Outline],
         stamp_s: float,
         models: Sequence[ColorModel | None],
     ) -> bool:
-        """Re-identification gate; open while nothing is tracked."""
-        if state.belief is None:
+        """Re-identification gate: it looks the same, and may have come there; open while nothing is tracked."""
+        if predicted is None:
             return True
         known = [one.target.model if one.target else None for one in state.cameras]
         observation = state.association.observe(view, *outlines, stamp_s)
-        return is_same_object(known, state.radius_m, models, observation)
+        if observation is None or not is_same_object(known, state.radius_m, models, observation):
+            return False
+        return kalman.gate(state.kalman, predicted, observation.p_root, observation.cov_root) is not None
 
     def _associate(
         self,
@@ -311,7 +327,7 @@ class Tracker:
         """
         left, right = detections
         if left is None or right is None:
-            return state, None
+            return replace(state, refused=0), None
         shift, view = None, poses.view
         if predicted is not None and state.kalman.order > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
             p, v = predicted.mean[0], predicted.mean[1]
@@ -320,8 +336,9 @@ class Tracker:
             )
             shift = shift_left, shift_right
         observation = state.association.observe(view, left.outline, right.outline, stamp_s, shift)
-        if observation is None:
-            return state, None
+        if observation is None or not self._has_its_size(state, observation):
+            return replace(state, refused=state.refused + 1), None
+        state = replace(state, refused=0)
         if predicted is not None:
             learned = state.association.learned(poses.view, observation, left.outline, right.outline)
             state = replace(state, association=learned)
@@ -330,6 +347,13 @@ class Tracker:
             dt_s = stamp_s - 0.5 * sum(state.stamps_s)
             observation = with_pose_error(observation, state.view, view, dt_s, poses.stamp_error_s)
         return state, observation
+
+    def _has_its_size(self, state: TrackerState, observation: Observation3D) -> bool:
+        """Whether a confirmed object has about the radius that it had."""
+        if state.hits < self.params.confirm_frames:
+            return True
+        ratio = observation.radius_m / state.radius_m
+        return max(ratio, 1 / ratio) < _MAX_SIZE_CHANGE
 
     def _update(
         self,
@@ -370,7 +394,7 @@ class Tracker:
         confirmed = state.hits >= self.params.confirm_frames
         if observation is not None:
             state = _with_radius(replace(state, hits=state.hits + 1, observed_s=stamp_s), observation)
-        elif stamp_s - state.observed_s > self.params.lost_after_s:
+        elif stamp_s - state.observed_s > self.params.lost_after_s or state.refused >= _MAX_REFUSED:
             return self._initial, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING)
         elif not confirmed and not blind:
             return self._initial, Track3D.unknown(stamp_s)

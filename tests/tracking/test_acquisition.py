@@ -10,9 +10,11 @@ from ball_scenes import Sphere, frame
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
-from tracking.acquisition import Acquisition, AcquisitionParams, Change, joined, segment
+from pps_vision.types import StereoFrame
+from tracking.acquisition import Acquisition, AcquisitionParams, Change, find_marker_pair, joined, segment
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
+from tracking.marker import MarkerParams
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics
 from tracking.stereo import Association, StereoParams, camera_frames
@@ -180,3 +182,22 @@ def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whol
             assert pair[1].outline.box_px[0] < 0  # goes on beyond the image
     assert len(errors) >= 2
     assert np.abs(errors).max() < 2.5  # of a ball of 22 px
+
+
+@pytest.mark.parametrize(
+    ("green", "taken"), [((150, 30, 170, 50), True), ((0, 200, 320, 240), False), ((100, 30, 180, 50), False)]
+)
+def test_a_marker_is_compact_and_whole(
+    green: tuple[int, int, int, int], taken: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
+) -> None:
+    """A square is a marker; a meadow that the image cuts and a bar are none, before eyes that move."""
+    view, (x0, y0, x1, y1) = rig.view(home(robot)), green
+    image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
+    image[y0:y1, x0:x1] = (25, 200, 40)
+    cameras = camera_frames(StereoFrame(image, image, 0.0, 0.0, home(robot), home(robot)), view)
+    optics = Optics(rig.left), Optics(rig.right)
+    unknown = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
+    counts: Counter[str] = Counter()
+    association = Association.untrained(StereoParams(), rig.left.width)
+    find_marker_pair(MarkerParams(), cameras, view, 0.0, optics, unknown, association, counts)
+    assert (counts["candidates_left"], counts["candidates_right"]) == ((1, 1) if taken else (0, 0))

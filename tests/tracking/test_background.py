@@ -1,5 +1,6 @@
 """The background on images drawn by hand: a wall of constant colour, a patch of another colour, noise."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -110,3 +111,31 @@ def test_it_begins_anew_when_the_eye_moves(rng: np.random.Generator) -> None:
     background.learn(draw(rng, patch), moved, 0.6, None)
     assert background.evidence(draw(rng, patch), moved, WHOLE)[INNER].mean() < 0.5
     assert not background.is_known(VIEW)
+
+
+def _textured(rng: np.random.Generator, disc: bool) -> np.ndarray:
+    """A wall of soft spots, a plain disc of another colour before it."""
+    wall = cv2.resize(np.random.default_rng(1).uniform(60, 160, (15, 20, 3)), (320, 240), interpolation=cv2.INTER_CUBIC)
+    if disc:
+        y, x = np.mgrid[:240, :320]
+        wall[(x - 170) ** 2 + (y - 115) ** 2 < 18**2] = (190.0, 40.0, 40.0)
+    return np.clip(np.rint(wall + 2 * rng.standard_normal(wall.shape)), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("was_learned", [True, False])
+def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_that_rests_does_not(
+    was_learned: bool, rng: np.random.Generator
+) -> None:
+    """A disc was there when the background was learned, and has left; or it has come, and stays."""
+    background, place = Background(EgoMotion(LEFT_EYE), 10.0), np.s_[100:130, 155:185]
+    for k in range(12):
+        background.learn(_textured(rng, was_learned), VIEW, DT * k, None)
+    now = _textured(rng, not was_learned)
+    mask = background.differs(now, VIEW, WHOLE)
+    share = background.learned_edge(now, mask, WHOLE)
+    assert share is not None
+    assert share > 0.8 if was_learned else share < 0.2
+    for k in range(12, 21):
+        background.learn(_textured(rng, not was_learned), VIEW, DT * k, None)
+    left = background.differs(_textured(rng, not was_learned), VIEW, WHOLE)[place].mean()
+    assert left < 0.01 if was_learned else left > 0.8

@@ -1,6 +1,7 @@
 """The image tracker of one camera: what it finds where, and what it does not take for its object."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -70,6 +71,26 @@ def test_what_is_of_quite_another_size_is_not_it(rng: np.random.Generator) -> No
     assert smaller is not None
     assert abs(smaller.score - 0.64) < 0.1
     assert _seen(rng, _discs(rng, (150, 110, 0.5 * 18)), prior) is None
+
+
+def test_two_alike_that_touch_are_told_apart_by_their_edge_and_the_prediction(rng: np.random.Generator) -> None:
+    """Before a known background: a disc of 18 px at its predicted place, which another passes; the other is not it."""
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
+    prior, found = Prior(np.array([152.3, 110.8]), 0.7, 1.0), []
+    for apart in (34, 26, 18, -18, -26, -34):
+        image = _discs(rng, (152, 111, 18), (152 + apart, 111, 16))
+        target, seen = eye.step(target, image, prior, partial(_is_blue, image))
+        assert target.touched
+        found += [] if seen is None else [seen.outline.center_px]
+    assert len(found) >= 4
+    assert np.abs(np.array(found) - [152, 111]).max() < 0.7
+    hidden = _discs(rng, (158, 111, 16))
+    assert eye.step(target, hidden, prior, partial(_is_blue, hidden))[1] is None
+
+
+def _is_blue(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
+    return np.asarray(image[box[1] : box[3], box[0] : box[2], 0] < 75)
 
 
 def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng: np.random.Generator) -> None:

@@ -196,14 +196,17 @@ def test_the_covariance_of_a_part_covers_its_distance_from_the_whole(kind: str, 
     assert 0.2 < np.mean(squared) < 2
 
 
-def test_an_outline_of_the_expected_area_is_whole(optics: Optics, rng: np.random.Generator) -> None:
+def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics: Optics, rng: np.random.Generator) -> None:
     sphere = Sphere(np.array([0.0, 0.02, 0.35]), 0.035, RED)
     image, hard = look(View(LEFT_EYE, np.eye(4)), [sphere], rng), _hard(LEFT_EYE, sphere)
     whole, free = (fit_outline(image, hard, FULL, optics, area) for area in (float(hard.sum()), None))
-    hidden = fit_outline(image, hard, FULL, optics, 1.3 * hard.sum())
+    smaller = fit_outline(image, hard, FULL, optics, 1.3 * hard.sum())
+    part = hard & (np.arange(hard.shape[1]) < np.nonzero(hard)[1].mean() + 8)
+    hidden = fit_outline(image, part, FULL, optics, float(hard.sum()))
     assert whole is not None
     assert free is not None
+    assert smaller is not None
     assert hidden is not None
-    assert (whole.is_partial, free.is_partial, hidden.is_partial) == (False, False, True)
+    assert (whole.is_partial, free.is_partial, smaller.is_partial, hidden.is_partial) == (False, False, False, True)
     np.testing.assert_array_equal(whole.cov_px, free.cov_px)
     assert hidden.cov_px[0, 0] > 10 * whole.cov_px[0, 0]
