@@ -11,8 +11,8 @@ from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
 
 CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
-# Independent films of seeds 4105 and 4111: `learned_edge` is 0.76-0.96 of empty places (95 %: 0.62 of a grey ball's),
-# of objects 0.4 in the median, of a grey one above 0.77 in 5 % of the frames.
+# On independent films of seeds 4105 and 4111 `learned_edge` is 0.76-0.96 of places that a red ball has left, 0.62-0.77
+# of those of a grey one; of the balls 0.2-0.4 in the median, of a grey one above 0.77 in 5 % of the frames.
 LEARNED_EDGE = 0.6  # from which a place rather is empty
 _SURELY_EMPTY, _LEAST_PLACE_PX = 0.7, 64  # the same where nothing is tracked; smallest such place
 _BANDS = 4  # an image is learned in so many bands of rows, one a frame
