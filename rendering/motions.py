@@ -250,18 +250,18 @@ def make_motion(
 
 def make_approach(rng: np.random.Generator, target: Target, speed_m_s: float) -> Approach:
     """Draw a straight approach; the start is uniform in distance and over the cap about the normal."""
-    away = _in_cap(rng, target.normal)
+    away = in_cap(rng, target.normal)
     start = target.point + rng.uniform(*START_M) * away
     return Approach(start, target.end_from(start), speed_m_s)
 
 
 def make_reach(rng: np.random.Generator, end: Array, normal: Array, start_m: float, peak_m_s: float) -> Reach:
     """Draw a reach from a start over the cap about the normal, `start_m` away, with a random curvature."""
-    start = end + start_m * _in_cap(rng, normal)
+    start = end + start_m * in_cap(rng, normal)
     return Reach(start, 0.5 * (start + end) + _BOW * start_m * rng.standard_normal(3), end, peak_m_s)
 
 
-def _in_cap(rng: np.random.Generator, normal: Array) -> Array:
+def in_cap(rng: np.random.Generator, normal: Array) -> Array:
     """Draw a direction, uniform over the cap about a normal."""
     cosine = rng.uniform(np.cos(START_ANGLE), 1.0)
     azimuth = rng.uniform(0, 2 * np.pi)

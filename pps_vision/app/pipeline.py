@@ -157,14 +157,15 @@ class Pipeline:
         moving = _velocity(state.last_taxels, stamp_s, taxels)
         events = self._perceive(track, taxels, normals, moving, touched)
         learned = learner.step(params.learning, state.learning, events)
-        felt = self._feel(learned.memory, track, taxels, normals, moving)
+        field = params.receptive_field
+        active = Activation(stamp_s, self.skin.taxel_ids, felt(field, learned.memory, track, taxels, normals, moving))
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
         arm, arm_command, response = avoidance.step(
             params.avoidance,
             state.arm,
             then,
             self._arm_skin,
-            felt.probability[self._on_arm],
+            active.probability[self._on_arm],
             stamp_s,
             may_reach=reachability is not None and reachability.is_reachable,
             hold_s=params.hold_s,
@@ -180,7 +181,7 @@ class Pipeline:
         since_s = stamp_s - params.latency_s - MAX_HOLD_S
         commands = (*(one for one in state.commands if one.stamp_s > since_s), command)
         self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), commands, then.q_rad)
-        return PipelineStep(posture, tracking, events, felt, reachability, response, command)
+        return PipelineStep(posture, tracking, events, active, reachability, response, command)
 
     def finish(self) -> PPSMemory:
         """Learn a contact that is still going on, and return the memory."""
@@ -232,19 +233,6 @@ class Pipeline:
             both = perceive(self.params.receptive_field, taxels, normals, *stimulus, velocities)
             D, ttc = both[0][0], sooner(*both[1])
         return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
-
-    def _feel(
-        self, memory: PPSMemory, track: Track3D, taxels: Array, normals: Array, taxel_velocity: Array
-    ) -> Activation:
-        """Activation of every taxel, its mean over the velocities that the track may have; 0 without a track."""
-        felt = np.zeros(len(taxels))
-        if track.is_known:
-            stimulus = track.position, track.velocity, track.radius_m, None
-            likely = likely_velocities(taxels, track.position, track.cov[3:6, 3:6])
-            velocities = np.stack([likely, taxel_velocity + likely])
-            D, ttc = perceive(self.params.receptive_field, taxels, normals, *stimulus, velocities)
-            felt = activation(memory, D[0], sooner(*ttc)).mean(axis=0)
-        return Activation(track.stamp_s, self.skin.taxel_ids, felt)
 
     def _move_gaze(
         self, state: PipelineState, posture: Posture, track: Track3D
@@ -307,6 +295,23 @@ def joints_of(frame: StereoFrame) -> Array:
         raise InputError("pipeline", "frame without joints; expected a robot's recording")
     joints: Array = 0.5 * (frame.joints_left_rad + frame.joints_right_rad)
     return joints
+
+
+def felt(
+    field: ReceptiveField, memory: PPSMemory, track: Track3D, taxels: Array, normals: Array, taxel_velocity: Array
+) -> Array:
+    """(n,) activation of every taxel, its mean over the velocities that the track may have; 0 without a track.
+
+    Positions, unit normals and velocities of the taxels are (n, 3) in the root frame.
+    """
+    if not track.is_known:
+        return np.zeros(len(taxels))
+    stimulus = track.position, track.velocity, track.radius_m, None
+    likely = likely_velocities(taxels, track.position, track.cov[3:6, 3:6])
+    velocities = np.stack([likely, taxel_velocity + likely])
+    D, ttc = perceive(field, taxels, normals, *stimulus, velocities)
+    mean: Array = activation(memory, D[0], sooner(*ttc)).mean(axis=0)
+    return mean
 
 
 def sooner(a: Array, b: Array) -> Array:

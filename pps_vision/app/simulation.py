@@ -37,6 +37,8 @@ from rendering.stimuli import make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
 Kind = Literal["approach", "recede", "static", "own_arm"]
+OwnMotion = Literal["", "arm", "head"]
+"""What moves by itself."""
 Policy = Callable[[StereoFrame, Mask], PipelineStep]
 """What turns a frame and the touched taxels (n,) into a command; `Pipeline.step` is one."""
 
@@ -54,12 +56,16 @@ _NEAREST_M = 0.22  # nearer objects fill the view, and the eyes' vergence ends a
 
 @dataclass(frozen=True)
 class Episode:
-    """A stimulus on a path, for some time; without a `motion` nothing is near and the robot's arm moves by itself."""
+    """A stimulus on a path, for some time; without a `motion` nothing is near.
+
+    Arm or head may move by themselves: such an arm does not obey, such a head sways besides.
+    """
 
     title: str
     stimulus: StimulusName
     motion: Motion | None
     seconds: float
+    own_motion: OwnMotion = ""
 
 
 @dataclass(frozen=True)
@@ -201,11 +207,11 @@ def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True)
         dq = step.command.dq_rad_s.copy()
         if not avoid:
             dq[arm] = 0.0
-        if episode.motion is None:
-            dq[arm] = _swing_rate(t)
-        q = q + PERIOD_S * dq
-        if episode.motion is None:
-            q = robot.clamp(q)  # the swing knows no limits; commands keep them
+        if episode.own_motion == "arm":
+            dq[arm] = 0.0
+        q = q + PERIOD_S * (dq + own_rate(robot, episode.own_motion, arm, t))
+        if episode.own_motion:
+            q = robot.clamp(q)  # it knows no limits; commands keep them
 
 
 def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoid: bool = True) -> EpisodeLog:
@@ -278,7 +284,7 @@ def make_episode(
         reach_m: Default: a touch.
     """
     if kind == "own_arm":
-        return Episode("own arm moving", stimulus, None, 4.0)
+        return Episode("own arm moving", stimulus, None, 4.0, "arm")
     q_home = world.home
     posture = world.robot.at(q_home)
     index = world.skin.index(taxel)
@@ -313,9 +319,9 @@ def watching(robot: Robot, skin: Skin, q: Array) -> Array:
     return gaze_at(robot, q, (positions + 0.12 * normals).mean(axis=0))
 
 
-def can_follow(robot: Robot, rig: StereoRig, q_rad: Array, motion: Motion, seconds: float) -> bool:
-    """Whether both eyes can see a motion when they fixate it: tested at nine points of the path."""
-    for t in np.linspace(0, seconds, 9):
+def can_follow(robot: Robot, rig: StereoRig, q_rad: Array, motion: Motion, seconds: float, points: int = 9) -> bool:
+    """Whether both eyes can see a motion when they fixate it: tested at so many points of the path."""
+    for t in np.linspace(0, seconds, points):
         p, _ = motion(float(t))
         view = rig.view(gaze_at(robot, q_rad, p))
         for eye in (view.left, view.right):
@@ -345,9 +351,14 @@ def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) ->
     return start + float(travelled[travelled > 0].min()) * u
 
 
-def _swing_rate(t: float) -> Array:
-    """(7,) rad/s of the left arm in an episode "own_arm": a swing of a few degrees about home."""
-    amplitude = np.deg2rad([6.0, 5.0, 6.0, 10.0, 12.0, 0.0, 0.0])
-    frequency = 2 * np.pi * np.array([0.35, 0.3, 0.4, 0.45, 0.5, 0.5, 0.5])
-    rate: Array = amplitude * frequency * np.cos(frequency * t)
+def own_rate(robot: Robot, own_motion: OwnMotion, arm: list[int], t: float) -> Array:
+    """(n_joints,) rad/s of an `arm` (7 joints) that swings a few degrees, or of a head that sways at 14°/s."""
+    rate = np.zeros(robot.n_joints)
+    if own_motion == "arm":
+        amplitude = np.deg2rad([6.0, 5.0, 6.0, 10.0, 12.0, 0.0, 0.0])
+        frequency = 2 * np.pi * np.array([0.35, 0.3, 0.4, 0.45, 0.5, 0.5, 0.5])
+        rate[arm] = amplitude * frequency * np.cos(frequency * t)
+    elif own_motion == "head":
+        yaw_pitch = robot.indices(robot.names.gaze_joints)[:2]
+        rate[yaw_pitch] = np.deg2rad(10.0) * np.cos(2 * np.pi * np.array([0.5, 0.4]) * t)
     return rate

@@ -27,6 +27,12 @@ class Bench:
     """Scenes of the project's renderer, of the independent ray caster, or both."""
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
+    controller: str | None = None
+    """A further controller of `encounters`, MODULE:FUNCTION."""
+    json: Path | None = None
+    """File for a row of every encounter of `encounters`."""
+    workers: int | None = None
+    """Parallel processes of `encounters`."""
     out: Path = Path("docs")
     """Folder of results and figures; with another than docs, the documents with their tables go there too."""
     short: bool = False
@@ -43,6 +49,6 @@ class Bench:
         if not self.names:
             print(listing())
             return
-        given = {"n": self.n, "seed": self.seed, "seconds": self.seconds, "scenes": self.scenes, "data": self.data}
-        overrides = {name: value for name, value in given.items() if value is not None}
+        given = "n", "seed", "seconds", "scenes", "data", "controller", "json", "workers"
+        overrides = {name: getattr(self, name) for name in given if getattr(self, name) is not None}
         bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw, short=self.short)

@@ -1,0 +1,156 @@
+"""Controllers of the literature with the same perception: potential field, depth-space repulsion, taxel constraints."""
+
+import numpy as np
+
+from control.arm import ArmParams, KeepIn
+from control.differential_kinematics import solve_rates
+from control.limits import MAX_HOLD_S
+from pps_vision.experiments.avoidance.controllers import (
+    RADIUS_M,
+    SPEED_M_S,
+    Controller,
+    Home,
+    Numbers,
+    Setting,
+    move_point,
+    on_arm,
+    room,
+)
+from pps_vision.robot.model import Posture
+from pps_vision.types import Array, Track3D
+
+_SHAPE = 6.0  # Flacco et al. 2012: steepness of the repulsion
+_SAMPLES = 24  # points of the object's surface
+_FIBONACCI = np.pi * (3 - np.sqrt(5))
+
+
+def potential_field(setting: Setting, numbers: Numbers) -> Controller:
+    """Return Khatib's (1986) potential field: every taxel nearer to the object than ρ₀ is pushed away from it.
+
+    f = (1/ρ − 1/ρ₀)/ρ² along the distance ρ of surface and taxel, q̇ ∝ Σ Jᵀf towards and an attraction home; the
+    fastest taxel moves at most at 10 cm/s. `numbers`: range_m (ρ₀), gain, home_per_s.
+    """
+    range_m, home = numbers["range_m"], Home(setting, numbers["home_per_s"])
+
+    def act(activations: Array, track: Track3D, posture: Posture) -> Array:
+        pull = home.pull(posture)
+        if not track.is_known:
+            return pull
+        positions, _ = setting.skin.at(posture)
+        d = positions - track.position
+        distance = np.linalg.norm(d, axis=1)
+        rho = np.maximum(distance - track.radius_m, 0.005)
+        force = np.where(rho < range_m, (1 / rho - 1 / range_m) / rho**2, 0.0)[:, None] * d / distance[:, None]
+        if not force.any():
+            return pull
+        home.left = True
+        J = taxel_jacobians(setting, posture)
+        rates = numbers["gain"] * np.einsum("ndk,nd->k", J, force)
+        fastest = float(np.linalg.norm(J @ rates, axis=1).max())
+        rates = rates * min(1.0, SPEED_M_S / max(fastest, 1e-9))
+        rates = rates + pull[setting.arm] * max(0.0, 1 - fastest / SPEED_M_S)
+        return on_arm(setting, np.clip(rates, *room(setting, posture)))
+
+    return act
+
+
+def depth_space(setting: Setting, numbers: Numbers) -> Controller:
+    """Return the repulsion of Flacco et al. (2012) in the left eye's depth space.
+
+    The object occupies what it hides: a point of its surface before a taxel counts as at the taxel's depth. The taxel
+    nearest to it is moved along the mean direction at V/(1 + e^{(2D/ρ − 1)α}); the joints that take other taxels
+    towards the object are slowed. Of an object that follows, the direction turns aside by a share. `numbers`: range_m
+    (ρ), aside.
+    """
+    k = np.arange(_SAMPLES) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * k / _SAMPLES), _FIBONACCI * k
+    sphere = np.column_stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+    range_m, home = numbers["range_m"], Home(setting)
+
+    def act(activations: Array, track: Track3D, posture: Posture) -> Array:
+        pull = home.pull(posture)
+        if not track.is_known:
+            return pull
+        T = posture.T_root(setting.robot.names.left_eye)
+        taxels = (setting.skin.at(posture)[0] - T[:3, 3]) @ T[:3, :3]
+        center = (track.position - T[:3, 3]) @ T[:3, :3]
+        seen = center + max(track.radius_m, 0.001) * sphere
+        seen = seen[(seen - center) @ center < 0]
+        away = taxels[:, None] - _hidden_too(seen, taxels[:, 2])
+        distance = np.linalg.norm(away, axis=2)
+        nearest = distance.min(axis=1)
+        strength = 1 / (1 + np.exp(np.minimum((2 * nearest / range_m - 1) * _SHAPE, 50.0)))
+        most = int(strength.argmax())
+        if nearest[most] > range_m:
+            return pull
+        home.left = True
+        near = distance[most] < range_m
+        direction = _unit((away[most][near] / distance[most][near][:, None]).mean(axis=0))
+        direction = T[:3, :3] @ direction
+        if direction @ track.velocity > 0:
+            across = direction - (direction @ track.velocity) * track.velocity / float(track.velocity @ track.velocity)
+            direction = _unit((1 - numbers["aside"]) * direction + numbers["aside"] * _unit(across))
+        frame = setting.skin.parts[setting.skin.part_index[most]].frame
+        point = np.concatenate([part.positions_m for part in setting.skin.parts])[most]
+        rates = move_point(setting, posture, frame, point, SPEED_M_S * strength[most] * direction)[setting.arm]
+        closest = away[np.arange(len(away)), distance.argmin(axis=1)] @ T[:3, :3].T
+        towards = -np.einsum("ndk,nd->nk", taxel_jacobians(setting, posture), closest)
+        slowed = 1 - strength[:, None]
+        slowest, fastest = room(setting, posture)
+        slowest = np.where(towards < 0, slowed * slowest, slowest).max(axis=0)
+        fastest = np.where(towards > 0, slowed * fastest, fastest).min(axis=0)
+        rates = np.clip(rates, np.minimum(slowest, fastest), np.maximum(slowest, fastest))
+        return on_arm(setting, rates)
+
+    return act
+
+
+def taxel_constraints(setting: Setting, numbers: Numbers) -> Controller:
+    """Return a quadratic programme after HARMONIOUS (Rozlivek et al. 2023): every taxel is a constraint.
+
+    Joint rates nearest to those that lead home, such that no taxel moves outwards faster than V·(θ − a)/θ along its
+    normal; above the threshold θ it has to withdraw. `numbers`: threshold, gain (of the withdrawal), home_per_s.
+    """
+    threshold, arm, home = numbers["threshold"], ArmParams(), Home(setting, numbers["home_per_s"])
+
+    def act(activations: Array, track: Track3D, posture: Posture) -> Array:
+        home.left = home.left or bool((activations > threshold).any())
+        if not home.left:
+            return np.zeros(setting.robot.n_joints)
+        pull = home.pull(posture)
+        _, normals = setting.skin.at(posture)
+        outwards = np.einsum("ndk,nd->nk", taxel_jacobians(setting, posture), normals)
+        margin = (threshold - activations) / threshold
+        most = SPEED_M_S * np.clip(np.where(margin < 0, numbers["gain"] * margin, margin), -1.0, 1.0)
+        distance, parting = setting.self_collision.parting(posture.q_rad, arm.near_m, setting.arm)
+        sphere = KeepIn(setting.palm, setting.robot.at(setting.home_rad).point(setting.palm), RADIUS_M)
+        out, out_m_s = sphere.row(posture, setting.arm)
+        rows = np.vstack([outwards, -parting, out])
+        limits = np.concatenate([most, (distance - arm.clearance_m) / MAX_HOLD_S, [out_m_s]])
+        n = len(setting.arm)
+        rates = solve_rates(np.eye(n), pull[setting.arm], np.zeros(n), 1e-3, room(setting, posture), rows, limits)
+        return on_arm(setting, np.where(np.abs(rates) < 1e-6, 0.0, rates))
+
+    return act
+
+
+def taxel_jacobians(setting: Setting, posture: Posture) -> Array:
+    """Return (n, 3, k) velocities of the taxels in the root frame for the rates of the arm's joints."""
+    found = []
+    for part in setting.skin.parts:
+        J, levers = (
+            posture.jacobian(part.frame)[:, setting.arm],
+            part.positions_m @ posture.T_root(part.frame)[:3, :3].T,
+        )
+        found.append(J[:3].T + np.cross(J[3:].T[None], levers[:, None]))
+    return np.concatenate(found).transpose(0, 2, 1)
+
+
+def _hidden_too(seen: Array, depths: Array) -> Array:
+    """Return (n, m, 3) where points seen (m, 3) stand for depths (n,): at their own, or farther along their ray."""
+    stretched = np.maximum(depths[:, None] / seen[None, :, 2], 1.0)
+    return seen[None] * stretched[:, :, None]
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))

@@ -1,0 +1,176 @@
+"""What a controller is, ours, R's two, and the bounds.
+
+A controller is one function of (activations (n,) of the arm's taxels, track, posture) that returns joint rates
+(n_joints,) rad/s. `pps-vision bench encounters --controller MODULE:FUNCTION` adds another one: FUNCTION is given a
+`Setting` at the start of each encounter and returns the controller for it.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from control import avoidance
+from control.avoidance import AvoidanceParams, AvoidanceState
+from control.differential_kinematics import rate_limits, solve_rates
+from control.limits import MAX_HOLD_S, LimitParams
+from learning.pps.memory import PPSMemory
+from pps_vision.app.pipeline import felt
+from pps_vision.experiments.avoidance.encounter import Side
+from pps_vision.experiments.avoidance.training import FIELD
+from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.skin import Skin
+from pps_vision.types import Array, Track3D
+
+Controller = Callable[[Array, Track3D, Posture], Array]
+"""Joint rates (n_joints,) rad/s of activations (n,), track and posture."""
+Numbers = Mapping[str, float]
+"""Parameters of a controller by name."""
+SPEED_M_S = 0.10
+"""Speed of the control point (R), the same for all controllers."""
+RADIUS_M = 0.20
+"""The palm stays this near to its place at the start (R)."""
+_DAMPING_M, _RETURN_PER_S, _AT_HOME_RAD = 0.003, 3.0, np.deg2rad(0.2)  # as of our arm controller
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a controller may know beforehand."""
+
+    robot: Robot
+    """Kinematics."""
+    skin: Skin
+    """The arm's n taxels."""
+    side: Side
+    """The arm."""
+    home_rad: Array
+    """(n_joints,) posture at the start."""
+    self_collision: SelfCollision
+    """Distances of the robot's bodies."""
+    of_distance: PPSMemory
+    """Memory of the skin that knows D only."""
+    behaviour: Literal["avoid", "reach"] = "avoid"
+    """Whether the object is to be avoided or to be reached for."""
+
+    @property
+    def arm(self) -> list[int]:
+        """Where the arm's joints are in the configuration vector."""
+        return self.robot.indices(self.robot.names.arm(self.side))
+
+    @property
+    def palm(self) -> str:
+        """The arm's palm frame."""
+        return self.robot.names.palms[("left", "right").index(self.side)]
+
+
+def ours(setting: Setting) -> Controller:
+    """Return R eq. 6 as the closed loop runs it: confirmed, persistent, a quadratic programme with all limits."""
+    home = tuple(setting.home_rad[setting.arm].tolist())
+    params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M)
+    state = AvoidanceState()
+
+    def act(activations: Array, track: Track3D, posture: Posture) -> Array:
+        nonlocal state
+        also = {"may_reach": True, "self_collision": setting.self_collision}
+        state, command, _ = avoidance.step(params, state, posture, setting.skin, activations, track.stamp_s, **also)  # type: ignore[arg-type]
+        return command.dq_rad_s
+
+    return act
+
+
+def none(setting: Setting) -> Controller:
+    """Return what never moves: the lower bound."""
+    rest = np.zeros(setting.robot.n_joints)
+    return lambda activations, track, posture: rest
+
+
+def paper(setting: Setting, numbers: Numbers) -> Controller:
+    """Return R's own controller: eq. 6, a Cartesian controller, the response lasting and the arm going home.
+
+    N = Σ aᵢnᵢ/k, so that an activation of 1 gives 10 cm/s (R Fig 10); P = Σ aᵢpᵢ/Σaᵢ, as R's code has it, since the
+    printed Σ aᵢpᵢ/k is no point of the arm. `numbers`: threshold; confirm_s, persist_s.
+    """
+    sign = 1.0 if setting.behaviour == "reach" else -1.0
+    active_since_s, home = np.inf, Home(setting)
+    last: tuple[float, str, Array, Array] | None = None
+
+    def act(activations: Array, track: Track3D, posture: Posture) -> Array:
+        nonlocal active_since_s, last
+        a, t = np.where(activations > numbers["threshold"], activations, 0.0), track.stamp_s
+        active_since_s = min(active_since_s, t) if a.any() else np.inf
+        if t - active_since_s >= numbers["confirm_s"] - 1e-9:
+            positions, normals = setting.skin.at(posture)
+            by_part = np.bincount(setting.skin.part_index, a, len(setting.skin.parts))
+            frame = setting.skin.parts[int(by_part.argmax())].frame
+            T = posture.T_root(frame)
+            point = (a @ positions / a.sum() - T[:3, 3]) @ T[:3, :3]
+            last = t, frame, point, sign * SPEED_M_S * (a @ normals) / np.count_nonzero(a)
+        if last is not None and t - last[0] <= numbers["persist_s"] + 1e-9:
+            home.left = True
+            return move_point(setting, posture, *last[1:])
+        return home.pull(posture)
+
+    return act
+
+
+def distance_only(setting: Setting, numbers: Numbers) -> Controller:
+    """Return R's controller on activations of a memory that knows D only (R S2 Fig)."""
+    of_activations = paper(setting, numbers)
+
+    def act(activations: Array, track: Track3D, posture: Posture) -> Array:
+        taxels, normals = setting.skin.at(posture)
+        by_distance = felt(FIELD, setting.of_distance, track, taxels, normals, np.zeros_like(taxels))
+        return of_activations(by_distance, track, posture)
+
+    return act
+
+
+def move_point(setting: Setting, posture: Posture, frame: str, point: Array, velocity: Array) -> Array:
+    """Return the joint rates that move a point of a frame, by damped least squares within the joints' limits.
+
+    The palm's velocity out of its sphere is taken away first.
+    """
+    offset = posture.point(setting.palm) - setting.robot.at(setting.home_rad).point(setting.palm)
+    distance = float(np.linalg.norm(offset))
+    if distance >= RADIUS_M and offset @ velocity > 0:
+        velocity = velocity - (offset @ velocity) * offset / distance**2
+    J = posture.jacobian(frame, point)[:3, setting.arm]
+    return on_arm(setting, solve_rates(J, velocity, np.zeros(len(setting.arm)), _DAMPING_M, room(setting, posture)))
+
+
+@dataclass
+class Home:
+    """The way back to the posture at the start, for an arm that has left it by a response."""
+
+    setting: Setting
+    """Robot and arm."""
+    per_s: float = _RETURN_PER_S
+    """Rate of the return, of the angles left."""
+    left: bool = False
+    """Whether the arm has responded and is not back."""
+
+    def pull(self, posture: Posture) -> Array:
+        """Return joint rates (n_joints,) towards home, the palm at most at the speed of a response."""
+        setting = self.setting
+        away = setting.home_rad[setting.arm] - posture.q_rad[setting.arm]
+        self.left = self.left and bool(np.abs(away).max() > _AT_HOME_RAD)
+        if not self.left:
+            return np.zeros(setting.robot.n_joints)
+        rates = self.per_s * away
+        speed = np.linalg.norm(posture.jacobian(setting.palm)[:3, setting.arm] @ rates)
+        return on_arm(setting, rates / max(speed / SPEED_M_S, np.abs(rates).max() / LimitParams().joint_rad_s, 1.0))
+
+
+def room(setting: Setting, posture: Posture) -> tuple[Array, Array]:
+    """Return the lowest and highest rates (k,) of the arm's joints."""
+    lower, upper = setting.robot.lower_rad[setting.arm], setting.robot.upper_rad[setting.arm]
+    return rate_limits(posture.q_rad[setting.arm], lower, upper, LimitParams().joint_rad_s, 1 / MAX_HOLD_S)
+
+
+def on_arm(setting: Setting, rates: Array) -> Array:
+    """Return the rates (k,) of the arm's joints as those of all joints (n_joints,)."""
+    dq = np.zeros(setting.robot.n_joints)
+    dq[setting.arm] = rates
+    return dq

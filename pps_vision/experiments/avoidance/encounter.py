@@ -1,0 +1,287 @@
+"""Encounters of an arm with an object: who meets whom, where, at what speed, and when they would touch.
+
+Encounter `number` of a seed is always the same, whatever else is drawn.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from control.fixation import gaze_at
+from pps_vision.app.simulation import REACH_M, OwnMotion, at_taxel, can_follow, first_contact
+from pps_vision.experiments.pps.movements import start_posture
+from pps_vision.geometry.camera import StereoRig
+from pps_vision.geometry.se3 import rotation_to
+from pps_vision.robot.icub import icub_rig, load_icub
+from pps_vision.robot.model import Robot
+from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
+from pps_vision.types import Array
+from rendering.motions import START_M, Approach, Motion, Recede, in_cap, make_approach
+from rendering.names import StimulusName
+from rendering.stimuli import make_stimulus
+
+Side = Literal["left", "right"]
+Part = Literal["inner forearm", "outer forearm", "palm"]
+Condition = Literal[
+    "stop",
+    "press",
+    "through",
+    "reach",
+    "harmless_receding",
+    "harmless_static",
+    "harmless_passing",
+    "harmless_head",
+    "harmless_own_arm",
+]
+HAZARDS: tuple[Condition, ...] = ("stop", "press", "through")
+HARMLESS: tuple[Condition, ...] = tuple(c for c in get_args(Condition) if c.startswith("harmless"))
+OBJECTS: tuple[StimulusName, ...] = ("ball", "cube", "octopus", "marker")
+"""The memory is learned from the first two; the others are unseen."""
+SPEED_M_S = (0.05, 0.30)
+PRESS_M = 0.03
+"""How far an object of `press` goes on beyond the would-be contact."""
+BEYOND_M = 0.15
+"""How far an object of `through` goes on."""
+PASS_M = (0.10, 0.20)
+"""Smallest distance from a passing object's surface to a taxel's centre."""
+
+_SESSION: dict[Part, Any] = {"inner forearm": "inner", "outer forearm": "outer", "palm": "palm"}
+_CARRIER: dict[Part, Side] = {"inner forearm": "left", "outer forearm": "left", "palm": "right"}
+_SPREAD_RAD = np.deg2rad(15.0)  # of each arm joint about the part's posture
+_TURN_RAD = np.deg2rad(10.0)  # of torso and neck about upright
+_CLEARANCE_M = 0.03  # self-collision distance of a start posture; the controllers keep 25 mm
+_MARGIN_RAD = np.deg2rad(3.0)  # of a start posture's arm joints to their limits
+_DRAWS = 6  # paths drawn for a posture before another is
+_LEAST_S = 0.3  # until the would-be contact
+_DWELL_S, _AFTER_S = 0.3, 1.2  # at the end of the approach; then until the episode ends
+_REST_S = 4.0  # length of encounters with an object at rest
+_REST_M = (0.10, 0.15)  # from the surface of an object at rest to the nearest taxel's centre
+_CLEAR_M = (0.20, 0.25)  # the same while the arm swings, which takes it up to 10 cm nearer
+_SHORT_OF_M = 0.05  # where an object that is to be reached for stops before the would-be contact
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """One object, one path, one posture."""
+
+    number: int
+    """Of the encounter among those of its seed and condition."""
+    condition: Condition
+    """What the object does."""
+    side: Side
+    """The arm it is about."""
+    part: Part
+    """The body part aimed at."""
+    taxel: str
+    """The taxel "part:id" aimed at."""
+    stimulus: StimulusName
+    """The object."""
+    radius_m: float
+    """Its radius."""
+    speed_m_s: float
+    """Its speed."""
+    motion: Motion
+    """Its path."""
+    seconds: float
+    """Length of the encounter."""
+    contact_s: float
+    """When it would touch the arm at rest; inf if it would not."""
+    q_rad: Array
+    """(n_joints,) the robot at the start, its eyes on the object."""
+
+    @property
+    def is_harmless(self) -> bool:
+        """Whether nothing should be commanded."""
+        return self.condition in HARMLESS
+
+    @property
+    def own_motion(self) -> OwnMotion:
+        """What the robot moves by itself."""
+        return {"harmless_own_arm": "arm", "harmless_head": "head"}.get(self.condition, "")  # type: ignore[return-value]
+
+
+class Arena:
+    """The robot and its skin, as the encounters of one process share them."""
+
+    def __init__(self) -> None:
+        self.robot: Robot = load_icub()
+        self.rig: StereoRig = icub_rig(self.robot)
+        self.self_collision = SelfCollision(self.robot)
+        self.skins: dict[Side, Skin] = {
+            "left": icub_skin(("left_forearm", "left_palm")),
+            "right": icub_skin(("right_forearm", "right_palm")),
+        }
+
+    def arm(self, side: Side) -> list[int]:
+        """Return where an arm's joints are in the configuration vector."""
+        return self.robot.indices(self.robot.names.arm(side))
+
+
+Path = tuple[Motion, float, float]
+"""A motion, the length of the encounter and the time of the would-be contact."""
+DrawPath = Callable[[Arena, Skin, Array, int, float, float, np.random.Generator], Path]
+"""Draws one of: arena, skin, joints (n_joints,), number of the taxel aimed at, radius, speed."""
+
+
+def draw(arena: Arena, condition: Condition, number: int, seed: int) -> Encounter:
+    """Return encounter `number` of a condition: parts, sides and objects in turn, the rest at random."""
+    rng = np.random.default_rng((seed, get_args(Condition).index(condition), number))
+    part: Part = get_args(Part)[number % 3]
+    side: Side = get_args(Side)[number // 3 % 2]
+    stimulus = OBJECTS[number // 6 % len(OBJECTS)]
+    return draw_one(arena, condition, side, part, stimulus, float(rng.uniform(*SPEED_M_S)), rng, number)
+
+
+def draw_one(
+    arena: Arena,
+    condition: Condition,
+    side: Side,
+    part: Part,
+    stimulus: StimulusName,
+    speed_m_s: float,
+    rng: np.random.Generator,
+    number: int = 0,
+    draw_path: DrawPath | None = None,
+) -> Encounter:
+    """Return a random encounter in which both eyes see the object until it would touch, or all the time.
+
+    `draw_path`: other paths than those of the condition.
+    """
+    draw_path = draw_path or _PATHS[condition]
+    radius, skin = make_stimulus(stimulus, fineness=0).radius_m, arena.skins[side]
+    ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
+    taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
+    while True:
+        q = draw_posture(arena, side, part, rng)
+        for _ in range(_DRAWS):
+            motion, seconds, contact_s = draw_path(arena, skin, q, skin.index(taxel), radius, speed_m_s, rng)
+            q_start, until_s = gaze_at(arena.robot, q, motion(0.0)[0]), min(seconds, contact_s)
+            if contact_s > _LEAST_S and can_follow(arena.robot, arena.rig, q_start, motion, until_s, 3):
+                found = side, part, taxel, stimulus, radius, speed_m_s, motion, seconds, contact_s, q_start
+                return Encounter(number, condition, *found)
+
+
+def draw_posture(arena: Arena, side: Side, part: Part, rng: np.random.Generator) -> Array:
+    """Return joints (n_joints,) about those in which R's robot awaited touches of the part; torso and neck turned."""
+    robot, arm = arena.robot, arena.arm(side)
+    other: Side = "right" if side == "left" else "left"
+    base = start_posture(robot, _SESSION[part])
+    carrier = _CARRIER[part]
+    awaiting, hanging = (start_posture(robot, "palm")[arena.arm(s)] for s in ("right", "left"))
+    if part != "palm":
+        awaiting = base[arena.arm(carrier)]
+    turned = robot.indices(("torso_yaw", "torso_pitch", "torso_roll", "neck_pitch", "neck_roll", "neck_yaw"))
+    while True:
+        q = base.copy()
+        q[arena.arm(other)] = hanging
+        q[arm] = awaiting + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, len(arm))
+        q[turned] += rng.uniform(-_TURN_RAD, _TURN_RAD, len(turned))
+        q[arm] = np.clip(q[arm], robot.lower_rad[arm] + _MARGIN_RAD, robot.upper_rad[arm] - _MARGIN_RAD)
+        q = robot.clamp(q)
+        if arena.self_collision.distance_m(q) > _CLEARANCE_M:
+            return q
+
+
+def would_touch(start: Array, velocity: Array, taxels: Array, radius_m: float) -> float:
+    """Return the time at which a ball that moves straight first touches one of the taxels (n, 3) at rest, else inf.
+
+    Args:
+        start: (3,) m, its centre at time 0.
+        velocity: (3,) m/s.
+        taxels: (n, 3) m.
+        radius_m: Its radius; it touches a taxel where its surface is within `TOUCH_RADIUS_M` of the centre.
+    """
+    d, reach = start - taxels, radius_m + TOUCH_RADIUS_M
+    a, b = float(velocity @ velocity), d @ velocity
+    root = b**2 - a * (np.sum(d * d, axis=1) - reach**2)
+    if not a > 0:
+        return np.inf
+    with np.errstate(invalid="ignore"):
+        times = (-b - np.sqrt(root)) / a
+    return float(np.min(times[(root >= 0) & (times >= 0)], initial=np.inf))
+
+
+def approach(end_m: float) -> DrawPath:
+    """Return what draws approaches that end `end_m` beyond (or, below 0, before) the would-be contact."""
+
+    def path(
+        arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+    ) -> Path:
+        posture = arena.robot.at(q)
+        taxels, _ = skin.at(posture)
+        visit = make_approach(rng, at_taxel(skin, posture, taxel, radius + REACH_M["approach"]), speed)
+        ahead = (visit.end - visit.start) / np.linalg.norm(visit.end - visit.start)
+        end = visit.end + end_m * ahead
+        contact_s = would_touch(visit.start, speed * ahead, taxels, radius)
+        arrives_s = float(np.linalg.norm(end - visit.start)) / speed
+        if end_m > 2 * PRESS_M:
+            return Recede(visit.start, end, speed), arrives_s + _DWELL_S, contact_s
+        return Approach(visit.start, end, speed, _DWELL_S), arrives_s + _DWELL_S + _AFTER_S, contact_s
+
+    return path
+
+
+def _recede(
+    arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+) -> Path:
+    aim = at_taxel(skin, arena.robot.at(q), taxel, radius + REACH_M["recede"])
+    visit = make_approach(rng, aim, speed)
+    return Recede(visit.end, visit.start, speed), visit.contact_s + 0.5, np.inf
+
+
+def _rest(rest_m: tuple[float, float]) -> DrawPath:
+    """Return what draws objects that move 5 cm away from the skin, so that they are seen to move, and rest."""
+
+    def path(
+        arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+    ) -> Path:
+        posture = arena.robot.at(q)
+        (positions, normals), distance = skin.at(posture), radius + rng.uniform(*rest_m)
+        away = in_cap(rng, normals[taxel])
+        start = positions[taxel] + (distance + START_M[1]) * away
+        rest = first_contact(start, positions[taxel], positions, distance)
+        return Recede(rest - 0.05 * away, rest, speed), _REST_S, np.inf
+
+    return path
+
+
+def _pass(
+    arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
+) -> Path:
+    """Straight past the arm: where it is nearest to the skin, it is `PASS_M` away."""
+    taxels, normals = skin.at(arena.robot.at(q))
+    distance = rng.uniform(*PASS_M)
+    out = in_cap(rng, normals[taxel])
+    sideways = rotation_to(out)[:, :2] @ _unit(rng.standard_normal(2))
+    start = taxels[taxel] + 2 * out - START_M[1] * sideways
+    lowered = start - out * _lowered(start, out, sideways, taxels, radius + distance)
+    return Recede(lowered, lowered + 2 * START_M[1] * sideways, speed), 2 * START_M[1] / speed + 0.3, np.inf
+
+
+def _lowered(start: Array, out: Array, sideways: Array, taxels: Array, reach: float) -> float:
+    """Return how far a line along `sideways` can be moved against `out` until it is within `reach` of a taxel."""
+    across = np.cross(out, sideways)
+    d = taxels - start
+    aside = d @ across
+    near = np.abs(aside) < reach
+    return float(np.min(-(d[near] @ out) - np.sqrt(reach**2 - aside[near] ** 2)))
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+_PATHS: dict[Condition, DrawPath] = {
+    "stop": approach(0.0),
+    "press": approach(PRESS_M),
+    "through": approach(BEYOND_M),
+    "reach": approach(-_SHORT_OF_M),
+    "harmless_receding": _recede,
+    "harmless_static": _rest(_REST_M),
+    "harmless_passing": _pass,
+    "harmless_head": _rest(_REST_M),
+    "harmless_own_arm": _rest(_CLEAR_M),
+}

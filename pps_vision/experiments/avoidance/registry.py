@@ -1,0 +1,78 @@
+"""The controllers of the suite by name, with the parameters that `bench encounters_tuning` found for the baselines."""
+
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from pps_vision.errors import InputError
+from pps_vision.experiments.avoidance.baselines import depth_space, potential_field, taxel_constraints
+from pps_vision.experiments.avoidance.controllers import (
+    Controller,
+    Numbers,
+    Setting,
+    distance_only,
+    none,
+    ours,
+    paper,
+)
+
+NewController = Callable[[Setting], Controller]
+OURS, TRUE, NONE = "ours", "true positions", "no avoidance"
+"""Ours; the upper bound, ours on tracks without error; the lower bound."""
+REACHING = (OURS, "R eq. 6", "distance only", TRUE)
+"""Controllers that can reach as well as avoid."""
+
+
+class Baseline(NamedTuple):
+    """A baseline, the ranges that its parameters are drawn from, and their tuned values."""
+
+    new: Callable[[Setting, Numbers], Controller]
+    ranges: Mapping[str, tuple[float, float]]
+    """Uniform; of `gain` the logarithm is."""
+    tuned: Numbers
+
+
+_OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirm_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
+BASELINES = {
+    "R eq. 6": Baseline(paper, _OF_ACTIVATION, {"threshold": 0.4, "confirm_s": 0.0, "persist_s": 0.3}),
+    "distance only": Baseline(distance_only, _OF_ACTIVATION, {"threshold": 0.4, "confirm_s": 0.0, "persist_s": 0.3}),
+    "potential field": Baseline(
+        potential_field,
+        {"range_m": (0.05, 0.3), "gain": (1e-4, 1e-1), "home_per_s": (0.3, 3.0)},
+        {"range_m": 0.15, "gain": 1e-3, "home_per_s": 1.0},
+    ),
+    "depth space": Baseline(depth_space, {"range_m": (0.05, 0.3), "aside": (0.0, 1.0)}, {"range_m": 0.2, "aside": 0.5}),
+    "taxel constraints": Baseline(
+        taxel_constraints,
+        {"threshold": (0.2, 0.7), "gain": (0.5, 20.0), "home_per_s": (0.3, 3.0)},
+        {"threshold": 0.4, "gain": 3.0, "home_per_s": 1.0},
+    ),
+}
+NAMES = (OURS, *BASELINES, TRUE, NONE)
+
+
+def new_controller(name: str, numbers: Numbers | None = None) -> NewController:
+    """Return what makes a controller: one of `NAMES`, of a baseline with other `numbers`, or "MODULE:FUNCTION".
+
+    Raises:
+        InputError: There is no such controller.
+    """
+    if name in (OURS, TRUE):
+        return ours
+    if name == NONE:
+        return none
+    if name in BASELINES:
+        baseline, given = BASELINES[name], numbers or BASELINES[name].tuned
+        return lambda setting: baseline.new(setting, given)
+    module, _, function = name.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        found: NewController = getattr(import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        expected = f"expected MODULE:FUNCTION that can be imported, or one of {', '.join(NAMES)}"
+        raise InputError("controller", f"{name!r}: {error}; {expected}") from error
+    return found

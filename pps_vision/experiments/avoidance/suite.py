@@ -1,0 +1,122 @@
+"""Run encounters in parallel processes, and go on where an interrupted run stopped."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+from tqdm import tqdm
+
+from learning.pps.memory import load_memory, save_memory
+from pps_vision.experiments.avoidance.controllers import Numbers
+from pps_vision.experiments.avoidance.encounter import Arena, Condition, Side, draw
+from pps_vision.experiments.avoidance.kinematic import meet
+from pps_vision.experiments.avoidance.registry import NONE, REACHING, TRUE, new_controller
+from pps_vision.experiments.avoidance.tracks import track_of, true_track_of
+from pps_vision.experiments.avoidance.training import Memories, learn
+from pps_vision.experiments.resume import kept_folder, part
+from pps_vision.experiments.study import Study
+
+Rows = list[dict[str, Any]]
+_PART = 12  # encounters that are kept when a run is interrupted
+
+
+class Task(NamedTuple):
+    """Encounters of one condition, met by every controller in turn."""
+
+    condition: Condition
+    first: int
+    n: int
+    seed: int
+    controllers: tuple[str, ...]
+    """Names, of a baseline perhaps with `#` and the number of its parameters among `numbers`."""
+    numbers: Mapping[str, Numbers] = {}
+    """Other parameters than the tuned ones."""
+
+
+def run_suite(
+    study: Study,
+    counts: Mapping[Condition, int],
+    seed: int,
+    controllers: Sequence[str],
+    workers: int,
+    share: float,
+    numbers: Mapping[str, Numbers] | None = None,
+) -> Rows:
+    """Return a row for each encounter and controller; they do not depend on the number of `workers`.
+
+    Args:
+        study: Names the folder in which finished parts are kept.
+        counts: How many encounters of each condition.
+        seed: Of encounters and of the memories' training.
+        controllers: Names in the registry, "MODULE:FUNCTION", or names of `numbers`.
+        workers: Processes; with 1 everything runs in this one.
+        share: Of the training approaches.
+        numbers: Parameters by a name "CONTROLLER#k".
+    """
+    kept = kept_folder(study)
+    for name in controllers:
+        new_controller(name.partition("#")[0])  # refuse an unknown one at once
+    _train(kept, seed, share)
+    tasks = [
+        Task(condition, first, min(_PART, n - first), seed, tuple(controllers), numbers or {})
+        for condition, n in counts.items()
+        for first in range(0, n, _PART)
+    ]
+    files = [kept / f"{task.condition} {task.first}.json" for task in tasks]
+    show = {"desc": "encounters", "unit": "part", "total": len(tasks), "disable": None}
+    if workers == 1:
+        parts = list(tqdm(map(_run, tasks, files), **show))
+    else:
+        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+            parts = list(tqdm(pool.map(_run, tasks, files), **show))
+    shutil.rmtree(kept)
+    _memories.cache_clear()
+    return [row for rows in parts for row in rows]
+
+
+def _train(kept: Path, seed: int, share: float) -> None:
+    kept.mkdir(parents=True, exist_ok=True)
+    for side in get_args(Side):
+        files = _files(kept, side)
+        if not files[1].exists():
+            for file, memory in zip(files, learn(_arena(), side, seed, share), strict=True):
+                save_memory(file, memory)
+
+
+def _run(task: Task, file: Path) -> Rows:
+    rows: Rows = part(file, lambda: [row for k in range(task.n) for row in _rows(task, task.first + k, file.parent)])
+    return rows
+
+
+def _rows(task: Task, number: int, kept: Path) -> Rows:
+    """One encounter with every controller, all with the same track errors."""
+    arena = _arena()
+    encounter = draw(arena, task.condition, number, task.seed)
+    rng = np.random.default_rng((task.seed, 1, get_args(Condition).index(task.condition), number))
+    seen, true, found = track_of(encounter, rng), true_track_of(encounter), []
+    for name in task.controllers:
+        if encounter.condition == "reach" and name not in (*REACHING, NONE):
+            continue
+        new = new_controller(name.partition("#")[0], task.numbers.get(name))
+        track = true if name == TRUE else seen
+        found.append(meet(arena, _memories(kept)[encounter.side], encounter, name, new, track).to_json())
+    return found
+
+
+@cache
+def _arena() -> Arena:
+    return Arena()
+
+
+@cache
+def _memories(kept: Path) -> dict[Side, Memories]:
+    return {side: Memories(*(load_memory(file) for file in _files(kept, side))) for side in get_args(Side)}
+
+
+def _files(kept: Path, side: str) -> tuple[Path, Path]:
+    return kept / f"{side}.npz", kept / f"{side} distance.npz"

@@ -1,0 +1,71 @@
+"""PPS memories learned without rendering, from as many approaches as R's robot had of each body part."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from learning.pps import learner
+from learning.pps.buffer import EventBuffer
+from learning.pps.learner import LearnerParams, LearnerState
+from learning.pps.memory import MemoryParams, PPSMemory
+from learning.pps.receptive_field import ReceptiveField, perceive
+from pps_vision.app.simulation import REACH_M, SPEED_M_S
+from pps_vision.experiments.avoidance.encounter import OBJECTS, Arena, Encounter, Part, Side, approach, draw_one
+from pps_vision.experiments.avoidance.tracks import track_of
+from pps_vision.experiments.pps.movements import TRIALS
+from pps_vision.robot.skin import touched_taxels
+from pps_vision.types import TaxelEvents
+
+FIELD = ReceptiveField(distance_to="surface")
+BY_DISTANCE = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
+"""A memory that knows D only: that of R's S2 Fig."""
+_APPROACHES: dict[Part, int] = {
+    "inner forearm": TRIALS["inner"],
+    "outer forearm": TRIALS["outer"],
+    "palm": TRIALS["palm"],
+}
+_LEARNED_OBJECTS = 2  # of `OBJECTS`
+_CONTACT_S = 0.7  # what is perceived later is the withdrawal
+_TOUCH = approach(REACH_M["approach"])  # until the surface is at a taxel's centre, as in the closed loop's training
+_STREAM = 77  # keeps training and encounters of one seed apart
+
+
+class Memories(NamedTuple):
+    """What one arm's skin has learned."""
+
+    of_both: PPSMemory
+    """From D and TTC."""
+    of_distance: PPSMemory
+    """From D alone."""
+
+
+def learn(arena: Arena, side: Side, seed: int, share: float = 1.0) -> Memories:
+    """Return the memories after a share of R's numbers of approaches (Table 5) by ball and cube at 5–15 cm/s."""
+    skin = arena.skins[side]
+    states = [LearnerState(PPSMemory.empty(skin, p), EventBuffer()) for p in (MemoryParams(), BY_DISTANCE)]
+    for j, (part, n) in enumerate(_APPROACHES.items()):
+        for k in range(max(round(share * n), 1)):
+            rng = np.random.default_rng((seed, _STREAM, side == "right", j, k))
+            speed = float(rng.uniform(*SPEED_M_S))
+            touching = draw_one(arena, "press", side, part, OBJECTS[k % _LEARNED_OBJECTS], speed, rng, k, _TOUCH)
+            states = [LearnerState(state.memory, EventBuffer()) for state in states]
+            for events in _events(arena, touching, rng):
+                states = [learner.step(LearnerParams(), state, events) for state in states]
+            states = [learner.finish(state) for state in states]
+    return Memories(states[0].memory, states[1].memory)
+
+
+def _events(arena: Arena, touching: Encounter, rng: np.random.Generator) -> Iterator[TaxelEvents]:
+    """Yield what the skin at rest perceives of an approach until 0.7 s after the touch."""
+    skin = arena.skins[touching.side]
+    taxels, normals = skin.at(arena.robot.at(touching.q_rad))
+    D, ttc = np.full((2, len(taxels)), np.nan)
+    for track in track_of(touching, rng):
+        if track.stamp_s > touching.contact_s + _CONTACT_S:
+            return
+        touched = touched_taxels(taxels, touching.motion(track.stamp_s)[0], touching.radius_m)
+        if track.is_known:
+            stimulus = track.position, track.velocity, track.radius_m, track.cov[3:6, 3:6]
+            D, ttc = perceive(FIELD, taxels, normals, *stimulus)
+        yield TaxelEvents(track.stamp_s, skin.taxel_ids, D, ttc, touched)

@@ -1,0 +1,74 @@
+"""Parameters of the baseline controllers: random search, the same number of draws on the same encounters for each."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pps_vision.experiments.avoidance.controllers import Numbers
+from pps_vision.experiments.avoidance.encounter import HARMLESS, HAZARDS
+from pps_vision.experiments.avoidance.registry import BASELINES, OURS, Baseline
+from pps_vision.experiments.avoidance.suite import Rows, run_suite
+from pps_vision.experiments.encounters import counts
+from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.tables import Table
+
+_LOGARITHMIC = "gain"
+
+
+@dataclass(frozen=True)
+class EncountersTuning(SampledStudy):
+    """Random search for the parameters of every baseline controller of `encounters`: the fewest approaching objects
+    that touch and harmless ones that move the arm, both in percent."""
+
+    n: int = 10
+    """Encounters of each of stop, press and through; a fifth as many of each harmless kind."""
+    draws: int = 10
+    """Parameters tried for each baseline."""
+    share: float = 1.0
+    """Share of R's numbers of approaches that the memories are learned from."""
+    workers: int = 2
+    """Parallel processes."""
+
+    def run(self) -> dict[str, Any]:
+        """Return the score of every draw, and each baseline's best."""
+        numbers = {
+            f"{name}#{k}": draw_numbers(baseline, np.random.default_rng((self.seed, j, k)))
+            for j, (name, baseline) in enumerate(BASELINES.items())
+            for k in range(self.draws)
+        }
+        some = counts(self.n) | {"reach": 0}
+        rows = run_suite(self, some, self.seed, (OURS, *numbers), self.workers, self.share, numbers)
+        scores = {name: score([row for row in rows if row["controller"] == name]) for name in (OURS, *numbers)}
+        best = {
+            name: min((k for k in numbers if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in BASELINES
+        }
+        return {
+            "ours": scores[OURS],
+            "best": {name: {"score": scores[k], **numbers[k]} for name, k in best.items()},
+            "scores": scores,
+        }
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the best of each."""
+        rows = [[OURS, f"{numbers['ours']:.3g}", "as everywhere"]]
+        for name, best in numbers["best"].items():
+            values = ", ".join(f"{key} {value:.3g}" for key, value in best.items() if key != "score")
+            rows.append([name, f"{best['score']:.3g}", values])
+        return {"": Table(["controller", "score on the tuning encounters", "parameters"], rows)}
+
+
+def draw_numbers(baseline: Baseline, rng: np.random.Generator) -> Numbers:
+    """Draw a baseline's parameters; four digits are kept."""
+    found = {}
+    for name, (low, high) in baseline.ranges.items():
+        value = np.exp(rng.uniform(np.log(low), np.log(high))) if name == _LOGARITHMIC else rng.uniform(low, high)
+        found[name] = float(f"{value:.4g}")
+    return found
+
+
+def score(rows: Rows) -> float:
+    """Return the percentage touched of approaching objects plus the percentage of harmless ones with a command."""
+    touched = [row["touched"] for row in rows if row["condition"] in HAZARDS]
+    moved = [row["commands"] > 0 for row in rows if row["condition"] in HARMLESS]
+    return float(100 * np.mean(touched) + 100 * np.mean(moved))

@@ -1,0 +1,16 @@
+"""One robot, and what its left skin learned from a few approaches."""
+
+import pytest
+
+from pps_vision.experiments.avoidance.encounter import Arena, Side
+from pps_vision.experiments.avoidance.training import Memories, learn
+
+
+@pytest.fixture(scope="session")
+def arena() -> Arena:
+    return Arena()
+
+
+@pytest.fixture(scope="session")
+def memories(arena: Arena) -> dict[Side, Memories]:
+    return {"left": learn(arena, "left", 3, share=0.1)}

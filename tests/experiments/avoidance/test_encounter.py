@@ -1,0 +1,80 @@
+"""Would-be contacts by hand, and what every kind of encounter does to an arm at rest."""
+
+import numpy as np
+import pytest
+
+from pps_vision.experiments.avoidance.encounter import (
+    BEYOND_M,
+    HARMLESS,
+    HAZARDS,
+    PASS_M,
+    PRESS_M,
+    Arena,
+    Condition,
+    Encounter,
+    draw,
+    would_touch,
+)
+from pps_vision.robot.skin import TOUCH_RADIUS_M
+from pps_vision.types import Array
+
+RADIUS_M = 0.035
+REACH_M = RADIUS_M + TOUCH_RADIUS_M
+
+
+def test_the_would_be_contact_of_a_straight_path_by_hand() -> None:
+    taxels = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, -0.2]])
+    start, down = np.array([0.0, 0.0, 0.3]), np.array([0.0, 0.0, -0.1])
+    assert would_touch(start, down, taxels, RADIUS_M) == pytest.approx((0.3 - REACH_M) / 0.1)
+    aside = start + np.array([0.033, 0.0, 0.0])
+    assert would_touch(aside, down, taxels, RADIUS_M) == pytest.approx((0.3 - np.sqrt(REACH_M**2 - 0.033**2)) / 0.1)
+    beside = start + np.array([-0.06, 0.0, 0.0])  # passes both
+    assert would_touch(beside, down, taxels, RADIUS_M) == np.inf
+    beyond = start + np.array([0.06, 0.0, 0.0])  # passes the first, meets the second
+    assert would_touch(beyond, down, taxels, RADIUS_M) == pytest.approx((0.5 - np.sqrt(REACH_M**2 - 0.02**2)) / 0.1)
+    assert would_touch(start, -down, taxels, RADIUS_M) == np.inf
+    assert would_touch(start, 0 * down, taxels, RADIUS_M) == np.inf
+
+
+def gaps(arena: Arena, encounter: Encounter) -> tuple[Array, Array]:
+    """Times, and the object's distance left until it touches the arm at rest."""
+    times = np.arange(0, encounter.seconds, 0.002)
+    taxels, _ = arena.skins[encounter.side].at(arena.robot.at(encounter.q_rad))
+    path = np.array([encounter.motion(t)[0] for t in times])
+    return times, np.linalg.norm(path[:, None] - taxels, axis=2).min(axis=1) - encounter.radius_m - TOUCH_RADIUS_M
+
+
+@pytest.mark.parametrize("condition", HAZARDS)
+@pytest.mark.parametrize("number", [1, 5])
+def test_an_arm_at_rest_is_touched_when_the_encounter_says(arena: Arena, condition: Condition, number: int) -> None:
+    encounter = draw(arena, condition, number, seed=3)
+    times, left = gaps(arena, encounter)
+    assert times[np.argmax(left <= 0)] == pytest.approx(encounter.contact_s, abs=0.003)
+    if condition == "stop":
+        assert -0.004 < left.min() < 0
+    elif condition == "press":
+        assert -PRESS_M - 0.004 < left.min() < -0.01
+    else:
+        on = encounter.motion(encounter.seconds)[0] - encounter.motion(encounter.contact_s)[0]
+        assert np.linalg.norm(on) == pytest.approx(BEYOND_M, abs=0.01)
+
+
+@pytest.mark.parametrize("condition", HARMLESS)
+def test_harmless_objects_touch_nothing(arena: Arena, condition: Condition) -> None:
+    for number in (0, 4):
+        encounter = draw(arena, condition, number, seed=3)
+        left = gaps(arena, encounter)[1] + TOUCH_RADIUS_M
+        assert encounter.contact_s == np.inf
+        assert left.min() > TOUCH_RADIUS_M
+        if condition == "harmless_passing":
+            assert PASS_M[0] - 1e-4 < left.min() < PASS_M[1] + 1e-3
+            assert left.min() < left[[0, -1]].min() - 0.02, "it comes nearer and leaves"
+
+
+def test_an_encounter_depends_on_its_seed_and_number_alone(arena: Arena) -> None:
+    first, other = draw(arena, "press", 7, seed=3), draw(arena, "press", 8, seed=3)
+    again = draw(Arena(), "press", 7, seed=3)
+    np.testing.assert_array_equal(first.q_rad, again.q_rad)
+    np.testing.assert_array_equal(first.motion(0.3)[0], again.motion(0.3)[0])
+    assert (first.side, first.part, first.stimulus) != (other.side, other.part, other.stimulus)
+    assert draw(arena, "press", 7, seed=4).speed_m_s != first.speed_m_s

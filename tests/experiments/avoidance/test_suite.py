@@ -1,0 +1,141 @@
+"""The suite: every controller avoids a slow object, others plug in, an interrupted run goes on."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pps_vision.errors import InputError
+from pps_vision.experiments import encounters
+from pps_vision.experiments.avoidance import suite
+from pps_vision.experiments.avoidance.baselines import taxel_jacobians
+from pps_vision.experiments.avoidance.controllers import Setting
+from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, Side, draw
+from pps_vision.experiments.avoidance.kinematic import meet
+from pps_vision.experiments.avoidance.registry import BASELINES, NAMES, NONE, OURS, TRUE, new_controller
+from pps_vision.experiments.avoidance.tracks import ERROR_M, track_of, true_track_of
+from pps_vision.experiments.avoidance.training import Memories
+from pps_vision.experiments.encounters import Encounters, rate, summary
+
+PLUGIN = """
+import numpy as np
+def new(setting):
+    def act(activations, track, posture):
+        dq = np.zeros(setting.robot.n_joints)
+        dq[setting.arm[0]] = 0.2 * (track.is_known and np.linalg.norm(track.velocity) > 0.01)
+        return dq
+    return act
+"""
+
+
+@pytest.fixture(scope="module")
+def slow(arena: Arena) -> Encounter:
+    """A ball at less than 15 cm/s that would touch the inner left forearm."""
+    found = (draw(arena, "stop", 12 * k, 3) for k in range(20))
+    return next(e for e in found if e.speed_m_s < 0.15 and e.side == "left")
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n != NONE])
+def test_every_controller_avoids_a_slow_object(
+    arena: Arena, memories: dict[Side, Memories], slow: Encounter, name: str
+) -> None:
+    """It would touch; limits and self-collision distance are kept."""
+    tracks = true_track_of(slow) if name == TRUE else track_of(slow, np.random.default_rng(1))
+    rest = meet(arena, memories["left"], slow, NONE, new_controller(NONE), tracks)
+    assert rest.touched
+    assert rest.commands == 0
+    assert rest.lead_s is None
+    found = meet(arena, memories["left"], slow, name, new_controller(name), tracks)
+    assert not found.touched
+    assert found.distance_m > 0.005
+    assert found.lead_s is not None
+    assert found.lead_s > 0.2
+    assert found.faults == ()
+    assert found.self_distance_m >= 0.0199
+
+
+def test_tracks_err_as_much_as_was_measured(slow: Encounter) -> None:
+    for stimulus in ("ball", "octopus"):
+        encounter = replace(slow, stimulus=stimulus)  # type: ignore[arg-type]
+        truth = np.array([t.position for t in true_track_of(encounter)])
+        errors = [
+            np.array([t.position for t in track_of(encounter, np.random.default_rng(k))])[10:] - truth[10:]
+            for k in range(20)
+        ]
+        rms = np.sqrt(np.mean(np.sum(np.square(errors), axis=2)))
+        assert 0.5 * ERROR_M[stimulus] < rms < 1.1 * ERROR_M[stimulus]
+
+
+def test_jacobians_of_taxels_are_derivatives(arena: Arena, slow: Encounter, memories: dict[Side, Memories]) -> None:
+    skin = arena.skins["left"]
+    setting = Setting(arena.robot, skin, "left", slow.q_rad, arena.self_collision, memories["left"].of_distance)
+    J = taxel_jacobians(setting, arena.robot.at(slow.q_rad))
+    for column, joint in enumerate(setting.arm):
+        step = np.eye(arena.robot.n_joints)[joint] * 1e-6
+        (ahead, _), (behind, _) = (skin.at(arena.robot.at(slow.q_rad + s * step)) for s in (1, -1))
+        np.testing.assert_allclose(J[:, :, column], (ahead - behind) / 2e-6, atol=1e-6)
+
+
+def test_others_plug_their_controller_in_and_a_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "theirs.py").write_text(PLUGIN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "kept"))
+    monkeypatch.setattr(suite, "_PART", 1)
+    met: list[str] = []
+
+    def interrupted(arena: Arena, memories: Memories, encounter: Encounter, name: str, *rest: object) -> object:
+        if len(met) == 3:
+            raise KeyboardInterrupt
+        met.append(f"{encounter.number} {name}")
+        return meet(arena, memories, encounter, name, *rest)  # type: ignore[arg-type]
+
+    study = Encounters(n=2, seed=3)
+    given = {"stop": 2}, 3, (NONE, "theirs:new"), 1, 0.01
+    monkeypatch.setattr(suite, "meet", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        suite.run_suite(study, *given)  # type: ignore[arg-type]
+    met.clear()
+    rows = suite.run_suite(study, *given)  # type: ignore[arg-type]
+    assert met == ["1 no avoidance", "1 theirs:new"], "the first encounter was kept"
+    assert list((tmp_path / "kept").iterdir()) == []
+    assert [(row["number"], row["controller"]) for row in rows] == [
+        (k, name) for k in range(2) for name in (NONE, "theirs:new")
+    ]
+    assert all(row["commands"] == 0 for row in rows[::2])
+    assert all(row["commands"] > 5 for row in rows[1::2])
+    with pytest.raises(InputError, match="theirs:old"):
+        suite.run_suite(study, {"stop": 1}, 3, ("theirs:old",), 1, 0.01)
+
+
+def made_up(controller: str, condition: str, number: int, *, touched: bool, commands: int = 1) -> dict[str, object]:
+    row = {"controller": controller, "condition": condition, "number": number, "touched": touched}
+    row |= {"speed_m_s": 0.1 + 0.02 * number, "commands": commands, "distance_m": 0.02, "lead_s": 0.5}
+    return row | {"touched_part": "palm", "part": "palm", "faults": [], "self_distance_m": 0.03}
+
+
+def test_rates_and_differences_by_hand() -> None:
+    rows = [made_up(OURS, c, k, touched=k < 2) for c in HAZARDS for k in range(10)]
+    rows += [made_up("R eq. 6", c, k, touched=k < 5) for c in HAZARDS for k in range(10)]
+    rows += [made_up(name, "harmless_static", k, touched=False, commands=k) for name in NAMES[:2] for k in range(4)]
+    rows[0]["self_distance_m"] = 0.019
+    found = summary(rows, NAMES[:2])
+    ours, other = found["controllers"][OURS], found["controllers"]["R eq. 6"]
+    assert ours["untouched"]["press"] == pytest.approx([80, 49.02, 94.33], abs=0.01)  # Wilson, 8 of 10
+    assert ours["stop, slow"][0] == pytest.approx(100 / 3)  # 0.10, 0.12, 0.14 m/s
+    assert other["press and through, beyond ours"][0] == pytest.approx(-30)
+    assert other["press and through, beyond ours"][2] < 0
+    assert ours["press and through, beyond ours"] == [0, 0, 0]
+    assert ours["still"]["harmless_static"][0] == 25
+    assert np.isnan(ours["still"]["harmless_head"][0])
+    assert found["limits"]["left"] == 1
+    assert set(encounters.tables(found)) >= {"", "conditions", "harmless", "limits"}
+    assert rate([{"touched": False}] * 10, lambda row: bool(row["touched"]))[2] == pytest.approx(27.75, abs=0.01)
+
+
+def test_tuned_parameters_lie_in_their_ranges() -> None:
+    for baseline in BASELINES.values():
+        assert set(baseline.tuned) == set(baseline.ranges)
+        for name, (low, high) in baseline.ranges.items():
+            assert low <= baseline.tuned[name] <= high
