@@ -5,6 +5,7 @@ Rendered and recorded frames take the same steps; a recording does not obey the 
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -65,9 +66,10 @@ class PipelineParams:
     """Limits of every command."""
 
     @classmethod
-    def of(cls, setup: RobotSetup) -> "PipelineParams":
-        """Of any robot: its first arm avoids."""
-        return cls(avoidance=AvoidanceParams(setup.home_arm(setup.side), setup.side))
+    def of(cls, setup: RobotSetup, side: Literal["left", "right"] | None = None) -> "PipelineParams":
+        """Of any robot: the arm of a `side` avoids, by default its first."""
+        side = side or setup.side
+        return cls(avoidance=AvoidanceParams(setup.home_arm(side), side))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ from rendering.stimuli import make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
 Kind = Literal["approach", "recede", "static", "own_arm"]
+Side = Literal["left", "right"]
 OwnMotion = Literal["", "arm", "head"]
 """What moves by itself."""
 Policy = Callable[[StereoFrame, Mask], PipelineStep]
@@ -89,6 +90,8 @@ class World:
     setup: RobotSetup
     eyes: Eyes
     rng: np.random.Generator
+    side: Side
+    """The arm that avoids."""
 
     @property
     def robot(self) -> Robot:
@@ -108,7 +111,7 @@ class World:
     @cached_property
     def arm(self) -> list[int]:
         """Where the joints of the arm that avoids are in the configuration vector."""
-        return self.robot.indices(self.robot.names.arm(self.setup.side))
+        return self.robot.indices(self.robot.names.arm(self.side))
 
     @cached_property
     def home(self) -> Array:
@@ -168,12 +171,14 @@ class EpisodeLog:
 
 
 @contextmanager
-def open_world(noise_sigma: float, seed: int, setup: RobotSetup | None = None) -> Iterator[World]:
+def open_world(
+    noise_sigma: float, seed: int, setup: RobotSetup | None = None, side: Side | None = None
+) -> Iterator[World]:
     """A robot, by default the iCub with the skin of its left forearm and palm; `noise_sigma` of the pixels in grey
-    levels of 255."""
+    levels of 255; the `side` of the arm that avoids, by default the setup's."""
     setup = setup or icub_setup(icub_skin(("left_forearm", "left_palm")))
     with Eyes(setup.robot, setup.rig, make_stimulus("ball"), sensor=Sensor(noise_sigma=noise_sigma)) as eyes:
-        yield World(setup, eyes, np.random.default_rng(seed))
+        yield World(setup, eyes, np.random.default_rng(seed), side or setup.side)
 
 
 def new_pipeline(
@@ -182,7 +187,9 @@ def new_pipeline(
     """A pipeline with a new tracker and an earlier memory."""
     timing = {} if stopwatch is None else {"stages": stopwatch}
     tracker = Tracker(TrackerParams(), world.rig, world.rng, own_body=Silhouette(world.robot), **timing)
-    return Pipeline(PipelineParams.of(world.setup), world.robot, world.skin, tracker, memory, world.rng, reachable_map)
+    return Pipeline(
+        PipelineParams.of(world.setup, world.side), world.robot, world.skin, tracker, memory, world.rng, reachable_map
+    )
 
 
 def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True) -> Iterator[SimulationStep]:

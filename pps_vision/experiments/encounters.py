@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ SLOW_M_S = 0.15  # up to which objects approached R's robot
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _LEAST_SELF_MM = 20.0
 _TO_REACH = 3  # one encounter of `reach` for so many of each approaching condition
-_FEW = 5  # one of each harmless condition for so many
+_HARMLESS = 0.4  # encounters of each harmless condition for one of each approaching condition
 Row = dict[str, Any]
 
 
@@ -32,7 +33,8 @@ class Encounters(SampledStudy):
     for, without rendering: touched, smallest distance, lead and needless commands by controller."""
 
     n: int = 100
-    """Encounters of each of stop, press and through; a fifth as many of each harmless kind, a third of `reach`."""
+    """Encounters of each of stop, press and through; four tenths as many of each harmless kind, a third of
+    `reach`."""
     share: float = 1.0
     """Share of R's numbers of approaches (Table 5) that the memories are learned from."""
     controller: str = ""
@@ -70,7 +72,7 @@ class Encounters(SampledStudy):
 
 def counts(n: int) -> dict[Condition, int]:
     """Return how many encounters of each condition a run has."""
-    return dict.fromkeys(HAZARDS, n) | dict.fromkeys(HARMLESS, -(-n // _FEW)) | {"reach": -(-n // _TO_REACH)}
+    return dict.fromkeys(HAZARDS, n) | dict.fromkeys(HARMLESS, ceil(_HARMLESS * n)) | {"reach": ceil(n / _TO_REACH)}
 
 
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """Controllers of the literature with the same perception: potential field, depth-space repulsion, taxel constraints."""
 
 import numpy as np
+from qpsolvers import solve_qp
 
 from control.arm import ArmParams, KeepIn
-from control.differential_kinematics import solve_rates
 from control.limits import MAX_HOLD_S
 from pps_vision.experiments.avoidance.controllers import (
     RADIUS_M,
@@ -19,6 +19,7 @@ from pps_vision.experiments.avoidance.controllers import (
 from pps_vision.robot.model import Posture
 from pps_vision.types import Array, Track3D
 
+_SOFT = 1e3  # weight of a row's excess in (m/s)² against joint rates in (rad/s)²
 _SHAPE = 6.0  # Flacco et al. 2012: steepness of the repulsion
 _SAMPLES = 24  # points of the object's surface
 _FIBONACCI = np.pi * (3 - np.sqrt(5))
@@ -123,15 +124,28 @@ def taxel_constraints(setting: Setting, numbers: Numbers) -> Controller:
         margin = (threshold - activations) / threshold
         most = SPEED_M_S * np.clip(np.where(margin < 0, numbers["gain"] * margin, margin), -1.0, 1.0)
         distance, parting = setting.self_collision.parting(posture.q_rad, arm.near_m, setting.arm)
-        sphere = KeepIn(setting.palm, setting.robot.at(setting.home_rad).point(setting.palm), RADIUS_M)
+        sphere = KeepIn(setting.palm, setting.palm_home, RADIUS_M)
         out, out_m_s = sphere.row(posture, setting.arm)
         rows = np.vstack([outwards, -parting, out])
         limits = np.concatenate([most, (distance - arm.clearance_m) / MAX_HOLD_S, [out_m_s]])
-        n = len(setting.arm)
-        rates = solve_rates(np.eye(n), pull[setting.arm], np.zeros(n), 1e-3, room(setting, posture), rows, limits)
+        rates = nearest_rates(pull[setting.arm], room(setting, posture), rows, limits)
         return on_arm(setting, np.where(np.abs(rates) < 1e-6, 0.0, rates))
 
     return act
+
+
+def nearest_rates(wanted: Array, room: tuple[Array, Array], rows: Array, most: Array) -> Array:
+    """Return the rates x (k,) within `room` that minimise ‖x − wanted‖² + w‖s‖² with rows x ≤ most + s, s ≥ 0.
+
+    Taxels may have to withdraw in ways that exclude each other, so the rows are soft; the limits are not.
+    """
+    k, m = len(wanted), len(rows)
+    H, g = np.diag(np.r_[np.ones(k), np.full(m, _SOFT)]), np.r_[-wanted, np.zeros(m)]
+    lower, upper = np.r_[room[0], np.zeros(m)], np.r_[room[1], np.full(m, np.inf)]
+    x = solve_qp(H, g, np.hstack([rows, -np.eye(m)]), most, lb=lower, ub=upper, solver="daqp")
+    if x is None:
+        raise RuntimeError(f"no rates for {wanted}, limits {room}, rows {rows.tolist()} of at most {most}")
+    return np.clip(x[:k], *room)
 
 
 def taxel_jacobians(setting: Setting, posture: Posture) -> Array:

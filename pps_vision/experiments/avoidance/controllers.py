@@ -7,6 +7,7 @@ A controller is one function of (activations (n,) of the arm's taxels, track, po
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import felt
-from pps_vision.experiments.avoidance.encounter import Side
+from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.training import FIELD
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -54,15 +55,20 @@ class Setting:
     behaviour: Literal["avoid", "reach"] = "avoid"
     """Whether the object is to be avoided or to be reached for."""
 
-    @property
+    @cached_property
     def arm(self) -> list[int]:
         """Where the arm's joints are in the configuration vector."""
         return self.robot.indices(self.robot.names.arm(self.side))
 
-    @property
+    @cached_property
     def palm(self) -> str:
         """The arm's palm frame."""
         return self.robot.names.palms[("left", "right").index(self.side)]
+
+    @cached_property
+    def palm_home(self) -> Array:
+        """(3,) where the palm is at the start, m."""
+        return self.robot.at(self.home_rad).point(self.palm)
 
 
 def ours(setting: Setting) -> Controller:
@@ -132,7 +138,7 @@ def move_point(setting: Setting, posture: Posture, frame: str, point: Array, vel
 
     The palm's velocity out of its sphere is taken away first.
     """
-    offset = posture.point(setting.palm) - setting.robot.at(setting.home_rad).point(setting.palm)
+    offset = posture.point(setting.palm) - setting.palm_home
     distance = float(np.linalg.norm(offset))
     if distance >= RADIUS_M and offset @ velocity > 0:
         velocity = velocity - (offset @ velocity) * offset / distance**2

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.app.simulation import REACH_M, OwnMotion, at_taxel, can_follow, first_contact
+from pps_vision.app.simulation import REACH_M, OwnMotion, Side, at_taxel, can_follow, first_contact
 from pps_vision.experiments.pps.movements import start_posture
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to
@@ -23,7 +23,6 @@ from rendering.motions import START_M, Approach, Motion, Recede, in_cap, make_ap
 from rendering.names import StimulusName
 from rendering.stimuli import make_stimulus
 
-Side = Literal["left", "right"]
 Part = Literal["inner forearm", "outer forearm", "palm"]
 Condition = Literal[
     "stop",

@@ -16,6 +16,7 @@ from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M
 from pps_vision.types import Array, JointVelocity, Track3D
 
 _BETWEEN = 5  # instants between two frames at which the skin is looked at
+_ENOUGH_S = 0.5  # for which a harmless encounter goes on after a command: it is decided
 _MOVES_RAD_S = 1e-4  # slower is rest
 _TOLERANCE = 1e-6  # rad, of a joint limit
 
@@ -125,7 +126,8 @@ def meet(
     new_controller: Callable[[Setting], Controller],
     tracks: Sequence[Track3D],
 ) -> Outcome:
-    """Return what becomes of an encounter with a controller; it ends with the first touch.
+    """Return what becomes of an encounter with a controller; it ends with the first touch, a harmless one after the
+    first command.
 
     The last stage of every command (`control.limits`) is the same for all controllers. In `harmless_own_arm` the arm
     swings whatever is commanded, in `harmless_head` the head sways.
@@ -165,7 +167,7 @@ def meet(
             watch.posture(q)
         velocities = (taxels - before) / PERIOD_S
         watch.move(t, before, taxels)
-        if watch.touched_part:
+        if watch.touched_part or (encounter.is_harmless and t > watch.first_command_s + _ENOUGH_S):
             break
     return watch.outcome(name)
 

@@ -12,8 +12,9 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import load_memory, save_memory
+from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.controllers import Numbers
-from pps_vision.experiments.avoidance.encounter import Arena, Condition, Side, draw
+from pps_vision.experiments.avoidance.encounter import Arena, Condition, draw
 from pps_vision.experiments.avoidance.kinematic import meet
 from pps_vision.experiments.avoidance.registry import NONE, REACHING, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import track_of, true_track_of
@@ -22,7 +23,7 @@ from pps_vision.experiments.resume import kept_folder, part
 from pps_vision.experiments.study import Study
 
 Rows = list[dict[str, Any]]
-_PART = 12  # encounters that are kept when a run is interrupted
+_PART = 6  # encounters that are kept when a run is interrupted
 
 
 class Task(NamedTuple):
@@ -97,8 +98,8 @@ def _rows(task: Task, number: int, kept: Path) -> Rows:
     """One encounter with every controller, all with the same track errors."""
     arena = _arena()
     encounter = draw(arena, task.condition, number, task.seed)
-    rng = np.random.default_rng((task.seed, 1, get_args(Condition).index(task.condition), number))
-    seen, true, found = track_of(encounter, rng), true_track_of(encounter), []
+    seen = track_of(encounter, track_rng(task.seed, task.condition, number))
+    true, found = true_track_of(encounter), []
     for name in task.controllers:
         if encounter.condition == "reach" and name not in (*REACHING, NONE):
             continue
@@ -106,6 +107,11 @@ def _rows(task: Task, number: int, kept: Path) -> Rows:
         track = true if name == TRUE else seen
         found.append(meet(arena, _memories(kept)[encounter.side], encounter, name, new, track).to_json())
     return found
+
+
+def track_rng(seed: int, condition: Condition, number: int) -> np.random.Generator:
+    """Return the random numbers of an encounter's track errors."""
+    return np.random.default_rng((seed, 1, get_args(Condition).index(condition), number))
 
 
 @cache

@@ -10,8 +10,8 @@ from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerParams, LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.receptive_field import ReceptiveField, perceive
-from pps_vision.app.simulation import REACH_M, SPEED_M_S
-from pps_vision.experiments.avoidance.encounter import OBJECTS, Arena, Encounter, Part, Side, approach, draw_one
+from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
+from pps_vision.experiments.avoidance.encounter import OBJECTS, Arena, Encounter, Part, approach, draw_one
 from pps_vision.experiments.avoidance.tracks import track_of
 from pps_vision.experiments.pps.movements import TRIALS
 from pps_vision.robot.skin import touched_taxels

@@ -2,7 +2,8 @@
 
 import pytest
 
-from pps_vision.experiments.avoidance.encounter import Arena, Side
+from pps_vision.app.simulation import Side
+from pps_vision.experiments.avoidance.encounter import Arena
 from pps_vision.experiments.avoidance.training import Memories, learn
 
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pps_vision.app.simulation import Side
 from pps_vision.errors import InputError
 from pps_vision.experiments import encounters
 from pps_vision.experiments.avoidance import suite
-from pps_vision.experiments.avoidance.baselines import taxel_jacobians
+from pps_vision.experiments.avoidance.baselines import nearest_rates, taxel_jacobians
 from pps_vision.experiments.avoidance.controllers import Setting
-from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, Side, draw
+from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.kinematic import meet
 from pps_vision.experiments.avoidance.registry import BASELINES, NAMES, NONE, OURS, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import ERROR_M, track_of, true_track_of
@@ -139,3 +140,14 @@ def test_tuned_parameters_lie_in_their_ranges() -> None:
         assert set(baseline.tuned) == set(baseline.ranges)
         for name, (low, high) in baseline.ranges.items():
             assert low <= baseline.tuned[name] <= high
+
+
+def test_rates_under_soft_rows_by_hand() -> None:
+    """A row that can be kept is, one beyond the limits is as far as they allow, of opposite ones the mean remains."""
+    room = np.full(2, -1.0), np.full(2, 1.0)
+    wanted, row = np.array([0.5, 0.2]), np.array([[1.0, 0.0]])
+    np.testing.assert_allclose(nearest_rates(wanted, room, row, np.array([2.0])), wanted, atol=1e-9)
+    np.testing.assert_allclose(nearest_rates(wanted, room, row, np.array([-0.3])), [-0.3, 0.2], atol=1e-3)
+    np.testing.assert_allclose(nearest_rates(wanted, room, row, np.array([-3.0])), [-1.0, 0.2], atol=1e-3)
+    opposite = np.vstack([row, -row])
+    np.testing.assert_allclose(nearest_rates(wanted, room, opposite, np.array([-0.4, -0.6])), [0.1, 0.2], atol=1e-3)

@@ -1,0 +1,73 @@
+"""The same encounters through rendered eyes and the whole pipeline."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pps_vision.app.simulation import Episode, SimulationStep, World, new_pipeline, open_world, simulate
+from pps_vision.experiments.avoidance.encounter import Arena, Encounter
+from pps_vision.experiments.avoidance.kinematic import Outcome, Watch
+from pps_vision.experiments.avoidance.training import Memories
+from pps_vision.experiments.study import NOISE_SIGMA
+from pps_vision.robot.icub import icub_setup
+
+NAME = "ours, rendered"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A rendered encounter, and how the object was tracked until the would-be contact or the end."""
+
+    outcome: Outcome
+    """What became of it."""
+    known: float
+    """Share of the frames with a track."""
+    first_s: float
+    """When the track was first known; inf if never."""
+    error_m: float
+    """RMS error of the track; NaN without one."""
+
+
+def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, seed: int) -> Seen:
+    """Return what becomes of an encounter with the pipeline, from what the eyes see; it ends with the first touch."""
+    watch, arm = Watch(arena, encounter), arena.arm(encounter.side)
+    episode = Episode(
+        encounter.condition, encounter.stimulus, encounter.motion, encounter.seconds, encounter.own_motion
+    )
+    errors: list[float] = []
+    known: list[bool] = []
+    first_s = np.inf
+    with _world(arena, encounter, seed) as world:
+        steps = simulate(world, episode, new_pipeline(world, memories.of_both).step)
+        for now, later in _pairs(steps):
+            t, track = now.frame.stamp_s, now.step.tracking.track
+            watch.posture(now.q_rad)
+            watch.command(t, now.step.command.dq_rad_s, arm)
+            watch.move(t, now.taxels, later.taxels)
+            if t <= min(encounter.contact_s, encounter.seconds):
+                known.append(track.is_known)
+                if track.is_known:
+                    first_s = min(first_s, t)
+                    errors.append(float(np.sum((track.position - now.position) ** 2)))
+            if watch.touched_part:
+                break
+    rms = float(np.sqrt(np.mean(errors))) if errors else np.nan
+    return Seen(watch.outcome(NAME), float(np.mean(known)), first_s, rms)
+
+
+@contextmanager
+def _world(arena: Arena, encounter: Encounter, seed: int) -> Iterator[World]:
+    """The simulation's world with the encounter's posture as home, and its arm as the one that avoids."""
+    setup = replace(icub_setup(arena.skins[encounter.side]), home_rad=encounter.q_rad)
+    with open_world(NOISE_SIGMA, seed, setup, encounter.side) as world:
+        yield world
+
+
+def _pairs(steps: Iterator[SimulationStep]) -> Iterator[tuple[SimulationStep, SimulationStep]]:
+    """Each step with the next one."""
+    now = next(steps)
+    for later in steps:
+        yield now, later
+        now = later

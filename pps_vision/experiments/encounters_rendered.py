@@ -1,0 +1,154 @@
+"""The same encounters with and without rendering: do both say the same of our controller?"""
+
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+from tqdm import tqdm
+
+from pps_vision.app.simulation import Side
+from pps_vision.experiments.avoidance.encounter import HARMLESS, HAZARDS, Arena, Condition, draw
+from pps_vision.experiments.avoidance.kinematic import Outcome, meet
+from pps_vision.experiments.avoidance.registry import OURS, new_controller
+from pps_vision.experiments.avoidance.rendered import Seen, meet_rendered
+from pps_vision.experiments.avoidance.suite import track_rng
+from pps_vision.experiments.avoidance.tracks import ERROR_M, track_of
+from pps_vision.experiments.avoidance.training import learn
+from pps_vision.experiments.encounters import counts, rate
+from pps_vision.experiments.resume import kept_folder, part
+from pps_vision.experiments.study import SampledStudy, interval, median
+from pps_vision.experiments.tables import Table, estimate
+
+_LATE_S, _LARGE_M = 0.3, 0.02  # of a track: first known later, larger error
+
+
+@dataclass(frozen=True)
+class EncountersRendered(SampledStudy):
+    """Encounters of `encounters` through rendered eyes and the whole pipeline, beside the same ones without rendering:
+    touched, commanded, and what differs."""
+
+    n: int = 4
+    """Encounters of each of stop, press and through; four tenths as many of each harmless kind."""
+    share: float = 1.0
+    """Share of R's numbers of approaches that the memories are learned from."""
+
+    def run(self) -> dict[str, Any]:
+        """Return rates of both modes, the paired difference, the track's error, and each encounter that differs."""
+        arena, kept = Arena(), kept_folder(self)
+        memories = {side: learn(arena, side, self.seed, self.share) for side in get_args(Side)}
+        rows: list[dict[str, Any]] = []
+        some = [(c, k) for c, n in counts(self.n).items() if c != "reach" for k in range(n)]
+        for condition, number in tqdm(some, desc="rendered", unit="encounter", disable=None):
+
+            def both(condition: Condition = condition, number: int = number) -> dict[str, Any]:
+                encounter = draw(arena, condition, number, self.seed)
+                learned, tracks = memories[encounter.side], track_of(encounter, track_rng(self.seed, condition, number))
+                without = meet(arena, learned, encounter, OURS, new_controller(OURS), tracks)
+                return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
+
+            rows.append(part(kept / f"{condition} {number}.json", both))
+        for file in kept.iterdir():
+            file.unlink()
+        kept.rmdir()
+        return summary(rows)
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return the rates of both modes, the track's error, and the encounters that differ."""
+        rows = [
+            [name, str(cell["n"]), estimate(cell["rendered"]), estimate(cell["without"]), estimate(cell["difference"])]
+            for name, cell in numbers["rates"].items()
+        ]
+        tracks = [[name, *(f"{value:.3g}" for value in cell.values())] for name, cell in numbers["tracks"].items()]
+        why = [[row["encounter"], row["rendered"], row["without"], row["because"]] for row in numbers["differing"]]
+        return {
+            "": Table(["", "n", "rendered (%)", "without rendering (%)", "difference (points)"], rows),
+            "tracks": Table(
+                ["object", "RMS of an encounter, rendered (mm)", "as drawn (mm)", "first known (s)", "tracked (%)"],
+                tracks,
+            ),
+            "differing": Table(["encounter", "rendered", "without rendering", "track"], why),
+        }
+
+
+def compared(seen: Seen, without: Outcome) -> dict[str, Any]:
+    """Return one encounter's row: both outcomes, and what the rendered track was like."""
+    because = "as measured"
+    if not np.isfinite(seen.first_s):
+        because = "never found"
+    elif seen.first_s > _LATE_S:
+        because = f"found after {seen.first_s:.2f} s"
+    elif seen.known < 0.8:
+        because = f"known in {100 * seen.known:.0f} % of the frames"
+    elif seen.error_m > _LARGE_M:
+        because = f"RMS error {1000 * seen.error_m:.0f} mm"
+    return {
+        "condition": without.condition,
+        "number": without.number,
+        "object": without.object,
+        "speed_m_s": without.speed_m_s,
+        "part": f"{without.side} {without.part}",
+        "touched": [seen.outcome.touched, without.touched],
+        "commands": [seen.outcome.commands, without.commands],
+        "distance_m": [seen.outcome.distance_m, without.distance_m],
+        "lead_s": [seen.outcome.lead_s, without.lead_s],
+        "self_distance_m": seen.outcome.self_distance_m,
+        "faults": seen.outcome.faults,
+        "error_m": seen.error_m,
+        "first_s": seen.first_s,
+        "known": seen.known,
+        "because": because,
+    }
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    hazards = [row for row in rows if row["condition"] in HAZARDS]
+    groups: dict[str, list[dict[str, Any]]] = {c: [row for row in rows if row["condition"] == c] for c in HAZARDS}
+    groups |= {"all approaching": hazards, "harmless": [row for row in rows if row["condition"] in HARMLESS]}
+    objects = {name: [row for row in rows if row["object"] == name] for name in ERROR_M}
+    return {
+        "rates": {name: _rates(some) for name, some in groups.items()},
+        "tracks": {
+            name: {
+                "rendered_mm": 1000 * median(np.array([row["error_m"] for row in some if row["known"]])),
+                "without_mm": 1000 * ERROR_M[name],
+                "first_s": median(np.array([row["first_s"] for row in some if row["known"]])),
+                "known_percent": 100 * float(np.mean([row["known"] for row in some])) if some else np.nan,
+            }
+            for name, some in objects.items()
+        },
+        "differing": [
+            {
+                "encounter": f"{r['condition']} {r['number']}: {r['object']} at {100 * r['speed_m_s']:.0f} cm/s, "
+                f"{r['part']}",
+                "rendered": _words(r, 0),
+                "without": _words(r, 1),
+                "because": r["because"],
+            }
+            for r in rows
+            if r["touched"][0] != r["touched"][1] or (r in groups["harmless"] and any(r["commands"]))
+        ],
+        "limits": {
+            "smallest_self_distance_mm": 1000 * min(row["self_distance_m"] for row in rows),
+            "left": sum(bool(row["faults"]) for row in rows),
+        },
+    }
+
+
+def _rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Rates of what should be: not touched, or of harmless objects no command."""
+    good = [
+        [not c for c in row["commands"]] if row["condition"] in HARMLESS else [not t for t in row["touched"]]
+        for row in rows
+    ]
+    pairs = [{"good": one} for one in good]
+    return {
+        "n": len(rows),
+        "rendered": rate(pairs, lambda row: bool(row["good"][0])),
+        "without": rate(pairs, lambda row: bool(row["good"][1])),
+        "difference": interval([[100.0 * (one[0] - one[1])] for one in good]),
+    }
+
+
+def _words(row: dict[str, Any], mode: int) -> str:
+    touched = "touched" if row["touched"][mode] else f"{1000 * row['distance_m'][mode]:.0f} mm left"
+    return f"{touched}, {row['commands'][mode]} commands"

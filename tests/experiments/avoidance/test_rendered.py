@@ -1,0 +1,33 @@
+"""An encounter through rendered eyes ends as without rendering, and what is compared is counted."""
+
+import numpy as np
+
+from pps_vision.app.simulation import Side
+from pps_vision.experiments.avoidance.encounter import Arena, draw
+from pps_vision.experiments.avoidance.kinematic import meet
+from pps_vision.experiments.avoidance.registry import OURS, new_controller
+from pps_vision.experiments.avoidance.rendered import meet_rendered
+from pps_vision.experiments.avoidance.tracks import track_of
+from pps_vision.experiments.avoidance.training import Memories
+from pps_vision.experiments.encounters_rendered import compared, summary
+
+
+def test_a_fast_ball_is_met_alike_with_and_without_rendering(arena: Arena, memories: dict[Side, Memories]) -> None:
+    encounter = next(
+        e
+        for e in (draw(arena, "stop", 24 * k, 5) for k in range(20))
+        if e.speed_m_s > 0.2  # a ball, left arm
+    )
+    without = meet(
+        arena, memories["left"], encounter, OURS, new_controller(OURS), track_of(encounter, np.random.default_rng(0))
+    )
+    seen = meet_rendered(arena, memories["left"], encounter, 5)
+    assert seen.known > 0.5
+    assert seen.error_m < 0.01
+    assert seen.outcome.touched == without.touched
+    assert seen.outcome.commands > 5
+    assert abs(seen.outcome.distance_m - without.distance_m) < 0.02
+    found = summary([compared(seen, without)])
+    assert found["rates"]["stop"]["difference"][0] == 0
+    assert found["rates"]["stop"]["n"] == 1
+    assert found["differing"] == []
