@@ -23,7 +23,7 @@ SLOW_M_S = 0.15  # up to which objects approached R's robot
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _LEAST_SELF_MM = 20.0
 _TO_REACH = 3  # one encounter of `reach` for so many of each approaching condition
-_HARMLESS = 0.4  # encounters of each harmless condition for one of each approaching condition
+_HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
 Row = dict[str, Any]
 
 
@@ -33,7 +33,7 @@ class Encounters(SampledStudy):
     for, without rendering: touched, smallest distance, lead and needless commands by controller."""
 
     n: int = 100
-    """Encounters of each of stop, press and through; four tenths as many of each harmless kind, a third of
+    """Encounters of each of stop, press and through; six tenths as many of each harmless kind, a third of
     `reach`."""
     share: float = 1.0
     """Share of R's numbers of approaches (Table 5) that the memories are learned from."""

@@ -28,7 +28,7 @@ class EncountersRendered(SampledStudy):
     touched, commanded, and what differs."""
 
     n: int = 4
-    """Encounters of each of stop, press and through; four tenths as many of each harmless kind."""
+    """Encounters of each of stop, press and through; six tenths as many of each harmless kind."""
     share: float = 1.0
     """Share of R's numbers of approaches that the memories are learned from."""
 

@@ -22,7 +22,7 @@ class EncountersTuning(SampledStudy):
     that touch and harmless ones that move the arm, both in percent."""
 
     n: int = 10
-    """Encounters of each of stop, press and through; four tenths as many of each harmless kind."""
+    """Encounters of each of stop, press and through; six tenths as many of each harmless kind."""
     draws: int = 10
     """Parameters tried for each baseline."""
     share: float = 1.0

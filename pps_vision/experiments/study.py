@@ -53,6 +53,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2},
     "adversarial_control": {"steps": 200},
     "constants": {"cases": ("vivid, red",), "only": "confirm_frames"},
+    "encounters_sessions": {"share": 0.01},
     "encounters_tuning": {"draws": 1},
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},

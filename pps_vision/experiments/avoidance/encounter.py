@@ -143,20 +143,20 @@ def draw_one(
     speed_m_s: float,
     rng: np.random.Generator,
     number: int = 0,
-    draw_path: DrawPath | None = None,
+    path: DrawPath | None = None,
 ) -> Encounter:
     """Return a random encounter in which both eyes see the object until it would touch, or all the time.
 
-    `draw_path`: other paths than those of the condition.
+    `path`: other paths than those of the condition.
     """
-    draw_path = draw_path or _PATHS[condition]
+    drawn = path or draw_path(condition)
     radius, skin = make_stimulus(stimulus, fineness=0).radius_m, arena.skins[side]
     ids = {"inner forearm": INNER_FOREARM, "outer forearm": OUTER_FOREARM, "palm": skin.parts[1].ids}[part]
     taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
     while True:
         q = draw_posture(arena, side, part, rng)
         for _ in range(_DRAWS):
-            motion, seconds, contact_s = draw_path(arena, skin, q, skin.index(taxel), radius, speed_m_s, rng)
+            motion, seconds, contact_s = drawn(arena, skin, q, skin.index(taxel), radius, speed_m_s, rng)
             q_start, until_s = gaze_at(arena.robot, q, motion(0.0)[0]), min(seconds, contact_s)
             if contact_s > _LEAST_S and can_follow(arena.robot, arena.rig, q_start, motion, until_s, 3):
                 found = side, part, taxel, stimulus, radius, speed_m_s, motion, seconds, contact_s, q_start
@@ -284,3 +284,8 @@ _PATHS: dict[Condition, DrawPath] = {
     "harmless_head": _rest(_REST_M),
     "harmless_own_arm": _rest(_CLEAR_M),
 }
+
+
+def draw_path(condition: Condition) -> DrawPath:
+    """Return what draws the paths of a condition."""
+    return _PATHS[condition]

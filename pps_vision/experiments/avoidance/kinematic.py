@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,6 +65,22 @@ class Outcome:
         return asdict(self)
 
 
+class Frame(NamedTuple):
+    """What a figure shows of a frame."""
+
+    t_s: float
+    q_rad: Array
+    """(n_joints,)."""
+    distance_m: Array
+    """(n,) from the object's surface to the taxels' centres."""
+    activations: Array
+    """(n,)."""
+    speed_m_s: float
+    """Largest speed of a taxel."""
+    touching: bool
+    """Whether a taxel is touched."""
+
+
 @dataclass
 class Watch:
     """Watches an arm from frame to frame: how near the object comes, what is touched, whether limits hold."""
@@ -125,9 +141,10 @@ def meet(
     name: str,
     new_controller: Callable[[Setting], Controller],
     tracks: Sequence[Track3D],
+    frames: list[Frame] | None = None,
 ) -> Outcome:
     """Return what becomes of an encounter with a controller; it ends with the first touch, a harmless one after the
-    first command.
+    first command. Every frame is added to `frames`, if given; then no touch ends it.
 
     The last stage of every command (`control.limits`) is the same for all controllers. In `harmless_own_arm` the arm
     swings whatever is commanded, in `harmless_head` the head sways.
@@ -167,7 +184,11 @@ def meet(
             watch.posture(q)
         velocities = (taxels - before) / PERIOD_S
         watch.move(t, before, taxels)
-        if watch.touched_part or (encounter.is_harmless and t > watch.first_command_s + _ENOUGH_S):
+        if frames is not None:
+            gap = np.linalg.norm(taxels - encounter.motion(t + PERIOD_S)[0], axis=1) - encounter.radius_m
+            speed = float(np.linalg.norm(velocities, axis=1).max())
+            frames.append(Frame(t, q, gap, activations, speed, bool((gap <= TOUCH_RADIUS_M).any())))
+        elif watch.touched_part or (encounter.is_harmless and t > watch.first_command_s + _ENOUGH_S):
             break
     return watch.outcome(name)
 

@@ -17,6 +17,7 @@ from pps_vision.experiments.avoidance.controllers import (
     ours,
     paper,
 )
+from pps_vision.experiments.avoidance.tuned import TUNED
 
 NewController = Callable[[Setting], Controller]
 OURS, TRUE, NONE = "ours", "true positions", "no avoidance"
@@ -26,28 +27,24 @@ REACHING = (OURS, "R eq. 6", "distance only", TRUE)
 
 
 class Baseline(NamedTuple):
-    """A baseline, the ranges that its parameters are drawn from, and their tuned values."""
+    """A baseline and the ranges that its parameters are drawn from; `TUNED` has their values."""
 
     new: Callable[[Setting, Numbers], Controller]
     ranges: Mapping[str, tuple[float, float]]
     """Uniform; of `gain` the logarithm is."""
-    tuned: Numbers
 
 
 _OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirm_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
+_HOME_PER_S = (0.3, 3.0)
 BASELINES = {
-    "R eq. 6": Baseline(paper, _OF_ACTIVATION, {"threshold": 0.4, "confirm_s": 0.0, "persist_s": 0.3}),
-    "distance only": Baseline(distance_only, _OF_ACTIVATION, {"threshold": 0.4, "confirm_s": 0.0, "persist_s": 0.3}),
+    "R eq. 6": Baseline(paper, _OF_ACTIVATION),
+    "distance only": Baseline(distance_only, _OF_ACTIVATION),
     "potential field": Baseline(
-        potential_field,
-        {"range_m": (0.05, 0.3), "gain": (1e-4, 1e-1), "home_per_s": (0.3, 3.0)},
-        {"range_m": 0.15, "gain": 1e-3, "home_per_s": 1.0},
+        potential_field, {"range_m": (0.05, 0.3), "gain": (1e-4, 1e-1), "home_per_s": _HOME_PER_S}
     ),
-    "depth space": Baseline(depth_space, {"range_m": (0.05, 0.3), "aside": (0.0, 1.0)}, {"range_m": 0.2, "aside": 0.5}),
+    "depth space": Baseline(depth_space, {"range_m": (0.05, 0.3), "aside": (0.0, 1.0)}),
     "taxel constraints": Baseline(
-        taxel_constraints,
-        {"threshold": (0.2, 0.7), "gain": (0.5, 20.0), "home_per_s": (0.3, 3.0)},
-        {"threshold": 0.4, "gain": 3.0, "home_per_s": 1.0},
+        taxel_constraints, {"threshold": (0.2, 0.7), "gain": (0.5, 20.0), "home_per_s": _HOME_PER_S}
     ),
 }
 NAMES = (OURS, *BASELINES, TRUE, NONE)
@@ -64,7 +61,7 @@ def new_controller(name: str, numbers: Numbers | None = None) -> NewController:
     if name == NONE:
         return none
     if name in BASELINES:
-        baseline, given = BASELINES[name], numbers or BASELINES[name].tuned
+        baseline, given = BASELINES[name], numbers or TUNED[name]
         return lambda setting: baseline.new(setting, given)
     module, _, function = name.partition(":")
     here = str(Path.cwd())

@@ -1,5 +1,6 @@
 """The suite: every controller avoids a slow object, others plug in, an interrupted run goes on."""
 
+import json
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from pps_vision.experiments.avoidance.kinematic import meet
 from pps_vision.experiments.avoidance.registry import BASELINES, NAMES, NONE, OURS, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import ERROR_M, track_of, true_track_of
 from pps_vision.experiments.avoidance.training import Memories
+from pps_vision.experiments.avoidance.tuned import TUNED
 from pps_vision.experiments.encounters import Encounters, rate, summary
 
 PLUGIN = """
@@ -135,11 +137,12 @@ def test_rates_and_differences_by_hand() -> None:
     assert rate([{"touched": False}] * 10, lambda row: bool(row["touched"]))[2] == pytest.approx(27.75, abs=0.01)
 
 
-def test_tuned_parameters_lie_in_their_ranges() -> None:
-    for baseline in BASELINES.values():
-        assert set(baseline.tuned) == set(baseline.ranges)
-        for name, (low, high) in baseline.ranges.items():
-            assert low <= baseline.tuned[name] <= high
+def test_tuned_parameters_are_those_of_the_tuning_study() -> None:
+    file = Path(__file__).parents[3] / "docs" / "results" / "encounters_tuning.json"
+    best = json.loads(file.read_text())["best"]
+    assert {name: {k: v for k, v in of.items() if k != "score"} for name, of in best.items()} == TUNED
+    for name, baseline in BASELINES.items():
+        assert all(low <= TUNED[name][k] <= high for k, (low, high) in baseline.ranges.items())
 
 
 def test_rates_under_soft_rows_by_hand() -> None:

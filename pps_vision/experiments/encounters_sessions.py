@@ -1,0 +1,208 @@
+"""R's last sessions, simulated: an octopus approaches forearm and palm in turn, 20 min of avoidance, 10 of reaching."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from control.fixation import gaze_at
+from pps_vision.app.simulation import SPEED_M_S, Side, can_follow
+from pps_vision.experiments.avoidance.encounter import Arena, Condition, Encounter, Part, draw_path
+from pps_vision.experiments.avoidance.kinematic import Frame, meet
+from pps_vision.experiments.avoidance.registry import OURS, new_controller
+from pps_vision.experiments.avoidance.tracks import track_of
+from pps_vision.experiments.avoidance.training import Memories, learn
+from pps_vision.experiments.charts import panels
+from pps_vision.experiments.pps.movements import start_posture
+from pps_vision.experiments.study import SeededStudy
+from pps_vision.experiments.tables import Table
+from pps_vision.robot.skin import INNER_FOREARM
+from rendering.stimuli import make_stimulus
+
+THRESHOLD = 0.4  # R: only what happens while some activation exceeds it was recorded
+JOINTS = ("s0", "s1", "s2", "e0", "w0", "w1", "w2")
+PAPER_JOINTS_DEG = {
+    "left": ((-65.0, 19.5, -39.2, 16.3, -0.88, -0.015, -0.025), (7.1, 64.2, 80.1, 106.0, 1.38, 0.064, 0.063)),
+    "right": ((-61.7, 18.6, -37.8, 15.5, -1.57, -0.079, -0.085), (7.9, 45.5, 80.7, 80.5, 0.86, 0.111, 0.159)),
+}
+"""Smallest and largest joint angles (R Table 6)."""
+PAPER_POSITIONS_M = {
+    "left": ((-0.34, -0.39, -0.06), (-0.18, 0.00, 0.15)),
+    "right": ((-0.34, 0.06, -0.03), (-0.19, 0.36, 0.10)),
+}
+"""Smallest and largest positions of the hand (R Table 7)."""
+_PARTS: tuple[tuple[Side, Part], ...] = (("left", "inner forearm"), ("right", "palm"))
+_SHOWN = 3  # approaches drawn of each part
+_DISTANCE_ONLY = "distance only"
+
+
+@dataclass(frozen=True)
+class EncountersSessions(SeededStudy):
+    """R's sessions of avoidance and reaching with ours, and of avoidance with distance only (Figs 10, 11, S1, S2,
+    Tables 6, 7): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
+
+    avoidance_min: float = 20.0
+    """Length of the session of avoidance, and of the one with distance only."""
+    reaching_min: float = 10.0
+    """Length of the session of reaching."""
+    share: float = 1.0
+    """Share of R's numbers of approaches that the memories are learned from, and of the sessions' lengths."""
+
+    def run(self) -> dict[str, Any]:
+        """Return counts and ranges of each session, and the first approaches frame by frame."""
+        arena = Arena()
+        memories = {side: learn(arena, side, self.seed, self.share) for side in get_args(Side)}
+        sessions: dict[str, tuple[Condition, str, float]] = {
+            "avoidance": ("stop", OURS, self.avoidance_min),
+            "reaching": ("reach", OURS, self.reaching_min),
+            "distance only": ("stop", _DISTANCE_ONLY, self.avoidance_min),
+        }
+        return {
+            name: self._session(arena, memories, condition, controller, 60 * self.share * minutes)
+            for name, (condition, controller, minutes) in sessions.items()
+        }
+
+    def _session(
+        self, arena: Arena, memories: dict[Side, Memories], condition: Condition, controller: str, seconds: float
+    ) -> dict[str, Any]:
+        rng, t, number = np.random.default_rng((self.seed, condition == "reach")), 0.0, 0
+        by_side: dict[Side, list[list[Frame]]] = {"left": [], "right": []}
+        outcomes = []
+        while t < seconds:
+            side, part = _PARTS[number % 2]
+            encounter = _approach(arena, condition, side, part, rng, number)
+            frames: list[Frame] = []
+            new = new_controller(controller)
+            outcomes.append(meet(arena, memories[side], encounter, controller, new, track_of(encounter, rng), frames))
+            by_side[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
+            t, number = t + encounter.seconds, number + 1
+        return {
+            "minutes": t / 60,
+            "approaches": len(outcomes),
+            "answered": sum(one.commands > 0 for one in outcomes),
+            "touched": sum(one.touched for one in outcomes),
+            "by the part aimed at": sum(one.touched_part == one.part for one in outcomes),
+            "limits left": sum(bool(one.faults) for one in outcomes),
+            "arms": {side: _ranges(arena, side, of) for side, of in by_side.items()},
+            "frames": {side: [_drawn(of) for of in some[:_SHOWN]] for side, some in by_side.items()},
+        }
+
+    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
+        """Draw the panels of R Figs 10, 11 and S2: distance and speed above, activation and touch below."""
+        figures = {}
+        for name in ("avoidance", "reaching", "distance only"):
+            figure, axes = panels(4, 2, height=2.6)
+            for k, (side, approaches) in enumerate(numbers[name]["frames"].items()):
+                _panel(axes[k], axes[2 + k], approaches, f"{side} {dict(_PARTS)[side]}")
+            figures[name.replace(" ", "_")] = figure
+        return figures
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return what became of the approaches, and R's Tables 6 and 7 with the paper's values."""
+        counted = ["minutes", "approaches", "answered", "touched", "by the part aimed at", "limits left"]
+        sessions = {name: of for name, of in numbers.items() if isinstance(of, dict) and "approaches" in of}
+        both = [sessions["avoidance"], sessions["reaching"]]
+        joints, positions = [], []
+        for side in get_args(Side):
+            joints += _rows(side, "joints_deg", both, PAPER_JOINTS_DEG[side], 1)
+            positions += _rows(side, "palm_m", both, PAPER_POSITIONS_M[side], 2)
+        return {
+            "": Table(
+                ["session", *counted, "palm from its place at most (m)"],
+                [
+                    [
+                        name,
+                        *(f"{of[key]:.3g}" for key in counted),
+                        f"{max(a['farthest_m'] for a in of['arms'].values()):.3f}",
+                    ]
+                    for name, of in sessions.items()
+                ],
+            ),
+            "joints": Table(["range (°)", *JOINTS], joints),
+            "positions": Table(["range (m)", "x", "y", "z"], positions),
+        }
+
+
+def _approach(
+    arena: Arena, condition: Condition, side: Side, part: Part, rng: np.random.Generator, number: int
+) -> Encounter:
+    """Draw the octopus's next approach to an arm that awaits it at home."""
+    robot, skin = arena.robot, arena.skins[side]
+    q = start_posture(robot, "inner")
+    q[arena.arm("right")] = start_posture(robot, "palm")[arena.arm("right")]
+    radius = make_stimulus("octopus", fineness=0).radius_m
+    ids = skin.parts[1].ids if part == "palm" else INNER_FOREARM
+    while True:
+        taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
+        speed = float(rng.uniform(*SPEED_M_S))
+        motion, seconds, contact_s = draw_path(condition)(arena, skin, q, skin.index(taxel), radius, speed, rng)
+        q_start = gaze_at(robot, q, motion(0.0)[0])
+        if can_follow(robot, arena.rig, q_start, motion, min(seconds, contact_s), 3):
+            what = side, part, taxel, "octopus", radius, speed, motion, seconds, contact_s, q_start
+            return Encounter(number, condition, *what)  # type: ignore[arg-type]
+
+
+def _ranges(arena: Arena, side: Side, approaches: Sequence[Sequence[Frame]]) -> dict[str, Any]:
+    """Return ranges of joints and palm while an activation exceeded the threshold."""
+    frames = [frame for of in approaches for frame in of if frame.activations.max() > THRESHOLD]
+    if not frames:
+        nothing = {"joints_deg": [[np.nan] * 7] * 2, "palm_m": [[np.nan] * 3] * 2}
+        return {**nothing, "farthest_m": 0.0}
+    palm = arena.robot.names.palms[("left", "right").index(side)]
+    start = arena.robot.at(approaches[0][0].q_rad).point(palm)
+    joints = np.rad2deg([frame.q_rad[arena.arm(side)] for frame in frames])
+    positions = np.array([arena.robot.at(frame.q_rad).point(palm) for frame in frames])
+    return {
+        "joints_deg": [joints.min(axis=0).round(2).tolist(), joints.max(axis=0).round(2).tolist()],
+        "palm_m": [positions.min(axis=0).round(3).tolist(), positions.max(axis=0).round(3).tolist()],
+        "farthest_m": float(np.linalg.norm(positions - start, axis=1).max()),
+    }
+
+
+def _rows(
+    side: str, key: str, sessions: Sequence[dict[str, Any]], paper: Sequence[Any], digits: int
+) -> list[list[str]]:
+    """Return rows of smallest, largest and range over the sessions, ours and the paper's."""
+    low = np.min([of["arms"][side][key][0] for of in sessions], axis=0)
+    high = np.max([of["arms"][side][key][1] for of in sessions], axis=0)
+    rows = []
+    for what, ours, theirs in (("min", low, paper[0]), ("max", high, paper[1])):
+        cells = [f"{a:.{digits}f} ({b:g})" for a, b in zip(ours, theirs, strict=True)]
+        rows.append([f"{side}, {what} (R)", *cells])
+    width = np.array(paper[1]) - np.array(paper[0])
+    return [
+        *rows,
+        [f"{side}, range (R)", *(f"{a:.{digits}f} ({b:.3g})" for a, b in zip(high - low, width, strict=True))],
+    ]
+
+
+def _drawn(frames: Sequence[Frame]) -> dict[str, Any]:
+    """Return what the panels show of an approach."""
+    return {
+        "t_s": [round(frame.t_s, 2) for frame in frames],
+        "distance_m": np.round([frame.distance_m for frame in frames], 4).tolist(),
+        "activations": np.round([frame.activations for frame in frames], 3).tolist(),
+        "speed_m_s": np.round([frame.speed_m_s for frame in frames], 4).tolist(),
+        "touching": [bool(frame.touching) for frame in frames],
+    }
+
+
+def _panel(above: Axes, below: Axes, approaches: Sequence[dict[str, Any]], title: str) -> None:
+    speed = above.twinx()
+    for of in approaches:
+        t = of["t_s"]
+        above.set_prop_cycle(None)  # a taxel has one colour
+        below.set_prop_cycle(None)
+        above.plot(t, 100 * np.array(of["distance_m"]), lw=0.8)
+        speed.fill_between(t, 100 * np.array(of["speed_m_s"]), color="tab:purple", alpha=0.25, lw=0)
+        below.plot(t, of["activations"], lw=0.8)
+        below.fill_between(t, np.array(of["touching"], dtype=float), color="tab:green", alpha=0.3, lw=0)
+    for axis in (above, below):
+        axis.grid(alpha=0.25)
+    below.axhline(THRESHOLD, color="0.3", lw=0.8, ls="--")
+    above.set(title=title, ylabel="distance to taxels (cm)", ylim=(0, 30))
+    speed.set(ylabel="speed (cm/s)", ylim=(0, 20))
+    below.set(xlabel="time (s)", ylabel="activation", ylim=(0, 1.02))
