@@ -1,10 +1,10 @@
 """The same encounters with and without rendering: do both say the same of our controller?"""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, get_args
 
 import numpy as np
-from tqdm import tqdm
 
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.encounter import HARMLESS, HAZARDS, Arena, Condition, draw
@@ -15,8 +15,7 @@ from pps_vision.experiments.avoidance.suite import track_rng
 from pps_vision.experiments.avoidance.tracks import ERROR_M, track_of
 from pps_vision.experiments.avoidance.training import learn
 from pps_vision.experiments.encounters import counts, rate
-from pps_vision.experiments.resume import kept_folder, part
-from pps_vision.experiments.study import SampledStudy, interval, median
+from pps_vision.experiments.study import SampledStudy, interval, median, run_parts
 from pps_vision.experiments.tables import Table, estimate
 
 _LATE_S, _LARGE_M = 0.3, 0.02  # of a track: first known later, larger error
@@ -34,23 +33,18 @@ class EncountersRendered(SampledStudy):
 
     def run(self) -> dict[str, Any]:
         """Return rates of both modes, the paired difference, the track's error, and each encounter that differs."""
-        arena, kept = Arena(), kept_folder(self)
+        arena = Arena()
         memories = {side: learn(arena, side, self.seed, self.share) for side in get_args(Side)}
-        rows: list[dict[str, Any]] = []
+
+        def both(condition: Condition, number: int) -> dict[str, Any]:
+            encounter = draw(arena, condition, number, self.seed)
+            learned, tracks = memories[encounter.side], track_of(encounter, track_rng(self.seed, condition, number))
+            without = meet(arena, learned, encounter, OURS, new_controller(OURS), tracks)
+            return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
+
         some = [(c, k) for c, n in counts(self.n).items() if c != "reach" for k in range(n)]
-        for condition, number in tqdm(some, desc="rendered", unit="encounter", disable=None):
-
-            def both(condition: Condition = condition, number: int = number) -> dict[str, Any]:
-                encounter = draw(arena, condition, number, self.seed)
-                learned, tracks = memories[encounter.side], track_of(encounter, track_rng(self.seed, condition, number))
-                without = meet(arena, learned, encounter, OURS, new_controller(OURS), tracks)
-                return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
-
-            rows.append(part(kept / f"{condition} {number}.json", both))
-        for file in kept.iterdir():
-            file.unlink()
-        kept.rmdir()
-        return summary(rows)
+        parts = run_parts(self, {f"{c} {k}": partial(both, c, k) for c, k in some})
+        return summary(list(parts.values()))
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the rates of both modes, the track's error, and the encounters that differ."""

@@ -363,23 +363,25 @@ def run_parts(study: Study, tasks: Mapping[str, Callable[[], Any]]) -> dict[str,
     Finished parts are kept in the system's folder for temporary files until all are, so that an interrupted run of the
     same study by the same code goes on there.
     """
-    kept = Path(gettempdir()) / f"pps-vision-{_fingerprint(study)}"
-    parts = {}
-    for name, do in tqdm(tasks.items(), disable=None):
-        file = kept / f"{name}.json"
-        if not file.exists():
-            found = do()
-            with whole_file(file) as partial_file:
-                write_json(partial_file, found)
-        parts[name] = json.loads(file.read_text())
+    kept = kept_folder(study)
+    parts = {name: part(kept / f"{name}.json", do) for name, do in tqdm(tasks.items(), disable=None)}
     shutil.rmtree(kept)
     return parts
 
 
-def _fingerprint(study: Study) -> str:
-    """A name of the study's parameters and of all code."""
+def part(file: Path, do: Callable[[], Any]) -> Any:
+    """Return what a file holds; where there is none, do it first and write it down as JSON."""
+    if not file.exists():
+        found = do()
+        with whole_file(file) as partial_file:
+            write_json(partial_file, found)
+    return json.loads(file.read_text())
+
+
+def kept_folder(study: Study) -> Path:
+    """Return the folder, among the system's temporary ones, of a study's parameters and of all code."""
     root, digest = Path(__file__).parents[2], hashlib.sha256(repr(study).encode())
     for package in ("pps_vision", "rendering", "tracking", "learning", "control"):
         for file in sorted((root / package).rglob("*.py")):
             digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    return Path(gettempdir()) / f"pps-vision-{digest.hexdigest()[:16]}"

@@ -19,8 +19,7 @@ from pps_vision.experiments.avoidance.kinematic import meet
 from pps_vision.experiments.avoidance.registry import NONE, REACHING, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import track_of, true_track_of
 from pps_vision.experiments.avoidance.training import Memories, learn
-from pps_vision.experiments.resume import kept_folder, part
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import Study, kept_folder, part
 
 Rows = list[dict[str, Any]]
 _PART = 6  # encounters that are kept when a run is interrupted
