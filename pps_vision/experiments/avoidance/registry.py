@@ -1,4 +1,4 @@
-"""The controllers of the suite by name, with the parameters that `bench encounters_tuning` found for the baselines."""
+"""The controllers of the suite by name, and the ranges from which `bench encounters_tuning` draws the parameters of the baselines."""
 
 import sys
 from collections.abc import Callable, Mapping

@@ -1,4 +1,7 @@
-"""Parameters of the baseline controllers: the best of docs/results/encounters_tuning.json."""
+"""Parameters of the baseline controllers: R's, or chosen by hand within the ranges of the registry.
+
+To be replaced by the best of docs/results/encounters_tuning.json, once `bench encounters_tuning` has run.
+"""
 
 TUNED: dict[str, dict[str, float]] = {
     "R eq. 6": {"threshold": 0.4, "confirm_s": 0.0, "persist_s": 0.3},

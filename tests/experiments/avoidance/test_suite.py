@@ -15,9 +15,10 @@ from pps_vision.experiments.avoidance.baselines import nearest_rates, taxel_jaco
 from pps_vision.experiments.avoidance.controllers import Setting
 from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.kinematic import meet
-from pps_vision.experiments.avoidance.registry import NAMES, NONE, OURS, TRUE, new_controller
+from pps_vision.experiments.avoidance.registry import BASELINES, NAMES, NONE, OURS, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import ERROR_M, track_of, true_track_of
 from pps_vision.experiments.avoidance.training import Memories
+from pps_vision.experiments.avoidance.tuned import TUNED
 from pps_vision.experiments.encounters import Encounters, rate, summary
 
 PLUGIN = """
@@ -133,6 +134,12 @@ def test_rates_and_differences_by_hand() -> None:
     assert found["limits"]["left"] == 1
     assert set(encounters.tables(found)) >= {"", "conditions", "harmless", "limits"}
     assert rate([{"touched": False}] * 10, lambda row: bool(row["touched"]))[2] == pytest.approx(27.75, abs=0.01)
+
+
+def test_parameters_of_the_baselines_lie_in_their_ranges() -> None:
+    for name, baseline in BASELINES.items():
+        assert set(TUNED[name]) == set(baseline.ranges)
+        assert all(low <= TUNED[name][k] <= high for k, (low, high) in baseline.ranges.items())
 
 
 def test_rates_under_soft_rows_by_hand() -> None:
