@@ -1,4 +1,4 @@
-"""The controllers of the suite by name, and the ranges from which `bench encounters_tuning` draws the parameters of the baselines."""
+"""The controllers of the suite by name, and the ranges of the parameters of the baselines (`bench encounters_tuning`)."""
 
 import sys
 from collections.abc import Callable, Mapping
