@@ -1,4 +1,4 @@
-"""The controllers of the suite by name, and the ranges of the parameters of the baselines (`bench encounters_tuning`)."""
+"""The controllers of the suite by name, with the ranges that the parameters of the baselines are drawn from."""
 
 import sys
 from collections.abc import Callable, Mapping
