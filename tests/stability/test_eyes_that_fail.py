@@ -45,6 +45,8 @@ def black(image: Image) -> Image:
 FAULTS: dict[str, Fault] = {
     "both eyes black": lambda now, good: replace(now, left=black(now.left), right=black(now.right)),
     "both eyes frozen": lambda now, good: replace(now, left=good.left, right=good.right),
+    "one eye black": lambda now, good: replace(now, right=black(now.right)),
+    "one eye frozen": lambda now, good: replace(now, right=good.right),
     "one eye sees noise": lambda now, good: replace(
         now, right=np.random.default_rng(int(1000 * now.stamp_s)).integers(0, 256, now.right.shape, dtype=np.uint8)
     ),
