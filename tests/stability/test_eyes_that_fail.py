@@ -68,7 +68,7 @@ def anxious(world: World) -> PPSMemory:
 
 
 def meet(world: World, fault: Fault) -> EpisodeLog:
-    faulty = World(world.setup, FaultyEyes(world.eyes, fault), world.rng)
+    faulty = replace(world, eyes=FaultyEyes(world.eyes, fault))
     rng = np.random.default_rng(SEED)
     episode = make_episode("approach", faulty, "left_forearm:3", "ball", rng, speed_m_s=0.05)
     episode = replace(episode, seconds=3.5)
