@@ -1,7 +1,8 @@
 """Training of the reachable-space map (J, "Training the maps") by active learning.
 
-After a first round over all gaze postures, labels are asked for near the border, far from earlier ones.  Where the
-labels suggest that the map is good enough, a test on fresh gaze postures bounds its error.
+After a first round over all gaze postures, labels are asked for near the border, and some inside for the degree of
+reachability, far from earlier ones.  Where the labels suggest that the map is good enough, a test on fresh gaze
+postures bounds its error.
 """
 
 from collections.abc import Callable
@@ -73,7 +74,9 @@ def learned_from(
         more = more.only(more.answered)
         predicted = border(more.gaze_rad)
         softness = _softness(predicted, more.reachable, _CURVATURE * params.lattice**2)
-        expected = share * float(np.mean((predicted > 0) != more.reachable))
+        near = predicted <= params.border_band[1]
+        wrong = near & ((predicted > 0) != more.reachable)
+        expected = share * float(wrong.sum() / max(near.sum(), 1))
         labels = labels.joined(more)
         if expected <= good_enough and spent + n <= params.n_labels:
             risk /= 2  # of this test, the other half being left for those that may follow
@@ -164,18 +167,22 @@ def _nodes(labels: Labels, params: MapParams) -> tuple[Array, Array]:
 def _near_border(
     border: Callable[[Array], Array], labels: Labels, n: int, params: MapParams, rng: np.random.Generator
 ) -> tuple[Array, float]:
-    """(n, 3) gaze postures in the band about the border (or nearest to it where the band is small), those farthest from
-    the labels so far; and the share of all gaze postures that lies in the band."""
+    """(n, 3) gaze postures in the band about the border (or nearest to it where the band is small) and inside, those
+    farthest from the labels so far; and the share of all gaze postures that lies in the band."""
     limits = params.gaze_limits
     candidates = rng.uniform(limits.lower, limits.upper, (8 * n, 3))
     signed = border(candidates)
+    alone, _ = cKDTree(isotropic(labels.gaze_rad)).query(isotropic(candidates))
     low, high = params.border_band
     beyond = np.maximum(np.maximum(low - signed, signed - high), 0)
-    inside = beyond == 0
-    enough = max(n, min(int(inside.sum()), 2 * n))
-    near = candidates[np.argsort(beyond, kind="stable")[:enough]]
-    alone, _ = cKDTree(isotropic(labels.gaze_rad)).query(isotropic(near))
-    return near[np.argsort(-alone)[:n]], float(inside.mean())
+    share = float(np.mean(beyond == 0))
+    inside = np.flatnonzero(signed > high)
+    inside = inside[np.argsort(-alone[inside])[: round(params.inside_share * n)]]
+    beyond[inside] = np.inf  # asked already
+    n -= len(inside)
+    near = np.argsort(beyond, kind="stable")[: max(n, min(round(share * len(candidates)), 2 * n))]
+    near = near[np.argsort(-alone[near])[:n]]
+    return candidates[np.concatenate([near, inside])], share
 
 
 def _softness(predicted: Array, reachable: Mask, least: float) -> float:

@@ -26,7 +26,7 @@ _N_BOX = 9000
 
 @dataclass(frozen=True)
 class MapTruth:
-    """Gaze postures and locations with their exact answers for the right arm."""
+    """Gaze postures and locations with their exact answers for one arm."""
 
     gaze_rad: Array
     """(N, 3) gaze postures, uniform within J's limits."""
@@ -42,15 +42,15 @@ class MapTruth:
     """(M,) whether the hand reaches them."""
 
     @classmethod
-    def of(cls, robot: Robot, n: int, rng: np.random.Generator) -> "MapTruth":
+    def of(cls, robot: Robot, n: int, rng: np.random.Generator, side: str = "right") -> "MapTruth":
         """Draw `n` gaze postures and 9000 locations, of which those are kept that can be fixated."""
         limits = GazeLimits()
         gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
-        arm = closed_form(robot)
+        arm = closed_form(robot, side)
         _, effort = arm.least_effort(fixation_points(robot, gaze))
         reachable = np.isfinite(effort)
         error = np.full(n, np.nan)
-        error[~reachable] = ReachOracle(robot, "right", MapParams(), rng).label(gaze[~reachable]).error_m
+        error[~reachable] = ReachOracle(robot, side, MapParams(), rng).label(gaze[~reachable]).error_m
         points = rng.uniform(BOX_LOW, BOX_HIGH, (_N_BOX, 3))
         box = gaze_for_points(robot, points)
         fixated = np.isfinite(box[:, 0])

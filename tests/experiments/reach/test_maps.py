@@ -10,6 +10,7 @@ from pps_vision.experiments.reach.error_bound import ErrorBound
 from pps_vision.experiments.reach.map_truth import scores
 from pps_vision.experiments.reach.maps import Maps
 from pps_vision.experiments.reach.measures import Measures
+from pps_vision.experiments.reach.repeated_maps import RepeatedMaps
 from pps_vision.experiments.reach.solvers import Solvers
 
 
@@ -66,3 +67,12 @@ def test_stated_bounds_of_a_few_maps_hold() -> None:
     assert len(numbers["maps"]) == 2
     assert all(one["measured"] <= one["stated"] < 0.2 for one in numbers["maps"])
     assert set(charts) == {""}
+
+
+def test_maps_of_both_arms_are_learned_with_every_seed() -> None:
+    study = RepeatedMaps(SEED, n=1, n_labels=300, n_test=200, lattice=0.15)
+    numbers, _ = run_and_draw(study)
+    assert [one["arm"] for one in numbers["maps"]] == ["left", "right"]
+    assert all(one["je"] < 6 and one["degree_rmse"] < 0.08 for one in numbers["maps"])
+    rows = study.tables(numbers)[""].rows
+    assert [row[:2] for row in rows] == [["left", "1"], ["right", "1"]]

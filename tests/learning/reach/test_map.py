@@ -375,7 +375,9 @@ def test_labels_are_asked_for_near_the_border_and_far_from_earlier_ones():
     labels = Labels(earlier, np.ones(n, bool), np.zeros(n), np.zeros(n), np.full((n, 3), np.nan))
     asked, share = _near_border(lambda gaze: 0.3 * gaze[:, 0], labels, 300, params, rng)
     low, high = np.array(params.border_band) / 0.3
-    assert ((asked[:, 0] >= low) & (asked[:, 0] <= high)).mean() > 0.99
+    near = (asked[:, 0] >= low) & (asked[:, 0] <= high)
+    assert near.mean() == pytest.approx(1 - params.inside_share, abs=0.01)
+    assert (asked[~near, 0] > high).all()
     assert (asked[:, 1] > 0.5 * (LIMITS.lower[1] + LIMITS.upper[1])).mean() > 0.7
     assert share == pytest.approx((high - low) / (LIMITS.upper[0] - LIMITS.lower[0]), rel=0.15)
 

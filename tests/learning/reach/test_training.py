@@ -77,6 +77,15 @@ def test_the_expected_error_is_that_of_all_postures():
     assert 0.04 * band < learned.expected_error < 0.1 * band  # some right answers are not predicted either
 
 
+def test_a_share_of_the_later_labels_is_deep_inside_and_spread_out():
+    learned = learned_from(plane, "right", np.random.default_rng(SEED), replace(PARAMS, inside_share=0.25))
+    later = learned.labels.gaze_rad[200:]
+    deep = later[later[:, 0] < -PARAMS.border_band[1] - 0.02]  # the spline's border is not exactly at 0
+    assert 90 <= len(deep) <= 110
+    assert deep[:, 0].min() < -0.8
+    assert len(np.unique(later, axis=0)) == len(later)
+
+
 @pytest.mark.parametrize(("scale", "expected"), [(0.03, 0.03), (0.1, 0.1), (1e-6, 0.008), (20.0, 0.5)])
 def test_softness_is_the_scale_of_the_answers_within_its_bounds(scale, expected):
     rng = np.random.default_rng(SEED)
