@@ -46,12 +46,16 @@ class Table5(SessionStudy):
 
 def count(session: Session) -> dict[str, Any]:
     """Return the columns of Table 5."""
-    memory = train_memory(session.trials)
     touched = np.any([trial.touched for trial in session.trials], axis=0)[list(session.aimed)]
+    return {**counted(session), "taxels_touched": f"{touched.sum()} of {len(session.aimed)}"}
+
+
+def counted(session: Session) -> dict[str, float]:
+    """Return the columns of Table 5 that the paper has."""
+    memory = train_memory(session.trials)
     return {
         "minutes": round(sum(float(np.ptp(trial.stamps_s)) for trial in session.trials) / 60, 2),
         "trials": len(session.trials),
         "samples": sum(int(np.isfinite(perceive(trial)[0]).any(axis=1).sum()) for trial in session.trials),
         "samples_of_shown_taxel": int(memory.counts[session.shown_taxel(memory)].sum()),
-        "taxels_touched": f"{touched.sum()} of {len(session.aimed)}",
     }

@@ -1,4 +1,4 @@
-"""What J shows of the maps (Figs 3, 5, 6, 8, 9): slices of gaze space, and planes through its box of locations."""
+"""What J shows of the maps: gaze space (Figs 4, 7), slices of it (Figs 3, 5, 8), planes through its box (Figs 6, 9)."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -7,7 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.reach.babbling import Babbled
+from learning.reach.labels import Labels
 from pps_vision.experiments import charts
+from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.jamone import MapQuery
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.model import Robot
@@ -19,6 +21,7 @@ _BOX = np.array([[-0.10, 0.10], [0.75, 0.95], [0.20, 0.35]])  # J's X, Y, Z, m i
 _SIMULATOR_M = np.array([0.0, 0.5976, -0.026])  # p_sim = (−y, z, −x) of the root frame + this, from its public code
 _PLANES = {"seen from above, Y 0.85 m": (0, 2), "seen from the side, X 0 m": (2, 1)}
 _MOST_POINTS = 400
+_N_SPACE = 4000  # gaze postures drawn of each panel of gaze space
 
 
 class View(NamedTuple):
@@ -42,6 +45,44 @@ def sample(maps: Mapping[str, MapQuery], robot: Robot, babbled: Babbled) -> dict
         group: {title: _sampled(maps, view) for title, view in views.items()}
         for group, views in (("slices", slices), ("planes", planes))
     }
+
+
+def sample_space(labels: Labels, query: MapQuery, max_error_m: float, rng: np.random.Generator) -> dict[str, Any]:
+    """Return gaze postures (degrees), whether they are reachable and R (percent): of the training data and the map."""
+    some = labels.only(rng.permutation(len(labels.gaze_rad))[:_N_SPACE])
+    degree = jamone.degree(some.reachable, some.optimality, some.error_m, max_error_m)
+    limits = GazeLimits()
+    gaze = rng.uniform(limits.lower, limits.upper, (_N_SPACE, 3))
+    said = query(gaze)
+    found = {"training data": (some.gaze_rad, some.reachable, degree), "map": (gaze, said.reachable, said.degree)}
+    return {
+        name: {
+            "gaze_deg": np.rad2deg(at).round(1).tolist(),
+            "reachable": reachable.astype(int).tolist(),
+            "degree": np.round(100 * R).astype(int).tolist(),
+        }
+        for name, (at, reachable, R) in found.items()
+    }
+
+
+def space(drawn: dict[str, Any]) -> Figure:
+    """Draw Basic and Enhanced map over yaw, pitch and vergence: training data left, map right (J Figs 4, 7)."""
+    figure = Figure((8.6, 7.6), layout="constrained")
+    colours = {"Basic map (J Fig 4)": "reachable", "Enhanced map (J Fig 7)": "degree"}
+    for row, (title, key) in enumerate(colours.items()):
+        for column, (source, points) in enumerate(drawn.items()):
+            axis = figure.add_subplot(2, 2, 2 * row + column + 1, projection="3d")
+            at, reachable = np.array(points["gaze_deg"]), np.array(points["reachable"], dtype=bool)
+            value = np.array(points[key]) / (100 if key == "degree" else 1)
+            style = {"cmap": "RdYlBu", "vmin": 0, "vmax": 1, "linewidths": 0}
+            axis.scatter(*at[~reachable].T, c=value[~reachable], s=2, alpha=0.15, **style)
+            image = axis.scatter(*at[reachable].T, c=value[reachable], s=7, alpha=0.8, depthshade=False, **style)
+            axis.set(xlabel="neck yaw (°)", ylabel="neck pitch (°)", zlabel="vergence (°)")
+            axis.set_title(f"{title}: {source}", fontsize=9)
+            axis.tick_params(labelsize=7)
+            axis.view_init(elev=18, azim=-60)
+        figure.colorbar(image, ax=figure.axes[-2:], label=["reachable", "degree of reachability R"][row], shrink=0.6)
+    return figure
 
 
 def slices(drawn: dict[str, Any], extremes: dict[str, dict[str, float]]) -> Figure:

@@ -71,12 +71,17 @@ class WholePaper(SeededStudy):
             },
             "extremes": extremes(babbled),
             "drawn": paper_figures.sample({"true kinematics": exact_map(robot, error_m), **maps}, robot, babbled),
+            "space": paper_figures.sample_space(learned.labels, learned.query, error_m, test_rng),
         }  # fmt: skip
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Draw slices of gaze space (J Figs 3, 5, 8) and the box of Cartesian locations (J Figs 6, 9)."""
+        """Draw gaze space (J Figs 4, 7), slices of it (J Figs 3, 5, 8) and the box of locations (J Figs 6, 9)."""
         drawn = numbers["drawn"]
-        return {"slices": paper_figures.slices(drawn, numbers["extremes"]), "box": paper_figures.box(drawn)}
+        return {
+            "space": paper_figures.space(numbers["space"]),
+            "slices": paper_figures.slices(drawn, numbers["extremes"]),
+            "box": paper_figures.box(drawn),
+        }
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the scores against the true / the learned kinematics beside J's (against its labels)."""
