@@ -35,8 +35,10 @@ class Compensation(SampledStudy):
     R: "the learned representations automatically compensate".
     """
 
-    n: int = 3
-    """Robots for each source."""
+    n: int = 20
+    """Robots with all sources together."""
+    n_single: int = 3
+    """Robots for each source alone."""
 
     def run(self) -> dict[str, Any]:
         """Return scores by source, method and case, with 95 % over robots."""
@@ -44,7 +46,7 @@ class Compensation(SampledStudy):
         sources = {**{name: only(name) for name in SOURCES}, "all": ErrorSources()}
         found: dict[str, Any] = {}
         for name, of in tqdm(sources.items(), desc="errors", unit="source", disable=None):
-            robots = [self._observed(of, k) for k in range(self.n)]
+            robots = [self._observed(of, k) for k in range(self.n if name == "all" else self.n_single)]
             found[name] = {
                 method: {case: scored(predict, [cases((training, test), *r)[case] for r in robots]) for case in CASES}
                 for method, predict in METHODS.items()

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from data import SEED
 
+from control.double_touch import FINGERTIP_RADIUS_M
 from control.fixation import gaze_at
 from learning.pps.trials import TouchTrial
+from pps_vision.experiments.pps.misaimed import misaimed_touches
 from pps_vision.experiments.pps.robot_errors import (
     SOURCES,
     ErringRobot,
@@ -14,7 +16,7 @@ from pps_vision.experiments.pps.robot_errors import (
 )
 from pps_vision.experiments.pps.trials import exact_trials
 from pps_vision.robot.icub import home, load_icub
-from pps_vision.robot.skin import icub_skin, touched_taxels
+from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin, touched_taxels
 from pps_vision.types import Array
 
 SKIN = icub_skin()
@@ -93,3 +95,16 @@ def test_encoder_offsets_estimated_from_touches_halve_the_error() -> None:
     better = robot.calibrated([robot.observe(trial, True, rng()) for trial in trials])
     assert error_mm(robot) > 20
     assert error_mm(better) < 0.5 * error_mm(robot)
+
+
+def test_a_robot_without_errors_touches_what_it_aims_at_and_one_with_errors_feels_its_finger_elsewhere() -> None:
+    """The first touch is aimed at taxel 27, the first inner one."""
+    exact, erring = ErringRobot.draw(only(), rng()), ErringRobot.draw(only("joint calibration"), rng())
+    (true,), (misjudged,) = (misaimed_touches(robot, 1, False, SEED) for robot in (exact, erring))
+    gaps = np.linalg.norm(end_from_taxels(exact, true), axis=1) - FINGERTIP_RADIUS_M
+    assert gaps.argmin() == SKIN.index("left_forearm:27")
+    assert gaps.min() < 0.0075  # a step at 15 cm/s
+    assert np.array_equal(gaps <= TOUCH_RADIUS_M, true.touched)
+    assert misjudged.touched.any()
+    felt = np.linalg.norm(end_from_taxels(erring, misjudged), axis=1) - FINGERTIP_RADIUS_M
+    assert not np.array_equal(felt <= TOUCH_RADIUS_M, misjudged.touched)
