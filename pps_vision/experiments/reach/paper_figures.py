@@ -74,14 +74,14 @@ def space(drawn: dict[str, Any]) -> Figure:
             axis = figure.add_subplot(2, 2, 2 * row + column + 1, projection="3d")
             at, reachable = np.array(points["gaze_deg"]), np.array(points["reachable"], dtype=bool)
             value = np.array(points[key]) / (100 if key == "degree" else 1)
-            style = {"cmap": "RdYlBu", "vmin": 0, "vmax": 1, "linewidths": 0}
-            axis.scatter(*at[~reachable].T, c=value[~reachable], s=2, alpha=0.15, **style)
-            image = axis.scatter(*at[reachable].T, c=value[reachable], s=7, alpha=0.8, depthshade=False, **style)
+            style = {"cmap": "RdYlBu", "vmin": 0, "vmax": 1, "linewidths": 0, "depthshade": False}
+            axis.scatter(*at[~reachable].T, c=value[~reachable], s=2.5, alpha=0.4, **style)
+            image = axis.scatter(*at[reachable].T, c=value[reachable], s=8, alpha=0.9, **style)
             axis.set(xlabel="neck yaw (°)", ylabel="neck pitch (°)", zlabel="vergence (°)")
             axis.set_title(f"{title}: {source}", fontsize=9)
             axis.tick_params(labelsize=7)
             axis.view_init(elev=18, azim=-60)
-        figure.colorbar(image, ax=figure.axes[-2:], label=["reachable", "degree of reachability R"][row], shrink=0.6)
+    figure.colorbar(image, ax=figure.axes, label="reachable (0, 1); degree of reachability R", shrink=0.5, pad=0.08)
     return figure
 
 

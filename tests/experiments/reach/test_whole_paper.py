@@ -22,7 +22,7 @@ def test_maps_from_babbling_alone_know_the_true_arm(monkeypatch: pytest.MonkeyPa
     assert ours["true"]["je"] < 4
     assert ours["true"]["je"] < of_j["true"]["je"]
     assert abs(ours["true"]["je"] - ours["learned"]["je"]) < 0.6
-    assert [len(figure.axes) for figure in figures.values()] == [6, 7, 7]
+    assert [len(figure.axes) for figure in figures.values()] == [5, 7, 7]
     drawn = numbers["space"]["training data"]
     assert len(drawn["gaze_deg"]) == len(drawn["reachable"]) <= 400
     assert ((np.array(drawn["degree"]) >= 50) == np.array(drawn["reachable"], dtype=bool)).mean() > 0.9  # R, rounded
