@@ -49,7 +49,9 @@ def sample(maps: Mapping[str, MapQuery], robot: Robot, babbled: Babbled) -> dict
 
 def sample_space(labels: Labels, query: MapQuery, max_error_m: float, rng: np.random.Generator) -> dict[str, Any]:
     """Return gaze postures (degrees), whether they are reachable and R (percent): of the training data and the map."""
-    some = labels.only(rng.permutation(len(labels.gaze_rad))[:_N_SPACE])
+    chosen = np.zeros(len(labels.gaze_rad), dtype=bool)
+    chosen[rng.permutation(len(chosen))[:_N_SPACE]] = True
+    some = labels.only(chosen)
     degree = jamone.degree(some.reachable, some.optimality, some.error_m, max_error_m)
     limits = GazeLimits()
     gaze = rng.uniform(limits.lower, limits.upper, (_N_SPACE, 3))
