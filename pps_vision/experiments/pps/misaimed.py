@@ -1,5 +1,5 @@
-"""R's sessions by robots that misjudge themselves, at R's speeds: the finger is aimed by the robot's model and touches
-what it happens to; objects are perceived where they are not."""
+"""R's felt double touches by robots that misjudge themselves, at R's speeds: the finger is aimed by the robot's model
+and touches what it happens to."""
 
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
@@ -10,13 +10,12 @@ from tqdm import tqdm
 
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching, DoubleTouchParams
 from learning.pps.trials import TouchTrial
-from pps_vision.experiments.pps.movements import TRIALS, SessionName, finger_movement, is_in_view, plans
+from pps_vision.experiments.pps.movements import TRIALS, finger_movement, plans
 from pps_vision.experiments.pps.perceived import FOREARM, Session
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
 from pps_vision.experiments.pps.table5 import PAPER, counted
-from pps_vision.experiments.pps.trials import exact_trials
-from pps_vision.experiments.study import SampledStudy, interval
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
@@ -30,41 +29,29 @@ _LEAST_STEPS = 3  # of a movement, for its velocity
 
 @dataclass(frozen=True)
 class Misaimed(SampledStudy):
-    """Minutes, samples and taxels touched in R's sessions (R Table 5) by robots with R's sources of error, at R's
-    speeds; nothing is rendered."""
+    """Samples and taxels touched in R's felt double touches (R Table 5) by robots with R's sources of error."""
 
-    n: int = 8
+    n: int = 5
     """Robots, each with its own errors."""
     share: float = 1.0
-    """Share of the trials of every session."""
+    """Share of R's trials."""
 
     def run(self) -> dict[str, Any]:
-        """Return the columns of Table 5 with 95 % over robots, and of every robot which taxels were touched."""
-        robots = [ErringRobot.draw(ErrorSources(), np.random.default_rng((self.seed, k))) for k in range(self.n)]
-        found = {}
-        for name in tqdm(PAPER, desc="sessions", disable=None):
-            sessions = [Session.of(name, self._trials(name, r, k), r.model, r.skin) for k, r in enumerate(robots)]
-            counts = [{**counted(one), **reached(one)} for one in sessions]
-            found[name] = {key: interval([[one[key]] for one in counts]) for key in counts[0]}
-            found[name]["touched_by_robot"] = [one["touched"] for one in counts]
-        return {"sessions": found}
-
-    def _trials(self, name: SessionName, robot: ErringRobot, k: int) -> list[TouchTrial]:
-        """Trials of a session as robot `k` makes and perceives them."""
-        n = max(round(self.share * TRIALS[name]), 1)
-        if name in ("motor", "visual"):
-            return misaimed_touches(robot, n, name == "visual", self.seed + k)
-        rng = np.random.default_rng((self.seed, k))
-        return [robot.observe(trial, True, rng) for trial in exact_trials(name, n, self.seed, R_SPEEDS_M_S)]
+        """Return the columns of Table 5 and the taxels reached, of every robot."""
+        robots = []
+        for k in tqdm(range(self.n), desc="robots", disable=None):
+            robot = ErringRobot.draw(ErrorSources(), np.random.default_rng((self.seed, k)))
+            trials = misaimed_touches(robot, max(round(self.share * TRIALS["motor"]), 1), self.seed + k)
+            session = Session.of("motor", trials, robot.model, robot.skin)
+            robots.append({**counted(session), **reached(session)})
+        return {"robots": robots}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the columns of Table 5, beside the paper's where it has them."""
-        columns = [key for key in next(iter(numbers["sessions"].values())) if key != "touched_by_robot"]
-        rows = [
-            [name, *(estimate(of[key]) + (f" / {PAPER[name][key]}" if key in PAPER[name] else "") for key in columns)]
-            for name, of in numbers["sessions"].items()
-        ]
-        return {"": Table(["session (these robots / R)", *(key.replace("_", " ") for key in columns)], rows)}
+        """Return a row for each robot, and R's."""
+        columns = list(numbers["robots"][0])
+        rows = [[str(k + 1), *(f"{one[key]:g}" for key in columns)] for k, one in enumerate(numbers["robots"])]
+        rows.append(["R", *(str({**PAPER["motor"], "aimed": 8, "touched": 6}.get(key, "–")) for key in columns)])
+        return {"": Table(["robot", *(key.replace("_", " ") for key in columns)], rows)}
 
 
 def reached(session: Session) -> dict[str, float]:
@@ -75,9 +62,9 @@ def reached(session: Session) -> dict[str, float]:
     return {"aimed": len(aimed), "touched": int(touched.sum()), "nearest": len(nearest.intersection(aimed))}
 
 
-def misaimed_touches(robot: ErringRobot, n: int, seen: bool, seed: int) -> list[TouchTrial]:
+def misaimed_touches(robot: ErringRobot, n: int, seed: int) -> list[TouchTrial]:
     """Return the first `n` double touches (fewer if ten times as many attempts do not suffice) that touch the left
-    forearm anywhere, as the robot perceives them: `seen` by its eyes, or felt.
+    forearm anywhere, as the robot feels them.
 
     The inner taxels are aimed at in turn. The movement goes on until the true skin is touched, at most to where it
     was planned to end, 3 cm under the assumed skin.
@@ -88,17 +75,15 @@ def misaimed_touches(robot: ErringRobot, n: int, seen: bool, seed: int) -> list[
     end = replace(assumed, positions_m=assumed.positions_m - p.press_m * assumed.normals)
     params = replace(p, start_m=p.start_m + p.press_m, press_m=0.0, peak_m_s=R_SPEEDS_M_S)
     planner = DoubleTouching(robot.model, end, params)
-    touches = {i: plans(planner, i, (seed, int(seen))) for i in INNER_FOREARM}
-    rng = np.random.default_rng((seed, 2 + int(seen)))
+    touches = {i: plans(planner, i, (seed,)) for i in INNER_FOREARM}
+    rng = np.random.default_rng(seed)
     found: list[TouchTrial] = []
     for i in islice(cycle(INNER_FOREARM), _ATTEMPTS * n):
         slack = robot.slack_rad * rng.standard_normal(robot.model.n_joints)
         erring = replace(robot, joint_offsets_rad=robot.joint_offsets_rad + slack, slack_rad=0.0)
         touch = _until_touch(icub, skin, next(touches[i]), erring.joint_offsets_rad)
         if touch is not None:
-            trial = finger_movement(icub, skin, touch).trial
-            if not seen or is_in_view(icub, trial):
-                found.append(erring.observe(trial, seen, rng))
+            found.append(erring.observe(finger_movement(icub, skin, touch).trial, False, rng))
         if len(found) == n:
             break
     return found

@@ -41,7 +41,7 @@ _PALM_ARM_DEG = (-25.6, 24.5, -19.6, 24.2, -41.1, 3.0, -16.0)
 _HANGING_ARM_DEG = (0.0, 15.0, 0.0, 20.0, 0.0, 0.0, 0.0)
 _OBJECTS: tuple[StimulusName, ...] = ("ball", "cube")
 _START_M = (0.21, 0.25)  # just beyond the receptive field, so that the eyes have it when it enters
-PEAK_M_S = (0.10, 0.25)  # of objects
+_PEAK_M_S = (0.10, 0.25)
 _SCATTER_M = 0.025  # standard deviation of the end point about the taxel aimed at, each way
 _DEEPEST_M = -0.005  # no taxel is penetrated deeper on the way
 _MARGIN_PX = 15.0  # least distance of a fingertip from the image's edge
@@ -60,18 +60,15 @@ class Movement(NamedTuple):
 
 
 @cache  # several studies use the same movements
-def movements(
-    session: SessionName, n: int, seed: int, peak_m_s: tuple[float, float] = PEAK_M_S
-) -> tuple[Movement, ...]:
-    """Return the first `n` movements of a session; movement k does not depend on `n`.  `peak_m_s`: range of an object's
-    peak speed."""
+def movements(session: SessionName, n: int, seed: int) -> tuple[Movement, ...]:
+    """Return the first `n` movements of a session; movement k does not depend on `n`."""
     if session not in get_args(SessionName):
         raise ValueError(f"session {session!r}; expected one of {', '.join(get_args(SessionName))}")
     if n < 1:
         raise ValueError(f"{n} trials of {session}; expected at least 1")
     if session in ("motor", "visual"):
         return tuple(islice(_double_touches(session, seed), n))
-    return tuple(_approach(session, k, seed, peak_m_s) for k in range(n))
+    return tuple(_approach(session, k, seed) for k in range(n))
 
 
 def start_posture(robot: Robot, session: SessionName) -> Array:
@@ -96,7 +93,7 @@ def _planner() -> tuple[Robot, Skin, DoubleTouching]:
     return robot, icub_skin(), DoubleTouching(robot, icub_skin(("left_forearm",)).parts[0])
 
 
-def _approach(session: SessionName, k: int, seed: int, peak_m_s: tuple[float, float]) -> Movement:
+def _approach(session: SessionName, k: int, seed: int) -> Movement:
     """Draw approach `k` until it touches the skin and the eyes can follow it."""
     robot, skin, _ = _planner()
     rng = np.random.default_rng((seed, get_args(SessionName).index(session), 1, k))
@@ -109,7 +106,7 @@ def _approach(session: SessionName, k: int, seed: int, peak_m_s: tuple[float, fl
     T = taxel_frame(positions[skin.index(aimed)], normals[skin.index(aimed)])
     for _ in range(500):
         end = T[:3, :3] @ np.array([*(_SCATTER_M * rng.standard_normal(2)), radius]) + T[:3, 3]
-        reach = make_reach(rng, end, T[:3, 2], rng.uniform(*_START_M), rng.uniform(*peak_m_s))
+        reach = make_reach(rng, end, T[:3, 2], rng.uniform(*_START_M), rng.uniform(*_PEAK_M_S))
         n = int((1 - _BEGIN) * reach.arrives_s / STEP_S)
         stamps = reach.arrives_s - STEP_S * np.arange(n, -1, -1)
         path, velocities = (np.array(a) for a in zip(*(reach(float(t)) for t in stamps), strict=True))
@@ -129,7 +126,7 @@ def _double_touches(session: SessionName, seed: int) -> Iterator[Movement]:
     key = (seed, get_args(SessionName).index(session))
     touches = {i: (finger_movement(robot, skin, plan) for plan in plans(planner, i, key)) for i in INNER_FOREARM}
     for i in cycle(INNER_FOREARM):
-        yield next(made for made in touches[i] if session == "motor" or is_in_view(robot, made.trial))
+        yield next(made for made in touches[i] if session == "motor" or _is_in_view(robot, made.trial))
 
 
 def plans(planner: DoubleTouching, taxel_id: int, key: tuple[int, ...]) -> Iterator[DoubleTouch]:
@@ -160,7 +157,7 @@ def _true_trial(
     return TouchTrial(stamps_s - stamps_s[0], joints_rad, path, velocities, *certain, touched)
 
 
-def is_in_view(robot: Robot, trial: TouchTrial) -> bool:
+def _is_in_view(robot: Robot, trial: TouchTrial) -> bool:
     """Return whether both eyes, fixating the fingertip, have it in their image along its way."""
     rig = icub_rig(robot)
     for q, tip in zip(trial.joints_rad[::-8], trial.positions[::-8], strict=True):

@@ -18,7 +18,7 @@ from learning.pps.memory import PPSMemory
 from learning.pps.trials import TouchTrial
 from pps_vision import geometry, robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
-from pps_vision.experiments.pps.movements import PEAK_M_S, STEP_S, TRIALS, Movement, SessionName, gaze_mask, movements
+from pps_vision.experiments.pps.movements import STEP_S, TRIALS, Movement, SessionName, gaze_mask, movements
 from pps_vision.experiments.study import NOISE_SIGMA, SeededStudy
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
@@ -59,11 +59,9 @@ class SessionStudy(SeededStudy):
         return rendered_trials(session, n, self.seed + further, self.trials)
 
 
-def exact_trials(
-    session: SessionName, n: int, seed: int, peak_m_s: tuple[float, float] = PEAK_M_S
-) -> tuple[TouchTrial, ...]:
-    """Return the first `n` trials of a session with the object, its peak speed in a range, known exactly."""
-    return tuple(movement.trial for movement in movements(session, n, seed, peak_m_s))
+def exact_trials(session: SessionName, n: int, seed: int) -> tuple[TouchTrial, ...]:
+    """Return the first `n` trials of a session with the object known exactly."""
+    return tuple(movement.trial for movement in movements(session, n, seed))
 
 
 def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLDER) -> tuple[TouchTrial, ...]:

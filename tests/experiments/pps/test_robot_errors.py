@@ -100,7 +100,7 @@ def test_encoder_offsets_estimated_from_touches_halve_the_error() -> None:
 def test_a_robot_without_errors_touches_what_it_aims_at_and_one_with_errors_feels_its_finger_elsewhere() -> None:
     """The first touch is aimed at taxel 27, the first inner one."""
     exact, erring = ErringRobot.draw(only(), rng()), ErringRobot.draw(only("joint calibration"), rng())
-    (true,), (misjudged,) = (misaimed_touches(robot, 1, False, SEED) for robot in (exact, erring))
+    (true,), (misjudged,) = (misaimed_touches(robot, 1, SEED) for robot in (exact, erring))
     gaps = np.linalg.norm(end_from_taxels(exact, true), axis=1) - FINGERTIP_RADIUS_M
     assert gaps.argmin() == SKIN.index("left_forearm:27")
     assert gaps.min() < 0.0075  # a step at 15 cm/s
