@@ -23,13 +23,13 @@ def test_the_names_are_there() -> None:
 def test_arrays_are_the_path_that_the_command_writes(approach: Path, tmp_path: Path) -> None:
     main(["track", str(approach), "--out", str(tmp_path / "out"), "--seed", "3", "--smooth"])
     rows = [line.split(",") for line in (tmp_path / "out" / "trajectory.csv").read_text().splitlines()[1:]]
-    written = np.array([[float(cell or "nan") for cell in row[:-1]] for row in rows])
+    written = np.array([[float(cell or "nan") for cell in row[:14]] for row in rows])
     path = pv.track(approach, seed=3).arrays(smooth=True)
     found = np.column_stack([path.stamps_s, path.position, path.velocity])
     np.testing.assert_allclose(found, written[:, :7], rtol=0, atol=1e-5, equal_nan=True)
     upper = path.cov[:, :3, :3][:, *np.triu_indices(3)]
     np.testing.assert_allclose(upper, written[:, 7:13], rtol=1e-3, atol=1e-12, equal_nan=True)
-    assert path.status.tolist() == [row[-1] for row in rows]
+    assert path.status.tolist() == [row[14] for row in rows]
 
 
 def test_every_iteration_tracks_and_times_anew(approach: Path) -> None:
