@@ -26,7 +26,8 @@ def _tracking(numbers: Cells) -> str:
     cells = [numbers["cells"][f"rendered, {o}"]["tracker"] for o in ("ball", "marker")]
     means = " / ".join(f"{cell['mean_recording_mm'][0]:.2f}" for cell in cells)
     worst = " / ".join(f"{cell['worst_recording_mm'][0]:.2f}" for cell in cells)
-    return f"{means} mm, worst recording {worst} mm"
+    tracked = " / ".join(f"{cell['near_percent'][0]:.0f}" for cell in cells)
+    return f"{means} mm, worst recording {worst} mm; tracked {tracked} % of the time"
 
 
 def _coverage(numbers: Cells) -> str:
