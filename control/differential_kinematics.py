@@ -8,6 +8,7 @@ from pps_vision.types import Array
 
 _PRICE = 100.0  # of leaving a row, per unit; the multipliers of tasks are below 1 (m/s)
 # Of the rows' slack in the Hessian, which must be positive definite; with 1e-6 DAQP now and then finds no solution.
+_TOLERANCE = 1e-5  # of a row or bound; with DAQP's 1e-6 one command of a million has no solution (adversarial_control)
 _ROUND = 1e-4
 
 
@@ -43,7 +44,8 @@ def solve_rates(
 
     J is (m, n), wanted (m,), preferred (n,), rows (k, n), most (k,); positive weights make the solution unique and
     finite at singular postures too.  Where limits and rows exclude each other, the limits hold, and the rows are
-    exceeded by as little as possible in sum.  Solved by DAQP (Arnström et al. 2022) through qpsolvers.
+    exceeded by as little as possible in sum.  Solved by DAQP (Arnström et al. 2022) through qpsolvers;
+    where it finds no solution, the rates are as near to 0 as the limits allow.
     """
     n, G = len(preferred), np.empty((0, len(preferred))) if rows is None else rows
     damping = np.broadcast_to(np.asarray(weights, dtype=float), preferred.shape) ** 2
@@ -52,7 +54,6 @@ def solve_rates(
     H[:n, :n] += J.T @ J
     bounds = np.r_[lower, np.zeros(k)], np.r_[np.maximum(lower, upper), np.full(k, np.inf)]
     A, b = (np.hstack([G, -np.eye(k)]), np.asarray(most, dtype=float)) if k else (None, None)
-    x = solve_qp(H, g, A, b, lb=bounds[0], ub=bounds[1], solver="daqp")
-    if x is None:
-        raise RuntimeError(f"no rates for J {J.tolist()}, limits {limits}, rows {G.tolist()} of at most {b}")
-    return np.clip(x[:n], *(bound[:n] for bound in bounds))  # DAQP keeps bounds within 1e-6
+    x = solve_qp(H, g, A, b, lb=bounds[0], ub=bounds[1], solver="daqp", primal_tol=_TOLERANCE)
+    rates = np.zeros(n) if x is None else x[:n]
+    return np.clip(rates, *(bound[:n] for bound in bounds))
