@@ -94,8 +94,8 @@ def arm_velocity(
     q = posture.q_rad[columns]
     limits = rate_limits(q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, 1 / hold_s)
     preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
-    J: Array = np.zeros((3, len(columns)))  # without points nothing is asked for
-    wanted: Array = np.zeros(3)
+    J: Array = np.empty((0, len(columns)))
+    wanted: Array = np.empty(0)
     for one, velocity in zip(points, velocities, strict=True):
         weight = np.sqrt(one.weight)
         J = np.vstack([J, weight * posture.jacobian(one.frame, one.point)[:3, columns]])

@@ -41,7 +41,7 @@ class Background:
         self._last: View | None = None
         self._mean = self._recent = np.empty((0, 0, 3), np.float32)
         self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
-        self._rests = np.empty((0, 0), bool)  # what shows the same again that is not the background
+        self._rests = np.empty((0, 0), bool)  # what stays the same but differs from the background
         self._measured: Image | None = None
         self._gain, self._threshold, self._band = 1.0, _MIN_CONTRAST, 0
 

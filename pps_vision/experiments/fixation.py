@@ -99,7 +99,7 @@ METHODS = {
 
 
 class _Robot:
-    """A head that obeys late, and what it sees of a target."""
+    """A head that obeys late, and its measurements of a target."""
 
     def __init__(self) -> None:
         self.robot = load_icub()

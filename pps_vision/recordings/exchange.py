@@ -63,8 +63,8 @@ class SeenBox:
 
 def write_forms(folder: Path, forms: Iterable[Form], pairs: Sequence[TrackedPair], image_size: tuple[int, int]) -> None:
     """Write what was tracked, in order of time, in these forms into a folder; `image_size` is width and height."""
+    seen = {camera: _boxes(pairs, camera) for camera in ("left", "right")}
     for form in dict.fromkeys(forms):
-        seen = {camera: _boxes(pairs, camera) for camera in ("left", "right")}
         if form == "tum":
             write_tum(folder / "trajectory.tum", [pair.track for pair in pairs])
         elif form == "anipose":

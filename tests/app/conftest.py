@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
+from videos import write_calibration
 
 from pps_vision.app.cli import main
 
@@ -20,12 +19,7 @@ def approach(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def calib(tmp_path: Path) -> Path:
-    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
-    K = np.array([[80.0, 0, 40], [0, 80, 60], [0, 0, 1]])
-    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
-        storage.write(key, value)
-    storage.release()
-    return tmp_path / "calib.yml"
+    return write_calibration(tmp_path / "calib.yml", 80.0, (40.0, 60.0))
 
 
 @pytest.fixture

@@ -4,10 +4,9 @@ import tracemalloc
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 import pytest
-from videos import number_of, write_video
+from videos import number_of, write_calibration, write_video
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_sequence import open_frames
@@ -21,12 +20,7 @@ UNEVEN = [0.0, 0.033, 0.1, 0.104, 0.25, 0.3]  # a variable frame rate
 
 @pytest.fixture
 def calib(tmp_path: Path) -> Path:
-    storage = cv2.FileStorage(str(tmp_path / "calib.yml"), cv2.FILE_STORAGE_WRITE)
-    K = np.array([[100.0, 0, 80], [0, 100, 60], [0, 0, 1]])
-    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
-        storage.write(key, value)
-    storage.release()
-    return tmp_path / "calib.yml"
+    return write_calibration(tmp_path / "calib.yml", 100.0, (80.0, 60.0))
 
 
 def two(folder: Path, calib: Path, left: list[float], right: list[float], **options: float) -> Recording:

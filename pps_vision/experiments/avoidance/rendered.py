@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from pps_vision.app.simulation import Episode, SimulationStep, World, new_pipeline, open_world, simulate
+from pps_vision.app.simulation import Episode, World, new_pipeline, open_world, simulate
 from pps_vision.experiments.avoidance.encounter import Arena, Encounter
 from pps_vision.experiments.avoidance.kinematic import Outcome, Watch
 from pps_vision.experiments.avoidance.training import Memories
@@ -41,7 +42,7 @@ def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, seed: 
     first_s = np.inf
     with _world(arena, encounter, seed) as world:
         steps = simulate(world, episode, new_pipeline(world, memories.of_both).step)
-        for now, later in _pairs(steps):
+        for now, later in pairwise(steps):
             t, track = now.frame.stamp_s, now.step.tracking.track
             watch.posture(now.q_rad)
             watch.command(t, now.step.command.dq_rad_s, arm)
@@ -63,11 +64,3 @@ def _world(arena: Arena, encounter: Encounter, seed: int) -> Iterator[World]:
     setup = replace(icub_setup(arena.skins[encounter.side]), home_rad=encounter.q_rad)
     with open_world(NOISE_SIGMA, seed, setup, encounter.side) as world:
         yield world
-
-
-def _pairs(steps: Iterator[SimulationStep]) -> Iterator[tuple[SimulationStep, SimulationStep]]:
-    """Each step with the next one."""
-    now = next(steps)
-    for later in steps:
-        yield now, later
-        now = later
