@@ -269,6 +269,24 @@ class Pipeline:
         return stamp_s - last.stamp_s if last is not None and stamp_s <= last.stamp_s + MAX_HOLD_S else 0.0
 
 
+class TrackActivation:
+    """Activation of a robot's skin by what is tracked, frame by frame, as in `Pipeline`, of a memory that stays."""
+
+    def __init__(self, robot: Robot, skin: Skin, memory: PPSMemory) -> None:
+        """The memory is one of this skin (`check_memory`)."""
+        self.robot, self.skin, self.memory = robot, skin, memory
+        self._last: tuple[float, Array] | None = None
+
+    def __call__(self, q_rad: Array, track: Track3D) -> tuple[Activation, Array]:
+        """Of a track in the root frame with the robot at configuration `q_rad` (n_joints,); frames come in the order of
+        time.  Also returns the taxels' positions (n, 3) in the root frame."""
+        taxels, normals = self.skin.at(self.robot.at(q_rad))
+        moving, self._last = _velocity(self._last, track.stamp_s, taxels), (track.stamp_s, taxels)
+        field = PipelineParams.receptive_field
+        probability = felt(field, self.memory, track, taxels, normals, moving)
+        return Activation(track.stamp_s, self.skin.taxel_ids, probability), taxels
+
+
 def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline") -> None:
     """InputError, naming the source, unless the memory has exactly the skin's taxels."""
     if memory.taxel_ids != skin.taxel_ids:

@@ -14,7 +14,7 @@ import numpy as np
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.text import finite, number, read_lines
-from pps_vision.types import Array, Detection2D, Reachability, Status, Track3D, Truth
+from pps_vision.types import Activation, Array, Detection2D, Reachability, Status, Track3D, Truth
 
 Box = tuple[float, float, float, float]
 """x, y of the top-left corner, width, height, px."""
@@ -28,6 +28,7 @@ TRAJECTORY = (
 REACHABILITY = (
     *("gaze_yaw_deg", "gaze_pitch_deg", "gaze_vergence_deg", "reach_probability", "reach_degree", "reach_status"),
 )
+ACTIVATION = "activation.csv"
 BOXES = ("frame", "x", "y", "w", "h", "score")
 TRUTH = (
     *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "radius_m"),
@@ -107,6 +108,12 @@ def write_trajectory(file: Path, tracks: Sequence[Track3D], reachability: Sequen
         return write_table(file, TRAJECTORY, rows)
     more = [(*np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status) for reach in reachability]
     write_table(file, TRAJECTORY + REACHABILITY, ((*row, *reach) for row, reach in zip(rows, more, strict=True)))
+
+
+def write_activations(file: Path, activations: Sequence[Activation]) -> None:
+    """Write activation.csv: stamp, and the activation of every taxel in a column of its name; at least one row."""
+    rows = ((one.stamp_s, *one.probability) for one in activations)
+    write_table(file, ("stamp_s", *activations[0].taxel_ids), rows)
 
 
 def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:

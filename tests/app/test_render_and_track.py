@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from data import SEED
 
+from learning.pps.memory import PPSMemory, save_memory
 from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice, isotropic
 from learning.reach.map import ReachableMap
@@ -18,6 +20,7 @@ from pps_vision.app.track import errors_against
 from pps_vision.recordings.open import open_recording
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
+from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Status, Track3D, Truth
 
 
@@ -32,6 +35,17 @@ def tracked(approach: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("tracked") / "out"
     main(["track", str(approach), "--out", str(out), "--video"])
     return out
+
+
+@pytest.fixture
+def memory_of_12_cm(tmp_path: Path) -> Path:
+    """As if all that came within 12 cm of a taxel had touched it."""
+    memory = PPSMemory.empty(icub_skin())
+    distance_m = np.linspace(*memory.params.distance_range_m, memory.params.bins[0], endpoint=False)
+    counts = np.zeros_like(memory.counts)
+    counts[:, (distance_m >= 0) & (distance_m < 0.12), :, 0] = 20
+    save_memory(tmp_path / "memory.npz", replace(memory, counts=counts))
+    return tmp_path / "memory.npz"
 
 
 def test_a_recording_is_in_the_robots_layout(approach: Path) -> None:
@@ -121,6 +135,28 @@ def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach: Path,
     assert summary["map"] == str(tmp_path / "map.npz")
     assert summary["reach"]["reachable"] == int((said == "reachable").sum())
     assert summary["reach"]["unknown"] == int((~known).sum())
+
+
+def test_with_a_memory_every_frame_says_what_is_about_to_be_touched(
+    approach: Path, tmp_path: Path, memory_of_12_cm: Path
+) -> None:
+    main(["track", str(approach), "--memory", str(memory_of_12_cm), "--report", "--out", str(tmp_path / "out")])
+    felt, truth = table(tmp_path / "out" / "activation.csv"), table(approach / "truth.csv")
+    assert list(felt) == ["stamp_s", *icub_skin().taxel_ids]
+    np.testing.assert_allclose(felt["stamp_s"].astype(float), truth["stamp_s"].astype(float), atol=1e-6)
+    rows = (approach / "skin" / "data.log").read_text().splitlines()
+    first_touch_s = min(float(row.split()[1]) for row in rows if "left_forearm:3" in row)
+    before_s = first_touch_s - felt["stamp_s"].astype(float)
+    activation = felt["left_forearm:3"].astype(float)
+    near = (before_s > 0) & (before_s < 0.5)  # at 12 cm/s, within 6 cm
+    assert (activation[near] > 0.4).all()
+    assert (activation[before_s > 1.5] < 0.4).all()
+    assert not felt["right_forearm:3"].astype(float).any()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Activation over the body" in page
+    first, last = (cv2.imread(str(tmp_path / "out" / "keyframes" / f"{k}.jpg")) for k in (0, 4))
+    red = [int(((one[..., 2] > 220) & (one[..., 1] < 60) & (one[..., 0] < 60)).sum()) for one in (first, last)]
+    assert red[1] > red[0] + 50  # taxels that expect a touch
 
 
 def test_what_is_seen_later_smooths_the_path(tmp_path: Path) -> None:

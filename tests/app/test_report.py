@@ -20,7 +20,8 @@ def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     warned = text.index("lost 1 times")
     assert warned < text.index("<img") < text.index("<canvas")
     assert text.index("try a &lt;longer&gt; baseline") < text.index("<img")
-    assert text.count('src="data:image/') == 4  # two key frames, tracks in the images, figures over time
+    assert text.count('src="data:image/') == 5  # two key frames, tracks in the images, figures over time, the skin
+    assert "<td>reach: reachable</td><td>40</td>" in text
     assert "pps-vision track rec --seed 3 --out out" in text
     assert "numpy" in text
     assert not re.search(r'(src|href)="(?!data:)', text)
@@ -28,6 +29,22 @@ def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     tracked = read_tracked(folder)
     assert len(tracked.truth) == len(tracked.stamps_s)
     assert np.isnan(tracked.position[0]).all()
+    assert list(tracked.activation) == ["arm:1", "arm:2", "hand:1"]
+    np.testing.assert_allclose(tracked.activation["arm:2"], np.arange(40) / 40)
+    np.testing.assert_allclose(tracked.reach, np.arange(40) / 40)
+
+
+def test_a_report_without_memory_and_map(tmp_path: Path) -> None:
+    folder = write_results(tmp_path / "results")
+    (folder / "activation.csv").unlink()
+    report_folder(folder)
+    assert "Activation over the body" not in (folder / "report.html").read_text()
+
+
+def test_activations_of_another_run(tmp_path: Path, refused) -> None:
+    folder = write_results(tmp_path / "results")
+    (folder / "activation.csv").write_text("stamp_s,arm:1\n0.0,0.5\n")
+    assert "activation.csv: 1 rows; expected the 40" in refused("report", folder)
 
 
 def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,7 +31,8 @@ def test_in_batches_the_path_is_the_same(tmp_path: Path) -> None:
 def test_what_it_cannot_do_is_refused(approach: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     out = ("--out", tmp_path / "out")
     images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
-    assert "--map map.npz with --left" in refused("track", *images, "--map", "map.npz", *out)
+    for option in ("--map", "--memory"):
+        assert f"{option} a.npz with --left" in refused("track", *images, option, "a.npz", *out)
     assert "--device tpu" in refused("track", approach, "--device", "tpu", *out)
     missing = f"cuda:{torch.cuda.device_count()}"
     line = refused("track", approach, "--device", missing, *out)

@@ -37,7 +37,7 @@ def test_the_page_of_a_recording(tmp_path: Path) -> None:
     seen = browse(page, "--dump-dom")
     green, broken, images = map(int, re.findall(r"green (\d+) broken (\d+) of (\d+)", seen.stdout)[0])
     assert green > 300  # pixels of the path
-    assert (broken, images) == (0, 4)
+    assert (broken, images) == (0, 5)
     assert "CONSOLE" not in seen.stderr
-    browse(page, f"--screenshot={tmp_path / 'page.png'}", "--window-size=1100,3600")
+    browse(page, f"--screenshot={tmp_path / 'page.png'}", "--window-size=1100,4200")
     assert cv2.imread(str(tmp_path / "page.png")).std() > 10

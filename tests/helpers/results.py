@@ -7,20 +7,22 @@ import numpy as np
 from pps_vision.app.report.overlay import save_jpeg
 from pps_vision.app.versions import versions
 from pps_vision.recordings.outputs import write_json
-from pps_vision.recordings.tables import write_detections, write_table, write_trajectory
-from pps_vision.types import Detection2D, Status, Track3D
+from pps_vision.recordings.tables import write_activations, write_detections, write_table, write_trajectory
+from pps_vision.types import Activation, Detection2D, Reachability, ReachStatus, Status, Track3D
 
 N = 40
 
 
 def write_results(folder: Path) -> Path:
-    """A helix before the cameras, lost once, with truth, detections and two key frames."""
+    """A helix before the cameras, lost once, with truth, detections, reachability, activations and two key frames."""
     (folder / "keyframes").mkdir(parents=True)
-    tracks, detections, truth = [], [], []
+    tracks, detections, truth, reach, felt = [], [], [], [], []
     for k in range(N):
         t, angle = 0.05 * k, 0.3 * k
         position = np.array([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.8 - 0.01 * k])
         truth.append((t, *position))
+        reach.append(Reachability(t, np.zeros(3), k / N, k / N, ReachStatus.REACHABLE))
+        felt.append(Activation(t, ("arm:1", "arm:2", "hand:1"), np.array([0, k / N, 1 - k / N])))
         if k in (0, 20):
             tracks.append(Track3D.unknown(t, Status.LOST if k else Status.SEARCHING))
             continue
@@ -31,7 +33,8 @@ def write_results(folder: Path) -> Path:
         for camera in ("left", "right"):
             seen = Detection2D(t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))  # type: ignore[arg-type]
             detections.append((k, seen, tracks[-1].status))
-    write_trajectory(folder / "trajectory.csv", tracks)
+    write_trajectory(folder / "trajectory.csv", tracks, reach)
+    write_activations(folder / "activation.csv", felt)
     write_detections(folder / "detections.csv", detections)
     source = folder / "source"
     source.mkdir()
@@ -44,6 +47,7 @@ def write_results(folder: Path) -> Path:
         "ms_per_pair": {"total": stage},
         "cameras": {"rotation_deg": 0.1},
         "versions": versions(),
+        "reach": {"max_fp": 0.001, "reachable": N},
     }
     summary |= {
         "diagnosis": {"counts": {}, "advice": ["a <longer> baseline"]},

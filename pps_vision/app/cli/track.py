@@ -1,5 +1,6 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ class Track(SourceOptions):
     """
 
     out: Path = MISSING
-    """Folder for detections.csv, trajectory.csv, summary.json (and overlay.mp4)."""
+    """Folder for detections.csv, trajectory.csv, summary.json, and what else is asked for."""
     map: Path | None = None
     """Reachable-space map of `pps-vision reach train`: trajectory.csv then also holds, for every frame of REC, the gaze
     that fixates the object (gaze_yaw_deg, gaze_pitch_deg, gaze_vergence_deg) and whether the hand can reach it
@@ -30,6 +31,9 @@ class Track(SourceOptions):
     unknown without a track)."""
     max_fp: float = 1e-3
     """Share of unreachable places that --map may call reachable."""
+    memory: Path | None = None
+    """Memory of `pps-vision learn`: activation.csv then holds, for every frame of REC, the probability with which each
+    taxel of the iCub's skin is about to be touched, and the video and the report show it."""
     mode: Mode = "generic"
     """generic: whatever moves; marker: a green marker (faster)."""
     order: int = DEFAULT_ORDER
@@ -42,12 +46,15 @@ class Track(SourceOptions):
     frame, without torch."""
     smooth: bool = False
     """Smooth the path with later measurements (RTS smoothing): trajectory.csv and the errors are those of
-    the smoothed path; the video shows the path as it was known then."""
+    the smoothed path; video, view and activation.csv show what was known then."""
     also: tuple[Form, ...] = ()
     """Also write the forms of other tools: tum (evo), anipose (movement), mot and coco (boxes in the images), ros2
     (a bag; extra `ros`)."""
     video: bool = False
     """Also write overlay.mp4."""
+    viewer: bool = False
+    """Also write view.rrd for the Rerun viewer (extra `viewer`): images, detections, 3D path with its covariance,
+    distance and time to contact over the stamps."""
     report: bool = False
     """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames."""
     seed: int = 0
@@ -62,17 +69,19 @@ class Track(SourceOptions):
         from pps_vision.app.versions import versions
         from pps_vision.recordings.exchange import write_forms
         from pps_vision.recordings.outputs import whole_folder, write_json
-        from pps_vision.recordings.tables import write_detections, write_trajectory
+        from pps_vision.recordings.tables import ACTIVATION, write_activations, write_detections, write_trajectory
         from pps_vision.types import ReachStatus
         from tracking.kalman import KalmanParams
         from tracking.tracker import TrackerParams
 
-        if self.map and self.rec is None:
-            raise InputError("track", f"--map {self.map} with --left and --right; expected it with REC")
+        for option, file in (given := {"--map": self.map, "--memory": self.memory}).items():
+            if file and self.rec is None:
+                raise InputError("track", f"{option} {file} with --left and --right; expected it with REC")
         with whole_folder(self.out) as folder:
             recording = self.open()
-            if self.map and not recording.robot:
-                raise InputError("track", f"--map {self.map} without a robot; expected it with an iCub's REC")
+            for option, file in given.items():
+                if file and not recording.robot:
+                    raise InputError("track", f"{option} {file} without a robot; expected it with an iCub's REC")
             params = TrackerParams(mode=self.mode, kalman=KalmanParams.of_order(self.order))
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
             reach = None
@@ -81,29 +90,55 @@ class Track(SourceOptions):
                 from learning.reach.track_reachability import TrackReachability
 
                 reach = TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
-            detections, steps, joints, key_frames = [], [], [], []
+            felt = None
+            if self.memory and recording.robot:
+                from learning.pps.memory import load_memory
+                from pps_vision.app.pipeline import TrackActivation, check_memory
+                from pps_vision.robot.skin import icub_skin
+
+                memory, skin = load_memory(self.memory), icub_skin()
+                check_memory(memory, skin, self.memory)
+                felt = TrackActivation(recording.robot, skin, memory)
+            detections, steps, joints, key_frames, activations = [], [], [], [], []
             every = -(-len(run) // _KEY_FRAMES)
-            with VideoFile(folder / "overlay.mp4", recording.fps) as film:
+            with ExitStack() as files:
+                film = files.enter_context(VideoFile(folder / "overlay.mp4", recording.fps))
+                view = None
+                if self.viewer:
+                    from pps_vision.app.report.viewer import VIEW, ViewFile
+
+                    view = files.enter_context(ViewFile(folder / VIEW))
                 for number, frame, step in tqdm(
                     run.numbered(), total=len(run), desc="track", unit="pair", disable=None
                 ):
                     steps.append(replace(step, regions=((), ())))  # their masks would take 8 kB a pair
-                    if reach:
+                    if reach or felt:
                         from pps_vision.app.pipeline import joints_of
 
                         joints.append(joints_of(frame))
+                    skin_now = felt(joints[-1], step.track) if felt else None
+                    if skin_now:
+                        activations.append(skin_now[0])
+                    if view:
+                        view.add(frame, step)
                     detections += [(number, seen, step.track.status) for seen in step.detections]
                     shown = self.report and (len(steps) - 1) % every == every // 2
                     if (self.video or shown) and recording.rig is not None:
-                        drawn = draw_pair(frame, recording.rig.view_of(frame), step.track, step.detections)
+                        skin_shown = (skin_now[1], skin_now[0].probability) if skin_now else ()
+                        eyes = recording.rig.view_of(frame)
+                        drawn = draw_pair(frame, eyes, step.track, step.detections, *skin_shown)
                         if self.video:
                             film.add(drawn)
                         if shown:
                             key_frames.append(drawn)
+                if view:
+                    view.finish(recording.truth)
             tracks = run.path(steps, self.smooth)
             reachability = [reach(q, one) for q, one in zip(joints, tracks, strict=True)] if reach else []
             write_detections(folder / "detections.csv", detections)
             write_trajectory(folder / "trajectory.csv", tracks, reachability)
+            if activations:
+                write_activations(folder / ACTIVATION, activations)
             if self.also:
                 write_forms(folder, self.also, run.tracked_pairs(tracks, steps), recording.image_size)
             diagnosis = run.diagnosis(tracks)
@@ -111,6 +146,7 @@ class Track(SourceOptions):
                 "smoothed": self.smooth,
                 "joints": self.joints,
                 "map": self.map,
+                "memory": self.memory,
                 "versions": versions(),
                 "command": command_line("track", self),
             }

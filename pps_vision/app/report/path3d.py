@@ -88,8 +88,16 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array, name: str 
     )
 
 
-def _axes(cov: Array) -> list[list[float]]:
-    """The half axes of the 95 % ellipsoid, m."""
+def ellipsoid_95(cov: Array) -> tuple[Array, Array]:
+    """Half axes (3,) in m of the ellipsoid that holds 95 %, and the rotation (3, 3) whose columns they lie along, of a
+    covariance (3, 3) in m²."""
     values, vectors = np.linalg.eigh(cov)
-    axes: list[list[float]] = (vectors * np.sqrt(_CHI2_95 * np.clip(values, 0, None))).T.tolist()
+    vectors[:, 0] *= np.sign(np.linalg.det(vectors))  # no reflection
+    return np.sqrt(_CHI2_95 * np.clip(values, 0, None)), vectors
+
+
+def _axes(cov: Array) -> list[list[float]]:
+    """The half axes of the 95 % ellipsoid as vectors, m."""
+    lengths, rotation = ellipsoid_95(cov)
+    axes: list[list[float]] = (rotation * lengths).T.tolist()
     return axes

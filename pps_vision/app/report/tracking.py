@@ -12,11 +12,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pps_vision.app.report import page
+from pps_vision.app.report.approach import distance_and_ttc
 from pps_vision.app.report.path3d import path3d
 from pps_vision.errors import InputError
 from pps_vision.files import read_bytes
 from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.tables import read_table
+from pps_vision.recordings.tables import ACTIVATION, read_table
 from pps_vision.recordings.text import finite
 from pps_vision.types import Array, Status
 
@@ -41,6 +42,7 @@ class Tracked:
         cov: (n, 3, 3) m².
         status: (n,).
         reach: (n,) degree of reachability, NaN where unknown; None without a map.
+        activation: activation (n,) of every taxel, by its name; empty without a memory.
         truth: (m, 4) stamp and true position; (0, 4) without one.
     """
 
@@ -52,6 +54,7 @@ class Tracked:
     cov: Array
     status: tuple[str, ...]
     reach: Array | None
+    activation: Mapping[str, Array]
     truth: Array
 
 
@@ -83,8 +86,7 @@ def read_tracked(folder: Path) -> Tracked:
     """Read what `track` has written."""
     summary = read_summary(folder)
     file = folder / "trajectory.csv"
-    header = read_bytes(file, "a table of track").split(b"\n", 1)[0].decode(errors="replace").split(",")
-    with_map = ["reach_degree"] if "reach_degree" in header else []
+    with_map = ["reach_degree"] if "reach_degree" in _header(file) else []
     columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *_COVARIANCE, *with_map]
     rows = read_table(file, [*columns, "status"])
     values = _numbers(file, [(line, row[:-1]) for line, row in rows], len(columns))
@@ -97,7 +99,23 @@ def read_tracked(folder: Path) -> Tracked:
         truth = _numbers(true, read_table(true, names), 4)
     reach = values[:, 13] if with_map else None
     status = tuple(row[-1] for _, row in rows)
-    return Tracked(folder, summary, values[:, 0], values[:, 1:4], values[:, 4:7], cov, status, reach, truth)
+    felt = _activation(folder / ACTIVATION, len(rows))
+    return Tracked(folder, summary, values[:, 0], values[:, 1:4], values[:, 4:7], cov, status, reach, felt, truth)
+
+
+def _header(file: Path) -> list[str]:
+    return read_bytes(file, "a table of track").split(b"\n", 1)[0].decode(errors="replace").strip().split(",")
+
+
+def _activation(file: Path, n: int) -> dict[str, Array]:
+    """Activation (n,) of every taxel of activation.csv, where there is one."""
+    if not file.is_file():
+        return {}
+    taxels = _header(file)[1:]
+    rows = read_table(file, taxels)
+    if len(rows) != n:
+        raise InputError(file, f"{len(rows)} rows; expected the {n} of trajectory.csv")
+    return dict(zip(taxels, _numbers(file, rows, len(taxels)).T, strict=True))
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
@@ -147,9 +165,19 @@ def report(tracked: Tracked) -> str:
         page.Section(
             "Position, distance and approach",
             "Position with its own ±2σ; distance from the root frame's origin, and the time until the object would be "
-            "there at its present speed of approach.",
+            "there at its present speed of approach; with a map, the degree of reachability (reachable from 0.5 on).",
             page.image(_over_time(tracked)),
         ),
+    ]
+    if tracked.activation:
+        sections.append(
+            page.Section(
+                "Activation over the body",
+                "For every taxel the probability that what approaches will touch it; above 0.4 the arm moves away.",
+                page.image(_over_the_body(tracked)),
+            )
+        )
+    sections += [
         page.Section("Numbers", "", _numbers_table(summary)),
         page.Section("Time for each stage of a pair", "Milliseconds on this machine.", _times(summary)),
         page.Section("To repeat it", "", _repeat(summary)),
@@ -197,10 +225,7 @@ def _with_covariance(tracked: Tracked) -> tuple[Array, Array]:
 
 def _over_time(tracked: Tracked) -> Figure:
     t = tracked.stamps_s - tracked.stamps_s[0]
-    distance = np.linalg.norm(tracked.position, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        closing = -np.sum(tracked.position * tracked.velocity, axis=1) / distance
-        ttc = np.where(closing > 0.01, distance / closing, np.nan)
+    distance, ttc = distance_and_ttc(tracked.position, tracked.velocity)
     more = tracked.reach is not None
     figure = Figure(figsize=(9, 9 + 1.6 * more), layout="constrained")
     axes = figure.subplots(5 + more, 1, sharex=True)
@@ -231,9 +256,27 @@ def _over_time(tracked: Tracked) -> Figure:
     return figure
 
 
+def _over_the_body(tracked: Tracked) -> Figure:
+    """Activation of the taxels over time, one row each, the taxels of a body part together."""
+    parts = [name.rpartition(":")[0] for name in tracked.activation]
+    figure = Figure(figsize=(9, 1.5 + 0.12 * min(len(parts), 60)), layout="constrained")
+    axis = figure.subplots()
+    t = tracked.stamps_s - tracked.stamps_s[0]
+    felt = np.stack(list(tracked.activation.values()))
+    shown = axis.pcolormesh(t, np.arange(len(parts)), felt, vmin=0, vmax=1, cmap="magma", shading="nearest")
+    first = [k for k, part in enumerate(parts) if k == 0 or part != parts[k - 1]]
+    axis.set_yticks(first, [parts[k] for k in first])
+    axis.hlines([k - 0.5 for k in first], *axis.get_xlim(), color="w", lw=0.5)
+    axis.invert_yaxis()
+    axis.set(xlabel="time (s)")
+    figure.colorbar(shown, ax=axis, label="activation")
+    return figure
+
+
 def _numbers_table(summary: Mapping[str, Any]) -> str:
     rows = [[f"pairs {key}", str(n)] for key, n in summary["status"].items()]
     rows += [[key, _text(value)] for key, value in summary.get("errors", {}).items()]
+    rows += [[f"reach: {key}", _text(value)] for key, value in summary.get("reach", {}).items()]
     rows += [
         [f"cameras: {key}", _text(value)] for key, value in summary.get("cameras", {}).items() if value is not None
     ]
@@ -248,7 +291,11 @@ def _times(summary: Mapping[str, Any]) -> str:
 
 def _repeat(summary: Mapping[str, Any]) -> str:
     command = html.escape(str(summary.get("command", "")))
-    known = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "max_error") if key in summary}
+    known = {
+        key: summary[key]
+        for key in ("mode", "seed", "device", "smoothed", "map", "memory", "max_error")
+        if key in summary
+    }
     rows = [[key, _text(value)] for key, value in (*known.items(), *summary.get("versions", {}).items())]
     return f"<pre>{command}</pre>" + page.table(["setting or package", "value"], rows)
 
