@@ -2,10 +2,11 @@
 # make test   installs what testing needs too, runs linters, types and tests
 # make test-all   the long tests too
 # make test-browser   opens the reports in a headless Chromium
+# make docs   builds the documentation's site into site/
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: setup libraries test test-all test-browser demo clean
+.PHONY: setup libraries test test-all test-browser docs demo clean
 setup: libraries .venv/.installed
 
 PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
@@ -18,7 +19,7 @@ PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
 	@touch $@
 
 .venv/.installed-test: .venv/.installed
-	@echo "installing what testing needs: about 155 MB to download, 0.6 GB on disk"
+	@echo "installing what testing needs: about 160 MB to download, 0.6 GB on disk"
 	$(PIP) -e '.[test]'
 	@touch $@
 
@@ -38,19 +39,23 @@ test: setup .venv/.installed-test
 	$(BIN)/ruff format --check .
 	@$(BIN)/mypy & types=$$!; OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile; tests=$$?; wait $$types && exit $$tests
 
-# What takes too long for every day: a real Dask cluster, and the extra `viewer` (220 MB to download, 0.7 GB on disk).
+# What takes too long for every day: a real Dask cluster, the longer pages of the documentation, and the extra `viewer` (220 MB to download, 0.7 GB on disk).
 test-all: test
 	$(PIP) -e '.[test,viewer]'
-	PPS_VISION_ALL=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/app/test_cluster.py tests/app/test_viewer.py
+	PPS_VISION_ALL=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/app/test_cluster.py tests/app/test_viewer.py tests/test_docs.py
 
 # The reports in a headless browser; installs Debian's chromium where there is none.
 test-browser: setup .venv/.installed-test
 	@command -v chromium >/dev/null || { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium; } >/dev/null
 	PPS_VISION_BROWSER=chromium $(BIN)/pytest tests/browser
 
+docs: setup
+	$(PIP) -e '.[docs]'
+	$(BIN)/mkdocs build --strict --quiet
+
 demo: setup
 	rm -rf demo
 	$(BIN)/pps-vision demo --out demo
 
 clean:
-	rm -rf .venv build demo *.egg-info
+	rm -rf .venv build demo site *.egg-info

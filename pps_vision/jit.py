@@ -6,24 +6,27 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 
+
+def _njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """`numba.njit` with these options; without a writable place for its cache it says so once and does without."""
+
+    def compile_function(function: Callable[..., Any]) -> Any:
+        try:
+            return numba.njit(**options)(function)
+        except RuntimeError as error:
+            if not options.get("cache") or "no locator available" not in str(error):
+                raise
+            warnings.warn(
+                "neither the package's folders nor the home folder are writable: functions are compiled anew at "
+                "every start; name a folder for them in NUMBA_CACHE_DIR",
+                stacklevel=1,
+            )
+            return numba.njit(**{**options, "cache": False})(function)
+
+    return compile_function
+
+
 if TYPE_CHECKING:
     from numba import njit as njit
 else:
-
-    def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-        """`numba.njit` with these options; without a writable place for its cache it says so once and does without."""
-
-        def compile_function(function: Callable[..., Any]) -> Any:
-            try:
-                return numba.njit(**options)(function)
-            except RuntimeError as error:
-                if not options.get("cache") or "no locator available" not in str(error):
-                    raise
-                warnings.warn(
-                    "neither the package's folders nor the home folder are writable: functions are compiled anew at "
-                    "every start; name a folder for them in NUMBA_CACHE_DIR",
-                    stacklevel=1,
-                )
-                return numba.njit(**{**options, "cache": False})(function)
-
-        return compile_function
+    njit = _njit
