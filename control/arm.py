@@ -44,6 +44,8 @@ class MovingPoint(NamedTuple):
     """(3,) m/s."""
     weight: float = 1.0
     """How much its error counts beside that of other points."""
+    free_across: bool = False
+    """Whether only its speed along `velocity_root` counts, and it may move across as it likes."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,11 @@ def arm_velocity(
     J: Array = np.empty((0, len(columns)))
     wanted: Array = np.empty(0)
     for one, velocity in zip(points, velocities, strict=True):
-        weight = np.sqrt(one.weight)
-        J = np.vstack([J, weight * posture.jacobian(one.frame, one.point)[:3, columns]])
-        wanted = np.append(wanted, weight * velocity)
+        weight, speed = np.sqrt(one.weight), float(np.linalg.norm(velocity))
+        moves = posture.jacobian(one.frame, one.point)[:3, columns]
+        if one.free_across:
+            moves, velocity = (velocity / max(speed, 1e-9))[None] @ moves, np.array([speed])
+        J, wanted = np.vstack([J, weight * moves]), np.append(wanted, weight * velocity)
     rows: Array = np.empty((0, len(columns)))
     most: Array = np.empty(0)
     if self_collision is not None:

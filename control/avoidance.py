@@ -38,6 +38,9 @@ class AvoidanceParams:
     """Activation above which a taxel responds."""
     speed_m_s: float = 0.10
     """Speed of the control point."""
+    withdraws: Literal["taxels", "point"] = "taxels"
+    """Every active taxel against its normal, by least squares and free to move across; or one point of each body part
+    against the mean normal (R)."""
     weighting: Literal["sum", "count"] = "sum"
     """What Σ a n is divided by: Σ a, so that the speed is constant (the robot's code), or the number of taxels, so that
     it grows with the activation (R eq. 6 as printed).  P is divided by Σ a in both: otherwise it is no point of the
@@ -60,7 +63,8 @@ class AvoidanceParams:
     """An object that interrupted the return must move by so much before the arm returns again: it does not swing
     before an object at rest."""
     link_clearance_m: float = 0.03
-    """Links without taxels come no nearer to the object, and respond if it is to come nearer within `link_lead_s`."""
+    """Links without taxels come no nearer to the object, and respond if it is to come nearer within `link_lead_s` and
+    no taxel is active."""
     link_lead_s: float = 0.5
     """Time before an object comes near a link without taxels in which the arm responds."""
     return_per_s: float = 3.0
@@ -74,11 +78,18 @@ class AvoidanceParams:
     arm: ArmParams = field(default_factory=ArmParams)
     """Limits and damping of the arm."""
 
+    @property
+    def each_taxel(self) -> bool:
+        """Whether every active taxel is a control point of its own."""
+        return self.behaviour == "avoid" and self.withdraws == "taxels"
+
     def __post_init__(self) -> None:
         if self.side not in ("left", "right") or self.behaviour not in ("avoid", "reach"):
             raise ValueError(f"{self.behaviour!r} by the {self.side!r} arm; expected avoid or reach, left or right")
-        if self.weighting not in ("sum", "count"):
-            raise ValueError(f"weighting {self.weighting!r}; expected sum or count")
+        if self.weighting not in ("sum", "count") or self.withdraws not in ("taxels", "point"):
+            raise ValueError(
+                f"weighting {self.weighting!r}, withdraws {self.withdraws!r}; expected sum or count, taxels or point"
+            )
         if not self.home_arm_rad or not np.isfinite(self.home_arm_rad).all():
             raise ValueError(f"home_arm_rad {self.home_arm_rad}; expected an angle for each joint")
         times = (
@@ -155,7 +166,8 @@ def step(
     if there is not one per taxel, or if the stamp is not finite or before the last one.
     """
     check_times("avoidance", stamp_s, hold_s, state.stamp_s)
-    found = control_points(params.threshold, posture, skin, np.asarray(activations, dtype=float), params.weighting)
+    a = np.asarray(activations, dtype=float)
+    found = control_points(params.threshold, posture, skin, a, params.weighting, each=params.each_taxel)
     if found and state.mode == "idle" and not _comes(params, posture, skin, track):
         found = []
     near: list[Near] = []
@@ -163,7 +175,7 @@ def step(
         found = sorted(found, key=lambda one: -one.likeliest)[:1]
     elif bare_links is not None and track is not None and track.is_known:
         near, threatened = _near(params, bare_links, posture, track)
-        found += [_of_link(one) for one in threatened]
+        found = found or [_of_link(one) for one in threatened]
     allowed = may_reach or params.behaviour == "avoid"
     state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track)
     if state.mode == "reach" and track is not None and track.is_known:
@@ -182,7 +194,7 @@ def step(
 
 
 class ControlPoint(NamedTuple):
-    """P and N of one body part (R eq. 6)."""
+    """P and N of one body part, or of one taxel (R eq. 6)."""
 
     frame: str
     """The frame that carries P."""
@@ -202,27 +214,28 @@ def control_points(
     skin: Skin,
     activations: Array,
     weighting: Literal["sum", "count"] = "sum",
+    each: bool = False,
 ) -> list[ControlPoint]:
-    """R eq. 6 for each body part with taxels above threshold, that with the largest Σ a first.
+    """R eq. 6 for each body part with taxels above threshold, or for `each` of these, that with the largest Σ a first.
 
     P = Σ a p / Σ a; N = Σ a n / Σ a made a unit vector, but shorter where normals cancel, or N = Σ a n / k.
     """
     n = len(skin.taxel_ids)
     if activations.shape != (n,) or not np.all((activations >= 0) & (activations <= 1)):
         raise InputError("avoidance", f"activations {activations}; expected {n} numbers in [0, 1], one a taxel")
-    weights = np.where(activations > threshold, activations, 0.0)
-    if not weights.any():
+    active = np.flatnonzero(activations > threshold)
+    if not len(active):
         return []
     positions, normals = skin.at(posture)
     found = []
-    for k, part in enumerate(skin.parts):
-        a = np.where(skin.part_index == k, weights, 0.0)
-        if a.any():
-            total = float(a.sum())
-            mean: Array = a @ normals / total
-            by_sum = mean / max(float(np.linalg.norm(mean)), _FULL_SPEED_NORMAL)
-            direction = by_sum if weighting == "sum" else a @ normals / np.count_nonzero(a)
-            found.append(ControlPoint(part.frame, a @ positions / total, direction, total, float(a.max())))
+    ends = np.arange(1, len(active)) if each else np.flatnonzero(np.diff(skin.part_index[active])) + 1
+    for group in np.split(active, ends):
+        a, total = activations[group], float(activations[group].sum())
+        mean: Array = a @ normals[group] / total
+        by_sum = mean / max(float(np.linalg.norm(mean)), _FULL_SPEED_NORMAL)
+        direction = by_sum if weighting == "sum" else a @ normals[group] / len(group)
+        frame = skin.parts[skin.part_index[group[0]]].frame
+        found.append(ControlPoint(frame, a @ positions[group] / total, direction, total, float(a.max())))
     return sorted(found, key=lambda one: -one.weight)
 
 
@@ -318,6 +331,7 @@ def _moving(params: AvoidanceParams, posture: Posture, found: list[ControlPoint]
             move_points(inverse(posture.T_root(one.frame)), one.point_root),
             speed * one.direction,
             one.weight / total,
+            free_across=params.each_taxel,
         )
         for one in found
     )
@@ -331,12 +345,17 @@ def _respond(
     self_collision: SelfCollision | None,
     rows: tuple[Array, Array],
 ) -> Array:
-    """Joint rates that move the control points as commanded, the palm within its sphere, within the `rows`."""
+    """Joint rates that move the control points as commanded, the palm within its sphere, within the `rows`; taxels,
+    which may move across, move no faster in all."""
     palm, q_home = _palm(params, posture), posture.q_rad.copy()
     q_home[_columns(params, posture)] = params.home_arm_rad
     keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
     rest = params.home_arm_rad
-    return arm_velocity(params.arm, posture, params.side, state.points, rest, keep_in, hold_s, self_collision, rows)
+    dq = arm_velocity(params.arm, posture, params.side, state.points, rest, keep_in, hold_s, self_collision, rows)
+    if not params.each_taxel:
+        return dq
+    fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in state.points)
+    return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
 
 
 def _kept_clear(params: AvoidanceParams, posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array]:

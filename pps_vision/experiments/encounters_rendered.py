@@ -52,7 +52,7 @@ class EncountersRendered(SampledStudy):
             [name, str(cell["n"]), estimate(cell["rendered"]), estimate(cell["without"]), estimate(cell["difference"])]
             for name, cell in numbers["rates"].items()
         ]
-        tracks = [[name, *(f"{value:.3g}" for value in cell.values())] for name, cell in numbers["tracks"].items()]
+        tracks = [[name, *(estimate([value]) for value in cell.values())] for name, cell in numbers["tracks"].items()]
         why = [[row["encounter"], row["rendered"], row["without"], row["because"]] for row in numbers["differing"]]
         return {
             "": Table(["", "n", "rendered (%)", "without rendering (%)", "difference (points)"], rows),
