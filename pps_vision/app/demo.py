@@ -34,7 +34,7 @@ from pps_vision.robot.icub import HOME_ARM_RAD
 from pps_vision.types import Image, ReachStatus, Status
 
 _TAXEL = "left_forearm:3"
-_THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
+THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
 _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
     ("approach", False, "octopus approaching, avoidance off"),
@@ -46,7 +46,7 @@ _COLUMNS = {
     "touched": "touched",
     "smallest_gap_mm": "smallest gap (mm)",
     "highest_activation": "highest activation",
-    "predicted_after_s": f"above {_THRESHOLD:g} after (s)",
+    "predicted_after_s": f"above {THRESHOLD:g} after (s)",
     "arm_moved": "arm moved",
     "track_rms_mm": "3D RMS (mm)",
     "reachable_share": "reachable (share)",
@@ -89,13 +89,13 @@ def _run_episodes(
             episode = replace(make_episode(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
             pipeline, steps = new_pipeline(world, memory, stopwatch, reachable_map), []
             for step in simulate(world, episode, pipeline.step, avoid):
-                film.add(_drawn(world, step, title))
+                film.add(drawn(world, step, title))
                 steps.append(step)
             logs.append(log_of(world, episode, steps, avoid))
     return logs
 
 
-def _drawn(world: World, row: SimulationStep, title: str) -> Image:
+def drawn(world: World, row: SimulationStep, title: str) -> Image:
     """One frame of the video."""
     activation = row.step.activation
     most = int(np.argmax(activation.probability))
@@ -108,7 +108,7 @@ def _numbers(log: EpisodeLog) -> dict[str, object]:
     """The row of an episode in the report's table."""
     error = np.linalg.norm(log.track_m - log.truth_m, axis=1)
     known = np.isfinite(error)
-    predicted = np.flatnonzero(log.activations.max(axis=1) > _THRESHOLD)
+    predicted = np.flatnonzero(log.activations.max(axis=1) > THRESHOLD)
     tracked = [reach for reach in log.reachability if reach.status != ReachStatus.UNKNOWN]
     degrees = [reach.degree for reach in tracked if reach.status != ReachStatus.NOT_FIXATED]
     return {
@@ -157,10 +157,10 @@ def _page(
         page.Section(
             "Distance, activation, response, reach",
             f"One thin line for each taxel of the left forearm and palm. The arm withdraws at 10 cm/s when an "
-            f"activation has stayed above {_THRESHOLD:g} for 0.15 s. Red: touch. Bottom row: degree of reach R of the "
+            f"activation has stayed above {THRESHOLD:g} for 0.15 s. Red: touch. Bottom row: degree of reach R of the "
             "tracked object for the left hand, on green where reachable; no line where nothing is tracked or no gaze "
             "fixates it.",
-            page.image(figures.episodes(logs, _THRESHOLD)),
+            page.image(figures.episodes(logs, THRESHOLD)),
         ),
         page.Section(
             "What the skin learned",

@@ -8,7 +8,8 @@ from pathlib import Path
 class Demo:
     """Close the loop: learn the left forearm from rendered approaches, then avoid an octopus.
 
-    With avoidance off, with avoidance on, receding, and standing still; everything in report.html.
+    With avoidance off, with avoidance on, receding, and standing still; everything in report.html. With --encounters
+    objects come at both arms, fast and slow; the report shows the best, the median and every one that touched.
     """
 
     out: Path = Path("demo")
@@ -19,9 +20,15 @@ class Demo:
     """Pixel noise, grey levels of 255."""
     seed: int = 0
     """Seed of everything left to chance."""
+    encounters: int | None = None
+    """Meet so many objects instead, without and with avoidance."""
 
     def run(self) -> None:
         """Train, run the episodes, and write the report."""
+        if self.encounters is not None:
+            from pps_vision.app.demo_encounters import demo_encounters
+
+            return demo_encounters(self.out, self.encounters, self.noise, self.seed)
         from pps_vision.app.demo import demo
 
         demo(self.out, self.trials, self.noise, self.seed)

@@ -71,31 +71,33 @@ def landscapes(memory: PPSMemory, taxels: Sequence[int] | None = None) -> Figure
 
 
 def episodes(logs: Sequence[EpisodeLog], threshold: float) -> Figure:
-    """Distance and activation of every taxel, commanded speed and reachability over time, as R Fig 10."""
-    figure = Figure(figsize=(3.4 * len(logs), 8.2), layout="constrained")
-    axes = figure.subplots(4, len(logs), sharex="col", sharey="row", squeeze=False)
-    for (gap, activity, speed, reach), log in zip(axes.T, logs, strict=True):
+    """Distance and activation of every taxel and commanded speed over time, as R Fig 10; and reachability, if known."""
+    labels = [
+        "gap to each taxel (cm)\n2 cm is a touch",
+        f"activation of each taxel\n(arm reacts above {threshold:g})",
+        "speed of the arm\ncommanded (cm/s)",
+        "degree of reach R\n(reachable above 0.5)",
+    ][: 4 if all(log.reachability for log in logs) else 3]
+    limits = ((0, 30), (-0.03, 1.03), (None, None), (0, 1))
+    figure = Figure(figsize=(3.4 * len(logs), 0.2 + 2 * len(labels)), layout="constrained")
+    axes = figure.subplots(len(labels), len(logs), sharex="col", sharey="row", squeeze=False)
+    for (gap, activity, speed, *reach), log in zip(axes.T, logs, strict=True):
         t = log.stamps_s - log.stamps_s[0]
         for i, color in enumerate(colormaps["viridis"](np.linspace(0, 0.9, len(log.taxel_ids)))):
             gap.plot(t, 100 * log.surface_gap_m[:, i], color=color, lw=1)
             activity.plot(t, log.activations[:, i], color=color, lw=1)
         speed.plot(t, 100 * log.speed_m_s, color="tab:blue", lw=1.4)
-        _draw_reachability(reach, t, log.reachability)
-        for axis in (gap, activity, speed, reach):
+        for axis in reach:
+            _draw_reachability(axis, t, log.reachability)
+        for axis in (gap, activity, speed, *reach):
             _shade(axis, t, log.touched.any(axis=1), "tab:red")
             axis.grid(alpha=0.25)
         gap.axhline(2, color="tab:red", lw=1, ls="--")
         activity.axhline(threshold, color=_INK, lw=1, ls="--")
         gap.set_title(log.title, fontsize=10)
-        reach.set_xlabel("time (s)")
-    labels = (
-        "gap to each taxel (cm)\n2 cm is a touch",
-        f"activation of each taxel\n(arm reacts above {threshold:g})",
-        "speed of the arm\ncommanded (cm/s)",
-        "degree of reach R\n(reachable above 0.5)",
-    )
-    limits = ((0, 30), (-0.03, 1.03), (None, None), (0, 1))
-    for axis, label, limit in zip(axes[:, 0], labels, limits, strict=True):
+    for axis in axes[-1]:
+        axis.set_xlabel("time (s)")
+    for axis, label, limit in zip(axes[:, 0], labels, limits, strict=False):
         axis.set(ylabel=label, ylim=limit)
     return figure
 

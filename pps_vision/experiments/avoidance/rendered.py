@@ -40,7 +40,7 @@ def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, seed: 
     errors: list[float] = []
     known: list[bool] = []
     first_s = np.inf
-    with _world(arena, encounter, seed) as world:
+    with open_encounter(arena, encounter, NOISE_SIGMA, seed) as world:
         steps = simulate(world, episode, new_pipeline(world, memories.of_both).step)
         for now, later in pairwise(steps):
             t, track = now.frame.stamp_s, now.step.tracking.track
@@ -59,8 +59,8 @@ def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, seed: 
 
 
 @contextmanager
-def _world(arena: Arena, encounter: Encounter, seed: int) -> Iterator[World]:
+def open_encounter(arena: Arena, encounter: Encounter, noise_sigma: float, seed: int) -> Iterator[World]:
     """The simulation's world with the encounter's posture as home, and its arm as the one that avoids."""
     setup = replace(icub_setup(arena.skins[encounter.side]), home_rad=encounter.q_rad)
-    with open_world(NOISE_SIGMA, seed, setup, encounter.side) as world:
+    with open_world(noise_sigma, seed, setup, encounter.side) as world:
         yield world

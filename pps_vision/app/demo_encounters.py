@@ -1,0 +1,122 @@
+"""The demo of encounters: side by side without and with avoidance, the best, the median and every failed one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import get_args
+
+import numpy as np
+from tqdm import tqdm
+
+from pps_vision.app.demo import THRESHOLD, drawn
+from pps_vision.app.report import figures, page
+from pps_vision.app.report.overlay import VideoFile
+from pps_vision.app.simulation import PERIOD_S, Episode, EpisodeLog, Side, log_of, new_pipeline, simulate
+from pps_vision.errors import InputError
+from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
+from pps_vision.experiments.avoidance.rendered import open_encounter
+from pps_vision.experiments.avoidance.training import learn
+from pps_vision.recordings.outputs import whole_folder, write_json
+from pps_vision.robot.skin import TOUCH_RADIUS_M
+from pps_vision.types import Image
+
+
+@dataclass(frozen=True)
+class Met:
+    """A rendered encounter without and with avoidance."""
+
+    title: str
+    logs: tuple[EpisodeLog, EpisodeLog]
+    video: Path
+
+    @property
+    def is_touched(self) -> bool:
+        """Whether a taxel was touched in spite of avoidance."""
+        return self.logs[1].was_touched
+
+    @property
+    def left_m(self) -> float:
+        """Smallest distance that was left until a touch, with avoidance."""
+        return float(self.logs[1].surface_gap_m.min()) - TOUCH_RADIUS_M
+
+
+def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1.0) -> None:
+    """Meet n objects that stop at the would-be contact, press on or fly through, and write the report.
+
+    Args:
+        out: Folder for report.html and summary.json.
+        n: Encounters, those of `bench encounters` with the same seed.
+        noise: Pixel noise, grey levels of 255.
+        seed: Of encounters and of what the skin learns from before.
+        share: Of R's numbers of approaches that it learns from, without rendering.
+
+    Raises:
+        InputError: Fewer than one encounter.
+    """
+    if n < 1:
+        raise InputError("demo", f"--encounters {n}; expected at least 1")
+    arena = Arena()
+    with whole_folder(out) as folder, TemporaryDirectory() as videos:
+        memories = {side: learn(arena, side, seed, share).of_both for side in get_args(Side)}
+        met = []
+        for k in tqdm(range(n), desc="encounters", unit="encounter", disable=None):
+            encounter = draw(arena, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
+            runs = []
+            for avoid in (False, True):
+                with open_encounter(arena, encounter, noise, seed + k) as world:
+                    pipeline = new_pipeline(world, memories[encounter.side])
+                    title = "avoidance on" if avoid else "avoidance off"
+                    path = encounter.stimulus, encounter.motion, encounter.seconds
+                    steps = list(simulate(world, Episode(title, *path), pipeline.step, avoid))
+                    images = [drawn(world, step, title) for step in steps]
+                    runs.append((log_of(world, Episode(title, *path), steps, avoid), images))
+            (off, images_off), (on, images_on) = runs
+            video = Path(videos) / f"{k}.mp4"
+            _write_side_by_side(video, images_off, images_on)
+            met.append(Met(_title(encounter), (off, on), video))
+        rows = [{"encounter": one.title, "touched": one.is_touched, "left_mm": 1000 * one.left_m} for one in met]
+        write_json(folder / "summary.json", {"seed": seed, "noise_grey_levels": noise, "encounters": rows})
+        (folder / "report.html").write_text(_page(met, noise, seed), encoding="utf-8")
+    print(f"{sum(one.is_touched for one in met)} of {n} touched → {out / 'report.html'}")
+
+
+def _write_side_by_side(file: Path, left: Sequence[Image], right: Sequence[Image]) -> None:
+    with VideoFile(file, 1 / PERIOD_S) as film:
+        for pair in zip(left, right, strict=True):
+            film.add(np.hstack(pair))
+
+
+def _title(encounter: Encounter) -> str:
+    speed = f"{100 * encounter.speed_m_s:.0f} cm/s"
+    return f"{encounter.condition} {encounter.number}: {encounter.stimulus}, {speed}, {encounter.side} {encounter.part}"
+
+
+def chosen(met: Sequence[Met]) -> list[tuple[str, Met]]:
+    """Return what the report shows: the best, the median by the distance left, and all that were touched."""
+    by_distance = sorted(met, key=lambda one: one.left_m)
+    shown = {"Best": by_distance[-1], "Median": by_distance[(len(met) - 1) // 2]}
+    failed = [("Touched", one) for one in by_distance if one.is_touched and one is not shown["Median"]]
+    return [*shown.items(), *failed] if len(met) > 1 else [("Only one", met[0])]
+
+
+def _page(met: Sequence[Met], noise: float, seed: int) -> str:
+    touched = sum(one.is_touched for one in met)
+    rows = [[one.title, "touched" if one.is_touched else "", f"{1000 * one.left_m:.0f}"] for one in met]
+    sections = [
+        page.Section(
+            "All encounters",
+            "The distance is the smallest from the object's surface to a taxel's centre, less the 20 mm of a touch.",
+            page.table(["encounter", "with avoidance", "distance left (mm)"], rows),
+        )
+    ]
+    for what, one in chosen(met):
+        content = page.video(one.video) + page.image(figures.episodes(one.logs, THRESHOLD))
+        sections.append(page.Section(f"{what}: {one.title}", "Without avoidance and with it.", content))
+    return page.page(
+        f"{len(met)} encounters, {touched} touched",
+        "Objects that stop at the would-be contact, press on 3 cm or fly through, seen by rendered eyes of 320×240 "
+        f"pixels, pixel noise σ = {noise:g}/255, seed {seed}. The skin has learned from ball and cube.",
+        "",
+        sections,
+    )
