@@ -308,6 +308,14 @@ def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: 
     return Tracker(params, recording.rig, np.random.default_rng(seed), own_body, **timed)
 
 
+def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:
+    """Return the errors of tracks, as `PathNumbers.errors`."""
+    path = PathNumbers(truth)
+    for track in tracks:
+        path.add(track)
+    return path.errors()
+
+
 T = TypeVar("T")
 
 

@@ -16,7 +16,7 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice, isotropic
 from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
-from pps_vision.app.track import PathNumbers
+from pps_vision.app.track import errors_against
 from pps_vision.recordings.open import open_recording
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
@@ -204,20 +204,13 @@ def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> Non
         unknown(1.3),
         row(2.1, 9.0, Status.TRACKING),  # 0.1 s after the last row of the truth
     ]
-
-    def errors_of(tracks: list[Track3D]) -> dict[str, float]:
-        path = PathNumbers(truth)
-        for track in tracks:
-            path.add(track)
-        return path.errors()
-
-    errors = errors_of(warm_up + later)
+    errors = errors_against(truth, warm_up + later)
     assert errors["tracked_share"] == pytest.approx(3 / 6)
     assert errors["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16 + 144) / 3))
     assert errors["position_rms_all_mm"] == pytest.approx(np.sqrt((9 + 16 + 144 + 2500) / 4))
     assert errors["position_median_mm"] == pytest.approx(4.0)
     assert errors["velocity_rms_m_s"] == pytest.approx(0.1)
-    assert np.isnan(errors_of(warm_up)["position_rms_all_mm"])
+    assert np.isnan(errors_against(truth, warm_up)["position_rms_all_mm"])
 
 
 @pytest.mark.parametrize("asked_mm", [5.0, 0.001])
