@@ -49,7 +49,7 @@ def check_error(
         if not len(true.stamps_s):
             raise InputError(recording.name, "holds no truth.csv; expected one there or by truth")
         run = track(recording, mode)
-        scores.append(evaluate(path_of_tracks(recording.name, run.path(run)), true, lag, align))
+        scores.append(evaluate(path_of_tracks(recording.name, [step.track for step in run]), true, lag, align))
     failed = [score for score in scores if not (score.rmse_mm <= rmse_mm and score.lost_share <= lost_share)]
     if failed:
         rows = [

@@ -1,6 +1,6 @@
 """Rauch–Tung–Striebel smoother: the path given all measurements, later ones too."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,9 @@ from tracking.kalman import Belief, KalmanParams, gate, scaled, start, update
 from tracking.tracker import TrackerStep
 
 Forecast = Callable[[Belief, float], tuple[Belief, Array]]
+
+LAG = 400
+"""Steps after which measurements no longer change a track: by less than 1e-9 of its standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -69,39 +72,65 @@ def smooth(passages: Sequence[Passage]) -> list[Belief]:
     return smoothed[::-1]
 
 
-def smoothed_tracks(params: KalmanParams, steps: Sequence[TrackerStep]) -> list[Track3D]:
-    """The tracks of a tracker's steps (`params` its filter's), smoothed where they are known.
+def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
+    """Yield a tracker's steps (`params` its filter's) with their tracks smoothed where they are known.
 
-    The correlated error that the track adds to the filter's covariance stays.
+    The correlated error that the track adds to the filter's covariance stays.  A step comes, without its regions, once
+    `LAG` more are there or its track has ended; how many are held does not depend on how many there are.
     """
-    tracks = [step.track for step in steps]
-    for first, end in _runs(tracks, [step.observation is not None for step in steps]):
-        seen = [step.observation for step in steps[first:end]]
-        if seen[0] is None:
+    run: _Run | None = None
+    for step in steps:
+        step = replace(step, regions=([], []))  # masks take 8 kB and more
+        if run is None or not run.continues_with(step):
+            if run is not None:
+                yield from run.pop(len(run.steps))
+            run = _Run(params, step)
             continue
-        own = scaled(params, float(np.linalg.norm(seen[0].p_root - steps[first].head)))
-        begin = start(own, tracks[first].stamp_s, seen[0].p_root, seen[0].cov_root)
-        measured = [
-            Measured(track.stamp_s, *((None, None) if one is None else (one.p_root, one.cov_root)))
-            for track, one in zip(tracks[first + 1 : end], seen[1:], strict=True)
+        run.steps.append(step)
+        if len(run.steps) == 2 * LAG:
+            yield from run.pop(LAG)
+    if run is not None:
+        yield from run.pop(len(run.steps))
+
+
+class _Run:
+    """Steps of one track, from the first of the unbroken observations that led to it, which later measurements may
+    still change; a step without a track and an observation is one by itself."""
+
+    def __init__(self, params: KalmanParams, first: TrackerStep) -> None:
+        self.steps = [first]
+        self._begin: Belief | None = None
+        if first.observation is not None:
+            self._params = scaled(params, float(np.linalg.norm(first.observation.p_root - first.head)))
+            measured = first.observation.p_root, first.observation.cov_root
+            self._begin = start(self._params, first.track.stamp_s, *measured)
+
+    def continues_with(self, step: TrackerStep) -> bool:
+        """Whether the step is of this track, or one more observation that may lead to it."""
+        last = self.steps[-1]
+        if step.track.is_known:
+            return last.track.is_known or _is_sighting(last)
+        return _is_sighting(last) and _is_sighting(step)
+
+    def pop(self, n: int) -> list[TrackerStep]:
+        """Remove the first `n` steps and return them smoothed."""
+        steps, self.steps = self.steps, self.steps[n:]
+        if self._begin is None:
+            return steps[:n]
+        seen = [(step.track.stamp_s, step.observation) for step in steps[1:]]
+        measured = [Measured(t, *((None, None) if one is None else (one.p_root, one.cov_root))) for t, one in seen]
+        passages = follow(self._params, self._begin, measured)
+        if self.steps:
+            self._begin = passages[n].belief
+        return [
+            replace(step, track=_replaced(step.track, passage.belief, belief)) if step.track.is_known else step
+            for step, passage, belief in zip(steps[:n], passages, smooth(passages), strict=False)
         ]
-        passages = follow(own, begin, measured)
-        for k, (passage, belief) in enumerate(zip(passages, smooth(passages), strict=True), start=first):
-            if tracks[k].is_known:
-                tracks[k] = _replaced(tracks[k], passage.belief, belief)
-    return tracks
 
 
-def _runs(tracks: Sequence[Track3D], seen: Sequence[bool]) -> list[tuple[int, int]]:
-    """First and end of every tracked stretch, from the first of the unbroken observations that led to it."""
-    known = np.array([False, *(track.is_known for track in tracks), False])
-    changes = np.flatnonzero(known[1:] != known[:-1])
-    runs = []
-    for first, end in zip(changes[::2].tolist(), changes[1::2].tolist(), strict=True):
-        while first > 0 and seen[first - 1] and tracks[first - 1].status == Status.SEARCHING:
-            first -= 1
-        runs.append((first, end))
-    return runs
+def _is_sighting(step: TrackerStep) -> bool:
+    """Whether something was observed that is not yet tracked."""
+    return step.track.status == Status.SEARCHING and step.observation is not None
 
 
 def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:

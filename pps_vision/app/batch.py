@@ -1,7 +1,7 @@
-"""Track many recordings, each in a process of its own: `pps-vision batch`.
+"""Track many recordings, or learn from them, each in a process of its own: `pps-vision batch`.
 
-A recording is finished when its folder is there, since `track` writes it whole or not at all; so a batch that was
-killed is continued by running it again.
+A recording is finished when its result is there, since `track` and `learn` write it whole or not at all; so a batch
+that was killed is continued by running it again.
 """
 
 import csv
@@ -10,32 +10,84 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
+from typing import Literal
 
 from tqdm import tqdm
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.outputs import BUSY, locked_folder, whole_file
+from pps_vision.recordings.parquet import require_pyarrow, write_parquet
 from pps_vision.recordings.tables import write_table
 from pps_vision.recordings.text import read_lines
 
-TABLE = ("name", "status", "pairs", "frames", "tracked_share", "position_rms_mm", "ms_per_pair", "reason")
+TRACK_TABLE: Mapping[str, type] = {
+    **{"name": str, "status": str, "pairs": int, "frames": int, "tracked_share": float},
+    **{"position_rms_mm": float, "ms_per_pair": float, "reason": str},
+}
+LEARN_TABLE: Mapping[str, type] = {"name": str, "status": str, "samples": int, "touched_taxels": int, "reason": str}
 SETTINGS = "settings.json"
+MEMORY = "memory.npz"
+_OWN = (SETTINGS, MEMORY, "batch.csv", "batch.parquet", "report.html")
 _BUSY_S = 0.5  # between two looks at a recording that another run is tracking
 
 
 @dataclass(frozen=True)
 class Job:
-    """One recording: the name of its folder of results, and what `pps-vision track` is given for it."""
+    """One recording: the name of its result, and what `pps-vision track` or `learn` is given for it."""
 
     name: str
     words: tuple[str, ...]
     folder: Path
     """Where relative paths begin."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is done with every recording: the command, its options for all, and the folder of the results."""
+
+    command: Literal["track", "learn"]
+    options: tuple[str, ...]
+    out: Path
+
+    @property
+    def table(self) -> Mapping[str, type]:
+        """Columns of the table of results."""
+        return TRACK_TABLE if self.command == "track" else LEARN_TABLE
+
+    def result(self, job: Job) -> Path:
+        """What the command writes of a recording: a folder, or a memory."""
+        return self.out / (job.name if self.command == "track" else f"{job.name}.npz")
+
+    def is_done(self, job: Job) -> bool:
+        """Whether a recording is finished."""
+        result = self.result(job)
+        return (result / "summary.json").exists() if self.command == "track" else result.exists()
+
+    def row(self, job: Job, reason: str) -> dict[str, object]:
+        """The row of a recording; `reason` why it failed, or ""."""
+        row: dict[str, object] = dict.fromkeys(self.table) | {"name": job.name}
+        if reason:
+            return row | {"status": "failed", "reason": reason}
+        if self.command == "learn":
+            from learning.pps.memory import load_memory
+
+            positive = load_memory(self.result(job)).counts.sum(axis=(1, 2))
+            counted = {"samples": int(positive.sum()), "touched_taxels": int((positive[:, 0] > 0).sum())}
+            return row | {"status": "done"} | counted
+        summary = json.loads((self.result(job) / "summary.json").read_text())
+        return row | {
+            "status": "done",
+            "pairs": summary["pairs"],
+            "frames": summary["frames"],
+            "tracked_share": summary["status"]["tracking"] / summary["frames"],
+            "position_rms_mm": summary.get("errors", {}).get("position_rms_mm"),
+            "ms_per_pair": summary["ms_per_pair"]["total"]["median_ms"],
+        }
 
 
 def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
@@ -85,28 +137,37 @@ def _flag(key: str) -> str:
 
 
 def run_batch(
-    jobs: Sequence[Job], options: Sequence[str], out: Path, workers: int, scheduler: str | None = None
+    jobs: Sequence[Job], task: Task, workers: int, scheduler: str | None = None, parquet: bool = False
 ) -> list[dict[str, object]]:
-    """Track what is not finished and return a row of `TABLE` for each job, in their order; they are in batch.csv too.
+    """Do what is not finished and return a row of the task's table for each job, in their order; they are in batch.csv
+    too.
 
-    A recording that cannot be tracked fails alone.  The results do not depend on where they are tracked.
+    A recording that cannot be used fails alone.  The results do not depend on where they are made.  What was learned
+    from all recordings is added up in memory.npz.
 
     Args:
-        jobs: What to track.
-        options: What `pps-vision track` is given for all.
-        out: Folder of the results.
+        jobs: The recordings.
+        task: What is done with them.
         workers: Processes on this machine.
         scheduler: Address or scheduler file of a Dask cluster that does it instead.
+        parquet: Also write batch.parquet (extra `parquet`).
 
     Raises:
-        InputError: Another batch is writing to the folder, or has begun there with other options.
+        InputError: Another batch is writing to the folder, or has begun there with other options; a name is one of the
+            batch's own files; the extra `parquet` is wanted and not there.
         OSError: The cluster does not answer.
     """
     if workers < 1:
         raise InputError("batch", f"{workers} workers; expected at least 1")
+    for job in jobs:
+        if (name := task.result(job).name) in _OWN:
+            raise InputError("batch", f"a result called {name}; expected none of {', '.join(_OWN)}")
+    task, out = replace(task, out=task.out.resolve()), task.out
     with locked_folder(out) as held:
+        if parquet:
+            require_pyarrow()  # before hours of work
         settings = out / SETTINGS
-        begun_with = json.dumps(list(options)) + "\n"
+        begun_with = json.dumps([task.command, *task.options]) + "\n"
         if not settings.exists():
             with whole_file(settings) as partial:
                 partial.write_text(begun_with)
@@ -118,21 +179,40 @@ def run_batch(
 
         with tqdm(total=len(jobs), desc="batch", unit="recording", disable=None) as bar:
             if scheduler:
-                reasons = _on_cluster(scheduler, jobs, options, out.resolve(), bar)
+                reasons = _on_cluster(scheduler, jobs, task, bar)
             else:
                 reasons = []
                 with ThreadPoolExecutor(workers) as pool:
-                    for reason in pool.map(lambda job: _track(job, options, out, held), jobs):
+                    for reason in pool.map(lambda job: _do(job, task, held), jobs):
                         reasons.append(reason)
                         bar.update()
-        rows = [_row(job, out, reason) for job, reason in zip(jobs, reasons, strict=True)]
+        rows = [task.row(job, reason) for job, reason in zip(jobs, reasons, strict=True)]
+        if task.command == "learn":
+            _add_up([task.result(job) for job, row in zip(jobs, rows, strict=True) if row["status"] == "done"], out)
         with whole_file(out / "batch.csv") as partial:
-            write_table(partial, TABLE, ([row[key] for key in TABLE] for row in rows))
+            filled = (["" if value is None else value for value in row.values()] for row in rows)
+            write_table(partial, tuple(task.table), filled)
+        if parquet:
+            with whole_file(out / "batch.parquet") as partial:
+                write_parquet(partial, task.table, rows)
     return rows
 
 
-def _on_cluster(scheduler: str, jobs: Sequence[Job], options: Sequence[str], out: Path, bar: tqdm) -> list[str]:
-    """`_track` of every job on the workers of a Dask cluster; a job whose worker dies goes to another."""
+def _add_up(memories: Sequence[Path], out: Path) -> None:
+    """Write the sum of memories; none, no file."""
+    from learning.pps.memory import load_memory, save_memory
+
+    total = None
+    for file in memories:
+        memory = load_memory(file)
+        total = memory if total is None else replace(total, counts=total.counts + memory.counts)
+    if total is not None:
+        with whole_file(out / MEMORY) as partial:
+            save_memory(partial, total)
+
+
+def _on_cluster(scheduler: str, jobs: Sequence[Job], task: Task, bar: tqdm) -> list[str]:
+    """`_do` every job on the workers of a Dask cluster; a job whose worker dies goes to another."""
     try:
         from distributed import Client, as_completed
         from distributed.scheduler import KilledWorker
@@ -141,47 +221,37 @@ def _on_cluster(scheduler: str, jobs: Sequence[Job], options: Sequence[str], out
         raise InputError("batch", f"--scheduler needs Dask; expected {wanted}") from error
     where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
     with Client(**where, set_as_default=False) as client:  # type: ignore[no-untyped-call]
-        places = {client.submit(_track, job, options, out, pure=False): place for place, job in enumerate(jobs)}
+        places = {client.submit(_do, job, task, pure=False): place for place, job in enumerate(jobs)}
         reasons = [""] * len(jobs)
         done = as_completed(list(places), loop=client.loop)  # type: ignore[no-untyped-call]
         for future in done:
             try:
                 reasons[places[future]] = future.result()
             except KilledWorker as error:
-                reasons[places[future]] = f"the workers that tracked it died: {first_line(error)}"
+                reasons[places[future]] = f"the workers that worked on it died: {first_line(error)}"
             bar.update()
     return reasons
 
 
-def _track(job: Job, options: Sequence[str], out: Path, held: int | None = None) -> str:
-    """Track one recording unless it is finished; return why it failed, or "".
+def _do(job: Job, task: Task, held: int | None = None) -> str:
+    """Do one recording unless it is finished; return why it failed, or "".
 
     What a worker that died has started may still be at it, in which case its end is waited for.
     """
-    while (reason := _track_once(job, options, out, held)).endswith(BUSY):
+    while (reason := _do_once(job, task, held)).endswith(BUSY):
         time.sleep(_BUSY_S)
     return reason
 
 
-def _track_once(job: Job, options: Sequence[str], out: Path, held: int | None) -> str:
-    if (out / job.name / "summary.json").exists():
+def _do_once(job: Job, task: Task, held: int | None) -> str:
+    if task.is_done(job):
         return ""
-    command = [
-        sys.executable,
-        "-m",
-        "pps_vision",
-        "track",
-        *job.words,
-        *options,
-        "--out",
-        str(out.resolve() / job.name),
-    ]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    words = [task.command, *job.words, *task.options, "--out", str(task.result(job))]
     # What survives this process holds the lock on.
     done = subprocess.run(
-        command,
+        [sys.executable, "-m", "pps_vision", *words],
         cwd=job.folder,
-        env=environment,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         errors="replace",
@@ -191,22 +261,6 @@ def _track_once(job: Job, options: Sequence[str], out: Path, held: int | None) -
         return f"ended by signal {-done.returncode}"
     if done.returncode == 0:
         return ""
-    last = done.stderr.strip().splitlines()[-1:]
-    return last[0].removeprefix("pps-vision: ") if last else f"ended with exit code {done.returncode}"
-
-
-def _row(job: Job, out: Path, reason: str) -> dict[str, object]:
-    row: dict[str, object] = dict.fromkeys(TABLE, "")
-    if reason:
-        return row | {"name": job.name, "status": "failed", "reason": reason}
-    summary = json.loads((out / job.name / "summary.json").read_text())
-    frames = summary["frames"]
-    return row | {
-        "name": job.name,
-        "status": "done",
-        "pairs": summary["pairs"],
-        "frames": frames,
-        "tracked_share": summary["status"]["tracking"] / frames,
-        "position_rms_mm": summary.get("errors", {}).get("position_rms_mm") or "",
-        "ms_per_pair": summary["ms_per_pair"]["total"]["median_ms"],
-    }
+    said = [line.strip(" |+-") for line in done.stderr.splitlines()]  # which frame a group of tracebacks
+    last = next((line for line in reversed(said) if line), f"ended with exit code {done.returncode}")
+    return last.removeprefix("pps-vision: ")

@@ -1,6 +1,7 @@
 """How long each stage takes; the only place, with the demo's progress, where a clock is read."""
 
 import time
+from array import array
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ class Stopwatch:
     """Collects milliseconds by stage: `with stopwatch("trigger"): …`."""
 
     def __init__(self) -> None:
-        self.ms: dict[str, list[float]] = defaultdict(list)
+        self.ms: dict[str, array[float]] = defaultdict(lambda: array("d"))  # 8 bytes a run
 
     @contextmanager
     def __call__(self, stage: str, runs: int = 1) -> Iterator[None]:
@@ -21,7 +22,7 @@ class Stopwatch:
         try:
             yield
         finally:
-            self.ms[stage] += [1000 * (time.perf_counter() - start) / runs] * runs
+            self.ms[stage].extend([1000 * (time.perf_counter() - start) / runs] * runs)
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Median and quartiles of ms, and the number of runs, of every stage."""

@@ -1,5 +1,6 @@
 """A recording to a 3D path: `pps_vision.track`, on which `pps-vision track` is built."""
 
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -24,7 +25,7 @@ from tracking import DEFAULT_ORDER, Mode
 from tracking.acquisition import SearchCounts, Stages
 from tracking.camera_pose import CameraMotion
 from tracking.kalman import KalmanParams
-from tracking.smoother import smoothed_tracks
+from tracking.smoother import smoothed_steps
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 _WARM_UP = 10  # frames a tracker is given before its errors count
@@ -71,7 +72,7 @@ class TrackedRecording:
         self.recording, self.params, self.seed, self.device, self.choice = recording, params, seed, device, choice
         self.stopwatch = Stopwatch()
         self._search_counts: SearchCounts = Counter()
-        self._camera_motion: list[CameraMotion] = []
+        self._cameras = _CameraNumbers()
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -83,12 +84,12 @@ class TrackedRecording:
         """Yield the number of each frame (as `Recording.numbered`), the frame, and what tracking it gave."""
         self.stopwatch.ms.clear()
         tracker = tracker_for(self.recording, self.params, self.seed, self.stopwatch)
-        self._search_counts, self._camera_motion = tracker.search_counts, []
+        self._search_counts, self._cameras = tracker.search_counts, _CameraNumbers()
         if self.device is None:
             for number, frame in self.recording.numbered():
                 with self.stopwatch("total"):
                     step = tracker.step(frame)
-                self._camera_motion.append(tracker.camera_motion)
+                self._cameras.add(tracker.camera_motion)
                 yield number, frame, step
             return
         from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
@@ -97,64 +98,48 @@ class TrackedRecording:
         for chunk in chunks(self.recording.numbered(), _BATCH):
             with self.stopwatch("total", len(chunk)):
                 steps = batches.steps([frame for _, frame in chunk])
-            self._camera_motion.append(tracker.camera_motion)
+            self._cameras.add(tracker.camera_motion)
             yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
 
-    def path(self, steps: Iterable[TrackerStep], smooth: bool = False) -> list[Track3D]:
-        """Return the tracks of `steps`; with `smooth` later measurements correct earlier tracks (RTS smoothing).
+    def path(self, steps: Iterable[TrackerStep], smooth: bool = False) -> Iterator[TrackerStep]:
+        """Yield `steps`; with `smooth` they come later, their tracks corrected by later measurements (RTS smoothing).
 
         Raises:
             InputError: There is no step: no stereo pair was readable.
         """
-        steps = list(steps)
-        if not steps:
+        step = None
+        for step in smoothed_steps(self.params.kalman, steps) if smooth else steps:
+            yield step
+        if step is None:
             raise InputError(self.recording.name, "no usable frame; expected at least one readable stereo pair")
-        return smoothed_tracks(self.params.kalman, steps) if smooth else [step.track for step in steps]
 
-    def tracked_pairs(self, tracks: Sequence[Track3D], steps: Sequence[TrackerStep]) -> list[TrackedPair]:
-        """What the writers of other tools' forms take; `tracks` as returned by `path`."""
-        images = {0.5 * (left.stamp_s + right.stamp_s): (left.path, right.path) for left, right in self.recording.pairs}
-        return [
-            TrackedPair(
-                images[step.track.stamp_s],
-                track,
-                step.detections,
-                step.observation.residual_px if step.observation else np.nan,
-            )
-            for track, step in zip(tracks, steps, strict=True)
-        ]
+    def tracked_pairs(self, steps: Iterable[TrackerStep]) -> Iterator[TrackedPair]:
+        """Yield what the writers take of each step."""
+        pairs = iter(self.recording.pairs)
+        for step in steps:
+            stamp_s = step.track.stamp_s
+            left, right = next(pair for pair in pairs if 0.5 * (pair[0].stamp_s + pair[1].stamp_s) == stamp_s)
+            residual_px = step.observation.residual_px if step.observation else np.nan
+            yield TrackedPair((left.path, right.path), step.track, step.detections, residual_px)
 
-    def diagnosis(self, tracks: Sequence[Track3D]) -> Diagnosis | None:
+    def diagnosis(self, path: "PathNumbers") -> Diagnosis | None:
         """Why hardly anything was tracked or positions are wrong, and what to try; None where neither is so."""
-        share = sum(track.status == Status.TRACKING for track in tracks) / max(1, len(tracks))
-        cameras = self._cameras()
+        cameras = self._cameras.summary()
         turn = cameras["rotation_deg"], cameras["rotation_deg_s"]
-        return diagnose(self.recording, self.params.mode, self._search_counts, share, turn)
+        return diagnose(self.recording, self.params.mode, self._search_counts, path.tracked_share, turn)
 
-    def _cameras(self) -> dict[str, float]:
-        """What the told poses lacked: largest rotation of a rig that is said to be fixed, and rate; delay of the joints
-        at the end, and its standard deviation."""
-        motion = self._camera_motion
-        last = motion[-1] if motion else None
-        return {
-            "rotation_deg": max((float(np.rad2deg(np.linalg.norm(one.rotation_rad))) for one in motion), default=0.0),
-            "rotation_deg_s": max((float(np.rad2deg(one.rate_rad_s)) for one in motion), default=0.0),
-            "joint_delay_ms": 1000 * last.delay_s if last else np.nan,
-            "joint_delay_std_ms": 1000 * last.delay_std_s if last else np.nan,
-        }
-
-    def summary(self, tracks: Sequence[Track3D], diagnosis: Diagnosis | None = None) -> dict[str, object]:
-        """What was tracked and how, for summary.json; `tracks` as returned by `path`."""
+    def summary(self, path: "PathNumbers", diagnosis: Diagnosis | None = None) -> dict[str, object]:
+        """What was tracked and how, for summary.json."""
         summary: dict[str, object] = {
             "source": self.recording.name,
             "mode": self.params.mode,
             "device": self.device,
             "seed": self.seed,
             "pairs": len(self),
-            "frames": len(tracks),
-            "status": {status.value: sum(track.status == status for track in tracks) for status in Status},
+            "frames": path.frames,
+            "status": {status.value: path.status[status] for status in Status},
             "ms_per_pair": self.stopwatch.summary(),
-            "cameras": self._cameras(),
+            "cameras": self._cameras.summary(),
             "skipped": count_by_kind(self.recording.problems),
         }
         if self.choice:
@@ -162,15 +147,15 @@ class TrackedRecording:
         if diagnosis:
             summary["diagnosis"] = asdict(diagnosis)
         if self.recording.truth:
-            summary["errors"] = errors_against(self.recording.truth, tracks)
+            summary["errors"] = path.errors()
         return summary
 
-    def headline(self, tracks: Sequence[Track3D]) -> str:
+    def headline(self, path: "PathNumbers") -> str:
         """The same in one line for the terminal."""
-        tracked = sum(track.status == Status.TRACKING for track in tracks)
-        line = f"{tracked} of {len(tracks)} pairs tracked, median {np.median(self.stopwatch.ms['total']):.1f} ms a pair"
+        tracked = path.status[Status.TRACKING]
+        line = f"{tracked} of {path.frames} pairs tracked, median {np.median(self.stopwatch.ms['total']):.1f} ms a pair"
         if self.recording.truth:
-            errors = errors_against(self.recording.truth, tracks)
+            errors = path.errors()
             rms_mm, all_mm = errors["position_rms_mm"], errors["position_rms_all_mm"]
             if np.isfinite(all_mm):
                 line += f", 3D RMS {rms_mm:.2f} mm where tracked, {all_mm:.2f} mm with predicted positions"
@@ -179,15 +164,91 @@ class TrackedRecording:
 
     def arrays(self, smooth: bool = False) -> TrackArrays:
         """Track the recording and return its path as arrays; `smooth` as in `path`."""
-        tracks = self.path(self, smooth)
-        return TrackArrays(
-            np.array([track.stamp_s for track in tracks]),
-            np.array([track.position for track in tracks]),
-            np.array([track.velocity for track in tracks]),
-            np.array([track.cov[:6, :6] for track in tracks]),
-            np.array([track.radius_m for track in tracks]),
-            np.array([track.status.value for track in tracks]),
-        )
+        n = len(self)
+        numbers, covs, statuses = np.empty((n, 8)), np.empty((n, 6, 6)), list[str]()
+        for k, step in enumerate(self.path(self, smooth)):
+            track = step.track
+            numbers[k] = (track.stamp_s, *track.position, *track.velocity, track.radius_m)
+            covs[k] = track.cov[:6, :6]
+            statuses.append(track.status.value)
+        stamps_s, position, velocity, radius_m = np.split(numbers[: len(statuses)], (1, 4, 7), axis=1)
+        cov = covs[: len(statuses)]
+        return TrackArrays(stamps_s[:, 0], position, velocity, cov, radius_m[:, 0], np.array(statuses))
+
+
+class _CameraNumbers:
+    """What the told poses lacked, over a recording."""
+
+    def __init__(self) -> None:
+        self._rotation_rad, self._rate_rad_s = 0.0, 0.0
+        self._last: CameraMotion | None = None
+
+    def add(self, motion: CameraMotion) -> None:
+        """Take the next frame's."""
+        self._rotation_rad = max(self._rotation_rad, float(np.linalg.norm(motion.rotation_rad)))
+        self._rate_rad_s = max(self._rate_rad_s, motion.rate_rad_s)
+        self._last = motion
+
+    def summary(self) -> dict[str, float]:
+        """Largest rotation of a rig that is said to be fixed, and rate; delay of the joints at the end, and its
+        standard deviation."""
+        return {
+            "rotation_deg": float(np.rad2deg(self._rotation_rad)),
+            "rotation_deg_s": float(np.rad2deg(self._rate_rad_s)),
+            "joint_delay_ms": 1000 * self._last.delay_s if self._last else np.nan,
+            "joint_delay_std_ms": 1000 * self._last.delay_std_s if self._last else np.nan,
+        }
+
+
+class PathNumbers:
+    """Counts and errors of a path; `add` takes its tracks one by one and keeps 16 bytes of each that has a truth.
+
+    Attributes:
+        frames: How many there were.
+        status: How many there were of each status.
+    """
+
+    def __init__(self, truth: Sequence[Truth] = ()) -> None:
+        self.frames, self.status = 0, Counter[Status]()
+        self._truth = sorted(truth, key=lambda row: row.stamp_s)
+        self._stamps = np.array([row.stamp_s for row in self._truth])
+        self._tracked, self._predicted = array("d"), array("d")  # errors of position and velocity in turn
+
+    @property
+    def tracked_share(self) -> float:
+        """Share with the status tracking."""
+        return self.status[Status.TRACKING] / max(1, self.frames)
+
+    def add(self, track: Track3D) -> None:
+        """Take the next track."""
+        self.frames += 1
+        self.status[track.status] += 1
+        if not self._truth or self.frames <= _WARM_UP or not track.is_known:
+            return
+        after = int(np.searchsorted(self._stamps, track.stamp_s))
+        near = self._truth[max(0, after - 1) : after + 1]
+        row = min(near, key=lambda row: abs(row.stamp_s - track.stamp_s))
+        if abs(row.stamp_s - track.stamp_s) < _TRUTH_WITHIN_S:
+            at = row.position + row.velocity * (track.stamp_s - row.stamp_s)
+            errors = self._tracked if track.status == Status.TRACKING else self._predicted
+            both = track.position - at, track.velocity - row.velocity
+            errors.extend(float(np.linalg.norm(error)) for error in both)
+
+    def errors(self) -> dict[str, float]:
+        """Share tracked, RMS and median error of the position, RMS error of the velocity, after the first ten frames.
+
+        The errors are of the frames with status tracking; `position_rms_all_mm` is of all frames with a position,
+        predicted ones (coasting) included.
+        """
+        tracked, predicted = (np.reshape(errors, (-1, 2)) for errors in (self._tracked, self._predicted))
+        later = self.frames - _WARM_UP
+        return {
+            "tracked_share": len(tracked) / later if later > 0 else np.nan,
+            "position_rms_mm": 1000 * _rms(tracked[:, 0]),
+            "position_rms_all_mm": 1000 * _rms(np.concatenate([tracked[:, 0], predicted[:, 0]])),
+            "position_median_mm": 1000 * float(np.median(tracked[:, 0])) if len(tracked) else np.nan,
+            "velocity_rms_m_s": _rms(tracked[:, 1]),
+        }
 
 
 def track(
@@ -247,30 +308,12 @@ def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: 
     return Tracker(params, recording.rig, np.random.default_rng(seed), own_body, **timed)
 
 
-def errors_against(truth: Sequence[Truth], tracks: Sequence[Track3D]) -> dict[str, float]:
-    """Share tracked, RMS and median error of the position, RMS error of the velocity, after the first ten frames.
-
-    The errors are of the frames with status tracking; `position_rms_all_mm` is of all frames with a position,
-    predicted ones (coasting) included.
-    """
-    stamps = np.array([row.stamp_s for row in truth])
-    errors, measured = [], []
-    later = tracks[_WARM_UP:]
-    for track in later:
-        row = truth[int(np.argmin(np.abs(stamps - track.stamp_s)))]
-        if track.is_known and abs(row.stamp_s - track.stamp_s) < _TRUTH_WITHIN_S:
-            at = row.position + row.velocity * (track.stamp_s - row.stamp_s)
-            errors.append((np.linalg.norm(track.position - at), np.linalg.norm(track.velocity - row.velocity)))
-            measured.append(track.status == Status.TRACKING)
-    position, velocity = np.reshape(errors, (-1, 2)).T
-    tracked = np.array(measured, dtype=bool)
-    return {
-        "tracked_share": int(tracked.sum()) / len(later) if later else np.nan,
-        "position_rms_mm": 1000 * _rms(position[tracked]),
-        "position_rms_all_mm": 1000 * _rms(position),
-        "position_median_mm": 1000 * float(np.median(position[tracked])) if tracked.any() else np.nan,
-        "velocity_rms_m_s": _rms(velocity[tracked]),
-    }
+def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:
+    """Return the errors of tracks, as `PathNumbers.errors`."""
+    path = PathNumbers(truth)
+    for track in tracks:
+        path.add(track)
+    return path.errors()
 
 
 T = TypeVar("T")

@@ -1,6 +1,7 @@
 """Kill commands at random moments: nothing earlier may be damaged, nothing may look finished that is not, and a re-run
 must succeed and clean up."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,8 @@ class Writing:
     words: str
     out: str
     is_folder: bool = False
+    resumes: bool = False
+    """Whether it goes on where it was killed, with the processes that it had started."""
 
     @property
     def name(self) -> str:
@@ -55,13 +59,15 @@ COMMANDS = (
     Writing("reach show map.npz --out out.png", "out.png"),
     Writing("bench stereo --n 1 --out out", "out/results/stereo.json"),
     Writing("demo --trials 1 --out out", "out", True),
+    Writing("batch list.csv --workers 2 --out out", "out", True, resumes=True),
 )
 
 
 def prepare(folder: Path, commands: Sequence[Writing] = COMMANDS) -> None:
     """Write what the commands read: a memory, trials, a robot's map, gaze postures, and, as they take longest, a
     recording with a touch and a reachable-space map only where one of them reads it."""
-    if any("rec" in command.words.replace("/", " ").split() for command in commands):
+    (folder / "list.csv").write_text("name,rec\nfirst,rec\nsecond,rec\nthird,rec\n")
+    if any({"rec", "list.csv"} & set(command.words.replace("/", " ").split()) for command in commands):
         run(
             "render --stimulus ball --motion approach --target left_forearm:3 --speed 0.15 --seconds 3 --out rec",
             folder,
@@ -132,17 +138,27 @@ def kill_at_random(
         earlier = _begin_anew(command, folder)
         begun = time.monotonic()
         process = subprocess.Popen(
-            _words(command.words), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            _words(command.words),
+            cwd=folder,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=command.resumes,
         )
         time.sleep(float(rng.uniform(0, duration_s)))
         running = process.poll() is None
-        process.send_signal(signals[int(rng.integers(len(signals)))])
+        signum = signals[int(rng.integers(len(signals)))]
+        if command.resumes and running:
+            os.killpg(process.pid, signum)
+        else:
+            process.send_signal(signum)
         sent_s = time.monotonic()
         try:
             code = process.wait(_ENDS_WITHIN_S)
         except subprocess.TimeoutExpired:
             process.kill()
             code = process.wait()
+        if command.resumes:
+            _wait_for_group(process.pid)
         lasted_s = time.monotonic() - sent_s
         output = _contents(folder / command.out)
         if code == 0:
@@ -152,16 +168,32 @@ def kill_at_random(
         found["failed_reruns"] += not running and code != 0
         found["running_on"] += lasted_s > _ENDS_WITHIN_S or (code == 0 and lasted_s > _LAST_STEP_S)
         found["damaged"] += _inputs(command, folder) != inputs
-        found["half_written"] += output != earlier and not _is_like(output, whole)
+        found["half_written"] += output != earlier and not _is_like(output, whole, in_part=command.resumes)
+        if command.resumes:
+            found["failed_reruns"] += _fails(command, folder, whole)
     _begin_anew(command, folder)
-    try:
-        run(command.words, folder)
-        found["failed_reruns"] += not _is_like(_contents(folder / command.out), whole)
-    except RuntimeError as error:
-        print(error, file=sys.stderr)
-        found["failed_reruns"] += 1
+    found["failed_reruns"] += _fails(command, folder, whole)
     found["left_over"] += sum(file.name.startswith(".") for file in folder.rglob("*"))
     return found
+
+
+def _fails(command: Writing, folder: Path, whole: Mapping[str, bytes]) -> bool:
+    """Run a command to its end, and whether that fails or does not give the same."""
+    try:
+        run(command.words, folder)
+    except RuntimeError as error:
+        print(error, file=sys.stderr)
+        return True
+    return not _is_like(_contents(folder / command.out), whole)
+
+
+def _wait_for_group(group: int) -> None:
+    """Wait until the processes that were started by one that was killed have ended."""
+    until_s = time.monotonic() + _ENDS_WITHIN_S
+    with suppress(ProcessLookupError):
+        while time.monotonic() < until_s:
+            os.killpg(group, 0)
+            time.sleep(0.02)
 
 
 def _words(words: str) -> list[str]:
@@ -193,6 +225,16 @@ def _inputs(command: Writing, folder: Path) -> dict[str, bytes]:
     return {name: data for name, data in _contents(folder).items() if Path(name).parts[0] != top}
 
 
-def _is_like(output: Mapping[str, bytes], whole: Mapping[str, bytes]) -> bool:
-    """Whether the same files are there, each to its end; times of stages in them may differ."""
-    return output.keys() == whole.keys() and all(data[-2:] == whole[name][-2:] for name, data in output.items())
+def _is_like(output: Mapping[str, bytes], whole: Mapping[str, bytes], in_part: bool = False) -> bool:
+    """Whether the same files are there, each to its end, and tables the same to the byte; times of stages in other
+    files, and in a batch's table, may differ.
+
+    With `in_part` folders of the whole may be missing, but not one of their files.
+    """
+    if in_part:
+        there = {Path(name).parts[0] for name in output}
+        whole = {name: data for name, data in whole.items() if Path(name).parts[0] in there}
+    return output.keys() == whole.keys() and all(
+        data == whole[name] if name.endswith(".csv") and name != "batch.csv" else data[-2:] == whole[name][-2:]
+        for name, data in output.items()
+    )

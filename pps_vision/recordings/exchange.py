@@ -12,7 +12,8 @@ Tracks are numbered: after an object was lost, the next one is another.
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
-from pps_vision.recordings.tables import Box, write_table
+from pps_vision.recordings.tables import Box, open_table
 from pps_vision.types import Array, Detection2D, Status, Track3D
 
 _POINT = "object"  # what Anipose's columns and COCO's category call what is tracked
@@ -31,10 +32,12 @@ _ANIPOSE = (
     *(f"center_{axis}" for axis in range(3)),
     "fnum",
 )
+_TUM_HEADER = "# stamp_s x_m y_m z_m qx qy qz qw\n"
+_CAMERAS = "left", "right"
 _NO_ROTATION = (*np.eye(3).ravel().tolist(), 0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class TrackedPair:
     """What tracking gave for one stereo pair.
 
@@ -51,7 +54,7 @@ class TrackedPair:
     residual_px: float = np.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class SeenBox:
     """A box in the image of a frame, counted from 1, of a numbered track."""
 
@@ -61,65 +64,100 @@ class SeenBox:
     score: float
 
 
-def write_forms(folder: Path, forms: Iterable[Form], pairs: Sequence[TrackedPair], image_size: tuple[int, int]) -> None:
-    """Write what was tracked, in order of time, in these forms into a folder; `image_size` is width and height."""
-    seen = {camera: _boxes(pairs, camera) for camera in ("left", "right")}
-    for form in dict.fromkeys(forms):
-        if form == "tum":
-            write_tum(folder / "trajectory.tum", [pair.track for pair in pairs])
-        elif form == "anipose":
-            write_anipose(folder / "trajectory_anipose.csv", pairs)
-        elif form == "ros2":
-            write_ros2(folder / "trajectory_ros2", [pair.track for pair in pairs])
-        elif form == "mot":
-            for camera, boxes in seen.items():
-                write_mot(folder / f"mot_{camera}.txt", boxes)
-        else:
-            images = {camera: [pair.images[side] for pair in pairs] for side, camera in enumerate(seen)}
-            write_coco(folder / "coco.json", seen, images, image_size)
+@dataclass(frozen=True, slots=True)
+class _Numbered:
+    """A pair, its frame, counted from 1, and the number of its track."""
+
+    pair: TrackedPair
+    frame: int
+    track: int
+
+    def boxes(self, camera: str) -> list[SeenBox]:
+        """The boxes of one camera's detections."""
+        seen = [detection for detection in self.pair.detections if detection.camera == camera]
+        return [SeenBox(self.frame, self.track, one.box_px, one.score) for one in seen]
 
 
-def write_tum(file: Path, tracks: Iterable[Track3D]) -> None:
-    """Write the known positions in TUM's form, "stamp x y z qx qy qz qw"; a tracked point has no rotation."""
-    known = [track for track in tracks if track.is_known]
-    write_tum_rows(file, [track.stamp_s for track in known], [track.position for track in known])
+_Add = Callable[[_Numbered], object]
+
+
+@contextmanager
+def open_forms(folder: Path, forms: Iterable[Form], size: tuple[int, int]) -> Iterator[Callable[[TrackedPair], None]]:
+    """A function that adds the next pair to the files of these forms in a folder; `size` is images' width and height.
+
+    COCO's, which is one document, is written at the end.
+    """
+    frame, track = 0, 1
+    with ExitStack() as stack:
+        adds: list[_Add] = [stack.enter_context(_WRITERS[form](folder, size)) for form in dict.fromkeys(forms)]
+
+        def add(pair: TrackedPair) -> None:
+            nonlocal frame, track
+            frame += 1
+            for write in adds:
+                write(_Numbered(pair, frame, track))
+            track += pair.track.status == Status.LOST
+
+        yield add
+
+
+@contextmanager
+def _tum(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
+    """TUM's form, "stamp x y z qx qy qz qw", of the known positions; a tracked point has no rotation."""
+    with (folder / "trajectory.tum").open("w") as stream:
+        stream.write(_TUM_HEADER)
+
+        def add(one: _Numbered) -> None:
+            track = one.pair.track
+            if track.is_known:
+                stream.write(_tum_row(track.stamp_s, track.position))
+
+        yield add
 
 
 def write_tum_rows(file: Path, stamps_s: Iterable[float], positions: Iterable[Array]) -> None:
     """Write stamps and positions (3,) in TUM's form."""
-    rows = (
-        f"{float(stamp_s)!r} {' '.join(map(repr, position.tolist()))} 0 0 0 1\n"
-        for stamp_s, position in zip(stamps_s, positions, strict=True)
-    )
-    file.write_text("# stamp_s x_m y_m z_m qx qy qz qw\n" + "".join(rows))
+    rows = map(_tum_row, stamps_s, positions)
+    file.write_text(_TUM_HEADER + "".join(rows))
 
 
-def write_anipose(file: Path, pairs: Iterable[TrackedPair]) -> None:
-    """Write the table that Anipose's triangulation makes, with one point "object"; score is that of the worse image."""
-
-    def row(frame: int, pair: TrackedPair) -> tuple[object, ...]:
-        seen = pair.detections if pair.track.is_known else ()
-        score = min((float(detection.score) for detection in seen), default=0.0)
-        return (*pair.track.position, pair.residual_px, len(seen), score, *_NO_ROTATION, frame)
-
-    write_table(file, _ANIPOSE, (row(frame, pair) for frame, pair in enumerate(pairs)))
+def _tum_row(stamp_s: float, position: Array) -> str:
+    return f"{float(stamp_s)!r} {' '.join(map(repr, position.tolist()))} 0 0 0 1\n"
 
 
-def write_ros2(folder: Path, tracks: Iterable[Track3D]) -> None:
-    """Write a ROS 2 bag of the known positions, in the frame "root"; a tracked point has no rotation, whose variance is
+@contextmanager
+def _anipose(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
+    """The table that Anipose's triangulation makes, with one point "object"; score is that of the worse image."""
+    with open_table(folder / "trajectory_anipose.csv", _ANIPOSE) as write:
+
+        def add(one: _Numbered) -> None:
+            pair = one.pair
+            seen = pair.detections if pair.track.is_known else ()
+            score = min((float(detection.score) for detection in seen), default=0.0)
+            write((*pair.track.position, pair.residual_px, len(seen), score, *_NO_ROTATION, one.frame - 1))
+
+        yield add
+
+
+@contextmanager
+def _ros2(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
+    """A ROS 2 bag of the known positions, in the frame "root"; a tracked point has no rotation, whose variance is
     -1.  InputError without the extra `ros`."""
+    bag_folder = folder / "trajectory_ros2"
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise InputError(folder, "needs the extra ros: pip install 'pps-vision[ros]'") from error
+        raise InputError(bag_folder, "needs the extra ros: pip install 'pps-vision[ros]'") from error
     store, kind = get_typestore(Stores.ROS2_JAZZY), "geometry_msgs/msg/PoseWithCovarianceStamped"
     known: Any = {name.rsplit("/", 1)[-1]: make for name, make in store.types.items()}
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+    with Writer(bag_folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         connection = bag.add_connection(f"/{_POINT}", kind, typestore=store)
-        for track in tracks:
+
+        def add(one: _Numbered) -> None:
+            track = one.pair.track
             if not track.is_known:
-                continue
+                return
             nanoseconds = round(1e9 * track.stamp_s)
             stamp = known["Time"](sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
             x, y, z = track.position.tolist()
@@ -131,16 +169,52 @@ def write_ros2(folder: Path, tracks: Iterable[Track3D]) -> None:
             )
             bag.write(connection, nanoseconds, store.serialize_cdr(message, kind))
 
+        yield add
+
+
+@contextmanager
+def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
+    with ExitStack() as stack:
+        files = {camera: stack.enter_context((folder / f"mot_{camera}.txt").open("w")) for camera in _CAMERAS}
+
+        def add(one: _Numbered) -> None:
+            for camera, file in files.items():
+                file.writelines(map(_mot_row, one.boxes(camera)))
+
+        yield add
+
+
+@contextmanager
+def _coco(folder: Path, size: tuple[int, int]) -> Iterator[_Add]:
+    boxes: dict[str, list[SeenBox]] = {camera: [] for camera in _CAMERAS}
+    images: dict[str, list[Path]] = {camera: [] for camera in _CAMERAS}
+
+    def add(one: _Numbered) -> None:
+        for side, camera in enumerate(_CAMERAS):
+            boxes[camera] += one.boxes(camera)
+            images[camera].append(one.pair.images[side])
+
+    yield add
+    write_coco(folder / "coco.json", boxes, images, size)
+
+
+_WRITERS: Mapping[Form, Callable[[Path, tuple[int, int]], AbstractContextManager[_Add]]] = {
+    "tum": _tum,
+    "anipose": _anipose,
+    "mot": _mot,
+    "coco": _coco,
+    "ros2": _ros2,
+}
+
 
 def write_mot(file: Path, boxes: Iterable[SeenBox]) -> None:
     """Write MOTChallenge's rows: frame, track, left, top, width, height, score, and no world position."""
-    rows = []
-    for seen in boxes:
-        x, y, width, height = map(float, seen.box_px)
-        rows.append(
-            f"{seen.frame},{seen.track},{x + 1!r},{y + 1!r},{width!r},{height!r},{float(seen.score)!r},-1,-1,-1\n"
-        )
-    file.write_text("".join(rows))
+    file.write_text("".join(map(_mot_row, boxes)))
+
+
+def _mot_row(seen: SeenBox) -> str:
+    x, y, width, height = map(float, seen.box_px)
+    return f"{seen.frame},{seen.track},{x + 1!r},{y + 1!r},{width!r},{height!r},{float(seen.score)!r},-1,-1,-1\n"
 
 
 def write_coco(
@@ -171,12 +245,3 @@ def write_coco(
             annotations.append(what | where)
     content = {"images": described, "categories": [{"id": 1, "name": _POINT}], "annotations": annotations}
     file.write_text(json.dumps(content) + "\n", encoding="utf-8", errors="backslashreplace")
-
-
-def _boxes(pairs: Sequence[TrackedPair], camera: str) -> list[SeenBox]:
-    """The boxes of one camera's detections."""
-    found, track = [], 1
-    for frame, pair in enumerate(pairs, start=1):
-        found += [SeenBox(frame, track, seen.box_px, seen.score) for seen in pair.detections if seen.camera == camera]
-        track += pair.track.status == Status.LOST
-    return found

@@ -5,6 +5,7 @@ folder that holds anything, and an output that another run is writing to.  What 
 by the next run with the same output.
 """
 
+import errno
 import fcntl
 import glob
 import json
@@ -24,6 +25,7 @@ from pps_vision.errors import InputError, first_line
 BUSY = "another run is writing to it; expected one at a time"
 """Why an output is refused while it is being written."""
 
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _unfinished: set[Path] = set()  # lock files and temporary folders of the outputs that this process is writing
 
 
@@ -149,6 +151,10 @@ def _temporary_folder(output: Path, name: str, place: Path) -> Iterator[Path]:
                 shutil.rmtree(file, ignore_errors=True)
         partial.mkdir()
         yield partial
+    except OSError as error:
+        if error.errno in _NO_ROOM:
+            raise InputError(output, f"cannot be written: {first_line(error)}; expected free space") from error
+        raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
         lock.unlink(missing_ok=True)

@@ -6,7 +6,8 @@ An empty field is a number that does not exist, such as the position of an unkno
 import csv
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.problems import Problem, ProblemKind
 from pps_vision.recordings.text import finite, number, read_lines
-from pps_vision.types import Activation, Array, Detection2D, Reachability, Status, Track3D, Truth
+from pps_vision.types import Array, Detection2D, Reachability, Status, Track3D, Truth
 
 Box = tuple[float, float, float, float]
 """x, y of the top-left corner, width, height, px."""
@@ -43,10 +44,18 @@ _MAX_OFFSET_DEG = 90.0  # an encoder that is further off is a typing error
 
 def write_table(file: Path, columns: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
     """Write a header and rows; a float with all its digits, NaN empty, a truth value as 0 or 1."""
+    with open_table(file, columns) as add:
+        for row in rows:
+            add(row)
+
+
+@contextmanager
+def open_table(file: Path, columns: Sequence[str]) -> Iterator[Callable[[Iterable[object]], None]]:
+    """A function that writes one row, as `write_table`, below the header of a new table."""
     with file.open("w", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(columns)
-        table.writerows([_field(value) for value in row] for row in rows)
+        yield lambda row: table.writerow([_field(value) for value in row])
 
 
 def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
@@ -77,43 +86,26 @@ def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
     return [(line, [row[k] if k < len(row) else "" for k in places]) for line, row in rows[1:] if row]
 
 
-def write_detections(file: Path, detections: Iterable[tuple[int, Detection2D, Status]]) -> None:
-    """Write detections.csv: frame number, detection in one image, and status of the tracker."""
-    rows = (
-        (frame, d.stamp_s, d.camera, *d.center_px, *d.cov_px[np.triu_indices(2)], d.score, status)
-        for frame, d, status in detections
-    )
-    write_table(file, DETECTIONS, rows)
+def detection_row(frame: int, detection: Detection2D, status: Status) -> tuple[object, ...]:
+    """A row of `DETECTIONS`: number of the frame, what was detected in one image, and status of the tracker."""
+    cov = detection.cov_px[np.triu_indices(2)]
+    return (frame, detection.stamp_s, detection.camera, *detection.center_px, *cov, detection.score, status)
 
 
-def write_trajectory(file: Path, tracks: Sequence[Track3D], reachability: Sequence[Reachability] = ()) -> None:
-    """Write trajectory.csv: position, velocity and covariance of the position in the root frame, and, where given, the
-    reachability of every track.
+def trajectory_row(track: Track3D, reach: Reachability | None = None) -> tuple[object, ...]:
+    """A row of `TRAJECTORY`, in the root frame; with its reachability of `TRAJECTORY` and `REACHABILITY`.
 
     radius_95_m is half the longest axis of the ellipsoid that holds the position with 95 %.
     """
-    upper = np.triu_indices(3)
-    covs = np.reshape([track.cov[:3, :3] for track in tracks], (-1, 3, 3))
-    known = np.isfinite(covs).all(axis=(1, 2))
-    radius_95 = np.full(len(covs), np.nan)
-    radius_95[known] = np.sqrt(_CHI2_95 * np.linalg.eigvalsh(covs[known])[:, -1])
-    rows: list[tuple[object, ...]] = [
-        (
-            *(track.stamp_s, *track.position, *track.velocity, *cov[upper], track.radius_m, track.status),
-            *(*np.sqrt(np.diag(cov)), radius),
-        )
-        for track, cov, radius in zip(tracks, covs, radius_95, strict=True)
-    ]
-    if not reachability:
-        return write_table(file, TRAJECTORY, rows)
-    more = [(*np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status) for reach in reachability]
-    write_table(file, TRAJECTORY + REACHABILITY, ((*row, *reach) for row, reach in zip(rows, more, strict=True)))
-
-
-def write_activations(file: Path, activations: Sequence[Activation]) -> None:
-    """Write activation.csv: stamp, and the activation of every taxel in a column of its name; at least one row."""
-    rows = ((one.stamp_s, *one.probability) for one in activations)
-    write_table(file, ("stamp_s", *activations[0].taxel_ids), rows)
+    cov = track.cov[:3, :3]
+    radius_95 = np.sqrt(_CHI2_95 * np.linalg.eigvalsh(cov)[-1]) if np.isfinite(cov).all() else np.nan
+    row = (
+        *(track.stamp_s, *track.position, *track.velocity, *cov[np.triu_indices(3)], track.radius_m, track.status),
+        *(*np.sqrt(np.diag(cov)), radius_95),
+    )
+    if reach is None:
+        return row
+    return (*row, *np.rad2deg(reach.gaze_rad), reach.probability, reach.degree, reach.status)
 
 
 def write_boxes(file: Path, boxes: Iterable[tuple[int, Box, float]]) -> None:

@@ -1,8 +1,12 @@
 """Batches of tiny videos: what is finished stays, what fails fails alone, and the number of workers does not matter."""
 
 import csv
+import errno
 import json
 import os
+import re
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,9 +14,12 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+import pandas
 import pytest
 from videos import write_video
 
+from learning.pps.memory import load_memory
 from pps_vision.app.cli import main
 
 
@@ -89,3 +96,91 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     main(words)
     assert [row["status"] for row in table(out).values()] == ["done"] * 2
     assert sorted(path.name for path in out.iterdir()) == ["0.mp4", "1.mp4", "batch.csv", "settings.json"]
+
+
+def test_learning_from_many_is_learning_from_each(approach: Path, tmp_path: Path, refused, capsys) -> None:
+    """Bit for bit the memory that one `learn` in the order of the recordings gives, with two workers."""
+    for name in ("a", "b"):
+        shutil.copytree(approach, tmp_path / name)
+    (tmp_path / "c").mkdir()
+    out, words = tmp_path / "out", [str(tmp_path / "[abc]"), "--learn", "--workers", "2"]
+    main(["batch", *words, "--parquet", "--out", str(out)])
+    assert "2 of 3 recordings learned" in capsys.readouterr().out
+    main(["learn", str(tmp_path / "a"), "--into", str(out / "b.npz"), "--out", str(tmp_path / "both.npz")])
+    together, each = load_memory(tmp_path / "both.npz"), load_memory(out / "b.npz")
+    assert each.counts.sum() > 0
+    np.testing.assert_array_equal(load_memory(out / "memory.npz").counts, together.counts)
+    touched = each.counts[..., 0].sum(axis=(1, 2)) > 0
+    rows = table(out)
+    assert [int(rows[name]["samples"]) for name in "ab"] == [each.counts.sum()] * 2
+    assert int(rows["a"]["touched_taxels"]) == touched.sum()
+    assert "expected a yarpdatadumper" in rows["c"]["reason"]
+    read = pandas.read_parquet(out / "batch.parquet")
+    assert read["name"].tolist() == ["a", "b", "c"]
+    assert read["samples"].tolist()[:2] == [each.counts.sum()] * 2
+    assert read["samples"].isna().tolist() == [False, False, True]
+    assert "expected the options" in refused("batch", *words[:1], "--out", out)
+    assert "--learn with --smooth" in refused("batch", *words, "--smooth", "--out", tmp_path / "other")
+
+
+def test_parquet_holds_the_table_with_its_types(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(6)])
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    words = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--parquet", "--out"]
+    main([*words, str(tmp_path / "out")])
+    read, rows = pandas.read_parquet(tmp_path / "out" / "batch.parquet"), table(tmp_path / "out")
+    assert list(read.columns) == list(rows["a.mp4"])
+    assert (read["pairs"][0], read["ms_per_pair"][0]) == (6, float(rows["a.mp4"]["ms_per_pair"]))
+    assert read["reason"][1] == rows["b.mp4"]["reason"]
+    assert read["ms_per_pair"].isna().tolist() == [False, True]
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert "pps-vision[parquet]" in refused(*words, tmp_path / "other")
+
+
+def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib: Path) -> None:
+    """A long recording's tables exceed the largest file that may be written; a file stands where a folder should."""
+    for name, n in (("a.mp4", 4), ("b.mp4", 300), ("c.mp4", 4)):
+        write_video(tmp_path / name, [k / 20 for k in range(n)])
+    words = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--out"]
+    main(["batch", str(tmp_path / "b.mp4"), *words[2:], str(tmp_path / "whole")])  # also compiles, which writes files
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "c.mp4").write_bytes(b"mine")
+    limit = 6000
+    assert (tmp_path / "whole" / "b.mp4" / "trajectory.csv").stat().st_size > limit
+    command = [sys.executable, "-m", "pps_vision", *words, str(out)]
+    full = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert (full.returncode, full.stderr.count("Traceback")) == (0, 0), full.stderr
+    rows = table(out)
+    assert [row["status"] for row in rows.values()] == ["done", "failed", "failed"]
+    assert re.fullmatch(r".*b\.mp4: cannot be written: .*; expected free space", rows["b.mp4"]["reason"])
+    assert "is no folder" in rows["c.mp4"]["reason"]
+    assert (out / "c.mp4").read_bytes() == b"mine"
+    assert sorted(path.name for path in out.iterdir()) == ["a.mp4", "batch.csv", "c.mp4", "settings.json"]
+
+
+def test_a_disk_that_fills_up_at_the_end(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("pps_vision.app.batch.write_table", full)
+    said = refused("batch", tmp_path / "a.mp4", "--calib", calib, "--out", tmp_path / "out")
+    assert re.search(r"batch\.csv: cannot be written: No space left on device; expected free space", said)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.mp4", "settings.json"]
+
+
+def test_where_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> None:
+    write_video(tmp_path / "a.mp4", [0.0, 0.05])
+    (tmp_path / "file").touch()
+    words = ("batch", tmp_path / "a.mp4", "--calib", calib, "--out")
+    assert "expected a writable place" in refused(*words, tmp_path / "file" / "out")
+    assert "expected a writable place" in refused(*words, "/proc/out")
+    (tmp_path / "list.csv").write_text("name,rec\nsettings.json,a.mp4\n")
+    assert "called settings.json" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate import Path3D, evaluate, read_path, rigid_alignment
 from pps_vision.errors import InputError
-from pps_vision.recordings.exchange import TrackedPair, write_anipose, write_tum
-from pps_vision.recordings.tables import write_trajectory
+from pps_vision.recordings.exchange import TrackedPair, open_forms, write_tum_rows
+from pps_vision.recordings.tables import TRAJECTORY, trajectory_row, write_table
 from pps_vision.types import Status, Track3D
 
 STAMPS = 1403636579.75 + np.arange(400) / 20
@@ -116,9 +116,14 @@ def tracks() -> list[Track3D]:
     return unknown + known
 
 
+def write_tum(file: Path) -> None:
+    known = tracks()[1:]
+    write_tum_rows(file, [track.stamp_s for track in known], [track.position for track in known])
+
+
 def test_files_say_the_same(tmp_path: Path) -> None:
-    write_trajectory(tmp_path / "trajectory.csv", tracks())
-    write_tum(tmp_path / "a.tum", tracks())
+    write_table(tmp_path / "trajectory.csv", TRAJECTORY, map(trajectory_row, tracks()))
+    write_tum(tmp_path / "a.tum")
     csv, tum = (read_path(tmp_path / name) for name in ("trajectory.csv", "a.tum"))
     np.testing.assert_array_equal(csv.stamps_s, tum.stamps_s)
     np.testing.assert_array_equal(csv.position, tum.position)
@@ -148,18 +153,19 @@ def test_evo_gives_the_same_errors(tmp_path: Path) -> None:
 
 
 def test_anipose_tables_are_read(tmp_path: Path) -> None:
-    pairs = [TrackedPair((Path("l"), Path("r")), track, ()) for track in tracks()]
-    write_anipose(tmp_path / "a.csv", pairs)
-    read = read_path(tmp_path / "a.csv", fps=20)
+    with open_forms(tmp_path, ["anipose"], (8, 8)) as add:
+        for track in tracks():
+            add(TrackedPair((Path("l"), Path("r")), track, ()))
+    read = read_path(tmp_path / "trajectory_anipose.csv", fps=20)
     np.testing.assert_allclose(read.stamps_s, np.arange(1, 401) / 20)
     np.testing.assert_array_equal(read.position, [track.position for track in tracks()[1:]])
     with pytest.raises(InputError, match="and --fps"):
-        read_path(tmp_path / "a.csv")
+        read_path(tmp_path / "trajectory_anipose.csv")
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_trajectory(tmp_path / "ours.csv", tracks())
-    write_tum(tmp_path / "theirs.tum", tracks())
+    write_table(tmp_path / "ours.csv", TRAJECTORY, map(trajectory_row, tracks()))
+    write_tum(tmp_path / "theirs.tum")
     np.savetxt(tmp_path / "truth.tum", np.c_[STAMPS, curve(STAMPS), np.tile([0, 0, 0, 1.0], (400, 1))], "%.9f")
     files = [str(tmp_path / name) for name in ("ours.csv", "theirs.tum", "truth.tum")]
     main(["evaluate", *files, "--json"])
@@ -184,6 +190,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 )
 def test_a_bad_file_is_named(refused, tmp_path: Path, content: str, message: str) -> None:
     (tmp_path / "a.csv").write_text(content)
-    write_tum(tmp_path / "b.tum", tracks())
+    write_tum(tmp_path / "b.tum")
     assert message in refused("evaluate", tmp_path / "a.csv", tmp_path / "b.tum")
     assert "expected TRACK" in refused("evaluate", tmp_path / "a.csv")

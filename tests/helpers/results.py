@@ -1,5 +1,6 @@
 """A folder as `track` writes it, of a made-up path."""
 
+from itertools import starmap
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,14 @@ import numpy as np
 from pps_vision.app.report.overlay import save_jpeg
 from pps_vision.app.versions import versions
 from pps_vision.recordings.outputs import write_json
-from pps_vision.recordings.tables import write_activations, write_detections, write_table, write_trajectory
+from pps_vision.recordings.tables import (
+    DETECTIONS,
+    REACHABILITY,
+    TRAJECTORY,
+    detection_row,
+    trajectory_row,
+    write_table,
+)
 from pps_vision.types import Activation, Detection2D, Reachability, ReachStatus, Status, Track3D
 
 N = 40
@@ -33,9 +41,10 @@ def write_results(folder: Path) -> Path:
         for camera in ("left", "right"):
             seen = Detection2D(t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))  # type: ignore[arg-type]
             detections.append((k, seen, tracks[-1].status))
-    write_trajectory(folder / "trajectory.csv", tracks, reach)
-    write_activations(folder / "activation.csv", felt)
-    write_detections(folder / "detections.csv", detections)
+    write_table(folder / "trajectory.csv", TRAJECTORY + REACHABILITY, map(trajectory_row, tracks, reach))
+    rows = ((one.stamp_s, *one.probability) for one in felt)
+    write_table(folder / "activation.csv", ("stamp_s", *felt[0].taxel_ids), rows)
+    write_table(folder / "detections.csv", DETECTIONS, starmap(detection_row, detections))
     source = folder / "source"
     source.mkdir()
     write_table(source / "truth.csv", ("stamp_s", "x_m", "y_m", "z_m"), truth)

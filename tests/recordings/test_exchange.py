@@ -10,7 +10,8 @@ from evo.tools.file_interface import read_tum_trajectory_file
 from pycocotools.coco import COCO
 from rosbags.highlevel import AnyReader
 
-from pps_vision.recordings.exchange import SeenBox, TrackedPair, write_coco, write_forms
+from pps_vision.recordings import Form
+from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_forms, write_coco
 from pps_vision.types import Detection2D, Status, Track3D
 
 N = 12
@@ -40,8 +41,14 @@ def pairs() -> list[TrackedPair]:
     return found
 
 
+def write(folder: Path, form: Form, pairs: list[TrackedPair]) -> None:
+    with open_forms(folder, [form], (320, 240)) as add:
+        for pair in pairs:
+            add(pair)
+
+
 def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
-    write_forms(tmp_path, ["tum"], pairs, (320, 240))
+    write(tmp_path, "tum", pairs)
     read = read_tum_trajectory_file(str(tmp_path / "trajectory.tum"))
     known = [pair.track for pair in pairs if pair.track.is_known]
     np.testing.assert_array_equal(read.timestamps, [track.stamp_s for track in known])
@@ -51,7 +58,7 @@ def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
 
 def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     """The columns that `movement` takes: POINT_x, _y, _z and _score for every row."""
-    write_forms(tmp_path, ["anipose"], pairs, (320, 240))
+    write(tmp_path, "anipose", pairs)
     table = pandas.read_csv(tmp_path / "trajectory_anipose.csv")
     assert table["fnum"].tolist() == list(range(N))
     assert {name.rsplit("_", 1)[0] for name in table.columns if name[-2:] in ("_x", "_y", "_z")} == {"object"}
@@ -63,7 +70,7 @@ def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
 
 
 def test_motmetrics_reads_mot(tmp_path: Path, pairs: list[TrackedPair]) -> None:
-    write_forms(tmp_path, ["mot"], pairs, (320, 240))
+    write(tmp_path, "mot", pairs)
     for camera, height in (("left", 6.0), ("right", 7.0)):
         read = motmetrics.io.loadtxt(str(tmp_path / f"mot_{camera}.txt"), fmt="mot15-2D")  # counts pixels from 0
         assert read.index.tolist() == [(k + 1, 1 if k < 5 else 2) for k in range(N) if k not in (0, 5)]
@@ -72,7 +79,7 @@ def test_motmetrics_reads_mot(tmp_path: Path, pairs: list[TrackedPair]) -> None:
 
 
 def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> None:
-    write_forms(tmp_path, ["coco"], pairs, (320, 240))
+    write(tmp_path, "coco", pairs)
     read = COCO(str(tmp_path / "coco.json"))
     assert len(read.getImgIds()) == 2 * N
     for annotation in read.loadAnns(read.getAnnIds()):
@@ -95,7 +102,7 @@ def test_one_view(tmp_path: Path) -> None:
 
 
 def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
-    write_forms(tmp_path, ["ros2"], pairs, (320, 240))
+    write(tmp_path, "ros2", pairs)
     known = [pair.track for pair in pairs if pair.track.is_known]
     with AnyReader([tmp_path / "trajectory_ros2"]) as bag:
         read = [bag.deserialize(data, connection.msgtype) for connection, _, data in bag.messages()]

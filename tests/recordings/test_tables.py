@@ -12,13 +12,16 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.outputs import write_json
 from pps_vision.recordings.problems import ProblemKind
 from pps_vision.recordings.tables import (
+    DETECTIONS,
+    TRAJECTORY,
+    detection_row,
     read_gaze,
     read_joint_offsets,
     read_truth,
+    trajectory_row,
     write_boxes,
-    write_detections,
     write_joint_offsets,
-    write_trajectory,
+    write_table,
     write_truth,
 )
 from pps_vision.types import Detection2D, Status, Track3D, Truth
@@ -41,7 +44,7 @@ def test_detections(tmp_path: Path) -> None:
     seen = Detection2D(
         1512784563.547172, "right", np.array([1 / 3, 2.0]), np.array([[4.0, 5], [5, 6]]), 0.5, 0.1, (0, 0, 1, 1)
     )
-    write_detections(file, [(8, seen, Status.TRACKING)])
+    write_table(file, DETECTIONS, [detection_row(8, seen, Status.TRACKING)])
     assert file.read_text().splitlines()[0] == (
         "frame,stamp_s,camera,u_px,v_px,cov_uu_px2,cov_uv_px2,cov_vv_px2,score,status"
     )
@@ -56,7 +59,7 @@ def test_trajectory(tmp_path: Path) -> None:
     cov = np.zeros((12, 12))
     cov[:3, :3] = [[1, 2, 3], [2, 4, 5], [3, 5, 6]]
     known = Track3D(0.5, np.arange(12.0).reshape(4, 3), cov, 0.03, 1e-6, Status.COASTING)
-    write_trajectory(file, [Track3D.unknown(0.0), known])
+    write_table(file, TRAJECTORY, map(trajectory_row, [Track3D.unknown(0.0), known]))
     assert file.read_text().splitlines()[0] == (
         "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,"
         "cov_xx_m2,cov_xy_m2,cov_xz_m2,cov_yy_m2,cov_yz_m2,cov_zz_m2,radius_m,status,"

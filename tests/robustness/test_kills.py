@@ -10,7 +10,7 @@ from data import SEED
 from pps_vision.experiments import kills
 from pps_vision.experiments.kills import COMMANDS, COUNTS, Writing, kill_at_random, prepare, run
 
-KILLED = [command for command in COMMANDS if command.name in ("render", "trials")]
+KILLED = [command for command in COMMANDS if command.name in ("render", "trials", "batch")]
 COUNTED = {"kills": 1, **dict.fromkeys(COUNTS[2:], 0)}
 
 
@@ -24,9 +24,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("command", KILLED, ids=lambda command: command.name)
 def test_a_killed_command_damages_nothing_and_runs_again(folder: Path, command: Writing) -> None:
     sent = signal.SIGTERM if command.name == "trials" else signal.SIGKILL
-    found = kill_at_random(command, folder, 1, np.random.default_rng(SEED), (sent,))
+    kills = 2 if command.resumes else 1
+    found = kill_at_random(command, folder, kills, np.random.default_rng(SEED), (sent,))
     del found["finished"]
-    assert found == COUNTED
+    assert found == COUNTED | {"kills": kills}
 
 
 CARELESS = """
@@ -44,6 +45,7 @@ time.sleep(0.3)
     ("first", "last", "wrong"),
     [
         ("out.write_text('half')", "out.write_text('whole.')", "half_written"),
+        ("out.write_text('other.' if Path('b').exists() else 'whole.'); Path('b').touch()", "", "failed_reruns"),
         ("Path('in.csv').open('a').write('x')", "out.write_text('whole.')", "damaged"),
         ("Path('.a').touch()", "out.write_text('whole.')", "left_over"),
         ("sys.exit(1) if Path('b').exists() else Path('b').touch()", "out.write_text('whole.')", "failed_reruns"),

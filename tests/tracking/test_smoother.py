@@ -1,5 +1,6 @@
 """Smoothing against least squares over the whole path, and through the tracker's own steps."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from linear_model import discretised
 
 from pps_vision.types import Observation3D, Status, Track3D
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
-from tracking.smoother import Measured, follow, smooth, smoothed_tracks
+from tracking.smoother import LAG, Measured, follow, smooth, smoothed_steps
 from tracking.tracker import TrackerStep
 
 R = np.diag([1e-5, 4e-6, 9e-6])
@@ -130,14 +131,15 @@ def _tracked(
         belief = predict(params, belief, t)
         belief = belief if z is None else update(params, belief, z, cov)
     mean, P = np.zeros((4, 3)), np.zeros((12, 12))
-    mean[:], P[:] = belief.mean, belief.cov
+    n = len(belief.mean)
+    mean[:n], P[: 3 * n, : 3 * n] = belief.mean, belief.cov
     P[:3, :3] += belief.correlated_cov + 1e-6 * np.eye(3)
     return belief, Track3D(t, mean, P, 0.03, 1e-6, Status.COASTING if z is None else Status.TRACKING)
 
 
 def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator) -> None:
     steps, truth = _steps(rng)
-    tracks = smoothed_tracks(KalmanParams(), steps)
+    tracks = [step.track for step in smoothed_steps(KalmanParams(), steps)]
     assert [t.status for t in tracks] == [s.track.status for s in steps]
     known = [k for k, track in enumerate(tracks) if track.is_known]
     before = np.array([steps[k].track.position - truth[k] for k in known])
@@ -162,7 +164,7 @@ def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Genera
             cov = factor * step.track.cov
             cov[:3, :3] += change
             other.append(replace(step, track=replace(step.track, cov=cov)))
-        return [t.cov[:3, :3] for t in smoothed_tracks(KalmanParams(), other) if t.is_known]
+        return [s.track.cov[:3, :3] for s in smoothed_steps(KalmanParams(), other) if s.track.is_known]
 
     more = np.diag([5e-6, 6e-6, 7e-6])
     for plain, wider, narrow in zip(
@@ -170,3 +172,44 @@ def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Genera
     ):
         np.testing.assert_allclose(wider - plain, more, atol=1e-12)
         np.testing.assert_allclose(plain - narrow, 1e-6 * np.eye(3), atol=1e-12)  # an error of shape, in `_tracked`
+
+
+def _long(params: KalmanParams, n: int, rng: np.random.Generator) -> Iterator[TrackerStep]:
+    """A track without an end, whose path bends all the time; every seventh pair shows nothing."""
+    cov, belief = np.diag([1e-7, 1e-7, 1e-6]), None
+    for k in range(n):
+        t, at = 0.05 * k, np.array([0.4 + 0.05 * np.sin(k / 25), 0.1 * np.cos(k / 17), 0.01 * np.sin(k / 3)])
+        z = at + rng.standard_normal(3) * np.sqrt(np.diag(cov)) if k % 7 or not k else None
+        if belief is None:
+            params = scaled(params, float(np.linalg.norm(z)))
+        belief, track = _tracked(params, belief, t, z, cov)
+        one = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
+        yield TrackerStep(track, (), one, ([], []), np.zeros(3))
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_a_long_track_is_smoothed_as_by_all_later_measurements(order: int) -> None:
+    params = KalmanParams.of_order(order)
+    steps = list(_long(params, 3 * LAG + 50, np.random.default_rng(4)))
+    own = scaled(params, float(np.linalg.norm(steps[0].observation.p_root)))
+    seen = [(step.track.stamp_s, step.observation) for step in steps]
+    measured = [Measured(t, one and one.p_root, one and one.cov_root) for t, one in seen]
+    whole = smooth(follow(own, start(own, 0.0, measured[0].position, measured[0].cov), measured[1:]))
+    found = [step.track for step in smoothed_steps(params, steps)]
+    for track, belief, step in zip(found, whole, steps, strict=True):
+        std = np.sqrt(np.diag(belief.cov)).reshape(belief.mean.shape)
+        assert np.all(np.abs(track.mean[:order] - belief.mean) < 1e-9 * std)
+        assert track.stamp_s == step.track.stamp_s
+
+
+def test_a_long_track_comes_while_it_goes_on() -> None:
+    """So that what is held back is bounded."""
+    taken = 0
+
+    def steps() -> Iterator[TrackerStep]:
+        nonlocal taken
+        for step in _long(KalmanParams(), 4 * LAG, np.random.default_rng(4)):
+            taken += 1
+            yield step
+
+    assert max(taken - k for k, _ in enumerate(smoothed_steps(KalmanParams(), steps()))) <= 2 * LAG

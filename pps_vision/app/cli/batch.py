@@ -1,4 +1,4 @@
-"""`pps-vision batch`: track many recordings."""
+"""`pps-vision batch`: track many recordings, or learn from them."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -10,14 +10,18 @@ from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from tracking import DEFAULT_ORDER, Mode
 
+LEARN_COLUMNS = ("rec", "calib", "taxels", "joints", "max_skew_s", "robot", "urdf", "skin")
+
 
 @dataclass(frozen=True)
 class Batch:
-    """Track many recordings, each in a process of its own, into OUT/NAME; batch.csv has a row for each.
+    """Track many recordings, or learn from them, each in a process of its own, into OUT/NAME; batch.csv has a row for
+    each.
 
     Run again, it does what is left to do: finished recordings are kept, failed ones tried again.  A manifest is a CSV
-    file with a column `name`, and of the columns rec, left, right, calib, times, fps, unit_m, joints, max_skew_s those
-    that are needed (several files in a field separated by ';', paths from the manifest's folder).
+    file with a column `name`, and of the columns rec, left, right, calib, times, fps, unit_m, joints, max_skew_s (with
+    --learn of rec, calib, taxels, joints, max_skew_s, robot, urdf, skin) those that are needed (several files in a
+    field separated by ';', paths from the manifest's folder).
     """
 
     recordings: Positional[tuple[str, ...]]
@@ -45,17 +49,24 @@ class Batch:
     """Also write the forms of other tools, as for `track`."""
     report: bool = False
     """Also write a report.html for every recording, and one for the batch."""
+    learn: bool = False
+    """Learn PPS maps instead, as `learn`: OUT/NAME.npz is the memory of one recording, OUT/memory.npz that of all."""
+    parquet: bool = False
+    """Also write batch.parquet (extra `parquet`)."""
     seed: int = 0
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Track what is left to do, and print what failed; exit code 2 if all failed."""
-        from pps_vision.app.batch import jobs_of, run_batch
+        """Do what is left to do, and print what failed; exit code 2 if all failed."""
+        from pps_vision.app.batch import Task, jobs_of, run_batch
 
-        jobs = jobs_of(self.recordings, [field.name for field in fields(SourceOptions)])
+        jobs = jobs_of(
+            self.recordings, LEARN_COLUMNS if self.learn else [field.name for field in fields(SourceOptions)]
+        )
         if not jobs:
             raise InputError("batch", "no recording given; expected one or more")
-        rows = run_batch(jobs, self._options(), self.out, self.workers, self.scheduler)
+        task = Task("learn" if self.learn else "track", tuple(self._options()), self.out)
+        rows = run_batch(jobs, task, self.workers, self.scheduler, self.parquet)
         if self.report:
             from pps_vision.app.report.tracking import write_batch_report
 
@@ -63,13 +74,23 @@ class Batch:
         failed = [row for row in rows if row["status"] == "failed"]
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")
-        print(f"{len(rows) - len(failed)} of {len(rows)} recordings tracked → {self.out / 'batch.csv'}")
+        done = "learned" if self.learn else "tracked"
+        print(f"{len(rows) - len(failed)} of {len(rows)} recordings {done} → {self.out / 'batch.csv'}")
         if len(failed) == len(rows):
-            raise InputError("batch", f"none of {len(rows)} recordings could be tracked")
+            raise InputError("batch", f"none of {len(rows)} recordings could be {done}")
 
     def _options(self) -> list[str]:
-        """What `track` is given for every recording."""
-        words = [f"--mode={self.mode}", f"--order={self.order}", f"--seed={self.seed}", f"--unit-m={self.unit_m}"]
+        """What the command is given for every recording."""
+        words = [f"--mode={self.mode}", f"--seed={self.seed}"]
+        calib = ["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else []
+        if self.learn:
+            tracking = ("fps", "unit_m", "order", "smooth", "also", "report")
+            if given := [
+                one.name for one in fields(self) if one.name in tracking and getattr(self, one.name) != one.default
+            ]:
+                raise InputError("batch", f"--learn with --{given[0].replace('_', '-')}; expected it without")
+            return words + calib
+        words += [f"--order={self.order}", f"--unit-m={self.unit_m}"]
         words += [f"--fps={self.fps}"] if self.fps is not None else []
         words += ["--smooth"] * self.smooth + ["--report"] * self.report + (["--also", *self.also] if self.also else [])
-        return words + (["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else [])
+        return words + calib

@@ -1,7 +1,9 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
+from collections import Counter, deque
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from tyro import MISSING
@@ -65,14 +67,22 @@ class Track(SourceOptions):
         from tqdm import tqdm
 
         from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
-        from pps_vision.app.track import track
+        from pps_vision.app.track import PathNumbers, track
         from pps_vision.app.versions import versions
-        from pps_vision.recordings.exchange import write_forms
+        from pps_vision.recordings.exchange import open_forms
         from pps_vision.recordings.outputs import whole_folder, write_json
-        from pps_vision.recordings.tables import ACTIVATION, write_activations, write_detections, write_trajectory
-        from pps_vision.types import ReachStatus
+        from pps_vision.recordings.tables import (
+            ACTIVATION,
+            DETECTIONS,
+            REACHABILITY,
+            TRAJECTORY,
+            detection_row,
+            open_table,
+            trajectory_row,
+        )
+        from pps_vision.types import Array, Image, ReachStatus
         from tracking.kalman import KalmanParams
-        from tracking.tracker import TrackerParams
+        from tracking.tracker import TrackerParams, TrackerStep
 
         for option, file in (given := {"--map": self.map, "--memory": self.memory}).items():
             if file and self.rec is None:
@@ -84,6 +94,8 @@ class Track(SourceOptions):
                     raise InputError("track", f"{option} {file} without a robot; expected it with an iCub's REC")
             params = TrackerParams(mode=self.mode, kalman=KalmanParams.of_order(self.order))
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
+            if self.map or self.memory:
+                from pps_vision.app.pipeline import joints_of
             reach = None
             if self.map and recording.robot:
                 from learning.reach.map import ReachableMap
@@ -99,50 +111,60 @@ class Track(SourceOptions):
                 memory, skin = load_memory(self.memory), icub_skin()
                 check_memory(memory, skin, self.memory)
                 felt = TrackActivation(recording.robot, skin, memory)
-            detections, steps, joints, key_frames, activations = [], [], [], [], []
+            joints: deque[Array] = deque()  # of the steps that the smoother holds back
+            key_frames: list[Image] = []
             every = -(-len(run) // _KEY_FRAMES)
+            numbers, reached = PathNumbers(recording.truth), Counter[ReachStatus]()
+            columns = TRAJECTORY + REACHABILITY if reach else TRAJECTORY
             with ExitStack() as files:
                 film = files.enter_context(VideoFile(folder / "overlay.mp4", recording.fps))
-                view = None
+                write_detection = files.enter_context(open_table(folder / "detections.csv", DETECTIONS))
+                write_track = files.enter_context(open_table(folder / "trajectory.csv", columns))
+                write_forms = files.enter_context(open_forms(folder, self.also, recording.image_size))
+                view = write_activation = None
+                if felt:
+                    taxels = ("stamp_s", *skin.taxel_ids)
+                    write_activation = files.enter_context(open_table(folder / ACTIVATION, taxels))
                 if self.viewer:
                     from pps_vision.app.report.viewer import VIEW, ViewFile
 
                     view = files.enter_context(ViewFile(folder / VIEW))
-                for number, frame, step in tqdm(
-                    run.numbered(), total=len(run), desc="track", unit="pair", disable=None
-                ):
-                    steps.append(replace(step, regions=((), ())))  # their masks would take 8 kB a pair
-                    if reach or felt:
-                        from pps_vision.app.pipeline import joints_of
 
-                        joints.append(joints_of(frame))
-                    skin_now = felt(joints[-1], step.track) if felt else None
-                    if skin_now:
-                        activations.append(skin_now[0])
-                    if view:
-                        view.add(frame, step)
-                    detections += [(number, seen, step.track.status) for seen in step.detections]
-                    shown = self.report and (len(steps) - 1) % every == every // 2
-                    if (self.video or shown) and recording.rig is not None:
-                        skin_shown = (skin_now[1], skin_now[0].probability) if skin_now else ()
-                        eyes = recording.rig.view_of(frame)
-                        drawn = draw_pair(frame, eyes, step.track, step.detections, *skin_shown)
-                        if self.video:
-                            film.add(drawn)
-                        if shown:
-                            key_frames.append(drawn)
+                def steps() -> Iterator[TrackerStep]:
+                    """What is known of a pair when it is tracked is written at once."""
+                    pairs = tqdm(run.numbered(), total=len(run), desc="track", unit="pair", disable=None)
+                    for k, (number, frame, step) in enumerate(pairs):
+                        if reach:
+                            joints.append(joints_of(frame))
+                        skin_now = felt(joints_of(frame), step.track) if felt else None
+                        if skin_now and write_activation:
+                            write_activation((skin_now[0].stamp_s, *skin_now[0].probability))
+                        if view:
+                            view.add(frame, step)
+                        for seen in step.detections:
+                            write_detection(detection_row(number, seen, step.track.status))
+                        shown = self.report and k % every == every // 2
+                        if (self.video or shown) and recording.rig is not None:
+                            skin_shown = (skin_now[1], skin_now[0].probability) if skin_now else ()
+                            eyes = recording.rig.view_of(frame)
+                            drawn = draw_pair(frame, eyes, step.track, step.detections, *skin_shown)
+                            if self.video:
+                                film.add(drawn)
+                            if shown:
+                                key_frames.append(drawn)
+                        yield step
+
+                for pair in run.tracked_pairs(run.path(steps(), self.smooth)):
+                    numbers.add(pair.track)
+                    reachability = reach(joints.popleft(), pair.track) if reach else None
+                    if reachability:
+                        reached[reachability.status] += 1
+                    write_track(trajectory_row(pair.track, reachability))
+                    write_forms(pair)
                 if view:
                     view.finish(recording.truth)
-            tracks = run.path(steps, self.smooth)
-            reachability = [reach(q, one) for q, one in zip(joints, tracks, strict=True)] if reach else []
-            write_detections(folder / "detections.csv", detections)
-            write_trajectory(folder / "trajectory.csv", tracks, reachability)
-            if activations:
-                write_activations(folder / ACTIVATION, activations)
-            if self.also:
-                write_forms(folder, self.also, run.tracked_pairs(tracks, steps), recording.image_size)
-            diagnosis = run.diagnosis(tracks)
-            summary = run.summary(tracks, diagnosis) | {
+            diagnosis = run.diagnosis(numbers)
+            summary = run.summary(numbers, diagnosis) | {
                 "smoothed": self.smooth,
                 "joints": self.joints,
                 "map": self.map,
@@ -150,9 +172,8 @@ class Track(SourceOptions):
                 "versions": versions(),
                 "command": command_line("track", self),
             }
-            if reachability:
-                found = [reach.status for reach in reachability]
-                counts = {status.value: found.count(status) for status in ReachStatus}
+            if reach:
+                counts = {status.value: reached[status] for status in ReachStatus}
                 summary["reach"] = {"max_fp": self.max_fp, **counts}
             write_json(folder / "summary.json", summary)
             if self.report:
@@ -163,6 +184,6 @@ class Track(SourceOptions):
                     save_jpeg(folder / KEY_FRAMES / f"{k}.jpg", drawn)
                 write_report(folder)
         print_skipped(recording.problems)
-        print(run.headline(tracks), f"→ {self.out}")
+        print(run.headline(numbers), f"→ {self.out}")
         if diagnosis:
             print(diagnosis)
