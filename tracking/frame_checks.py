@@ -46,7 +46,7 @@ class Fingerprint(NamedTuple):
     @classmethod
     def of(cls, image: Image) -> "Fingerprint":
         """That of an RGB image."""
-        return cls(image, _sums(image))
+        return cls(image, _sums(image, _STRIDE))
 
     @property
     def is_blank(self) -> bool:
@@ -54,11 +54,7 @@ class Fingerprint(NamedTuple):
 
         A plain wall in the light has as little contrast, but it is brighter, and the sensor's noise is on it.
         """
-        n, *of = self.sums
-        totals, squares = np.array(of[:3]), np.array(of[3:])
-        variances = n * squares - totals**2  # times n²
-        is_black = bool((totals < n * _BLACK).all() and (variances < (n * _DARK_STD) ** 2).all())
-        return is_black or not variances.any()
+        return _is_blank(self.sums) and _is_blank(_sums(self.image, 1))  # a few rows tell most images
 
     def repeats(self, before: "Fingerprint") -> bool:
         """Whether both images are the same to the last bit."""
@@ -80,11 +76,20 @@ def is_blind(now: Fingerprints, before: Fingerprints | None) -> bool:
     return now[0].is_blank or now[1].is_blank
 
 
+def _is_blank(sums: Sums) -> bool:
+    """Whether the pixels behind these sums are black but for noise, or all equal."""
+    n, *of = sums
+    totals, squares = np.array(of[:3]), np.array(of[3:])
+    variances = n * squares - totals**2  # times n²
+    is_black = bool((totals < n * _BLACK).all() and (variances < (n * _DARK_STD) ** 2).all())
+    return is_black or not variances.any()
+
+
 @njit(cache=True, error_model="numpy")
-def _sums(image: Image) -> Sums:
-    """Over some rows: number of pixels, sums of red, green and blue, and sums of their squares."""
+def _sums(image: Image, stride: int) -> Sums:
+    """Over every `stride`-th row: number of pixels, sums of red, green and blue, and sums of their squares."""
     a = b = c = d = e = f = n = 0.0
-    for y in range(0, len(image), _STRIDE):
+    for y in range(0, len(image), stride):
         row = image[y]
         for x in range(len(row)):
             red, green, blue = float(row[x, 0]), float(row[x, 1]), float(row[x, 2])

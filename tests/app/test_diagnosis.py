@@ -148,9 +148,9 @@ def drawn(
     return ["--left", folder / "L*.png", "--right", folder / "R*.png", "--fps", 20, "--calib", folder / "c.yml"]
 
 
-def texture(seed: int = 0) -> np.ndarray:
-    noise = np.random.default_rng(seed).integers(0, 255, (240, 320 + 200, 3), np.uint8)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 4)
+def texture(blur_px: float = 4.0) -> np.ndarray:
+    noise = np.random.default_rng(0).integers(0, 255, (240, 320 + 200, 3), np.uint8)
+    smooth = cv2.GaussianBlur(noise, (0, 0), blur_px)
     return cv2.normalize(smooth, np.empty_like(smooth), 0, 255, cv2.NORM_MINMAX)
 
 
@@ -184,6 +184,22 @@ def test_fixed_cameras(
     (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=baseline_m))
     found = diagnosis(tmp_path, capsys, *words)
     assert any(advice in line for line in found["advice"]), found
+
+
+def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(tmp_path: Path) -> None:
+    """1.4° before a wall far away."""
+    K = np.array([[300, 0, 159.5], [0, 300, 119.5], [0, 0, 1.0]])
+    middle = np.array([[1, 0, -100], [0, 1, 0], [0, 0, 1.0]])
+
+    def wall(k: int) -> np.ndarray:
+        turn = cv2.Rodrigues(np.deg2rad([0.0, 0.2 * min(k, N - 1 - k), 0.0]))[0]
+        return cv2.warpPerspective(texture(1.5), K @ turn @ np.linalg.inv(K) @ middle, (320, 240))
+
+    words = drawn(tmp_path, 40.0, wall)
+    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-0.1))
+    main(["track", *map(str, words), "--out", str(tmp_path / "out")])
+    cameras = json.loads((tmp_path / "out" / "summary.json").read_text())["cameras"]
+    assert cameras["rotation_deg"] == pytest.approx(1.4, abs=0.1)
 
 
 @pytest.mark.parametrize("baseline_m", [1e300, 1e-300, 0.0])

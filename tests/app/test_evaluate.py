@@ -11,7 +11,7 @@ from evo.tools.file_interface import read_tum_trajectory_file
 from scipy.spatial.transform import Rotation
 
 from pps_vision.app.cli import main
-from pps_vision.app.evaluate import Path3D, evaluate, read_path, rigid_alignment
+from pps_vision.app.evaluate import Path3D, errors_of, evaluate, read_path, rigid_alignment
 from pps_vision.errors import InputError
 from pps_vision.recordings.exchange import TrackedPair, open_forms, write_tum_rows
 from pps_vision.recordings.tables import TRAJECTORY, trajectory_row, write_table
@@ -95,6 +95,13 @@ def test_a_fast_truth_is_interpolated_and_its_gaps_are_not() -> None:
     score = evaluate(path(curve(STAMPS)), path(curve(fine[keep]), fine[keep]))
     assert score.compared == 299
     assert score.rmse_mm < 0.02
+
+
+@pytest.mark.parametrize(("longest_s", "compared"), [(1.5, 1), (1.75, 0)])
+def test_more_than_one_and_a_half_intervals_are_a_gap(longest_s: float, compared: int) -> None:
+    stamps = np.array([0, 1, 2, 2 + longest_s, 3 + longest_s, 4 + longest_s])
+    within = path(np.zeros((1, 3)), np.array([2 + longest_s / 2]))
+    assert len(errors_of(within, path(np.zeros((6, 3)), stamps))[0]) == compared
 
 
 def test_what_is_lost_counts() -> None:

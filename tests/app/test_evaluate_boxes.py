@@ -11,6 +11,7 @@ from pycocotools.mask import iou as coco_iou
 
 from pps_vision.app.cli import main
 from pps_vision.app.evaluate_boxes import Boxes, evaluate_boxes, overlaps, per_frame, precision, read_boxes, success
+from pps_vision.app.report.errors import box_curves
 from pps_vision.errors import InputError
 
 
@@ -85,6 +86,15 @@ def test_misses_and_switches_are_motmetrics() -> None:
     assert np.isnan(score.success_auc)
 
 
+def test_the_figure_shows_both_curves_of_every_track() -> None:
+    """Half of a box 10 px beside it, and the box itself: overlaps of 1/3 and 1."""
+    truth, aside = one((0, 0, 20, 20)), one((10, 0, 20, 20))
+    lines = [line for axis in box_curves([aside, truth], truth).axes for line in axis.lines]
+    shares = lambda x: x < 1 / 3, lambda x: x < 1, lambda x: x >= 10, lambda x: x >= 0
+    for line, share in zip(lines, shares, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), share(line.get_xdata()))
+
+
 def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Rectangles of OTB, polygons of VOT, MOTChallenge counted from 1, and our table say the same."""
     rows = np.array([[10, 20, 30, 40.0], [12, 21, 30, 40], [14, 22, 30, 41]])
@@ -113,6 +123,7 @@ def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ("1.5,1,2,3,4,5,1\n", "a:1: frame 1.5"),
         ("1,1,2,3,4,5,1\n1,1,2,3,4,5,1\n", "a:2: track 1 twice"),
         ("nan,nan,nan,nan\n", "no box"),
+        ("1,2,0,4\n1,2,3,0\n", "no box"),
         ("1,2,3,4,5,6,7,x\n", "a:1: "),
     ],
 )

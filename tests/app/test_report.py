@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from results import write_results
 
 from pps_vision.app.batch import TABLE
 from pps_vision.app.cli import main
+from pps_vision.app.report import page
 from pps_vision.app.report.tracking import read_tracked, report_folder
 from pps_vision.recordings.tables import write_table
 
@@ -45,6 +47,14 @@ def test_activations_of_another_run(tmp_path: Path, refused) -> None:
     folder = write_results(tmp_path / "results")
     (folder / "activation.csv").write_text("stamp_s,arm:1\n0.0,0.5\n")
     assert "activation.csv: 1 rows; expected the 40" in refused("report", folder)
+
+
+def test_colours_that_stand_for_times_have_a_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(page, "image", lambda figure: figures.append(figure) or "")
+    report_folder(write_results(tmp_path / "results"))
+    (in_images,) = (one for one in figures if one.axes[0].get_xlabel() == "u (px)")
+    assert [axis.get_ylabel() for axis in in_images.axes] == ["v (px)", "v (px)", "time (s)", "time (s)"]
 
 
 def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -439,3 +439,31 @@ def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) 
     assert DT * modes.count("hold") == pytest.approx(AT_ONCE.wait_s, abs=2 * DT)
     assert modes == sorted(modes, key=["avoid", "hold", "return", "idle"].index)
     np.testing.assert_allclose(q, home(robot), atol=0.3 * DEG)
+
+
+@pytest.mark.parametrize(("distance_m", "mode"), [(0.25, "idle"), (0.1, "avoid")])
+def test_an_object_of_unknown_radius_counts_as_a_point(robot: Robot, distance_m: float, mode: str) -> None:
+    """In half a second it is 20, or 5 cm from the middle of the elbow's ball of 36 mm; 3 cm are kept clear."""
+    way = np.array([0.0, -1.0, 0.0])
+    track = track_at(robot.at(home(robot)).point("left_lower_arm") + distance_m * way, -0.1 * way, np.nan)
+    links = BareLinks(robot, FOREARM, "left")
+    _, _, response = step(
+        AT_ONCE, AvoidanceState(), robot.at(home(robot)), FOREARM, np.zeros(12), 0.0, track=track, bare_links=links
+    )
+    assert response.mode == mode
+
+
+@pytest.mark.parametrize(("moved_m", "mode"), [(0.04, "hold"), (0.06, "return")])
+def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(
+    robot: Robot, moved_m: float, mode: str
+) -> None:
+    on, modes, state, q = activations_of(FOREARM, left_forearm_27=1.0), [], AvoidanceState(), home(robot)
+    for k in range(45):
+        track = track_at(np.array([-0.3, 0.0, 0.3 + (moved_m if k >= 40 else 0.0)]), np.zeros(3))
+        a = on if k < 10 or k == 20 else 0 * on
+        state, command, response = step(AT_ONCE, state, robot.at(q), FOREARM, a, k * DT, hold_s=0.05, track=track)
+        modes.append(response.mode)
+        q = q + DT * command.dq_rad_s
+    assert modes[19:21] == ["return", "avoid"]
+    assert modes[30:40] == ["hold"] * 10
+    assert modes[40:] == [mode] * 5

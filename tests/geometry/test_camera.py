@@ -85,15 +85,21 @@ def test_what_cannot_be_seen_projects_to_nan(camera: Camera) -> None:
     assert np.all(np.isfinite(camera.project([0.0, 0.0, 0.5])))
 
 
-def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen() -> None:
-    """With k1 = −.374 alone the image of a ray turns back at tan² = 1/(3·.374), 43° aside."""
-    camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (-0.374, 0.0, 0.0, 0.0, 0.0))
+@pytest.mark.parametrize(
+    ("k1", "k2", "k3", "tan2"),
+    [(-0.374, 0.0, 0.0, 1 / (3 * 0.374)), (0.0, -0.2, 0.0, 1.0), (0.0, 0.0, -1 / 7, 1.0), (-0.1, -0.06, -0.4 / 7, 1.0)],
+)
+def test_a_point_so_far_aside_that_the_lens_model_folds_back_is_not_seen(
+    k1: float, k2: float, k3: float, tan2: float
+) -> None:
+    """The image of a ray turns back where 1 + 3 k1 tan² + 5 k2 tan⁴ + 7 k3 tan⁶ is 0."""
+    camera = Camera(320, 240, 220.0, 220.0, 159.5, 119.5, (k1, k2, 0.0, 0.0, k3))
     angles = np.deg2rad(np.linspace(0, 80, 801))
     points = np.column_stack([np.sin(angles), np.zeros(801), np.cos(angles)])
     u = camera.project(points)[:, 0]
     seen = np.isfinite(u)
     np.testing.assert_allclose([camera.project_linearised(*point)[0] for point in points.tolist()], u, atol=1e-9)
-    assert angles[seen].max() == pytest.approx(np.arctan(np.sqrt(1 / (3 * 0.374))), abs=0.003)
+    assert angles[seen].max() == pytest.approx(np.arctan(np.sqrt(tan2)), abs=0.003)
     assert np.all(np.diff(u[seen]) > 0)
 
 

@@ -82,6 +82,7 @@ def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> Non
     write(tmp_path, "coco", pairs)
     read = COCO(str(tmp_path / "coco.json"))
     assert len(read.getImgIds()) == 2 * N
+    assert sorted(read.getAnnIds()) == list(range(1, 2 * (N - 2) + 1)), "COCO's evaluation takes 0 for no match"
     for annotation in read.loadAnns(read.getAnnIds()):
         (image,) = read.loadImgs([annotation["image_id"]])
         k = image["frame_id"] - 1
@@ -89,7 +90,6 @@ def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> Non
         assert annotation["bbox"] == [10.0 + k, 20.5, 8.0, 6.0 + (image["camera"] == "right")]
         assert annotation["track_id"] == (1 if k < 5 else 2)
         assert read.annToMask(annotation | {"segmentation": [[0, 0, 4, 0, 4, 4, 0, 4]]}).shape == (240, 320)
-    assert len(read.getAnnIds()) == 2 * (N - 2)
 
 
 def test_one_view(tmp_path: Path) -> None:

@@ -39,6 +39,7 @@ def test_a_pinhole_image_holds_every_pixel_where_opencv_projects_from(scale: flo
         whole, fraction = lens.map_to(pinhole)
         uv = whole + np.stack([fraction % 32, fraction // 32], axis=-1) / 32.0  # OpenCV's fixed point
         assert uv.min() >= 0
+        assert uv.min(axis=(0, 1)).max() < scale + 1, "a margin of one of the lens's pixels, rounded up"
         assert uv[..., 0].max() <= pinhole.width - 1
         assert uv[..., 1].max() <= pinhole.height - 1
         xy = (uv - [pinhole.cx, pinhole.cy]) / [pinhole.fx, pinhole.fy]

@@ -59,6 +59,20 @@ def test_a_single_body_covers_what_rays_into_it_hit(shape: str, size: tuple[floa
     assert np.count_nonzero(true & ~said) < 0.02 * true.sum()
 
 
+@pytest.mark.parametrize("axis", [0, 1], ids=["u", "v"])
+@pytest.mark.parametrize(("first_px", "last_px", "masked"), [(-50, 0.4, [0]), (319.4, 350, [319]), (-50, -0.6, [])])
+def test_a_body_that_ends_at_the_images_edge(first_px: float, last_px: float, masked: list[int], axis: int) -> None:
+    """A sheet before a camera of 240 px at 0.7 m, from one pixel to another along one axis."""
+    first_m, last_m = ((px - 159.5) * 0.7 / 240 for px in (first_px, last_px))
+    pose, size = np.eye(4), np.array([0.2, 0.2, 1e-6])
+    pose[axis, 3], pose[2, 3], size[axis] = 0.5 * (first_m + last_m), 0.7, last_m - first_m
+    robot = load_icub()
+    robot.__dict__["bodies"] = (Body("one", "root", "box", tuple(size), pose, (0.0, 0.0, 0.0)),)
+    view = View(Camera(320, 320, 240.0, 240.0, 159.5, 159.5), np.eye(4))
+    mask = Silhouette(robot, margin_px=0)(home(robot), view)
+    np.testing.assert_array_equal(np.flatnonzero(mask.any(axis=axis)), masked)
+
+
 def test_a_view_away_from_the_body_is_free() -> None:
     robot = load_icub()
     up = np.eye(4)

@@ -140,6 +140,18 @@ def test_parts_of_two_colours_that_touch_are_one_object(
         assert found[0].evidence == violet.evidence + orange.evidence
 
 
+@pytest.mark.parametrize(("least_px", "is_one"), [(90, True), (110, False)])
+def test_what_is_smaller_than_the_least_area_is_no_object(
+    least_px: int, is_one: bool, rng: np.random.Generator, rig: StereoRig
+) -> None:
+    """A violet square of 100 px."""
+    image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
+    image[100:110, 150:160] = (120, 20, 220)
+    region = Region2D((150, 100, 10, 10), np.ones((10, 10), bool), 1.0)
+    found = segment(AcquisitionParams(min_area_px=least_px), image, region, Optics(rig.left))
+    assert (found is not None) == is_one
+
+
 def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
     rng: np.random.Generator, rig: StereoRig, robot: Robot
 ) -> None:

@@ -14,7 +14,7 @@ from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Observation3D
 from tracking import masks
 from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
-from tracking.marker import MarkerParams, find_markers
+from tracking.marker import MarkerParams, find_markers, threshold
 from tracking.outline import Optics
 from tracking.particle_filter import Cloud, Prior, propagate, resample, spawn, weigh
 
@@ -132,6 +132,15 @@ def test_markers_come_in_the_order_of_area_and_roundness() -> None:
     image[200:208, 150:230] = image[20:22, 200:203] = image[100:102, 200:204] = (25, 200, 60)
     found = [one.center_px for one in find_markers(MarkerParams(), image, Optics(LEFT_EYE))]
     np.testing.assert_allclose(found, [(60, 60), (59.5, 159.5), (189.5, 203.5), (201.5, 100.5)], atol=1.0)
+
+
+@pytest.mark.parametrize(
+    ("least", "row"), [("min_value", [(0, 204, 0), (0, 203, 0)]), ("min_saturation", [(51, 255, 51), (52, 255, 52)])]
+)
+def test_what_has_the_least_value_or_saturation_is_of_the_marker(least: str, row: list[tuple[int, int, int]]) -> None:
+    """Value = largest of the three, saturation = (largest − smallest) / largest: 0.8, and 0.796."""
+    params = MarkerParams(**{"min_value": 0.0, "min_saturation": 0.0, least: 0.8})
+    assert threshold(params, np.array([row], np.uint8)).tolist() == [[255, 0]]
 
 
 def test_bad_parameters_are_named() -> None:

@@ -1,6 +1,7 @@
 """Eyes that show nothing, or nothing new."""
 
 import numpy as np
+import pytest
 
 from pps_vision.types import Image, StereoFrame
 from tracking.frame_checks import Fingerprints, fingerprints, is_blind
@@ -62,6 +63,14 @@ def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng: np.
     assert Blindness().step(pair(picture(rng), dark, 0.0))
     assert Blindness().step(pair(np.full_like(dark, 255), picture(rng), 0.0))
     assert not Blindness().step(pair(picture(rng), picture(rng, contrast=5.0), 0.0))
+
+
+@pytest.mark.parametrize("level", [0, 90])
+def test_something_small_before_a_black_or_plain_ground_is_seen(rng: np.random.Generator, level: int) -> None:
+    for row in range(0, 40, 4):
+        image = np.full((48, 64, 3), level, np.uint8)
+        image[row : row + 8, 20:28] = (25, 200, 60)
+        assert not Blindness().step(pair(picture(rng), image, 0.0))
 
 
 def test_a_plain_wall_in_the_light_is_seen(rng: np.random.Generator) -> None:

@@ -145,7 +145,7 @@ class Bag:
             "rectification_matrix": R.ravel().tolist(),
             "projection_matrix": P.ravel().tolist(),
         }
-        if "rect" in topic.rsplit("/", 1)[-1] or "rect" in topic.rsplit("/", 2)[-2]:
+        if any("rect" in part for part in topic.split("/")[-2:]):
             content |= {
                 "camera_matrix": np.reshape(P, (3, 4))[:, :3].ravel().tolist(),
                 "distortion_coefficients": [],
