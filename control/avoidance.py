@@ -1,4 +1,7 @@
-"""Move away from what the skin predicts to touch it, or reach for it (R eq. 6), and return home."""
+"""Move away from what the skin predicts to touch it, or reach for it (R eq. 6), and return home.
+
+Beyond R: an arm at rest does not respond to what will pass, and reaching aims at the object.
+"""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
@@ -18,6 +21,7 @@ from pps_vision.types import Array, JointVelocity, Track3D
 
 Mode = Literal["idle", "avoid", "reach", "hold", "return"]
 _FULL_SPEED_NORMAL = 0.5  # a mean normal that is shorter (60° from all normals to it, or more) slows the response
+_HORIZON_S = 3.0  # of a path: R's longest time to contact
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,7 @@ class AvoidanceParams:
     side: Literal["left", "right"] = "left"
     """The arm."""
     behaviour: Literal["avoid", "reach"] = "avoid"
-    """Move against the normal of the control point, or along it."""
+    """Move against the normal of the control point, or towards the object."""
     threshold: float = 0.4
     """Activation above which a taxel responds."""
     speed_m_s: float = 0.10
@@ -40,11 +44,16 @@ class AvoidanceParams:
     arm."""
     radius_m: float = 0.20
     """The palm stays this near to its place at home."""
+    path_m: float = 0.05
+    """An arm at rest responds only to what comes so near to its skin if it moves on as it does; inf: to every
+    activation (R).  D and TTC do not tell what passes from what comes."""
     confirm_s: float = 0.15
     """Time above threshold before the arm responds: the estimated velocity of an object that stops overshoots for one
     to three frames."""
     persist_s: float = 0.3
-    """Time the response outlasts the activation."""
+    """Time for which avoidance outlasts the activation."""
+    reach_for_s: float = 3.0
+    """Time for which reaching does: an object that waits to be touched has no time to contact."""
     wait_s: float = 1.0
     """Time for which the arm stays where it is when the object is lost, before it goes home."""
     gone_m: float = 0.05
@@ -72,9 +81,18 @@ class AvoidanceParams:
             raise ValueError(f"weighting {self.weighting!r}; expected sum or count")
         if not self.home_arm_rad or not np.isfinite(self.home_arm_rad).all():
             raise ValueError(f"home_arm_rad {self.home_arm_rad}; expected an angle for each joint")
-        times = self.confirm_s, self.persist_s, self.ease_in_s, self.wait_s, self.link_lead_s, self.link_clearance_m
+        times = (
+            self.confirm_s,
+            self.persist_s,
+            self.reach_for_s,
+            self.ease_in_s,
+            self.wait_s,
+            self.link_lead_s,
+            self.link_clearance_m,
+        )
         above_0 = (
             self.threshold,
+            self.path_m,
             self.speed_m_s,
             self.radius_m,
             self.return_per_s,
@@ -130,31 +148,35 @@ def step(
     """One control step from the activations (n,) of `skin`, the taxels this arm carries.
 
     The arm reaches only while `may_reach`: while the reachable-space map calls the object reachable; it avoids in any
-    case.  It reaches with the body part that is most likely to be touched, and withdraws all parts at once.  The
-    command may be held for `hold_s`; the response keeps clear of the bodies of `self_collision`.  Of a `track` (None:
-    unknown) the `bare_links`, which have no taxels, are kept clear too, and when it is lost the arm holds still, then
-    goes home.  InputError if an activation is not in [0, 1], if there is not one per taxel, or if the stamp is not
-    finite or before the last one.
+    case.  It reaches with the body part that is most likely to be touched, also after the object has stopped, and
+    withdraws all parts at once.  The command may be held for `hold_s`; the response keeps clear of the bodies of
+    `self_collision`.  Of a `track` (None: unknown) an arm that avoids keeps the `bare_links`, which have no taxels,
+    clear too, and when it is lost the arm holds still, then goes home.  InputError if an activation is not in [0, 1],
+    if there is not one per taxel, or if the stamp is not finite or before the last one.
     """
     check_times("avoidance", stamp_s, hold_s, state.stamp_s)
     found = control_points(params.threshold, posture, skin, np.asarray(activations, dtype=float), params.weighting)
+    if found and state.mode == "idle" and not _comes(params, posture, skin, track):
+        found = []
     near: list[Near] = []
-    if bare_links is not None and track is not None and track.is_known:
-        near, threatened = _near(params, bare_links, posture, track)
-        found += [_of_link(one) for one in threatened if params.behaviour == "avoid"]
     if params.behaviour == "reach":
         found = sorted(found, key=lambda one: -one.likeliest)[:1]
+    elif bare_links is not None and track is not None and track.is_known:
+        near, threatened = _near(params, bare_links, posture, track)
+        found += [_of_link(one) for one in threatened]
     allowed = may_reach or params.behaviour == "avoid"
     state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track)
+    if state.mode == "reach" and track is not None and track.is_known:
+        state = replace(state, points=tuple(_aimed(params, one, posture, track) for one in state.points))
     state = replace(state, stamp_s=stamp_s)
     if state.mode in ("avoid", "reach"):
-        dq = _respond(params, state, posture, hold_s, self_collision, near)
+        dq = _respond(params, state, posture, hold_s, self_collision, _kept_clear(params, posture, near, hold_s))
         first = state.points[0]
         response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
     else:
         dq = 0 * posture.q_rad
         if state.mode == "return":
-            dq = _return(params, posture, stamp_s - state.since_s, _rows(params, posture, near, hold_s))
+            dq = _return(params, posture, stamp_s - state.since_s, _kept_clear(params, posture, near, hold_s))
         response = Response(state.mode, np.zeros(3), np.full(3, np.nan))
     return state, JointVelocity(stamp_s, dq, hold_s), response
 
@@ -204,6 +226,28 @@ def control_points(
     return sorted(found, key=lambda one: -one.weight)
 
 
+def _comes(params: AvoidanceParams, posture: Posture, skin: Skin, track: Track3D | None) -> bool:
+    """Whether the object comes within `path_m` of a taxel if it moves on at its present velocity; True without one."""
+    if track is None or not track.is_known or np.isinf(params.path_m):
+        return True
+    d, v = skin.at(posture)[0] - track.position, track.velocity
+    nearest_s = np.clip(d @ v / max(float(v @ v), 1e-12), 0.0, _HORIZON_S)
+    distance = np.linalg.norm(d - nearest_s[:, None] * v, axis=1)
+    return bool(distance.min() - (track.radius_m if np.isfinite(track.radius_m) else 0.0) < params.path_m)
+
+
+def _aimed(params: AvoidanceParams, point: MovingPoint, posture: Posture, track: Track3D) -> MovingPoint:
+    """The control point on its way to the surface of the object, where it stops."""
+    d, distance = track.position - posture.point(point.frame, point.point), _distance(posture, point, track.position)
+    gap = max(distance - (track.radius_m if np.isfinite(track.radius_m) else 0.0), 0.0)
+    return point._replace(velocity_root=min(params.speed_m_s, gap / MAX_HOLD_S) * d / max(distance, 1e-9))
+
+
+def _distance(posture: Posture, point: MovingPoint, position: Array) -> float:
+    """m from a control point to a position (3,) in the root frame."""
+    return float(np.linalg.norm(position - posture.point(point.frame, point.point)))
+
+
 def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Track3D) -> tuple[list[Near], list[Near]]:
     """The nearest points of links without taxels, and those of them to which the object comes within the lead time."""
     radius = track.radius_m if np.isfinite(track.radius_m) else 0.0
@@ -243,12 +287,16 @@ def _next(
     responding, position = mode in ("avoid", "reach"), track.position if track and track.is_known else None
     if found and (responding or mode == "hold" or stamp_s - active_since_s > params.confirm_s - 1e-6):
         by = position if mode == "return" else blocked_by
-        return AvoidanceState(params.behaviour, stamp_s, active_since_s, _moving(params, posture, found), by)
+        points = _moving(params, posture, found)
+        if mode == "reach" and position is not None:  # with a point that is no farther from the object than the last
+            points = min((state.points, points), key=lambda one: _distance(posture, one[0], position))
+        return AvoidanceState(params.behaviour, stamp_s, active_since_s, points, by)
     blocked = False
     if blocked_by is not None and position is not None:
         blocked = float(np.linalg.norm(position - blocked_by)) < params.gone_m
     lost = track is not None and position is None
-    ended = responding and (lost or not allowed or since_s > params.persist_s)
+    lasts_s = params.reach_for_s if mode == "reach" else params.persist_s
+    ended = responding and (lost or not allowed or since_s > lasts_s)
     if ended and (lost or blocked):
         return AvoidanceState("hold", stamp_s, blocked_by=blocked_by)
     if ended or (mode == "hold" and not blocked and (not lost or since_s > params.wait_s)):
@@ -281,31 +329,27 @@ def _respond(
     posture: Posture,
     hold_s: float,
     self_collision: SelfCollision | None,
-    near: list[Near],
+    rows: tuple[Array, Array],
 ) -> Array:
-    """Joint rates that move the control points as commanded, the palm within its sphere, links off the object."""
+    """Joint rates that move the control points as commanded, the palm within its sphere, within the `rows`."""
     palm, q_home = _palm(params, posture), posture.q_rad.copy()
     q_home[_columns(params, posture)] = params.home_arm_rad
     keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
-    rows = _rows(params, posture, near, hold_s)
     rest = params.home_arm_rad
     return arm_velocity(params.arm, posture, params.side, state.points, rest, keep_in, hold_s, self_collision, rows)
 
 
-def _rows(params: AvoidanceParams, posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array] | None:
+def _kept_clear(params: AvoidanceParams, posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array]:
     """Speeds (m, n_joints) of links without taxels towards the object per joint rate, and their largest values (m,)."""
     near = [one for one in near if np.isfinite(one.distance_m)]
-    if not near:
-        return None
-    rows = []
-    for one in near:
+    rows = np.empty((len(near), posture.robot.n_joints))
+    for k, one in enumerate(near):
         point = move_points(inverse(posture.T_root(one.frame)), one.point_root)
-        rows.append(one.normal @ posture.jacobian(one.frame, point)[:3])
-    most = [max(one.distance_m - params.link_clearance_m, 0.0) / hold_s for one in near]
-    return np.array(rows), np.array(most)
+        rows[k] = one.normal @ posture.jacobian(one.frame, point)[:3]
+    return rows, np.array([max(one.distance_m - params.link_clearance_m, 0.0) / hold_s for one in near])
 
 
-def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float, rows: tuple[Array, Array] | None) -> Array:
+def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float, rows: tuple[Array, Array]) -> Array:
     """Joint rates towards home: eased in and out, the palm no faster than the control point of a response, and no
     faster than the `rows` of links near the object allow."""
     dq = np.zeros_like(posture.q_rad)
@@ -314,10 +358,8 @@ def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float, rows: t
     excess = max(palm_speed / params.speed_m_s, np.abs(dq).max() / params.arm.max_rate_rad_s, 1.0)
     eased = elapsed_s / params.ease_in_s if elapsed_s < params.ease_in_s else 1.0
     dq *= eased / excess
-    if rows is not None:
-        towards = rows[0] @ dq
-        dq *= np.min(rows[1][towards > 0] / towards[towards > 0], initial=1.0)
-    return dq
+    towards = rows[0] @ dq
+    return dq * np.min(rows[1][towards > 0] / towards[towards > 0], initial=1.0)
 
 
 def _columns(params: AvoidanceParams, posture: Posture) -> list[int]:

@@ -120,10 +120,14 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
 
 
 def _reaching(rows: Rows) -> dict[str, Any]:
+    """Of all objects, and of those that a posture of the arm touches with the part aimed at."""
     reaches = [row for row in rows if row["condition"] == "reach"]
+    reachable = [row for row in reaches if row["reachable"]]
     return {
+        "reachable": rate(reaches, lambda row: bool(row["reachable"])),
         "touched": rate(reaches, lambda row: bool(row["touched"])),
-        "by the part aimed at": rate(reaches, lambda row: row["touched_part"] == row["part"]),
+        "reachable: touched": rate(reachable, lambda row: bool(row["touched"])),
+        "reachable: by the part aimed at": rate(reachable, lambda row: row["touched_part"] == row["part"]),
     }
 
 
@@ -184,7 +188,7 @@ def tables(numbers: dict[str, Any]) -> dict[str, Table]:
             [[name, *(estimate(cell["still"][c]) for c in HARMLESS)] for name, cell in of.items()],
         ),
         "reaching": Table(
-            ["reaching (%)", "touched", "by the part aimed at"],
+            ["reaching (%)", "can be touched", "touched", "touched of these", "of these by the part aimed at"],
             [[name, *(estimate(value) for value in cell.values())] for name, cell in numbers["reaching"].items()],
         ),
         "limits": Table(

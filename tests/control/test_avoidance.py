@@ -369,10 +369,54 @@ def test_the_elbow_which_has_no_taxels_gives_way_to_what_comes_and_not_to_what_p
     assert min(gaps) > (0.02 if aside_m == 0.0 else 0.05)
 
 
+@pytest.mark.parametrize(
+    ("aside_m", "path_m", "expected"), [(0.0, 0.05, True), (0.15, 0.05, False), (0.15, np.inf, True)]
+)
+def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(
+    robot: Robot, aside_m: float, path_m: float, expected: bool
+) -> None:
+    """A ball 20 cm from the skin flies along the normal, or past it at 15 cm; R responds to both."""
+    posture, state, moved = robot.at(home(robot)), AvoidanceState(), False
+    points, normals = FOREARM.at(posture)
+    k = FOREARM.index("left_forearm:27")
+    aside = np.cross(normals[k], points.mean(axis=0) - posture.point("left_palm"))
+    aside *= np.sign((points[k] - points.mean(axis=0)) @ aside) / np.linalg.norm(aside)
+    for i in range(6):
+        track = track_at(points[k] + aside_m * aside + (0.2 - 0.1 * DT * i) * normals[k], -0.1 * normals[k])
+        a = activations_of(FOREARM, left_forearm_27=0.9)
+        params = replace(PARAMS, path_m=path_m)
+        state, command, _ = step(params, state, posture, FOREARM, a, i * DT, track=track)
+        moved = moved or bool(command.dq_rad_s.any())
+    assert moved == expected
+
+
+def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot: Robot) -> None:
+    """Activation lasts for 0.3 s, while the ball comes; it waits 5 cm from the skin, 40° from the normal."""
+    q, state, gaps = home(robot), AvoidanceState(), []
+    points, normals = FOREARM.at(robot.at(q))
+    k = FOREARM.index("left_forearm:27")
+    out = np.cos(40 * DEG) * normals[k] + np.sin(40 * DEG) * np.cross(normals[k], [0.0, 0.0, 1.0])
+    at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * out / np.linalg.norm(out)
+    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach")
+    for i in range(60):
+        a = activations_of(FOREARM, left_forearm_27=0.9 * (i < 6))
+        track = track_at(at, -0.1 * out * (i < 6))
+        state, command, response = step(
+            params, state, robot.at(q), FOREARM, a, i * DT, may_reach=True, hold_s=DT, track=track
+        )
+        q = q + DT * command.dq_rad_s
+        gaps.append(np.linalg.norm(FOREARM.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)
+        assert np.linalg.norm(response.velocity_root) < 0.1 + 1e-9
+    assert gaps[0] > TOUCH_RADIUS_M + 0.04
+    assert min(gaps) < TOUCH_RADIUS_M
+    assert min(gaps) > -0.01  # it stops at the surface
+
+
 def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) -> None:
     on, modes, state, q = activations_of(FOREARM, left_forearm_27=1.0), [], AvoidanceState(), home(robot)
+    skin_point = FOREARM.at(robot.at(q))[0][0]
     for k in range(120):
-        track = track_at(np.zeros(3), np.zeros(3)) if k < 10 else Track3D.unknown(k * DT)
+        track = track_at(skin_point, np.zeros(3)) if k < 10 else Track3D.unknown(k * DT)
         state, command, response = step(
             AT_ONCE, state, robot.at(q), FOREARM, on * (k < 10), k * DT, hold_s=0.05, track=track
         )

@@ -20,6 +20,7 @@ from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import felt
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.training import FIELD
+from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin
@@ -72,15 +73,16 @@ class Setting:
 
 
 def ours(setting: Setting) -> Controller:
-    """Return R eq. 6 as the closed loop runs it: confirmed, persistent, a quadratic programme with all limits."""
+    """Return what the closed loop runs: R eq. 6 for what comes near, a quadratic programme with all limits."""
     home = tuple(setting.home_rad[setting.arm].tolist())
     params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M)
-    state = AvoidanceState()
+    state, bare_links = AvoidanceState(), BareLinks(setting.robot, setting.skin, setting.side)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal state
-        also = {"may_reach": True, "self_collision": setting.self_collision}
-        state, command, _ = avoidance.step(params, state, posture, setting.skin, activations, track.stamp_s, **also)  # type: ignore[arg-type]
+        seen = posture, setting.skin, activations, track.stamp_s
+        on = {"self_collision": setting.self_collision, "track": track, "bare_links": bare_links}
+        state, command, _ = avoidance.step(params, state, *seen, may_reach=True, **on)  # type: ignore[arg-type]
         return command.dq_rad_s
 
     return act

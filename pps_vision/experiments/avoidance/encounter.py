@@ -56,6 +56,7 @@ _MARGIN_RAD = np.deg2rad(3.0)  # of a start posture's arm joints to their limits
 _DRAWS = 6  # paths drawn for a posture before another is
 _LEAST_S = 0.3  # until the would-be contact
 _DWELL_S, _AFTER_S = 0.3, 1.2  # at the end of the approach; then until the episode ends
+_WAIT_S = 2.0  # of an object that is to be reached for
 _REST_S = 4.0  # length of encounters with an object at rest
 _REST_M = (0.10, 0.15)  # from the surface of an object at rest to the nearest taxel's centre
 _CLEAR_M = (0.20, 0.25)  # the same while the arm swings, which takes it up to 10 cm nearer
@@ -203,8 +204,9 @@ def would_touch(start: Array, velocity: Array, taxels: Array, radius_m: float) -
     return float(np.min(times[(root >= 0) & (times >= 0)], initial=np.inf))
 
 
-def approach(end_m: float) -> DrawPath:
-    """Return what draws approaches that end `end_m` beyond (or, below 0, before) the would-be contact."""
+def approach(end_m: float, dwell_s: float = _DWELL_S) -> DrawPath:
+    """Return what draws approaches that end `end_m` beyond (or, below 0, before) the would-be contact, and stay there
+    for `dwell_s`."""
 
     def path(
         arena: Arena, skin: Skin, q: Array, taxel: int, radius: float, speed: float, rng: np.random.Generator
@@ -217,8 +219,8 @@ def approach(end_m: float) -> DrawPath:
         contact_s = would_touch(visit.start, speed * ahead, taxels, radius)
         arrives_s = float(np.linalg.norm(end - visit.start)) / speed
         if end_m > 2 * PRESS_M:
-            return Recede(visit.start, end, speed), arrives_s + _DWELL_S, contact_s
-        return Approach(visit.start, end, speed, _DWELL_S), arrives_s + _DWELL_S + _AFTER_S, contact_s
+            return Recede(visit.start, end, speed), arrives_s + dwell_s, contact_s
+        return Approach(visit.start, end, speed, dwell_s), arrives_s + dwell_s + _AFTER_S, contact_s
 
     return path
 
@@ -277,7 +279,7 @@ _PATHS: dict[Condition, DrawPath] = {
     "stop": approach(0.0),
     "press": approach(PRESS_M),
     "through": approach(BEYOND_M),
-    "reach": approach(-_SHORT_OF_M),
+    "reach": approach(-_SHORT_OF_M, _WAIT_S),
     "harmless_receding": _recede,
     "harmless_static": _rest(_REST_M),
     "harmless_passing": _pass,

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from pps_vision.app.pipeline import felt
 from pps_vision.app.simulation import PERIOD_S, own_rate
-from pps_vision.experiments.avoidance.controllers import Controller, Setting
+from pps_vision.experiments.avoidance.controllers import RADIUS_M, Controller, Setting
 from pps_vision.experiments.avoidance.encounter import Arena, Encounter
 from pps_vision.experiments.avoidance.training import FIELD, Memories
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M
@@ -19,6 +21,9 @@ _BETWEEN = 5  # instants between two frames at which the skin is looked at
 _ENOUGH_S = 0.5  # for which a harmless encounter goes on after a command: it is decided
 _MOVES_RAD_S = 1e-4  # slower is rest
 _TOLERANCE = 1e-6  # rad, of a joint limit
+_SHORT_M = 1e-4  # of what a posture is asked for
+_STARTS = 3  # random postures from which one that touches is searched
+_CLEAR_M = 0.025  # self-collision distance that our arm keeps
 
 
 @dataclass(frozen=True)
@@ -191,6 +196,39 @@ def meet(
         elif watch.touched_part or (encounter.is_harmless and t > watch.first_command_s + _ENOUGH_S):
             break
     return watch.outcome(name)
+
+
+def can_touch(arena: Arena, encounter: Encounter, rng: np.random.Generator) -> bool:
+    """Return whether the part aimed at can touch the object where it waits: whether some posture of the arm, within its
+    limits and the palm's sphere and clear of the body, brings one of its taxels there.
+
+    Least squares over the arm's joints, from the posture at the start and random ones; shares nothing with the
+    controllers but the robot's kinematics.
+    """
+    robot, arm, skin = arena.robot, arena.arm(encounter.side), arena.skins[encounter.side]
+    at, palm = encounter.motion(encounter.contact_s)[0], robot.names.palms[("left", "right").index(encounter.side)]
+    home, lower, upper = robot.at(encounter.q_rad).point(palm), robot.lower_rad[arm], robot.upper_rad[arm]
+    touching_m = encounter.radius_m + TOUCH_RADIUS_M
+    aimed_at = [i for i, one in enumerate(skin.taxel_ids) if body_part(one) == encounter.part]
+
+    def posture(joints: Array) -> Array:
+        q = encounter.q_rad.copy()
+        q[arm] = joints
+        return q
+
+    def short_of(joints: Array, taxel: int) -> Array:
+        there = robot.at(posture(joints))
+        d = skin.at(there)[0][taxel] - at
+        outside = float(np.linalg.norm(there.point(palm) - home)) - RADIUS_M
+        near = _CLEAR_M - arena.self_collision.distance_m(there.q_rad)
+        return np.append(d * max(1 - touching_m / np.linalg.norm(d), 0.0), np.maximum([outside, near], 0.0))
+
+    starts = [encounter.q_rad[arm], *rng.uniform(lower, upper, (_STARTS, len(arm)))]
+    for taxel, start in product(aimed_at, starts):
+        begun = np.clip(start, lower + _TOLERANCE, upper - _TOLERANCE)
+        if np.abs(least_squares(short_of, begun, bounds=(lower, upper), args=(taxel,)).fun).max() < _SHORT_M:
+            return True
+    return False
 
 
 def body_part(taxel_id: str) -> str:

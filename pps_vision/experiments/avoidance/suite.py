@@ -15,7 +15,7 @@ from learning.pps.memory import load_memory, save_memory
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.controllers import Numbers
 from pps_vision.experiments.avoidance.encounter import Arena, Condition, draw
-from pps_vision.experiments.avoidance.kinematic import meet
+from pps_vision.experiments.avoidance.kinematic import can_touch, meet
 from pps_vision.experiments.avoidance.registry import NONE, REACHING, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import track_of, true_track_of
 from pps_vision.experiments.avoidance.training import Memories, learn
@@ -94,17 +94,20 @@ def _run(task: Task, file: Path) -> Rows:
 
 
 def _rows(task: Task, number: int, kept: Path) -> Rows:
-    """One encounter with every controller, all with the same track errors."""
+    """One encounter with every controller, all with the same track errors; whether one to reach for can be touched."""
     arena = _arena()
     encounter = draw(arena, task.condition, number, task.seed)
     seen = track_of(encounter, track_rng(task.seed, task.condition, number))
     true, found = true_track_of(encounter), []
+    reaches = encounter.condition == "reach"
+    reachable = can_touch(arena, encounter, track_rng(task.seed, task.condition, number)) if reaches else None
     for name in task.controllers:
-        if encounter.condition == "reach" and name not in (*REACHING, NONE):
+        if reaches and name not in (*REACHING, NONE):
             continue
         new = new_controller(name.partition("#")[0], task.numbers.get(name))
         track = true if name == TRUE else seen
-        found.append(meet(arena, _memories(kept)[encounter.side], encounter, name, new, track).to_json())
+        row = meet(arena, _memories(kept)[encounter.side], encounter, name, new, track).to_json()
+        found.append({**row, "reachable": reachable})
     return found
 
 

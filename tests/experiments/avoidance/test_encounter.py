@@ -1,5 +1,7 @@
 """Would-be contacts by hand, and what every kind of encounter does to an arm at rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from pps_vision.experiments.avoidance.encounter import (
     draw,
     would_touch,
 )
+from pps_vision.experiments.avoidance.kinematic import can_touch
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array
 
@@ -69,6 +72,15 @@ def test_harmless_objects_touch_nothing(arena: Arena, condition: Condition) -> N
         if condition == "harmless_passing":
             assert PASS_M[0] - 1e-4 < left.min() < PASS_M[1] + 1e-3
             assert left.min() < left[[0, -1]].min() - 0.02, "it comes nearer and leaves"
+
+
+def test_what_can_be_touched_is_found_by_its_distance(arena: Arena) -> None:
+    """An object a little before the palm can be touched, one a metre above it cannot."""
+    encounter = draw(arena, "reach", 2, 1)
+    palm = arena.robot.at(encounter.q_rad).point(f"{encounter.side}_palm")
+    for above_m, expected in ((0.07, True), (1.0, False)):
+        waiting = replace(encounter, part="palm", motion=lambda t, z=above_m: (palm + np.array([0, 0, z]), np.zeros(3)))
+        assert can_touch(arena, waiting, np.random.default_rng(0)) == expected
 
 
 def test_an_encounter_depends_on_its_seed_and_number_alone(arena: Arena) -> None:
