@@ -114,11 +114,11 @@ class Acquisition:
     ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
         """Return the object in both eyes, if there is one, and the motion regions of each.
 
-        The right image is searched only if something moves in the left one; flow need not confirm it again.
+        The right image is searched only if something moves in the left one.
         """
         with self.stages("trigger"):
-            left = self._trigger(0, cameras[0], confirm=True)
-            right = self._trigger(1, cameras[1], confirm=False) if left else self._remember(1, cameras[1])
+            left = self._trigger(0, cameras[0])
+            right = self._trigger(1, cameras[1]) if left else self._remember(1, cameras[1])
         self._counts.update(frames=1, motion_left=bool(left), motion_right=bool(right))
         if not (left and right):
             return None, (left, right)
@@ -131,9 +131,8 @@ class Acquisition:
             pair = self._best_pair(association, cameras, view, a, b, stamp_s)
         return pair and _with_both_colors(*pair), (left, right)
 
-    def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
-        own = self._own(camera)
-        return self._triggers[eye].step(camera.image, camera.view, camera.stamp_s, own, confirm)
+    def _trigger(self, eye: int, camera: CameraFrame) -> list[Region2D]:
+        return self._triggers[eye].step(camera.image, camera.view, camera.stamp_s, self._own(camera))
 
     def _remember(self, eye: int, camera: CameraFrame) -> list[Region2D]:
         self._triggers[eye].remember(camera.image, camera.view, camera.stamp_s, self._own(camera))

@@ -134,21 +134,18 @@ class MotionTrigger:
         self._past: deque[_Past] = deque()
         self._is_slow = False
 
-    def step(
-        self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None, confirm: bool = True
-    ) -> list[Region2D]:
+    def step(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None = None) -> list[Region2D]:
         """Return the motion regions, strongest first.
 
         Args:
             image: RGB.
             own: Returns the pixels (H, W) of the robot's own body, which is no stimulus; called only when needed.
-            confirm: Whether regions that flow does not confirm are dropped.
         """
         now = self._next(image, view, stamp_s, own)
         then = self._reference(now)
         regions = self._regions(then, now)[: self.params.max_regions] if then else []
         if then and regions and self.params.flow:
-            regions = self._confirmed(then, now, regions, confirm)
+            regions = self._confirmed(then, now, regions)
         self._past.append(now)
         return regions
 
@@ -215,8 +212,8 @@ class MotionTrigger:
             regions += self._split(*found) if found else []
         return sorted(regions, key=lambda r: -r.evidence)
 
-    def _confirmed(self, then: _Past, now: _Past, regions: list[Region2D], confirm: bool) -> list[Region2D]:
-        """The regions that move according to flow, with their flow; all of them, if it need not `confirm`.
+    def _confirmed(self, then: _Past, now: _Past, regions: list[Region2D]) -> list[Region2D]:
+        """The regions that move according to flow, with their flow.
 
         Flow is measured since the newest image that is `flow_interval_s` old; of what is too slow to move since then,
         since the image of the residual.  Only in the former does a missing match mean motion: in the latter, what has
@@ -234,7 +231,7 @@ class MotionTrigger:
         if slow and newest is not then:
             found = zip(slow, self._matches(then, now, [regions[k] for k in slow]), strict=True)
             confirmed |= {k: replace(regions[k], flow=one.flow) for k, one in found if one.moving >= p.min_moving}
-        return [confirmed.get(k, region) for k, region in enumerate(regions) if k in confirmed or not confirm]
+        return [confirmed[k] for k in sorted(confirmed)]
 
     def _moves(self, one: Match) -> bool:
         """Whether enough of a region's matched points move alike.  Points without a match count neither way: a plain

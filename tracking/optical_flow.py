@@ -2,7 +2,8 @@
 
 A point is matched if the flow from the present image to the older one and back returns to it (forward–backward error,
 Kalal 2010).  It moves if its flow differs from the median flow of the region's surroundings, so an error of the eye's
-pose, which shifts everything alike, moves nothing.
+pose, which shifts everything alike, moves nothing.  Points move alike if a translation and an expansion explain their
+flow: what comes along the line of sight only expands.
 """
 
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ _MAX_POINTS = 40  # of a region, and of the surroundings; it limits the time
 _MIN_POINTS = 4  # for a median
 _SURROUND_PX = 4  # nearer to a region a window contains much of it
 _EQUAL_PX, _EQUAL_SHARE = 0.5, 0.15  # flows equal up to so many pixels, and up to that share of the flow
+_MAX_PAIRS = 200  # of points, from each of which an expansion is tried
 _COMMON_STD_PX = 0.1  # of the error that all points of a region share
 
 
@@ -92,7 +94,9 @@ def match(
     result = []
     for first, last in zip([0, *ends[:-2]], ends[:-1], strict=True):
         relative, found = flow[first:last] - static, matched[first:last]
-        alike = _most_alike(relative, found & (np.hypot(relative[:, 0], relative[:, 1]) > threshold))
+        alike = _most_alike(
+            points[first:last], relative, found & (np.hypot(relative[:, 0], relative[:, 1]) > threshold)
+        )
         measured = None
         if np.count_nonzero(alike) >= _MIN_POINTS:
             mean = np.median(relative[alike], axis=0)
@@ -183,12 +187,20 @@ def _median(flow: Array) -> tuple[Array, float]:
     return median, 1.4826 * float(np.median(np.abs(flow - median)))
 
 
-def _most_alike(flow: Array, moving: Mask) -> Mask:
-    """The moving points whose flow equals that of the point with which most agree."""
+def _most_alike(points: Array, flow: Array, moving: Mask) -> Mask:
+    """The moving ones of points (n, 2) px whose flow (n, 2) px one translation and expansion explains: those of the
+    point, or of the pair of points, with which most agree."""
     if not moving.any():
         return moving
-    candidates = flow[moving]
-    apart = np.linalg.norm(candidates[:, None] - flow[None], axis=-1)
-    near = (apart <= _EQUAL_PX + _EQUAL_SHARE * np.linalg.norm(candidates, axis=1)[:, None]) & moving
+    at, by = points[moving], flow[moving]
+    i, j = np.triu_indices(len(at), 1)
+    i, j = i[:: len(i) // _MAX_PAIRS + 1], j[:: len(j) // _MAX_PAIRS + 1]
+    apart = at[i] - at[j]
+    rate = np.sum((by[i] - by[j]) * apart, axis=1) / np.sum(apart**2, axis=1)
+    center, shift = np.concatenate([at, (at[i] + at[j]) / 2]), np.concatenate([by, (by[i] + by[j]) / 2])
+    expansion = np.concatenate([np.zeros(len(at)), rate])[:, None, None]
+    explained = shift[:, None] + expansion * (points - center[:, None])
+    allowed = _EQUAL_PX + _EQUAL_SHARE * np.linalg.norm(explained, axis=-1)
+    near = (np.linalg.norm(explained - flow, axis=-1) <= allowed) & moving
     best: Mask = near[near.sum(axis=1).argmax()]
     return best

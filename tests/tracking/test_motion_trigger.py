@@ -271,12 +271,12 @@ def textured(rng: np.random.Generator, level: float = 100.0) -> np.ndarray:
 def test_what_the_object_uncovers_is_refuted_and_the_object_measured() -> None:
     rng = np.random.default_rng(6)
     wall, square = textured(rng), textured(rng, 150.0)[:24, :24]
-    for params, confirm, expected in ((GATE, True, 2), (TriggerParams(), False, 2), (TriggerParams(), True, 1)):
+    for params, expected in ((GATE, 2), (TriggerParams(), 1)):
         trigger, found = MotionTrigger(params, LEFT_EYE), []
         for k in range(12):
             image, x = wall.copy(), 60 + 10 * max(k - 4, 0)
             image[100:124, x : x + 24] = square
-            found.append(trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k, confirm=confirm))
+            found.append(trigger.step(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k))
         assert max(len(one) for one in found[9:]) == expected
     flow = found[11][0].flow
     assert flow is not None

@@ -53,6 +53,19 @@ def test_flow_of_a_region_is_its_motion(rng: np.random.Generator, moved: tuple[i
     assert std_px.max() < 0.3
 
 
+def test_what_comes_along_the_line_of_sight_moves_although_its_flow_has_no_direction(rng: np.random.Generator) -> None:
+    """The square grows by a fifth about its centre: points at its rim move by 2.5 px, in all directions."""
+    wall, square = texture(rng, (240, 320)), texture(rng, (30, 30))
+    images = [wall, wall.copy()]
+    grown = cv2.warpAffine(square, np.array([[1.2, 0, -0.2 * 14.5], [0, 1.2, -0.2 * 14.5]]), (30, 30))
+    for image, content in zip(images, (square, grown), strict=True):
+        image[110:140, 150:180] = content
+    found = measured(images)
+    assert found.moving > 0.5
+    assert found.flow is not None
+    assert np.abs(found.flow.velocity_px_s * DT).max() < 1.0  # on average over the square it does not move
+
+
 def test_what_moves_with_its_surroundings_does_not_move(rng: np.random.Generator) -> None:
     found = measured(pair(rng, (2, 1), (2, 1)))
     assert found.moving == 0
