@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from results import write_results
 
-from pps_vision.app.batch import TABLE
+from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
 from pps_vision.app.report import page
 from pps_vision.app.report.tracking import read_tracked, report_folder
@@ -60,7 +60,7 @@ def test_colours_that_stand_for_times_have_a_scale(tmp_path: Path, monkeypatch: 
 def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_results(tmp_path / "a")
     rows = [("a", "done", 40, 40, 0.925, "", 1.5, ""), ("b<c>", "failed", "", "", "", "", "", "cannot be read")]
-    write_table(tmp_path / "batch.csv", TABLE, rows)
+    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows)
     main(["report", str(tmp_path)])
     page = (tmp_path / "report.html").read_text()
     assert page.index("b&lt;c&gt; failed: cannot be read") < page.index("a: lost 1 times") < page.index("<table")
