@@ -458,10 +458,11 @@ def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(
     robot: Robot, moved_m: float, mode: str
 ) -> None:
     on, modes, state, q = activations_of(FOREARM, left_forearm_27=1.0), [], AvoidanceState(), home(robot)
+    params = replace(AT_ONCE, path_m=np.inf)
     for k in range(45):
         track = track_at(np.array([-0.3, 0.0, 0.3 + (moved_m if k >= 40 else 0.0)]), np.zeros(3))
         a = on if k < 10 or k == 20 else 0 * on
-        state, command, response = step(AT_ONCE, state, robot.at(q), FOREARM, a, k * DT, hold_s=0.05, track=track)
+        state, command, response = step(params, state, robot.at(q), FOREARM, a, k * DT, hold_s=0.05, track=track)
         modes.append(response.mode)
         q = q + DT * command.dq_rad_s
     assert modes[19:21] == ["return", "avoid"]
