@@ -144,7 +144,7 @@ def with_joints(
             for file, port in missing
         ]
         if not missing:
-            readings = [{port: _at(*log, file.stamp_s) for port, log in joints.items()} for file in pair]
+            readings = [{port: interpolated(*log, file.stamp_s) for port, log in joints.items()} for file in pair]
             left, right = (
                 replace(file, joints_rad=setup.configuration(reading) + offsets_rad)
                 for file, reading in zip(pair, readings, strict=True)
@@ -163,9 +163,11 @@ def _covers(stamps: Array, stamp_s: float) -> bool:
     return bool(nearest_s <= most_s and between_s <= 2 * MAX_JOINT_GAP_S)
 
 
-def _at(stamps: Array, samples: Array, stamp_s: float) -> Array:
+def interpolated(stamps: Array, samples: Array, stamp_s: float) -> Array:
     """Encoders at one stamp, linear between samples, the end's own value beyond the ends."""
-    return np.array([np.interp(stamp_s, stamps, column) for column in samples.T])
+    last = int(np.clip(np.searchsorted(stamps, stamp_s), 1, max(len(stamps) - 1, 1)))
+    around = slice(last - 1, last + 1)
+    return np.array([np.interp(stamp_s, stamps[around], column) for column in samples[around].T])
 
 
 def find_ports(folder: Path, joint_ports: Sequence[str]) -> dict[str, Path]:
