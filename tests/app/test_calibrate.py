@@ -63,6 +63,19 @@ def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.C
     assert picture.std() > 5
 
 
+def test_corners_of_a_board_tilted_by_76_degrees() -> None:
+    """Rows lie a quarter as far apart as columns: a window for the columns' distance would hold other corners."""
+    turn, at = Rotation.from_rotvec([np.deg2rad(76), 0, 0]).as_matrix(), np.array([0.0, 0.0, 0.4])
+    grey = seen(pattern(False), SQUARE_M / SQUARE_PX, turn, at, 0)
+    board = Board(8, 5, SQUARE_M)
+    found = board.find(cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB))
+    corners = (board.corners - board.corners.mean(axis=0)) @ turn.T + at
+    true = (corners @ K[0].T)[:, :2] / corners[:, 2:]
+    px = np.array([found[k] for k in range(len(true))])
+    error = min(np.linalg.norm(one - true, axis=1).max() for one in (px, px[::-1]))  # either end may be the first
+    assert error < 0.5
+
+
 def test_what_cannot_be_calibrated(tmp_path: Path, refused) -> None:
     for k in range(2):
         for name in ("left", "right"):

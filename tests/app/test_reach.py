@@ -1,6 +1,7 @@
 """`reach` from its command line: a map learned, asked, drawn; and what it refuses."""
 
 import csv
+import re
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from data import SEED
 
 from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
+from pps_vision.app.report.figures import reachable_space
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
@@ -66,6 +68,15 @@ def test_it_is_drawn(learned: Path, tmp_path: Path) -> None:
     assert image is not None
     green = (image[..., 1] > image[..., 2].astype(int) + 60).mean()
     assert 0.03 < green < 0.5, "where it can be reached"
+
+
+def test_each_panel_states_how_far_away_its_vergence_fixates(learned: Path) -> None:
+    """Straight ahead the axes of eyes 68 mm apart meet at half of that over tan(vergence / 2)."""
+    titles = [axis.get_title() for axis in reachable_space(ReachableMap.load(learned), load_icub()).axes]
+    stated = re.findall(r"vergence (\d+)° \((\d+) cm\)", " ".join(titles))
+    assert len(stated) > 1
+    for vergence, distance_cm in np.array(stated, dtype=float):
+        assert distance_cm == pytest.approx(3.4 / np.tan(np.deg2rad(vergence / 2)), abs=0.51)
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,7 @@ def test_the_palm_slides_along_the_trunk(robot: Robot) -> None:
         if avoided:
             assert abs((robot.at(q).point(palm) - begun)[1]) > 0.05
     assert min(gaps[bodies]) > 0.0245
+    assert min(gaps[bodies]) < 0.026, "it comes as near as it may"
     assert min(gaps[None]) < 0.02
 
 

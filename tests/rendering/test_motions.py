@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rendering.motions import Approach, Jerk, Motion, Recede, Target, make_motion, make_reach
+from rendering.motions import Approach, Jerk, Linear, Motion, Recede, Target, make_motion, make_reach
 from rendering.names import MotionName
 
 CENTER = np.array([-0.3, -0.1, 0.12])
@@ -96,6 +96,12 @@ def test_reaches_bow_as_stated_and_arrive_at_speed() -> None:
         middle = np.argmin(np.abs((path - path[0]) @ chord - 0.15))
         bows.append(np.linalg.norm(aside[middle]))
     assert np.sqrt(np.mean(np.square(bows)) / 2) == pytest.approx(0.075 * 0.3, rel=0.1)  # of two lateral axes
+
+
+def test_a_linear_motion_goes_from_its_start_to_its_end_and_back() -> None:
+    motion = Linear(np.zeros(3), np.array([0.0, 0.3, 0.4]), 0.1)  # 5 s one way
+    places = [motion(t)[0] for t in (0.0, 2.0, 5.0, 6.0, 10.0, 12.0)]
+    np.testing.assert_allclose(places, np.outer([0, 0.4, 1, 0.8, 0, 0.4], [0.0, 0.3, 0.4]), atol=1e-12)
 
 
 def test_a_recede_is_an_approach_reversed() -> None:

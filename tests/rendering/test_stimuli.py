@@ -83,6 +83,11 @@ def test_a_straight_tube_has_the_volume_of_a_capsule() -> None:
     assert part.mesh.extents == pytest.approx([0.02, 0.02, 0.12], rel=0.01)
 
 
+def test_a_tapered_tube_ends_in_half_balls_of_its_end_radii() -> None:
+    part = tube([[0, 0, 0], [0, 0, 0.05], [0, 0, 0.1]], [0.01, 0.015, 0.03], (1, 1, 1))
+    assert part.mesh.bounds[:, 2] == pytest.approx([-0.01, 0.13])
+
+
 def test_a_bent_tube_follows_its_path() -> None:
     turn = np.linspace(0, np.pi / 2, 30)
     part = tube(0.1 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]), 0.01, (1, 1, 1), sides=32)

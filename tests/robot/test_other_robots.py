@@ -169,6 +169,7 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path: Path) -> None:
         ("a4 = 60", "a4 = 160", r"robot\.toml:12: home_deg 160 of a4; expected degrees from -126.1 to 126.1"),
         ("a4 = 60", "b4 = 60", r"robot\.toml:12: unknown joint b4"),
         ("rpy_deg = [-113.7, 0, 180]}\nright", "rpy_deg = [0, 0]}\nright", r"robot\.toml:5: left_eye .*rpy_deg"),
+        ("rpy_deg = [-113.7, 0, 180]}\nright", "rpy_deg = [0, nan, 0]}\nright", r"robot\.toml:5: left_eye .*rpy_deg"),
         ('link = "base"', 'link = "bass"', r"arm\.urdf: lacks link 'bass', which is to carry left_eye"),
         ('skin = "skin.csv"\n', "", r"robot\.toml: no skin; expected urdf, skin, left_eye, right_eye"),
     ],

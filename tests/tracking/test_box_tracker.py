@@ -164,3 +164,11 @@ def test_patches_of_any_size_show_the_same_place() -> None:
         assert patch[0, -1].mean() - patch[0, 0].mean() == pytest.approx(side / 2 * 23 / 24, abs=2.0)
     outside = template._patch(ramp, np.array([-500.0, 100.0]), (40.0, 40.0), 24)
     assert outside.max() == 0
+
+
+def test_cells_of_one_colour_state_its_brightness_and_its_opponent_colours() -> None:
+    """In units of the largest brightness, 255; brightness about its middle and halved."""
+    found = template.cells(np.full((12, 12, 3), (120, 60, 30), np.uint8))
+    expected = np.zeros((12, 3, 3))  # nothing has an edge
+    expected[9:] = np.reshape([0.5 * (70 / 255 - 0.5), 60 / 255, 60 / 255], (3, 1, 1))
+    np.testing.assert_allclose(found, expected, atol=1e-6)

@@ -127,6 +127,18 @@ def test_an_object_is_predicted_until_all_of_it_has_left_the_image(rng: np.rando
         assert (prior is not None) == inside
 
 
+def test_a_prior_is_as_wide_as_the_image_of_the_predicted_covariance(rng: np.random.Generator) -> None:
+    """σ in each direction across the axis is f σ / z px along u and v, √2 of that as a distance; 0.7 to 40 px."""
+    view, image = View(LEFT_EYE, np.eye(4)), np.zeros((240, 320, 3), np.uint8)
+    tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
+    for sigma_m, std_px in ((1e-6, 0.7), (0.005, 2**0.5 * LEFT_EYE.fx * 0.005 / 0.4), (1.0, 40.0)):
+        mean = np.array([0.4 * view.rays([LEFT_EYE.cx, LEFT_EYE.cy]), np.zeros(3)])
+        belief = Belief(0.0, mean, sigma_m**2 * np.eye(6), np.zeros((3, 3)), 0.0)
+        prior = tracker.predict(CameraState(size_px=40.0), CameraFrame(image, view, 0.0, None), belief, belief)
+        assert prior is not None
+        assert prior.std_px == pytest.approx(std_px, rel=0.02)
+
+
 def _moved_at(box: tuple[int, int, int, int]) -> Region2D:
     return Region2D(box, np.ones((box[3], box[2]), bool), 1.0)
 
