@@ -157,7 +157,8 @@ def _page(
         page.Section(
             "Distance, activation, response, reach",
             f"One thin line for each taxel of the left forearm and palm. The arm withdraws at 10 cm/s when an "
-            f"activation has stayed above {THRESHOLD:g} for 0.15 s and the object's path comes within 5 cm of the skin. Red: touch. Bottom row: degree of reach R of the "
+            f"activation has stayed above {THRESHOLD:g} for 0.15 s and the object's path comes within 5 cm of the "
+            "skin. Red: touch. Bottom row: degree of reach R of the "
             "tracked object for the left hand, on green where reachable; no line where nothing is tracked or no gaze "
             "fixates it.",
             page.image(figures.episodes(logs, THRESHOLD)),
