@@ -246,14 +246,19 @@ def _comes(params: AvoidanceParams, posture: Posture, skin: Skin, track: Track3D
     d, v = skin.at(posture)[0] - track.position, track.velocity
     nearest_s = np.clip(d @ v / max(float(v @ v), 1e-12), 0.0, _HORIZON_S)
     distance = np.linalg.norm(d - nearest_s[:, None] * v, axis=1)
-    return bool(distance.min() - (track.radius_m if np.isfinite(track.radius_m) else 0.0) < params.path_m)
+    return bool(distance.min() - _radius_m(track) < params.path_m)
 
 
 def _aimed(params: AvoidanceParams, point: MovingPoint, posture: Posture, track: Track3D) -> MovingPoint:
     """The control point on its way to the surface of the object, where it stops."""
     d, distance = track.position - posture.point(point.frame, point.point), _distance(posture, point, track.position)
-    gap = max(distance - (track.radius_m if np.isfinite(track.radius_m) else 0.0), 0.0)
+    gap = max(distance - _radius_m(track), 0.0)
     return point._replace(velocity_root=min(params.speed_m_s, gap / MAX_HOLD_S) * d / max(distance, 1e-9))
+
+
+def _radius_m(track: Track3D) -> float:
+    """The radius of the object, 0 where it is not known."""
+    return track.radius_m if np.isfinite(track.radius_m) else 0.0
 
 
 def _distance(posture: Posture, point: MovingPoint, position: Array) -> float:
@@ -263,7 +268,7 @@ def _distance(posture: Posture, point: MovingPoint, position: Array) -> float:
 
 def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Track3D) -> tuple[list[Near], list[Near]]:
     """The nearest points of links without taxels, and those of them to which the object comes within the lead time."""
-    radius = track.radius_m if np.isfinite(track.radius_m) else 0.0
+    radius = _radius_m(track)
     near, *later = (
         links.near(posture, track.position + after_s * track.velocity, radius)
         for after_s in (0.0, 0.5 * params.link_lead_s, params.link_lead_s)

@@ -67,10 +67,10 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
                 with open_encounter(arena, encounter, noise, seed + k) as world:
                     pipeline = new_pipeline(world, memories[encounter.side])
                     title = "avoidance on" if avoid else "avoidance off"
-                    path = encounter.stimulus, encounter.motion, encounter.seconds
-                    steps = list(simulate(world, Episode(title, *path), pipeline.step, avoid))
+                    episode = Episode(title, encounter.stimulus, encounter.motion, encounter.seconds)
+                    steps = list(simulate(world, episode, pipeline.step, avoid))
                     images = [drawn(world, step, title) for step in steps]
-                    runs.append((log_of(world, Episode(title, *path), steps, avoid), images))
+                    runs.append((log_of(world, episode, steps, avoid), images))
             (off, images_off), (on, images_on) = runs
             video = Path(videos) / f"{k}.mp4"
             _write_side_by_side(video, images_off, images_on)
