@@ -5,7 +5,20 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rendering.motions import Approach, Jerk, Linear, Motion, Recede, Target, make_motion, make_reach
+from rendering.motions import (
+    Approach,
+    Circle,
+    Figure8,
+    Jerk,
+    Linear,
+    Motion,
+    Reach,
+    Recede,
+    Target,
+    in_cap,
+    make_motion,
+    make_reach,
+)
 from rendering.names import MotionName
 
 CENTER = np.array([-0.3, -0.1, 0.12])
@@ -102,6 +115,108 @@ def test_a_linear_motion_goes_from_its_start_to_its_end_and_back() -> None:
     motion = Linear(np.zeros(3), np.array([0.0, 0.3, 0.4]), 0.1)  # 5 s one way
     places = [motion(t)[0] for t in (0.0, 2.0, 5.0, 6.0, 10.0, 12.0)]
     np.testing.assert_allclose(places, np.outer([0, 0.4, 1, 0.8, 0, 0.4], [0.0, 0.3, 0.4]), atol=1e-12)
+
+
+X, Y, Z = np.eye(3)
+
+
+def test_an_approach_is_where_its_speed_takes_it() -> None:
+    """0.2 m at 0.1 m/s, 0.3 s at the skin, and back."""
+    motion = Approach(0.3 * Z, 0.1 * Z, 0.1)
+    heights = [(0.0, 0.3, -0.1), (1.5, 0.15, -0.1), (2.1, 0.1, 0), (2.29, 0.1, 0), (3.3, 0.2, 0.1), (4.31, 0.3, 0)]
+    for t, height, rate in heights:
+        position, velocity = motion(t)
+        assert position == pytest.approx(height * Z, abs=1e-9)
+        assert velocity == pytest.approx(rate * Z, abs=1e-9)
+    assert motion.contact_s == pytest.approx(2.0)
+
+
+def test_a_straight_reach_is_half_way_at_its_peak_speed_and_touches_before_its_end() -> None:
+    """Planned for 8/7 of 0.35 m, 0.4 m: minimum jerk, whose peak speed is 15/8 of its mean, at half of its time."""
+    motion = Reach(np.zeros(3), 0.175 * X, 0.35 * X, 0.5)
+    whole_s = 15 / 8 * 0.4 / 0.5
+    position, velocity = motion(whole_s / 2)
+    assert position == pytest.approx(0.2 * X)
+    assert velocity == pytest.approx(0.5 * X)
+    assert motion(0.0)[0] == pytest.approx(np.zeros(3))
+    assert motion(whole_s)[0] == pytest.approx(0.4 * X)
+    assert motion(whole_s / 4)[0] == pytest.approx(0.4 * (10 / 4**3 - 15 / 4**4 + 6 / 4**5) * X)
+    assert whole_s / 2 < motion.arrives_s < whole_s
+    assert motion(motion.arrives_s)[0] == pytest.approx(0.35 * X)
+
+
+def test_a_curved_reach_is_a_parabola_through_its_control_points() -> None:
+    """Of Bézier's curve: half way in its parameter it is at ¼ start + ½ via + ¼ end, and moves from start to end."""
+    start, via, end = np.zeros(3), 0.2 * X + 0.1 * Y, 0.3 * X + 0.05 * Z
+    motion = Reach(start, via, end, 0.5)
+    times = np.linspace(0, motion.arrives_s, 4001)
+    states = [motion(t) for t in times]
+    k = int(np.argmin([np.linalg.norm(p - (0.25 * start + 0.5 * via + 0.25 * end)) for p, _ in states]))
+    assert states[k][0] == pytest.approx(0.25 * start + 0.5 * via + 0.25 * end, abs=1e-4)
+    along = (end - start) / np.linalg.norm(end - start)
+    assert states[k][1] / np.linalg.norm(states[k][1]) == pytest.approx(along, abs=5e-3)
+
+
+def test_a_circle_is_where_its_angle_says() -> None:
+    motion = Circle(CENTER, np.array([X, Z]), 0.06, 0.12)
+    quarter_s = np.pi / 2 * 0.06 / 0.12
+    for k, (away, heading) in enumerate(((X, Z), (Z, -X), (-X, -Z), (-Z, X), (X, Z))):
+        position, velocity = motion(k * quarter_s)
+        assert position == pytest.approx(CENTER + 0.06 * away)
+        assert velocity == pytest.approx(0.12 * heading)
+
+
+def test_a_figure_of_eight_crosses_its_centre_and_turns_at_its_ends() -> None:
+    """Gerono's lemniscate is 6.09722 times its half length long."""
+    motion = Figure8(CENTER, np.array([X, Z]), 0.06, 0.12)
+    period_s = 6.0972235 * 0.06 / 0.12
+    diagonal = np.sqrt(0.5)
+    passes = ((0, 0 * X, (X + Z) * diagonal), (1, X, -Z), (2, 0 * X, (Z - X) * diagonal), (3, -X, -Z))
+    for quarter, away, heading in passes:
+        position, velocity = motion(quarter * period_s / 4 + period_s)
+        assert position == pytest.approx(CENTER + 0.06 * away, abs=1e-5)
+        assert velocity == pytest.approx(0.12 * heading, abs=1e-3)
+
+
+def test_jerk_moves_and_pauses_for_as_long_as_its_ways_take() -> None:
+    """From waypoint 0 to 1 (30 cm) and back: each move lasts 15/8 of its way over its peak speed."""
+    motion = Jerk(np.array([0 * X, 0.3 * X]), 0.5, pause_s=0.4)
+    move_s = 15 / 8 * 0.3 / 0.5
+    assert motion(0.0)[0] == pytest.approx(0.15 * X)
+    assert motion(0.0)[1] == pytest.approx(0.5 * X)
+    for t in (move_s / 2, move_s / 2 + 0.39):
+        assert motion(t)[0] == pytest.approx(0.3 * X, abs=1e-6)
+        assert motion(t)[1] == pytest.approx(0 * X, abs=1e-6)
+    assert motion(move_s + 0.4)[0] == pytest.approx(0.15 * X)
+    assert motion(move_s + 0.4)[1] == pytest.approx(-0.5 * X)
+    assert motion(0.75 * move_s + 0.4)[0] == pytest.approx((0.3 - 0.3 * (10 / 4**3 - 15 / 4**4 + 6 / 4**5)) * X)
+    assert motion(2 * (move_s + 0.4))[0] == pytest.approx(motion(0.0)[0])
+
+
+def test_draws_fill_what_they_are_drawn_from() -> None:
+    """Uniform: means and spreads of 600 draws, within about four standard errors."""
+    rng = np.random.default_rng(0)
+    starts = np.array([make_motion("approach", rng, CENTER, SPEED, TAXEL)(0.0)[0] - POINT for _ in range(600)])
+    far = np.linalg.norm(starts, axis=1)
+    assert far.mean() == pytest.approx(0.275, abs=0.0025)
+    assert far.std() == pytest.approx(0.05 / np.sqrt(12), rel=0.1)
+    cap = np.array([in_cap(rng, Z) for _ in range(600)])
+    azimuth = np.arctan2(cap[:, 1], cap[:, 0])
+    assert np.abs([np.cos(azimuth).mean(), np.sin(azimuth).mean(), np.cos(2 * azimuth).mean()]).max() < 0.12
+    assert np.linalg.norm(cap, axis=1) == pytest.approx(np.ones(600))
+    assert cap[:, 2].min() == pytest.approx(np.cos(np.pi / 4), abs=0.005)
+    drawn = [make_motion("jerk", rng, CENTER, SPEED) for _ in range(75)]
+    away = np.vstack([one.waypoints - CENTER for one in drawn if isinstance(one, Jerk)]) / 0.08
+    assert len(away) == 600
+    assert (np.linalg.norm(away, axis=1) ** 3).mean() == pytest.approx(0.5, abs=0.05)  # uniform in the ball's volume
+    assert np.abs(away.mean(axis=0)).max() < 0.08
+    extents = [one.radius_m for one in (make_motion("circle", rng, CENTER, SPEED) for _ in range(600))]  # type: ignore[attr-defined]
+    assert np.mean(extents) == pytest.approx(0.065, abs=0.0015)
+    assert np.std(extents) == pytest.approx(0.03 / np.sqrt(12), rel=0.1)
+    bows = np.array([make_reach(rng, POINT, NORMAL, 0.3, 0.5) for _ in range(300)])
+    assert np.linalg.norm([one.start - POINT for one in bows], axis=1) == pytest.approx(np.full(300, 0.3))
+    off = np.array([one.via - 0.5 * (one.start + one.end) for one in bows]) / 0.3
+    assert off.std(axis=0) == pytest.approx([0.15] * 3, rel=0.15)
 
 
 def test_a_recede_is_an_approach_reversed() -> None:

@@ -51,6 +51,59 @@ def test_an_octopus_is_the_same_on_both_sides_of_its_face() -> None:
     np.testing.assert_allclose(both[:2], both[2:], atol=1e-4)
 
 
+def test_a_cube_has_a_yellow_lid_and_base_and_blue_sides() -> None:
+    """A cube of the side whose surface is four times the sphere's silhouette: 6 s² = 4 π r²."""
+    colors = {part.color: part.mesh for part in make_stimulus("cube", 0.03).parts}
+    side = 0.03 * np.sqrt(4 * np.pi / 6)
+    assert len(colors) == 2
+    for color, mesh in colors.items():
+        upward = np.abs(mesh.face_normals[:, 2]) > 0.5
+        assert (upward.all(), (~upward).all()) == (color[0] > 0.5, color[2] > 0.5)
+        assert mesh.bounds == pytest.approx(side / 2 * np.array([[-1, -1, -1], [1, 1, 1]]))
+        assert mesh.area == pytest.approx((2 if color[0] > 0.5 else 4) * side**2)
+
+
+@pytest.mark.parametrize(("name", "color"), [("ball", 0), ("marker", 1)])
+def test_a_ball_is_a_sphere_of_one_colour_about_the_origin(name: StimulusName, color: int) -> None:
+    (part,) = make_stimulus(name, 0.03).parts
+    away = np.linalg.norm(part.mesh.vertices, axis=1)
+    assert away == pytest.approx(np.full(len(away), away[0]))
+    assert part.mesh.area == pytest.approx(4 * np.pi * 0.03**2)
+    assert len(part.mesh.faces) == 20 * 4**3
+    assert int(np.argmax(part.color)) == color
+
+
+def test_an_octopus_has_eight_equal_arms_below_a_violet_head() -> None:
+    """The arms are one another turned by 45° about the head's axis; they thin out, and reach far beyond the head."""
+    parts = make_stimulus("octopus", 0.04).parts
+    arms = [part.mesh for part in parts if part.color[0] > 0.9 and part.color[1] < 0.9]
+    (head,) = (part.mesh for part in parts if part.color[2] > 0.8 and part.color[1] < 0.5)
+    assert len(arms) == 8
+    for k, arm in enumerate(arms):
+        turned = Rotation.from_euler("z", 45 * k, degrees=True).apply(arms[0].center_mass)
+        assert arm.center_mass == pytest.approx(turned, abs=2e-4)
+        assert arm.volume == pytest.approx(arms[0].volume, rel=0.02)
+        assert np.linalg.norm(arm.vertices[:, :2], axis=1).max() == pytest.approx(0.0568, abs=0.001)
+    (x0, y0, z0), (x1, y1, z1) = head.bounds
+    assert x1 - x0 == pytest.approx(y1 - y0)
+    assert 1 < (z1 - z0) / (x1 - x0) < 1.2
+    assert max(arm.vertices[:, 2].max() for arm in arms) < z1 - 0.6 * (z1 - z0)
+    reach = np.linalg.norm(arms[0].vertices[:, :2], axis=1)
+    assert reach.max() > 1.7 * x1
+    height = [np.ptp(arms[0].vertices[close, 2]) for close in (reach < 0.3 * reach.max(), reach > 0.93 * reach.max())]
+    assert height[1] < 0.7 * height[0]
+    middle, half = head.bounds.mean(axis=0), np.ptp(head.bounds, axis=0) / 2
+    eyes = [part for part in parts if max(part.color) == min(part.color)]
+    for part in eyes:
+        within = np.linalg.norm((part.mesh.vertices - middle) / half, axis=1)
+        assert within.min() < 1 < within.max()  # on the head, half sunk in
+        assert part.mesh.vertices[:, 0].min() > 0.5 * x1  # in front
+    for pupil, eye in ((eyes[1], eyes[0]), (eyes[3], eyes[2])):
+        assert max(pupil.color) < 0.1 < min(eye.color)
+        assert pupil.mesh.extents.max() < 0.7 * eye.mesh.extents.max()
+        assert pupil.mesh.bounds[1, 0] > eye.mesh.bounds[1, 0] > pupil.mesh.bounds[0, 0]
+
+
 def test_usual_sizes() -> None:
     assert [make_stimulus(n).radius_m for n in ("marker", "ball", "cube", "octopus")] == [0.010, 0.035, 0.030, 0.040]
 
@@ -103,6 +156,41 @@ def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name: str, radius:
     assert vertices[:, 2].min() >= 0
     gap = np.linalg.norm(vertices, axis=1).min() - radius
     assert gap < 0.002  # it holds the object
+
+
+@pytest.mark.parametrize("radius", [0.010, 0.035])
+def test_a_stick_is_a_straight_thin_rod_from_within_the_object(radius: float) -> None:
+    (stick,) = (part.mesh for part in carrier_parts("stick", radius))
+    assert stick.bounds[:, 2] == pytest.approx([0.5 * radius - 0.005, 0.705])
+    assert stick.bounds[:, :2] == pytest.approx(0.005 * np.array([[-1, -1], [1, 1]]))
+    assert carrier_parts("none", radius) == ()
+
+
+@pytest.mark.parametrize("radius", [0.010, 0.035])
+def test_a_hand_holds_with_four_fingers_above_and_a_thumb_below(radius: float) -> None:
+    """Fingers about as thick as an adult's (1.6 cm), which touch the object but do not enter it by more than 2.5 mm;
+    behind them palm, wrist and sleeve in line."""
+    palm, *fingers, thumb, wrist, sleeve = (part.mesh for part in carrier_parts("hand", radius))
+    assert len(fingers) == 4
+    assert [np.sign(finger.center_mass[1]) for finger in fingers] == [1, 1, 1, 1]
+    assert thumb.center_mass[1] < 0
+    across = [finger.center_mass[0] for finger in fingers]
+    assert across == sorted(across, reverse=True)
+    assert np.array(across) == pytest.approx(-np.array(across[::-1]), abs=0.004)  # two on each side
+    for finger in (*fingers, thumb):
+        gap = np.linalg.norm(finger.vertices, axis=1).min() - radius
+        assert -0.0025 < gap < 0.0025
+        assert finger.volume == pytest.approx(np.pi * 0.008**2 * finger.area / (2 * np.pi * 0.008), rel=0.25)
+        tip, knuckle = finger.vertices[np.argsort(finger.vertices[:, 2])[[0, -1]]]
+        assert np.linalg.norm(knuckle[:2]) < 0.05
+        assert palm.bounds[0, 2] < knuckle[2] < palm.bounds[1, 2] + 0.02
+        assert 0 <= tip[2] < knuckle[2]
+    assert palm.extents == pytest.approx([0.084, 0.042, 0.1], rel=0.02)  # an adult's palm
+    for near, far in ((palm, wrist), (wrist, sleeve)):
+        assert near.bounds[0, 2] < far.bounds[0, 2] < near.bounds[1, 2] < far.bounds[1, 2]
+        assert np.abs(far.center_mass[:2]).max() < 1e-3
+    assert 0.04 < wrist.extents[0] < 0.06 < sleeve.extents[0] < 0.11
+    assert sleeve.extents[2] == pytest.approx(0.7, abs=0.1)
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.0, 0.0, -2.0), (-0.75, 0.25, 0.61), (1.0, 0.0, 0.0)])
