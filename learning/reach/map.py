@@ -63,7 +63,7 @@ class ReachableMap:
     """Share of gaze postures misjudged, estimated from the last labels."""
     labels: Labels
     """What it was learned from; training can go on from them."""
-    unanswered: int = 0
+    unanswered: int
     """Number of further problems for which inverse kinematics did not converge."""
     end_point: str = "palm"
     """Point of the arm that reaches: "palm" or a taxel."""

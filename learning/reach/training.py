@@ -80,12 +80,12 @@ def learned_from(
         labels = labels.joined(more)
         if expected <= good_enough and spent + n <= params.n_labels:
             risk /= 2  # of this test, the other half being left for those that may follow
-            learned = replace(_on_lattice(side, labels, softness, expected, params), unanswered=unanswered)
+            learned = _on_lattice(side, labels, softness, expected, unanswered, params)
             learned = _tested(learned, verdicts, risk, params, rng)
             if learned.error_bound <= params.max_error:
                 return learned
             good_enough /= 2
-    learned = replace(_on_lattice(side, labels, softness, expected, params), unanswered=unanswered)
+    learned = _on_lattice(side, labels, softness, expected, unanswered, params)
     return _tested(learned, verdicts, risk, params, rng) if params.test_postures else learned
 
 
@@ -100,7 +100,9 @@ def _tested(
     return replace(learned, error_bound=float(betaincinv(wrong + 1, n - wrong, 1 - risk)) if wrong < n else 1.0)
 
 
-def _on_lattice(side: str, labels: Labels, softness: float, expected: float, params: MapParams) -> ReachableMap:
+def _on_lattice(
+    side: str, labels: Labels, softness: float, expected: float, unanswered: int, params: MapParams
+) -> ReachableMap:
     """The map of these labels: values of the splines on the lattice."""
     lattice = Lattice.of_spacing(params.gaze_limits, params.lattice)
     coarse = Lattice.of_spacing(params.gaze_limits, _COARSER * params.lattice)
@@ -126,9 +128,8 @@ def _on_lattice(side: str, labels: Labels, softness: float, expected: float, par
         )
     error = evaluate(consistent.gaze_rad[outside], consistent.error_m[outside], None)
     signed, good, error = (v.reshape(lattice.shape) for v in (signed, good, error))
-    return ReachableMap(
-        side, params.gaze_limits, signed, good, error, float(labels.error_m.max()), softness, expected, labels
-    )
+    most_m = float(labels.error_m.max())
+    return ReachableMap(side, params.gaze_limits, signed, good, error, most_m, softness, expected, labels, unanswered)
 
 
 def _consistent(labels: Labels) -> Labels:

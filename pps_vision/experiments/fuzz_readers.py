@@ -444,7 +444,7 @@ def _map(folder: Path) -> list[Path]:
     limits = GazeLimits()
     gaze = rng.uniform(limits.lower, limits.upper, (6, 3))
     labels = Labels(gaze, np.arange(6) < 3, rng.uniform(0, 0.1, 6), rng.uniform(0, 1, 6), gaze)
-    ReachableMap("right", limits, signed, optimality, error_m, 0.1, 0.05, 0.01, labels).save(folder / "map.npz")
+    ReachableMap("right", limits, signed, optimality, error_m, 0.1, 0.05, 0.01, labels, 0).save(folder / "map.npz")
     return [folder / "map.npz"]
 
 

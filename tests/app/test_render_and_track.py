@@ -112,7 +112,7 @@ def test_with_a_map_every_frame_says_whether_the_hand_gets_there(approach: Path,
     border = gaze_for_points(load_icub(), there, lattice.limits)[0, 2]
     signed = (isotropic(lattice.gaze_rad) - isotropic(np.array([0, 0, border])))[:, 2].reshape(lattice.shape)
     none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    one = ReachableMap("left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 1e-4, 0.0, none)
+    one = ReachableMap("left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 1e-4, 0.0, none, 0)
     one.save(tmp_path / "map.npz")
     main(["track", str(tmp_path / "rec"), "--map", str(tmp_path / "map.npz"), "--out", str(tmp_path / "out")])
     path = table(tmp_path / "out" / "trajectory.csv")

@@ -47,7 +47,7 @@ def test_reachability(device: str | None, rows: int, rng: np.random.Generator) -
     limits, shape = GazeLimits(), (5, 6, 7)
     values = rng.uniform(-0.3, 0.3, shape), rng.uniform(0, 1, shape), rng.uniform(0, 0.2, shape)
     none = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    reachable_map = ReachableMap("left", limits, *values, 0.2, 0.05, 0.01, none)
+    reachable_map = ReachableMap("left", limits, *values, 0.2, 0.05, 0.01, none, 0)
     gaze = rng.uniform(limits.lower, limits.upper, (40, 3))
     gaze[0], gaze[1] = limits.lower, limits.upper
     gaze[2, 0] = limits.upper[0] + 0.01

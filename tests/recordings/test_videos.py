@@ -124,6 +124,18 @@ def test_memory_does_not_grow_with_the_video(tmp_path: Path) -> None:
     assert peaks[1] < peaks[0] + 2 * 160 * 120 * 3
 
 
+def test_a_video_one_pixel_high_is_read(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "v.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 16, 1, "bgr0"
+        row = np.arange(48, dtype=np.uint8).reshape(1, 16, 3)
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(row, format="rgb24")))
+        container.mux(stream.encode())
+    video = Video(tmp_path / "v.mkv")
+    assert video.image_size == (16, 1)
+    assert np.array_equal(video.load(0), row)
+
+
 @pytest.mark.parametrize(
     "content", [b"", b"no video", b"ffconcat version 1.0\nfile other.mp4\n", b"#EXTM3U\nother.mp4\n"]
 )

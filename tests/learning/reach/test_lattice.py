@@ -26,7 +26,7 @@ def reachable_map(signed, shape=(9, 10, 60), **changes):
     """A map whose signed distance is a function of isotropic coordinates, linear in each."""
     values = signed(isotropic(Lattice(LIMITS, shape).gaze_rad)).reshape(shape)
     good, off = np.full(shape, 0.6), np.full(shape, 0.05)
-    return replace(ReachableMap("left", LIMITS, values, good, off, 0.1, 0.02, 0.01, NO_LABELS), **changes)
+    return replace(ReachableMap("left", LIMITS, values, good, off, 0.1, 0.02, 0.01, NO_LABELS, 0), **changes)
 
 
 def test_a_step_in_vergence_is_a_share_of_the_viewing_distance():

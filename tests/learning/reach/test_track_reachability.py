@@ -20,7 +20,7 @@ def left_half(limits: GazeLimits = LIMITS, softness: float = 0.01) -> ReachableM
     """A map by which what lies at negative yaw is within reach."""
     yaw = np.linspace(*limits.yaw_rad, 41)
     signed = -yaw[:, None, None] * np.ones((41, 5, 5))
-    return ReachableMap("left", limits, signed, 0.6 + 0 * signed, 0.2 + 0 * signed, 0.4, softness, 0.0, NONE)
+    return ReachableMap("left", limits, signed, 0.6 + 0 * signed, 0.2 + 0 * signed, 0.4, softness, 0.0, NONE, 0)
 
 
 def track(point: np.ndarray, status: Status = Status.TRACKING) -> Track3D:
@@ -100,7 +100,7 @@ def test_so_much_of_the_unreachable_is_above_the_threshold_as_is_allowed():
     limits = GazeLimits()
     lattice = Lattice.of_spacing(limits, 0.05)
     signed = (lattice.gaze_rad[:, 2] - 0.3 + 0.2 * lattice.gaze_rad[:, 0]).reshape(lattice.shape)
-    learned = ReachableMap("left", limits, signed, 0 * signed, 0 * signed, 1.0, 0.1, 0.0, NONE)
+    learned = ReachableMap("left", limits, signed, 0 * signed, 0 * signed, 1.0, 0.1, 0.0, NONE, 0)
     gaze = np.random.default_rng(3).uniform(limits.lower, limits.upper, (200_000, 3))
     probability = learned.query(gaze).probability
     for share in (0.02, 0.1):

@@ -1,0 +1,64 @@
+"""Archives of arrays: what is written is read, and nothing else is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from learning.archive import read_archive, write_archive
+from pps_vision.errors import InputError
+
+
+def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path: Path) -> None:
+    file = tmp_path / "a.npz"
+    write_archive(file, "map", 2, {"x": np.arange(3.0), "names": np.array(["a", "b"])})
+    found = read_archive(file, "map", 2, ("x", "names"))
+    assert found["x"].tolist() == [0, 1, 2]
+    assert found["names"].tolist() == ["a", "b"]
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "a.npz"
+    write_archive(file, "map", 2, {"x": 1.0})
+
+    def full(*args: object, **arrays: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    with pytest.raises(OSError, match="no space"):
+        write_archive(file, "map", 2, {"x": 2.0})
+    assert list(tmp_path.iterdir()) == [file]
+    assert read_archive(file, "map", 2, ("x",))["x"] == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "version", "names", "message"),
+    [
+        ("memory", 2, ("x",), "is not a memory"),
+        ("map", 3, ("x",), "map of version 2; expected version 3"),
+        ("map", 2, ("x", "y"), "no y; expected map with x, y"),
+    ],
+)
+def test_another_kind_version_or_content_is_named(
+    tmp_path: Path, kind: str, version: int, names: tuple[str, ...], message: str
+) -> None:
+    file = tmp_path / "a.npz"
+    write_archive(file, "map", 2, {"x": 1.0})
+    with pytest.raises(InputError, match=message):
+        read_archive(file, kind, version, names)
+
+
+def test_only_named_arrays_count_and_must_be_numbers_or_text(tmp_path: Path) -> None:
+    file = tmp_path / "a.npz"
+    write_archive(file, "map", 2, {"x": 1.0, "z": 1j})
+    assert read_archive(file, "map", 2, ("x",))["x"] == 1
+    with pytest.raises(InputError, match="z holds complex128"):
+        read_archive(file, "map", 2, ("z",))
+
+
+def test_more_than_256_mib_are_refused(tmp_path: Path) -> None:
+    file, most = tmp_path / "a.npz", 2**28
+    write_archive(file, "map", 2, {"x": np.zeros(most, np.uint8)})
+    with pytest.raises(InputError, match=f"of arrays; expected map of at most {most}"):
+        read_archive(file, "map", 2, ("x",))

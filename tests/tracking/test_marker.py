@@ -1,0 +1,115 @@
+"""Markers of a known hue: which colours count, which blobs, and in which order."""
+
+import colorsys
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import Camera
+from pps_vision.types import Image
+from tracking.marker import MarkerParams, find_markers, threshold
+from tracking.outline import Optics
+
+OPTICS = Optics(Camera(160, 120, 150.0, 150.0, 79.5, 59.5))
+GREEN = (20, 220, 30)
+
+
+def plain(hue_deg: float, saturation: float = 1.0, value: float = 1.0) -> Image:
+    color = np.rint(255 * np.array(colorsys.hsv_to_rgb(hue_deg / 360, saturation, value)))
+    return np.full((1, 1, 3), color, np.uint8)
+
+
+def drawn(*discs: tuple[int, int, int]) -> Image:
+    image = np.full((120, 160, 3), (90, 80, 100), np.uint8)
+    for x, y, radius in discs:
+        cv2.circle(image, (x, y), radius, GREEN, cv2.FILLED)
+    return image
+
+
+@pytest.mark.parametrize("hue_deg", [0.0, 10.0, 120.0, 240.0, 350.0])
+@pytest.mark.parametrize("tolerance_deg", [20.0, 35.0, 90.0])
+def test_hues_within_the_tolerance_count_around_the_whole_circle(hue_deg: float, tolerance_deg: float) -> None:
+    params = MarkerParams(hue_deg, tolerance_deg)
+    for off in (-tolerance_deg + 3, 0.0, tolerance_deg - 3):
+        assert threshold(params, plain((hue_deg + off) % 360)).item() == 255
+    for off in (-tolerance_deg - 3, 180.0, tolerance_deg + 3):
+        assert threshold(params, plain((hue_deg + off) % 360)).item() == 0
+
+
+def test_pale_and_dark_colours_do_not_count() -> None:
+    params = MarkerParams(120.0)
+    assert [threshold(params, plain(120.0, s)).item() for s in (0.47, 0.53, 1.0)] == [0, 255, 255]
+    assert [threshold(params, plain(120.0, 1.0, v)).item() for v in (0.10, 0.14, 1.0)] == [0, 255, 255]
+
+
+@pytest.mark.parametrize("change", [(-1.0, 35.0), (360.0, 35.0), (120.0, 0.0), (120.0, 91.0), (np.nan, 35.0)])
+def test_a_hue_or_tolerance_that_is_none_is_refused(change: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="expected a hue in"):
+        MarkerParams(*change)
+    assert MarkerParams(0.0, 90.0).hue_deg == 0
+
+
+def test_the_largest_comes_first_and_at_most_four() -> None:
+    found = find_markers(
+        MarkerParams(), drawn((20, 20, 4), (60, 20, 9), (110, 30, 6), (30, 80, 12), (90, 90, 5)), OPTICS
+    )
+    centers = [one.center_px.round().tolist() for one in found]
+    assert centers == [[30, 80], [60, 20], [110, 30], [90, 90]]
+
+
+def test_a_round_blob_comes_before_a_longer_one_of_more_area() -> None:
+    image = drawn((40, 60, 8))
+    image[20:25, 70:150] = GREEN
+    assert find_markers(MarkerParams(), image, OPTICS)[0].center_px == pytest.approx([40, 60], abs=0.3)
+
+
+def test_a_speck_is_no_marker() -> None:
+    image = drawn()
+    image[50:52, 50:54] = GREEN  # 8 px, the least
+    image[80:82, 80:83] = GREEN
+    found = find_markers(MarkerParams(), image, OPTICS)
+    assert [one.center_px.round(1).tolist() for one in found] in ([[51.5, 50.5]], [])
+    assert len(find_markers(MarkerParams(), drawn((50, 50, 3)), OPTICS)) == 1
+
+
+def test_only_the_square_that_is_asked_for_is_searched() -> None:
+    image = drawn((40, 60, 6), (110, 60, 6))
+    assert [one.center_px[0].round() for one in find_markers(MarkerParams(), image, OPTICS, near=(112, 58, 20))] == [
+        110
+    ]
+    assert len(find_markers(MarkerParams(), image, OPTICS, near=(75, 60, 20))) == 0
+    assert len(find_markers(MarkerParams(), image, OPTICS, near=(75, 60, 60))) == 2
+    for beyond in ((-50, 60, 20), (300, 60, 20), (75, -50, 20), (75, 300, 20)):
+        assert find_markers(MarkerParams(), image, OPTICS, near=beyond) == []
+    corner = drawn((4, 4, 3), (155, 115, 3))
+    for near, expected in (((0, 0, 9), [4, 4]), ((159, 119, 9), [155, 115])):
+        (found,) = find_markers(MarkerParams(), corner, OPTICS, near=near)
+        assert found.center_px == pytest.approx(expected, abs=0.3)
+
+
+def test_what_does_not_differ_from_the_background_is_left_out() -> None:
+    image = drawn((40, 60, 6), (110, 60, 6))
+    boxes = []
+
+    def differs(box: tuple[int, int, int, int]) -> np.ndarray:
+        boxes.append(box)
+        return np.broadcast_to(np.arange(box[0], box[2]) > 80, (box[3] - box[1], box[2] - box[0]))
+
+    (found,) = find_markers(MarkerParams(), image, OPTICS, differs=differs)
+    assert found.center_px == pytest.approx([110, 60], abs=0.1)
+    (found,) = find_markers(MarkerParams(), image, OPTICS, near=(100, 60, 70), differs=differs)
+    assert found.center_px == pytest.approx([110, 60], abs=0.1)
+    assert boxes == [(0, 0, 160, 120), (30, 0, 160, 120)]
+
+
+def test_candidates_are_judged_by_their_box_in_the_image() -> None:
+    image, asked = drawn((40, 60, 6), (110, 70, 9)), []
+
+    def is_candidate(x: int, y: int, width: int, height: int) -> bool:
+        asked.append((x, y, width, height))
+        return width < 15
+
+    (found,) = find_markers(MarkerParams(), image, OPTICS, near=(80, 65, 50), is_candidate=is_candidate)
+    assert found.center_px == pytest.approx([40, 60], abs=0.1)
+    assert asked == [(101, 61, 19, 19), (34, 54, 13, 13)]

@@ -1,0 +1,97 @@
+"""Operations on masks, of shapes whose result is known."""
+
+import numpy as np
+import pytest
+
+from pps_vision.types import Mask
+from tracking import masks
+
+
+def rectangle(x0: int, y0: int, x1: int, y1: int, shape: tuple[int, int] = (60, 80)) -> Mask:
+    mask = np.zeros(shape, bool)
+    mask[y0:y1, x0:x1] = True
+    return mask
+
+
+def disc(x: float, y: float, radius: float) -> Mask:
+    v, u = np.mgrid[:60, :80]
+    return np.asarray(np.hypot(u - x, v - y) <= radius)
+
+
+def test_dilation_adds_as_many_pixels_to_every_side() -> None:
+    assert np.array_equal(masks.dilated(rectangle(20, 15, 30, 22), 3), rectangle(17, 12, 33, 25))
+    assert np.array_equal(masks.dilated(rectangle(20, 15, 30, 22), 0), rectangle(20, 15, 30, 22))
+
+
+@pytest.mark.parametrize(("gap", "is_closed"), [(2, True), (4, True), (5, False)])
+def test_closing_fills_gaps_narrower_than_the_element(gap: int, is_closed: bool) -> None:
+    two = rectangle(10, 10, 30, 40) | rectangle(30 + gap, 10, 50, 40)
+    found = masks.closed(two, masks.square(2))
+    assert found[20, 30 : 30 + gap].all() == is_closed
+    assert np.array_equal(found, rectangle(10, 10, 50, 40) if is_closed else two)
+
+
+def test_opening_removes_what_is_thinner_than_the_disc_and_keeps_the_rest() -> None:
+    body, handle = rectangle(20, 15, 50, 45), rectangle(50, 28, 75, 32)  # the handle is 4 px thick
+    found = masks.opened(body | handle, 4)
+    assert not found[:, 56:].any()
+    assert (found & ~(body | handle)).sum() == 0
+    assert (body & ~found).sum() < 4 * 10  # corners alone
+    assert masks.opened(body | handle, 1)[:, 56:74].any()
+    assert not masks.opened(handle, 4).any()
+    at_border = rectangle(0, 20, 10, 30)  # may go on beyond the image
+    assert np.array_equal(masks.opened(at_border, 4)[22:28, :6], at_border[22:28, :6])
+
+
+def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for() -> None:
+    one, other = rectangle(5, 5, 25, 25), rectangle(40, 5, 45, 10)
+    touching_at_a_corner = rectangle(25, 25, 30, 30)
+    mask = one | other | touching_at_a_corner
+    found = masks.component(mask, rectangle(20, 0, 50, 10))
+    assert found is not None
+    assert np.array_equal(found, one)  # 5 × 5 px each of one and other; the first
+    found = masks.component(mask, rectangle(21, 0, 50, 10))
+    assert found is not None
+    assert np.array_equal(found, other)
+    assert masks.component(mask, rectangle(0, 40, 20, 60)) is None
+
+
+def test_holes_are_filled_but_for_large_ones_that_show_the_backdrop() -> None:
+    ring, large, small = disc(40, 30, 25), disc(40, 30, 10), rectangle(55, 30, 57, 32)
+    mask = ring & ~large & ~small
+    assert np.array_equal(masks.filled(mask), ring)
+    everywhere = np.ones_like(mask)
+    assert np.array_equal(masks.filled(mask, everywhere), ring & ~large)  # 4 px are less than 1 % of it
+    assert np.array_equal(masks.filled(mask, ~everywhere), ring)
+    left = large & (np.arange(80) < 40)
+    assert np.array_equal(masks.filled(mask, left), ring)  # less than half of the hole
+    right = large & (np.arange(80) >= 38)
+    assert np.array_equal(masks.filled(mask, right), ring & ~large)
+
+
+def test_the_centroid_counts_in_the_images_pixels() -> None:
+    assert masks.centroid(rectangle(2, 4, 7, 5), (100, 200, 180, 260)).tolist() == [104.0, 204.0]
+
+
+@pytest.mark.parametrize(
+    ("side", "mask"),
+    [(0, (0, 5, 9, 9)), (1, (5, 0, 9, 9)), (2, (70, 5, 80, 9)), (3, (5, 50, 9, 60))],
+    ids=["left", "top", "right", "bottom"],
+)
+def test_a_mask_is_cut_where_it_reaches_a_side_that_is_not_the_images(
+    side: int, mask: tuple[int, int, int, int]
+) -> None:
+    image = np.zeros((100, 200, 3), np.uint8)
+    inside, corner = (50, 20, 130, 80), [(0, 20), (50, 0), (120, 20), (50, 40)][side]
+    at_side = (*corner, corner[0] + 80, corner[1] + 60)
+    assert masks.is_cut(rectangle(*mask), inside, image)
+    assert not masks.is_cut(rectangle(*mask), at_side, image)
+    assert not masks.is_cut(rectangle(5, 5, 79, 59), inside, image)
+
+
+def test_an_ellipse_has_its_width_height_and_centre() -> None:
+    found = masks.ellipse((10, 20, 90, 80), np.array([45.0, 55.0]), 40.0, 20.0)
+    assert found.shape == (60, 80)
+    v, u = np.nonzero(found)
+    assert (u.min() + 10, u.max() + 10, v.min() + 20, v.max() + 20) == (25, 65, 45, 65)
+    assert found.sum() == pytest.approx(np.pi / 4 * 40 * 20, rel=0.02)
