@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from learning.pps.memory import PPSMemory, activation
 from learning.reach.map import ReachableMap
+from pps_vision.app.report.shade import shade
 from pps_vision.app.simulation import EpisodeLog
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.model import Robot
@@ -90,7 +91,7 @@ def episodes(logs: Sequence[EpisodeLog], threshold: float) -> Figure:
         for axis in reach:
             _draw_reachability(axis, t, log.reachability)
         for axis in (gap, activity, speed, *reach):
-            _shade(axis, t, log.touched.any(axis=1), "tab:red")
+            shade(axis, t, log.touched.any(axis=1), "tab:red")
             axis.grid(alpha=0.25)
         gap.axhline(2, color="tab:red", lw=1, ls="--")
         activity.axhline(threshold, color=_INK, lw=1, ls="--")
@@ -175,12 +176,6 @@ def _draw_reachability(axis: Axes, t: Array, reachability: Sequence[Reachability
     """The degree of reachability over time, on green where reachable, on grey where not."""
     axis.plot(t, [reach.degree for reach in reachability], color=_INK, lw=1.4)
     status = np.array([reach.status for reach in reachability])
-    _shade(axis, t, status == ReachStatus.REACHABLE, "tab:green")
-    _shade(axis, t, status == ReachStatus.UNREACHABLE, "0.6")
+    shade(axis, t, status == ReachStatus.REACHABLE, "tab:green")
+    shade(axis, t, status == ReachStatus.UNREACHABLE, "0.6")
     axis.axhline(0.5, color=_INK, lw=1, ls="--")
-
-
-def _shade(axis: Axes, t: Array, where: ArrayLike, color: str) -> None:
-    """Colour the times at which `where` (T,) holds."""
-    over = axis.get_xaxis_transform()
-    axis.fill_between(t, 0, 1, where=np.asarray(where, bool), step="mid", transform=over, color=color, alpha=0.2, lw=0)

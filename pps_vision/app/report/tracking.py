@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from pps_vision.app.report import page
 from pps_vision.app.report.approach import distance_and_ttc
 from pps_vision.app.report.path3d import path3d
+from pps_vision.app.report.shade import shade
 from pps_vision.errors import InputError
 from pps_vision.files import read_bytes
 from pps_vision.recordings.outputs import whole_file
@@ -250,8 +251,7 @@ def _over_time(tracked: Tracked) -> Figure:
         for status, color in _COLORS.items():
             is_so = np.array([one == status for one in tracked.status])
             if status != Status.TRACKING and is_so.any():
-                over = axis.get_xaxis_transform()
-                axis.fill_between(t, 0, 1, where=is_so, step="mid", transform=over, color=color, alpha=0.15, lw=0)
+                shade(axis, t, is_so, color, 0.15)
     axes[-1].set_xlabel("time (s); shaded: searching (grey), predicted (yellow), lost (red)")
     return figure
 

@@ -1,0 +1,258 @@
+"""Figures of the reports show the numbers that they are given, in the units of their labels."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection, PolyCollection
+from results import write_results
+
+from learning.pps.memory import MemoryParams, PPSMemory, activation
+from learning.reach.labels import Labels
+from learning.reach.lattice import Lattice
+from learning.reach.map import ReachableMap
+from pps_vision.app.evaluate import Path3D, evaluate
+from pps_vision.app.report import figures
+from pps_vision.app.report.errors import path_errors
+from pps_vision.app.report.path3d import ellipsoid_95, path3d
+from pps_vision.app.report.tracking import _over_the_body, _over_time, read_tracked
+from pps_vision.app.simulation import EpisodeLog
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.icub import load_icub
+from pps_vision.types import Array, Reachability, ReachStatus, Status
+
+T = 11
+STAMPS = 5.0 + 0.1 * np.arange(T)
+
+
+def log(with_reach: bool) -> EpisodeLog:
+    """Two taxels, the second touched at the fifth and sixth stamp; reachable from the eighth stamp on."""
+    rng, truth = np.random.default_rng(0), np.column_stack([0.01 * np.arange(T), np.zeros(T), np.full(T, 0.3)])
+    touched = np.zeros((T, 2), bool)
+    touched[4:6, 1] = True
+    status = [ReachStatus.UNKNOWN] * 2 + [ReachStatus.UNREACHABLE] * 5 + [ReachStatus.REACHABLE] * 4
+    reach = [Reachability(STAMPS[k], np.zeros(3), 0.5, k / 10, status[k]) for k in range(T)]
+    return EpisodeLog(
+        *("approach", ("arm:1", "arm:2"), STAMPS, (Status.TRACKING,) * T),
+        *(truth, truth + np.array([0.003, 0.0, 0.004]), np.full((T, 3), 0.002), rng.uniform(0, 0.2, (T, 2))),
+        *(rng.uniform(0, 1, (T, 2)), rng.uniform(0, 0.1, T), np.zeros(T, bool), touched, np.zeros((T, 3))),
+        tuple(reach) if with_reach else (),
+    )
+
+
+def lines(axis: Axes) -> list[tuple[Array, Array]]:
+    return [(np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)) for line in axis.lines]
+
+
+def shaded(axis: Axes) -> list[tuple[float, float]]:
+    """First and last time of each shade over the whole height."""
+    found = [np.vstack([p.vertices for p in c.get_paths()]) for c in axis.collections if len(c.get_paths())]
+    return [(v[:, 0].min(), v[:, 0].max()) for v in found]
+
+
+@pytest.mark.parametrize("with_reach", [True, False])
+def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach: bool) -> None:
+    one, t = log(with_reach), 0.1 * np.arange(T)
+    figure = figures.episodes([one, one], 0.4)
+    assert len(figure.axes) == (8 if with_reach else 6)
+    gap, activity, speed = figure.axes[0], figure.axes[2], figure.axes[4]
+    for axis, expected, level in ((gap, 100 * one.surface_gap_m, 2), (activity, one.activations, 0.4)):
+        *taxels, limit = lines(axis)
+        assert len(taxels) == 2
+        for k, (x, y) in enumerate(taxels):
+            np.testing.assert_allclose(x, t, atol=1e-9)
+            np.testing.assert_allclose(y, expected[:, k])
+        assert set(limit[1]) == {level}
+    assert not np.array_equal(*(np.asarray(line.get_color()) for line in gap.lines[:2]))
+    ((x, y),) = lines(speed)
+    np.testing.assert_allclose(y, 100 * one.speed_m_s)
+    np.testing.assert_allclose(x, t, atol=1e-9)
+    for axis in (gap, activity, speed):
+        assert shaded(axis) == [pytest.approx((0.35, 0.55))]  # half a step about the touched stamps
+    assert gap.get_ylim() == (0, 30)
+    assert gap.get_title() == "approach"
+    assert "2 cm" in gap.get_ylabel()
+    assert "0.4" in activity.get_ylabel()
+    assert figure.axes[-1].get_xlabel() == "time (s)"
+    if with_reach:
+        (_, degree), (_, half) = lines(figure.axes[6])
+        np.testing.assert_allclose(degree, np.arange(T) / 10)
+        assert set(half) == {0.5}
+        assert shaded(figure.axes[6]) == [pytest.approx(one) for one in ((0.65, 1.0), (0.15, 0.65), (0.35, 0.55))]
+
+
+def test_a_path_shows_each_coordinate_with_two_standard_deviations_and_the_error() -> None:
+    one = log(False)
+    *coordinates, error = figures.path(one).axes
+    for k, axis in enumerate(coordinates):
+        (_, track), (_, truth) = lines(axis)
+        np.testing.assert_allclose(track, 100 * one.track_m[:, k])
+        np.testing.assert_allclose(truth, 100 * one.truth_m[:, k])
+        (band,) = (c for c in axis.collections if isinstance(c, PolyCollection))
+        at_start = band.get_paths()[0].vertices
+        at_start = at_start[np.isclose(at_start[:, 0], 0)]
+        assert np.ptp(at_start[:, 1]) == pytest.approx(4 * 0.2)  # ± 2σ, cm
+        assert axis.get_ylabel() == f"{'xyz'[k]} (cm)"
+    ((_, off),) = lines(error)
+    np.testing.assert_allclose(off, np.full(T, 5.0))  # mm
+    assert error.get_ylim()[0] == 0
+    assert coordinates[0].get_title() == "approach"
+    assert {text.get_text() for text in coordinates[0].get_legend().texts} == {"tracked ± 2σ", "truth"}
+
+
+def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
+    params = MemoryParams()
+    counts = np.zeros((2, *params.bins, 2), dtype=np.int64)
+    counts[1, 2:4, 0, 0], counts[1, :, :, 1] = 9, 3
+    memory = PPSMemory(("a:1", "a:2"), np.zeros(2, np.intp), counts, params)
+    found = figures.landscape(memory, 1)
+    assert found.shape == (30, 30)
+    for i, j in ((0, 0), (10, 4), (29, 29)):
+        d, t = -0.1 + 0.3 * (i + 0.5) / 30, 3.0 * (j + 0.5) / 30
+        assert found[i, j] == pytest.approx(activation(memory, [d, d], [t, t])[1])
+    figure = figures.landscapes(memory)
+    never, stimulated, *_ = figure.axes
+    assert [text.get_text() for text in never.texts] == ["never stimulated"]
+    assert [text.get_text() for text in stimulated.texts] == []
+    assert stimulated.get_title() == f"a:2  ({counts[1].sum()} samples)"
+    (image,) = stimulated.images
+    assert image.get_extent() == [-10, 20, 0, 3]  # cm and s
+    np.testing.assert_allclose(np.asarray(image.get_array()), found.T)
+    assert image.get_clim() == (0, 1)
+    assert image.origin == "lower"
+    assert len(figure.axes) == 3  # two panels and the scale
+    assert len(figures.landscapes(memory, [1]).axes) == 2
+
+
+def test_a_memory_without_time_is_drawn_over_three_seconds() -> None:
+    params = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
+    counts = np.ones((1, 8, 1, 2), dtype=np.int64)
+    (panel, _) = figures.landscapes(PPSMemory(("a:1",), np.zeros(1, np.intp), counts, params)).axes
+    assert panel.images[0].get_extent() == [-10, 20, 0, 3]
+
+
+def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> None:
+    """Reachable where the neck's yaw is positive; vergences of 13°, 17° and 22° lie between 12° and 25°."""
+    ends = [tuple(np.deg2rad(pair).tolist()) for pair in ((-40, 60), (-30, 10), (12, 25))]
+    lattice = Lattice(GazeLimits(*ends), (9, 7, 5))
+    signed = lattice.gaze_rad[:, 0].reshape(lattice.shape)
+    labels = Labels(np.zeros((0, 3)), np.zeros(0, bool), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    one = ReachableMap("left", lattice.limits, signed, 0.5 + 0 * signed, 0.1 + 0 * signed, 0.4, 0.05, 0.0, labels, 0)
+    figure = figures.reachable_space(one, load_icub())
+    panels = [axis for axis in figure.axes if axis.get_title()]
+    titles = [re.fullmatch(r"vergence (\d+)° \((\d+) cm\)", axis.get_title()) for axis in panels]
+    assert [int(one[1]) for one in titles if one] == [13, 17, 22]
+    for one_title in titles:
+        assert one_title is not None
+        half_cm = 100 * 0.034 / np.tan(np.deg2rad(int(one_title[1])) / 2)  # eyes 68 mm apart
+        assert int(one_title[2]) == pytest.approx(half_cm, abs=1)
+    for axis in panels:
+        (image,) = axis.images
+        assert image.get_extent() == pytest.approx([-40, 60, -30, 10])
+        degree = np.asarray(image.get_array())
+        assert degree[:, : int(0.38 * 120)].max() < 0.5 < degree[:, int(0.42 * 120) :].min()
+        border = np.vstack([p.vertices for c in axis.collections for p in c.get_paths()])
+        assert np.abs(border[:, 0]).max() < 1  # at yaw 0
+    assert not any(axis.get_visible() and not axis.get_title() and axis.images for axis in figure.axes)
+    assert [axis.get_visible() for axis in figure.axes[:4]] == [True, True, True, False]  # two rows of two
+    assert "the left hand" in figure.get_suptitle()
+
+
+def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
+    t = np.arange(0, 4, 0.1)
+    truth = Path3D("truth", t, np.column_stack([np.sin(t), np.cos(t), t]), np.full((len(t), 3, 3), np.nan))
+    off = np.where(np.arange(len(t)) % 2 == 0, 0.002, 0.006)
+    path = Path3D("one", t, truth.position + off[:, None] * [1.0, 0.0, 0.0], truth.cov)
+    over_time, share = path_errors([path], truth, [evaluate(path, truth)], align=False).axes
+    ((x, y),) = lines(over_time)
+    assert sorted(set(np.round(y, 1))) == [2.0, 6.0]
+    assert x[0] >= 0
+    ((x, y),) = lines(share)
+    assert (np.diff(x) >= 0).all()
+    assert y[0] == pytest.approx(1 / len(x))
+    assert y[-1] == 1
+    assert y[x < 4].max() == pytest.approx(0.5, abs=0.03)
+    (name,) = (text.get_text() for text in over_time.get_legend().texts)
+    assert name.startswith("one: RMSE 4.4")
+
+
+def test_what_was_tracked_is_shown_over_time_with_its_uncertainty(tmp_path: Path) -> None:
+    tracked = read_tracked(write_results(tmp_path / "results"))
+    figure = _over_time(tracked)
+    t = 0.05 * np.arange(40)
+    for k in range(3):
+        (x, y), (_, truth) = lines(figure.axes[k])
+        np.testing.assert_allclose(x, t, atol=1e-9)
+        np.testing.assert_allclose(y, tracked.position[:, k])
+        np.testing.assert_allclose(truth, tracked.truth[:, 1 + k])
+        band = figure.axes[k].collections[0].get_paths()[0].vertices
+        here = band[np.isclose(band[:, 0], 0.05)][:, 1]
+        assert np.ptp(here) == pytest.approx(4 * np.sqrt(tracked.cov[1, k, k]))
+    ((_, distance),), ((_, ttc),) = lines(figure.axes[3]), lines(figure.axes[4])
+    np.testing.assert_allclose(distance, np.linalg.norm(tracked.position, axis=1))
+    # the helix is told to come at 0.2 m/s along z: the distance falls by 0.2 z/|p|
+    speed = 0.2 * tracked.position[:, 2] / distance
+    np.testing.assert_allclose(ttc, distance / speed)
+    (_, reach), (_, half) = lines(figure.axes[5])
+    np.testing.assert_allclose(reach, np.arange(40) / 40)
+    assert set(half) == {0.5}
+    spans = [pytest.approx(one) for one in ((0.925, 0.975), (0.975, 1.025), (0.0, 0.025))]
+    for axis in figure.axes:  # predicted at the 19th, lost at the 20th, searching at the first
+        assert shaded(axis)[-3:] == spans
+    assert figure.axes[2].get_ylabel() == "z (m)"
+
+
+def test_activations_over_the_body_have_a_row_for_each_taxel(tmp_path: Path) -> None:
+    tracked = read_tracked(write_results(tmp_path / "results"))
+    axis, scale = _over_the_body(tracked).axes
+    shown = np.asarray(axis.collections[0].get_array()).reshape(3, 40)
+    np.testing.assert_allclose(shown, [np.zeros(40), np.arange(40) / 40, 1 - np.arange(40) / 40])
+    assert axis.get_yticks().tolist() == [0, 2]
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["arm", "hand"]
+    assert axis.get_ylim()[0] > axis.get_ylim()[1]
+    assert scale.get_ylabel() == "activation"
+    borders = axis.collections[1]
+    assert not isinstance(borders, PathCollection)
+    assert [p.vertices[0, 1] for p in borders.get_paths()] == [-0.5, 1.5]
+
+
+def test_an_ellipsoid_holds_95_percent_of_samples() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(3, 3))
+    lengths, rotation = ellipsoid_95(root @ root.T)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+    samples = rng.normal(size=(20000, 3)) @ root.T
+    inside = (((samples @ rotation) / lengths) ** 2).sum(axis=1) <= 1
+    assert inside.mean() == pytest.approx(0.95, abs=0.006)
+
+
+def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
+    points = np.column_stack([np.linspace(0, 0.3, 9000), np.zeros(9000), np.full(9000, 0.5)])
+    points[0:6] = np.nan
+    at, cov = points[6:1006], np.broadcast_to(np.diag([4e-4, 1e-4, 1e-4]), (1000, 3, 3))
+    text = path3d([("green", points), ("grey", points[6:20])], at, cov)
+    found = re.search(r'id="path-data">(.*?)</script>', text)
+    assert found is not None
+    data = json.loads(found[1])
+    first, second = data["lines"]
+    assert len(first["points"]) == 3000  # every third of 9000, at most 4000
+    assert first["points"][:3] == [None, None, points[6].tolist()]
+    assert second["points"] == points[6:20].tolist()
+    assert first["width"] > second["width"]
+    assert data["center"] == pytest.approx([0.15, 0.0, 0.5], abs=1e-3)
+    assert data["size"] == pytest.approx(0.15, abs=1e-3)
+    assert [axis["name"] for axis in data["axes"]] == ["x +0.1 m", "y +0.1 m", "z +0.1 m"]
+    for k, axis in enumerate(data["axes"]):
+        assert np.subtract(axis["to"], axis["from"]) == pytest.approx(0.1 * np.eye(3)[k])
+    assert 30 < len(data["ellipsoids"]) <= 40
+    assert data["ellipsoids"][0]["at"] == at[0].tolist()
+    assert data["ellipsoids"][-1]["at"] == at[-1].tolist()
+    lengths = sorted(np.linalg.norm(data["ellipsoids"][0]["axes"], axis=1))
+    assert lengths == pytest.approx(2.7955 * np.array([0.01, 0.01, 0.02]), rel=1e-3)
+    assert path3d([("green", points[:3])], at[:0], cov[:0]) == "<p>No position is known.</p>"
+    resting = json.loads(re.search(r'-data">(.*?)</script>', path3d([("green", at[:1])], at[:0], cov[:0]))[1])  # type: ignore[index]
+    assert resting["size"] == 1e-3
+    assert resting["ellipsoids"] == []
