@@ -2,6 +2,5 @@
 
 import os
 
-# pyrender and pyglet read these when they are imported: draw off screen, ask for no display
+# pyrender reads it when it is imported: draw off screen
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-os.environ.setdefault("PYGLET_HEADLESS", "true")

@@ -1,9 +1,17 @@
-"""The delay of joints that are exact or late, against sums over a grid of delays."""
+"""Poses that images correct: the delay of joints by grids and normal equations, a turning rig by its homography."""
 
+import math
+from collections.abc import Callable
+
+import cv2
 import numpy as np
 import pytest
 
-from tracking.camera_pose import exact_or_late
+from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.se3 import transform
+from pps_vision.types import Array, Image, StereoFrame
+from tracking.camera_pose import PoseEstimator, _LateJoints, exact_or_late
+from tracking.registration import Misalignment
 
 PRIOR_S = 0.02
 
@@ -22,3 +30,159 @@ def test_mean_and_spread_are_those_of_the_posterior(measured_s: float, noise_s: 
     var = 1 / (noise_s**-2 + PRIOR_S**-2)  # of late joints alone
     found = exact_or_late(measured_s * var / noise_s**2, var, PRIOR_S)
     assert found == pytest.approx((mean, std), rel=2e-3, abs=2e-6)
+
+
+def posed(angle: float) -> tuple[Array, Array]:
+    """Two eyes 6 cm apart that turn together about a vertical axis between them."""
+    R = cv2.Rodrigues(np.array([0.0, angle, 0.0]))[0]
+    return transform(R, R @ [-0.03, 0.0, 0.0]), transform(R, R @ [0.03, 0.0, 0.0])
+
+
+CAMERA = Camera(320, 240, 280.0, 280.0, 159.5, 119.5)
+TURNING = StereoRig(CAMERA, CAMERA, lambda q: posed(0.0 if q is None else float(q[0])))
+NO_IMAGE = np.zeros((240, 320, 3), np.uint8)
+
+
+def late_after(stamps_s: list[float], angle: Callable[[float], float]) -> _LateJoints:
+    """The estimator after black frames whose joints were at these angles."""
+    late = _LateJoints(TURNING, PRIOR_S)
+    for stamp_s in stamps_s:
+        q = np.array([angle(stamp_s)])
+        late.step(StereoFrame(NO_IMAGE, NO_IMAGE, stamp_s, stamp_s, q, q), TURNING.view(q, q), (q, q))
+    return late
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.015, -0.01])
+def test_joints_are_extrapolated_exactly_at_constant_acceleration(delay_s: float) -> None:
+    def angle(t: float) -> float:
+        return 0.1 + 0.3 * t - 2.0 * t**2
+
+    stamps = [0.0, 0.03, 0.08]  # uneven
+    late = late_after(stamps, angle)
+    late.delay_s = delay_s
+    found = late._extrapolated([np.array([angle(t)]) for t in stamps])
+    assert found[0] == pytest.approx(angle(0.08 + delay_s))
+    for eye in (0, 1):  # about its own vertical axis, at the last stamp
+        assert late._rate(eye) == pytest.approx([0.0, 0.3 - 4.0 * 0.08, 0.0], abs=1e-9)
+
+
+def test_poses_before_the_third_frame_and_after_a_gap_are_those_that_are_told() -> None:
+    late = _LateJoints(TURNING, PRIOR_S)
+    late.delay_s = 0.05
+    poses = []
+    for stamp_s in (0.0, 0.05, 0.1, 0.5, 0.55, 0.6):
+        q = np.array([2.0 * stamp_s])
+        told = TURNING.view(q, q)
+        found = late.step(StereoFrame(NO_IMAGE, NO_IMAGE, stamp_s, stamp_s, q, q), told, (q, q))
+        late.delay_s = 0.05
+        off = told.left.T_camera_root[:3, :3] @ found.view.left.T_root_camera[:3, :3]
+        poses.append(np.linalg.norm(cv2.Rodrigues(off)[0]))
+        assert found.stamp_error_s == late.std_s
+    np.testing.assert_allclose(poses, [0, 0, 0.1, 0, 0, 0.1], atol=1e-9)
+
+
+def measured(rotation: Array, noise: float = 1e-4) -> Misalignment:
+    return Misalignment(np.asarray(rotation, float), noise**2 * np.eye(3), np.array([0.0, 0.0, 0.002]))
+
+
+def test_a_delay_is_the_least_squares_of_what_was_measured(rng: np.random.Generator) -> None:
+    """All at one time, so that nothing is forgotten; against the normal equations of all measurements together."""
+    late, rows, values = _LateJoints(TURNING, PRIOR_S), [], []
+    noise = np.sqrt(1e-4**2 + (0.05 / 280) ** 2)  # of the registration, and of the images
+    for _ in range(40):
+        change = rng.normal(0, 0.5, 3)
+        rotation = 0.012 * change + 0.3 * np.array([0.0, 0.0, 0.002]) + noise * rng.standard_normal(3)
+        late._take(measured(rotation), change, 1.0)
+        rows.append(np.column_stack([change, [0.0, 0.0, 0.002]]) / noise)
+        values.append(rotation / noise)
+    X, y = np.vstack(rows), np.concatenate(values)
+    information = X.T @ X + np.diag([PRIOR_S**-2, 0.5**-2])
+    estimate = np.linalg.solve(information, X.T @ y)
+    assert late.delay_s == pytest.approx(estimate[0], rel=1e-6)  # the odds of exact joints are nil
+    assert late.delay_s == pytest.approx(0.012, abs=4 * late.std_s)
+    std = np.sqrt(np.linalg.inv(information)[0, 0])
+    assert 0.8 * std < late.std_s < 1.25 * std  # scaled by the scatter
+
+
+def test_a_larger_scatter_than_stated_makes_the_delay_less_certain(rng: np.random.Generator) -> None:
+    stds = []
+    for factor in (1.0, 3.0):
+        late, noise = _LateJoints(TURNING, PRIOR_S), factor * np.sqrt(1e-4**2 + (0.05 / 280) ** 2)
+        for k in range(200):
+            change = rng.normal(0, 0.5, 3)
+            late._take(measured(0.012 * change + noise * rng.standard_normal(3)), change, 0.01 * k)
+        stds.append(late.std_s)
+    assert stds[1] / stds[0] == pytest.approx(3.0, rel=0.15)
+
+
+def test_an_old_delay_is_forgotten_within_tens_of_seconds() -> None:
+    """After one memory, 10 s, the old measurements weigh 1/e of as many new ones."""
+    late = _LateJoints(TURNING, 1.0)
+    change = np.array([0.0, 0.5, 0.0])
+    late._take(measured(0.010 * change), change, 0.0)
+    late._take(measured(0.020 * change), change, 10.0)
+    weight = np.exp(-1)
+    assert late.delay_s == pytest.approx((weight * 0.010 + 0.020) / (weight + 1), rel=0.02)
+    for k in range(5):
+        late._take(measured(0.020 * change), change, 20.0 + 10 * k)
+    assert late.delay_s == pytest.approx(0.020, rel=0.01)
+
+
+def seen(rotation: Array, rng: np.random.Generator) -> Image:
+    """Blobs far away from an eye turned by a rotation vector, with noise of 2 grey levels."""
+    wall = np.random.default_rng(1)
+    layers = [
+        cv2.resize(wall.normal(0, 30, (480 // k, 640 // k, 1)), (640, 480), interpolation=cv2.INTER_CUBIC)
+        for k in (6, 12, 24, 60)
+    ]
+    image = np.clip(128 + np.sum(layers, axis=0)[..., None] + np.zeros(3), 0, 255).astype(np.uint8)
+    R = cv2.Rodrigues(np.asarray(rotation, float))[0]
+    H = np.array([[1.0, 0, 160], [0, 1, 120], [0, 0, 1]]) @ CAMERA.K @ R @ np.linalg.inv(CAMERA.K)
+    out = cv2.warpPerspective(image, H, (320, 240), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP).astype(float)
+    return np.clip(np.rint(out + 2 * rng.standard_normal(out.shape)), 0, 255).astype(np.uint8)
+
+
+FIXED = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.06, 0.0, 0.0)))
+
+
+def test_a_rig_said_to_be_fixed_turns_as_its_images_say(rng: np.random.Generator) -> None:
+    """0.5° from one frame to the next; both eyes turn about the middle between them."""
+    poses = PoseEstimator(FIXED, 0.0)
+    for k in range(6):
+        turn = np.deg2rad([0.0, 0.5 * k, 0.1 * k])
+        frame = StereoFrame(seen(turn, rng), seen(turn, rng), 0.1 * k, 0.1 * k)
+        found = poses.step(frame)
+        R = cv2.Rodrigues(turn)[0]
+        for eye, x in ((found.view.left, -0.03), (found.view.right, 0.03)):
+            np.testing.assert_allclose(eye.T_root_camera[:3, :3], R, atol=0.1 / 280)
+            np.testing.assert_allclose(eye.center, R @ [x, 0.0, 0.0] + [0.03, 0.0, 0.0], atol=1e-4)
+        assert found.is_known
+        assert found.stamp_error_s == 0
+    motion = poses.motion
+    np.testing.assert_allclose(motion.rotation_rad, turn, atol=0.1 / 280)
+    step = np.linalg.norm(np.deg2rad([0.0, 0.5, 0.1]))
+    # the mean of the last second weighs each frame with a tenth: 1 - 0.9⁵ of the rate after five of them
+    assert motion.rate_rad_s == pytest.approx(step / 0.1 * (1 - 0.9**5), rel=0.05)
+    assert found.rotation_std_rad == pytest.approx(np.sqrt(step**2 / 6 * (1 - 0.9**5)), rel=0.05)
+    assert math.isnan(motion.delay_std_s)
+
+
+def test_a_rig_that_rests_stays_where_it_is_told_to_be(rng: np.random.Generator) -> None:
+    poses = PoseEstimator(FIXED, 0.0)
+    for k in range(4):
+        found = poses.step(StereoFrame(seen(np.zeros(3), rng), seen(np.zeros(3), rng), 0.1 * k, 0.1 * k))
+        assert np.array_equal(found.view.left.T_root_camera, np.eye(4))
+    assert not poses.motion.rotation_rad.any()
+    assert poses.motion.rate_rad_s == 0
+
+
+def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng: np.random.Generator) -> None:
+    """By 0.4° about the vertical, 2 px; then a new scene, which is the reference half a second later."""
+    poses, still, apart = PoseEstimator(FIXED, 0.0), np.zeros(3), np.deg2rad([0.0, 0.4, 0.0])
+    poses.step(StereoFrame(seen(still, rng), seen(still, rng), 0.0, 0.0))
+    known = [poses.step(StereoFrame(seen(apart, rng), seen(-apart, rng), t, t)).is_known for t in (0.1, 0.2)]
+    assert known == [False, False]
+    assert poses.step(StereoFrame(seen(still, rng), seen(still, rng), 0.3, 0.3)).is_known
+    other = [np.ascontiguousarray(seen(still, rng)[::-1, ::-1]) for _ in range(2)]
+    known = [poses.step(StereoFrame(*other, t, t)).is_known for t in (0.4, 0.7, 0.85, 0.9)]
+    assert known == [False, False, False, True]
