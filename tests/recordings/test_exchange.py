@@ -82,6 +82,7 @@ def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> Non
     write(tmp_path, "coco", pairs)
     read = COCO(str(tmp_path / "coco.json"))
     assert len(read.getImgIds()) == 2 * N
+    assert len(read.getAnnIds(catIds=read.getCatIds())) == len(read.getAnnIds()), "all are of the named category"
     assert sorted(read.getAnnIds()) == list(range(1, 2 * (N - 2) + 1)), "COCO's evaluation takes 0 for no match"
     for annotation in read.loadAnns(read.getAnnIds()):
         (image,) = read.loadImgs([annotation["image_id"]])
