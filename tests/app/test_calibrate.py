@@ -9,10 +9,13 @@ import pytest
 from data import SEED
 from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
+from videos import write_video
 
-from pps_vision.app.calibrate import Board
+from pps_vision.app.calibrate import Board, board_pairs, find_views
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
+from pps_vision.recordings.image_file import ImageFile
+from pps_vision.recordings.problems import Problem
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 
 SQUARE_PX, SQUARE_M = 60, 0.03
@@ -106,3 +109,71 @@ def test_too_few_views(tmp_path: Path, refused_with) -> None:
     )
     assert "no board found" in lines[0]
     assert "in 0 pairs; expected at least 3" in lines[-1]
+
+
+def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> None:
+    """60 of 130 pairs, from the first to the last; the right eye is 4 ms late, and lacks one frame."""
+    stamps = [0.02 * k for k in range(130)]
+    left = write_video(tmp_path / "l.mp4", stamps)
+    right = write_video(tmp_path / "r.mp4", [t + 0.004 for t in stamps if t != 0.2])
+    problems: list[Problem] = []
+    pairs = board_pairs([str(left)], [str(right)], None, 0.01, problems)
+    assert len(pairs) == 60
+    assert (pairs[0][0].stamp_s, pairs[-1][0].stamp_s) == pytest.approx((0.0, 2.58))
+    assert all(0 < b.stamp_s - a.stamp_s < 0.005 for a, b in pairs)
+    assert len(problems) == 1
+    for sides in (([str(left)] * 2, [str(right)]), ([str(left)], [str(right)] * 2)):
+        with pytest.raises(InputError, match="expected one left and one right video"):
+            board_pairs(*sides, None, 0.01, problems)
+    for sides in (([], [str(right)]), ([str(left)], [])):
+        with pytest.raises(InputError, match="expected left and right images, or two videos"):
+            board_pairs(*sides, None, 0.01, problems)
+
+
+@pytest.mark.parametrize(("turned", "found"), [(False, "left"), (True, "right")])
+def test_a_chessboard_upside_down_in_one_image_is_numbered_alike(tmp_path: Path, turned: bool, found: str) -> None:
+    """OpenCV numbers a board of 8×5 inner corners from either end; the same corner has the same number here."""
+    board, corners = Board(8, 5, SQUARE_M), np.array([[x, y] for y in range(5) for x in range(8)], np.float32)
+    file = tmp_path / "a.png"
+    cv2.imwrite(str(file), np.zeros((48, 64, 3), np.uint8))
+    pixels = iter([10 * corners, 10 * corners[::-1] if turned else 10 * corners])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Board, "find", lambda self, image: dict(enumerate(next(pixels))))
+        _, (view,), skipped = find_views(board, [(ImageFile(file, 0.0), ImageFile(file, 0.0))])
+    assert skipped == []
+    np.testing.assert_array_equal(view.left_px, view.right_px, err_msg=found)
+
+
+@pytest.mark.parametrize(("common", "seen"), [(6, True), (5, False)])
+def test_a_view_needs_six_corners_in_common(tmp_path: Path, common: int, seen: bool) -> None:
+    board, file = Board(8, 5, SQUARE_M, 0.02), tmp_path / "a.png"
+    cv2.imwrite(str(file), np.zeros((48, 64, 3), np.uint8))
+    found = iter(
+        [{k: np.array([k, 2.0 * k]) for k in range(9)}, {k: np.array([k, 3.0 * k]) for k in range(9 - common, 20)}]
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Board, "find", lambda self, image: next(found))
+        size, views, skipped = find_views(board, [(ImageFile(file, 0.0), ImageFile(file, 0.0))])
+    assert size == (64, 48)
+    assert (len(views), len(skipped)) == ((1, 0) if seen else (0, 1))
+    if seen:
+        np.testing.assert_array_equal(views[0].left_px, [[k, 2 * k] for k in range(3, 9)])
+        np.testing.assert_array_equal(views[0].right_px, [[k, 3 * k] for k in range(3, 9)])
+    else:
+        assert "5 corners in both images; expected 6" in skipped[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((2, 5, 0.03), "2×5; expected 3 to 100"),
+        ((5, 101, 0.03), "5×101; expected 3 to 100"),
+        ((5, 5, 0.0), "expected a positive length"),
+        ((5, 5, 0.03, 0.03), "expected less than the squares"),
+        ((5, 5, 0.03, 0.02, "7X7_9"), "dictionary '7X7_9'; expected one of OpenCV's"),
+    ],
+)
+def test_a_board_that_cannot_be_is_refused(words: tuple[object, ...], message: str) -> None:
+    assert Board(3, 100, 0.03).columns == 3
+    with pytest.raises(InputError, match=message):
+        Board(*words)  # type: ignore[arg-type]

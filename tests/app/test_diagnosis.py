@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from pps_vision.app import diagnosis as diagnosis_module
 from pps_vision.app.cli import main
-from pps_vision.app.diagnosis import _epipolar, _misfit_px
+from pps_vision.app.diagnosis import _by_counts, _epipolar, _misfit_px
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import StereoFrame
@@ -219,3 +220,49 @@ def test_the_numbers_are_those_of_the_search(tmp_path: Path, capsys: pytest.Capt
     assert N - 4 <= counts["motion_right"] <= counts["motion_left"] < N
     assert counts["candidates_left"] >= N - 6
     assert counts["rejected by point behind the cameras"] >= N - 6
+
+
+FRAMES = {"frames": 20}
+
+
+@pytest.mark.parametrize(
+    ("mode", "counts", "advice"),
+    [
+        ("generic", {}, "other images: every frame is dark, plain or the same"),
+        ("marker", FRAMES | {"candidates_left": 3}, "--mode generic: no blob of the marker's green"),
+        ("marker", FRAMES | {"candidates_right": 3}, "--mode generic: no blob of the marker's green"),
+        ("generic", FRAMES, "--mode marker for a green marker, or a faster object"),
+        ("generic", FRAMES | {"motion_left": 5}, "the calibration and the order of the images"),
+        ("generic", FRAMES | {"motion_left": 5, "motion_right": 4}, "an object whose colours stand out"),
+        (
+            "generic",
+            FRAMES | {"motion_left": 5, "motion_right": 4, "candidates_left": 3, "candidates_right": 2},
+            "a longer recording: candidates were found",
+        ),
+        (
+            "generic",
+            FRAMES | {"motion_left": 5, "motion_right": 4, "rejected by colour": 2, "rejected by size": 1},
+            "the same exposure and white balance",
+        ),
+        (
+            "generic",
+            FRAMES | {"motion_left": 5, "motion_right": 4, "rejected by colour": 2, "rejected by size": 3},
+            "an object that both cameras see whole",
+        ),
+        (
+            "generic",
+            FRAMES | {"motion_left": 5, "motion_right": 4, "rejected by disparity": 2},
+            "--left and --right exchanged, or another calibration: candidates are refused by disparity",
+        ),
+    ],
+)
+def test_the_counts_of_the_search_name_one_thing_to_try(
+    mode: str, counts: dict[str, int], advice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 0.0)
+    fixed = SimpleNamespace(robot=None)
+    assert [one[: len(advice)] for one in _by_counts(fixed, mode, counts)] == [advice]  # type: ignore[arg-type]
+    monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 7.0)
+    assert next(iter(_by_counts(fixed, mode, counts))).startswith("cameras that rest")  # type: ignore[arg-type]
+    with_joints = SimpleNamespace(robot=object())
+    assert next(iter(_by_counts(with_joints, mode, counts))).startswith(advice)  # type: ignore[arg-type]

@@ -131,3 +131,10 @@ def test_a_bad_file_is_named(tmp_path: Path, content: str, message: str) -> None
     (tmp_path / "a").write_text(content)
     with pytest.raises(InputError, match=message):
         read_boxes(tmp_path / "a")
+
+
+def test_several_boxes_in_a_frame_have_no_success_curve() -> None:
+    one, two = Boxes("one", {1: {1: (0, 0, 4, 4)}}), Boxes("two", {1: {1: (0, 0, 4, 4), 2: (9, 9, 4, 4)}})
+    for pair in ((one, two), (two, one)):
+        with pytest.raises(InputError, match="two: 2 boxes in frame 1; expected one for a success curve"):
+            per_frame(*pair)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from episodes import T, episode_log
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection, PolyCollection
 from results import write_results
@@ -19,28 +20,9 @@ from pps_vision.app.report import figures
 from pps_vision.app.report.errors import path_errors
 from pps_vision.app.report.path3d import ellipsoid_95, path3d
 from pps_vision.app.report.tracking import _over_the_body, _over_time, read_tracked
-from pps_vision.app.simulation import EpisodeLog
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import load_icub
-from pps_vision.types import Array, Reachability, ReachStatus, Status
-
-T = 11
-STAMPS = 5.0 + 0.1 * np.arange(T)
-
-
-def log(with_reach: bool) -> EpisodeLog:
-    """Two taxels, the second touched at the fifth and sixth stamp; reachable from the eighth stamp on."""
-    rng, truth = np.random.default_rng(0), np.column_stack([0.01 * np.arange(T), np.zeros(T), np.full(T, 0.3)])
-    touched = np.zeros((T, 2), bool)
-    touched[4:6, 1] = True
-    status = [ReachStatus.UNKNOWN] * 2 + [ReachStatus.UNREACHABLE] * 5 + [ReachStatus.REACHABLE] * 4
-    reach = [Reachability(STAMPS[k], np.zeros(3), 0.5, k / 10, status[k]) for k in range(T)]
-    return EpisodeLog(
-        *("approach", ("arm:1", "arm:2"), STAMPS, (Status.TRACKING,) * T),
-        *(truth, truth + np.array([0.003, 0.0, 0.004]), np.full((T, 3), 0.002), rng.uniform(0, 0.2, (T, 2))),
-        *(rng.uniform(0, 1, (T, 2)), rng.uniform(0, 0.1, T), np.zeros(T, bool), touched, np.zeros((T, 3))),
-        tuple(reach) if with_reach else (),
-    )
+from pps_vision.types import Array
 
 
 def lines(axis: Axes) -> list[tuple[Array, Array]]:
@@ -55,7 +37,7 @@ def shaded(axis: Axes) -> list[tuple[float, float]]:
 
 @pytest.mark.parametrize("with_reach", [True, False])
 def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach: bool) -> None:
-    one, t = log(with_reach), 0.1 * np.arange(T)
+    one, t = episode_log(with_reach), 0.1 * np.arange(T)
     figure = figures.episodes([one, one], 0.4)
     assert len(figure.axes) == (8 if with_reach else 6)
     gap, activity, speed = figure.axes[0], figure.axes[2], figure.axes[4]
@@ -85,7 +67,7 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
 
 
 def test_a_path_shows_each_coordinate_with_two_standard_deviations_and_the_error() -> None:
-    one = log(False)
+    one = episode_log(False)
     *coordinates, error = figures.path(one).axes
     for k, axis in enumerate(coordinates):
         (_, track), (_, truth) = lines(axis)

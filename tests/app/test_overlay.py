@@ -1,5 +1,7 @@
 """What is drawn over the images: the cross is at the pixel, however much the image is enlarged."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -25,3 +27,18 @@ def test_the_cross_is_centred_on_the_projected_position(pixel: tuple[float, floa
     centre = np.average(columns, weights=light[rows, columns]), np.average(rows, weights=light[rows, columns])
     wanted = [scale * (value + 0.5) - 0.5 for value in pixel]
     np.testing.assert_allclose(centre, [wanted[0], wanted[1] - TEXT_ROWS], atol=0.15)
+
+
+def test_each_caption_has_a_line_of_its_own() -> None:
+    """Below the status; all are over the images' upper left corner, which stays black without them."""
+    camera = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
+    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((240, 320, 3), np.uint8)
+    frame, track = StereoFrame(black, black, 0.0, 0.0), Track3D.unknown(0.0)
+    rows = []
+    for captions in ((), ("one",), ("one", "two")):
+        drawn = draw_pair(frame, view, track, captions=captions)
+        rows.append(drawn.any(axis=(1, 2)))
+    for fewer, more in pairwise(rows):
+        assert (more >= fewer).all()
+        assert np.flatnonzero(more & ~fewer).min() > np.flatnonzero(fewer).max()
+    assert np.flatnonzero(rows[2]).max() < 120

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from results import write_results
+from videos import write_video
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
 from pps_vision.app.report import page
-from pps_vision.app.report.tracking import read_tracked, report_folder
+from pps_vision.app.report.tracking import read_tracked, report_folder, warnings_of
 from pps_vision.recordings.tables import write_table
 
 
@@ -75,3 +76,29 @@ def test_what_holds_no_results(tmp_path: Path, refused) -> None:
     assert "of another command" in refused("report", tmp_path)
     (tmp_path / "summary.json").write_text("{")
     assert "expected the summary" in refused("report", tmp_path)
+
+
+def test_what_has_to_be_known_first() -> None:
+    summary = {"frames": 40, "status": {"tracking": 19, "lost": 2}, "cameras": {"rotation_deg": 1.26}}
+    summary |= {"skipped": {"image": 3, "stamp": 0}, "diagnosis": {"advice": ["a longer recording"]}}
+    assert warnings_of(summary) == [
+        "measured in 48 % of 40 pairs only",
+        "lost 2 times",
+        "try a longer recording",
+        "skipped: 3 image",
+        "cameras that are said to be fixed turned by 1.3°",
+    ]
+    assert warnings_of({"frames": 40, "status": {"tracking": 20}, "cameras": {"rotation_deg": 1.0}}) == []
+    assert warnings_of({"frames": 0, "status": {}}) == ["measured in 0 % of 1 pairs only"]
+
+
+def test_a_film_replaces_the_key_frames_and_no_detection_is_said(tmp_path: Path) -> None:
+    folder = write_results(tmp_path / "results")
+    write_video(folder / "overlay.mp4", [0.0, 0.1])
+    header = (folder / "detections.csv").read_text().split("\n")[0]
+    (folder / "detections.csv").write_text(header + "\n")
+    report_folder(folder)
+    text = (folder / "report.html").read_text()
+    assert text.count("<video") == 1
+    assert "image/jpeg" not in text
+    assert "Nothing was detected." in text

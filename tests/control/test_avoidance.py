@@ -468,3 +468,9 @@ def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(
     assert modes[19:21] == ["return", "avoid"]
     assert modes[30:40] == ["hold"] * 10
     assert modes[40:] == [mode] * 5
+
+
+@pytest.mark.parametrize("change", [{"weighting": "mean"}, {"withdraws": "hand"}])
+def test_another_weighting_or_control_point_is_refused(change: dict[str, str]) -> None:
+    with pytest.raises(ValueError, match="expected sum or count, taxels or point"):
+        AvoidanceParams((0.0,) * 7, **change)  # type: ignore[arg-type]

@@ -91,3 +91,11 @@ def test_equal_seeds_give_equal_searches(robot: Robot) -> None:
     q = home(robot)
     np.testing.assert_array_equal(look_around(robot, q, 50, seed=3), look_around(robot, q, 50, seed=3))
     assert not np.allclose(look_around(robot, q, 50, seed=3), look_around(robot, q, 50, seed=4))
+
+
+@pytest.mark.parametrize("spacing", [(0.0, 0.1), (0.1, -0.1), (float("nan"), 0.1)])
+def test_a_search_that_covers_nothing_is_refused(spacing: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="expected covering or random, above 0"):
+        SearchParams(spacing_rad=spacing)
+    with pytest.raises(ValueError, match="search 'spiral'"):
+        SearchParams("spiral")  # type: ignore[arg-type]

@@ -108,6 +108,9 @@ def test_kitti(tmp_path: Path, form: str) -> None:
 @pytest.mark.parametrize(
     ("write", "found", "instead", "message"),
     [
+        (kalibr, "cam1:", "cam1: 3\ncam2:", "cam1 is '3.0'; expected the entries of a camera"),
+        (kalibr, "intrinsics: [", "intrinsics: [1e99, ", "intrinsics is .* expected 4 numbers"),
+        (kalibr, "cam0", "#" + 200_000 * "[" + "\ncam0", "characters or is nested; expected a calibration"),
         (kalibr, "radtan", "equidistant", "distortion_model equidistant; expected one of radtan"),
         (kalibr, "camera_model: pinhole", "camera_model: omni", "camera_model omni; expected pinhole"),
         (kalibr, "T_cn_cnm1", "T_cam_imu", "T_cn_cnm1 is None; expected 4×4 numbers"),
@@ -127,6 +130,25 @@ def test_what_cannot_be_used_is_named(
     files[0].write_text(files[0].read_text().replace(found, instead, 1))
     with pytest.raises(InputError, match=message):
         read_stereo_calibration(files, SIZE)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("P1:", "P0:", r"P0 2 times; expected it once, with 12 numbers"),
+        ("P1:", "P7:", r"P1 0 times; expected it once"),
+        ("P0: 718.856", "P0: -718.856", r"projection .*; expected \[K \| K t\] with positive focal lengths"),
+        ("P0: 718.856 0", "P0: 718.856 x", "P0 is .*; expected 3×4 numbers"),
+    ],
+)
+def test_a_projection_that_is_none_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    row = "P{}: 718.856 0 607.1928 {} 0 718.856 185.2157 0 0 0 1 0\n"
+    text = row.format(0, 0.0) + row.format(1, -386.1448)
+    (tmp_path / "calib.txt").write_text(text)
+    assert read_stereo_calibration([tmp_path / "calib.txt"], (1241, 376))[2][0, 3] > 0.5
+    (tmp_path / "calib.txt").write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        read_stereo_calibration([tmp_path / "calib.txt"], (1241, 376))
 
 
 def test_yaml() -> None:

@@ -11,7 +11,7 @@ from pycocotools.coco import COCO
 from rosbags.highlevel import AnyReader
 
 from pps_vision.recordings import Form
-from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_forms, write_coco
+from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_forms, write_coco, write_mot
 from pps_vision.types import Detection2D, Status, Track3D
 
 N = 12
@@ -91,6 +91,13 @@ def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> Non
         assert annotation["bbox"] == [10.0 + k, 20.5, 8.0, 6.0 + (image["camera"] == "right")]
         assert annotation["track_id"] == (1 if k < 5 else 2)
         assert read.annToMask(annotation | {"segmentation": [[0, 0, 4, 0, 4, 4, 0, 4]]}).shape == (240, 320)
+
+
+def test_boxes_of_one_camera_are_written_as_mot(tmp_path: Path) -> None:
+    write_mot(tmp_path / "a.txt", [SeenBox(2, 1, (1, 2.5, 3, 4), 0.5), SeenBox(3, 1, (2, 2, 3, 4), 1.0)])
+    read = motmetrics.io.loadtxt(str(tmp_path / "a.txt"), fmt="mot15-2D")
+    assert read.index.tolist() == [(2, 1), (3, 1)]
+    np.testing.assert_allclose(read[["X", "Y", "Width", "Height"]], [[1, 2.5, 3, 4], [2, 2, 3, 4]])
 
 
 def test_one_view(tmp_path: Path) -> None:

@@ -150,6 +150,26 @@ def test_a_bag_is_read(tmp_path: Path, kind: str) -> None:
     assert (recording.rig.left.fx, recording.rig.left.cx) == (30, 11.5)
 
 
+def test_rectified_topics_have_the_rectified_cameras(tmp_path: Path) -> None:
+    """Their K is the projection's and they have no lens, whatever the raw camera's."""
+    raw, P = np.array([[33.0, 0, 10.0], [0, 34, 8.0], [0, 0, 1]]), [projection(0.0), projection(0.12)]
+    for kind, lens in (("image_rect", 0.0), ("image_raw", -0.1)):
+        with Bag(tmp_path, "ros1.bag" if lens else "ros2") as bag:
+            for side, name in enumerate(("left", "right")):
+                info = bag.camera_info(P[side], D=(-0.1, 0, 0, 0, 0))
+                setattr(info, "K" if lens else "k", raw.ravel())
+                bag.write(f"/stereo/{name}/camera_info", info, START_S)
+                for k in range(2):
+                    bag.write(
+                        f"/stereo/{name}/{kind}", bag.image(images()[side, k], "rgb8", stamp(side, k)), stamp(side, k)
+                    )
+        rig = open_recording(bag.path).rig
+        assert rig is not None
+        assert rig.left.distortion[0] == lens
+        assert rig.left.fx == (33.0 if lens else 30.0)
+        assert rig.view().right.center == pytest.approx([0.12, 0, 0])
+
+
 def test_joints_of_a_robot_are_interpolated(tmp_path: Path) -> None:
     setup = icub_setup()
     recording: Recording = open_recording(write(tmp_path, "ros2_mcap", with_joints=True), robot=setup)

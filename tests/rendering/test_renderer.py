@@ -163,3 +163,13 @@ def test_the_process_ends_quietly() -> None:
     code = "from rendering.renderer import shared_renderer; shared_renderer()"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout + run.stderr == ""
+
+
+def test_the_box_of_a_node_has_the_corners_of_its_bounds_at_its_pose() -> None:
+    surface = surface_of([sphere(0.1, (1, 0, 0), center=(0.3, -0.2, 0.7)), sphere(0.05, (1, 0, 0), center=(0, 0.5, 0))])
+    node = Node(surface, transform(turned(0.7), (0.1, 0.2, 0.3)))
+    (x0, y0, z0), (x1, y1, z1) = surface.positions.min(axis=0), surface.positions.max(axis=0)
+    corners = np.array([[x, y, z] for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
+    expected = corners @ turned(0.7).T + [0.1, 0.2, 0.3]
+    assert node.box_root.shape == (8, 3)
+    np.testing.assert_allclose(np.unique(node.box_root.round(9), axis=0), np.unique(expected.round(9), axis=0))

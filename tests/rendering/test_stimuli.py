@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pps_vision.robot.model import Body
 from pps_vision.types import Array
 from rendering.carriers import carrier_parts, carrier_pose
 from rendering.names import StimulusName
-from rendering.shapes import tube
+from rendering.shapes import board, body_part, disc, tube
 from rendering.stimuli import Stimulus, make_stimulus
 
 
@@ -211,3 +212,34 @@ def test_senseless_things_are_refused() -> None:
             make_stimulus("ball", radius)
     with pytest.raises(ValueError, match=r"carrier 'drone'.*none, stick, hand"):
         carrier_parts("drone", 0.03)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("sides", [4, 8, 9])
+def test_a_tube_has_evenly_spaced_sides(sides: int) -> None:
+    """A prism of a regular polygon between its ends: n/2 sin(2π/n) r² of cross section, and each corner once."""
+    part = tube([[0, 0, 0], [0, 0, 0.5], [0, 0, 1.0]], 0.01, (1, 1, 1), sides)
+    ring = part.mesh.vertices[np.isclose(part.mesh.vertices[:, 2], 0.5)]
+    assert len(ring) == sides
+    angles = np.sort(np.arctan2(ring[:, 1], ring[:, 0]))
+    np.testing.assert_allclose(np.diff(angles), 2 * np.pi / sides)
+    np.testing.assert_allclose(np.linalg.norm(ring, axis=1), np.hypot(0.5, 0.01))
+    assert part.mesh.volume == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides) * 1e-4, rel=0.02)
+
+
+def test_a_board_and_a_disc_lie_about_the_origin_with_normal_z() -> None:
+    assert board(0.1, 0.2).mesh.bounds == pytest.approx(np.array([[-0.05, -0.1, -0.0015], [0.05, 0.1, 0.0015]]))
+    round_one = disc(0.05, (1, 1, 1)).mesh
+    assert round_one.bounds == pytest.approx(np.array([[-0.05, -0.05, -5e-4], [0.05, 0.05, 5e-4]]), rel=1e-3)
+    assert round_one.volume == pytest.approx(np.pi * 0.05**2 * 0.001, rel=0.01)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
+def test_a_bodys_mesh_has_its_size_and_pose(shape: str) -> None:
+    size = {"sphere": (0.05,), "cylinder": (0.03, 0.2), "box": (0.1, 0.2, 0.3)}[shape]
+    half = {"sphere": (0.05,) * 3, "cylinder": (0.03, 0.03, 0.1), "box": (0.05, 0.1, 0.15)}[shape]
+    pose = np.array([[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])  # a quarter turn about z
+    body = Body("palm_0", "palm", shape, size, pose, (0.1, 0.2, 0.3))  # type: ignore[arg-type]
+    part = body_part(body, 4)
+    expected = np.array([0.1, 0.2, 0.3]) + np.outer([-1, 1], [half[1], half[0], half[2]])
+    assert part.mesh.bounds == pytest.approx(expected, abs=0.001)
+    assert part.color == (0.1, 0.2, 0.3)

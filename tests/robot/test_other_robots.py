@@ -171,6 +171,18 @@ def test_a_root_elsewhere_moves_everything_alike(tmp_path: Path) -> None:
         ("rpy_deg = [-113.7, 0, 180]}\nright", "rpy_deg = [0, 0]}\nright", r"robot\.toml:5: left_eye .*rpy_deg"),
         ("rpy_deg = [-113.7, 0, 180]}\nright", "rpy_deg = [0, nan, 0]}\nright", r"robot\.toml:5: left_eye .*rpy_deg"),
         ('link = "base"', 'link = "bass"', r"arm\.urdf: lacks link 'bass', which is to carry left_eye"),
+        ('root = "base"', "root = 3", r"robot\.toml:4: root 3; expected a name in quotes"),
+        ('"a7"]', "7]", r"robot\.toml:7: no list of names: .* of right_arm"),
+        ('skin = "skin.csv"', "skin = [1]", r"robot\.toml:3: no list of names: \[1\] of skin"),
+        ('{link = "base"', '{lnk = "base"', r"robot\.toml:5: left_eye .*; expected a link, or \{link = "),
+        ("xyz_m = [", 'xyz_m = ["x", ', r"robot\.toml:5: left_eye .*; expected a link"),
+        (
+            'root = "base"',
+            'root = "base"\ngaze_joints = ["a1"]',
+            r"robot\.toml:5: gaze_joints .*; expected neck yaw, neck",
+        ),
+        ("[home_deg]", '[ports]\narm = ["b1"]\n[home_deg]', r"unknown 'b1' in port arm; expected joints of a1, a2"),
+        ("[home_deg]", "[ports]\narm = 3\n[home_deg]", r"no list of names: 3 of arm"),
         ('skin = "skin.csv"\n', "", r"robot\.toml: no skin; expected urdf, skin, left_eye, right_eye"),
     ],
 )
@@ -192,6 +204,8 @@ def test_what_is_wrong_in_a_robot_file_is_named(tmp_path: Path, old: str, new: s
         ("0.00000,1.00000,0\n", "0,0,0\n", r"skin\.csv:2: normal \[.*\]; expected one of length 1"),
         ("0.03500,0.06", "nan,0.06", r"skin\.csv:2: .*nan.*; expected part,frame,taxel"),
         ("nz\n", "n\n", r"skin\.csv:1: no column nz"),
+        ("forearm,forearm,0,", "fore arm,forearm,0,", r"skin\.csv:2: part 'fore arm'; expected a name of letters"),
+        ("forearm,forearm,0,", "forearm,palm,0,", r"skin\.csv: part forearm in several frames; expected taxels"),
     ],
 )
 def test_what_is_wrong_in_a_skin_file_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
