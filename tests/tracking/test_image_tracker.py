@@ -217,3 +217,18 @@ def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
     for given, taken in (([elsewhere, here], here), ([elsewhere], None)):
         found = tracker.find(state, camera(0.05)._replace(found=given), prior)[1]
         assert (found and found.outline) is taken
+
+
+def test_what_shows_in_an_objects_place_can_be_taken_for_background(rng: np.random.Generator) -> None:
+    """A disc was there when the background was learned, and has left; another place that has changed stays changed."""
+    view, empty = View(LEFT_EYE, np.eye(4)), _discs(rng)
+    tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 0.3, rng)
+    for k in range(12):
+        tracker.background.learn(_discs(rng, (150, 110, 18), (60, 60, 12)), view, 0.05 * k, None)
+    one = Outline(np.array([150.0, 110.0]), 0.01 * np.eye(2), 0.08, 1e-6, (132.0, 92.0, 37.0, 37.0), 1000.0, False)
+    here, there = (135, 95, 166, 126), (55, 55, 66, 66)
+    assert tracker.background.differs(empty, view, here).mean() > 0.8
+    tracker.absorb(CameraFrame(empty, view, 1.0, None), ImageDetection(one, one.box_px, 1.0))
+    assert tracker.background.differs(empty, view, here).mean() < 0.01
+    assert tracker.background.differs(empty, view, (0, 0, 320, 240))[90:131, 130:171].mean() < 0.02
+    assert tracker.background.differs(empty, view, there).mean() > 0.8
