@@ -79,8 +79,6 @@ def forecast(params: FlightParams, belief: Belief, stamp_s: float) -> tuple[Beli
     dt = stamp_s - belief.stamp_s
     if not dt >= 0:
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
-    if dt == 0:
-        return belief, belief.cov
     spread = np.linalg.cholesky(belief.cov).T
     around = np.concatenate([spread, -spread, np.zeros((1, _N))])
     then, since = _fly(params, belief.mean.ravel() + around, dt)

@@ -198,8 +198,6 @@ def forecast(params: KalmanParams, belief: Belief, stamp_s: float) -> tuple[Beli
     dt = stamp_s - belief.stamp_s
     if not dt >= 0:
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
-    if dt == 0:
-        return belief, belief.cov
     b = belief
     mean, P, cross = _moved(b.mean, b.cov, dt, b.noise_scale * params.noise_density, params.decay_s)
     return Belief(stamp_s, mean, P, b.correlated_cov, b.updated_s, b.rejections, b.nis, b.noise_scale), cross

@@ -180,3 +180,8 @@ def test_a_real_camera_is_usable(camera: Camera) -> None:
 )
 def test_a_camera_that_cannot_be_is_not(change: dict) -> None:
     assert not replace(PINHOLE, **change).is_usable()
+
+
+@pytest.mark.parametrize("distortion", [(1e200, 0.0, 0.0, 0.0, 0.0), (1e308, 1e308, 1e308, 1e308, 1e308)])
+def test_a_lens_beyond_any_number_is_not_usable(distortion: tuple[float, float, float, float, float]) -> None:
+    assert not replace(PINHOLE, distortion=distortion).is_usable()

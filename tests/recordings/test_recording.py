@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import pair_by_stamp
+from pps_vision.recordings.recording import distinct_stamps, pair_by_stamp
 
 
 def images(side: str, stamps: list[float]) -> list[ImageFile]:
@@ -89,3 +89,12 @@ def test_jittered_eyes_pair_as_the_optimal_assignment(seed: int, apart_s: tuple[
     rows, columns = linear_sum_assignment(np.where(cost <= 0.02, cost, 2 * 0.02))  # two unpaired images cost as much
     best = {(left[i], right[j]) for i, j in zip(rows, columns, strict=True) if cost[i, j] <= 0.02}
     assert set(pair(left, right)[0]) == best
+
+
+def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_named() -> None:
+    files = [ImageFile(Path(name), stamp_s) for name, stamp_s in (("c", 2.0), ("a", 1.0), ("b", 1.0), ("d", 2.0))]
+    problems: list[Problem] = []
+    assert [file.path.name for file in distinct_stamps(files, problems)] == ["a", "c"]
+    assert [(problem.kind, "has the stamp of" in str(problem)) for problem in problems] == [
+        (ProblemKind.STAMP, True)
+    ] * 2

@@ -179,3 +179,13 @@ def test_bad_input_is_named() -> None:
         FlightParams(restitution=1.2)
     with pytest.raises(ValueError, match=r"-0\.1.*before 0\.0"):
         forecast(STILL_AIR, _belief((0, 0, 1), (0, 0, 0), (0, 0, 0)), -0.1)
+
+
+def test_in_no_time_nothing_changes() -> None:
+    rng, params = np.random.default_rng(0), FlightParams()
+    root = rng.normal(size=(9, 9))
+    belief = start(params, 1.0, np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))._replace(cov=0.01 * root @ root.T)
+    after, cross = forecast(params, belief, 1.0)
+    np.testing.assert_allclose(after.mean, belief.mean, atol=1e-12)
+    np.testing.assert_allclose(after.cov, belief.cov, atol=1e-12)
+    np.testing.assert_allclose(cross, belief.cov, atol=1e-12)

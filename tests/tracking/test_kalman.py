@@ -416,3 +416,13 @@ def test_a_motion_is_followed_ahead_by_how_certain_it_is() -> None:
         then, midway = predict(KalmanParams(), belief, 0.1).mean, predict(KalmanParams(), belief, 0.125).mean
         np.testing.assert_allclose(p, mean[0] + share * (then[0] - mean[0]), atol=1e-6)
         np.testing.assert_allclose(v, share * midway[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_in_no_time_nothing_changes(order: int, rng: np.random.Generator) -> None:
+    params, root = KalmanParams.of_order(order), rng.normal(size=(3 * order, 3 * order))
+    belief = start(params, 1.0, np.array([0.1, 0.2, 0.3]), 1e-4 * np.eye(3))._replace(cov=root @ root.T)
+    after, cross = kalman.forecast(params, belief, 1.0)
+    np.testing.assert_allclose(after.mean, belief.mean)
+    np.testing.assert_allclose(after.cov, belief.cov)
+    np.testing.assert_allclose(cross, belief.cov)
