@@ -76,7 +76,7 @@ class EncountersSessions(SeededStudy):
             encounter = _approach(arena, condition, side, part, rng, number)
             frames: list[Frame] = []
             new = new_controller(controller)
-            outcomes.append(meet(arena, memories[side], encounter, controller, new, track_of(encounter, rng), frames))
+            outcomes.append(meet(arena, memories[side], encounter, controller, new, track_of(arena, encounter, rng), frames))
             by_side[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
             t, number = t + encounter.seconds, number + 1
         return {
