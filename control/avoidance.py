@@ -39,8 +39,8 @@ class AvoidanceParams:
     speed_m_s: float = 0.10
     """Speed of the control point."""
     withdraws: Literal["taxels", "point"] = "taxels"
-    """Every active taxel against its normal, by least squares and free to move across; or one point of each body part
-    against the mean normal (R)."""
+    """Every active taxel against its normal, by least squares and free to move across, and the nearest one reaches; or
+    one point of each body part does either, against the mean normal (R)."""
     weighting: Literal["sum", "count"] = "sum"
     """What Σ a n is divided by: Σ a, so that the speed is constant (the robot's code), or the number of taxels, so that
     it grows with the activation (R eq. 6 as printed).  P is divided by Σ a in both: otherwise it is no point of the
@@ -64,7 +64,7 @@ class AvoidanceParams:
     before an object at rest."""
     link_clearance_m: float = 0.03
     """Links without taxels come no nearer to the object, and respond if it is to come nearer within `link_lead_s` and
-    no taxel is active."""
+    no taxel is active; nor do, while the arm reaches, the taxels of other body parts than the one that is to touch."""
     link_lead_s: float = 0.5
     """Time before an object comes near a link without taxels in which the arm responds."""
     return_per_s: float = 3.0
@@ -266,8 +266,9 @@ def _to_reach_with(
     parts = {point.frame for point in state.points} if state.mode == "reach" else set()
     if parts.isdisjoint(one.frame for one in found):
         parts = {found[int(_distances_ahead(points, track).argmin())].frame}
-    distance = [np.linalg.norm(p - track.position) if one.frame in parts else np.inf for one, p in zip(found, points)]
-    return [found[int(np.argmin(distance))]]
+    distance = np.linalg.norm(points - track.position, axis=1)
+    distance[[one.frame not in parts for one in found]] = np.inf
+    return [found[int(distance.argmin())]]
 
 
 def _other_parts(posture: Posture, skin: Skin, point: MovingPoint, track: Track3D) -> list[Near]:
@@ -278,7 +279,14 @@ def _other_parts(posture: Posture, skin: Skin, point: MovingPoint, track: Track3
     for k, part in enumerate(skin.parts):
         if part.frame != point.frame:
             i = int(np.argmin(np.where(skin.part_index == k, distance, np.inf)))
-            near.append(Near(part.frame, track.position - d[i], d[i] / max(distance[i],1e-9), float(distance[i]) - _radius_m(track)))
+            near.append(
+                Near(
+                    part.frame,
+                    track.position - d[i],
+                    d[i] / max(distance[i], 1e-9),
+                    float(distance[i]) - _radius_m(track),
+                )
+            )
     return near
 
 

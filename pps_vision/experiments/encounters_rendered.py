@@ -38,7 +38,10 @@ class EncountersRendered(SampledStudy):
 
         def both(condition: Condition, number: int) -> dict[str, Any]:
             encounter = draw(arena, condition, number, self.seed)
-            learned, tracks = memories[encounter.side], track_of(arena, encounter, track_rng(self.seed, condition, number))
+            learned, tracks = (
+                memories[encounter.side],
+                track_of(arena, encounter, track_rng(self.seed, condition, number)),
+            )
             without = meet(arena, learned, encounter, OURS, new_controller(OURS), tracks)
             return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
 

@@ -150,7 +150,9 @@ class Arena:
         for point in (center, *(center + rim)):
             length = float(np.linalg.norm(point - eye))
             line, at = coal.Capsule(1e-4, length), _pose(transform(rotation_to(point - eye), (eye + point) / 2))
-            hidden += any(coal.collide(s, T, line, at, coal.CollisionRequest(), coal.CollisionResult()) for s, T in bodies)
+            hidden += any(
+                coal.collide(s, T, line, at, coal.CollisionRequest(), coal.CollisionResult()) for s, T in bodies
+            )
         return hidden / (1 + _RIM)
 
     def shows(self, q_rad: Array, motion: Motion, radius_m: float, until_s: float) -> bool:

@@ -98,7 +98,7 @@ def _rows(task: Task, number: int, kept: Path) -> Rows:
     arena = _arena()
     encounter = draw(arena, task.condition, number, task.seed)
     seen = track_of(arena, encounter, track_rng(task.seed, task.condition, number))
-    true, found = true_track_of(arena, encounter), []
+    true, found = true_track_of(encounter), []
     reaches = encounter.condition == "reach"
     reachable = can_touch(arena, encounter, track_rng(task.seed, task.condition, number)) if reaches else None
     for name in task.controllers:
