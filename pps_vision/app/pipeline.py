@@ -3,9 +3,9 @@
 Rendered and recorded frames take the same steps; a recording does not obey the commands.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -62,6 +62,8 @@ class PipelineParams:
     """Gaze control after the object was lost (J IV.B)."""
     avoidance: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
     """Response of the arm to its skin (R eq. 6)."""
+    other_arm: AvoidanceParams | None = None
+    """The same of the other arm, if both respond at once; it may only avoid."""
     limits: LimitParams = LimitParams()
     """Limits of every command."""
 
@@ -78,8 +80,8 @@ class PipelineState:
 
     learning: LearnerState
     """The PPS memory and the samples since the last contact."""
-    arm: AvoidanceState = field(default_factory=AvoidanceState)
-    """Response of the arm under way."""
+    arms: tuple[AvoidanceState, ...]
+    """Response of each arm under way."""
     searching: SearchState | None = None
     """Gaze search under way."""
     last_known_s: float = -np.inf
@@ -101,8 +103,23 @@ class PipelineStep:
     events: TaxelEvents
     activation: Activation
     reachability: Reachability | None
-    response: avoidance.Response
+    responses: tuple[avoidance.Response, ...]
     command: JointVelocity
+
+    @property
+    def response(self) -> avoidance.Response:
+        """That of the arm of `PipelineParams.avoidance`; that of the other arm, if it responds, is the second."""
+        return self.responses[0]
+
+
+class _Arm(NamedTuple):
+    """One arm that responds to its skin."""
+
+    params: AvoidanceParams
+    skin: Skin
+    on_arm: Mask
+    """(n,) which of the robot's taxels it carries."""
+    bare_links: BareLinks
 
 
 class Pipeline:
@@ -125,21 +142,20 @@ class Pipeline:
     ) -> None:
         check_memory(memory, skin)
         side, map_side = params.avoidance.side, reachable_map.side if reachable_map else "no arm"
+        other = params.other_arm
+        if other is not None and (other.side == side or other.behaviour != "avoid"):
+            raise InputError(
+                "pipeline", f"other arm {other.side}, to {other.behaviour}; expected one to avoid, not {side}"
+            )
         if params.avoidance.behaviour == "reach" and map_side != side:
             raise InputError(
                 "pipeline", f"reachable-space map of {map_side}; expected one of the {side} arm, which is to reach"
             )
-        n = len(robot.names.arm(side))
-        if len(params.avoidance.home_arm_rad) != n:
-            found = f"home_arm_rad {params.avoidance.home_arm_rad}"
-            raise InputError("pipeline", f"{found}; expected the {n} joints of the {side} arm")
         self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
-        self._arm_skin = skin.on_arm(robot, side)
-        self._on_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
+        self._arms = [self._arm(one) for one in (params.avoidance, other) if one is not None]
         self._reachability = reachable_map and TrackReachability(robot, reachable_map, params.max_false_positives)
         self._self_collision = SelfCollision(robot)
-        self._bare_links = BareLinks(robot, self._arm_skin, side)
-        self._state = PipelineState(LearnerState(memory, EventBuffer()))
+        self._state = PipelineState(LearnerState(memory, EventBuffer()), (AvoidanceState(),) * len(self._arms))
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
         """Process one frame and the taxels `touched` (n,) that the skin reports with it.
@@ -162,28 +178,34 @@ class Pipeline:
         field = params.receptive_field
         active = Activation(stamp_s, self.skin.taxel_ids, felt(field, learned.memory, track, taxels, normals, moving))
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
-        arm, arm_command, response = avoidance.step(
-            params.avoidance,
-            state.arm,
-            then,
-            self._arm_skin,
-            active.probability[self._on_arm],
-            stamp_s,
-            may_reach=reachability is not None and reachability.is_reachable,
-            hold_s=params.hold_s,
-            self_collision=self._self_collision,
-            track=track,
-            bare_links=self._bare_links,
-        )
+        may_reach = reachability is not None and reachability.is_reachable
+        found = [
+            avoidance.step(
+                one.params,
+                before,
+                then,
+                one.skin,
+                active.probability[one.on_arm],
+                stamp_s,
+                may_reach,
+                params.hold_s,
+                self._self_collision,
+                track,
+                one.bare_links,
+            )
+            for one, before in zip(self._arms, state.arms, strict=True)
+        ]
+        arms, arm_commands, responses = zip(*found, strict=True)
         searching, gaze_command = self._move_gaze(state, then, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s
-        wanted = arbiter.combine((arm_command, gaze_command))
+        wanted = arbiter.combine((*arm_commands, gaze_command))
         last = self._last_command, state.last_q_rad
         command = limits.limit(params.limits, self._self_collision, then, wanted, *last)
         since_s = stamp_s - params.latency_s - MAX_HOLD_S
         commands = (*(one for one in state.commands if one.stamp_s > since_s), command)
-        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), commands, then.q_rad)
-        return PipelineStep(posture, tracking, events, active, reachability, response, command)
+        since = searching, last_known_s, (stamp_s, taxels), commands, then.q_rad
+        self._state = PipelineState(learned, arms, *since)
+        return PipelineStep(posture, tracking, events, active, reachability, responses, command)
 
     def finish(self) -> PPSMemory:
         """Learn a contact that is still going on, and return the memory."""
@@ -235,6 +257,15 @@ class Pipeline:
             both = perceive(self.params.receptive_field, taxels, normals, *stimulus, velocities)
             D, ttc = both[0][0], sooner(*both[1])
         return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
+
+    def _arm(self, params: AvoidanceParams) -> _Arm:
+        n = len(self.robot.names.arm(params.side))
+        if len(params.home_arm_rad) != n:
+            found = f"home_arm_rad {params.home_arm_rad}"
+            raise InputError("pipeline", f"{found}; expected the {n} joints of the {params.side} arm")
+        skin = self.skin.on_arm(self.robot, params.side)
+        on_arm = np.isin(self.skin.taxel_ids, skin.taxel_ids)
+        return _Arm(params, skin, on_arm, BareLinks(self.robot, skin, params.side))
 
     def _move_gaze(
         self, state: PipelineState, posture: Posture, track: Track3D
