@@ -17,6 +17,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.app import versions
 from pps_vision.app.report import figures, page
 from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
+from pps_vision.app.report.path3d import path3d
 from pps_vision.app.simulation import (
     PERIOD_S,
     EpisodeLog,
@@ -40,9 +41,7 @@ from pps_vision.types import Array, Image, ReachStatus, Status
 _TAXEL = "left_forearm:3"
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
-_ARM_FRAMES = [
-    [f"{side}_{name}" for name in ("upper_arm", "lower_arm", "forearm", "palm")] for side in ("left", "right")
-]
+_LINKS = ("upper_arm", "lower_arm", "forearm", "palm")
 _NORMAL_M = 0.012  # length of the line that shows a taxel
 _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
     ("approach", False, "octopus approaching, avoidance off"),
@@ -238,7 +237,7 @@ def _scene(world: World, log: EpisodeLog) -> list[tuple[str, Array]]:
         points, normals = world.skin.at(posture)
         gap = np.full_like(points, np.nan)
         taxels = np.stack([points, points + _NORMAL_M * normals, gap], axis=1).reshape(-1, 3)
-        arms = [[posture.point(frame) for frame in ("chest", *arm)] for arm in _ARM_FRAMES]
+        arms = [[posture.point(f"{side}_{link}") for link in _LINKS] for side in ("left", "right")]
         lines += [(color, np.array(arm)) for arm in arms] + [(color, taxels)]
     return lines
 
