@@ -17,7 +17,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.app import versions
 from pps_vision.app.report import figures, page
 from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
-from pps_vision.app.report.path3d import path3d
+from pps_vision.app.report.path3d import body_lines, path3d
 from pps_vision.app.simulation import (
     PERIOD_S,
     EpisodeLog,
@@ -41,7 +41,6 @@ from pps_vision.types import Array, Image, ReachStatus, Status
 _TAXEL = "left_forearm:3"
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
-_LINKS = ("upper_arm", "lower_arm", "forearm", "palm")
 _NORMAL_M = 0.012  # length of the line that shows a taxel
 _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
     ("approach", False, "octopus approaching, avoidance off"),
@@ -126,9 +125,9 @@ def drawn(world: World, row: SimulationStep, title: str) -> Image:
     image = pair[:, :width].copy()
     other = cv2.resize(pair[:, width:], None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)
     image[-other.shape[0] - 8 : -8, -other.shape[1] - 8 : -8] = other
-    draw_legend(image)
     if row.touched.any():
         flash(image)
+    draw_legend(image)
     return image
 
 
@@ -203,8 +202,8 @@ def _page(
         page.Section(
             "Robot, skin and path",
             "Turn it with the mouse. Blue: tracked position of the octopus with its own 95 % ellipsoids; black: the "
-            "truth. Grey: arms and skin at the start; orange: when the octopus is nearest, avoidance on. A short line "
-            "is a taxel's normal.",
+            "truth. Grey: the robot's bodies, the line between its eyes and its taxels (a short line along each "
+            "normal) at the start; orange and red: the same where the arm has moved farthest, avoidance on.",
             path3d(_scene(world, logs[1]), logs[1].track_m[known], stds[:, None] ** 2 * np.eye(3)),
         ),
         page.Section(
@@ -229,16 +228,19 @@ def _page(
 
 
 def _scene(world: World, log: EpisodeLog) -> list[tuple[str, Array]]:
-    """Lines of the 3D view: the track, the truth, and the robot at the start and when the object is nearest."""
-    nearest = int(log.surface_gap_m.min(axis=1).argmin())
+    """Lines of the 3D view: the track, the truth, and the robot at the start and where its arm has moved farthest."""
+    moved = np.linalg.norm(log.q_rad[:, world.arm] - log.q_rad[0, world.arm], axis=1)
     lines = [("#2060c0", log.track_m), ("#222222", log.truth_m)]
-    for color, q in (("#999999", log.q_rad[0]), ("#e08020", log.q_rad[nearest])):
+    for color, skin_color, q in (
+        ("#c8c8c8", "#c8c8c8", log.q_rad[0]),
+        ("#e09040", "#d02020", log.q_rad[int(moved.argmax())]),
+    ):
         posture = world.robot.at(q)
         points, normals = world.skin.at(posture)
         gap = np.full_like(points, np.nan)
-        taxels = np.stack([points, points + _NORMAL_M * normals, gap], axis=1).reshape(-1, 3)
-        arms = [[posture.point(f"{side}_{link}") for link in _LINKS] for side in ("left", "right")]
-        lines += [(color, np.array(arm)) for arm in arms] + [(color, taxels)]
+        view = world.rig.view(q)
+        lines += [(color, body_lines(posture)), (color, np.array([view.left.center, view.right.center]))]
+        lines.append((skin_color, np.stack([points, points + _NORMAL_M * normals, gap], axis=1).reshape(-1, 3)))
     return lines
 
 

@@ -8,6 +8,7 @@ from types import TracebackType
 import av
 import cv2
 import numpy as np
+import PIL.Image
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import Camera, StereoView, View
@@ -58,8 +59,8 @@ def save_jpeg(file: Path, image: Image) -> None:
 
 
 def save_png(file: Path, image: Image) -> None:
-    """Write an RGB image without loss."""
-    file.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+    """Write an RGB image with a palette of 256 colours."""
+    PIL.Image.fromarray(image).quantize(256, PIL.Image.Quantize.MAXCOVERAGE).save(file, "PNG", optimize=True)
 
 
 def draw_pair(
@@ -130,7 +131,7 @@ def _taxel_rgb(activation: float) -> tuple[int, int, int]:
 
 def draw_legend(canvas: Image) -> None:
     """Draw the colours of taxels, and what they mean, at the lower edge of an image."""
-    height, left = canvas.shape[0], 150
+    height, left = canvas.shape[0] - 8, 160
     for k in range(100):
         at = (left + 2 * k, height - 24), (left + 2 * k + 1, height - 12)
         cv2.rectangle(canvas, *at, _taxel_rgb(k / 99), -1)
@@ -143,8 +144,8 @@ def flash(canvas: Image) -> None:
     """Draw a red frame and TOUCH over an image."""
     height, width = canvas.shape[:2]
     cv2.rectangle(canvas, (0, 0), (width - 1, height - 1), (250, 40, 40), 12)
-    cv2.putText(canvas, "TOUCH", (width // 2 - 90, 60), cv2.FONT_HERSHEY_DUPLEX, 1.8, (0, 0, 0), 8, cv2.LINE_AA)
-    cv2.putText(canvas, "TOUCH", (width // 2 - 90, 60), cv2.FONT_HERSHEY_DUPLEX, 1.8, (250, 40, 40), 3, cv2.LINE_AA)
+    cv2.putText(canvas, "TOUCH", (24, height - 60), cv2.FONT_HERSHEY_DUPLEX, 1.8, (0, 0, 0), 8, cv2.LINE_AA)
+    cv2.putText(canvas, "TOUCH", (24, height - 60), cv2.FONT_HERSHEY_DUPLEX, 1.8, (250, 40, 40), 3, cv2.LINE_AA)
 
 
 def _write(
