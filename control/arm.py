@@ -29,6 +29,8 @@ class ArmParams:
     """Rate at which the joints that the task leaves free return to the rest posture."""
     clearance_m: float = 0.025
     """Self-collision distance that the arm approaches no further; above that of `LimitParams`, which stops it."""
+    resting: int = 0
+    """How many of the arm's last joints stay at rest (R: 3, the wrist)."""
     near_m: float = 0.1
     """Bodies farther apart than this are not looked at."""
 
@@ -95,6 +97,8 @@ def arm_velocity(
     columns = robot.indices(robot.names.arm(side))
     q = posture.q_rad[columns]
     limits = rate_limits(q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, 1 / hold_s)
+    for limit in limits:
+        limit[len(columns) - params.resting :] = 0.0
     preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
     J: Array = np.empty((0, len(columns)))
     wanted: Array = np.empty(0)

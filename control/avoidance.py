@@ -39,8 +39,8 @@ class AvoidanceParams:
     speed_m_s: float = 0.10
     """Speed of the control point."""
     withdraws: Literal["taxels", "point"] = "taxels"
-    """Every active taxel against its normal, by least squares and free to move across; or one point of each body part
-    against the mean normal (R)."""
+    """Every active taxel against its normal, by least squares and free to move across, and the nearest one reaches; or
+    one point of each body part does either, against the mean normal (R)."""
     weighting: Literal["sum", "count"] = "sum"
     """What Σ a n is divided by: Σ a, so that the speed is constant (the robot's code), or the number of taxels, so that
     it grows with the activation (R eq. 6 as printed).  P is divided by Σ a in both: otherwise it is no point of the
@@ -64,7 +64,7 @@ class AvoidanceParams:
     before an object at rest."""
     link_clearance_m: float = 0.03
     """Links without taxels come no nearer to the object, and respond if it is to come nearer within `link_lead_s` and
-    no taxel is active."""
+    no taxel is active; nor do, while the arm reaches, the taxels of other body parts than the one that is to touch."""
     link_lead_s: float = 0.5
     """Time before an object comes near a link without taxels in which the arm responds."""
     return_per_s: float = 3.0
@@ -81,7 +81,7 @@ class AvoidanceParams:
     @property
     def each_taxel(self) -> bool:
         """Whether every active taxel is a control point of its own."""
-        return self.behaviour == "avoid" and self.withdraws == "taxels"
+        return self.withdraws == "taxels"
 
     def __post_init__(self) -> None:
         if self.side not in ("left", "right") or self.behaviour not in ("avoid", "reach"):
@@ -172,7 +172,7 @@ def step(
         found = []
     near: list[Near] = []
     if params.behaviour == "reach":
-        found = sorted(found, key=lambda one: -one.likeliest)[:1]
+        found = _to_reach_with(params, state, found, track)
     elif bare_links is not None and track is not None and track.is_known:
         near, threatened = _near(params, bare_links, posture, track)
         found = found or [_of_link(one) for one in threatened]
@@ -182,6 +182,8 @@ def step(
         state = replace(state, points=tuple(_aimed(params, one, posture, track) for one in state.points))
     state = replace(state, stamp_s=stamp_s)
     if state.mode in ("avoid", "reach"):
+        if state.mode == "reach" and track is not None and track.is_known:
+            near = _other_parts(posture, skin, state.points[0], track)
         dq = _respond(params, state, posture, hold_s, self_collision, _kept_clear(params, posture, near, hold_s))
         first = state.points[0]
         response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
@@ -243,10 +245,49 @@ def _comes(params: AvoidanceParams, posture: Posture, skin: Skin, track: Track3D
     """Whether the object comes within `path_m` of a taxel if it moves on at its present velocity; True without one."""
     if track is None or not track.is_known or np.isinf(params.path_m):
         return True
-    d, v = skin.at(posture)[0] - track.position, track.velocity
+    return bool(_distances_ahead(skin.at(posture)[0], track).min() - _radius_m(track) < params.path_m)
+
+
+def _distances_ahead(points: Array, track: Track3D) -> Array:
+    """How near (n,) an object comes to points (n, 3) if it moves on at its present velocity, m."""
+    d, v = points - track.position, track.velocity
     nearest_s = np.clip(d @ v / max(float(v @ v), 1e-12), 0.0, _HORIZON_S)
-    distance = np.linalg.norm(d - nearest_s[:, None] * v, axis=1)
-    return bool(distance.min() - _radius_m(track) < params.path_m)
+    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * v, axis=1))
+
+
+def _to_reach_with(
+    params: AvoidanceParams, state: AvoidanceState, found: list[ControlPoint], track: Track3D | None
+) -> list[ControlPoint]:
+    """The control point to reach with: that of the largest activation (R), or the taxel nearest to the object of the
+    body part that began to reach, which is the part whose active taxels the object's path comes nearest to."""
+    if not found or track is None or not track.is_known or not params.each_taxel:
+        return sorted(found, key=lambda one: -one.likeliest)[:1]
+    points = np.array([one.point_root for one in found])
+    parts = {point.frame for point in state.points} if state.mode == "reach" else set()
+    if parts.isdisjoint(one.frame for one in found):
+        parts = {found[int(_distances_ahead(points, track).argmin())].frame}
+    distance = np.linalg.norm(points - track.position, axis=1)
+    distance[[one.frame not in parts for one in found]] = np.inf
+    return [found[int(distance.argmin())]]
+
+
+def _other_parts(posture: Posture, skin: Skin, point: MovingPoint, track: Track3D) -> list[Near]:
+    """The taxel nearest to the object of each body part but that of the control point, which is to touch it."""
+    d = track.position - skin.at(posture)[0]
+    distance = np.linalg.norm(d, axis=1)
+    near = []
+    for k, part in enumerate(skin.parts):
+        if part.frame != point.frame:
+            i = int(np.argmin(np.where(skin.part_index == k, distance, np.inf)))
+            near.append(
+                Near(
+                    part.frame,
+                    track.position - d[i],
+                    d[i] / max(distance[i], 1e-9),
+                    float(distance[i]) - _radius_m(track),
+                )
+            )
+    return near
 
 
 def _aimed(params: AvoidanceParams, point: MovingPoint, posture: Posture, track: Track3D) -> MovingPoint:
@@ -336,7 +377,7 @@ def _moving(params: AvoidanceParams, posture: Posture, found: list[ControlPoint]
             move_points(inverse(posture.T_root(one.frame)), one.point_root),
             speed * one.direction,
             one.weight / total,
-            free_across=params.each_taxel,
+            free_across=params.each_taxel and params.behaviour == "avoid",
         )
         for one in found
     )

@@ -16,6 +16,7 @@ from pps_vision.robot.model import Posture
 from pps_vision.types import Array, JointVelocity, Mask
 
 _DEG = np.pi / 180
+_UPRIGHT_RAD = 0.1 * _DEG  # from the joints to return to
 LeanStatus = Literal["within reach", "leaning", "out of reach"]
 
 
@@ -76,3 +77,16 @@ def step(
         nearest = int(distance.argmin())
         dq[index] = turns[nearest] / max(dt_s, float(distance[nearest]) / params.torso_rad_s)
     return status, JointVelocity(stamp_s, dq, dt_s)
+
+
+def upright(
+    params: LeanParams, posture: Posture, torso_rad: Array, dt_s: float = 0.05, stamp_s: float = 0.0
+) -> JointVelocity:
+    """Turn the torso straight back to the joints (2,) that it had before it leaned; at rest once it is there."""
+    check_times("lean", stamp_s, dt_s)
+    index, dq = posture.robot.indices(posture.robot.names.torso), np.zeros(posture.robot.n_joints)
+    turn = torso_rad - posture.q_rad[index]
+    distance = float(np.linalg.norm(turn))
+    if distance > _UPRIGHT_RAD:
+        dq[index] = turn / max(dt_s, distance / params.torso_rad_s)
+    return JointVelocity(stamp_s, dq, dt_s)

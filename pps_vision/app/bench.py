@@ -1,17 +1,15 @@
 """Run studies and write their numbers, charts and tables: what `pps-vision bench` does."""
 
 import json
-import platform
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 from matplotlib.figure import Figure
 
+from pps_vision.app import versions
 from pps_vision.app.report.figure_file import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import Entry, Study, catalogue, load, short_parameters
@@ -55,7 +53,7 @@ def bench(
     for name, value in overrides.items():
         if len(asked) == len(chosen) and not any(name in known[study].fields for study in chosen):
             raise InputError("bench", f"{', '.join(asked)} takes no {name} ({value}); see `bench` without a name")
-    commit = _commit()
+    commit = versions.commit()
     if out == _DOCUMENTS and not redraw and commit.endswith("dirty"):
         raise InputError("bench", "the code has uncommitted changes; commit them first, or give --out FOLDER")
     if out == _DOCUMENTS and short:
@@ -84,7 +82,7 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
     file = out / "results" / f"{name}.json"
     fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
     parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
-    setting = {"study": name, "parameters": plain(parameters), "machine": _machine(commit)}
+    setting = {"study": name, "parameters": plain(parameters), "machine": versions.machine(commit)}
     again = again or "results" in fields  # which may have changed
     if not again and not commit.endswith(("dirty", "unknown")) and file.exists():
         before = json.loads(file.read_text())
@@ -150,27 +148,3 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, list):
         return [_rounded(item) for item in value]
     return float(f"{value:.5g}") if isinstance(value, float) else value
-
-
-def _machine(commit: str) -> dict[str, str]:
-    """What the numbers were measured with and on."""
-    packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
-    return {
-        "processor": platform.processor() or platform.machine(),
-        "python": platform.python_version(),
-        **{package: version(package) for package in packages},
-        "commit": commit,
-    }
-
-
-def _commit() -> str:
-    """The last commit that changed code, "-dirty" where code differs from it; unknown where this is no checkout."""
-    root = Path(__file__).parents[2]
-    try:
-        git = ["git", "-C", str(root)]
-        log = [*git, "log", "-1", "--format=%h", "--", "*.py"]
-        commit = subprocess.check_output(log, text=True, stderr=subprocess.DEVNULL)
-        changed = subprocess.check_output([*git, "status", "--porcelain", "--", "*.py"], text=True)
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return commit.strip() + ("-dirty" if changed else "")

@@ -1,9 +1,11 @@
 """The demo: learn in simulation which approaches touch, then avoid an object that was never seen."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
+import cv2
 import numpy as np
 from tqdm import tqdm
 
@@ -12,9 +14,12 @@ from learning.pps.memory import PPSMemory, save_memory
 from learning.reach.map import ReachableMap
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
+from pps_vision.app import versions
 from pps_vision.app.report import figures, page
-from pps_vision.app.report.overlay import VideoFile, draw_pair
+from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
+from pps_vision.app.report.path3d import body_lines, path3d
 from pps_vision.app.simulation import (
+    PERIOD_S,
     EpisodeLog,
     Kind,
     SimulationStep,
@@ -31,11 +36,12 @@ from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
-from pps_vision.types import Image, ReachStatus, Status
+from pps_vision.types import Array, Image, ReachStatus, Status
 
 _TAXEL = "left_forearm:3"
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
+_NORMAL_M = 0.012  # length of the line that shows a taxel
 _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
     ("approach", False, "octopus approaching, avoidance off"),
     ("approach", True, "octopus approaching, avoidance on"),
@@ -65,11 +71,11 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
             bar.update()
         reachable_map.save(folder / "reach.npz")
         stopwatch = Stopwatch()
-        logs = _run_episodes(world, memory, reachable_map, folder / "demo.mp4", stopwatch, seed)
+        logs = _run_episodes(world, memory, reachable_map, folder, stopwatch, seed)
         numbers = {log.title: _numbers(log) for log in logs}
         given = {"seed": seed, "trials": trials, "noise_grey_levels": noise}
         write_json(folder / "summary.json", {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
-        text = _page(trials, noise, seed, folder, memory, logs, numbers, stopwatch)
+        text = _page(world, trials, noise, seed, folder, memory, logs, numbers, stopwatch)
         (folder / "report.html").write_text(text, encoding="utf-8")
     for log in logs:
         touched, moved = "touched" if log.was_touched else "not touched", "moved" if log.was_commanded else "still"
@@ -78,30 +84,51 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
 
 
 def _run_episodes(
-    world: World, memory: PPSMemory, reachable_map: ReachableMap, video: Path, stopwatch: Stopwatch, seed: int
+    world: World, memory: PPSMemory, reachable_map: ReachableMap, folder: Path, stopwatch: Stopwatch, seed: int
 ) -> list[EpisodeLog]:
-    """The logs of the four episodes, filmed."""
-    logs = []
-    with VideoFile(video, fps=20) as film:
-        for kind, avoid, title in tqdm(_EPISODES, desc="episodes", unit="episode", disable=None):
-            # the same seed for both approaches: the same path with and without avoidance
-            rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
-            episode = replace(make_episode(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
-            pipeline, steps = new_pipeline(world, memory, stopwatch, reachable_map), []
-            for step in simulate(world, episode, pipeline.step, avoid):
-                film.add(drawn(world, step, title))
-                steps.append(step)
-            logs.append(log_of(world, episode, steps, avoid))
+    """The logs of the four episodes, filmed two by two; demo.png is the frame of the approach in which the skin is
+    touched without avoidance."""
+    logs, images, touching = [], [], 0
+    for kind, avoid, title in tqdm(_EPISODES, desc="episodes", unit="episode", disable=None):
+        # the same seed for both approaches: the same path with and without avoidance
+        rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
+        episode = replace(make_episode(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
+        pipeline = new_pipeline(world, memory, stopwatch, reachable_map)
+        steps = list(simulate(world, episode, pipeline.step, avoid))
+        images.append([drawn(world, step, title) for step in steps])
+        logs.append(log_of(world, episode, steps, avoid))
+    write_side_by_side(folder / "demo.mp4", (images[0], images[1]), (images[2], images[3]))
+    touching = int(np.argmax(logs[0].touched.any(axis=1)))
+    save_png(folder / "demo.png", np.hstack([images[0][touching], images[1][touching]]))
     return logs
 
 
+def write_side_by_side(file: Path, *pairs: tuple[Sequence[Image], Sequence[Image]]) -> None:
+    """A film of pairs of episodes, each beside the other; the shorter one stands still at its end."""
+    with VideoFile(file, 1 / PERIOD_S) as film:
+        for left, right in pairs:
+            for k in range(max(len(left), len(right))):
+                film.add(np.hstack([of[min(k, len(of) - 1)] for of in (left, right)]))
+
+
 def drawn(world: World, row: SimulationStep, title: str) -> Image:
-    """One frame of the video."""
-    activation = row.step.activation
+    """One frame of the video (480, 640, 3): the left eye, and the right one in the corner."""
+    activation, reach = row.step.activation, row.step.reachability
     most = int(np.argmax(activation.probability))
-    captions = (title, f"activation {activation.probability[most]:.2f} at {activation.taxel_ids[most]}")
+    captions = [title, f"activation {activation.probability[most]:.2f} at {activation.taxel_ids[most]}"]
+    if reach is not None:
+        degree = f" (R {reach.degree:.2f})" if np.isfinite(reach.degree) else ""
+        captions.append(f"left hand: {reach.status.value}{degree}")
     tracking, view = row.step.tracking, world.rig.view_of(row.frame)
-    return draw_pair(row.frame, view, tracking.track, tracking.detections, row.taxels, activation.probability, captions)
+    pair = draw_pair(row.frame, view, tracking.track, tracking.detections, row.taxels, activation.probability, captions)
+    width = pair.shape[1] // 2
+    image = pair[:, :width].copy()
+    other = cv2.resize(pair[:, width:], None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)
+    image[-other.shape[0] - 8 : -8, -other.shape[1] - 8 : -8] = other
+    if row.touched.any():
+        flash(image)
+    draw_legend(image)
+    return image
 
 
 def _numbers(log: EpisodeLog) -> dict[str, object]:
@@ -133,6 +160,7 @@ def _cell(value: object) -> str:
 
 
 def _page(
+    world: World,
     trials: int,
     noise: float,
     seed: int,
@@ -145,6 +173,8 @@ def _page(
     """The report as HTML."""
     rows = [[title, *(_cell(row[key]) for key in _COLUMNS)] for title, row in numbers.items()]
     timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
+    known, made_with = np.isfinite(logs[1].track_m).all(axis=1), versions.machine(versions.commit())
+    stds = logs[1].track_std_m[known]
     stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
     sections = (
         page.Section(
@@ -170,11 +200,23 @@ def _page(
             page.image(figures.landscapes(memory, stimulated)),
         ),
         page.Section(
-            "3D path",
+            "Robot, skin and path",
+            "Turn it with the mouse. Blue: tracked position of the octopus with its own 95 % ellipsoids; black: the "
+            "truth. Grey: the robot's bodies, the line between its eyes and its taxels (a short line along each "
+            "normal) at the start; orange and red: the same where the arm has moved farthest, avoidance on.",
+            path3d(_scene(world, logs[1]), logs[1].track_m[known], stds[:, None] ** 2 * np.eye(3)),
+        ),
+        page.Section(
+            "Coordinates",
             "Tracked position of the octopus with its own ±2σ, and the truth.",
             page.image(figures.path(logs[1])),
         ),
         page.Section("Time", f"Median milliseconds for each stage of a stereo pair on this machine: {timing}.", ""),
+        page.Section(
+            "Made with",
+            "The same command with the same versions gives the same numbers, but for times.",
+            page.table(["", ""], [["command", _command(trials, noise, seed)], *map(list, made_with.items())]),
+        ),
     )
     return page.page(
         "Vision predicts the touch, the arm avoids it",
@@ -183,3 +225,24 @@ def _page(
         page.video(folder / "demo.mp4"),
         sections,
     )
+
+
+def _scene(world: World, log: EpisodeLog) -> list[tuple[str, Array]]:
+    """Lines of the 3D view: the track, the truth, and the robot at the start and where its arm has moved farthest."""
+    moved = np.linalg.norm(log.q_rad[:, world.arm] - log.q_rad[0, world.arm], axis=1)
+    lines = [("#2060c0", log.track_m), ("#222222", log.truth_m)]
+    for color, skin_color, q in (
+        ("#c8c8c8", "#c8c8c8", log.q_rad[0]),
+        ("#e09040", "#d02020", log.q_rad[int(moved.argmax())]),
+    ):
+        posture = world.robot.at(q)
+        points, normals = world.skin.at(posture)
+        gap = np.full_like(points, np.nan)
+        view = world.rig.view(q)
+        lines += [(color, body_lines(posture)), (color, np.array([view.left.center, view.right.center]))]
+        lines.append((skin_color, np.stack([points, points + _NORMAL_M * normals, gap], axis=1).reshape(-1, 3)))
+    return lines
+
+
+def _command(trials: int, noise: float, seed: int) -> str:
+    return f"pps-vision demo --trials {trials} --noise {noise:g} --seed {seed}"

@@ -6,20 +6,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import get_args
 
-import numpy as np
 from tqdm import tqdm
 
-from pps_vision.app.demo import THRESHOLD, drawn
+from pps_vision.app.demo import THRESHOLD, drawn, write_side_by_side
 from pps_vision.app.report import figures, page
-from pps_vision.app.report.overlay import VideoFile
-from pps_vision.app.simulation import PERIOD_S, Episode, EpisodeLog, Side, log_of, new_pipeline, simulate
+from pps_vision.app.simulation import Episode, EpisodeLog, Side, log_of, new_pipeline, simulate
 from pps_vision.errors import InputError
 from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.rendered import open_encounter
 from pps_vision.experiments.avoidance.training import learn
 from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.robot.skin import TOUCH_RADIUS_M
-from pps_vision.types import Image
 
 
 @dataclass(frozen=True)
@@ -73,18 +70,12 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
                     runs.append((log_of(world, episode, steps, avoid), images))
             (off, images_off), (on, images_on) = runs
             video = Path(videos) / f"{k}.mp4"
-            _write_side_by_side(video, images_off, images_on)
+            write_side_by_side(video, (images_off, images_on))
             met.append(Met(_title(encounter), (off, on), video))
         rows = [{"encounter": one.title, "touched": one.is_touched, "left_mm": 1000 * one.left_m} for one in met]
         write_json(folder / "summary.json", {"seed": seed, "noise_grey_levels": noise, "encounters": rows})
         (folder / "report.html").write_text(_page(met, noise, seed), encoding="utf-8")
     print(f"{sum(one.is_touched for one in met)} of {n} touched → {out / 'report.html'}")
-
-
-def _write_side_by_side(file: Path, left: Sequence[Image], right: Sequence[Image]) -> None:
-    with VideoFile(file, 1 / PERIOD_S) as film:
-        for pair in zip(left, right, strict=True):
-            film.add(np.hstack(pair))
 
 
 def _title(encounter: Encounter) -> str:

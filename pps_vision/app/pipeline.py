@@ -3,17 +3,18 @@
 Rendered and recorded frames take the same steps; a recording does not obey the commands.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from control import arbiter, avoidance, fixation, limits, neck_and_eyes, search
+from control import arbiter, avoidance, fixation, lean, limits, neck_and_eyes, search
 from control.avoidance import AvoidanceParams, AvoidanceState
 from control.fixation import FixationParams
 from control.head import carried_velocity, gaze_of
 from control.latency import posture_after
+from control.lean import LeanParams
 from control.limits import MAX_HOLD_S, LimitParams
 from control.neck_and_eyes import NeckAndEyesParams
 from control.search import SearchParams, SearchState
@@ -62,6 +63,10 @@ class PipelineParams:
     """Gaze control after the object was lost (J IV.B)."""
     avoidance: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
     """Response of the arm to its skin (R eq. 6)."""
+    other_arm: AvoidanceParams | None = None
+    """The same of the other arm, if both respond at once; it may only avoid."""
+    lean: LeanParams | None = LeanParams()
+    """How the torso leans where an arm that reaches is to reach what the map calls unreachable; None: not at all."""
     limits: LimitParams = LimitParams()
     """Limits of every command."""
 
@@ -78,8 +83,10 @@ class PipelineState:
 
     learning: LearnerState
     """The PPS memory and the samples since the last contact."""
-    arm: AvoidanceState = field(default_factory=AvoidanceState)
-    """Response of the arm under way."""
+    arms: tuple[AvoidanceState, ...]
+    """Response of each arm under way."""
+    leaning: "_Leaning | None" = None
+    """The lean under way."""
     searching: SearchState | None = None
     """Gaze search under way."""
     last_known_s: float = -np.inf
@@ -101,8 +108,32 @@ class PipelineStep:
     events: TaxelEvents
     activation: Activation
     reachability: Reachability | None
-    response: avoidance.Response
+    responses: tuple[avoidance.Response, ...]
     command: JointVelocity
+
+    @property
+    def response(self) -> avoidance.Response:
+        """That of the arm of `PipelineParams.avoidance`; that of the other arm, if it responds, is the second."""
+        return self.responses[0]
+
+
+class _Leaning(NamedTuple):
+    """A torso that leans towards an object, or back."""
+
+    home_rad: Array
+    """The torso's joints before it leaned."""
+    back: bool = False
+    """Whether it returns there."""
+
+
+class _Arm(NamedTuple):
+    """One arm that responds to its skin."""
+
+    params: AvoidanceParams
+    skin: Skin
+    on_arm: Mask
+    """(n,) which of the robot's taxels it carries."""
+    bare_links: BareLinks
 
 
 class Pipeline:
@@ -125,21 +156,22 @@ class Pipeline:
     ) -> None:
         check_memory(memory, skin)
         side, map_side = params.avoidance.side, reachable_map.side if reachable_map else "no arm"
+        other = params.other_arm
+        if other is not None and (other.side == side or other.behaviour != "avoid"):
+            raise InputError(
+                "pipeline", f"other arm {other.side}, to {other.behaviour}; expected one to avoid, not {side}"
+            )
         if params.avoidance.behaviour == "reach" and map_side != side:
             raise InputError(
                 "pipeline", f"reachable-space map of {map_side}; expected one of the {side} arm, which is to reach"
             )
-        n = len(robot.names.arm(side))
-        if len(params.avoidance.home_arm_rad) != n:
-            found = f"home_arm_rad {params.avoidance.home_arm_rad}"
-            raise InputError("pipeline", f"{found}; expected the {n} joints of the {side} arm")
         self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
-        self._arm_skin = skin.on_arm(robot, side)
-        self._on_arm = np.isin(skin.taxel_ids, self._arm_skin.taxel_ids)
-        self._reachability = reachable_map and TrackReachability(robot, reachable_map, params.max_false_positives)
+        self._arms = [self._arm(one) for one in (params.avoidance, other) if one is not None]
+        self._reachability: TrackReachability | None = None
+        if reachable_map is not None:
+            self._reachability = TrackReachability(robot, reachable_map, params.max_false_positives)
         self._self_collision = SelfCollision(robot)
-        self._bare_links = BareLinks(robot, self._arm_skin, side)
-        self._state = PipelineState(LearnerState(memory, EventBuffer()))
+        self._state = PipelineState(LearnerState(memory, EventBuffer()), (AvoidanceState(),) * len(self._arms))
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
         """Process one frame and the taxels `touched` (n,) that the skin reports with it.
@@ -162,28 +194,35 @@ class Pipeline:
         field = params.receptive_field
         active = Activation(stamp_s, self.skin.taxel_ids, felt(field, learned.memory, track, taxels, normals, moving))
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
-        arm, arm_command, response = avoidance.step(
-            params.avoidance,
-            state.arm,
-            then,
-            self._arm_skin,
-            active.probability[self._on_arm],
-            stamp_s,
-            may_reach=reachability is not None and reachability.is_reachable,
-            hold_s=params.hold_s,
-            self_collision=self._self_collision,
-            track=track,
-            bare_links=self._bare_links,
-        )
+        may_reach = reachability is not None and reachability.is_reachable
+        leaning, torso_command = self._lean(state, then, active, may_reach, track, touched)
+        found = [
+            avoidance.step(
+                one.params if leaning is None else replace(one.params, path_m=np.inf),  # it need not come by itself
+                before,
+                then,
+                one.skin,
+                self._wanted(one, active, leaning, then, track),
+                stamp_s,
+                may_reach,
+                params.hold_s,
+                self._self_collision,
+                track,
+                one.bare_links,
+            )
+            for one, before in zip(self._arms, state.arms, strict=True)
+        ]
+        arms, arm_commands, responses = zip(*found, strict=True)
         searching, gaze_command = self._move_gaze(state, then, track)
         last_known_s = stamp_s if track.is_known else state.last_known_s
-        wanted = arbiter.combine((arm_command, gaze_command))
+        wanted = arbiter.combine((*arm_commands, torso_command, gaze_command))
         last = self._last_command, state.last_q_rad
         command = limits.limit(params.limits, self._self_collision, then, wanted, *last)
         since_s = stamp_s - params.latency_s - MAX_HOLD_S
         commands = (*(one for one in state.commands if one.stamp_s > since_s), command)
-        self._state = PipelineState(learned, arm, searching, last_known_s, (stamp_s, taxels), commands, then.q_rad)
-        return PipelineStep(posture, tracking, events, active, reachability, response, command)
+        since = searching, last_known_s, (stamp_s, taxels), commands, then.q_rad
+        self._state = PipelineState(learned, arms, leaning, *since)
+        return PipelineStep(posture, tracking, events, active, reachability, responses, command)
 
     def finish(self) -> PPSMemory:
         """Learn a contact that is still going on, and return the memory."""
@@ -235,6 +274,59 @@ class Pipeline:
             both = perceive(self.params.receptive_field, taxels, normals, *stimulus, velocities)
             D, ttc = both[0][0], sooner(*both[1])
         return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
+
+    def _arm(self, params: AvoidanceParams) -> _Arm:
+        n = len(self.robot.names.arm(params.side))
+        if len(params.home_arm_rad) != n:
+            found = f"home_arm_rad {params.home_arm_rad}"
+            raise InputError("pipeline", f"{found}; expected the {n} joints of the {params.side} arm")
+        skin = self.skin.on_arm(self.robot, params.side)
+        on_arm = np.isin(self.skin.taxel_ids, skin.taxel_ids)
+        return _Arm(params, skin, on_arm, BareLinks(self.robot, skin, params.side))
+
+    def _lean(
+        self, state: PipelineState, posture: Posture, active: Activation, may_reach: bool, track: Track3D, touched: Mask
+    ) -> tuple[_Leaning | None, JointVelocity]:
+        """Lean until an object that the arm is to reach for is reachable; back when it is touched, lost, or cannot be.
+
+        The map is asked: what it calls reachable may still be touched by a part before the hand is there.
+        """
+        params, arm, found, leaning = self.params.lean, self._arms[0], self._reachability, state.leaning
+        still = JointVelocity(track.stamp_s, np.zeros(self.robot.n_joints), self.params.hold_s)
+        torso = self.robot.indices(self.robot.names.torso)
+        if params is None or found is None or not torso or arm.params.behaviour != "reach":
+            return None, still
+        if leaning is None:
+            is_felt = bool(np.any(active.probability[arm.on_arm] > arm.params.threshold))
+            if may_reach or not is_felt or not track.is_known:
+                return None, still
+            leaning = _Leaning(posture.q_rad[torso])
+        elif not leaning.back and (not track.is_known or touched[arm.on_arm].any()):
+            leaning = leaning._replace(back=True)
+        if leaning.back:
+            command = lean.upright(params, posture, leaning.home_rad, self.params.hold_s, track.stamp_s)
+            return (leaning if np.any(command.dq_rad_s) else None), command
+        if may_reach:
+            return leaning, still
+        of, wanted = (found.gaze_model, found.map.limits, found.reachable), (posture, track.position)
+        status, command = lean.step(params, *of, *wanted, self.params.hold_s, track.stamp_s)
+        return leaning._replace(back=status == "out of reach"), command
+
+    def _wanted(
+        self, arm: _Arm, active: Activation, leaning: _Leaning | None, posture: Posture, track: Track3D
+    ) -> Array:
+        """Activations (n,) that an arm responds to: those of its taxels; and that of the palm's taxel nearest to an
+        object that the torso leans for counts as 1, because the object need not be near the skin any more."""
+        probability = active.probability[arm.on_arm]
+        if leaning is None or leaning.back or arm is not self._arms[0]:
+            return probability
+        palm = self.robot.names.palms[("left", "right").index(arm.params.side)]
+        of_palm = [part.frame == palm for part in arm.skin.parts]
+        distance = np.linalg.norm(arm.skin.at(posture)[0] - track.position, axis=1)
+        distance[~np.array(of_palm)[arm.skin.part_index]] = np.inf if any(of_palm) else 0.0
+        probability = probability.copy()
+        probability[distance.argmin()] = 1.0
+        return probability
 
     def _move_gaze(
         self, state: PipelineState, posture: Posture, track: Track3D

@@ -1,7 +1,9 @@
 """The versions that a result depends on."""
 
 import platform
+import subprocess
 from importlib.metadata import version
+from pathlib import Path
 
 PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
 """What tracking computes with."""
@@ -10,3 +12,27 @@ PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "av")
 def versions() -> dict[str, str]:
     """Version of this package, of Python, and of the packages that tracking computes with."""
     return {name: version(name) for name in ("pps-vision", *PACKAGES)} | {"python": platform.python_version()}
+
+
+def machine(commit_name: str) -> dict[str, str]:
+    """What the numbers were measured with and on."""
+    packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "python": platform.python_version(),
+        **{package: version(package) for package in packages},
+        "commit": commit_name,
+    }
+
+
+def commit() -> str:
+    """The last commit that changed code, "-dirty" where code differs from it; unknown where this is no checkout."""
+    root = Path(__file__).parents[2]
+    try:
+        git = ["git", "-C", str(root)]
+        log = [*git, "log", "-1", "--format=%h", "--", "*.py"]
+        last = subprocess.check_output(log, text=True, stderr=subprocess.DEVNULL)
+        changed = subprocess.check_output([*git, "status", "--porcelain", "--", "*.py"], text=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return last.strip() + ("-dirty" if changed else "")

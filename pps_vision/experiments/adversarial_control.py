@@ -170,11 +170,13 @@ class _Episode:
         behaviour = str(rng.choice(("avoid", "reach")))
         self.tracker = AdversarialTracker(Track3D.unknown(0.0))
         arm = AvoidanceParams(HOME_ARM_RAD, side=side, confirm_s=float(rng.choice((0.0, 0.15))))  # type: ignore[arg-type]
-        params = PipelineParams(avoidance=arm, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
+        other = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
+        params = PipelineParams(avoidance=arm, other_arm=other, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
         self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)  # type: ignore[arg-type]
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
         if behaviour == "reach":  # as with a map that calls everything reachable
-            self.pipeline.params = replace(params, avoidance=replace(arm, behaviour="reach"))
+            first, *others = self.pipeline._arms
+            self.pipeline._arms = [first._replace(params=replace(arm, behaviour="reach")), *others]
             anywhere = Reachability(0.0, np.zeros(3), 1.0, 1.0, ReachStatus.REACHABLE)
             self.pipeline._reachability = lambda q, track: anywhere  # type: ignore[assignment]
         self.stamp_s, self.command = 0.0, JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)

@@ -12,7 +12,7 @@ from pps_vision.experiments.avoidance.kinematic import Outcome, meet
 from pps_vision.experiments.avoidance.registry import OURS, new_controller
 from pps_vision.experiments.avoidance.rendered import Seen, meet_rendered
 from pps_vision.experiments.avoidance.suite import track_rng
-from pps_vision.experiments.avoidance.tracks import ERROR_M, track_of
+from pps_vision.experiments.avoidance.tracks import ERRORS, track_of
 from pps_vision.experiments.avoidance.training import learn
 from pps_vision.experiments.encounters import counts, rate
 from pps_vision.experiments.study import SampledStudy, interval, median, run_parts
@@ -38,7 +38,10 @@ class EncountersRendered(SampledStudy):
 
         def both(condition: Condition, number: int) -> dict[str, Any]:
             encounter = draw(arena, condition, number, self.seed)
-            learned, tracks = memories[encounter.side], track_of(encounter, track_rng(self.seed, condition, number))
+            learned, tracks = (
+                memories[encounter.side],
+                track_of(arena, encounter, track_rng(self.seed, condition, number)),
+            )
             without = meet(arena, learned, encounter, OURS, new_controller(OURS), tracks)
             return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
 
@@ -52,12 +55,21 @@ class EncountersRendered(SampledStudy):
             [name, str(cell["n"]), estimate(cell["rendered"]), estimate(cell["without"]), estimate(cell["difference"])]
             for name, cell in numbers["rates"].items()
         ]
-        tracks = [[name, *(estimate([value]) for value in cell.values())] for name, cell in numbers["tracks"].items()]
+        tracks = [[name, *map(_both, cell.values())] for name, cell in numbers["tracks"].items()]
         why = [[row["encounter"], row["rendered"], row["without"], row["because"]] for row in numbers["differing"]]
         return {
             "": Table(["", "n", "rendered (%)", "without rendering (%)", "difference (points)"], rows),
             "tracks": Table(
-                ["object", "RMS of an encounter, rendered (mm)", "as drawn (mm)", "first known (s)", "tracked (%)"],
+                [
+                    "object",
+                    "track, RMS (mm)",
+                    "lasting along, across (mm)",
+                    "drawn (mm)",
+                    "new along, across (mm)",
+                    "drawn (mm)",
+                    "first known (s)",
+                    "tracked (%)",
+                ],
                 tracks,
             ),
             "differing": Table(["encounter", "rendered", "without rendering", "track"], why),
@@ -88,6 +100,8 @@ def compared(seen: Seen, without: Outcome) -> dict[str, Any]:
         "self_distance_m": seen.outcome.self_distance_m,
         "faults": seen.outcome.faults,
         "error_m": seen.error_m,
+        "lasting_m": seen.observed.lasting_m,
+        "new_m": seen.observed.new_m,
         "first_s": seen.first_s,
         "known": seen.known,
         "because": because,
@@ -98,13 +112,16 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     hazards = [row for row in rows if row["condition"] in HAZARDS]
     groups: dict[str, list[dict[str, Any]]] = {c: [row for row in rows if row["condition"] == c] for c in HAZARDS}
     groups |= {"all approaching": hazards, "harmless": [row for row in rows if row["condition"] in HARMLESS]}
-    objects = {name: [row for row in rows if row["object"] == name] for name in ERROR_M}
+    objects = {name: [row for row in rows if row["object"] == name] for name in ERRORS}
     return {
         "rates": {name: _rates(some) for name, some in groups.items()},
         "tracks": {
             name: {
                 "rendered_mm": 1000 * median(np.array([row["error_m"] for row in some if row["known"]])),
-                "without_mm": 1000 * ERROR_M[name],
+                "lasting_mm": _rms_mm([row["lasting_m"] for row in some if row["known"]]),
+                "lasting_drawn_mm": [1000 * value for value in ERRORS[name].lasting_m],
+                "new_mm": _rms_mm([row["new_m"] for row in some if row["known"]]),
+                "new_drawn_mm": [1000 * value for value in ERRORS[name].new_m],
                 "first_s": median(np.array([row["first_s"] for row in some if row["known"]])),
                 "known_percent": 100 * float(np.mean([row["known"] for row in some])) if some else np.nan,
             }
@@ -141,6 +158,16 @@ def _rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "without": rate(pairs, lambda row: bool(row["good"][1])),
         "difference": interval([[100.0 * (one[0] - one[1])] for one in good]),
     }
+
+
+def _rms_mm(pairs: list[tuple[float, float]]) -> list[float]:
+    """Along and across the line of sight, over encounters."""
+    values = 1000 * np.array(pairs).reshape(-1, 2)
+    return [float(value) for value in np.sqrt(np.mean(values**2, axis=0))] if len(values) else [np.nan] * 2
+
+
+def _both(cell: float | list[float]) -> str:
+    return ", ".join(estimate([value]) for value in cell) if isinstance(cell, list) else estimate([cell])
 
 
 def _words(row: dict[str, Any], mode: int) -> str:

@@ -12,7 +12,7 @@ from control.fixation import gaze_at
 from pps_vision.app.simulation import SPEED_M_S, Side, can_follow
 from pps_vision.experiments.avoidance.encounter import Arena, Condition, Encounter, Part, draw_path
 from pps_vision.experiments.avoidance.kinematic import Frame, meet
-from pps_vision.experiments.avoidance.registry import OURS, new_controller
+from pps_vision.experiments.avoidance.registry import WRIST_AT_REST, new_controller
 from pps_vision.experiments.avoidance.tracks import track_of
 from pps_vision.experiments.avoidance.training import Memories, learn
 from pps_vision.experiments.charts import panels
@@ -41,8 +41,8 @@ _DISTANCE_ONLY = "distance only"
 
 @dataclass(frozen=True)
 class EncountersSessions(SeededStudy):
-    """R's sessions of avoidance and reaching with ours, and of avoidance with distance only (Figs 10, 11, S1, S2,
-    Tables 6, 7): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
+    """R's sessions of avoidance and reaching with ours, the wrist at rest, and of avoidance with distance only (Figs
+    10, 11, S1, S2, Tables 6, 7): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
 
     avoidance_min: float = 20.0
     """Length of the session of avoidance, and of the one with distance only."""
@@ -56,8 +56,8 @@ class EncountersSessions(SeededStudy):
         arena = Arena()
         memories = {side: learn(arena, side, self.seed, self.share) for side in get_args(Side)}
         sessions: dict[str, tuple[Condition, str, float]] = {
-            "avoidance": ("stop", OURS, self.avoidance_min),
-            "reaching": ("reach", OURS, self.reaching_min),
+            "avoidance": ("stop", WRIST_AT_REST, self.avoidance_min),
+            "reaching": ("reach", WRIST_AT_REST, self.reaching_min),
             "distance only": ("stop", _DISTANCE_ONLY, self.avoidance_min),
         }
         return {
@@ -76,7 +76,9 @@ class EncountersSessions(SeededStudy):
             encounter = _approach(arena, condition, side, part, rng, number)
             frames: list[Frame] = []
             new = new_controller(controller)
-            outcomes.append(meet(arena, memories[side], encounter, controller, new, track_of(encounter, rng), frames))
+            outcomes.append(
+                meet(arena, memories[side], encounter, controller, new, track_of(arena, encounter, rng), frames)
+            )
             by_side[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
             t, number = t + encounter.seconds, number + 1
         return {
@@ -140,7 +142,8 @@ def _approach(
         speed = float(rng.uniform(*SPEED_M_S))
         motion, seconds, contact_s = draw_path(condition)(arena, skin, q, skin.index(taxel), radius, speed, rng)
         q_start = gaze_at(robot, q, motion(0.0)[0])
-        if can_follow(robot, arena.rig, q_start, motion, min(seconds, contact_s), 3):
+        until_s = min(seconds, contact_s)
+        if can_follow(robot, arena.rig, q_start, motion, until_s, 3) and arena.shows(q_start, motion, radius, until_s):
             what = side, part, taxel, "octopus", radius, speed, motion, seconds, contact_s, q_start
             return Encounter(number, condition, *what)  # type: ignore[arg-type]
 

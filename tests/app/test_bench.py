@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pps_vision.app import bench
+from pps_vision.app import bench, versions
 from pps_vision.app.bench import listing
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
@@ -64,7 +64,7 @@ def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def commit(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    monkeypatch.setattr(bench, "_commit", lambda: name)
+    monkeypatch.setattr(versions, "commit", lambda: name)
 
 
 def runs(folder: Path) -> str:
@@ -155,18 +155,18 @@ def test_the_commit_is_marked_where_code_differs_from_it(tmp_path: Path, monkeyp
     code = tmp_path / "package" / "app" / "code.py"
     code.parent.mkdir(parents=True)
     code.write_text("x = 1\n")
-    monkeypatch.setattr(bench, "__file__", str(code))
+    monkeypatch.setattr(versions, "__file__", str(code))
     for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "first"]):
         subprocess.run([*git, *words], check=True)
-    clean = bench._commit()
+    clean = versions.commit()
     assert len(clean) >= 7
     assert "dirty" not in clean
     (tmp_path / "notes.md").write_text("documents are not code")
-    assert bench._commit() == clean
+    assert versions.commit() == clean
     code.write_text("x = 2\n")
-    assert bench._commit() == f"{clean}-dirty"
+    assert versions.commit() == f"{clean}-dirty"
     shutil.rmtree(tmp_path / ".git")
-    assert bench._commit() == "unknown"
+    assert versions.commit() == "unknown"
 
 
 def test_results_are_compact_and_documents_filled(fake: Path) -> None:

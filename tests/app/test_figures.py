@@ -18,10 +18,10 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.evaluate import Path3D, evaluate
 from pps_vision.app.report import figures
 from pps_vision.app.report.errors import path_errors
-from pps_vision.app.report.path3d import ellipsoid_95, path3d
+from pps_vision.app.report.path3d import body_lines, ellipsoid_95, path3d
 from pps_vision.app.report.tracking import _over_the_body, _over_time, read_tracked
 from pps_vision.robot.gaze import GazeLimits
-from pps_vision.robot.icub import load_icub
+from pps_vision.robot.icub import home, load_icub
 from pps_vision.types import Array
 
 
@@ -238,3 +238,21 @@ def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
     resting = json.loads(re.search(r'-data">(.*?)</script>', path3d([("green", at[:1])], at[:0], cov[:0]))[1])  # type: ignore[index]
     assert resting["size"] == 1e-3
     assert resting["ellipsoids"] == []
+
+
+def test_edges_of_bodies_lie_on_them() -> None:
+    """Each body's edges, in its own frame, are as long and wide as it is."""
+    robot = load_icub()
+    posture = robot.at(home(robot))
+    points = body_lines(posture)
+    cuts = np.flatnonzero(np.isnan(points[:, 0]))
+    lines = [line[np.isfinite(line).all(axis=1)] for line in np.split(points, cuts)][:-1]
+    per_body = {"sphere": 3, "cylinder": 6, "box": 6}
+    assert len(lines) == sum(per_body[body.shape] for body in robot.bodies)
+    for body in robot.bodies:
+        own, lines = np.concatenate(lines[: per_body[body.shape]]), lines[per_body[body.shape] :]
+        T = posture.T_root(body.frame) @ body.T_frame_body
+        extent = np.ptp((own - T[:3, 3]) @ T[:3, :3], axis=0)
+        size = body.size_m
+        wide = {"sphere": [2 * size[0]] * 3, "cylinder": [2 * size[0]] * 2 + [size[-1]], "box": size}[body.shape]
+        np.testing.assert_allclose(extent, wide, atol=1e-9)

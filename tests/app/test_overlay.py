@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pps_vision.app.report.overlay import draw_pair
+from pps_vision.app.report.overlay import draw_legend, draw_pair, flash
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Status, StereoFrame, Track3D
 
@@ -42,3 +42,24 @@ def test_each_caption_has_a_line_of_its_own() -> None:
         assert (more >= fewer).all()
         assert np.flatnonzero(more & ~fewer).min() > np.flatnonzero(fewer).max()
     assert np.flatnonzero(rows[2]).max() < 120
+
+
+def test_the_colours_of_the_legend_are_those_of_the_taxels() -> None:
+    """A taxel of each activation has the colour that the legend shows at that place of its bar."""
+    canvas = np.zeros((480, 640, 3), np.uint8)
+    draw_legend(canvas)
+    bar = canvas[455, 160:360].astype(int)
+    camera = Camera(320, 240, 200.0, 200.0, 160.0, 120.0)
+    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((240, 320, 3), np.uint8)
+    for activation in (0.1, 0.5, 1.0):
+        frame, ahead = StereoFrame(black, black, 0.0, 0.0), np.array([[0.0, 0.0, 1.0]])
+        image = draw_pair(frame, view, Track3D.unknown(0.0), (), ahead, np.array([activation]))
+        np.testing.assert_allclose(image[240, 320], bar[min(int(200 * activation), 199)], atol=4)
+
+
+def test_a_touch_is_flashed_in_red() -> None:
+    canvas = np.zeros((480, 640, 3), np.uint8)
+    flash(canvas)
+    assert (canvas[:, 2] == [250, 40, 40]).all()
+    assert (canvas[2] == [250, 40, 40]).all()
+    assert not canvas[240, 320].any()

@@ -8,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from known_track import DT, KnownTrack, Motion, frame_at, run
 
+from control.avoidance import AvoidanceParams
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, sooner
 from pps_vision.errors import InputError
-from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, load_icub
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, StereoFrame
 from tracking.tracker import Tracker, TrackerParams
@@ -323,3 +324,30 @@ def test_the_arm_responds_to_its_own_taxels_wherever_they_stand_in_the_skin() ->
         tracker, memory = KnownTrack(lambda t, at=at: at), replace(everything_touches, counts=counts)
         steps, _ = run(Pipeline(PipelineParams(), ROBOT, skin, tracker, memory, np.random.default_rng(0)), 0.3)  # type: ignore[arg-type]
         assert steps[-1].response.mode == ("avoid" if side == "left" else "idle")
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_both_arms_avoid_if_both_are_asked_to(side: str) -> None:
+    """An object comes to one of them: that one moves, and no joint of the other."""
+    skin = icub_skin(("right_forearm", "left_forearm"))
+    counts = PPSMemory.empty(skin).counts.copy()
+    counts[..., 0] = 1
+    points, normals = skin.at(ROBOT.at(home(ROBOT)))
+    index = skin.index(f"{side}_forearm:3")
+    at = points[index] + 0.05 * normals[index], -0.1 * normals[index]
+    params = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "right"))
+    memory, rng = replace(PPSMemory.empty(skin), counts=counts), np.random.default_rng(0)
+    steps, joints = run(Pipeline(params, ROBOT, skin, KnownTrack(lambda t: at), memory, rng), 0.4)  # type: ignore[arg-type]
+    modes = {one: step.mode for one, step in zip(("left", "right"), steps[-1].responses, strict=True)}
+    assert modes == {side: "avoid", ({"left", "right"} - {side}).pop(): "idle"}
+    moved = {one: np.ptp(joints[:, ROBOT.indices(ROBOT.names.arm(one))], axis=0).max() for one in modes}
+    assert moved.pop(side) > 0.01
+    assert list(moved.values()) == [0.0]
+
+
+def test_the_other_arm_may_only_avoid_and_is_another() -> None:
+    skin, rng = icub_skin(("right_forearm", "left_forearm")), np.random.default_rng(0)
+    for other in (AvoidanceParams(HOME_ARM_RAD, "left"), AvoidanceParams(HOME_ARM_RAD, "right", "reach")):
+        params, tracker = PipelineParams(other_arm=other), KnownTrack(lambda t: None)
+        with pytest.raises(InputError, match="other arm"):
+            Pipeline(params, ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]

@@ -11,6 +11,7 @@ from data import SEED
 from known_track import DT, KnownTrack, frame_at, run
 
 from control.avoidance import AvoidanceParams
+from control.lean import LeanParams
 from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
@@ -45,8 +46,11 @@ def anxious() -> PPSMemory:
     return replace(PPSMemory.empty(SKIN), counts=counts)
 
 
-def pipeline(motion, avoidance: AvoidanceParams, reachable_map: ReachableMap | None, max_fp: float = 1e-3) -> Pipeline:
-    params, rng = PipelineParams(avoidance=avoidance, max_false_positives=max_fp), np.random.default_rng(0)
+def pipeline(
+    motion, avoidance: AvoidanceParams, reachable_map: ReachableMap | None, max_fp: float = 1e-3, leans: bool = False
+) -> Pipeline:
+    lean = LeanParams() if leans else None
+    params, rng = PipelineParams(avoidance=avoidance, lean=lean, max_false_positives=max_fp), np.random.default_rng(0)
     return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), anxious(), rng, reachable_map)  # type: ignore[arg-type]
 
 
@@ -88,6 +92,26 @@ def test_an_object_out_of_reach_is_not(left: ReachableMap) -> None:
     assert {step.reachability.status for step in steps if step.reachability} == {ReachStatus.UNREACHABLE}
     assert not any(step.command.dq_rad_s[ARM].any() for step in steps)
     np.testing.assert_array_equal(joints[:, ARM], np.tile(HOME_ARM_RAD, (len(joints), 1)))
+
+
+def test_the_torso_leans_until_the_hand_can_touch_and_stands_up_again(left: ReachableMap) -> None:
+    """The object near the elbow, which goes away after 7 s; the same with the arm that avoids: the torso stays."""
+    comes, torso = towards("left_forearm:27", 0.15, 0.05), ROBOT.indices(ROBOT.names.torso)
+    steps, joints = run(pipeline(lambda t: comes(t) if t < 7 else None, REACH, left, leans=True), 13.0)
+    at = comes(7.0)[0]
+    gaps = np.array([np.linalg.norm(SKIN.at(ROBOT.at(q))[0] - at, axis=1).min() for q in joints])
+    leans = np.linalg.norm(joints[:, torso], axis=1)
+    assert leans[0] == 0
+    assert leans.max() > np.deg2rad(10)
+    assert np.abs(np.diff(leans)).max() <= LeanParams().torso_rad_s * DT + 1e-9
+    begins = [step.response.mode for step in steps].index("reach")
+    assert steps[begins].reachability is not None
+    assert steps[begins].reachability.is_reachable
+    assert gaps[begins] > 0.07
+    assert gaps[: int(7 / DT)].min() < 0.022, "the surface of the object, whose radius is 20 mm"
+    assert leans[-1] < np.deg2rad(1)
+    avoiding, _ = run(pipeline(comes, AVOID, left, leans=True))
+    assert not any(step.command.dq_rad_s[torso].any() for step in avoiding)
 
 
 def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: ReachableMap) -> None:

@@ -40,6 +40,15 @@ def test_a_point_moves_as_asked_and_only_its_arm_with_it(
     assert np.quantile(deviations, 0.9) < 0.10
 
 
+def test_joints_that_rest_leave_the_motion_to_the_others(robot: Robot) -> None:
+    q, velocity, h = home(robot), np.array([0.0, 0.03, 0.0]), 1e-5
+    arm = robot.indices(robot.names.arm("left"))
+    dq = arm_velocity(ArmParams(resting=3), robot.at(q), "left", [MovingPoint("left_palm", (0, 0, 0), velocity)], REST)
+    np.testing.assert_array_equal(dq[arm[-3:]], 0.0)
+    moved = (robot.at(q + h * dq).point("left_palm") - robot.at(q).point("left_palm")) / h
+    np.testing.assert_allclose(moved, velocity, atol=1e-3)
+
+
 def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot: Robot) -> None:
     """The elbow's velocity leaves the wrist free."""
     q = home(robot)

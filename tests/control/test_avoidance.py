@@ -330,6 +330,25 @@ def test_all_parts_withdraw_at_once_and_the_likeliest_reaches(robot: Robot) -> N
     np.testing.assert_allclose(response.point_root, positions[skin.index("left_palm:101")])
 
 
+def test_the_part_that_began_to_reach_touches_and_no_other(robot: Robot) -> None:
+    """A ball comes to the forearm beside the palm, whose taxels are activated more: the forearm touches it."""
+    skin = icub_skin(("left_forearm", "left_palm"))
+    q, state = home(robot), AvoidanceState()
+    points, normals = skin.at(robot.at(q))
+    on_forearm, on_palm = skin.part_index == 0, skin.part_index == 1
+    k = skin.index("left_forearm:3")
+    at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * normals[k]
+    a = activations_of(skin, left_forearm_3=0.6, left_palm_101=0.9)
+    params, least = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach"), np.full(2, np.inf)
+    for i in range(60):
+        track = track_at(at, -0.1 * normals[k] * (i < 6))
+        state, command, _ = step(params, state, robot.at(q), skin, a, i * DT, may_reach=True, hold_s=DT, track=track)
+        q = q + DT * command.dq_rad_s
+        gaps = np.linalg.norm(skin.at(robot.at(q))[0] - at, axis=1) - BALL_M - TOUCH_RADIUS_M
+        least = np.minimum(least, [gaps[on_forearm].min(), gaps[on_palm].min()])
+    assert least[0] < 0 < least[1]
+
+
 def track_at(position: Array, velocity: Array, radius_m: float = BALL_M, status: Status = Status.TRACKING) -> Track3D:
     mean = np.array([position, velocity, np.zeros(3), np.zeros(3)])
     return Track3D(0.0, mean, 1e-6 * np.eye(12), radius_m, 1e-8, status)

@@ -115,3 +115,19 @@ def test_a_carried_point_moves_with_the_torso_whatever_else_moves():
     T = ROBOT.at(moved).T_root("chest") @ np.linalg.inv(ROBOT.at(q).T_root("chest"))
     expected = ((T @ np.append(ASIDE, 1))[:3] - ASIDE) / h
     np.testing.assert_allclose(head.carried_velocity(ROBOT.at(q), ASIDE, dq), expected, atol=1e-5)
+
+
+def test_the_torso_stands_up_straight_and_then_rests():
+    q, home = START.copy(), START[TORSO]
+    q[TORSO] = np.deg2rad([12.0, -8.0])
+    path = []
+    for _ in range(60):
+        dq = lean.upright(PARAMS, ROBOT.at(q), home, DT).dq_rad_s
+        assert np.linalg.norm(dq) <= PARAMS.torso_rad_s + 1e-12
+        assert not np.delete(dq, TORSO).any()
+        q = q + DT * dq
+        path.append(q[TORSO])
+    directions = np.array(path[:10]) / np.linalg.norm(path[:10], axis=1, keepdims=True)
+    np.testing.assert_allclose(directions, np.tile(np.array([12.0, -8.0]) / np.hypot(12, 8), (10, 1)), atol=1e-6)
+    assert np.linalg.norm(q[TORSO] - home) < np.deg2rad(0.1)
+    assert not lean.upright(PARAMS, ROBOT.at(q), home, DT).dq_rad_s.any()

@@ -13,7 +13,7 @@ class Demo:
     """
 
     out: Path = Path("demo")
-    """Folder for report.html, demo.mp4, memory.npz, reach.npz and summary.json."""
+    """Folder for report.html, demo.mp4, demo.png, memory.npz, reach.npz and summary.json."""
     trials: int = 24
     """Approaches of ball and cube to learn from."""
     noise: float = 2.0

@@ -8,6 +8,7 @@ from types import TracebackType
 import av
 import cv2
 import numpy as np
+import PIL.Image
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import Camera, StereoView, View
@@ -55,6 +56,11 @@ class VideoFile:
 def save_jpeg(file: Path, image: Image) -> None:
     """Write an RGB image."""
     file.write_bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+
+
+def save_png(file: Path, image: Image) -> None:
+    """Write an RGB image with a palette of 256 colours."""
+    PIL.Image.fromarray(image).quantize(256, PIL.Image.Quantize.MAXCOVERAGE).save(file, "PNG", optimize=True)
 
 
 def draw_pair(
@@ -110,16 +116,41 @@ def _draw_detection(
 
 
 def _draw_taxels(canvas: Image, eye: View, taxels_root: Array, activations: Array, scale: int) -> None:
-    """A dot per taxel: grey at rest, through yellow to red as it expects a touch."""
+    """A dot per taxel: the larger and the redder, the likelier a touch."""
     for pixel, a in zip(eye.project(taxels_root), activations, strict=True):
         if eye.camera.contains(pixel):
-            hot = float(np.clip(a, 0, 1))
-            color = (255, int(255 * (1 - hot)), 0) if hot > 0.02 else (150, 150, 170)
-            radius = round(scale * (1.2 + 3 * hot) * 2**_SHIFT)
-            cv2.circle(canvas, _at(pixel, scale), radius, color, -1, cv2.LINE_AA, _SHIFT)
+            radius = round(scale * (1.2 + 3 * float(np.clip(a, 0, 1))) * 2**_SHIFT)
+            cv2.circle(canvas, _at(pixel, scale), radius, _taxel_rgb(float(a)), -1, cv2.LINE_AA, _SHIFT)
 
 
-def _write(canvas: Image, text: str, line: int, color: tuple[int, int, int]) -> None:
-    where = (8, 20 + 18 * line)
+def _taxel_rgb(activation: float) -> tuple[int, int, int]:
+    """Grey at rest, from yellow to red as a touch becomes likely."""
+    hot = min(max(activation, 0.0), 1.0)
+    return (255, int(255 * (1 - hot)), 0) if hot > 0.02 else (150, 150, 170)
+
+
+def draw_legend(canvas: Image) -> None:
+    """Draw the colours of taxels, and what they mean, at the lower edge of an image."""
+    height, left = canvas.shape[0] - 8, 160
+    for k in range(100):
+        at = (left + 2 * k, height - 24), (left + 2 * k + 1, height - 12)
+        cv2.rectangle(canvas, *at, _taxel_rgb(k / 99), -1)
+    line = (height - 34) // 18
+    _write(canvas, "skin: touch likely 0", line, (255, 255, 255), 8 + height - 34 - 18 * line)
+    _write(canvas, "1", line, (255, 255, 255), 8 + height - 34 - 18 * line, left + 206)
+
+
+def flash(canvas: Image) -> None:
+    """Draw a red frame and TOUCH over an image."""
+    height, width = canvas.shape[:2]
+    cv2.rectangle(canvas, (0, 0), (width - 1, height - 1), (250, 40, 40), 12)
+    cv2.putText(canvas, "TOUCH", (24, height - 60), cv2.FONT_HERSHEY_DUPLEX, 1.8, (0, 0, 0), 8, cv2.LINE_AA)
+    cv2.putText(canvas, "TOUCH", (24, height - 60), cv2.FONT_HERSHEY_DUPLEX, 1.8, (250, 40, 40), 3, cv2.LINE_AA)
+
+
+def _write(
+    canvas: Image, text: str, line: int, color: tuple[int, int, int], below_px: int = 0, left_px: int = 8
+) -> None:
+    where = (left_px, 20 + 18 * line + below_px)
     cv2.putText(canvas, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
     cv2.putText(canvas, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pps_vision.robot.model import Posture
 from pps_vision.types import Array
 
 _CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
@@ -86,6 +87,28 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array, name: str 
         f'<script type="application/json" id="{name}-data">{json.dumps(data, allow_nan=False)}</script>'
         f"<script>{_SCRIPT.replace('ID', name)}</script>"
     )
+
+
+def body_lines(posture: Posture) -> Array:
+    """Return the edges of a robot's bodies as lines for `path3d`: (n, 3) in the root frame, NaN between lines."""
+    angle = np.linspace(0, 2 * np.pi, 13)
+    circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    lines: list[Array] = []
+    for body in posture.robot.bodies:
+        if body.shape == "sphere":
+            edges = [body.size_m[0] * circle[:, order] for order in ([0, 1, 2], [0, 2, 1], [2, 0, 1])]
+        elif body.shape == "cylinder":
+            radius, length = body.size_m
+            ends = [radius * circle + [0, 0, end * length / 2] for end in (-1, 1)]
+            edges = [*ends, *np.stack(ends, axis=1)[:-1:3]]
+        else:
+            square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
+            sides = [0.5 * np.array(body.size_m) * (square + np.array([0, 0, end])) for end in (-1, 1)]
+            edges = [*sides, *np.stack(sides, axis=1)[:-1]]
+        T = posture.T_root(body.frame) @ body.T_frame_body
+        for edge in edges:
+            lines += [edge @ T[:3, :3].T + T[:3, 3], np.full((1, 3), np.nan)]
+    return np.concatenate(lines)
 
 
 def ellipsoid_95(cov: Array) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from control import avoidance
+from control.arm import ArmParams
 from control.avoidance import AvoidanceParams, AvoidanceState
 from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
@@ -72,10 +73,13 @@ class Setting:
         return self.robot.at(self.home_rad).point(self.palm)
 
 
-def ours(setting: Setting) -> Controller:
-    """Return what the closed loop runs: R eq. 6 for what comes near, a quadratic programme with all limits."""
+def ours(setting: Setting, resting: int = 0) -> Controller:
+    """Return what the closed loop runs: R eq. 6 for what comes near, a quadratic programme with all limits.
+
+    `resting`: how many of the arm's last joints stay at rest.
+    """
     home = tuple(setting.home_rad[setting.arm].tolist())
-    params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M)
+    params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M, arm=ArmParams(resting=resting))
     state, bare_links = AvoidanceState(), BareLinks(setting.robot, setting.skin, setting.side)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
@@ -86,6 +90,11 @@ def ours(setting: Setting) -> Controller:
         return command.dq_rad_s
 
     return act
+
+
+def wrist_at_rest(setting: Setting) -> Controller:
+    """Return ours with the three joints of the wrist at rest, as R's robot had them."""
+    return ours(setting, resting=3)
 
 
 def none(setting: Setting) -> Controller:

@@ -7,15 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+import coal
 import numpy as np
 
 from control.fixation import gaze_at
-from pps_vision.app.simulation import REACH_M, OwnMotion, Side, at_taxel, can_follow, first_contact
+from pps_vision.app.simulation import PERIOD_S, REACH_M, OwnMotion, Side, at_taxel, can_follow, first_contact, own_rate
 from pps_vision.experiments.pps.movements import start_posture
 from pps_vision.geometry.camera import StereoRig
-from pps_vision.geometry.se3 import rotation_to
+from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.robot.icub import icub_rig, load_icub
-from pps_vision.robot.model import Robot
+from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, TOUCH_RADIUS_M, Skin, icub_skin
 from pps_vision.types import Array
@@ -55,6 +56,9 @@ _CLEARANCE_M = 0.03  # self-collision distance of a start posture; the controlle
 _MARGIN_RAD = np.deg2rad(3.0)  # of a start posture's arm joints to their limits
 _DRAWS = 6  # paths drawn for a posture before another is
 _LEAST_S = 0.3  # until the would-be contact
+_HIDDEN_SHARE = 0.25  # at most, of an object, by the robot's own bodies, for one eye
+_INSTANTS = 4  # of a path at which it is tested
+_RIM = 8  # points about an object's middle, at 0.8 of its radius
 _DWELL_S, _AFTER_S = 0.3, 1.2  # at the end of the approach; then until the episode ends
 _WAIT_S = 2.0  # of an object that is to be reached for
 _REST_S = 4.0  # length of encounters with an object at rest
@@ -119,6 +123,49 @@ class Arena:
         """Return where an arm's joints are in the configuration vector."""
         return self.robot.indices(self.robot.names.arm(side))
 
+    def head(self, q_rad: Array) -> Array:
+        """Return the point (3,) midway between the eyes."""
+        view = self.rig.view(q_rad)
+        return np.asarray((view.left.center + view.right.center) / 2)
+
+    def may_swing(self, q_rad: Array, side: Side) -> bool:
+        """Return whether an arm that swings by itself keeps clear of the body."""
+        times = np.arange(0.0, _REST_S, PERIOD_S)
+        swing = PERIOD_S * np.cumsum([own_rate(self.robot, "arm", self.arm(side), t) for t in times], axis=0)
+        return min(self.self_collision.distance_m(self.robot.clamp(q_rad + dq)) for dq in swing) > _CLEARANCE_M
+
+    def hidden_share(self, posture: Posture, eye: Array, center: Array, radius_m: float) -> float:
+        """Return the share of a ball about `center` (3,) that the robot's bodies hide from an eye at `eye` (3,).
+
+        Of its middle and of points about it: whether a body meets the straight line to the eye, by coal.
+        """
+        turn = rotation_to(center - eye)
+        angles = np.arange(_RIM) * 2 * np.pi / _RIM
+        rim = 0.8 * radius_m * (np.cos(angles)[:, None] * turn[:, 0] + np.sin(angles)[:, None] * turn[:, 1])
+        bodies = [
+            (shape.geometry, _pose(posture.T_root(body.frame) @ body.T_frame_body))
+            for body, shape in zip(self.robot.bodies, self.robot.geometry.geometryObjects, strict=True)
+        ]
+        hidden = 0
+        for point in (center, *(center + rim)):
+            length = float(np.linalg.norm(point - eye))
+            line, at = coal.Capsule(1e-4, length), _pose(transform(rotation_to(point - eye), (eye + point) / 2))
+            hidden += any(
+                coal.collide(s, T, line, at, coal.CollisionRequest(), coal.CollisionResult()) for s, T in bodies
+            )
+        return hidden / (1 + _RIM)
+
+    def shows(self, q_rad: Array, motion: Motion, radius_m: float, until_s: float) -> bool:
+        """Return whether a posture's own bodies leave most of an object on its path visible to both fixating eyes."""
+        for t in np.linspace(0.0, until_s, _INSTANTS):
+            center = motion(float(t))[0]
+            q = gaze_at(self.robot, q_rad, center)
+            view, posture = self.rig.view(q), self.robot.at(q)
+            for eye in (view.left, view.right):
+                if self.hidden_share(posture, eye.center, center, radius_m) > _HIDDEN_SHARE:
+                    return False
+        return True
+
 
 Path = tuple[Motion, float, float]
 """A motion, the length of the encounter and the time of the would-be contact."""
@@ -146,7 +193,8 @@ def draw_one(
     number: int = 0,
     path: DrawPath | None = None,
 ) -> Encounter:
-    """Return a random encounter in which both eyes see the object until it would touch, or all the time.
+    """Return a random encounter in which both eyes see the object until it would touch, or all the time: it is in their
+    fields of view, and the robot's own bodies hide little of it.
 
     `path`: other paths than those of the condition.
     """
@@ -156,10 +204,13 @@ def draw_one(
     taxel = f"{side}_{'palm' if part == 'palm' else 'forearm'}:{rng.choice(ids)}"
     while True:
         q = draw_posture(arena, side, part, rng)
+        if condition == "harmless_own_arm" and not arena.may_swing(q, side):
+            continue
         for _ in range(_DRAWS):
             motion, seconds, contact_s = drawn(arena, skin, q, skin.index(taxel), radius, speed_m_s, rng)
             q_start, until_s = gaze_at(arena.robot, q, motion(0.0)[0]), min(seconds, contact_s)
-            if contact_s > _LEAST_S and can_follow(arena.robot, arena.rig, q_start, motion, until_s, 3):
+            seen = contact_s > _LEAST_S and can_follow(arena.robot, arena.rig, q_start, motion, until_s, 3)
+            if seen and arena.shows(q_start, motion, radius, until_s):
                 found = side, part, taxel, stimulus, radius, speed_m_s, motion, seconds, contact_s, q_start
                 return Encounter(number, condition, *found)
 
@@ -269,6 +320,10 @@ def _lowered(start: Array, out: Array, sideways: Array, taxels: Array, reach: fl
     aside = d @ across
     near = np.abs(aside) < reach
     return float(np.min(-(d[near] @ out) - np.sqrt(reach**2 - aside[near] ** 2)))
+
+
+def _pose(T: Array) -> coal.Transform3s:
+    return coal.Transform3s(T[:3, :3], T[:3, 3])
 
 
 def _unit(vector: Array) -> Array:

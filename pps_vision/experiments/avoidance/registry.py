@@ -16,12 +16,15 @@ from pps_vision.experiments.avoidance.controllers import (
     none,
     ours,
     paper,
+    wrist_at_rest,
 )
 from pps_vision.experiments.avoidance.tuned import TUNED
 
 NewController = Callable[[Setting], Controller]
 OURS, TRUE, NONE = "ours", "true positions", "no avoidance"
 """Ours; the upper bound, ours on tracks without error; the lower bound."""
+WRIST_AT_REST = "ours, wrist at rest"
+"""As R's robot moved."""
 REACHING = (OURS, "R eq. 6", "distance only", TRUE)
 """Controllers that can reach as well as avoid."""
 
@@ -58,6 +61,8 @@ def new_controller(name: str, numbers: Numbers | None = None) -> NewController:
     """
     if name in (OURS, TRUE):
         return ours
+    if name == WRIST_AT_REST:
+        return wrist_at_rest
     if name == NONE:
         return none
     if name in BASELINES:

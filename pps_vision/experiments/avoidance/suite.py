@@ -97,7 +97,7 @@ def _rows(task: Task, number: int, kept: Path) -> Rows:
     """One encounter with every controller, all with the same track errors; whether one to reach for can be touched."""
     arena = _arena()
     encounter = draw(arena, task.condition, number, task.seed)
-    seen = track_of(encounter, track_rng(task.seed, task.condition, number))
+    seen = track_of(arena, encounter, track_rng(task.seed, task.condition, number))
     true, found = true_track_of(encounter), []
     reaches = encounter.condition == "reach"
     reachable = can_touch(arena, encounter, track_rng(task.seed, task.condition, number)) if reaches else None

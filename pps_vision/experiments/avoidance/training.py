@@ -61,7 +61,7 @@ def _events(arena: Arena, touching: Encounter, rng: np.random.Generator) -> Iter
     skin = arena.skins[touching.side]
     taxels, normals = skin.at(arena.robot.at(touching.q_rad))
     D, ttc = np.full((2, len(taxels)), np.nan)
-    for track in track_of(touching, rng):
+    for track in track_of(arena, touching, rng):
         if track.stamp_s > touching.contact_s + _CONTACT_S:
             return
         touched = touched_taxels(taxels, touching.motion(track.stamp_s)[0], touching.radius_m)

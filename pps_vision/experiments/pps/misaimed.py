@@ -81,7 +81,8 @@ def misaimed_touches(robot: ErringRobot, n: int, seed: int) -> list[TouchTrial]:
     for i in islice(cycle(INNER_FOREARM), _ATTEMPTS * n):
         slack = robot.slack_rad * rng.standard_normal(robot.model.n_joints)
         erring = replace(robot, joint_offsets_rad=robot.joint_offsets_rad + slack, slack_rad=0.0)
-        touch = _until_touch(icub, skin, next(touches[i]), erring.joint_offsets_rad)
+        plan = next(touches[i], None)  # None: as this robot believes its joints, the finger cannot get there
+        touch = plan and _until_touch(icub, skin, plan, erring.joint_offsets_rad)
         if touch is not None:
             found.append(erring.observe(finger_movement(icub, skin, touch).trial, False, rng))
         if len(found) == n:

@@ -46,6 +46,7 @@ _SCATTER_M = 0.025  # standard deviation of the end point about the taxel aimed 
 _DEEPEST_M = -0.005  # no taxel is penetrated deeper on the way
 _MARGIN_PX = 15.0  # least distance of a fingertip from the image's edge
 _BATCH = 12  # double touches planned at once
+_FUTILE = 600  # starts without a feasible one, after which there is taken to be none
 _BEGIN = 0.15  # share of the time to the touch that is left out: a reach hardly moves at first
 
 
@@ -130,11 +131,15 @@ def _double_touches(session: SessionName, seed: int) -> Iterator[Movement]:
 
 
 def plans(planner: DoubleTouching, taxel_id: int, key: tuple[int, ...]) -> Iterator[DoubleTouch]:
-    """Yield feasible double touches of one taxel, drawn with the seed `key`."""
-    taxel = planner.part.ids.index(taxel_id)
+    """Yield feasible double touches of one taxel, drawn with the seed `key`, until `_FUTILE` draws in a row fail."""
+    taxel, futile = planner.part.ids.index(taxel_id), 0
     for batch in count():
         rng = np.random.default_rng((*key, taxel, batch))
-        yield from (plan for plan in planner.plan(taxel, _BATCH, rng) if isinstance(plan, DoubleTouch))
+        found = [plan for plan in planner.plan(taxel, _BATCH, rng) if isinstance(plan, DoubleTouch)]
+        yield from found
+        futile = 0 if found else futile + _BATCH
+        if futile >= _FUTILE:
+            return
 
 
 def finger_movement(robot: Robot, skin: Skin, touch: DoubleTouch) -> Movement:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pps_vision.app.simulation import own_rate
 from pps_vision.experiments.avoidance.encounter import (
     BEYOND_M,
     HARMLESS,
@@ -18,6 +19,8 @@ from pps_vision.experiments.avoidance.encounter import (
     would_touch,
 )
 from pps_vision.experiments.avoidance.kinematic import can_touch
+from pps_vision.experiments.raycast import CYLINDER_COLUMNS, PANEL_COLUMNS, ball_row, first_hit
+from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from pps_vision.types import Array
 
@@ -90,3 +93,43 @@ def test_an_encounter_depends_on_its_seed_and_number_alone(arena: Arena) -> None
     np.testing.assert_array_equal(first.motion(0.3)[0], again.motion(0.3)[0])
     assert (first.side, first.part, first.stimulus) != (other.side, other.part, other.stimulus)
     assert draw(arena, "press", 7, seed=4).speed_m_s != first.speed_m_s
+
+
+def test_what_a_body_hides_is_counted_ray_by_ray(arena: Arena) -> None:
+    """A ball above, beside and behind the left forearm: the share hidden by the sphere at its end, by ray casting."""
+    posture = arena.robot.at(draw(arena, "stop", 0, 3).q_rad)
+    body = next(one for one in arena.robot.bodies if one.name == "left_forearm_1")
+    middle, (size,) = (posture.T_root(body.frame) @ body.T_frame_body)[:3, 3], body.size_m
+    eye = arena.head(posture.q_rad)
+    ahead = (middle - eye) / np.linalg.norm(middle - eye)
+    assert arena.hidden_share(posture, eye, middle - 0.1 * ahead, 0.03) == 0, "before it"
+    behind = middle + (0.01 + size + 0.03) * ahead
+    balls = ball_row(middle, size)[None]
+    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    turn = rotation_to(behind - eye)
+    rim = behind + 0.8 * 0.03 * (np.cos(angles)[:, None] * turn[:, 0] + np.sin(angles)[:, None] * turn[:, 1])
+    none = np.empty((0, PANEL_COLUMNS)), np.empty((0, CYLINDER_COLUMNS))
+    hits = [first_hit(*eye, *(point - eye), balls, *none)[1] >= 0 for point in (behind, *rim)]
+    assert np.mean(hits) > 0.5
+    assert arena.hidden_share(posture, eye, behind, 0.03) >= np.mean(hits)
+
+
+def test_an_object_behind_the_arm_is_not_drawn(arena: Arena) -> None:
+    """Of the suite's encounters none is hidden; without that demand some are: most with the right outer forearm."""
+    for number in (10, 16):
+        encounter = draw(arena, "stop", number, 3)
+        assert arena.shows(encounter.q_rad, encounter.motion, encounter.radius_m, encounter.contact_s)
+    posture = arena.robot.at(draw(arena, "stop", 0, 3).q_rad)
+    eye, palm = arena.head(posture.q_rad), posture.point("left_palm")
+    behind = palm + 0.06 * (palm - eye) / np.linalg.norm(palm - eye)
+    assert not arena.shows(posture.q_rad, lambda t: (behind, np.zeros(3)), 0.01, 1.0)
+
+
+def test_an_arm_that_swings_by_itself_stays_clear_of_the_body(arena: Arena) -> None:
+    for number in range(4):
+        encounter, arm = draw(arena, "harmless_own_arm", number, 3), arena.arm(("left", "right")[number // 3 % 2])
+        q, clearest = encounter.q_rad.copy(), np.inf
+        for k in range(round(encounter.seconds / 0.05)):
+            q = arena.robot.clamp(q + 0.05 * own_rate(arena.robot, "arm", arm, 0.05 * k))
+            clearest = min(clearest, arena.self_collision.distance_m(q))
+        assert clearest > 0.02

@@ -19,7 +19,12 @@ def test_a_fast_ball_is_met_alike_with_and_without_rendering(arena: Arena, memor
         if e.speed_m_s > 0.2  # a ball, left arm
     )
     without = meet(
-        arena, memories["left"], encounter, OURS, new_controller(OURS), track_of(encounter, np.random.default_rng(0))
+        arena,
+        memories["left"],
+        encounter,
+        OURS,
+        new_controller(OURS),
+        track_of(arena, encounter, np.random.default_rng(0)),
     )
     seen = meet_rendered(arena, memories["left"], encounter, 5)
     assert seen.known > 0.5
