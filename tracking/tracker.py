@@ -21,7 +21,6 @@ from tracking.acquisition import (
     Regions,
     SearchCounts,
     Stages,
-    find_marker_pair,
 )
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
@@ -257,15 +256,17 @@ class Tracker:
             if state.view is None:  # whether anything has moved is known from the second frame on
                 return state, _NOTHING, ([], [])
             with self.stages("image"):
-                marker = find_marker_pair(
-                    *(self.params.marker, cameras, view, stamp_s, self._optics, backgrounds, association),
-                    self.search_counts,
+                marker = self._acquisition.find_marker(
+                    self.params.marker, cameras, view, stamp_s, backgrounds, association
                 )
             if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
+            targets = []
             for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
                 tracker.background.forget_around(camera.image, camera.view, blob.box_px)
-            return state, _detections(*marker), ([], [])
+                targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
+            left, right = (known._replace(target=one) for known, one in zip(state.cameras, targets, strict=True))
+            return replace(state, cameras=(left, right)), _detections(*marker), ([], [])
         pair, regions = self._acquisition.step(cameras, view, stamp_s, backgrounds, association)
         if pair is None:
             return state, _NOTHING, regions
@@ -274,7 +275,8 @@ class Tracker:
         if not self._passes_gate(state, predicted, view, outlines, stamp_s, models):
             return state, _NOTHING, regions
         by_color = pair[0].by_color and pair[1].by_color
-        period_s, targets = cameras[0].stamp_s - state.stamps_s[0], []
+        period_s = cameras[0].stamp_s - state.stamps_s[0]
+        targets = []
         with self.stages("image"):
             for tracker, camera, one in zip(self._cameras, cameras, pair, strict=True):
                 flow = one.flow
