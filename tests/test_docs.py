@@ -99,7 +99,7 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
         film(folder / f"{name}.mp4", images)
     for name in "ab":
         film(folder / f"recs/{name}.mp4", both[:20])
-    rows = [(*(c - 30 for c in place(0, at)), 60, 60) for at in PATH]
+    rows = [(*(c - 29 for c in place(0, at)), 60, 60) for at in PATH]  # pixels count from 1, as in OTB
     np.savetxt(folder / "true_boxes.txt", rows, delimiter=",")
     storage = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_WRITE)
     for key, value in {"K1": K[0], "K2": K[1], "R": R, "T": T}.items():
