@@ -60,9 +60,9 @@ class Fingerprint(NamedTuple):
         if not (_is_black(self.sums) or _is_plain(self.sums)):  # a few rows tell most images
             return False
         every = _sums(self.image, 1)
-        if _is_plain(every):
-            return True
-        return _is_black(every) and _is_even(_sums(cv2.medianBlur(self.image, _HOT_PX), 1))
+        if _is_plain(every) or not _is_black(every):
+            return _is_plain(every)
+        return _is_even(_sums(np.asarray(cv2.medianBlur(self.image, _HOT_PX), dtype=np.uint8), 1))
 
     def repeats(self, before: "Fingerprint") -> bool:
         """Whether both images are the same to the last bit."""
