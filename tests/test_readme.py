@@ -35,7 +35,7 @@ INSTEAD = {  # of what is not here, or takes an hour
     "bench loop --n 20": "bench loop --short --out measured --n 1",
 }
 SHORT = "PPS_VISION_ALL" not in os.environ
-LONG = ("render", "joints", "reach train", "demo", "bench", "batch", "--report", "--device", "--max-error-mm")
+LONG = ("render", "reach train", "demo", "bench", "batch", "--report", "--device", "--max-error-mm")
 KALIBR = """{name}:
   camera_model: pinhole
   distortion_coeffs: [0, 0, 0, 0]
