@@ -119,15 +119,17 @@ def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
 def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
     expected = f"columns name and some of {', '.join(columns)}"
     reader = csv.DictReader(read_lines(file, expected))
+    try:
+        rows = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", reader.line_num) from error
     header = reader.fieldnames or []
     if "name" not in header or not set(header) <= {"name", *columns}:
         raise InputError(file, f"columns {','.join(map(str, header))}; expected {expected}", 1)
-    for row in reader:
+    for line, row in rows:
         name = row["name"] or ""
         if None in row or not name or Path(name).name != name or name.startswith("."):
-            raise InputError(
-                file, f"row {row}; expected {expected}, the name being that of a new folder", reader.line_num
-            )
+            raise InputError(file, f"row {row}; expected {expected}, the name being that of a new folder", line)
         options = [(key, (row[key] or "").split(";")) for key in columns if row.get(key)]
         words = [word for key, given in options for word in (given if key == "rec" else (_flag(key), *given))]
         yield Job(name, tuple(words), file.resolve().parent)
