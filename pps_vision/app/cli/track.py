@@ -57,9 +57,10 @@ class Track(SourceOptions):
     """Also write overlay.mp4."""
     viewer: bool = False
     """Also write view.rrd for the Rerun viewer (extra `viewer`): images, detections, 3D path with its covariance,
-    distance and time to contact over the stamps."""
+    distance and time to contact over the stamps; takes 5 MB of memory for 1 000 pairs."""
     report: bool = False
-    """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames."""
+    """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames; takes
+    3.5 MB of memory for 1 000 pairs, at the end."""
     seed: int = 0
     """Seed of the particles."""
 
