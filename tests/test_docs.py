@@ -156,7 +156,7 @@ INLINE = [
     span
     for page in PAGES
     for span in re.findall(r"`(pps-vision [^`]+)`", page.read_text())
-    if not re.search(r"…|\b[A-Z]{3,}\b", span)
+    if "--" in span and not re.search(r"…|\b[A-Z]{3,}\b", span)
 ]
 
 
