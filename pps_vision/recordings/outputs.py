@@ -128,9 +128,12 @@ def remove_unfinished() -> None:
 
 def _resolved(path: Path) -> Path:
     try:
-        return path.resolve()
-    except (OSError, RuntimeError) as error:  # up to Python 3.12 a loop of symbolic links is a RuntimeError
+        final = path.resolve()
+        if final.is_symlink():
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))  # from Python 3.13 on `resolve` leaves a loop as it is
+    except (OSError, RuntimeError) as error:  # up to Python 3.12 it is a RuntimeError
         raise InputError(path, f"cannot be written: {first_line(error)}; expected a writable place") from error
+    return final
 
 
 @contextmanager
