@@ -11,7 +11,7 @@ setup: libraries .venv/.installed
 
 PIP := $(BIN)/pip install -q --disable-pip-version-check -c constraints.txt
 .venv/.installed: pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pps_vision needs Python 3.11 or newer; $(PYTHON) is older (set PYTHON=...)" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || { echo "pps_vision needs Python 3.11, 3.12 or 3.13; $(PYTHON) is another (set PYTHON=...)" >&2; exit 1; }
 	@echo "installing into .venv: about 550 MB to download, 2.3 GB on disk (with torch for processors; its CUDA build is several GB more)"
 	$(PYTHON) -m venv .venv
 	$(PIP) torch==2.13.0
@@ -42,7 +42,7 @@ test: setup .venv/.installed-test
 # What takes too long for every day: a real Dask cluster, the longer pages of the documentation, and the extra `viewer` (220 MB to download, 0.7 GB on disk).
 test-all: test
 	$(PIP) -e '.[test,viewer]'
-	PPS_VISION_ALL=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/app/test_cluster.py tests/app/test_demo_encounters.py tests/app/test_viewer.py tests/test_docs.py
+	PPS_VISION_ALL=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/app/test_cluster.py tests/app/test_demo_encounters.py tests/app/test_viewer.py tests/test_docs.py tests/test_readme.py
 
 # The reports in a headless browser; installs Debian's chromium where there is none.
 test-browser: setup .venv/.installed-test

@@ -1,4 +1,5 @@
-"""Pages of the site that are made from files elsewhere in the repository (a hook of MkDocs; `make docs`)."""
+"""Pages of the site that are made from files elsewhere in the repository, and the index of its search (a hook of
+MkDocs; `make docs`)."""
 
 import ast
 from pathlib import Path
@@ -17,6 +18,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     return files
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Write the index of the search as a script too, for search_from_file.js."""
+    folder = Path(config.site_dir) / "search"
+    (folder / "search_index.js").write_text(f"const SEARCH_INDEX = {(folder / 'search_index.json').read_text()};\n")
 
 
 def examples() -> str:

@@ -5,7 +5,12 @@ import os
 import signal
 import sys
 import warnings
+from threading import Thread
 from typing import TextIO
+
+ENDS_WITH_STDIN = "PPS_VISION_ENDS_WITH_STDIN"
+"""Environment variable of a process that ends, as by SIGTERM, when its standard input does: when the process that has
+started it and holds the other end of this pipe has died, even by SIGKILL."""
 
 
 def main() -> None:
@@ -13,6 +18,8 @@ def main() -> None:
     for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(signum) is not signal.SIG_IGN:  # as under nohup
             signal.signal(signum, _end)
+    if os.environ.pop(ENDS_WITH_STDIN, None):
+        Thread(target=_end_with_stdin, daemon=True).start()
     sys.stdout, sys.stderr = _Output.instead_of(sys.stdout), _Output.instead_of(sys.stderr)
     warnings.formatwarning = _on_one_line
     try:
@@ -37,6 +44,12 @@ def _end(signum: int, frame: object) -> None:
         remove_unfinished()
     signal.signal(signum, signal.SIG_DFL)
     signal.raise_signal(signum)
+
+
+def _end_with_stdin() -> None:
+    while os.read(0, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 class _Output(io.TextIOWrapper):

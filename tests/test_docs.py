@@ -13,33 +13,23 @@ import subprocess
 import sys
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
-from flat_patterns import SIZE, K, R, T, seen
-from scipy.spatial.transform import Rotation
+from documents import PAGES, ROOT, blocks, typed
+from laboratory import PATH, N, write_laboratory
 
 import pps_vision
 from pps_vision.app import cli
 
-ROOT = Path(__file__).parents[1]
-PAGES = [*sorted((ROOT / "docs").rglob("*.md")), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md"))]
+NOT_RUN_HERE = {
+    "pps-vision ": "the README's, in test_readme.py",
+    "python3 -m venv ": "installs",
+    "pip install ": "installs; test_track_environment.py and test_wheel.py say what runs then",
+    "make ": "installs, tests, or `pps-vision demo`",
+    "sbatch ": "test_cluster.py, as there is no SLURM here",
+}
 LONG = pytest.mark.skipif("PPS_VISION_ALL" not in os.environ, reason="in make test-all")
-N, FPS, RADIUS_M, SHIFT = 40, 20, 0.04, 4  # OpenCV draws at 1/16 px
-PATH = [np.array([-0.15 + 0.006 * k, 0.02, 0.7 - 0.002 * k]) for k in range(N)]
-
-
-def blocks(page: Path) -> list[tuple[str, str, str]]:
-    """Language, title and text of the code blocks of a page."""
-    found = re.findall(r"^```(\w+)(?: title=\"(.+)\")?\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
-    return [(language, title, text) for language, title, text in found]
-
-
-def commands(page: Path) -> list[str]:
-    """The commands of a page, in blocks or indented ones."""
-    lines = re.findall(r"^(?: {4})?(pps-vision .*)$", page.read_text(), re.MULTILINE)
-    return [part.strip() for line in lines for part in line.partition("  #")[0].split("&&")]
 
 
 def run(page: str) -> None:
@@ -56,70 +46,10 @@ def run(page: str) -> None:
             exec(compile(text, page, "exec"), {"__name__": "__main__"})
 
 
-def place(side: int, at: np.ndarray) -> tuple[float, float]:
-    """Where a point in the left camera's frame is seen."""
-    u, v, w = K[side] @ (R @ at + T if side else at)
-    return u / w, v / w
-
-
-def photo(side: int, at: np.ndarray, wall: np.ndarray) -> np.ndarray:
-    """A red ball before a wall."""
-    middle = tuple(round(x * 2**SHIFT) for x in place(side, at))
-    radius = round(K[side][0, 0] * RADIUS_M / at[2] * 2**SHIFT)
-    return cv2.circle(wall.copy(), middle, radius, (220, 30, 30), -1, cv2.LINE_AA, SHIFT)
-
-
-def film(file: Path, images: list[np.ndarray]) -> None:
-    file.parent.mkdir(exist_ok=True)
-    with av.open(str(file), "w") as container:
-        stream = container.add_stream("libx264", rate=FPS, options={"crf": "12", "preset": "veryfast"})
-        stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
-        for image in images:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-        container.mux(stream.encode())
-
-
-def write(file: Path, image: np.ndarray) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(file), image[..., ::-1] if image.ndim == 3 else image)
-
-
 @pytest.fixture(scope="module")
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Videos and images of a ball, of a chessboard and of a tag, a calibration, true boxes, and a robot."""
-    folder, rng = tmp_path_factory.mktemp("laboratory"), np.random.default_rng(0)
-    walls = [cv2.GaussianBlur(rng.integers(0, 255, (*SIZE[::-1], 3), np.uint8), (0, 0), 4) for _ in range(2)]
-    photos = [[photo(side, at, walls[side]) for at in PATH] for side in range(2)]
-    both = [np.hstack(pair) for pair in zip(*photos, strict=True)]
-    for k, (left, right) in enumerate(zip(*photos, strict=True)):
-        write(folder / f"frames/left/{k:03d}.png", left)
-        write(folder / f"frames/right/{k:03d}.png", right)
-    for name, images in {"left": photos[0], "right": photos[1], "both": both}.items():
-        film(folder / f"{name}.mp4", images)
-    for name in "ab":
-        film(folder / f"recs/{name}.mp4", both[:20])
-    rows = [(*(c - 30 for c in place(0, at)), 60, 60) for at in PATH]
-    np.savetxt(folder / "true_boxes.txt", rows, delimiter=",")
-    storage = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_WRITE)
-    for key, value in {"K1": K[0], "K2": K[1], "R": R, "T": T}.items():
-        storage.write(key, value)
-    storage.release()
-    (folder / "tag").mkdir()
-    shutil.copy(folder / "calibration.yml", folder / "tag")
-    y, x = np.mgrid[:360, :540] // 60
-    board = cv2.copyMakeBorder(
-        np.where((x + y) % 2, 255, 0).astype(np.uint8), *[60] * 4, cv2.BORDER_CONSTANT, value=255
-    )
-    tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 240)
-    tag = cv2.copyMakeBorder(tag, *[60] * 4, cv2.BORDER_CONSTANT, value=255)
-    for k in range(7):
-        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
-        at = np.array([rng.uniform(-0.01, 0.11), rng.uniform(-0.06, 0.06), rng.uniform(0.45, 0.6)])
-        for side, name in enumerate(("left", "right")):
-            write(folder / f"board/{name}{k}.png", seen(board, 0.03 / 60, turn, at, side))
-            write(folder / f"tag/{name}/{k}.png", seen(tag, 0.048 / 240, np.eye(3), at, side))
-    shutil.copytree(ROOT / "tests" / "arm7", folder / "arm7")
+    folder = tmp_path_factory.mktemp("laboratory")
+    write_laboratory(folder)
     return folder
 
 
@@ -203,7 +133,7 @@ def test_the_readmes_example(here: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_every_page_with_something_to_run_is_run() -> None:
-    """But for what a test of its own runs: the scripts of docs/examples, docs/cluster/slurm.sh."""
+    """But for what a test of its own runs: the scripts of docs/examples, the commands of the README."""
     runs = {str(page.relative_to(ROOT)) for page in PAGES if {b[0] for b in blocks(page)} & {"console", "python"}}
     called = {
         node.args[0].value  # type: ignore[attr-defined]
@@ -213,12 +143,28 @@ def test_every_page_with_something_to_run_is_run() -> None:
     assert runs == called
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
-def test_commands_are_understood(page: Path) -> None:
-    for command in commands(page):
-        program, *words = shlex.split(command)
-        assert program == "pps-vision"
-        cli._parsed(words)  # a wrong option ends the process
+def test_whatever_is_typed_is_run() -> None:
+    """By these tests, unless it installs or is run by another test."""
+    for page in PAGES:
+        run_here = {line for language, _, text in blocks(page) if language == "console" for line in text.splitlines()}
+        for line in set(typed(page)) - run_here:
+            assert line.startswith(tuple(NOT_RUN_HERE)), f"{page.name}: {line}"
+            assert page.name == "README.md" or not line.startswith("pps-vision "), f"{page.name}: {line}"
+
+
+INLINE = [
+    span
+    for page in PAGES
+    for span in re.findall(r"`(pps-vision [^`]+)`", page.read_text())
+    if "--" in span and not re.search(r"…|\b[A-Z]{3,}\b", span)
+]
+
+
+@pytest.mark.parametrize("command", INLINE)
+def test_commands_in_the_text_are_understood(command: str) -> None:
+    program, *words = shlex.split(command)
+    assert program == "pps-vision"
+    cli._parsed(words)  # a wrong option ends the process
 
 
 def test_the_site_builds_without_a_broken_link(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
-"""The wheel holds the five import packages and their data, installs, and runs."""
+"""The wheel, built from the source distribution, holds the five import packages and their data, installs, and runs."""
 
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -23,8 +24,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if (ROOT / name).is_file():
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             (source / name).write_bytes((ROOT / name).read_bytes())
+    build = [sys.executable, "-c", f"from setuptools import build_meta; build_meta.build_sdist({str(out)!r})"]
+    subprocess.run(build, cwd=source, check=True, stdout=subprocess.DEVNULL)
     pip = [sys.executable, "-m", "pip", "-q", "--disable-pip-version-check"]
-    subprocess.run([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(out), str(source)], check=True)
+    sdist = str(next(out.glob("*.tar.gz")))
+    subprocess.run([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(out), sdist], check=True)
     return next(out.glob("*.whl"))
 
 
@@ -51,3 +55,13 @@ def test_installs_and_runs_in_a_clean_environment(wheel: Path, tmp_path: Path) -
     help_text = subprocess.run([script, "--help"], env={**os.environ, "COLUMNS": "120"}, **run).stdout
     for command in ("render", "track", "track2d", "learn", "show", "demo", "bench"):
         assert command in help_text
+
+
+def test_the_declared_pythons_are_the_classified_ones(wheel: Path) -> None:
+    archive = zipfile.ZipFile(wheel)
+    (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+    told = archive.read(name).decode()
+    first, after = map(int, re.findall(r"Requires-Python: <3\.(\d+),>=3\.(\d+)", told)[0][::-1])
+    minors = [int(minor) for minor in re.findall(r"Python :: 3\.(\d+)", told)]
+    assert minors == list(range(first, after))
+    assert sys.version_info[:2] in [(3, minor) for minor in minors]

@@ -6,16 +6,18 @@ would then move through the world.  Such an image is no observation.
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.jit import njit
-from pps_vision.types import Image, StereoFrame
+from pps_vision.types import Array, Image, StereoFrame
 
 _STRIDE = 40  # every such row is compared first: images that differ there are not the same
 _DARK_STD = 2.0  # grey levels: the noise of a dark sensor has less, most pictures more
 _BLACK = 16.0  # grey levels: black of ITU-R BT.601
+_HOT_PX = 5  # width of a median that removes single hot pixels, which demosaicing spreads over 3×3
 
 Stamps = tuple[float, float]
 
@@ -50,11 +52,17 @@ class Fingerprint(NamedTuple):
 
     @property
     def is_blank(self) -> bool:
-        """Whether the image is black but for the noise of a dark sensor, or all its pixels are equal.
+        """Whether the image is black but for the noise and single hot pixels of a dark sensor, or all its pixels are
+        equal.
 
         A plain wall in the light has as little contrast, but it is brighter, and the sensor's noise is on it.
         """
-        return _is_blank(self.sums) and _is_blank(_sums(self.image, 1))  # a few rows tell most images
+        if not (_is_black(self.sums) or _is_plain(self.sums)):  # a few rows tell most images
+            return False
+        every = _sums(self.image, 1)
+        if _is_plain(every) or not _is_black(every):
+            return _is_plain(every)
+        return _is_even(_sums(np.asarray(cv2.medianBlur(self.image, _HOT_PX), dtype=np.uint8), 1))
 
     def repeats(self, before: "Fingerprint") -> bool:
         """Whether both images are the same to the last bit."""
@@ -76,13 +84,24 @@ def is_blind(now: Fingerprints, before: Fingerprints | None) -> bool:
     return now[0].is_blank or now[1].is_blank
 
 
-def _is_blank(sums: Sums) -> bool:
-    """Whether the pixels behind these sums are black but for noise, or all equal."""
+def _is_black(sums: Sums) -> bool:
+    """Whether the pixels behind these sums are black in the mean."""
+    return all(total < sums[0] * _BLACK for total in sums[1:4])
+
+
+def _is_even(sums: Sums) -> bool:
+    """Whether they differ by no more than the noise of a dark sensor."""
+    return bool((_variances(sums) < _DARK_STD**2).all())
+
+
+def _is_plain(sums: Sums) -> bool:
+    """Whether they are all equal."""
+    return not _variances(sums).any()
+
+
+def _variances(sums: Sums) -> Array:
     n, *of = sums
-    totals, squares = np.array(of[:3]), np.array(of[3:])
-    variances = n * squares - totals**2  # times n²
-    is_black = bool((totals < n * _BLACK).all() and (variances < (n * _DARK_STD) ** 2).all())
-    return is_black or not variances.any()
+    return (n * np.array(of[3:]) - np.array(of[:3]) ** 2) / n**2
 
 
 @njit(cache=True, error_model="numpy")

@@ -19,6 +19,7 @@ from typing import Literal
 
 from tqdm import tqdm
 
+from pps_vision.__main__ import ENDS_WITH_STDIN
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.outputs import BUSY, locked_folder, whole_file
 from pps_vision.recordings.parquet import require_pyarrow, write_parquet
@@ -118,15 +119,17 @@ def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
 def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
     expected = f"columns name and some of {', '.join(columns)}"
     reader = csv.DictReader(read_lines(file, expected))
+    try:
+        rows = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", reader.line_num) from error
     header = reader.fieldnames or []
     if "name" not in header or not set(header) <= {"name", *columns}:
         raise InputError(file, f"columns {','.join(map(str, header))}; expected {expected}", 1)
-    for row in reader:
+    for line, row in rows:
         name = row["name"] or ""
         if None in row or not name or Path(name).name != name or name.startswith("."):
-            raise InputError(
-                file, f"row {row}; expected {expected}, the name being that of a new folder", reader.line_num
-            )
+            raise InputError(file, f"row {row}; expected {expected}, the name being that of a new folder", line)
         options = [(key, (row[key] or "").split(";")) for key in columns if row.get(key)]
         words = [word for key, given in options for word in (given if key == "rec" else (_flag(key), *given))]
         yield Job(name, tuple(words), file.resolve().parent)
@@ -163,7 +166,7 @@ def run_batch(
         if (name := task.result(job).name) in _OWN:
             raise InputError("batch", f"a result called {name}; expected none of {', '.join(_OWN)}")
     task, out = replace(task, out=task.out.resolve()), task.out
-    with locked_folder(out) as held:
+    with locked_folder(out):
         if parquet:
             require_pyarrow()  # before hours of work
         settings = out / SETTINGS
@@ -183,7 +186,7 @@ def run_batch(
             else:
                 reasons = []
                 with ThreadPoolExecutor(workers) as pool:
-                    for reason in pool.map(lambda job: _do(job, task, held), jobs):
+                    for reason in pool.map(lambda job: _do(job, task), jobs):
                         reasons.append(reason)
                         bar.update()
         rows = [task.row(job, reason) for job, reason in zip(jobs, reasons, strict=True)]
@@ -233,30 +236,34 @@ def _on_cluster(scheduler: str, jobs: Sequence[Job], task: Task, bar: tqdm) -> l
     return reasons
 
 
-def _do(job: Job, task: Task, held: int | None = None) -> str:
+def _do(job: Job, task: Task) -> str:
     """Do one recording unless it is finished; return why it failed, or "".
 
-    What a worker that died has started may still be at it, in which case its end is waited for.
+    What a worker that was killed has started ends with it, but not at once: its end is waited for.
     """
-    while (reason := _do_once(job, task, held)).endswith(BUSY):
+    while (reason := _do_once(job, task)).endswith(BUSY):
         time.sleep(_BUSY_S)
     return reason
 
 
-def _do_once(job: Job, task: Task, held: int | None) -> str:
+def _do_once(job: Job, task: Task) -> str:
     if task.is_done(job):
         return ""
     words = [task.command, *job.words, *task.options, "--out", str(task.result(job))]
-    # What survives this process holds the lock on.
-    done = subprocess.run(
-        [sys.executable, "-m", "pps_vision", *words],
-        cwd=job.folder,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        errors="replace",
-        pass_fds=[] if held is None else [held],
-    )
+    ours_is_open, ours = os.pipe()
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "pps_vision", *words],
+            cwd=job.folder,
+            env={**os.environ, "OMP_NUM_THREADS": "1", ENDS_WITH_STDIN: "1"},
+            stdin=ours_is_open,
+            capture_output=True,
+            text=True,
+            errors="replace",
+        )
+    finally:
+        os.close(ours_is_open)
+        os.close(ours)
     if done.returncode < 0:
         return f"ended by signal {-done.returncode}"
     if done.returncode == 0:

@@ -59,17 +59,23 @@ class BoxScore:
     """1 − (missed + false + switches) / true boxes."""
 
 
-def read_boxes(file: Path) -> Boxes:
+def read_boxes(file: Path, first_px: int | None = None) -> Boxes:
     """Read boxes.csv, MOTChallenge's rows, or a true box a row as OTB and VOT write them; frames count from 1.
 
     A row of NaN or of a box without area is a frame without a box.  InputError for a row that cannot be read.
+
+    Args:
+        file: The file.
+        first_px: Coordinate of the first pixel's corner in rows without a header; by default 1 for MOTChallenge and
+            rows of four numbers (OTB and LaSOT were annotated in Matlab), 0 for polygons (VOT's TraX protocol).
     """
     frames: dict[int, dict[int, Array]] = defaultdict(dict)
     if first_row(file).split(",") == list(BOXES):
         rows = [(line, [*fields[:1], "1", *fields[1:5]]) for line, fields in read_table(file, BOXES)]
-        first_px = 0.0
+        first_px = 0
     else:
-        rows, first_px = _rows(file)
+        rows, usual_px = _rows(file)
+        first_px = usual_px if first_px is None else first_px
     for line, fields in rows:
         try:
             frame, track, *box = (number(field) for field in fields)
@@ -87,16 +93,17 @@ def read_boxes(file: Path) -> Boxes:
     return Boxes(str(file), frames)
 
 
-def _rows(file: Path) -> tuple[list[tuple[int, list[str]]], float]:
-    """Rows of frame, track, x, y, w, h, and the number of the first pixel."""
+def _rows(file: Path) -> tuple[list[tuple[int, list[str]]], int]:
+    """Rows of frame, track, x, y, w, h, and the coordinate of the first pixel that is usual in this form."""
     split = [(line, re.split(r"[,\s]+", row.strip())) for line, row in enumerate(read_lines(file, _EXPECTED), start=1)]
     split = [(line, fields) for line, fields in split if fields != [""]]
     counts = {len(fields) for _, fields in split}
     if counts <= {4, 8}:
-        return [(line, [str(k), "1", *_box(file, line, row)]) for k, (line, row) in enumerate(split, start=1)], 0.0
+        boxes = [(line, [str(k), "1", *_box(file, line, row)]) for k, (line, row) in enumerate(split, start=1)]
+        return boxes, int(counts == {4})
     if short := [line for line, fields in split if len(fields) < 6]:
         raise InputError(file, f"fewer than 6 numbers; expected {_EXPECTED}", short[0])
-    return [(line, fields[:6]) for line, fields in split], 1.0
+    return [(line, fields[:6]) for line, fields in split], 1
 
 
 def _box(file: Path, line: int, row: list[str]) -> list[str]:

@@ -28,12 +28,16 @@ from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory
 from learning.pps.trials import load_trials
 from learning.reach.labels import Labels
 from learning.reach.map import ReachableMap
+from pps_vision.app.batch import jobs_of
 from pps_vision.app.convert_taxels import from_maps
+from pps_vision.app.evaluate import evaluate, read_path
+from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
 from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import Problem
+from pps_vision.recordings.robot_file import read_robot
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
 from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets
 from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
@@ -308,6 +312,124 @@ def _calibration_of(tool: str) -> Reader:
     return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
 
 
+def _write_images(folder: Path, names: Sequence[str]) -> None:
+    folder.mkdir(parents=True)
+    for k, name in enumerate(names):
+        pixels = np.random.default_rng(k).integers(0, 256, (16, 24, 3), dtype=np.uint8)
+        cv2.imwrite(str(folder / name), pixels)
+
+
+def _euroc(folder: Path) -> list[Path]:
+    stamps = [1403636579763555584 + 50_000_000 * k for k in range(4)]
+    for camera, text in zip(("cam0", "cam1"), _CALIBRATIONS["euroc"], strict=True):
+        place = folder / "mav0" / camera
+        _write_images(place / "data", [f"{stamp}.png" for stamp in stamps])
+        rows = "".join(f"{stamp},{stamp}.png\n" for stamp in stamps)
+        (place / "data.csv").write_text("#timestamp [ns],filename\n" + rows)
+        (place / "sensor.yaml").write_text(text.replace("[320, 240]", "[24, 16]"))
+    return sorted(file for file in folder.rglob("*") if file.is_file())
+
+
+def _kitti(folder: Path) -> list[Path]:
+    for camera in ("image_0", "image_1"):
+        _write_images(folder / camera, [f"{k:06d}.png" for k in range(4)])
+    (folder / "times.txt").write_text("".join(f"{0.1 * k:e}\n" for k in range(4)))
+    (folder / "calib.txt").write_text(
+        _CALIBRATIONS["kitti"][0].replace("220 0 160", "30 0 12").replace("220 120", "30 8")
+    )
+    return sorted(file for file in folder.rglob("*") if file.is_file())
+
+
+def _read_frames(folder: Path) -> None:
+    for frame in (recording := open_recording(folder)):
+        if recording.rig is not None:
+            recording.rig.view_of(frame)
+
+
+_JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="0 0 0.3"/>
+  <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+"""
+
+
+def _robot(folder: Path) -> list[Path]:
+    links = "".join(
+        f'<link name="{name}"><visual><geometry><sphere radius="0.04"/></geometry></visual></link>\n'
+        for name in ("base", "upper", "palm")
+    )
+    joints = _JOINT.format("a1", "base", "upper") + _JOINT.format("a2", "upper", "palm")
+    (folder / "arm.urdf").write_text(f'<robot name="arm">\n{links}{joints}</robot>\n')
+    (folder / "skin.csv").write_text(
+        "part,frame,taxel,x_m,y_m,z_m,nx,ny,nz\n" + "".join(f"arm,upper,{k},0.04,0,0.0{k},1,0,0\n" for k in range(4))
+    )
+    (folder / "robot.toml").write_text(
+        'urdf = "arm.urdf"\nskin = "skin.csv"\nroot = "base"\nright_arm = ["a1", "a2"]\nright_palm = "palm"\n'
+        'left_eye = {link = "base", xyz_m = [0.3, 0.5, 0.7], rpy_deg = [-113.7, 0, 180]}\n'
+        'right_eye = "base"\n[home_deg]\na2 = 40\n[ports]\njoints = ["a1", "-", "a2"]\n'
+    )
+    return sorted(folder.iterdir())
+
+
+def _read_robot(folder: Path) -> None:
+    setup = read_robot(folder / "robot.toml")
+    setup.skin.at(setup.robot.at(setup.home_rad))
+
+
+def _path(form: str) -> Reader:
+    """A path of ten positions in a form that `evaluate` reads."""
+    rows = [(0.1 * k, 0.01 * k, -0.02, 0.5 + 1e-3 * k**2) for k in range(10)]
+    if form == "tum":
+        text = "# stamp x y z qx qy qz qw\n" + "".join(f"{t} {x} {y} {z} 0 0 0 1\n" for t, x, y, z in rows)
+    elif form == "anipose":
+        text = "a_x,a_y,a_z,fnum\n" + "".join(f"{x},{y},{z},{k}\n" for k, (_, x, y, z) in enumerate(rows))
+    else:
+        covariance = ",".join(f"cov_{axes}_m2" for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
+        text = f"stamp_s,x_m,y_m,z_m,{covariance}\n"
+        text += "".join(f"{t},{x},{y},{z},1e-6,0,0,1e-6,0,4e-6\n" for t, x, y, z in rows)
+
+    def write(folder: Path) -> list[Path]:
+        (folder / "path").write_text(text)
+        (folder / "sound").write_text(text)
+        return [folder / "path"]
+
+    def read(folder: Path) -> None:
+        path, sound = (read_path(folder / name, fps=10.0) for name in ("path", "sound"))
+        with np.errstate(all="ignore"):
+            evaluate(path, sound)
+
+    return Reader(write, read)
+
+
+def _boxes(form: str) -> Reader:
+    """Boxes in a form that `evaluate --boxes` reads."""
+    boxes = [(10 + k, 20 - k, 30.5, 40) for k in range(8)]
+    if form == "ours":
+        text = "frame,x,y,w,h,score\n" + "".join(
+            f"{k},{x},{y},{w},{h},0.9\n" for k, (x, y, w, h) in enumerate(boxes, 1)
+        )
+    elif form == "mot":
+        text = "".join(f"{k},1,{x},{y},{w},{h},1,-1,-1,-1\n" for k, (x, y, w, h) in enumerate(boxes, 1))
+    else:
+        text = "".join(f"{x}\t{y}\t{w}\t{h}\n" for x, y, w, h in boxes)
+
+    def write(folder: Path) -> list[Path]:
+        (folder / "boxes").write_text(text)
+        (folder / "sound").write_text(text)
+        return [folder / "boxes"]
+
+    def read(folder: Path) -> None:
+        boxes, sound = (read_boxes(folder / name) for name in ("boxes", "sound"))
+        with np.errstate(all="ignore"):
+            evaluate_boxes(boxes, sound)
+
+    return Reader(write, read)
+
+
+def _manifest(folder: Path) -> list[Path]:
+    rows = "first,l.mp4,r.mp4,camchain.yaml,\nsecond,seq/left,seq/right,left.yaml;right.yaml,30\n"
+    (folder / "list.csv").write_text("name,left,right,calib,fps\n" + rows)
+    return [folder / "list.csv"]
+
+
 def _image(suffix: str) -> Reader:
     def write(folder: Path) -> list[Path]:
         pixels = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
@@ -470,6 +592,14 @@ READERS: Mapping[str, Reader] = {
     "video_mp4": _video("mp4", "libx264"),
     "video_mkv": _video("mkv", "mpeg4"),
     **{f"bag_{kind}": _bag(kind) for kind in ("bag", "mcap", "db3")},
+    "euroc": Reader(_euroc, _read_frames),
+    "kitti": Reader(_kitti, _read_frames),
+    "robot": Reader(_robot, _read_robot),
+    **{f"path_{form}": _path(form) for form in ("csv", "tum", "anipose")},
+    **{f"boxes_{form}": _boxes(form) for form in ("ours", "mot", "otb")},
+    "manifest": Reader(
+        _manifest, lambda folder: jobs_of([str(folder / "list.csv")], ("left", "right", "calib", "fps"))
+    ),
     "times": Reader(_times, lambda folder: read_times(folder / "times.csv")),
     **{f"mesh_{suffix}": _mesh(suffix) for suffix in ("stl", "obj", "ply")},
     "memory": Reader(_memory, lambda folder: _use_memory(load_memory(folder / "memory.npz"))),

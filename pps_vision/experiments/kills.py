@@ -147,18 +147,15 @@ def kill_at_random(
         time.sleep(float(rng.uniform(0, duration_s)))
         running = process.poll() is None
         signum = signals[int(rng.integers(len(signals)))]
-        if command.resumes and running:
-            os.killpg(process.pid, signum)
-        else:
-            process.send_signal(signum)
+        process.send_signal(signum)
         sent_s = time.monotonic()
         try:
             code = process.wait(_ENDS_WITHIN_S)
         except subprocess.TimeoutExpired:
             process.kill()
             code = process.wait()
-        if command.resumes:
-            _wait_for_group(process.pid)
+        if command.resumes and not _group_ends(process.pid):
+            found["running_on"] += 1
         lasted_s = time.monotonic() - sent_s
         output = _contents(folder / command.out)
         if code == 0:
@@ -187,13 +184,16 @@ def _fails(command: Writing, folder: Path, whole: Mapping[str, bytes]) -> bool:
     return not _is_like(_contents(folder / command.out), whole)
 
 
-def _wait_for_group(group: int) -> None:
-    """Wait until the processes that were started by one that was killed have ended."""
+def _group_ends(group: int) -> bool:
+    """Whether the processes that were started by one that was killed end too; those that do not are killed."""
     until_s = time.monotonic() + _ENDS_WITHIN_S
     with suppress(ProcessLookupError):
         while time.monotonic() < until_s:
             os.killpg(group, 0)
             time.sleep(0.02)
+        os.killpg(group, signal.SIGKILL)
+        return False
+    return True
 
 
 def _words(words: str) -> list[str]:

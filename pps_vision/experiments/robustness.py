@@ -38,6 +38,8 @@ class Robustness(Study):
 
     n: int = 4
     """Kills of each command that strike it while it runs."""
+    n_batch: int = 50
+    """The same of `batch`, which goes on where it was killed, and so has more moments to be struck in."""
     commands: tuple[str, ...] = tuple(command.name for command in COMMANDS)
     """Commands to be killed."""
     mutants: int = 500
@@ -62,7 +64,8 @@ class Robustness(Study):
     def _kill(self, command: Writing, folder: Path, number: int) -> dict[str, int]:
         if not any(folder.iterdir()):
             prepare(folder, [one for one in COMMANDS if one.name in self.commands])
-        return dict(kill_at_random(command, folder, self.n, np.random.default_rng((self.seed, number))))
+        n = self.n_batch if command.resumes else self.n
+        return dict(kill_at_random(command, folder, n, np.random.default_rng((self.seed, number))))
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the kills by command, and the inputs by reader and of the control."""

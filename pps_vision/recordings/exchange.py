@@ -12,10 +12,12 @@ Tracks are numbered: after an object was lost, the next one is another.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import copyfileobj
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -83,10 +85,7 @@ _Add = Callable[[_Numbered], object]
 
 @contextmanager
 def open_forms(folder: Path, forms: Iterable[Form], size: tuple[int, int]) -> Iterator[Callable[[TrackedPair], None]]:
-    """A function that adds the next pair to the files of these forms in a folder; `size` is images' width and height.
-
-    COCO's, which is one document, is written at the end.
-    """
+    """A function that adds the next pair to the files of these forms in a folder; `size` is width and height."""
     frame, track = 0, 1
     with ExitStack() as stack:
         adds: list[_Add] = [stack.enter_context(_WRITERS[form](folder, size)) for form in dict.fromkeys(forms)]
@@ -186,16 +185,13 @@ def _mot(folder: Path, _: tuple[int, int]) -> Iterator[_Add]:
 
 @contextmanager
 def _coco(folder: Path, size: tuple[int, int]) -> Iterator[_Add]:
-    boxes: dict[str, list[SeenBox]] = {camera: [] for camera in _CAMERAS}
-    images: dict[str, list[Path]] = {camera: [] for camera in _CAMERAS}
+    with open_coco(folder / "coco.json", size) as add_image:
 
-    def add(one: _Numbered) -> None:
-        for side, camera in enumerate(_CAMERAS):
-            boxes[camera] += one.boxes(camera)
-            images[camera].append(one.pair.images[side])
+        def add(one: _Numbered) -> None:
+            for camera, image in zip(_CAMERAS, one.pair.images, strict=True):
+                add_image(camera, one.frame, image, one.boxes(camera))
 
-    yield add
-    write_coco(folder / "coco.json", boxes, images, size)
+        yield add
 
 
 _WRITERS: Mapping[Form, Callable[[Path, tuple[int, int]], AbstractContextManager[_Add]]] = {
@@ -217,31 +213,32 @@ def _mot_row(seen: SeenBox) -> str:
     return f"{seen.frame},{seen.track},{x + 1!r},{y + 1!r},{width!r},{height!r},{float(seen.score)!r},-1,-1,-1\n"
 
 
-def write_coco(
-    file: Path,
-    boxes: Mapping[str, Sequence[SeenBox]],
-    images: Mapping[str, Sequence[Path]],
-    image_size: tuple[int, int],
-) -> None:
-    """Write COCO's JSON; `boxes` and `images` (a file for each frame) by the camera's name."""
-    width, height = image_size
-    described: list[dict[str, object]] = []
-    annotations: list[dict[str, object]] = []
-    for camera, files in images.items():
-        first = len(described)
-        described += [
-            {"id": first + k, "file_name": str(path), "width": width, "height": height, "frame_id": k, "camera": camera}
-            for k, path in enumerate(files, start=1)
-        ]
-        for seen in boxes[camera]:
-            x, y, w, h = map(float, seen.box_px)
-            what = {
-                "id": len(annotations) + 1,
-                "image_id": first + seen.frame,
-                "category_id": 1,
-                "track_id": seen.track,
-            }
-            where = {"bbox": [x, y, w, h], "area": w * h, "iscrowd": 0, "score": float(seen.score)}
-            annotations.append(what | where)
-    content = {"images": described, "categories": [{"id": 1, "name": _POINT}], "annotations": annotations}
-    file.write_text(json.dumps(content) + "\n", encoding="utf-8", errors="backslashreplace")
+@contextmanager
+def open_coco(file: Path, size: tuple[int, int]) -> Iterator[Callable[[str, int, Path, Iterable[SeenBox]], None]]:
+    """A function that adds the image of a camera's frame, counted from 1, and its boxes to COCO's JSON; `size` is the
+    images' width and height.
+
+    The boxes, which come behind the images, wait in a temporary file.
+    """
+    text = {"encoding": "utf-8", "errors": "backslashreplace"}  # a file's name may hold any bytes
+    images = annotations = 0
+    with file.open("w", **text) as stream, TemporaryFile("w+", dir=file.parent, **text) as waiting:  # type: ignore[call-overload]
+
+        def add(camera: str, frame: int, path: Path, boxes: Iterable[SeenBox]) -> None:
+            nonlocal images, annotations
+            where = {"id": images + 1, "file_name": str(path), "width": size[0], "height": size[1]}
+            stream.write(", " * (images > 0) + json.dumps(where | {"frame_id": frame, "camera": camera}))
+            images += 1
+            for seen in boxes:
+                x, y, w, h = map(float, seen.box_px)
+                what = {"id": annotations + 1, "image_id": images, "category_id": 1, "track_id": seen.track}
+                box = {"bbox": [x, y, w, h], "area": w * h, "iscrowd": 0, "score": float(seen.score)}
+                waiting.write(", " * (annotations > 0) + json.dumps(what | box))
+                annotations += 1
+
+        stream.write('{"images": [')
+        yield add
+        stream.write(f'], "categories": {json.dumps([{"id": 1, "name": _POINT}])}, "annotations": [')
+        waiting.seek(0)
+        copyfileobj(waiting, stream)
+        stream.write("]}\n")

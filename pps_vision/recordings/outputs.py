@@ -85,9 +85,8 @@ def whole_file(file: Path, inputs: Iterable[Path | None] = ()) -> Iterator[Path]
 
 
 @contextmanager
-def locked_folder(folder: Path) -> Iterator[int]:
-    """A folder, made if it is not there, that no other process can lock until the block ends; yields the descriptor of
-    the lock, with which a process that inherits it holds it on.
+def locked_folder(folder: Path) -> Iterator[None]:
+    """A folder, made if it is not there, that no other process can lock until the block ends.
 
     InputError if another holds it, or the folder cannot be written.
     """
@@ -98,7 +97,7 @@ def locked_folder(folder: Path) -> Iterator[int]:
     except OSError as error:
         raise InputError(folder, f"cannot be written: {first_line(error)}; expected a writable place") from error
     try:
-        yield held
+        yield
     finally:
         lock.unlink(missing_ok=True)
         os.close(held)
@@ -129,9 +128,12 @@ def remove_unfinished() -> None:
 
 def _resolved(path: Path) -> Path:
     try:
-        return path.resolve()
-    except (OSError, RuntimeError) as error:  # up to Python 3.12 a loop of symbolic links is a RuntimeError
+        final = path.resolve()
+        if final.is_symlink():
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))  # from Python 3.13 on `resolve` leaves a loop as it is
+    except (OSError, RuntimeError) as error:  # up to Python 3.12 it is a RuntimeError
         raise InputError(path, f"cannot be written: {first_line(error)}; expected a writable place") from error
+    return final
 
 
 @contextmanager

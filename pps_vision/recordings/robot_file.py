@@ -105,7 +105,7 @@ class _Toml:
         text = read_bytes(file, "a robot.toml").decode("utf-8-sig", errors="replace")
         try:
             values = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+        except (ValueError, RecursionError) as error:
             at = re.search(r"at line (\d+)", str(error))
             found = f"cannot be read as TOML: {first_line(error)}"
             raise InputError(file, found, int(at[1]) if at else None) from error

@@ -32,6 +32,14 @@ def results(out: Path) -> dict[str, bytes]:
     return {str(f.relative_to(out)): f.read_bytes() for f in out.rglob("*.csv") if f.name != "batch.csv"}
 
 
+def is_there(group: int) -> bool:
+    """Whether a process of a group is running."""
+    with suppress(ProcessLookupError):
+        os.killpg(group, 0)
+        return True
+    return False
+
+
 def test_a_batch(tmp_path: Path, calib: Path, refused, capsys: pytest.CaptureFixture[str]) -> None:
     for name, n in (("a.mp4", 6), ("c.mp4", 8)):
         write_video(tmp_path / name, [k / 20 for k in range(n)])
@@ -73,7 +81,8 @@ def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
 
 
 def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
-    """After kill -9 in the middle no half result has a final name; a second batch is refused while work goes on."""
+    """After kill -9 in the middle no half result has a final name and nothing goes on, so that the next batch can begin
+    at once; a second batch is refused while work goes on."""
     for k in range(2):
         write_video(tmp_path / f"{k}.mp4", [i / 20 for i in range(5)])
     out = tmp_path / "out"
@@ -81,15 +90,16 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     command = [sys.executable, "-m", "pps_vision", *words]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True) as running:
         deadline = time.monotonic() + 120
-        while not (out / "0.mp4").exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
+        while not list(out.glob(".1.mp4.*.partial")) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        os.killpg(running.pid, signal.SIGSTOP)
         second = subprocess.run(command, capture_output=True, text=True)
-        os.killpg(running.pid, signal.SIGKILL)
-    with suppress(ProcessLookupError):  # what it had started holds the lock until it has died too
-        while time.monotonic() < deadline:
-            os.killpg(running.pid, 0)
-            time.sleep(0.02)
+        running.kill()
+        os.killpg(running.pid, signal.SIGCONT)
     assert (second.returncode, "another run is writing to it" in second.stderr) == (2, True)
+    while is_there(running.pid) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not is_there(running.pid)  # what it had started has ended too
     finished = list(out.glob("[0-9].mp4"))
     assert len(finished) == 1
     assert all(json.loads((folder / "summary.json").read_text())["frames"] == 5 for folder in finished)

@@ -96,9 +96,9 @@ def test_the_figure_shows_both_curves_of_every_track() -> None:
 
 
 def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Rectangles of OTB, polygons of VOT, MOTChallenge counted from 1, and our table say the same."""
+    """Rectangles of OTB and MOTChallenge, whose pixels count from 1, polygons of VOT and our table say the same."""
     rows = np.array([[10, 20, 30, 40.0], [12, 21, 30, 40], [14, 22, 30, 41]])
-    np.savetxt(tmp_path / "otb.txt", rows, "%g", delimiter="\t")
+    np.savetxt(tmp_path / "otb.txt", rows + np.array([1, 1, 0, 0]), "%g", delimiter="\t")
     corners = [(x, y, x + w, y, x + w, y + h, x, y + h) for x, y, w, h in rows]
     np.savetxt(tmp_path / "vot.txt", corners, "%g", delimiter=",")
     (tmp_path / "mot.txt").write_text(
@@ -113,6 +113,8 @@ def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert (tmp_path / "curves.png").stat().st_size > 10_000
     main(["evaluate", "--boxes", *files])
     assert len(capsys.readouterr().out.splitlines()) == 4
+    main(["evaluate", "--boxes", *files[2:], "--first-px", "0", "--json"])
+    assert json.loads(capsys.readouterr().out)[0]["mean_iou"] < 1
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ class Looped(Recording):
                 self.held.append(sys.getallocatedblocks())
 
 
-@pytest.mark.parametrize("options", [["--also", "tum", "anipose", "mot"], ["--smooth"]], ids=" ".join)
+@pytest.mark.parametrize("options", [["--also", "tum", "anipose", "mot", "coco"], ["--smooth"]], ids=" ".join)
 def test_memory_does_not_grow(
     options: list[str], approach: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,8 +1,10 @@
-"""Reports in a headless Chromium: nothing in the console, pictures there, the path drawn (`make test-browser`)."""
+"""Pages in a headless Chromium (`make test-browser`): reports with nothing in the console, pictures there and the path
+drawn; the documentation, opened as a file and searched."""
 
 import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -16,9 +18,9 @@ FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--
 OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND"
 
 
-def browse(page: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def browse(page: Path, *words: str, query: str = "") -> subprocess.CompletedProcess[str]:
     profile = f"--user-data-dir={page.parent / 'profile'}"
-    command = [os.environ["PPS_VISION_BROWSER"], *FLAGS, OFFLINE, profile, *words, page.resolve().as_uri()]
+    command = [os.environ["PPS_VISION_BROWSER"], *FLAGS, OFFLINE, profile, *words, page.resolve().as_uri() + query]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
 
 
@@ -41,3 +43,14 @@ def test_the_page_of_a_recording(tmp_path: Path) -> None:
     assert "CONSOLE" not in seen.stderr
     browse(page, f"--screenshot={tmp_path / 'page.png'}", "--window-size=1100,4200")
     assert cv2.imread(str(tmp_path / "page.png")).std() > 10
+
+
+def test_the_documentation_is_searched_from_a_file(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    subprocess.run(build, cwd=Path(__file__).parents[2], check=True)
+    seen = browse(
+        tmp_path / "site" / "howto" / "camera.html", "--virtual-time-budget=5000", "--dump-dom", query="?q=chessboard"
+    )
+    found = re.findall(r'<article><h3><a href="([^"#]+)', seen.stdout)
+    assert "../quickstart.html" in found
+    assert "CONSOLE" not in seen.stderr

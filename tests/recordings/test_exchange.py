@@ -11,7 +11,7 @@ from pycocotools.coco import COCO
 from rosbags.highlevel import AnyReader
 
 from pps_vision.recordings import Form
-from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_forms, write_coco, write_mot
+from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_coco, open_forms, write_mot
 from pps_vision.types import Detection2D, Status, Track3D
 
 N = 12
@@ -101,9 +101,10 @@ def test_boxes_of_one_camera_are_written_as_mot(tmp_path: Path) -> None:
 
 
 def test_one_view(tmp_path: Path) -> None:
-    write_coco(
-        tmp_path / "a.json", {"": [SeenBox(2, 1, (1, 2, 3, 4), 0.5)]}, {"": [Path("1.png"), Path("2.png")]}, (9, 9)
-    )
+    with open_coco(tmp_path / "a.json", (9, 9)) as add:
+        add("", 1, Path("1.png"), [])
+        add("", 2, Path("2.png"), [SeenBox(2, 1, (1, 2, 3, 4), 0.5)])
+    assert [file.name for file in tmp_path.iterdir()] == ["a.json"]
     read = COCO(str(tmp_path / "a.json"))
     (annotation,) = read.loadAnns(read.getAnnIds())
     assert (read.loadImgs([annotation["image_id"]])[0]["file_name"], annotation["area"]) == ("2.png", 12)

@@ -209,6 +209,27 @@ def test_encodings(tmp_path: Path) -> None:
     assert "encoding 'yuv9'" in str(recording.problems[0])
 
 
+@pytest.mark.parametrize(
+    ("name", "rectified"),
+    [
+        ("image_rect", True),
+        ("image_rect_color/compressed", True),
+        ("direct/image_raw", False),
+        ("image_correct", False),
+    ],
+)
+def test_only_rectified_topics_are_taken_as_rectified(tmp_path: Path, name: str, rectified: bool) -> None:
+    with Bag(tmp_path, "ros2") as bag:
+        for side, baseline_m in (("left", 0.0), ("right", 0.12)):
+            at = f"/{side}/{name}".removesuffix("/compressed").rsplit("/", 1)[0]
+            message = bag.camera_info(projection(baseline_m), D=(0.1, 0, 0, 0, 0))
+            bag.write(f"{at}/camera_info", message, 10)
+            for k in range(2):
+                bag.write(f"/{side}/{name}", bag.image(images()[0, k], "rgb8", 10 + k), 10 + k)
+    rig = open_recording(bag.path).rig
+    assert any(rig.left.distortion) != rectified
+
+
 def test_what_a_bag_lacks(tmp_path: Path) -> None:
     bag = write(tmp_path, "ros2", calibrated=False)
     with pytest.raises(InputError, match=r"no /stereo/left/camera_info; expected a calibration"):

@@ -17,6 +17,7 @@ from pps_vision.experiments import fuzz_readers
 from pps_vision.experiments.fuzz_readers import READERS, Reader, fuzz, mutate, try_mutants
 
 BROKE_A_READER = [  # by the long run
+    ("manifest", b"name,left\nfirst,l.mp4\rsecond,r.mp4\n"),
     ("mesh_obj", b"v 0 0\nv 1 0\nv 0 1\nv 1 1\nf 1 2 3\nf 2 3 4\n"),
     ("mesh_obj", b"v 0\nv 1\nv 2\nf 1 2 3\n"),
     ("mesh_obj", b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 2 3\nf 1 3 2\nf 2 1 4\nf 2 4 1\n"),
@@ -38,6 +39,13 @@ def test_what_once_broke_a_reader_is_read_or_refused(name: str, content: bytes, 
     file.write_bytes(content)
     with suppress(InputError):
         READERS[name].read(tmp_path)
+
+
+def test_a_robot_that_once_broke_its_reader_is_refused(tmp_path: Path) -> None:
+    file = next(file for file in READERS["robot"].write(tmp_path) if file.name == "robot.toml")
+    file.write_text(file.read_text().replace('"a1", "a2"', "[" * 3000))
+    with pytest.raises(InputError, match=r"robot\.toml.* cannot be read as TOML"):
+        READERS["robot"].read(tmp_path)
 
 
 @pytest.mark.parametrize("change", [{"unanswered": np.inf}, {"limits_rad": np.ones((3, 2, 3))}, {"optimality": 1j}])

@@ -65,6 +65,20 @@ def test_a_dark_sensor_with_its_noise_is_blind_and_a_dim_picture_is_not(rng: np.
     assert not Blindness().step(pair(picture(rng), picture(rng, contrast=5.0), 0.0))
 
 
+@pytest.mark.parametrize("n", [10, 40])
+def test_a_covered_sensor_with_hot_pixels_is_blind(rng: np.random.Generator, n: int) -> None:
+    """Saturated ones, of which a colour camera's demosaicing raises the neighbours too."""
+    dark = np.clip(np.rint(rng.standard_normal((240, 320, 3))), 0, 255).astype(np.uint8)
+    grid = np.stack(np.meshgrid(np.arange(7, 230, 12), np.arange(7, 310, 12)), axis=-1).reshape(-1, 2)
+    tent = np.array([[0.25, 0.5, 0.25], [0.5, 1, 0.5], [0.25, 0.5, 0.25]])
+    for y, x in rng.choice(grid, n, replace=False):
+        dark[y - 1 : y + 2, x - 1 : x + 2, rng.integers(3)] = 255 * tent
+    assert dark.std(axis=(0, 1)).max() > 2.0
+    assert Blindness().step(pair(picture(rng), dark, 0.0))
+    dark[100:108, 100:108] = (25, 200, 60)  # something that is seen
+    assert not Blindness().step(pair(picture(rng), dark, 0.0))
+
+
 @pytest.mark.parametrize("level", [0, 90])
 def test_something_small_before_a_black_or_plain_ground_is_seen(rng: np.random.Generator, level: int) -> None:
     for row in range(0, 40, 4):

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
@@ -18,13 +18,16 @@ class Evaluate:
 
     Paths are trajectory.csv of `track`, truth.csv, any CSV with the columns stamp_s, x_m, y_m and z_m, TUM's form
     (stamp x y z …), or Anipose's table of one point.  Coverage and NEES need the covariance columns of trajectory.csv.
-    Boxes are those of `track2d`, MOTChallenge's rows, or a true box a row (OTB, VOT).
+    Boxes are those of `track2d`, MOTChallenge's rows, or a true box a row (OTB: x, y, w, h; VOT: polygons).
     """
 
     files: Positional[tuple[Path, ...]]
     """TRACK … TRUTH."""
     boxes: bool = False
     """The files hold boxes in images."""
+    first_px: Literal[0, 1] | None = None
+    """Coordinate of the first pixel in boxes without a header; by default 1 (MOTChallenge, OTB), 0 for polygons
+    (VOT)."""
     lag: bool = False
     """Estimate by how much the stamps of each path are late, and correct it."""
     align: bool = False
@@ -67,7 +70,7 @@ class Evaluate:
         if self.boxes:
             from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
 
-            *tracks, truth = (read_boxes(file) for file in self.files)
+            *tracks, truth = (read_boxes(file, self.first_px) for file in self.files)
             rows = [asdict(evaluate_boxes(track, truth)) for track in tracks]
             if not drawn:
                 return rows, None

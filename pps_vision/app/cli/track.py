@@ -1,10 +1,8 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
-from collections import Counter, deque
-from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro import MISSING
 
@@ -13,7 +11,10 @@ from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from tracking import DEFAULT_ORDER, Mode
 
-_KEY_FRAMES = 8  # of a report without a video
+if TYPE_CHECKING:
+    from learning.reach.track_reachability import TrackReachability
+    from pps_vision.app.pipeline import TrackActivation
+    from pps_vision.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,10 @@ class Track(SourceOptions):
     """Also write overlay.mp4."""
     viewer: bool = False
     """Also write view.rrd for the Rerun viewer (extra `viewer`): images, detections, 3D path with its covariance,
-    distance and time to contact over the stamps."""
+    distance and time to contact over the stamps; takes 5 MB of memory for 1 000 pairs."""
     report: bool = False
-    """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames."""
+    """Also write report.html with images, tracks, a 3D path to turn, times and warnings, and its key frames; takes
+    3.5 MB of memory for 1 000 pairs, at the end."""
     seed: int = 0
     """Seed of the particles."""
 
@@ -66,103 +68,28 @@ class Track(SourceOptions):
         """Read, track, and write everything at once; what had to be skipped is printed."""
         from tqdm import tqdm
 
-        from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
+        from pps_vision.app.report.tracking import write_report
         from pps_vision.app.track import PathNumbers, track
+        from pps_vision.app.track_files import Extras, TrackFiles
         from pps_vision.app.versions import versions
-        from pps_vision.recordings.exchange import open_forms
         from pps_vision.recordings.outputs import whole_folder, write_json
-        from pps_vision.recordings.tables import (
-            ACTIVATION,
-            DETECTIONS,
-            REACHABILITY,
-            TRAJECTORY,
-            detection_row,
-            open_table,
-            trajectory_row,
-        )
-        from pps_vision.types import Array, Image, ReachStatus
+        from pps_vision.types import ReachStatus
         from tracking.kalman import KalmanParams
-        from tracking.tracker import TrackerParams, TrackerStep
+        from tracking.tracker import TrackerParams
 
-        for option, file in (given := {"--map": self.map, "--memory": self.memory}).items():
-            if file and self.rec is None:
-                raise InputError("track", f"{option} {file} with --left and --right; expected it with REC")
+        self._refuse_without(self.rec is not None, "with --left and --right; expected it with REC")
         with whole_folder(self.out) as folder:
             recording = self.open()
-            for option, file in given.items():
-                if file and not recording.robot:
-                    raise InputError("track", f"{option} {file} without a robot; expected it with an iCub's REC")
+            self._refuse_without(recording.robot is not None, "without a robot; expected it with an iCub's REC")
             params = TrackerParams(mode=self.mode, kalman=KalmanParams.of_order(self.order))
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
-            if self.map or self.memory:
-                from pps_vision.app.pipeline import joints_of
-            reach = None
-            if self.map and recording.robot:
-                from learning.reach.map import ReachableMap
-                from learning.reach.track_reachability import TrackReachability
-
-                reach = TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
-            felt = None
-            if self.memory and recording.robot:
-                from learning.pps.memory import load_memory
-                from pps_vision.app.pipeline import TrackActivation, check_memory
-                from pps_vision.robot.skin import icub_skin
-
-                memory, skin = load_memory(self.memory), icub_skin()
-                check_memory(memory, skin, self.memory)
-                felt = TrackActivation(recording.robot, skin, memory)
-            joints: deque[Array] = deque()  # of the steps that the smoother holds back
-            key_frames: list[Image] = []
-            every = -(-len(run) // _KEY_FRAMES)
-            numbers, reached = PathNumbers(recording.truth), Counter[ReachStatus]()
-            columns = TRAJECTORY + REACHABILITY if reach else TRAJECTORY
-            with ExitStack() as files:
-                film = files.enter_context(VideoFile(folder / "overlay.mp4", recording.fps))
-                write_detection = files.enter_context(open_table(folder / "detections.csv", DETECTIONS))
-                write_track = files.enter_context(open_table(folder / "trajectory.csv", columns))
-                write_forms = files.enter_context(open_forms(folder, self.also, recording.image_size))
-                view = write_activation = None
-                if felt:
-                    taxels = ("stamp_s", *skin.taxel_ids)
-                    write_activation = files.enter_context(open_table(folder / ACTIVATION, taxels))
-                if self.viewer:
-                    from pps_vision.app.report.viewer import VIEW, ViewFile
-
-                    view = files.enter_context(ViewFile(folder / VIEW))
-
-                def steps() -> Iterator[TrackerStep]:
-                    """What is known of a pair when it is tracked is written at once."""
-                    pairs = tqdm(run.numbered(), total=len(run), desc="track", unit="pair", disable=None)
-                    for k, (number, frame, step) in enumerate(pairs):
-                        if reach:
-                            joints.append(joints_of(frame))
-                        skin_now = felt(joints_of(frame), step.track) if felt else None
-                        if skin_now and write_activation:
-                            write_activation((skin_now[0].stamp_s, *skin_now[0].probability))
-                        if view:
-                            view.add(frame, step)
-                        for seen in step.detections:
-                            write_detection(detection_row(number, seen, step.track.status))
-                        shown = self.report and k % every == every // 2
-                        if (self.video or shown) and recording.rig is not None:
-                            skin_shown = (skin_now[1], skin_now[0].probability) if skin_now else ()
-                            eyes = recording.rig.view_of(frame)
-                            drawn = draw_pair(frame, eyes, step.track, step.detections, *skin_shown)
-                            if self.video:
-                                film.add(drawn)
-                            if shown:
-                                key_frames.append(drawn)
-                        yield step
-
-                for pair in run.tracked_pairs(run.path(steps(), self.smooth)):
+            reach, felt = self._reach(recording), self._felt(recording)
+            numbers = PathNumbers(recording.truth)
+            with TrackFiles(folder, run, Extras(self.also, self.video, self.viewer, self.report, reach, felt)) as files:
+                bar = tqdm(run.numbered(), total=len(run), desc="track", unit="pair", disable=None)
+                for pair in run.tracked_pairs(run.path(files.steps(bar), self.smooth)):
                     numbers.add(pair.track)
-                    reachability = reach(joints.popleft(), pair.track) if reach else None
-                    if reachability:
-                        reached[reachability.status] += 1
-                    write_track(trajectory_row(pair.track, reachability))
-                    write_forms(pair)
-                if view:
-                    view.finish(recording.truth)
+                    files.add(pair)
             diagnosis = run.diagnosis(numbers)
             summary = run.summary(numbers, diagnosis) | {
                 "smoothed": self.smooth,
@@ -173,17 +100,39 @@ class Track(SourceOptions):
                 "command": command_line("track", self),
             }
             if reach:
-                counts = {status.value: reached[status] for status in ReachStatus}
+                counts = {status.value: files.reached[status] for status in ReachStatus}
                 summary["reach"] = {"max_fp": self.max_fp, **counts}
             write_json(folder / "summary.json", summary)
             if self.report:
-                from pps_vision.app.report.tracking import KEY_FRAMES, write_report
-
-                (folder / KEY_FRAMES).mkdir()
-                for k, drawn in enumerate(key_frames):
-                    save_jpeg(folder / KEY_FRAMES / f"{k}.jpg", drawn)
                 write_report(folder)
         print_skipped(recording.problems)
         print(run.headline(numbers), f"→ {self.out}")
         if diagnosis:
             print(diagnosis)
+
+    def _refuse_without(self, robot: bool, why: str) -> None:
+        """InputError for what is only of use with a robot, where there is none."""
+        for option, file in {"--map": self.map, "--memory": self.memory}.items():
+            if file and not robot:
+                raise InputError("track", f"{option} {file} {why}")
+
+    def _reach(self, recording: "Recording") -> "TrackReachability | None":
+        """What --map answers."""
+        if not (self.map and recording.robot):
+            return None
+        from learning.reach.map import ReachableMap
+        from learning.reach.track_reachability import TrackReachability
+
+        return TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
+
+    def _felt(self, recording: "Recording") -> "TrackActivation | None":
+        """What --memory answers."""
+        if not (self.memory and recording.robot):
+            return None
+        from learning.pps.memory import load_memory
+        from pps_vision.app.pipeline import TrackActivation, check_memory
+        from pps_vision.robot.skin import icub_skin
+
+        memory, skin = load_memory(self.memory), icub_skin()
+        check_memory(memory, skin, self.memory)
+        return TrackActivation(recording.robot, skin, memory)

@@ -31,7 +31,7 @@ class Track2d:
     def run(self) -> None:
         """Track through all frames; what could not be read is reported and left out."""
         from pps_vision.app.track2d import follow
-        from pps_vision.recordings.exchange import SeenBox, write_coco, write_mot
+        from pps_vision.recordings.exchange import SeenBox, open_coco, write_mot
         from pps_vision.recordings.image_sequence import open_frames
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import write_boxes
@@ -47,7 +47,9 @@ class Track2d:
             elif self.form == "mot":
                 write_mot(partial, boxes)
             else:
-                files = {"": [file.path for file in sequence.files]}
-                write_coco(partial, {"": boxes}, files, sequence.image_size)
+                seen = {box.frame: box for box in boxes}
+                with open_coco(partial, sequence.image_size) as add:
+                    for frame, file in enumerate(sequence.files, start=1):
+                        add("", frame, file.path, [seen[frame]] if frame in seen else [])
         print_skipped(sequence.problems)
         print(f"found in {sum(score >= LOST_SCORE for _, _, score in rows)} of {len(rows)} frames → {self.out}")

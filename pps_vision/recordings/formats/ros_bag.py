@@ -1,5 +1,6 @@
 """ROS 1 bags, ROS 2 bags and MCAP files with two image topics (extra `ros`), read through rosbags."""
 
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -53,8 +54,9 @@ def open_source(source: Source) -> Recording:
     """Open two image topics of `source.folder`, paired by the stamps of their headers.
 
     The topics are `source.left` and `source.right`, or the only ones whose names hold left and right.  Without
-    `source.calib` the calibration is in the CameraInfo topics beside them; the pixels of a topic called "rect" are
-    rectified.  With `source.robot` its joints are those of the JointState topics.
+    `source.calib` the calibration is in the CameraInfo topics beside them; the pixels of a topic with the word "rect"
+    in the last two parts of its name (image_rect, image_rect_color/compressed) are rectified.  With `source.robot` its
+    joints are those of the JointState topics.
 
     Raises:
         InputError: The bag cannot be read, or lacks topics, a calibration or joints.
@@ -145,7 +147,7 @@ class Bag:
             "rectification_matrix": R.ravel().tolist(),
             "projection_matrix": P.ravel().tolist(),
         }
-        if any("rect" in part for part in topic.split("/")[-2:]):
+        if any("rect" in re.split(r"[_\W]", part) for part in topic.lower().split("/")[-2:]):
             content |= {
                 "camera_matrix": np.reshape(P, (3, 4))[:, :3].ravel().tolist(),
                 "distortion_coefficients": [],

@@ -1,0 +1,143 @@
+"""The files that `pps-vision track` writes, row by row as tracking goes on."""
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from pps_vision.app.report.overlay import VideoFile, draw_pair, save_jpeg
+from pps_vision.app.report.tracking import KEY_FRAMES
+from pps_vision.app.track import TrackedRecording
+from pps_vision.recordings import Form
+from pps_vision.recordings.exchange import TrackedPair, open_forms
+from pps_vision.recordings.tables import (
+    ACTIVATION,
+    DETECTIONS,
+    REACHABILITY,
+    TRAJECTORY,
+    detection_row,
+    open_table,
+    trajectory_row,
+)
+from pps_vision.types import Activation, Array, Image, ReachStatus, StereoFrame
+from tracking.tracker import TrackerStep
+
+if TYPE_CHECKING:  # they load the kinematics
+    from learning.reach.track_reachability import TrackReachability
+    from pps_vision.app.pipeline import TrackActivation
+
+_KEY_FRAMES = 8  # of a report without a video
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What is written beside detections.csv and trajectory.csv."""
+
+    also: tuple[Form, ...] = ()
+    """Forms of other tools."""
+    video: bool = False
+    """overlay.mp4."""
+    viewer: bool = False
+    """view.rrd."""
+    key_frames: bool = False
+    """Eight pictures for the report."""
+    reach: "TrackReachability | None" = None
+    """Columns of reachability in trajectory.csv."""
+    felt: "TrackActivation | None" = None
+    """activation.csv, and taxels in the pictures."""
+
+
+class TrackFiles:
+    """The open files of a recording that is tracked into a folder.
+
+    `steps` passes the tracker's steps on and writes what was known of each pair when it was tracked; `add` writes the
+    path, which may come later (smoothed).  `reached` counts the answers about reachability.
+    """
+
+    def __init__(self, folder: Path, run: TrackedRecording, extras: Extras) -> None:
+        """InputError without the package that an extra needs."""
+        self.reached: Counter[ReachStatus] = Counter()
+        self._folder, self._run, self._extras = folder, run, extras
+        self._joints: deque[Array] = deque()  # of the steps whose path is not yet added
+        self._key_frames: list[Image] = []
+        self._every = -(-len(run) // _KEY_FRAMES)
+        recording = run.recording
+        with ExitStack() as files:
+            self._film = files.enter_context(VideoFile(folder / "overlay.mp4", recording.fps))
+            self._write_detection = files.enter_context(open_table(folder / "detections.csv", DETECTIONS))
+            columns = TRAJECTORY + REACHABILITY if extras.reach else TRAJECTORY
+            self._write_track = files.enter_context(open_table(folder / "trajectory.csv", columns))
+            self._write_forms = files.enter_context(open_forms(folder, extras.also, recording.image_size))
+            if extras.felt:
+                taxels = ("stamp_s", *extras.felt.skin.taxel_ids)
+                self._write_activation = files.enter_context(open_table(folder / ACTIVATION, taxels))
+            self._view = None
+            if extras.viewer:
+                from pps_vision.app.report.viewer import VIEW, ViewFile
+
+                self._view = files.enter_context(ViewFile(folder / VIEW))
+            self._files = files.pop_all()
+
+    def __enter__(self) -> "TrackFiles":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._view and kind is None:
+            self._view.finish(self._run.recording.truth)
+        self._files.__exit__(kind, value, trace)
+        if self._extras.key_frames and kind is None:
+            (self._folder / KEY_FRAMES).mkdir()
+            for k, picture in enumerate(self._key_frames):
+                save_jpeg(self._folder / KEY_FRAMES / f"{k}.jpg", picture)
+
+    def steps(self, numbered: Iterable[tuple[int, StereoFrame, TrackerStep]]) -> Iterator[TrackerStep]:
+        """Write what is known of a pair when it is tracked, and yield its step."""
+        for k, (number, frame, step) in enumerate(numbered):
+            for seen in step.detections:
+                self._write_detection(detection_row(number, seen, step.track.status))
+            if self._view:
+                self._view.add(frame, step)
+            self._draw(k, frame, step, self._touched(frame, step))
+            yield step
+
+    def add(self, pair: TrackedPair) -> None:
+        """Write the next row of the path."""
+        reachability = None
+        if self._extras.reach:
+            reachability = self._extras.reach(self._joints.popleft(), pair.track)
+            self.reached[reachability.status] += 1
+        self._write_track(trajectory_row(pair.track, reachability))
+        self._write_forms(pair)
+
+    def _touched(self, frame: StereoFrame, step: TrackerStep) -> tuple[Activation, Array] | None:
+        """The activation, which is written, and the positions of the taxels; the joints are kept for `add`."""
+        if not (self._extras.reach or self._extras.felt):
+            return None
+        from pps_vision.app.pipeline import joints_of
+
+        joints = joints_of(frame)
+        if self._extras.reach:
+            self._joints.append(joints)
+        if not self._extras.felt:
+            return None
+        activation, taxels = self._extras.felt(joints, step.track)
+        self._write_activation((activation.stamp_s, *activation.probability))
+        return activation, taxels
+
+    def _draw(self, k: int, frame: StereoFrame, step: TrackerStep, touched: tuple[Activation, Array] | None) -> None:
+        """The pair's picture, where it goes into the video or is a key frame."""
+        is_key = self._extras.key_frames and k % self._every == self._every // 2
+        rig = self._run.recording.rig
+        if rig is None or not (self._extras.video or is_key):
+            return
+        skin = (touched[1], touched[0].probability) if touched else ()
+        drawn = draw_pair(frame, rig.view_of(frame), step.track, step.detections, *skin)
+        if self._extras.video:
+            self._film.add(drawn)
+        if is_key:
+            self._key_frames.append(drawn)

@@ -1,0 +1,78 @@
+"""A made-up laboratory's data: videos and images of a ball, of a chessboard and of a tag, a calibration, true boxes."""
+
+import shutil
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from flat_patterns import SIZE, K, R, T, seen
+from scipy.spatial.transform import Rotation
+
+N, FPS, RADIUS_M, SHIFT = 40, 20, 0.04, 4  # OpenCV draws at 1/16 px
+PATH = [np.array([-0.15 + 0.006 * k, 0.02, 0.7 - 0.002 * k]) for k in range(N)]
+
+
+def place(side: int, at: np.ndarray) -> tuple[float, float]:
+    """Where a point in the left camera's frame is seen."""
+    u, v, w = K[side] @ (R @ at + T if side else at)
+    return u / w, v / w
+
+
+def photo(side: int, at: np.ndarray, wall: np.ndarray) -> np.ndarray:
+    """A red ball before a wall."""
+    middle = tuple(round(x * 2**SHIFT) for x in place(side, at))
+    radius = round(K[side][0, 0] * RADIUS_M / at[2] * 2**SHIFT)
+    return cv2.circle(wall.copy(), middle, radius, (220, 30, 30), -1, cv2.LINE_AA, SHIFT)
+
+
+def film(file: Path, images: list[np.ndarray]) -> None:
+    file.parent.mkdir(exist_ok=True)
+    with av.open(str(file), "w") as container:
+        stream = container.add_stream("libx264", rate=FPS, options={"crf": "12", "preset": "veryfast"})
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
+
+
+def write(file: Path, image: np.ndarray) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(file), image[..., ::-1] if image.ndim == 3 else image)
+
+
+def write_laboratory(folder: Path) -> None:
+    """Write everything that the pages of the documentation name."""
+    rng = np.random.default_rng(0)
+    walls = [cv2.GaussianBlur(rng.integers(0, 255, (*SIZE[::-1], 3), np.uint8), (0, 0), 4) for _ in range(2)]
+    photos = [[photo(side, at, walls[side]) for at in PATH] for side in range(2)]
+    both = [np.hstack(pair) for pair in zip(*photos, strict=True)]
+    for k, (left, right) in enumerate(zip(*photos, strict=True)):
+        write(folder / f"frames/left/{k:03d}.png", left)
+        write(folder / f"frames/right/{k:03d}.png", right)
+    for name, images in {"left": photos[0], "right": photos[1], "both": both}.items():
+        film(folder / f"{name}.mp4", images)
+    for name in "ab":
+        film(folder / f"recs/{name}.mp4", both[:20])
+    rows = [(*(c - 29 for c in place(0, at)), 60, 60) for at in PATH]  # pixels count from 1, as in OTB
+    np.savetxt(folder / "true_boxes.txt", rows, delimiter=",")
+    storage = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_WRITE)
+    for key, value in {"K1": K[0], "K2": K[1], "R": R, "T": T}.items():
+        storage.write(key, value)
+    storage.release()
+    (folder / "tag").mkdir()
+    shutil.copy(folder / "calibration.yml", folder / "tag")
+    y, x = np.mgrid[:360, :540] // 60
+    board = cv2.copyMakeBorder(
+        np.where((x + y) % 2, 255, 0).astype(np.uint8), *[60] * 4, cv2.BORDER_CONSTANT, value=255
+    )
+    tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 240)
+    tag = cv2.copyMakeBorder(tag, *[60] * 4, cv2.BORDER_CONSTANT, value=255)
+    for k in range(7):
+        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
+        at = np.array([rng.uniform(-0.01, 0.11), rng.uniform(-0.06, 0.06), rng.uniform(0.45, 0.6)])
+        for side, name in enumerate(("left", "right")):
+            write(folder / f"board/{name}{k}.png", seen(board, 0.03 / 60, turn, at, side))
+            write(folder / f"tag/{name}/{k}.png", seen(tag, 0.048 / 240, np.eye(3), at, side))
+    shutil.copytree(Path(__file__).parents[1] / "arm7", folder / "arm7")

@@ -1,0 +1,141 @@
+"""Every command of the README runs as it is, in a folder that holds what it names.
+
+Those that take longer run in `make test-all`.
+"""
+
+import os
+import shlex
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from glob import glob
+from importlib.util import find_spec
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from documents import ROOT, typed
+from laboratory import film, write_laboratory
+
+from learning.pps.memory import PPSMemory, save_memory
+from pps_vision.app.cli import main
+from pps_vision.experiments.fuzz_readers import READERS
+from pps_vision.experiments.kills import prepare
+from pps_vision.recordings.exchange import write_tum_rows
+from pps_vision.robot.skin import icub_skin
+
+RENDERED = (
+    "render --stimulus ball --motion approach --target left_forearm:3 --speed 0.15 --seconds 3 --noise 2 --seed 1"
+)
+INSTEAD = {  # of what is not here, or takes an hour
+    "--device cuda": "--device cpu",
+    "--viewer": "--viewer" if find_spec("rerun") else "",
+    "bench loop --n 20": "bench loop --short --out measured --n 1",
+}
+SHORT = "PPS_VISION_ALL" not in os.environ
+LONG = ("render", "reach train", "demo", "bench", "batch", "--report", "--device", "--max-error-mm")
+KALIBR = """{name}:
+  camera_model: pinhole
+  distortion_coeffs: [0, 0, 0, 0]
+  distortion_model: radtan
+  intrinsics: [{K[0][0]}, {K[1][1]}, {K[0][2]}, {K[1][2]}]
+  resolution: [640, 480]
+"""
+
+
+def is_long(line: str) -> bool:
+    return any(word in line for word in LONG)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the commands read, under the names of the README."""
+    folder = tmp_path_factory.mktemp("files")
+    write_laboratory(folder)
+    prepare(folder, [])
+    save_memory(folder / "memory.npz", PPSMemory.empty(icub_skin()))
+    READERS["map"].write(folder)
+    for file in READERS["bag_mcap"].write(folder):
+        if file.suffix == ".mcap":
+            file.rename(folder / "drive.mcap")
+    main([*RENDERED.split(), "--out", str(folder / "rec")])
+    copies = {"left.mp4": ("l.mp4", "video.mp4"), "right.mp4": ("r.mp4",), "train.npz": ("TRAIN.npz",)}
+    shutil.rmtree(folder / "recs")
+    for source, names in (copies | {"test.npz": ("TEST.npz",), "rec": ("rec1", "rec2", "recs/a", "recs/b")}).items():
+        for name in names:
+            (shutil.copytree if source == "rec" else shutil.copy)(folder / source, folder / name)
+    trimesh.creation.cylinder(30, 80).export(folder / "cup.stl")
+    write_calibrations(folder)
+    sides = [sorted((folder / "tag" / side).glob("*.png")) for side in ("left", "right")]
+    tags = [np.hstack([cv2.imread(str(file)) for file in pair]) for pair in zip(*sides, strict=True)]
+    film(folder / "tag.mp4", tags)
+    for side, name in (("left", "1L"), ("right", "1R")):
+        (folder / "seq").mkdir(exist_ok=True)
+        for k, file in enumerate(sorted((folder / "frames" / side).glob("*.png"))):
+            cv2.imwrite(str(folder / "seq" / f"{name}{k:03d}.jpg"), cv2.imread(str(file)))
+    truth = np.loadtxt(folder / "rec" / "truth.csv", delimiter=",", skiprows=1, usecols=range(4))
+    write_tum_rows(folder / "other.tum", truth[:, 0], truth[:, 1:] + 0.001)
+    (folder / "path").mkdir()
+    shutil.copy(folder / "rec" / "truth.csv", folder / "path" / "trajectory.csv")
+    shutil.copy(folder / "true_boxes.txt", folder / "truth.txt")
+    shutil.copy(folder / "true_boxes.txt", folder / "boxes.csv")
+    return folder
+
+
+def write_calibrations(folder: Path) -> None:
+    """The laboratory's cameras as Kalibr writes them, and in an OpenCV file in cm."""
+    read = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_READ)
+    K1, K2, R, T = (read.getNode(key).mat() for key in ("K1", "K2", "R", "T"))
+    pose = np.vstack([np.column_stack([R, T.ravel()]), [0, 0, 0, 1]])
+    text = KALIBR.format(name="cam0", K=K1) + KALIBR.format(name="cam1", K=K2)
+    (folder / "camchain.yaml").write_text(f"{text}  T_cn_cnm1: {pose.tolist()}\n")
+    (folder / "seq").mkdir()
+    storage = cv2.FileStorage(str(folder / "seq" / "calibration_1.xml"), cv2.FILE_STORAGE_WRITE)
+    for key, value in {"K1": K1, "K2": K2, "R": R, "T": 100 * T}.items():
+        storage.write(key, value)
+    storage.release()
+
+
+@contextmanager
+def cluster() -> Iterator[str]:
+    """The address of a Dask cluster of one worker."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as here:
+        yield here.scheduler_address
+
+
+def words_of(command: str) -> list[str]:
+    """The words of a command as a shell gives them: patterns without quotes are replaced by what they match."""
+    words = shlex.split(command, posix=False)
+    return [
+        name
+        for word in words
+        for name in (sorted(glob(word)) if set("*?") & set(word) else []) or [shlex.split(word)[0]]
+    ]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        pytest.param(line, marks=pytest.mark.skipif(is_long(line) and SHORT, reason="in make test-all"))
+        for line in typed(ROOT / "README.md") if line.startswith("pps-vision ")
+    ],
+)  # fmt: skip
+def test_a_command_of_the_readme(line: str, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "here"
+    shutil.copytree(files, folder, copy_function=os.link)
+    monkeypatch.chdir(folder)
+    for there, here in INSTEAD.items():
+        line = line.replace(there, here)
+    with cluster() if "--scheduler" in line else nullcontext("") as address:
+        for command in line.replace("tcp://host:8786", address).split("&&"):
+            program, *words = words_of(command)
+            assert program == "pps-vision"
+            out = Path(words[words.index("--out") + 1]) if "--out" in words else None
+            if out and out.is_dir():
+                shutil.rmtree(out)
+            main(words)
+            assert out is None or out.exists()
