@@ -36,9 +36,8 @@ ERRORS = {
 """As rendered: 24 encounters with each object of seed 500, measured by `measured_error`; `encounters_rendered` measures
 them again."""
 _MEDIAN_SIZES = (0.6745, 1.1774)  # of a normal deviate on a line and in a plane
-_KNOWN_TO_LAST = 0.2  # share of the stated covariance that the tracker knows to last; as rendered, cube and octopus
-    0.2  # share of the stated covariance that the tracker knows to last: median, cube and octopus of seed 500
-)
+# Share of the stated covariance that the tracker knows to last: as rendered, median of cube and octopus.
+_KNOWN_TO_LAST = 0.2
 _RADIUS_STD = 0.05  # of the tracked radius, relative
 
 
