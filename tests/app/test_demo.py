@@ -99,7 +99,7 @@ def test_the_demo_writes_its_report(
     assert "after 7 rendered approaches" in text
     assert "seed 3" in text
     with av.open(str(tmp_path / "out" / "demo.mp4")) as film:
-        assert sum(1 for _ in film.decode(video=0)) == 12
+        assert sum(1 for _ in film.decode(video=0)) == 6  # two and two beside each other
     assert load_memory(tmp_path / "out" / "memory.npz").counts.sum() == 10
     assert ReachableMap.load(tmp_path / "out" / "reach.npz").side == "left"
     said = capsys.readouterr().out.splitlines()

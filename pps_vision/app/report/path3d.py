@@ -2,11 +2,14 @@
 
 import json
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pps_vision.robot.model import Posture
 from pps_vision.types import Array
+
+if TYPE_CHECKING:  # tracking alone needs no robot
+    from pps_vision.robot.model import Posture
 
 _CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
 _MOST_POINTS = 4000  # of a line; every k-th of a longer one is drawn
@@ -89,7 +92,7 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array, name: str 
     )
 
 
-def body_lines(posture: Posture) -> Array:
+def body_lines(posture: "Posture") -> Array:
     """Return the edges of a robot's bodies as lines for `path3d`: (n, 3) in the root frame, NaN between lines."""
     angle = np.linspace(0, 2 * np.pi, 13)
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
