@@ -23,7 +23,7 @@ _WINDOW_PX, _LEVELS = 11, 3  # of Lucas–Kanade
 _SAME_GAIN = 0.02  # of two images' brightness
 _ROUNDS = 12  # of the reweighting, at most
 _CUT_PX = 0.3, 1.5  # residual from which a point counts less: least and largest
-_PATCH = 4  # pixels to each side of a corner that tell whether the image has moved
+_PATCHES = (4, 8)  # pixels to each side of a corner that tell whether the image has moved: more where it is blurred
 _NOISE = 3.0  # grey levels of the noise of a corner's shift, which must stay below `_STILL_PX`
 _STILL_PX, _STILL_SPREAD_PX = 0.1, 0.3  # median shift along either axis, and median length, of corners at rest
 
@@ -48,7 +48,11 @@ class Reference:
         self._camera = camera.reduced(self._scale)
         self._image, self.T_root_camera, self._grey = image, T_root_camera, self._reduced(image)
         found = cv2.goodFeaturesToTrack(self._grey, _MAX_POINTS, _QUALITY, _APART_PX)
-        self._keep_sharp(np.empty((0, 1, 2), np.float32) if found is None else np.asarray(found, np.float32))
+        corners = np.empty((0, 1, 2), np.float32) if found is None else np.asarray(found, np.float32)
+        for patch in _PATCHES:
+            self._keep_sharp(corners, patch)
+            if self.has_corners:
+                break
         self._bearings = self._camera.bearings(self._points[:, 0]) if len(self._points) else np.empty((0, 3))
 
     @property
@@ -133,13 +137,14 @@ class Reference:
         inside: Mask = (u >= 0) & (v >= 0) & (u <= self._camera.width - 1) & (v <= self._camera.height - 1)
         return inside  # False for NaN
 
-    def _keep_sharp(self, points: NDArray[np.float32]) -> None:
-        """Keep the corners (n, 1, 2) that tell a shift, and what compares the pixels about them with a later image.
+    def _keep_sharp(self, points: NDArray[np.float32], patch: int) -> None:
+        """Keep the corners (n, 1, 2) that tell a shift by the pixels up to `patch` away, and what compares these with
+        a later image.
 
         `_pixels`: their rows and columns (n, m) in the image as recorded; `_before` (n, m) their grey levels; `_solve`
         (n, 2, m) what turns a change of these into a shift in px.
         """
-        k, m = self._scale, _PATCH + 1
+        k, m = self._scale, patch + 1
         height, width = self._image.shape[:2]
         x, y = np.rint((points[:, 0] + 0.5) * k - 0.5).astype(int).T
         inside = (x >= m) & (y >= m) & (x < width - m) & (y < height - m)
@@ -150,7 +155,7 @@ class Reference:
         slopes = 0.5 * np.stack(
             [grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2], grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]], axis=1
         )
-        slopes = slopes.reshape(len(points), 2, (2 * _PATCH + 1) ** 2)
+        slopes = slopes.reshape(len(points), 2, (2 * patch + 1) ** 2)
         slopes -= slopes.mean(axis=2, keepdims=True)  # a change of brightness is no shift
         normal = slopes @ slopes.transpose(0, 2, 1)
         sharp = np.linalg.eigvalsh(normal)[:, 0] > 2 * (_NOISE / _STILL_PX) ** 2

@@ -61,6 +61,19 @@ def test_an_eye_that_rests_is_still_through_noise_and_a_change_of_light(wall: Im
         assert reference.is_still(np.clip(0.9 * seen(wall, np.zeros(3), rng), 0, 255).astype(np.uint8))
 
 
+def test_a_rotation_is_measured_on_a_blurred_wall(wall: Image, rng: np.random.Generator) -> None:
+    """Low contrast out of focus: corners are told by more pixels."""
+    soft, turn = cv2.GaussianBlur((64 + wall / 2).astype(np.uint8), (0, 0), 2.0), np.deg2rad([0.1, -0.2, 0.0])
+    reference = Reference(CAMERA, seen(soft, np.zeros(3), rng), np.eye(4))
+    assert reference.has_corners
+    assert reference.is_still(seen(soft, np.zeros(3), rng))
+    image = seen(soft, turn, rng)
+    assert not reference.is_still(image)
+    found = reference.misalignment(image, STILL, 1.2, np.zeros(3))
+    assert found is not None
+    assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
+
+
 def test_a_told_rotation_is_no_error(wall: Image, rng: np.random.Generator) -> None:
     turn = np.deg2rad([0.4, -1.2, 0.2])
     reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
