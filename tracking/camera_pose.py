@@ -232,7 +232,8 @@ class _LateJoints:
     def _take(self, one: Misalignment, change: Array, stamp_s: float) -> None:
         """Update the delay by a rotation that is the delay times a change of angular velocity, and parallax."""
         X = np.column_stack([change, one.by_parallax])
-        W = np.linalg.inv(one.cov + (_NOISE_PX / self._rig.left.focal_px) ** 2 * np.eye(3))
+        noise = one.cov + (_NOISE_PX / self._rig.left.focal_px) ** 2 * np.eye(3)
+        W = np.linalg.inv(noise)
         elapsed_s = min(stamp_s - self._taken_s, _DELAY_MEMORY_S)
         keep = math.exp(-elapsed_s / _DELAY_MEMORY_S)
         self._information = keep * self._information + X.T @ W @ X
@@ -241,7 +242,7 @@ class _LateJoints:
         estimate = cov @ self._pull
         misfit = one.rotation - X @ estimate
         self._scatter, self._scattered = keep * self._scatter + float(misfit @ W @ misfit), keep * self._scattered + 3
-        beyond = (float(misfit @ misfit) - float(np.trace(one.cov))) / 3
+        beyond = (float(misfit @ misfit) - float(np.trace(noise))) / 3
         self._misfit_rad2 += (beyond - self._misfit_rad2) * min(elapsed_s / _JITTER_MEMORY_S, 1.0)
         scale = (_SCATTER_PRIOR + self._scatter) / (_SCATTER_PRIOR + self._scattered)
         self.delay_s, self.std_s = exact_or_late(float(estimate[0]), scale * cov[0, 0], self._prior_std_s)
