@@ -369,7 +369,7 @@ class CameraTracker:
         by_color = not state.by_background
         target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color)
         if (
-            found_object is None and evidence is not None and not target.touched
+            found_object is None and evidence is not None and not before.touched
         ):  # it has turned abruptly: anywhere near where it was last
             last_px = before.cloud.now[:, :2].mean(axis=0)
             wide = Prior(last_px, _WIDE_SEARCH * before.size, prior.growth)
