@@ -5,7 +5,7 @@ Time is a stamp in seconds, lengths are metres, angles radians, image points pix
 `T_root_left` maps left-camera coordinates into the root frame.  Arrays are read-only.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
@@ -106,7 +106,11 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Observation3D:
-    """A triangulated position in the root frame: `p_root` (3,), `cov_root` (3, 3), m and m²."""
+    """A triangulated position in the root frame: `p_root` (3,), `cov_root` (3, 3), m and m².
+
+    `correlated_cov_root` (3, 3) m² is the part of `cov_root` whose error lasts from frame to frame: that of the
+    cameras' pose and of what both outlines share.
+    """
 
     stamp_s: float
     p_root: Array
@@ -114,9 +118,10 @@ class Observation3D:
     radius_m: float
     radius_var_m2: float
     residual_px: float  # how far the two eyes disagree with one point, RMS reprojection error
+    correlated_cov_root: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     def __post_init__(self) -> None:
-        _read_only(self, "p_root", "cov_root")
+        _read_only(self, "p_root", "cov_root", "correlated_cov_root")
 
 
 @dataclass(frozen=True, slots=True)

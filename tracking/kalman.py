@@ -17,7 +17,9 @@ from tracking import DEFAULT_ORDER
 _REFERENCE_M = 0.4  # where peripersonal space is learned; the defaults are meant for there
 _AT_REST_CHI2 = 11.3  # the 99 % quantile with three degrees of freedom
 _TERMS = 16  # of a power series
-_NOISE_SCALES = (0.025, 30.0)  # straight at constant speed; back and forth once a second
+_STEADY = 0.025  # noise scale of what moves straight at constant speed
+# Least (0.005 and 0.012 do about as well; chosen like `stereo._TO_FIRST`); back and forth once a second.
+_NOISE_SCALES = (0.008, 30.0)
 # Chosen on training recordings (bench filter, seeds 8300 and 8310: 36 rendered balls and markers at 5–30 cm/s; every
 # second flight of tt3d): no error of order 3 and 4 larger than without decay, coverage of velocity nearest to 68 and
 # 95 %.
@@ -36,8 +38,8 @@ class KalmanParams:
     prior_std: tuple[float, float, float] = (0.3, 0.5, 2.0)
     """Standard deviation of velocity, acceleration and jerk before they were observed, m/s, m/s², m/s³."""
     white_share: float = 0.4
-    """Share of a measurement's covariance that is independent from frame to frame; the rest (shape, light, head pose)
-    is a correlated error, which no filtering averages out."""
+    """Share of a measurement's covariance, but for what is known to last, that is independent from frame to frame; the
+    rest is a correlated error, which no filtering averages out."""
     adaptation_rate: float = 0.2
     """Rate at which the process noise follows the innovations; 0 keeps it constant."""
     gate_chi2: float = 14.0
@@ -165,11 +167,12 @@ def start(
     cov: Array,
     velocity: Array | None = None,
     velocity_cov: Array | None = None,
+    correlated: Array | None = None,
 ) -> Belief:
     """The belief after the first measurement.
 
     Args:
-        position: (3,) m, with `cov` (3, 3) m².
+        position: (3,) m, with `cov` (3, 3) m², of which the part `correlated` (3, 3) m² is known to last (None: 0).
         velocity: (3,) m/s, if it was measured too, with `velocity_cov` (3, 3) m²/s²; else the prior of `prior_std`
             holds.  An order of 1 has no velocity to set.
 
@@ -182,10 +185,11 @@ def start(
     mean[0] = position
     prior = np.array([0.0, *params.prior_std[: params.order - 1]])
     P = np.kron(np.diag(prior**2), np.eye(3))
-    P[:3, :3] = params.white_share * cov
+    white = _white(params, 1.0, cov, correlated)
+    P[:3, :3] = white
     if velocity is not None and params.order > 1:
         mean[1], P[3:6, 3:6] = velocity, velocity_cov
-    return Belief(stamp_s, mean, P, (1 - params.white_share) * cov, stamp_s)
+    return Belief(stamp_s, mean, P, cov - white, stamp_s)
 
 
 def predict(params: KalmanParams, belief: Belief, stamp_s: float) -> Belief:
@@ -244,46 +248,63 @@ def ahead(params: KalmanParams, track: Track3D, dt_s: float, period_s: float = 0
     return track.position + share * (then[0] - track.position), share * midway[1]
 
 
-def update(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> Belief:
-    """The belief after a measured `position` (3,) m with `cov` (3, 3) m² at its stamp.
+def update(
+    params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None = None
+) -> Belief:
+    """The belief after a measured `position` (3,) m with `cov` (3, 3) m² at its stamp, of which the part `correlated`
+    (3, 3) m² is known to last from frame to frame (None: 0).
 
     A measurement outside the gate is first taken for a sudden change of motion (everything but the
     position as uncertain as at the start); outside that too it is an outlier, which leaves the state
     as it was and counts.  The one after too many restarts the filter.
     """
-    gated = gate(params, belief, position, cov)
+    gated = gate(params, belief, position, cov, correlated)
     if gated is None:
         if belief.rejections + 1 >= params.max_rejections:
-            return start(params, belief.stamp_s, position, cov)
+            return start(params, belief.stamp_s, position, cov, correlated=correlated)
         return belief._replace(rejections=belief.rejections + 1)
-    return correct(params, gated, cov)
+    return correct(params, gated)
 
 
 class GatedMeasurement(NamedTuple):
     """A measurement that fits a belief: the belief it fits, squared Mahalanobis distance of the difference ν from
-    what was expected, and (4, 3) what to multiply the covariance's first three rows with: L⁻¹, and below it
-    ν weighed by its covariance L Lᵀ."""
+    what was expected, (4, 3) what to multiply the covariance's first three rows with: L⁻¹, and below it
+    ν weighed by its covariance L Lᵀ; and (3, 3) m² of the measurement's error that filtering does not average out."""
 
     belief: Belief
     nis: float
     weights: Array
+    correlated_cov: Array
 
 
-def gate(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> GatedMeasurement | None:
-    """The measurement beside the belief it fits, as it is or inflated; None for an outlier."""
-    gated = _compared(params, belief, position, cov)
+def gate(
+    params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None = None
+) -> GatedMeasurement | None:
+    """The measurement beside the belief it fits, as it is or inflated; None for an outlier.  Args: As for `update`."""
+    gated = _compared(params, belief, position, cov, correlated)
     if gated.nis <= params.gate_chi2:
         return gated
-    gated = _compared(params, _inflated(params, belief), position, cov)
+    gated = _compared(params, _inflated(params, belief), position, cov, correlated)
     return gated if gated.nis <= params.jump_chi2 else None
 
 
-def correct(params: KalmanParams, gated: GatedMeasurement, cov: Array) -> Belief:
-    """The belief after an gated measurement of covariance `cov` (3, 3) m²."""
+def correct(params: KalmanParams, gated: GatedMeasurement) -> Belief:
+    """The belief after a gated measurement."""
     before = gated.belief
     mean, P = _corrected(before.mean, before.cov, gated.weights)
-    correlated_cov, noise_scale = (1 - params.white_share) * cov, _adapted_scale(params, before.noise_scale, gated.nis)
-    return Belief(before.stamp_s, mean, P, correlated_cov, before.stamp_s, 0, gated.nis, noise_scale)
+    noise_scale = _adapted_scale(params, before.noise_scale, gated.nis)
+    return Belief(before.stamp_s, mean, P, gated.correlated_cov, before.stamp_s, 0, gated.nis, noise_scale)
+
+
+def _white(params: KalmanParams, noise_scale: float, cov: Array, correlated: Array | None) -> Array:
+    """(3, 3) m² of a measurement's error that is independent from frame to frame.
+
+    Where innovations are smaller than even steady motion explains, its share falls with the process noise: a
+    measurement weighs as much as before, and the state's covariance falls to what the innovations show.
+    """
+    share = params.white_share * min(noise_scale / _STEADY, 1.0)
+    white: Array = share * (cov if correlated is None else cov - correlated)
+    return white
 
 
 def _adapted_scale(params: KalmanParams, before: float, nis: float) -> float:
@@ -308,19 +329,22 @@ def _corrected(mean: Array, cov: Array, weights: Array) -> tuple[Array, Array]:
     return corrected, P
 
 
-def _compared(params: KalmanParams, belief: Belief, position: Array, cov: Array) -> GatedMeasurement:
-    nis, weights = _weighed(belief.mean, belief.cov, position, cov, params.white_share)
-    return GatedMeasurement(belief, nis, weights)
+def _compared(
+    params: KalmanParams, belief: Belief, position: Array, cov: Array, correlated: Array | None
+) -> GatedMeasurement:
+    white = _white(params, belief.noise_scale, cov, correlated)
+    nis, weights = _weighed(belief.mean, belief.cov, position, white)
+    return GatedMeasurement(belief, nis, weights, cov - white)
 
 
 @njit(cache=True, error_model="numpy")
-def _weighed(mean: Array, cov: Array, position: Array, R: Array, w: float) -> tuple[float, Array]:
+def _weighed(mean: Array, cov: Array, position: Array, R: Array) -> tuple[float, Array]:
     """`nis` and `weights` of `GatedMeasurement`; L is Cholesky's."""
-    i = 1 / math.sqrt(cov[0, 0] + w * R[0, 0])
-    bi, ci = (cov[0, 1] + w * R[0, 1]) * i, (cov[0, 2] + w * R[0, 2]) * i
-    j = 1 / math.sqrt(cov[1, 1] + w * R[1, 1] - bi * bi)
-    ej = (cov[1, 2] + w * R[1, 2] - bi * ci) * j
-    k = 1 / math.sqrt(cov[2, 2] + w * R[2, 2] - ci * ci - ej * ej)
+    i = 1 / math.sqrt(cov[0, 0] + R[0, 0])
+    bi, ci = (cov[0, 1] + R[0, 1]) * i, (cov[0, 2] + R[0, 2]) * i
+    j = 1 / math.sqrt(cov[1, 1] + R[1, 1] - bi * bi)
+    ej = (cov[1, 2] + R[1, 2] - bi * ci) * j
+    k = 1 / math.sqrt(cov[2, 2] + R[2, 2] - ci * ci - ej * ej)
     ij, jk = -bi * i * j, -ej * j * k
     ik = -(ci * i + ej * ij) * k
     x, y, z = position[0] - mean[0, 0], position[1] - mean[0, 1], position[2] - mean[0, 2]

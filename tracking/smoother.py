@@ -18,11 +18,13 @@ LAG = 400
 
 @dataclass(frozen=True)
 class Measured:
-    """A position (3,) m with its covariance (3, 3) m², or None where nothing was seen, at a stamp."""
+    """A position (3,) m with its covariance (3, 3) m², or None where nothing was seen, at a stamp; and the part of the
+    covariance that is known to last (None: 0)."""
 
     stamp_s: float
-    position: Array | None
-    cov: Array | None
+    position: Array | None = None
+    cov: Array | None = None
+    correlated: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ def follow(
         if one.position is None or one.cov is None:
             passages.append(Passage(expected, (expected, cross)))
             continue
-        belief = update(params, expected, one.position, one.cov)
-        gated = gate(params, expected, one.position, one.cov)
+        measurement = one.position, one.cov, one.correlated
+        belief, gated = update(params, expected, *measurement), gate(params, expected, *measurement)
         restarted = gated is None and belief.rejections == 0
         before = gated.belief if gated else expected
         passages.append(Passage(belief, None if restarted else (before, cross)))
@@ -102,8 +104,10 @@ class _Run:
         self._begin: Belief | None = None
         if first.observation is not None:
             self._params = scaled(params, float(np.linalg.norm(first.observation.p_root - first.head)))
-            measured = first.observation.p_root, first.observation.cov_root
-            self._begin = start(self._params, first.track.stamp_s, *measured)
+            self._begin = start(
+                *(self._params, first.track.stamp_s, first.observation.p_root, first.observation.cov_root),
+                correlated=first.observation.correlated_cov_root,
+            )
 
     def continues_with(self, step: TrackerStep) -> bool:
         """Whether the step is of this track, or one more observation that may lead to it."""
@@ -118,7 +122,10 @@ class _Run:
         if self._begin is None:
             return steps[:n]
         seen = [(step.track.stamp_s, step.observation) for step in steps[1:]]
-        measured = [Measured(t, *((None, None) if one is None else (one.p_root, one.cov_root))) for t, one in seen]
+        measured = [
+            Measured(t) if one is None else Measured(t, one.p_root, one.cov_root, one.correlated_cov_root)
+            for t, one in seen
+        ]
         passages = follow(self._params, self._begin, measured)
         if self.steps:
             self._begin = passages[n].belief

@@ -21,7 +21,10 @@ _MEMORY = 20.0  # number of pairs over which the residuals are averaged
 _MAX_RADIUS_RATIO = 1.7  # of the two angular radii
 # Chosen on independent films (seeds 4100, 4101), judged on others (4200, 4201: 95 % ellipsoid 84 → 94 %).
 _OUTLINE_RATE = 0.2  # at which the outlines' variance follows a pair; 0.1 and 0.35 do as well
-_FIRST_TO_THIRD = 1.8  # variance of an edge's first harmonic, which shifts the centre, to that of its third
+# Of an edge's first harmonic, which shifts the centre, to its second and third where both eyes see them alike: ratio of
+# the variances.  Chosen on independent films (seeds 7000, 7001) and rendered recordings (300), judged on others (7002,
+# 7003, 301).
+_TO_FIRST = 2.5
 _BLURRED = 8.0  # px²: non-circularity times squared radius of a ball's image that is blurred by σ = √2 px
 _SQUARE = math.pi / 3 - 1  # non-circularity of a square
 _OBLIQUE = 0.5  # tangent of the angle at which a flat object may be seen
@@ -117,8 +120,9 @@ class Association:
             (*view.left.place, left.angular_radius_rad, left.angular_radius_var),
             (*view.right.place, right.angular_radius_rad, right.angular_radius_var),
         )
-        cov = found.cov_root + self._shared_cov(view, found.p_root, left, right, radius)
-        return Observation3D(stamp_s, found.p_root, cov, radius, radius_var, found.residual_px)
+        shared = self._shared_cov(view, found.p_root, left, right, radius)
+        cov = found.cov_root + shared
+        return Observation3D(stamp_s, found.p_root, cov, radius, radius_var, found.residual_px, shared)
 
     def _shared_cov(self, view: StereoView, p_root: Array, left: Outline, right: Outline, radius_m: float) -> Array:
         """(3, 3) m²: what both eyes' outlines are off by together, across the line of sight; and of what is no ball,
@@ -179,7 +183,7 @@ class Association:
         rate = max(1 / pairs, _OUTLINE_RATE)
         difference = _disagreement(view, observation.p_root, left, right) - own
         outline = self.outline_var_px2 + rate * (difference - self.outline_var_px2)
-        shared = _FIRST_TO_THIRD * _shared_asymmetry(view, left, right)
+        shared = _TO_FIRST * _shared_asymmetry(view, left, right)
         excess = residual2 - own - max(outline, 0.0)
         mean = self.calibration_var_px2 / (1 + 3 / self.pairs) if self.pairs else 0.0
         return replace(
@@ -208,9 +212,12 @@ def _disagreement(view: StereoView, p_root: Array, left: Outline, right: Outline
 
 
 def _shared_asymmetry(view: StereoView, left: Outline, right: Outline) -> float:
-    """Covariance (px²) of both outlines' third harmonics; what is as long on both sides of its centre has none."""
-    (_, _, a, b), (_, _, c, d) = left.harmonics, right.harmonics
-    return 0.5 * (a * c + b * d) * left.angular_radius_rad * right.angular_radius_rad * view.left.camera.focal_px**2
+    """Covariance (px²) of the second and third harmonics of both outlines, as `_disagreement` has its variance.
+
+    What is longer than wide counts too: it may be the object and the place that it left.
+    """
+    shared = sum(one * other for one, other in zip(left.harmonics, right.harmonics, strict=True))
+    return 0.25 * shared * left.angular_radius_rad * right.angular_radius_rad * view.left.camera.focal_px**2
 
 
 Seen = tuple[float, float, float, float, float]
@@ -252,7 +259,9 @@ def with_pose_error(
     velocity of what rests in both images while the head turns.
     """
     off_m = stamp_error_s * apparent_velocity(before, now, observation.p_root, dt_s)
-    return replace(observation, cov_root=observation.cov_root + np.outer(off_m, off_m))
+    cov, correlated = observation.cov_root, observation.correlated_cov_root
+    pose = np.outer(off_m, off_m)
+    return replace(observation, cov_root=cov + pose, correlated_cov_root=correlated + pose)
 
 
 def apparent_velocity(before: StereoView, now: StereoView, p_root: Array, dt_s: float) -> Array:

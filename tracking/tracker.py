@@ -54,9 +54,6 @@ class TrackerParams:
     """A track that was not updated for this long is deleted."""
     stamp_error_s: float = 0.02
     """Standard deviation of the time by which joints are late, before the images tell it; 0: they are not."""
-    correlated_error_px: float = 0.02
-    """Error of an outline's centre that both cameras share and that no frame averages out (light, defocus): a standard
-    deviation across the line of sight.  Chosen on rendered balls and markers (bench consistency)."""
     background_memory_s: float = 0.3
     """What an eye at rest sees unchanged for this long becomes its background."""
     acquisition: AcquisitionParams = field(default_factory=AcquisitionParams)
@@ -309,7 +306,8 @@ class Tracker:
         observation = state.association.observe(view, *outlines, stamp_s)
         if observation is None or not is_same_object(known, state.radius_m, models, observation):
             return False
-        return kalman.gate(state.kalman, predicted, observation.p_root, observation.cov_root) is not None
+        measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
+        return kalman.gate(state.kalman, predicted, *measurement) is not None
 
     def _associate(
         self,
@@ -368,13 +366,16 @@ class Tracker:
         if observation is None:
             return state, predicted, False
         if predicted is not None:
-            belief = kalman.update(state.kalman, predicted, observation.p_root, observation.cov_root)
+            measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
+            belief = kalman.update(state.kalman, predicted, *measurement)
             return state, belief, belief.rejections == 0
         params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, _middle(view)))
         flows = (state.acquired[0].flow, state.acquired[1].flow) if state.acquired else (None, None)
         position_px = math.sqrt(params.white_share) * state.association.error_px
         measured = velocity(flows, view, observation.p_root, params.prior_std[:2], position_px) or (None, None)
-        belief = kalman.start(params, stamp_s, observation.p_root, observation.cov_root, *measured)
+        belief = kalman.start(
+            *(params, stamp_s, observation.p_root, observation.cov_root, *measured, observation.correlated_cov_root)
+        )
         return replace(state, kalman=params), belief, True
 
     def _manage(
@@ -401,9 +402,8 @@ class Tracker:
         if state.hits < self.params.confirm_frames:
             return state, Track3D.unknown(stamp_s)
         status = Status.COASTING if observation is None else Status.TRACKING
-        error = math.hypot(self.params.correlated_error_px / self._optics[0].camera.focal_px, poses.rotation_std_rad)
         ahead = belief.mean[0] - _middle(poses.view)
-        mean, cov = _full_state(*(belief.mean, belief.cov, belief.correlated_cov), ahead, error)
+        mean, cov = _full_state(*(belief.mean, belief.cov, belief.correlated_cov), ahead, poses.rotation_std_rad)
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
     def _learn(

@@ -159,10 +159,12 @@ def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> C
 
 def _innovations(params: KalmanParams, seen: Sequence[Observation3D]) -> list[float]:
     """Squared Mahalanobis distance of every observation from where it was expected; an outlier's is its gate's."""
-    belief, nis = start(params, seen[0].stamp_s, seen[0].p_root, seen[0].cov_root), []
+    first, nis = seen[0], []
+    belief = start(params, first.stamp_s, first.p_root, first.cov_root, correlated=first.correlated_cov_root)
     for one in seen[1:]:
         belief = predict(params, belief, one.stamp_s)
-        gated = gate(params, belief, one.p_root, one.cov_root)
+        measurement = one.p_root, one.cov_root, one.correlated_cov_root
+        gated = gate(params, belief, *measurement)
         nis.append(gated.nis if gated and gated.belief is belief else params.gate_chi2)
-        belief = update(params, belief, one.p_root, one.cov_root)
+        belief = update(params, belief, *measurement)
     return nis

@@ -178,10 +178,11 @@ def nis_of(steps: Sequence[TrackerStep], usual: Any) -> list[float]:
             continue
         if belief is None:
             params = kalman.scaled(params, float(np.linalg.norm(seen.p_root - step.head)))
-            belief = kalman.start(params, seen.stamp_s, seen.p_root, seen.cov_root)
+            measured = params, seen.stamp_s, seen.p_root, seen.cov_root
+            belief = kalman.start(*measured, correlated=seen.correlated_cov_root)
             continue
         belief = kalman.predict(params, belief, seen.stamp_s)
-        belief = kalman.update(params, belief, seen.p_root, seen.cov_root)
+        belief = kalman.update(params, belief, seen.p_root, seen.cov_root, seen.correlated_cov_root)
         if counts:
             found.append(belief.nis)
     return [float(np.mean(found))] if found else []

@@ -81,7 +81,7 @@ def test_eyes_at_different_stamps_see_a_moving_object_where_it_is_at_their_mean(
 def test_what_errs_alike_in_every_frame_does_not_average_out() -> None:
     """Most of an outline's error stays as long as the object does: ten seconds at rest leave at least half of one
     frame's variance of the place and all of that of the radius."""
-    last = steps([both()] * 200, TrackerParams(correlated_error_px=0.0))[-1]
+    last = steps([both()] * 200)[-1]
     assert last.observation is not None
     ratio = np.diag(last.track.cov)[:3] / np.diag(last.observation.cov_root)
     assert ((ratio > 0.5) & (ratio < 1)).all()

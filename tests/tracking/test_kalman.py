@@ -139,16 +139,18 @@ def _drawn(
 
 
 @pytest.mark.parametrize("order", [2, 4])
-def test_errors_have_the_covariance_it_claims(order: int, rng: np.random.Generator) -> None:
-    """NEES of the whole state and of the first position (with the share of the error that stays), and NIS."""
+@pytest.mark.parametrize("lasting", [0.0, 0.7])
+def test_errors_have_the_covariance_it_claims(order: int, lasting: float, rng: np.random.Generator) -> None:
+    """NEES of the whole state and of the first position (with the share of the error that stays, `lasting` of it known
+    to), and NIS."""
     params, R = replace(KalmanParams.of_order(order), adaptation_rate=0, gate_chi2=1e9), np.diag([4e-6, 1e-6, 9e-6])
     first, nees, nis = [], [], []
     for _ in range(150):
-        true, z = _drawn(params, 12, R, params.white_share, rng)
-        belief = start(params, 0.0, z[0], R)
+        true, z = _drawn(params, 12, R, params.white_share * (1 - lasting), rng)
+        belief = start(params, 0.0, z[0], R, correlated=lasting * R)
         for k in range(12):
             if k:
-                belief = update(params, predict(params, belief, 0.05 * k), z[k], R)
+                belief = update(params, predict(params, belief, 0.05 * k), z[k], R, lasting * R)
                 nis.append(belief.nis)
             error, P = (belief.mean - true[k]).ravel(), belief.cov.copy()
             P[:3, :3] += belief.correlated_cov
@@ -174,8 +176,9 @@ def test_process_noise_follows_the_motion(scale: float, rng: np.random.Generator
     assert math.exp(np.mean(settled[50:])) == pytest.approx(scale, rel=0.35)
 
 
-def test_process_noise_falls_at_the_given_rate_and_no_lower_than_a_fortieth() -> None:
-    """Measured just as predicted, the innovation is nothing: each time the density falls by its rate."""
+def test_process_noise_falls_at_the_given_rate_and_below_a_fortieth_the_white_share_with_it() -> None:
+    """Measured just as predicted, the innovation is nothing: each time the density falls by its rate, to 0.008.  From
+    a fortieth on the covariance falls in proportion and no gain changes."""
     R = 1e-8 * np.eye(3)
     for rate in (0.1, 0.3):
         params = KalmanParams(adaptation_rate=rate)
@@ -185,7 +188,12 @@ def test_process_noise_falls_at_the_given_rate_and_no_lower_than_a_fortieth() ->
             belief = update(params, predict(params, belief, 0.05 * k), np.zeros(3), R)
             fallen.append(belief.noise_scale)
         np.testing.assert_allclose(np.diff(np.log(fallen[:10])), -rate, rtol=1e-9)
-        assert fallen[-1] == pytest.approx(1 / 40)
+        assert fallen[-1] == 0.008
+        np.testing.assert_allclose(belief.correlated_cov, (1 - 0.4 * 0.008 * 40) * R)
+        steady = belief._replace(noise_scale=1 / 40, cov=belief.cov / (0.008 * 40))
+        beliefs = [update(params, predict(params, one, 3.0), np.array([1e-4, 0, 0]), R) for one in (belief, steady)]
+        np.testing.assert_allclose(beliefs[0].mean, beliefs[1].mean)
+        np.testing.assert_allclose(beliefs[0].cov, 0.008 * 40 * beliefs[1].cov)
         assert predict(params, belief, 3.0).cov[0, 0] < predict(params, belief._replace(noise_scale=1.0), 3.0).cov[0, 0]
 
 

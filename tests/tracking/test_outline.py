@@ -48,7 +48,7 @@ def test_stated_variances_of_lit_balls_are_those_of_their_errors(rng: np.random.
     """Balls of 5–30 px lit from above: mean squared normalised errors of centre and radius.
 
     Across, the stated variance is that of the errors.  Down the image light from above shifts both cameras' outlines
-    alike (`TrackerParams.correlated_error_px`); the radius is stated twice as uncertain as it is.
+    alike (`Association.shared_var_px2`); the radius is stated twice as uncertain as it is.
     """
     camera = Camera(100, 100, 220.0, 220.0, 49.5, 49.5)
     optics, n = Optics(camera), 160

@@ -173,6 +173,30 @@ def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng: np.rando
         assert alike or 0.5 < depth < 1.6
 
 
+def test_an_object_and_the_place_that_it_left_are_within_what_is_stated_of_their_middle() -> None:
+    """Both eyes see one blob of the ball and of where it was; the 95 % ellipsoid holds either, and not twice as much.
+    What is stated lasts."""
+    optics, center, off = Optics(CAMERA), np.array([0.034, 0.0, 0.5]), np.array([0.025, 0.0, 0.0])
+    outlines = []
+    for eye in (VIEW.left, VIEW.right):
+        x, y = np.meshgrid(np.arange(320.0), np.arange(240.0))
+        places = [eye.project(center + side * off) for side in (-1, 1)]
+        far = np.min([np.hypot(x - u, y - v) for u, v in places], axis=0)
+        alpha = np.clip(CAMERA.focal_px * 0.035 / center[2] - far + 0.5, 0, 1).astype(np.float32)
+        blob = outline(Coverage(alpha, np.zeros_like(alpha), (0, 0, 320, 240)), optics)
+        assert blob is not None
+        outlines.append(blob)
+    left, right = outlines
+    association = Association.untrained(StereoParams(), 320)
+    for _ in range(40):
+        observation = association.observe(VIEW, left, right, 0.0)
+        assert observation is not None
+        association = association.learned(VIEW, observation, left, right)
+    assert np.linalg.norm(observation.p_root - center) < 0.01
+    assert 7.8 / 4 < off @ np.linalg.solve(observation.cov_root, off) < 7.8
+    np.testing.assert_allclose(observation.correlated_cov_root[:2, :2], observation.cov_root[:2, :2], atol=1e-6)
+
+
 def test_what_is_flat_is_stated_to_be_as_far_off_as_it_may_be() -> None:
     """The lines of sight to the mean directions of a square that faces the eyes meet behind it: by quadrature."""
     side, z = 0.08, 0.6
@@ -263,5 +287,6 @@ def test_the_covariance_grows_by_the_stamps_error_along_the_motion_only(robot: R
     wide = with_pose_error(seen, *views, dt, error_s)
     off = error_s * apparent_velocity(*views, SEEN_AT, dt)
     np.testing.assert_allclose(np.linalg.eigvalsh(wide.cov_root - seen.cov_root), [0, 0, off @ off], atol=1e-12)
+    np.testing.assert_allclose(wide.correlated_cov_root, wide.cov_root - seen.cov_root, atol=1e-15)
     still = with_pose_error(seen, views[1], views[1], dt, error_s)
     np.testing.assert_allclose(still.cov_root, seen.cov_root, atol=1e-15)
