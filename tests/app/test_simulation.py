@@ -1,12 +1,14 @@
 """The loop closed on rendered eyes: an episode of every kind after a short training."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from data import SEED
 
 from learning.pps.memory import PPSMemory
+from pps_vision.app import simulation
 from pps_vision.app.simulation import TrainingParams, World, first_contact, open_world, train
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
@@ -73,3 +75,19 @@ def test_first_contact_is_where_the_reach_is_met() -> None:
         way = np.linspace(0, 1, 500)[:, None]
         before = start + way * (end - start)
         assert np.linalg.norm(before[:, None] - taxels, axis=2).min() >= reach - 1e-9
+
+
+def test_a_training_episode_ends_0_7_s_after_the_touch(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is touched from 2.5 s on, in frames 50 ms apart; the withdrawal, 3 s after, is not learned from."""
+    empty, frames = PPSMemory.empty(world.skin), []
+
+    def simulated(*_: object, **__: object) -> Iterator[SimpleNamespace]:
+        for k in range(120):
+            frames.append(k)
+            yield SimpleNamespace(touched=np.array([False, 50 <= k < 110]))
+
+    monkeypatch.setattr(simulation, "simulate", simulated)
+    pipeline = SimpleNamespace(step=None, finish=lambda: empty)
+    monkeypatch.setattr(simulation, "new_pipeline", lambda *_: pipeline)
+    assert train(world, TrainingParams(trials=1)) is empty
+    assert frames == list(range(50 + 14))
