@@ -25,7 +25,7 @@ def _noise(rng: np.random.Generator, coarsest: int, finest: int, stretch: tuple[
     """Fractal noise (tile, tile) in [−1, 1]: octaves of `coarsest` to `finest` cells a side."""
     total, cells = np.zeros((_TILE, _TILE), np.float32), coarsest
     while cells <= finest:
-        shape = (max(cells // stretch[0], 2), max(cells // stretch[1], 2))
+        shape = (cells // stretch[0], cells // stretch[1])
         octave = rng.uniform(-1, 1, shape).astype(np.float32)
         total += cv2.resize(octave, (_TILE, _TILE), interpolation=cv2.INTER_CUBIC)
         cells *= 2

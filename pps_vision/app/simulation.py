@@ -212,9 +212,7 @@ def simulate(world: World, episode: Episode, policy: Policy, avoid: bool = True)
         step = policy(frame, touched)
         yield SimulationStep(frame, step, p, taxels, touched, q)
         dq = step.command.dq_rad_s.copy()
-        if not avoid:
-            dq[arm] = 0.0
-        if episode.own_motion == "arm":
+        if not avoid or episode.own_motion == "arm":
             dq[arm] = 0.0
         q = q + PERIOD_S * (dq + own_rate(robot, episode.own_motion, arm, t))
         if episode.own_motion:

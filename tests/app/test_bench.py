@@ -240,3 +240,15 @@ def test_a_stale_result_keeps_its_tables_and_stops_no_other_study(
     assert "<!-- table: stale -->\nold\n<!-- end -->" in page.read_text()
     assert "| half | 0.333 |" in page.read_text()
     assert "stale.json has no 'half'" in capsys.readouterr().out
+
+
+def test_without_options_studies_run_in_full_into_the_documents(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr("pps_vision.app.bench.bench", lambda *words, **options: asked.append((words, options)))
+    main(["bench", "filter"])
+    main(["bench", "filter", "--n", "3", "--short", "--again", "--redraw", "--out", "elsewhere"])
+    plain = {"again": False, "redraw": False, "short": False}
+    assert [(list(words[0]), *words[1:], options) for words, options in asked] == [
+        (["filter"], {}, Path("docs"), plain),
+        (["filter"], {"n": 3}, Path("elsewhere"), dict.fromkeys(plain, True)),
+    ]

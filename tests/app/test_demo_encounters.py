@@ -2,13 +2,18 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import av
 import numpy as np
 import pytest
+from episodes import episode_log
 
-from pps_vision.app.demo_encounters import Met, chosen, demo_encounters
+from pps_vision.app.demo_encounters import Met, _page, _write_side_by_side, chosen, demo_encounters
+from pps_vision.app.report import page
+from pps_vision.robot.skin import TOUCH_RADIUS_M
 
 
 def met(title: str, gap_m: float) -> Met:
@@ -36,3 +41,32 @@ def test_a_report_of_one_encounter(tmp_path: Path) -> None:
     text = (tmp_path / "out" / "report.html").read_text()
     assert text.count("<video") == 1
     assert row["encounter"] in text
+
+
+def test_both_runs_are_filmed_side_by_side(tmp_path: Path) -> None:
+    left, right = ([np.full((48, 64, 3), level + 20 * k, np.uint8) for k in range(3)] for level in (40, 140))
+    _write_side_by_side(tmp_path / "a.mp4", left, right)
+    with av.open(str(tmp_path / "a.mp4")) as film:
+        frames = [frame.to_ndarray(format="rgb24").astype(float) for frame in film.decode(video=0)]
+    assert [frame.shape for frame in frames] == [(48, 128, 3)] * 3
+    for k, frame in enumerate(frames):
+        assert frame[:, 8:56].mean() == pytest.approx(40 + 20 * k, abs=5)
+        assert frame[:, 72:120].mean() == pytest.approx(140 + 20 * k, abs=5)
+
+
+def test_the_report_lists_all_encounters_and_shows_the_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "image", lambda figure: "")
+    log, some = episode_log(False), []
+    for k, gap_m in enumerate((0.015, 0.05, 0.12)):
+        _write_side_by_side(tmp_path / f"{k}.mp4", *[[np.zeros((48, 64, 3), np.uint8)] * 2] * 2)
+        gaps = np.full_like(log.surface_gap_m, gap_m)
+        on = replace(log, surface_gap_m=gaps, touched=gaps <= TOUCH_RADIUS_M)
+        some.append(Met(f"encounter {k}", (log, on), tmp_path / f"{k}.mp4"))
+    text = _page(some, 2.0, 7)
+    assert "3 encounters, 1 touched" in text
+    assert text.count("<video") == 3  # best, median, touched
+    for row in ("<td>encounter 0</td><td>touched</td><td>-5</td>", "<td>encounter 1</td><td></td><td>30</td>"):
+        assert row in text
+    assert "<td>encounter 2</td><td></td><td>100</td>" in text
+    assert text.index("Best: encounter 2") < text.index("Median: encounter 1") < text.index("Touched: encounter 0")
+    assert "σ = 2/255, seed 7" in text

@@ -12,6 +12,7 @@ from videos import write_video
 
 from pps_vision.app.cli import main
 from pps_vision.app.info import info
+from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.testing import check_error
 
@@ -82,6 +83,12 @@ def test_a_laboratorys_own_test(approach: Path) -> None:
     assert 0 < score.rmse_mm < 20
     with pytest.raises(AssertionError, match=r"1 of 1 recordings: .*\n.*\(fails\)"):
         check_error([approach], rmse_mm=score.rmse_mm / 2)
+
+
+def test_a_laboratorys_own_test_needs_a_truth(videos: list[str]) -> None:
+    recording = open_recording(left=videos[1:2], right=videos[3:4], calib=videos[5:6])
+    with pytest.raises(InputError, match=r"holds no truth\.csv; expected one there or by truth"):
+        check_error([recording], rmse_mm=1)
 
 
 def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,13 +1,25 @@
 """The loop closed on rendered eyes: an episode of every kind after a short training."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from data import SEED
 
 from learning.pps.memory import PPSMemory
-from pps_vision.app.simulation import TrainingParams, World, first_contact, open_world, train
+from pps_vision.app import simulation
+from pps_vision.app.simulation import (
+    Episode,
+    OwnMotion,
+    TrainingParams,
+    World,
+    first_contact,
+    open_world,
+    own_rate,
+    simulate,
+    train,
+)
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
@@ -73,3 +85,43 @@ def test_first_contact_is_where_the_reach_is_met() -> None:
         way = np.linspace(0, 1, 500)[:, None]
         before = start + way * (end - start)
         assert np.linalg.norm(before[:, None] - taxels, axis=2).min() >= reach - 1e-9
+
+
+def test_a_training_episode_ends_0_7_s_after_the_touch(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is touched from 2.5 s on, in frames 50 ms apart; the withdrawal, 3 s after, is not learned from."""
+    empty, frames = PPSMemory.empty(world.skin), []
+
+    def simulated(*_: object, **__: object) -> Iterator[SimpleNamespace]:
+        for k in range(120):
+            frames.append(k)
+            yield SimpleNamespace(touched=np.array([False, 50 <= k < 110]))
+
+    monkeypatch.setattr(simulation, "simulate", simulated)
+    pipeline = SimpleNamespace(step=None, finish=lambda: empty)
+    monkeypatch.setattr(simulation, "new_pipeline", lambda *_: pipeline)
+    assert train(world, TrainingParams(trials=1)) is empty
+    assert frames == list(range(50 + 14))
+
+
+@pytest.mark.parametrize(
+    ("avoid", "own_motion", "arm_obeys"),
+    [(True, "", True), (False, "", False), (True, "arm", False), (True, "head", True)],
+)
+def test_the_robot_moves_by_its_commands_and_its_own_motion(
+    world: World, avoid: bool, own_motion: OwnMotion, arm_obeys: bool
+) -> None:
+    """All joints are commanded 0.02 rad/s; of an arm that does not obey, or swings by itself, the command is void."""
+    command = SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.full(world.robot.n_joints, 0.02)))
+    episode = Episode("", "ball", None, 0.2, own_motion)
+    steps = list(simulate(world, episode, lambda frame, touched: command, avoid))  # type: ignore[arg-type,return-value]
+    assert len(steps) == 4
+    q = world.home
+    for k, step in enumerate(steps):
+        np.testing.assert_allclose(step.q_rad, q, atol=1e-12)
+        np.testing.assert_allclose(step.frame.joints_left_rad, q, atol=1e-12)
+        assert step.frame.stamp_s == pytest.approx(0.05 * k)
+        assert np.isnan(step.position).all()
+        assert not step.touched.any()
+        commanded = np.full(len(q), 0.02)
+        commanded[world.arm] *= arm_obeys
+        q = q + 0.05 * (commanded + own_rate(world.robot, own_motion, world.arm, 0.05 * k))

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import distinct_stamps, pair_by_stamp
+from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp
 
 
 def images(side: str, stamps: list[float]) -> list[ImageFile]:
@@ -98,3 +98,11 @@ def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_na
     assert [(problem.kind, "has the stamp of" in str(problem)) for problem in problems] == [
         (ProblemKind.STAMP, True)
     ] * 2
+
+
+@pytest.mark.parametrize(
+    ("stamps", "fps"), [([0.0, 0.1, 0.2, 0.9], 10.0), ([0.0, 0.25], 4.0), ([0.0], 20.0), ([], 20.0), ([1.0, 1.0], 20.0)]
+)
+def test_the_rate_is_that_of_the_median_interval(stamps: list[float], fps: float) -> None:
+    pairs = tuple((ImageFile(Path("l"), t), ImageFile(Path("r"), t)) for t in stamps)
+    assert Recording("made up", pairs, (8, 6), []).fps == pytest.approx(fps)

@@ -16,6 +16,7 @@ from pps_vision.app.simulation import World, log_of, make_episode, new_pipeline,
 from pps_vision.errors import InputError
 from pps_vision.experiments.official_icub import compare_joints
 from pps_vision.recordings.robot_file import read_robot, robot_setup
+from pps_vision.recordings.skin_file import read_skin
 from pps_vision.robot.gaze import GazeModel
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.model import FrameNames, Robot
@@ -225,6 +226,29 @@ def test_the_icubs_own_skin_file_has_our_taxels() -> None:
     where = [part.ids.index(i) for i in ours.ids]
     np.testing.assert_allclose(part.positions_m[where], ours.positions_m, atol=1e-4)
     np.testing.assert_allclose(part.normals[where], ours.normals, atol=2e-3)
+
+
+def test_a_skin_part_in_the_icubs_form_is_read(tmp_path: Path) -> None:
+    """Taxel 1 is represented by 0, 3 by none, and 2 has no normal; what follows six numbers of a row does not count."""
+    robot, file = read_robot(ARM7).robot, tmp_path / "part.txt"
+    head = "name forearm\ntaxel2Repr ( 0 0 2 -1 4 )\n[calibration]\n"
+    rows = ["0.1 0.2 0.3 0 0 2 0.5 x", "1 1 1 0 0 1", "0.4 0.5 0.6 0 0 0", "2 2 2 0 0 1", "0.7 0.8 0.9 -1 0 0"]
+    file.write_text(head + "\n".join(rows) + "\n")
+    (part,) = read_skin([file], robot).parts
+    assert (part.name, part.frame, part.ids) == ("forearm", "forearm", (0, 4))
+    np.testing.assert_allclose(part.positions_m, [[0.1, 0.2, 0.3], [0.7, 0.8, 0.9]])
+    np.testing.assert_allclose(part.normals, [[0, 0, 1], [-1, 0, 0]])
+    for old, new, message in (
+        ("0 0 2 0.5 x", "0", r"part\.txt:4: 4 numbers; expected x y z nx ny nz"),
+        ("( 0 0", "( a 0", r"part\.txt:2: 'a' is no whole number; expected"),
+        ("name forearm", "", r"part\.txt: no name; expected name and rows below"),
+    ):
+        file.write_text((head + "\n".join(rows) + "\n").replace(old, new, 1))
+        with pytest.raises(InputError, match=message):
+            read_skin([file], robot)
+    file.write_text(head)
+    with pytest.raises(InputError, match=r"part\.txt: no taxel; expected name and rows below"):
+        read_skin([file], robot)
 
 
 def test_a_urdf_without_a_robot_file_is_refused() -> None:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 
+import cv2
 import numpy as np
 import pytest
 from ball_scenes import Sphere, look
@@ -232,3 +233,41 @@ def test_what_shows_in_an_objects_place_can_be_taken_for_background(rng: np.rand
     assert tracker.background.differs(empty, view, here).mean() < 0.01
     assert tracker.background.differs(empty, view, (0, 0, 320, 240))[90:131, 130:171].mean() < 0.02
     assert tracker.background.differs(empty, view, there).mean() > 0.8
+
+
+def _before_spots(rng: np.random.Generator, disc: bool) -> np.ndarray:
+    """A wall of soft spots, and a plain disc of 18 px at (150, 110) before it."""
+    wall = cv2.resize(np.random.default_rng(1).uniform(60, 160, (15, 20, 3)), (320, 240), interpolation=cv2.INTER_CUBIC)
+    if disc:
+        v, u = np.mgrid[:240, :320]
+        wall[np.hypot(u - 150, v - 110) < 18] = (190.0, 40.0, 40.0)
+    return np.clip(np.rint(wall + 2 * rng.standard_normal(wall.shape)), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("was_learned", [True, False])
+def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_backgrounds(
+    was_learned: bool, rng: np.random.Generator
+) -> None:
+    """A disc was there when the background was learned, and has left; or it has come, and is no empty place.
+
+    Evidence adds up while the place rests.
+    """
+    view, now = View(LEFT_EYE, np.eye(4)), _before_spots(rng, not was_learned)
+    tracker = CameraTracker("left", Optics(LEFT_EYE), ImageTrackerParams(), None, 10.0, rng)
+    for k in range(12):
+        tracker.background.learn(_before_spots(rng, was_learned), view, 0.05 * k, None)
+    target = tracker.image_tracker.start(now, (132.0, 92.0, 37.0, 37.0), fill=np.pi / 4)
+    state, prior = CameraState(target, size_px=36.0, by_background=True), Prior(np.array([150.0, 110.0]), 1.0, 1.0)
+    evidence = []
+    for k in range(12, 16):
+        camera = CameraFrame(_before_spots(rng, not was_learned), view, 0.05 * k, None)
+        state, found = tracker.find(state, camera, prior)
+        assert found is not None
+        assert np.linalg.norm(found.outline.center_px - [150, 110]) < 2
+        evidence.append(state.emptiness)
+    assert tracker.is_empty(state) == was_learned
+    steps = np.diff([0.0, *evidence])
+    np.testing.assert_allclose(steps, 0.4 if was_learned else -0.6, atol=0.05)  # all of the edge, or none, less 0.6
+    for k in range(16, 40):
+        state, _ = tracker.find(state, camera._replace(stamp_s=0.05 * k), prior)
+    assert state.emptiness >= -3  # so that a thing that leaves later can still be noticed

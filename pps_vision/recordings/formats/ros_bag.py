@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 FORMAT = "a ROS bag (.bag, .mcap, .db3, or a folder with metadata.yaml)"
 TAKES_TOPICS = True  # as `left` and `right`
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+# Seconds and nanoseconds of a header, behind the sequence number of ROS 1 or the four bytes of CDR's own header.
+_STAMP = struct.Struct("<4xII")
 _CONVERSIONS = {  # of ROS's encodings to RGB, and their channels; OpenCV names Bayer patterns by another pixel
     "rgb8": (None, 3),
     "bgr8": (cv2.COLOR_BGR2RGB, 3),
@@ -95,9 +97,6 @@ class Bag:
         with self.reading():
             self.reader = AnyReader([file], default_typestore=get_typestore(Stores.LATEST))
             self.reader.open()
-        version = 2 if self.reader.is2 else 1
-        # a header's stamp lies behind the sequence number of ROS 1, or behind the four bytes of CDR's own header
-        self._stamp = struct.Struct("<4xII" if version == 1 else "<4xiI")
 
     def reading(self) -> "_Reading":
         """A block in which whatever rosbags raises means that the bag is damaged."""
@@ -123,7 +122,7 @@ class Bag:
         stamps = []
         with self.reading():
             for _, _, data in self.reader.messages([messages.connection]):
-                seconds, nanoseconds = self._stamp.unpack_from(data)
+                seconds, nanoseconds = _STAMP.unpack_from(data)
                 stamps.append(seconds + 1e-9 * nanoseconds)
         return [BagImage(self.file, stamp_s, messages=messages, index=index) for index, stamp_s in enumerate(stamps)]
 
@@ -176,7 +175,7 @@ class Bag:
                         "version": sum(angle[eye] for eye in eyes) / 2,
                         "vergence": angle[eyes[0]] - angle[eyes[1]],
                     }
-                seconds, nanoseconds = self._stamp.unpack_from(data)
+                seconds, nanoseconds = _STAMP.unpack_from(data)
                 for port, names in setup.ports.items():
                     if all(name in angle for name in names):
                         stamps[port].append(seconds + 1e-9 * nanoseconds)
