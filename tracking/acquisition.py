@@ -5,6 +5,7 @@ the object.  A marker is searched by its hue; before eyes at rest it must have m
 """
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -22,7 +23,7 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import CHANGED, Background
 from tracking.ego_motion import Box
-from tracking.marker import MarkerParams, find_markers
+from tracking.marker import MarkerParams, find_markers, find_vivid_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.optical_flow import Flow2D
 from tracking.outline import Optics, Outline, fit_outline
@@ -45,6 +46,8 @@ _UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
 _SOLID = 0.9  # solidity below which what moves may be an object and what holds it
 _WITHIN = 0.9  # of a colour's region, what the hull of its change must hold: the rest is something else
 _LONG = 2.0  # ratio of a marker's sides
+_APART, _RING_POINTS = 1.3, 300  # of its size, from which on its surroundings are compared; so many points of them
+_FARTHER, _DISTANCES, _BETTER = 0.8, 16, 0.7  # nearness of these beside the marker's; number; how much better they fit
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
 
@@ -131,6 +134,49 @@ class Acquisition:
             pair = self._best_pair(association, cameras, view, a, b, stamp_s)
         return pair and _with_both_colors(*pair), (left, right)
 
+    def find_marker(
+        self,
+        marker: MarkerParams,
+        cameras: CameraFrames,
+        view: StereoView,
+        stamp_s: float,
+        backgrounds: Backgrounds,
+        association: Association,
+    ) -> tuple[Outline, Outline] | None:
+        """Return the marker anywhere in both images: of the pairs of blobs of its hue that may be one thing, one that has
+        moved; before moving eyes also the only one, if it is nearer than what surrounds it: no patch of a wall.
+        """
+        self._remember(0, cameras[0])
+        lefts, rights = (
+            _moved_markers(marker, camera, one, background)
+            for camera, one, background in zip(cameras, self._optics, backgrounds, strict=True)
+        )
+        self._counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
+        pairs = []
+        for a, b in itertools.product(lefts, rights):
+            ratio = a.angular_radius_rad / b.angular_radius_rad
+            if max(ratio, 1 / ratio) > self.params.max_ratio:
+                self._counts["rejected by size"] += 1
+            elif association.observe(view, a, b, stamp_s):
+                pairs.append((a, b))
+            else:
+                self._counts[f"rejected by {association.refusal(view, a, b)}"] += 1
+        if pairs and backgrounds[0].is_known(cameras[0].view):
+            return pairs[0]
+        moving = {id(a): self._moves(a) for a, _ in pairs}
+        for a, b in pairs:
+            if moving[id(a)] or len(lefts) == len(rights) == 1 and _stands_out(association, cameras, view, a, b):
+                return a, b
+        self._counts.update({"rejected since it did not move": len(pairs)})
+        return None
+
+    def _moves(self, one: Outline) -> bool:
+        """Whether flow shows that an outline of the left image moves by itself."""
+        x, y, w, h = one.box_px
+        camera = self._optics[0].camera
+        box = max(int(x), 0), max(int(y), 0), min(int(x + w) + 1, camera.width), min(int(y + h) + 1, camera.height)
+        return self._triggers[0].moves(masks.ellipse(box, one.center_px, w, h), box)
+
     def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
         own = self._own(camera)
         return self._triggers[eye].step(camera.image, camera.view, camera.stamp_s, own, confirm)
@@ -199,30 +245,6 @@ class Acquisition:
         return part if whole is None else replace(part, outline=whole)
 
 
-def find_marker_pair(
-    params: MarkerParams,
-    cameras: CameraFrames,
-    view: StereoView,
-    stamp_s: float,
-    optics: tuple[Optics, Optics],
-    backgrounds: Backgrounds,
-    association: Association,
-    counts: SearchCounts,
-) -> tuple[Outline, Outline] | None:
-    """Return the marker anywhere in both images; None where no two blobs are one thing, or it has not moved before eyes
-    at rest."""
-    lefts, rights = (
-        _moved_markers(params, camera, one, background)
-        for camera, one, background in zip(cameras, optics, backgrounds, strict=True)
-    )
-    counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
-    for a, b in itertools.product(lefts, rights):
-        if association.observe(view, a, b, stamp_s):
-            return a, b
-        counts[f"rejected by {association.refusal(view, a, b)}"] += 1
-    return None
-
-
 def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
     """The blobs of the marker's hue, but for those that look like the background, are long, or are cut by the image's
     border: what is seen in part may be of any size."""
@@ -234,8 +256,43 @@ def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, ba
         return whole and compact and background.has_changed(camera.image, camera.view, x, y, w, h)
 
     if camera.found is None:
-        return find_markers(params, camera.image, optics, is_candidate=may_be)
-    return [one for one in camera.found if may_be(*(round(value) for value in one.box_px))]
+        found = find_markers(params, camera.image, optics, is_candidate=may_be)
+    else:
+        found = [one for one in camera.found if may_be(*(round(value) for value in one.box_px))]
+    vivid = find_vivid_markers(params, camera.image, optics, is_candidate=may_be)
+    return [one for one in found if not any(_holds(one, other) for other in vivid)] + vivid
+
+
+def _stands_out(
+    association: Association, cameras: CameraFrames, view: StereoView, left: Outline, right: Outline
+) -> bool:
+    """Whether what surrounds an object in the left image is found in the right one much better at a larger distance
+    than at the object's (mean absolute difference)."""
+    observation = association.observe(view, left, right, cameras[0].stamp_s)
+    if observation is None:
+        return False
+    (x, y, w, h), camera = left.box_px, view.left.camera
+    box = (
+        *(max(int(x - w), 0), max(int(y - h), 0)),
+        *(min(int(x + 2 * w) + 1, camera.width), min(int(y + 2 * h) + 1, camera.height)),
+    )
+    rows, columns = np.nonzero(~masks.ellipse(box, left.center_px, _APART * w, _APART * h))
+    step = len(rows) // _RING_POINTS + 1
+    rows, columns = rows[::step] + box[1], columns[::step] + box[0]
+    rays = view.left.rays(np.stack([columns, rows], axis=-1).astype(float))
+    far, here = math.dist(observation.p_root, view.left.place), cameras[0].image[rows, columns].astype(np.float32)
+    differences = []
+    for nearness in (1.0, *np.linspace(_FARTHER, 0.05, _DISTANCES)):
+        there = view.right.project(view.left.center + far / nearness * rays).astype(np.float32)
+        seen = cv2.remap(cameras[1].image, there[None], np.empty(0, np.float32), cv2.INTER_LINEAR)[0]
+        differences.append(float(np.abs(seen - here).mean()))
+    return min(differences[1:]) < _BETTER * differences[0]
+
+
+def _holds(one: Outline, other: Outline) -> bool:
+    """Whether another outline's centre lies in the box of an outline."""
+    (x, y, w, h), (u, v) = one.box_px, other.center_px
+    return bool(x <= u < x + w and y <= v < y + h)
 
 
 @dataclass(frozen=True)

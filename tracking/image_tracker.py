@@ -33,6 +33,7 @@ _GAP = 0.05  # of the object's size: gaps up to twice as wide are closed in what
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
 _SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
 _MIN_SCORE = 0.4  # below which the object counts as not seen
+_LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row, above which its hue does not separate it
 _LEARN_RATE, _BACKGROUND_RATE = 0.03, 0.2  # at which the colours of the object and its surroundings follow the image
 _SIZE_RATE = 0.3  # the same for its size and proportions
 _MIN_AREA_PX = 10  # smallest image of an object
@@ -351,11 +352,13 @@ class CameraTracker:
         """The object near its prior: as it was found beforehand (`batch`), else searched."""
         if prior is None:
             return state, None
-        given = None if state.by_background else self._given(state, camera.found or [], prior)
-        if self.marker is not None:
-            return state, given or self._find_marker(self.marker, state, camera, prior)
         if state.target is None:
             return state, None
+        given = None if state.by_background else self._given(state, camera.found or [], prior)
+        if given is None and self.marker is not None:
+            given, is_hue_there = self._find_marker(self.marker, state, camera, prior)
+            if given is None and not is_hue_there:
+                return state, None
         if given is not None:
             return state._replace(target=self.image_tracker.follow(state.target, given.outline)), given
         before, evidence = state.target, None
@@ -374,6 +377,8 @@ class CameraTracker:
             last_px = before.cloud.now[:, :2].mean(axis=0)
             wide = Prior(last_px, _WIDE_SEARCH * before.size, prior.growth)
             target, found_object = self.image_tracker.step(before, camera.image, wide, evidence, by_color)
+        if self.marker is not None and found_object is not None and found_object.outline.is_partial:
+            return state, None  # what hides it may have its hue
         if found_object is not None and state.by_background:
             emptiness = self._emptiness(state, camera, before, found_object)
             state = state._replace(emptiness=emptiness)
@@ -406,18 +411,20 @@ class CameraTracker:
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
-    ) -> ImageDetection | None:
-        """The blob nearest to the prior, unless its area is quite another."""
+    ) -> tuple[ImageDetection | None, bool]:
+        """The blob nearest to the prior, unless its area is quite another: its hue does not separate it then; and
+        whether there is any blob."""
         x, y = prior.center_px.tolist()
         near, area_px = (x, y, state.size_px + 4 * prior.std_px + 3), math.pi / 4 * (prior.growth * state.size_px) ** 2
         differs = partial(self.background.differs, camera.image, camera.view)
         found = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
         nearest = min(found, key=lambda one: math.dist(one.center_px.tolist(), (x, y)), default=None)
         if nearest is None:
-            return None
+            return None, False
         ratio = (self._size_px(nearest) / (prior.growth * state.size_px)) ** 2
-        score = min(ratio, 1 / ratio)
-        return ImageDetection(nearest, nearest.box_px, score) if score >= _MIN_SCORE else None
+        if not _MIN_SCORE <= ratio <= _LARGER_BLOB:
+            return None, True
+        return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True
 
     def _given(self, state: CameraState, found: list[Outline], prior: Prior) -> ImageDetection | None:
         """The one of the outlines `found` beforehand that lies near the prior and is as large as predicted."""

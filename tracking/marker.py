@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 from typing import Any, NamedTuple
@@ -19,6 +19,8 @@ _MARGIN_PX = 8  # of background around a blob, from which the outline takes its 
 _MIN_AREA_PX = 8  # of a blob
 _MAX_COMPARED = 40  # are compared with the background at most
 _MAX_BLOBS = 4  # are outlined at most, the largest and roundest: it limits the time in an image full of the hue
+_COMMON, _SAMPLED = 0.02, 4  # share of the image from which a hue is the scene's; pixels between those that tell it
+_OUTLIER = 4.0  # standard deviations above the hue's median saturation
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,26 @@ def find_markers(
     if differs is not None:
         hard = np.where(differs((x0, y0, x1, y1)), hard, np.uint8(0))
     return blob_outlines(image, hard, (x0, y0, x1, y1), optics, is_candidate, expected_area_px)
+
+
+def find_vivid_markers(
+    params: MarkerParams,
+    image: Image,
+    optics: Optics,
+    is_candidate: Callable[[int, int, int, int], bool] = lambda *_: True,
+) -> list[Outline]:
+    """Return the outlines of blobs that are far more saturated than most of what has the marker's hue, where that is so
+    common that a marker may be joined with it (grass behind a green one)."""
+    sample = image[::_SAMPLED, ::_SAMPLED]
+    levels = cv2.cvtColor(sample, cv2.COLOR_RGB2HSV)[..., 1][threshold(params, sample) > 0].astype(float)
+    if len(levels) < _COMMON * sample.shape[0] * sample.shape[1]:
+        return []
+    middle = float(np.median(levels))
+    least = (middle + _OUTLIER * 1.4826 * float(np.median(np.abs(levels - middle)))) / 255
+    if least >= 1:
+        return []
+    raised = replace(params, min_saturation=max(least, params.min_saturation))
+    return find_markers(raised, image, optics, is_candidate=is_candidate)
 
 
 def blob_outlines(

@@ -21,7 +21,6 @@ from tracking.acquisition import (
     Regions,
     SearchCounts,
     Stages,
-    find_marker_pair,
 )
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
@@ -257,15 +256,16 @@ class Tracker:
             if state.view is None:  # whether anything has moved is known from the second frame on
                 return state, _NOTHING, ([], [])
             with self.stages("image"):
-                marker = find_marker_pair(
-                    *(self.params.marker, cameras, view, stamp_s, self._optics, backgrounds, association),
-                    self.search_counts,
+                marker = self._acquisition.find_marker(
+                    self.params.marker, cameras, view, stamp_s, backgrounds, association
                 )
             if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
-            for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
+            states = []
+            for tracker, camera, one, blob in zip(self._cameras, cameras, state.cameras, marker, strict=True):
                 tracker.background.forget_around(camera.image, camera.view, blob.box_px)
-            return state, _detections(*marker), ([], [])
+                states.append(one._replace(target=tracker.image_tracker.start(camera.image, blob.box_px)))
+            return replace(state, cameras=(states[0], states[1])), _detections(*marker), ([], [])
         pair, regions = self._acquisition.step(cameras, view, stamp_s, backgrounds, association)
         if pair is None:
             return state, _NOTHING, regions

@@ -11,7 +11,7 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.types import StereoFrame
-from tracking.acquisition import Acquisition, AcquisitionParams, Change, find_marker_pair, joined, segment
+from tracking.acquisition import Acquisition, AcquisitionParams, Change, joined, segment
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.marker import MarkerParams
@@ -213,5 +213,6 @@ def test_a_marker_is_compact_and_whole(
     unknown = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
     counts: Counter[str] = Counter()
     association = Association.untrained(StereoParams(), rig.left.width)
-    find_marker_pair(MarkerParams(), cameras, view, 0.0, optics, unknown, association, counts)
+    acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), counts)
+    acquisition.find_marker(MarkerParams(), cameras, view, 0.0, unknown, association)
     assert (counts["candidates_left"], counts["candidates_right"]) == ((1, 1) if taken else (0, 0))
