@@ -1,7 +1,8 @@
 """Acquisition of an object while none is tracked (R Fig 13, left half).
 
 A motion region grows to the whole object, by its colours; what moves in both eyes and has the same colours and size is
-the object.  A marker is searched by its hue; before eyes at rest it must have moved, before moving eyes it need not.
+the object.  A marker is searched by its hue, and must have moved; before moving eyes the only one need not, if it is
+nearer than what surrounds it.
 """
 
 import itertools
@@ -10,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import cv2
@@ -22,6 +23,7 @@ from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import CHANGED, Background
+from tracking.background_edge import LEARNED_EDGE
 from tracking.ego_motion import Box
 from tracking.marker import MarkerParams, find_markers, find_vivid_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
@@ -143,8 +145,8 @@ class Acquisition:
         backgrounds: Backgrounds,
         association: Association,
     ) -> tuple[Outline, Outline] | None:
-        """Return the marker anywhere in both images: of the pairs of blobs of its hue that may be one thing, one that has
-        moved; before moving eyes also the only one, if it is nearer than what surrounds it: no patch of a wall.
+        """Return the marker anywhere in both images: of the pairs of blobs of its hue that may be one thing, one that
+        has moved; before moving eyes also the only one, if it is nearer than what surrounds it: no patch of a wall.
         """
         self._remember(0, cameras[0])
         lefts, rights = (
@@ -165,7 +167,7 @@ class Acquisition:
             return pairs[0]
         moving = {id(a): self._moves(a) for a, _ in pairs}
         for a, b in pairs:
-            if moving[id(a)] or len(lefts) == len(rights) == 1 and _stands_out(association, cameras, view, a, b):
+            if moving[id(a)] or (len(lefts) == len(rights) == 1 and _stands_out(association, cameras, view, a, b)):
                 return a, b
         self._counts.update({"rejected since it did not move": len(pairs)})
         return None
@@ -194,12 +196,17 @@ class Acquisition:
     ) -> list[Candidate]:
         then = self._triggers[eye].image_before(camera.view, camera.stamp_s)
         known = then is not None and backgrounds[eye].is_known(camera.view)
-        change = None if then is None or not known else Change(backgrounds[eye], camera.view, then, camera.image)
+        change: Change | ChangeOfMovingEye | None = None
+        if then is not None:
+            change = Change(backgrounds[eye], camera.view, then, camera.image) if known else None
+        elif backgrounds[eye].behind_moving_eye(camera.view, camera.stamp_s) is not None:
+            before = partial(self._triggers[eye].seen_before, camera.view, camera.stamp_s)
+            change = ChangeOfMovingEye(backgrounds[eye], camera.view, before, camera.image)
         found = (segment(self.params, camera.image, one, self._optics[eye], change) for one in regions)
         parts = [candidate for candidate in found if candidate is not None]
         parts += joined(self.params, camera.image, parts, self._optics[eye])
         if then is None and eye == 0:  # the eye moves: flow tells whether what has a motion region's colours moves too
-            parts = [one for one in parts if self._triggers[eye].moves(one.mask, one.box)]
+            parts = [one for one in parts if not one.by_color or self._triggers[eye].moves(one.mask, one.box)]
         return parts
 
     def _best_pair(
@@ -336,17 +343,44 @@ class Change:
         return mask if gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained else None
 
 
+@dataclass(frozen=True)
+class ChangeOfMovingEye:
+    """The same for an eye that moves: `before` returns a box of its image of a moment ago as seen from where it is now,
+    None where there is none."""
+
+    background: Background
+    view: View
+    before: Callable[[Box], Image | None]
+    now: Image
+
+    def moving(self, seed: Mask, box: Box) -> Mask | None:
+        """(h, w) what has moved onto the seed as a whole, as `Change.moving`, and is no place that something left."""
+        then, background = self.before(box), self.background.moving
+        differs = background.differs(self.now, self.view, box)
+        mask = _connected(differs, seed)
+        if mask is None or then is None or masks.is_cut(mask, box, self.now):
+            return None
+        differed = background.differs_in(then, self.view, box)
+        gained = np.count_nonzero(mask & ~differed)
+        lost = np.count_nonzero(differed & ~differs)
+        if not (gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained) or _solidity(mask) < _SOLID:
+            return None
+        edge = self.background.learned_edge(self.now, self.view, mask, box)
+        return None if edge is not None and edge > LEARNED_EDGE else mask
+
+
 def segment(
     params: AcquisitionParams,
     image: Image,
     region: Region2D,
     optics: Optics,
-    change: Change | None = None,
+    change: "Change | ChangeOfMovingEye | None" = None,
 ) -> Candidate | None:
     """Return the object whose edge or body moved in `region`; None where nothing stands out there.
 
-    Colours show it, or the `change` of an eye at rest against its background.  Several colours that move as one solid
+    Colours show it, or the `change` of an eye against its background.  Several colours that move as one solid
     thing are one object; of what is not solid (an arm that holds something) distinct colours are the object.
+    Before eyes at rest what colours show must have changed too.
     """
     x, y, w, h = region.box_px
     height, width = image.shape[:2]
@@ -362,12 +396,14 @@ def segment(
     by_color = model is not None
     if change is not None:
         whole = change.moving(seed, box)
-        by_color = model is not None and model.similarity(model.background) < _DISTINCT
-        if whole is None and not by_color:
-            return None
-        if whole is not None and not (by_color and _shows_the_object(mask, whole)):
+        is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
+        if isinstance(change, Change):
+            by_color = is_distinct
+            if whole is None and not by_color:
+                return None
+        if whole is not None and not (is_distinct and _shows_the_object(mask, whole)):
             mask, model, by_color = whole, _model(bins, whole), False
-        elif mask is not None:
+        elif mask is not None and isinstance(change, Change):
             differs = change.differs[crop]
             within = np.count_nonzero(_hull(differs, mask) & mask)
             if np.count_nonzero(differs & mask) < CHANGED * within or within < _WITHIN * np.count_nonzero(mask):

@@ -8,21 +8,16 @@ from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
 from pps_vision.types import Image, Mask
 from tracking import masks
+from tracking.background_edge import ASIDE_PX, LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
 from tracking.ego_motion import Box, EgoMotion
+from tracking.moving_background import MovingBackground
 
 CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
-# On independent films of seeds 4105 and 4111 `learned_edge` is 0.76-0.96 of places that a red ball has left, 0.62-0.77
-# of those of a grey one; of the balls 0.2-0.4 in the median, of a grey one above 0.77 in 5 % of the frames.
-LEARNED_EDGE = 0.6  # from which a place rather is empty
-_SURELY_EMPTY, _LEAST_PLACE_PX = 0.7, 64  # the same where nothing is tracked; smallest such place
 _BANDS = 4  # an image is learned in so many bands of rows, one a frame
 _RATE = 0.1  # of the running mean
 _NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
 _STEP = 16  # px between the samples of gain and noise
 _LIT = 20.0  # grey levels: darker pixels do not tell the gain
-_ASIDE_PX, _TANGENT = 2.5, 4  # an edge is compared so far to both sides; neighbours that give its direction
-_LEAST_EDGE = 30  # of its points, which must be known
-_QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 _UNKNOWN = -1e4  # of what has not been seen yet, since the object hides it: no pixel is like it
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
@@ -32,11 +27,11 @@ class Background:
     """Mean colours of one eye's images, smoothed over 3×3 px, where nothing moves.
 
     What a changed pixel shows becomes its background once it has shown it for `memory_s`, except near the tracked
-    object.  The background begins anew when the eye has moved and rests again.
+    object.  The background begins anew when the eye has moved and rests again; `moving` is that of an eye that moves.
     """
 
     def __init__(self, ego: EgoMotion, memory_s: float) -> None:
-        self.ego, self.memory_s = ego, memory_s
+        self.ego, self.memory_s, self.moving = ego, memory_s, MovingBackground(ego)
         self._view: View | None = None
         self._last: View | None = None
         self._mean = self._recent = np.empty((0, 0, 3), np.float32)
@@ -48,6 +43,13 @@ class Background:
     def is_known(self, view: View) -> bool:
         """Whether there is a background for an eye at this pose."""
         return self._view is not None and self.ego.is_still(self._view, view)
+
+    def behind_moving_eye(self, view: View, stamp_s: float) -> MovingBackground | None:
+        """The background of an eye that moves, at first what it learned at rest; None where none is known."""
+        if self._view is not None and not self.is_known(view):
+            self.moving.start(self._mean, self._view, stamp_s)
+            self._view = None
+        return self.moving if self.moving.is_known else None
 
     def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
         """(h, w) probability that a pixel of a box is not the background: ½ at the noise's edge, 0 from half of that on
@@ -78,33 +80,19 @@ class Background:
         """Whether a box (px) shows something else than the background, or no background is known."""
         return float(self.differs(image, view, (x, y, x + w, y + h)).mean()) > CHANGED
 
-    def learned_edge(self, image: Image, mask: Mask, box: Box) -> float | None:
-        """Share of the edge of a mask (h, w) of the region `box` across which the background changes more than the
-        image: above ½ for the empty place of what was learned as background, below for an object before it.  None where
-        too little of it is known."""
-        contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        edge = max(contours, key=len)[:, 0].astype(float)
-        along = np.roll(edge, -_TANGENT, axis=0) - np.roll(edge, _TANGENT, axis=0)
-        length = np.hypot(*along.T)
-        edge, across = edge[length > 1], (along @ _QUARTER_TURN)[length > 1] / length[length > 1, None]
-        height, width = image.shape[:2]
-        sides = [np.rint(edge + box[:2] + sign * _ASIDE_PX * across).astype(int) for sign in (1, -1)]
-        inside = np.all([((q > 0) & (q < (width - 1, height - 1))).all(axis=1) for q in sides], axis=0)
-        (u, v), (x, y) = (q[inside].T for q in sides)
-        known = (self._mean[v, u, 0] >= 0) & (self._mean[y, x, 0] >= 0)
-        if np.count_nonzero(known) < _LEAST_EDGE:
+    def learned_edge(self, image: Image, view: View, mask: Mask, box: Box) -> float | None:
+        """`edge_of_background` of a mask (h, w) of the region `box`; None where no background is known."""
+        if self.is_known(view):
+            return edge_of_background(image, self._mean, self._gain_of(image), mask, box)
+        if not self.moving.is_known:
             return None
-        (u, v), (x, y) = (u[known], v[known]), (x[known], y[known])
-        left, top, right, bottom = (
-            min(u.min(), x.min()),
-            min(v.min(), y.min()),
-            max(u.max(), x.max()),
-            max(v.max(), y.max()),
+        m = int(2 * ASIDE_PX) + 1
+        left, top, right, bottom = wide = (
+            *(max(box[0] - m, 0), max(box[1] - m, 0)),
+            *(min(box[2] + m, image.shape[1]), min(box[3] + m, image.shape[0])),
         )
-        now = cv2.blur(image[top - 1 : bottom + 2, left - 1 : right + 2], (3, 3)).astype(np.float32)
-        step = np.abs(now[v - top + 1, u - left + 1] - now[y - top + 1, x - left + 1]).max(axis=1)
-        before = np.abs(self._mean[v, u] - self._mean[y, x]).max(axis=1)
-        return float(np.mean(self._gain_of(image) * before > step))
+        inside = box[0] - left, box[1] - top, box[2] - left, box[3] - top
+        return edge_of_background(image[top:bottom, left:right], self.moving.seen(view, wide), 1.0, mask, inside)
 
     def absorb(self, image: Image, mask: Mask, box: Box) -> None:
         """Take what the image shows in a mask (h, w) of the region `box` for background."""
@@ -126,7 +114,11 @@ class Background:
                 self._mean = cv2.blur(image, (3, 3)).astype(np.float32)
                 self._recent, self._since_s = self._mean.copy(), np.full(image.shape[:2], stamp_s)
                 self._rests = np.zeros(image.shape[:2], bool)
-                self._mean[max(int(y), 0) : max(int(y + h), 0), max(int(x), 0) : max(int(x + w), 0)] = _UNKNOWN
+                box = max(int(x), 0), max(int(y), 0), max(int(x + w), 0), max(int(y + h), 0)
+                self._mean[box[1] : box[3], box[0] : box[2]] = self._behind(view, box, image)
+                self.moving.forget()
+            else:
+                self.moving.learn(image, view, stamp_s, object_px)
             return
         height = len(image)
         top, bottom = height * self._band // _BANDS, height * (self._band + 1) // _BANDS
@@ -142,16 +134,25 @@ class Background:
         if self._band == 0 and self._rests.any():
             self._absorb_empty_places(image)
 
+    def _behind(self, view: View, box: Box, image: Image) -> Pixels | float:
+        """What the moving eye learned of a box that an object hides."""
+        box = box[0], box[1], min(box[2], image.shape[1]), min(box[3], image.shape[0])
+        if not self.moving.is_known or box[0] >= box[2] or box[1] >= box[3]:
+            return _UNKNOWN
+        seen = self.moving.seen(view, box)
+        seen[seen < 0] = _UNKNOWN
+        return seen
+
     def _absorb_empty_places(self, image: Image) -> None:
         """Where something was learned as background and has left."""
         count, labels, stats, _ = cv2.connectedComponentsWithStats(self._rests.view(np.uint8))
         for k in range(1, count):
             x, y, w, h, area = (int(value) for value in stats[k])
-            if area >= _LEAST_PLACE_PX:
+            if area >= LEAST_PLACE_PX:
                 box = max(x - 2, 0), max(y - 2, 0), min(x + w + 2, image.shape[1]), min(y + h + 2, len(image))
                 mask = np.asarray(labels[box[1] : box[3], box[0] : box[2]] == k)
-                edge = self.learned_edge(image, mask, box)
-                if edge is not None and edge > _SURELY_EMPTY:
+                edge = edge_of_background(image, self._mean, self._gain_of(image), mask, box)
+                if edge is not None and edge > SURELY_EMPTY:
                     self.absorb(image, masks.dilated(mask, 2), box)
 
     def forget(self, image: Image, view: View, mask: Mask, box: Box) -> None:

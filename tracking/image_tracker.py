@@ -10,12 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.geometry.camera import View
 from pps_vision.geometry.compiled import Vector
 from pps_vision.jit import njit
 from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
-from tracking.background import LEARNED_EDGE, Background
+from tracking.background import Background
+from tracking.background_edge import LEARNED_EDGE
 from tracking.ego_motion import Box, EgoMotion
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
@@ -41,7 +43,7 @@ _CORE = (
     0.75  # share of a mask left without its thin parts, below which they are the object's own (octopus 0.6, leaks 0.9)
 )
 _REACH = 1.25  # largest mask, as a multiple of the expected size
-_RESTS_PX = 1.0  # shift from one image to the next
+_RESTS_PX, _FAR_M = 1.0, 1.2  # shift from one image to the next of what rests; distance of most static things
 _EMPTY, _SURE = 0.25, -3.0  # sum of `learned_edge` beyond `LEARNED_EDGE` that makes a place empty; and least sum
 # Chosen on independent films of two equal balls and of fast reversals, seeds 4107 and 4129-4141.
 _TOUCHING = 0.25  # of the object's area, what is joined with it beyond its reach if another thing touches it
@@ -125,11 +127,12 @@ class ImageTracker:
         prior: Prior | None = None,
         evidence: Evidence | None = None,
         by_color: bool = True,
+        if_joined: Evidence | None = None,
     ) -> tuple[Target, ImageDetection | None]:
         """The target in the next image, and its detection; None where it does not show.
 
         Where there is `evidence`, what is not in it is no object; it replaces the likelihood of its colours unless
-        `by_color`.
+        `by_color`.  `if_joined` is the evidence where colours join the object with something else.
         """
         s = replace(target, touched=max(target.touched - 1, 0))
 
@@ -165,6 +168,8 @@ class ImageTracker:
         if seen is None:
             return s, None
         mask, both = seen
+        if evidence is None and both is not None and if_joined is not None:
+            return self.step(target, image, prior, if_joined, by_color)
         if evidence is None:
             both = None
         if both is not None:
@@ -308,13 +313,15 @@ class CameraState(NamedTuple):
     """What one camera's tracker knows of the object: its target, None for a marker; the offset of its outline's centre
     from the track's projection (calibration error), px; its apparent diameter, px; whether it is followed by what
     changes before the background, since colours do not separate it; and evidence that it is the empty place of
-    something that was learned as background: the sum of `learned_edge` beyond `LEARNED_EDGE` where it rests."""
+    something that was learned as background: the sum of `learned_edge` beyond `LEARNED_EDGE` where it rests; and the
+    camera's last pose."""
 
     target: Target | None = None
     offset_px: tuple[float, float] = (0.0, 0.0)
     size_px: float = 0.0
     by_background: bool = False
     emptiness: float = 0.0
+    view: View | None = None
 
 
 class CameraTracker:
@@ -352,25 +359,33 @@ class CameraTracker:
         """The object near its prior: as it was found beforehand (`batch`), else searched."""
         if prior is None:
             return state, None
-        if state.target is None:
-            return state, None
         given = None if state.by_background else self._given(state, camera.found or [], prior)
         if given is None and self.marker is not None:
             given, is_hue_there = self._find_marker(self.marker, state, camera, prior)
             if given is None and not is_hue_there:
                 return state, None
         if given is not None:
-            return state._replace(target=self.image_tracker.follow(state.target, given.outline)), given
-        before, evidence = state.target, None
+            target = state.target and self.image_tracker.follow(state.target, given.outline)
+            return state._replace(target=target), given
+        if state.target is None:
+            return state, None
+        before, evidence, behind = state.target, None, None
+        moving = None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
         if self.background.is_known(camera.view):
             of_pixels = self.background.evidence if state.by_background else self.background.differs
             evidence = partial(of_pixels, camera.image, camera.view)
+        elif moving is not None:  # colours alone do better where they separate the object
+            behind = partial(moving.evidence if state.by_background else moving.differs, camera.image, camera.view)
+            evidence = behind if state.by_background else None
         elif state.by_background:  # the eye moves: colours must do
             if before.model.similarity(before.model.background) > _SEPARABLE:
                 return state, None
             state = state._replace(by_background=False)
         by_color = not state.by_background
-        target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color)
+        target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color, behind)
+        if found_object is None and evidence is None and behind is not None:
+            evidence = behind
+            target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color)
         if (
             found_object is None and evidence is not None and not before.touched
         ):  # it has turned abruptly: anywhere near where it was last
@@ -382,15 +397,18 @@ class CameraTracker:
         if found_object is not None and state.by_background:
             emptiness = self._emptiness(state, camera, before, found_object)
             state = state._replace(emptiness=emptiness)
-        return state._replace(target=target), found_object
+        return state._replace(target=target, view=camera.view), found_object
 
     def _emptiness(self, state: CameraState, camera: CameraFrame, before: Target, found: ImageDetection) -> float:
         """The state's `emptiness` after another image."""
         place = self._changed_place(camera, found)
-        share = None if place is None else self.background.learned_edge(camera.image, *place)
+        share = None if place is None else self.background.learned_edge(camera.image, camera.view, *place)
         if share is None:
             return state.emptiness
-        rests = math.dist(before.cloud.now[:, :2].mean(axis=0).tolist(), found.outline.center_px.tolist()) < _RESTS_PX
+        was_px = before.cloud.now[:, :2].mean(axis=0)
+        if state.view is not None and state.view is not camera.view:
+            was_px = camera.view.project(state.view.center + _FAR_M * state.view.rays(was_px))
+        rests = math.dist(was_px.tolist(), found.outline.center_px.tolist()) < _RESTS_PX
         change = share - LEARNED_EDGE
         return max(state.emptiness + (change if rests else min(change, 0.0)), _SURE)
 
@@ -398,7 +416,8 @@ class CameraTracker:
         """What differs from the background where an object was found."""
         _, _, w, h = found.outline.box_px
         box = self.image_tracker.region(found.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
-        differs = self.background.differs(camera.image, camera.view, box)
+        at_rest = self.background.is_known(camera.view)
+        differs = (self.background if at_rest else self.background.moving).differs(camera.image, camera.view, box)
         mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
         return None if mask is None else (mask, box)
 
@@ -407,7 +426,11 @@ class CameraTracker:
         place = self._changed_place(camera, found)
         if place is not None:
             mask, box = place
-            self.background.absorb(camera.image, masks.dilated(mask, 2), box)
+            if self.background.is_known(camera.view):
+                self.background.absorb(camera.image, masks.dilated(mask, 2), box)
+            else:
+                moving = self.background.moving
+                moving.absorb(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior

@@ -163,6 +163,13 @@ class MotionTrigger:
                 return one.image
         return None
 
+    def seen_before(self, view: View, stamp_s: float, box: Box) -> Image | None:
+        """Return a box of the oldest image since `interval_s` before as seen from `view`; None if there is none."""
+        for one in self._past:
+            if 0 < stamp_s - one.stamp_s <= self.params.interval_s + 1e-6:
+                return self._ego.warp(one.image, one.view, view, 1 / self.params.room_m, box)
+        return None
+
     def moves(self, mask: Mask, box: Box) -> bool:
         """Whether flow, unless it is off, shows that more points of a mask (h, w) of a box of the last image move by
         themselves than rest: since `flow_interval_s`, or since the image that the last one was compared with."""

@@ -261,11 +261,12 @@ class Tracker:
                 )
             if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
-            states = []
-            for tracker, camera, one, blob in zip(self._cameras, cameras, state.cameras, marker, strict=True):
+            targets = []
+            for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
                 tracker.background.forget_around(camera.image, camera.view, blob.box_px)
-                states.append(one._replace(target=tracker.image_tracker.start(camera.image, blob.box_px)))
-            return replace(state, cameras=(states[0], states[1])), _detections(*marker), ([], [])
+                targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
+            left, right = (known._replace(target=one) for known, one in zip(state.cameras, targets, strict=True))
+            return replace(state, cameras=(left, right)), _detections(*marker), ([], [])
         pair, regions = self._acquisition.step(cameras, view, stamp_s, backgrounds, association)
         if pair is None:
             return state, _NOTHING, regions
@@ -274,7 +275,8 @@ class Tracker:
         if not self._passes_gate(state, predicted, view, outlines, stamp_s, models):
             return state, _NOTHING, regions
         by_color = pair[0].by_color and pair[1].by_color
-        period_s, targets = cameras[0].stamp_s - state.stamps_s[0], []
+        period_s = cameras[0].stamp_s - state.stamps_s[0]
+        targets = []
         with self.stages("image"):
             for tracker, camera, one in zip(self._cameras, cameras, pair, strict=True):
                 flow = one.flow

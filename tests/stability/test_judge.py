@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from films import circle
 from judge import Demand, check
-from test_past_the_break import DISTURBANCES, GREY, LEAP, leaping
+from test_past_the_break import DISTURBANCES, LEAP, leaping
 
 from pps_vision.types import Array, Status, Track3D
 
@@ -51,7 +51,6 @@ def honest(demand: Demand, position: Position) -> list[Track3D]:
 
 DEMANDS = {name: (one.demand, circle) for name, one in DISTURBANCES.items()} | {
     "leap": (LEAP, leaping),
-    "grey": (GREY, circle),
 }
 
 

@@ -132,7 +132,7 @@ def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_th
         background.learn(_textured(rng, was_learned), VIEW, DT * k, None)
     now = _textured(rng, not was_learned)
     mask = background.differs(now, VIEW, WHOLE)
-    share = background.learned_edge(now, mask, WHOLE)
+    share = background.learned_edge(now, VIEW, mask, WHOLE)
     assert share is not None
     assert share > 0.8 if was_learned else share < 0.2
     for k in range(12, 21):

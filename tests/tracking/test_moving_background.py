@@ -1,0 +1,109 @@
+"""The background of an eye that turns before a wall of soft spots, a plain disc before it; both are drawn by hand."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import View
+from pps_vision.geometry.se3 import transform
+from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import Image, Mask
+from tracking.background import Background
+from tracking.ego_motion import EgoMotion
+
+DT, RADIUS, WHOLE = 0.1, 16, (0, 0, 320, 240)
+WALL_M = 1.2
+_SPOTS = np.random.default_rng(1).uniform(60, 190, (40, 60, 3)).astype(np.float32)
+WALL = np.clip(cv2.resize(_SPOTS, (900, 600), interpolation=cv2.INTER_CUBIC), 0, 255)
+_V, _U = np.mgrid[:240, :320]
+
+
+def turned(k: int, deg: float = 1.0) -> View:
+    """An eye that turns by so much from one image to the next."""
+    return View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, np.deg2rad(deg) * k, 0.0]))[0]))
+
+
+def seen(view: View, rng: np.random.Generator, disc_px: tuple[float, float] | None = None) -> tuple[Image, Mask]:
+    """The wall as seen from a view, with a white disc about a pixel; and where the disc is."""
+    rays = view.rays(np.stack([_U, _V], axis=-1).reshape(-1, 2).astype(float)).reshape(240, 320, 3)
+    at = (rays[..., :2] / rays[..., 2:] * 400 + (450, 300)).astype(np.float32)
+    image, mask = cv2.remap(WALL, at, np.empty(0, np.float32), cv2.INTER_LINEAR), np.zeros((240, 320), bool)
+    if disc_px is not None:
+        mask = (_U - disc_px[0]) ** 2 + (_V - disc_px[1]) ** 2 < RADIUS**2
+        image[mask] = (235.0, 235.0, 225.0)
+    noisy = image + 2 * rng.standard_normal(image.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8), np.asarray(mask)
+
+
+def overlap(found: Mask, true: Mask) -> float:
+    return float(np.count_nonzero(found & true) / np.count_nonzero(found | true))
+
+
+def learned(rng: np.random.Generator, n: int, start: tuple[float, float] | None = None) -> Background:
+    """The background of a turning eye after n images, a disc moving down from `start` by 8 px an image."""
+    background = Background(EgoMotion(LEFT_EYE), 0.3)
+    for k in range(n):
+        disc_px = None if start is None else (start[0], start[1] + 8 * k)
+        background.learn(seen(turned(k), rng, disc_px)[0], turned(k), DT * k, None)
+    return background
+
+
+def test_what_comes_before_the_wall_is_no_background_though_the_eye_turns(rng: np.random.Generator) -> None:
+    background = learned(rng, 12)
+    assert not background.is_known(turned(12))
+    image, disc = seen(turned(12), rng, (150.0, 120.0))
+    box = (100, 70, 220, 180)
+    part = background.moving.differs(image, turned(12), box)
+    assert overlap(part, disc[70:180, 100:220]) > 0.8
+    evidence = background.moving.evidence(image, turned(12), box)
+    assert overlap(evidence > 0.5, disc[70:180, 100:220]) > 0.8
+
+
+def test_nothing_moves_and_nothing_differs(rng: np.random.Generator) -> None:
+    """But for what comes into view from the side."""
+    background = learned(rng, 12)
+    image, _ = seen(turned(12), rng)
+    assert background.moving.differs(image, turned(12), (40, 10, 280, 230)).mean() < 1e-3
+
+
+def test_a_mistaken_pose_changes_everything(rng: np.random.Generator) -> None:
+    """The same with a pose that is 1.5° off: it is the pose that makes the wall rest."""
+    background = learned(rng, 12)
+    image, _ = seen(turned(12), rng)
+    assert background.moving.differs(image, turned(12, deg=1.125), (40, 10, 280, 230)).mean() > 0.1
+
+
+def test_the_place_that_an_object_has_left_becomes_background(rng: np.random.Generator) -> None:
+    """A disc is in view from the first image on; a second later its first place is none, and the disc still one."""
+    background = learned(rng, 14, (150.0, 30.0))
+    image, disc = seen(turned(14), rng, (150.0, 30.0 + 8 * 14))
+    found = background.moving.differs(image, turned(14), (20, 5, 280, 235))
+    assert overlap(found, disc[5:235, 20:280]) > 0.75
+
+
+@pytest.mark.parametrize("is_object", [True, False])
+def test_an_edge_that_only_the_background_has_tells_an_empty_place(is_object: bool, rng: np.random.Generator) -> None:
+    background, view, at = Background(EgoMotion(LEFT_EYE), 0.3), turned(3), (150.0, 120.0)
+    background.moving.learn(seen(turned(0), rng, None if is_object else at)[0], turned(0), 0.0, None)
+    u, v = view.project(view.center + WALL_M * turned(0).rays(at))
+    place = (_U - u) ** 2 + (_V - v) ** 2 < RADIUS**2
+    image, _ = seen(view, rng, (u, v) if is_object else None)
+    share = background.learned_edge(image, view, place, WHOLE)
+    assert share is not None
+    assert share < 0.4 if is_object else share > 0.6
+
+
+def test_the_tracked_object_s_place_is_kept(rng: np.random.Generator) -> None:
+    """An object that rests for seconds before a turning eye is no background as long as it is tracked."""
+    background = learned(rng, 12)
+    direction = turned(12).rays([150.0, 120.0])
+    for k in range(12, 40):
+        view = turned(24 - k if k > 18 else k)
+        u, v = view.project(view.center + WALL_M * direction)
+        image, disc = seen(view, rng, (u, v))
+        background.learn(image, view, DT * k, (u - RADIUS, v - RADIUS, 2 * RADIUS, 2 * RADIUS))
+        if k > 30:
+            break
+    x0, y0 = int(u) - 30, int(v) - 30
+    found = background.moving.differs(image, view, (x0, y0, x0 + 60, y0 + 60))
+    assert overlap(found, disc[y0 : y0 + 60, x0 : x0 + 60]) > 0.75
