@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from ball_scenes import Sphere, frame
+from ball_scenes import ROOM_M, Sphere, frame
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, set_gaze
@@ -92,6 +92,57 @@ def test_a_marker_is_tracked_to_two_millimetres(world: World, rng: np.random.Gen
     steps, errors = _run(small, Tracker(TrackerParams(mode="marker"), world.rig, rng), 25, rng)
     assert all(s.track.status is Status.TRACKING for s in steps[4:])
     assert _rms(errors) < 0.002
+
+
+def _marker_tracks(
+    world: World, rng: np.random.Generator, balls: Callable[[float], list[Sphere]], n: int = 30
+) -> list[tuple[float, TrackerStep]]:
+    tracker = Tracker(TrackerParams(mode="marker"), world.rig, rng)
+    stamps = [DT * k for k in range(n)]
+    return [(t, tracker.step(frame(world.rig, world.q(t), balls(t), t, rng))) for t in stamps]
+
+
+def _patch(world: World, across: float) -> Sphere:
+    """A green patch on the wall ahead of the head: half of a small ball in it."""
+    ahead = world.rig.view(world.q(0.0)).left.T_root_camera
+    direction = ahead[:3, :3] @ np.array([across, -0.1, 1.0])
+    k = int(np.abs(direction).argmax())
+    far = (np.copysign(ROOM_M, direction[k]) - ahead[k, 3]) / direction[k]
+    return Sphere(ahead[:3, 3] + far * direction, 0.06, GREEN)
+
+
+def test_a_patch_of_the_wall_is_no_marker(world: World, rng: np.random.Generator) -> None:
+    steps = _marker_tracks(world, rng, lambda _: [_patch(world, 0.1)])
+    assert {step.track.status for _, step in steps} == {Status.SEARCHING}
+
+
+def test_a_marker_that_rests_before_the_wall_is_found(world: World, rng: np.random.Generator) -> None:
+    steps = _marker_tracks(world, rng, lambda _: [Sphere(world.position(0.0), 0.01, GREEN)], 12)
+    assert all(step.track.status is Status.TRACKING for _, step in steps[4:])
+    assert max(np.linalg.norm(step.track.position - world.position(0.0)) for _, step in steps[4:]) < 0.004
+
+
+def test_of_two_things_of_its_hue_the_marker_is_the_one_that_moves(world: World, rng: np.random.Generator) -> None:
+    steps = _marker_tracks(world, rng, lambda t: [_patch(world, -0.2), Sphere(world.position(t), 0.01, GREEN)])
+    known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
+    assert len(known) >= 20
+    assert max(known) < 0.005
+
+
+def test_a_marker_before_something_large_of_its_hue_is_told_by_its_colours(
+    world: World, rng: np.random.Generator
+) -> None:
+    """A green marker before a large pale green ball, with which its hue joins it."""
+
+    def balls(t: float) -> list[Sphere]:
+        ahead = world.rig.view(world.q(0.0)).left.T_root_camera
+        far = (ahead @ np.array([0.05, 0.0, 1.0, 1.0]))[:3]
+        return [Sphere(far, 0.3, (60.0, 140.0, 70.0)), Sphere(world.position(t), 0.012, GREEN)]
+
+    steps = _marker_tracks(world, rng, balls)
+    known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
+    assert len(known) >= 20
+    assert max(known) < 0.006
 
 
 def test_hidden_it_coasts_is_lost_and_comes_back(world: World, rng: np.random.Generator) -> None:
