@@ -42,7 +42,7 @@ SearchCounts = Counter[str]
 
 # Saturation of each colour bin, squared; the bins without a hue count as a tenth saturated.
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
-_SAME_MASK = 0.8  # overlap from which colours show the same object as the change
+_SAME_MASK, _MOST = 0.8, 0.6  # overlap from which colours show the object that an eye at rest sees; one that moves
 _MOVED = 0.05  # of its area that a moving object covers anew in the trigger's interval: 2 cm/s cover 8 % of 6 cm
 _UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
 _SOLID = 0.9  # solidity below which what moves may be an object and what holds it
@@ -324,6 +324,14 @@ class Change:
     def _differs(self, image: Image) -> Mask:
         return self.background.differs(image, self.view, (0, 0, image.shape[1], image.shape[0]))
 
+    def shows_the_object(self, mask: Mask | None, whole: Mask) -> bool:
+        """Whether the mask of a colour is the object of which `whole` moves: nearly all of it, or what something
+        holds."""
+        if mask is None:
+            return False
+        overlap = np.count_nonzero(mask & whole) / np.count_nonzero(mask | whole)
+        return bool(overlap > _SAME_MASK or _solidity(whole) < _SOLID)
+
     def moving(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) what has moved onto the seed as a whole: it has uncovered about as much as it covers anew.
 
@@ -352,6 +360,13 @@ class ChangeOfMovingEye:
     view: View
     before: Callable[[Box], Image | None]
     now: Image
+
+    def shows_the_object(self, mask: Mask | None, whole: Mask) -> bool:
+        """Whether the mask of a colour is most of what moves, and not much beside it: its edge is the better one."""
+        if mask is None:
+            return False
+        larger = max(np.count_nonzero(mask), np.count_nonzero(whole))
+        return bool(np.count_nonzero(mask & whole) > _MOST * larger)
 
     def moving(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) what has moved onto the seed as a whole, as `Change.moving`, and is no place that something left."""
@@ -401,7 +416,7 @@ def segment(
             by_color = is_distinct
             if whole is None and not by_color:
                 return None
-        if whole is not None and not (is_distinct and _shows_the_object(mask, whole)):
+        if whole is not None and not (is_distinct and change.shows_the_object(mask, whole)):
             mask, model, by_color = whole, _model(bins, whole), False
         elif mask is not None and isinstance(change, Change):
             differs = change.differs[crop]
@@ -445,14 +460,6 @@ def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], 
             flow = next((one.flow for one in group if one.flow is not None), None)
             found.append(Candidate(shape, model, evidence, flow, True, mask, box))
     return found
-
-
-def _shows_the_object(mask: Mask | None, whole: Mask) -> bool:
-    """Whether the mask of a colour is the object of which `whole` moves: nearly all of it, or what something holds."""
-    if mask is None:
-        return False
-    overlap = np.count_nonzero(mask & whole) / np.count_nonzero(mask | whole)
-    return bool(overlap > _SAME_MASK or _solidity(whole) < _SOLID)
 
 
 def _solidity(mask: Mask) -> float:
