@@ -12,9 +12,11 @@ ENDS_WITH_STDIN = "PPS_VISION_ENDS_WITH_STDIN"
 """Environment variable of a process that ends, as by SIGTERM, when its standard input does: when the process that has
 started it and holds the other end of this pipe has died, even by SIGKILL."""
 
+_OURS = "pps_vision", "rendering", "tracking", "learning", "control"
+
 
 def main() -> None:
-    """Run the command line; a system library that is missing is said in one line."""
+    """Run the command line; a package or a system library that is missing is said in one line."""
     for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(signum) is not signal.SIG_IGN:  # as under nohup
             signal.signal(signum, _end)
@@ -27,9 +29,13 @@ def main() -> None:
 
         run()
     except ImportError as error:
-        if ".so" not in str(error):
+        missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+        if (not missing or missing in _OURS) and ".so" not in str(error):
             raise
-        print(f"pps-vision: {error}", file=sys.stderr)
+        more = (
+            "; requirements-track.txt is for tracking only, expected the whole package (make setup)" if missing else ""
+        )
+        print(f"pps-vision: {error}{more}", file=sys.stderr)
         sys.exit(2)
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from episodes import episode_log
 
-from pps_vision.app.demo_encounters import Met, _page, _write_side_by_side, chosen, demo_encounters
+from pps_vision.app.demo import write_side_by_side
+from pps_vision.app.demo_encounters import Met, _page, chosen, demo_encounters
 from pps_vision.app.report import page
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
@@ -45,20 +46,21 @@ def test_a_report_of_one_encounter(tmp_path: Path) -> None:
 
 def test_both_runs_are_filmed_side_by_side(tmp_path: Path) -> None:
     left, right = ([np.full((48, 64, 3), level + 20 * k, np.uint8) for k in range(3)] for level in (40, 140))
-    _write_side_by_side(tmp_path / "a.mp4", left, right)
+    write_side_by_side(tmp_path / "a.mp4", (left, right), (left[:1], right[:2]))
     with av.open(str(tmp_path / "a.mp4")) as film:
         frames = [frame.to_ndarray(format="rgb24").astype(float) for frame in film.decode(video=0)]
-    assert [frame.shape for frame in frames] == [(48, 128, 3)] * 3
-    for k, frame in enumerate(frames):
+    assert [frame.shape for frame in frames] == [(48, 128, 3)] * 5
+    for frame, (k, j) in zip(frames, ((0, 0), (1, 1), (2, 2), (0, 0), (0, 1)), strict=True):  # the shorter one waits
         assert frame[:, 8:56].mean() == pytest.approx(40 + 20 * k, abs=5)
-        assert frame[:, 72:120].mean() == pytest.approx(140 + 20 * k, abs=5)
+        assert frame[:, 72:120].mean() == pytest.approx(140 + 20 * j, abs=5)
 
 
 def test_the_report_lists_all_encounters_and_shows_the_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "image", lambda figure: "")
     log, some = episode_log(False), []
     for k, gap_m in enumerate((0.015, 0.05, 0.12)):
-        _write_side_by_side(tmp_path / f"{k}.mp4", *[[np.zeros((48, 64, 3), np.uint8)] * 2] * 2)
+        black = [np.zeros((48, 64, 3), np.uint8)] * 2
+        write_side_by_side(tmp_path / f"{k}.mp4", (black, black))
         gaps = np.full_like(log.surface_gap_m, gap_m)
         on = replace(log, surface_gap_m=gaps, touched=gaps <= TOUCH_RADIUS_M)
         some.append(Met(f"encounter {k}", (log, on), tmp_path / f"{k}.mp4"))

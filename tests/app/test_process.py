@@ -102,8 +102,16 @@ def test_a_missing_system_library_is_one_line() -> None:
     assert process.returncode == 2
 
 
-def test_a_bug_in_an_import_shows_its_traceback() -> None:
-    process = start("def run():\n    from pathlib import nothing")
+def test_a_missing_package_is_one_line() -> None:
+    process = start("def run():\n    import not_installed.part")
+    said = process.communicate()[1]
+    assert said.startswith("pps-vision: No module named 'not_installed'; requirements-track.txt is for tracking only")
+    assert (said.count("\n"), process.returncode) == (1, 2)
+
+
+@pytest.mark.parametrize("bug", ["from pathlib import nothing", "import tracking.nothing"])
+def test_a_bug_in_an_import_shows_its_traceback(bug: str) -> None:
+    process = start(f"def run():\n    {bug}")
     assert process.communicate()[1].startswith("Traceback")
     assert process.returncode == 1
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from ball_scenes import Sphere, frame
+from ball_scenes import ROOM_M, Sphere, frame
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, set_gaze
@@ -106,7 +106,9 @@ def _patch(world: World, across: float) -> Sphere:
     """A green patch on the wall ahead of the head: half of a small ball in it."""
     ahead = world.rig.view(world.q(0.0)).left.T_root_camera
     direction = ahead[:3, :3] @ np.array([across, -0.1, 1.0])
-    return Sphere(ahead[:3, 3] + 1.5 / np.abs(direction).max() * direction, 0.06, GREEN)
+    k = int(np.abs(direction).argmax())
+    far = (np.copysign(ROOM_M, direction[k]) - ahead[k, 3]) / direction[k]
+    return Sphere(ahead[:3, 3] + far * direction, 0.06, GREEN)
 
 
 def test_a_patch_of_the_wall_is_no_marker(world: World, rng: np.random.Generator) -> None:
@@ -121,7 +123,7 @@ def test_a_marker_that_rests_before_the_wall_is_found(world: World, rng: np.rand
 
 
 def test_of_two_things_of_its_hue_the_marker_is_the_one_that_moves(world: World, rng: np.random.Generator) -> None:
-    steps = _marker_tracks(world, rng, lambda t: [_patch(world, 0.1), Sphere(world.position(t), 0.01, GREEN)])
+    steps = _marker_tracks(world, rng, lambda t: [_patch(world, -0.2), Sphere(world.position(t), 0.01, GREEN)])
     known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
     assert len(known) >= 20
     assert max(known) < 0.005
