@@ -90,7 +90,12 @@ def test_bad_input_is_one_line_and_leaves_nothing(files, tmp_path, refused) -> N
     two = write(tmp_path / "two.npz", (approach(rng, 0, taxels=taxels), approach(rng, 1, taxels=taxels)))
     never = write(tmp_path / "never.npz", [replace(t, touched=np.zeros(3, bool)) for t in session(rng, 3)])
     bare = write(tmp_path / "bare.npz", session(rng, 3), velocity_m_s=None)
+    lost = session(rng, 3)
+    for trial in lost:
+        trial.d_m[:] = np.nan
+    nowhere = write(tmp_path / "nowhere.npz", lost)
     out = tmp_path / "p.csv"
+    assert "nowhere.npz: no position is finite" in refused("trials", nowhere, test, "--out", out)
     assert "two.npz: 2 taxels; expected the 3 of" in refused("trials", train, two, "--out", out)
     assert "never.npz: outcome is -1 throughout" in refused("trials", never, test, "--out", out)
     assert "bare.npz: no velocity_m_s" in refused("trials", bare, test, "--out", out)

@@ -2,15 +2,17 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp
+from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_size
 
 
 def images(side: str, stamps: list[float]) -> list[ImageFile]:
@@ -106,3 +108,18 @@ def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_na
 def test_the_rate_is_that_of_the_median_interval(stamps: list[float], fps: float) -> None:
     pairs = tuple((ImageFile(Path("l"), t), ImageFile(Path("r"), t)) for t in stamps)
     assert Recording("made up", pairs, (8, 6), []).fps == pytest.approx(fps)
+
+
+def test_the_usual_size_is_that_of_the_first_images(tmp_path: Path) -> None:
+    """Five pairs, ten images, are compared; what comes later is not read, and does not count."""
+    pairs = []
+    for k in range(12):
+        file = tmp_path / f"{k}.png"
+        cv2.imwrite(str(file), np.zeros((6, 8, 3) if k < 5 else (12, 16, 3), np.uint8))
+        pairs.append((ImageFile(file, float(k)), ImageFile(file, float(k))))
+    assert usual_size("made up", tuple(pairs), []) == (8, 6)
+    assert usual_size("made up", tuple(pairs[3:]), []) == (16, 12)
+    (tmp_path / "0.png").unlink()
+    assert usual_size("made up", tuple(pairs), []) == (8, 6)
+    with pytest.raises(InputError, match="no usable frame"):
+        usual_size("made up", tuple(pairs[:1]), [])
