@@ -73,7 +73,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         stopwatch = Stopwatch()
         logs = _run_episodes(world, memory, reachable_map, folder, stopwatch, seed)
         numbers = {log.title: _numbers(log) for log in logs}
-        given = {"seed": seed, "trials": trials, "noise_grey_levels": noise}
+        given = {"versions": versions.versions(), "seed": seed, "trials": trials, "noise_grey_levels": noise}
         write_json(folder / "summary.json", {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
         text = _page(world, trials, noise, seed, folder, memory, logs, numbers, stopwatch)
         (folder / "report.html").write_text(text, encoding="utf-8")

@@ -11,6 +11,7 @@ from tqdm import tqdm
 from pps_vision.app.demo import THRESHOLD, drawn, write_side_by_side
 from pps_vision.app.report import figures, page
 from pps_vision.app.simulation import Episode, EpisodeLog, Side, log_of, new_pipeline, simulate
+from pps_vision.app.versions import versions
 from pps_vision.errors import InputError
 from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.rendered import open_encounter
@@ -73,7 +74,8 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             write_side_by_side(video, (images_off, images_on))
             met.append(Met(_title(encounter), (off, on), video))
         rows = [{"encounter": one.title, "touched": one.is_touched, "left_mm": 1000 * one.left_m} for one in met]
-        write_json(folder / "summary.json", {"seed": seed, "noise_grey_levels": noise, "encounters": rows})
+        given = {"versions": versions(), "seed": seed, "noise_grey_levels": noise}
+        write_json(folder / "summary.json", {**given, "encounters": rows})
         (folder / "report.html").write_text(_page(met, noise, seed), encoding="utf-8")
     print(f"{sum(one.is_touched for one in met)} of {n} touched → {out / 'report.html'}")
 

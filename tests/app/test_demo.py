@@ -91,6 +91,7 @@ def test_the_demo_writes_its_report(
     assert seeds[2][0] != seeds[0][0]
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["seed"], summary["trials"], summary["noise_grey_levels"]) == (3, 7, 2.0)
+    assert {"pps-vision", "python", "numpy"} <= set(summary["versions"])
     assert list(summary["episodes"]) == [title for _, _, title in module._EPISODES]
     assert all(row["tracked_share"] == 0 for row in summary["episodes"].values())
     text = (tmp_path / "out" / "report.html").read_text()

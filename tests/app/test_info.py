@@ -43,6 +43,7 @@ def test_videos(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(capsys.readouterr().out)
     assert (found["pairs"], found["image_size"], found["robot"], found["gaps"]) == (20, [160, 120], False, 1)
     assert found["pairs_per_s"] == pytest.approx(20)
+    assert {"pps-vision", "python", "numpy"} <= set(found["versions"])
     assert found["duration_s"] == pytest.approx(1.1)
     assert found["longest_interval_s"] == pytest.approx(0.2)
     assert (found["skew_median_ms"], found["skew_largest_ms"]) == pytest.approx((15, 15))

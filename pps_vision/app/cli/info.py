@@ -20,12 +20,14 @@ class Info(SourceOptions):
         import json
 
         from pps_vision.app.info import info
+        from pps_vision.app.versions import versions
         from pps_vision.recordings.outputs import plain
 
         recording = self.open()
         found = info(recording)
         if self.json:
-            print(json.dumps(plain(asdict(found) | {"command": self.command()}), indent=2, ensure_ascii=False))
+            numbers = asdict(found) | {"command": self.command(), "versions": versions()}
+            print(json.dumps(plain(numbers), indent=2, ensure_ascii=False))
             return
         print_skipped(recording.problems)
         print(found)
