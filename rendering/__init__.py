@@ -2,5 +2,7 @@
 
 import os
 
-# pyrender reads it when it is imported: draw off screen
+# pyrender and pyglet read these when they are imported: draw off screen; ask for no display, nor for X's libraries,
+# which a bare Debian lacks
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ.setdefault("PYGLET_HEADLESS", "true")
