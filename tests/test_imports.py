@@ -1,6 +1,7 @@
 """The house of the design: who may import whom, and what the core's __init__ drags in."""
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -66,3 +67,10 @@ def test_the_core_imports_nothing_else() -> None:
 def test_no_other_import_package_at_the_root() -> None:
     packages = {p.parent.name for p in ROOT.glob("*/__init__.py")}
     assert packages - {"tests"} == {"pps_vision", *LEAVES}
+
+
+def test_rendering_asks_for_no_display() -> None:
+    """A bare Debian has no libraries of X, which pyglet loads unless it is told that there is no display."""
+    code = "import rendering, pyglet; assert pyglet.options['headless'], pyglet.options"
+    environment = {name: value for name, value in os.environ.items() if name != "PYGLET_HEADLESS"}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
