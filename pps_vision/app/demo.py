@@ -88,7 +88,7 @@ def _run_episodes(
 ) -> list[EpisodeLog]:
     """The logs of the four episodes, filmed two by two; demo.png is the frame of the approach in which the skin is
     touched without avoidance."""
-    logs, images, touching = [], [], 0
+    logs, images = [], []
     for kind, avoid, title in tqdm(_EPISODES, desc="episodes", unit="episode", disable=None):
         # the same seed for both approaches: the same path with and without avoidance
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))

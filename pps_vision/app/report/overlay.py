@@ -87,9 +87,9 @@ def draw_pair(
             _cross(canvas, eye.project(track.position), _STATUS_RGB[track.status], scale)
         sides.append(canvas)
     pair = np.concatenate(sides, axis=1)
-    _write(pair, f"{track.status.value}   {frame.stamp_s:7.2f} s", 0, _STATUS_RGB[track.status])
+    _write(pair, f"{track.status.value}   {frame.stamp_s:7.2f} s", (8, 20), _STATUS_RGB[track.status])
     for line, caption in enumerate(captions, start=1):
-        _write(pair, caption, line, (255, 255, 255))
+        _write(pair, caption, (8, 20 + 18 * line), (255, 255, 255))
     return pair
 
 
@@ -135,9 +135,8 @@ def draw_legend(canvas: Image) -> None:
     for k in range(100):
         at = (left + 2 * k, height - 24), (left + 2 * k + 1, height - 12)
         cv2.rectangle(canvas, *at, _taxel_rgb(k / 99), -1)
-    line = (height - 34) // 18
-    _write(canvas, "skin: touch likely 0", line, (255, 255, 255), 8 + height - 34 - 18 * line)
-    _write(canvas, "1", line, (255, 255, 255), 8 + height - 34 - 18 * line, left + 206)
+    _write(canvas, "skin: touch likely 0", (8, height - 6), (255, 255, 255))
+    _write(canvas, "1", (left + 206, height - 6), (255, 255, 255))
 
 
 def flash(canvas: Image) -> None:
@@ -148,9 +147,6 @@ def flash(canvas: Image) -> None:
     cv2.putText(canvas, "TOUCH", (24, height - 60), cv2.FONT_HERSHEY_DUPLEX, 1.8, (250, 40, 40), 3, cv2.LINE_AA)
 
 
-def _write(
-    canvas: Image, text: str, line: int, color: tuple[int, int, int], below_px: int = 0, left_px: int = 8
-) -> None:
-    where = (left_px, 20 + 18 * line + below_px)
+def _write(canvas: Image, text: str, where: tuple[int, int], color: tuple[int, int, int]) -> None:
     cv2.putText(canvas, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
     cv2.putText(canvas, text, where, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)
