@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pps_vision import __version__
 from pps_vision.errors import InputError
 from pps_vision.files import check_regular
 
@@ -22,8 +23,10 @@ _UNREADABLE = (
 
 
 def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
-    """Write arrays with their kind and version to a temporary name beside `path`, then rename."""
-    contents: dict[str, Any] = {"kind": np.array(kind), "version": np.array(version), **arrays}
+    """Write arrays with their kind, the version of the kind and that of this package to a temporary name beside `path`,
+    then rename."""
+    made = {"kind": kind, "version": version, "written_by": __version__}
+    contents: dict[str, Any] = {**{name: np.array(value) for name, value in made.items()}, **arrays}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with temporary.open("wb") as file:
@@ -31,6 +34,11 @@ def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLi
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def written_by(path: Path) -> str:
+    """The version of this package that wrote an archive; InputError for a file that is none."""
+    return str(read_arrays(path, "archive of pps-vision", ("written_by",)).get("written_by", "unknown"))
 
 
 def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:

@@ -28,9 +28,12 @@ from pps_vision.recordings.text import read_lines
 
 TRACK_TABLE: Mapping[str, type] = {
     **{"name": str, "status": str, "pairs": int, "frames": int, "tracked_share": float},
-    **{"position_rms_mm": float, "ms_per_pair": float, "reason": str},
+    **{"position_rms_mm": float, "ms_per_pair": float, "version": str, "reason": str},
 }
-LEARN_TABLE: Mapping[str, type] = {"name": str, "status": str, "samples": int, "touched_taxels": int, "reason": str}
+LEARN_TABLE: Mapping[str, type] = {
+    **{"name": str, "status": str, "samples": int, "touched_taxels": int},
+    **{"version": str, "reason": str},
+}
 SETTINGS = "settings.json"
 MEMORY = "memory.npz"
 _OWN = (SETTINGS, MEMORY, "batch.csv", "batch.parquet", "report.html")
@@ -75,11 +78,13 @@ class Task:
         if reason:
             return row | {"status": "failed", "reason": reason}
         if self.command == "learn":
+            from learning.archive import written_by
             from learning.pps.memory import load_memory
 
-            positive = load_memory(self.result(job)).counts.sum(axis=(1, 2))
+            memory = self.result(job)
+            positive = load_memory(memory).counts.sum(axis=(1, 2))
             counted = {"samples": int(positive.sum()), "touched_taxels": int((positive[:, 0] > 0).sum())}
-            return row | {"status": "done"} | counted
+            return row | {"status": "done", "version": written_by(memory)} | counted
         summary = json.loads((self.result(job) / "summary.json").read_text())
         return row | {
             "status": "done",
@@ -88,6 +93,7 @@ class Task:
             "tracked_share": summary["status"]["tracking"] / summary["frames"],
             "position_rms_mm": summary.get("errors", {}).get("position_rms_mm"),
             "ms_per_pair": summary["ms_per_pair"]["total"]["median_ms"],
+            "version": summary["versions"]["pps-vision"],
         }
 
 

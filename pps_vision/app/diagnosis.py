@@ -9,6 +9,7 @@ import numpy as np
 
 from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.video import VideoFrame
 from pps_vision.types import Array, Image, StereoFrame
 from tracking import Mode
 
@@ -23,6 +24,8 @@ _MATCHES = 50  # fewer do not show which camera is which
 _FITS_PX = 3.0  # median misfit; 0.4–0.7 px in rendered recordings and independent films, 1.8 in baseball
 _CLEARLY = 0.4  # of the misfit as they are; exchanging correct images makes it 4.7 times as large at least
 _OFFSET_PX = 8.0  # of one camera against the other: poor calibrations have so much (baseball: 5–8 px)
+_CONTINUES = 4.0  # times the usual step between columns; 0.4–3.1 within 80 images, 5.7–32 between stereo images
+_IN_COMMON = 0.08  # of the features; 0.02–0.04 in the halves of one image, 0.2 and more in stereo images of boards
 _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
 
 
@@ -71,6 +74,11 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         return
     if all(np.array_equal(frame.left, frame.right) for frame in frames):
         yield "other images: left and right are the same in every frame (the patterns --left and --right?)"
+    elif isinstance(image := recording.pairs[0][0], VideoFrame) and image.part != "whole" and _one_image(frames):
+        yield (
+            "two videos, or one of a stereo camera: the halves of the images continue each other and show hardly "
+            "anything in common, as those of one camera do"
+        )
     grey = max(float(np.mean(image)) for frame in frames for image in (frame.left, frame.right))
     if grey < _DARK:
         yield f"more light or exposure: the mean grey level is {grey:.1f} of 255"
@@ -110,6 +118,16 @@ def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
             f"--left and --right exchanged, or the folders cam/left and cam/right: {n} points that both images show "
             f"then fit the cameras within {then:.1f} px (median), as they are {_words(now)}"
         )
+
+
+def _one_image(frames: Sequence[StereoFrame]) -> bool:
+    """Whether left and right images are rather the halves of one image than two views of one scene."""
+    steps = [np.abs(np.diff(np.hstack([f.left, f.right]).astype(float), axis=1)).mean(axis=(0, 2)) for f in frames]
+    seams = [
+        step[frame.left.shape[1] - 1] / max(np.median(step), 1.0) for step, frame in zip(steps, frames, strict=True)
+    ]
+    matches = [len(_matches(frame.left, frame.right)[0]) for frame in frames]
+    return bool(np.median(seams) < _CONTINUES and np.median(matches) < _IN_COMMON * _FEATURES)
 
 
 def _words(misfit_px: float) -> str:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,6 +13,7 @@ from control import fixation
 from control.limits import MAX_HOLD_S
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
+from pps_vision.app.versions import versions
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
@@ -67,6 +69,7 @@ def record(options: RenderParams) -> tuple[int, int]:
             writer.write_joints(t, state.q_rad)
             writer.write_touches(t, np.array(skin.taxel_ids)[touched])
             writer.write_truth(truth)
+        writer.write_summary({"render": {**asdict(options), "out": None}, "versions": versions()})
     return len(states), touches
 
 

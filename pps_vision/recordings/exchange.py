@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from pps_vision import __version__
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from pps_vision.recordings.tables import Box, open_table
@@ -34,7 +35,8 @@ _ANIPOSE = (
     *(f"center_{axis}" for axis in range(3)),
     "fnum",
 )
-_TUM_HEADER = "# stamp_s x_m y_m z_m qx qy qz qw\n"
+_WRITER = f"pps-vision {__version__}"
+_TUM_HEADER = f"# {_WRITER}: stamp_s x_m y_m z_m qx qy qz qw\n"
 _CAMERAS = "left", "right"
 _NO_ROTATION = (*np.eye(3).ravel().tolist(), 0.0, 0.0, 0.0)
 
@@ -236,7 +238,7 @@ def open_coco(file: Path, size: tuple[int, int]) -> Iterator[Callable[[str, int,
                 waiting.write(", " * (annotations > 0) + json.dumps(what | box))
                 annotations += 1
 
-        stream.write('{"images": [')
+        stream.write(f'{{"info": {json.dumps({"description": _WRITER})}, "images": [')
         yield add
         stream.write(f'], "categories": {json.dumps([{"id": 1, "name": _POINT}])}, "annotations": [')
         waiting.seek(0)

@@ -1,6 +1,6 @@
 """Writes a recording as yarpdatadumper would have, with its calibration and its truth."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -10,7 +10,7 @@ import cv2
 from numpy.typing import ArrayLike
 
 from pps_vision.recordings.icub_eyes import write_icub_eyes
-from pps_vision.recordings.outputs import whole_folder
+from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.recordings.tables import write_truth
 from pps_vision.robot.setup import RobotSetup
 from pps_vision.types import StereoFrame, Truth
@@ -71,6 +71,10 @@ class YarpWriter:
     def write_truth(self, row: Truth) -> None:
         """The object's true state at a stamp."""
         self._truth.append(row)
+
+    def write_summary(self, content: Mapping[str, object]) -> None:
+        """How the recording was made, as summary.json."""
+        write_json(self._folder / "summary.json", content)
 
     def _write_row(self, port: str, stamp_s: float, words: list[str]) -> None:
         row = " ".join([str(self._rows[port]), repr(float(stamp_s)), *words])

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,7 @@ def test_learning_from_many_is_learning_from_each(approach: Path, tmp_path: Path
     rows = table(out)
     assert [int(rows[name]["samples"]) for name in "ab"] == [each.counts.sum()] * 2
     assert int(rows["a"]["touched_taxels"]) == touched.sum()
+    assert [rows[name]["version"] for name in "abc"] == [version("pps-vision")] * 2 + [""]
     assert "a yarpdatadumper recording" in rows["c"]["reason"]
     read = pandas.read_parquet(out / "batch.parquet")
     assert read["name"].tolist() == ["a", "b", "c"]

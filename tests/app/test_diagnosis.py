@@ -266,3 +266,25 @@ def test_the_counts_of_the_search_name_one_thing_to_try(
     assert next(iter(_by_counts(fixed, mode, counts))).startswith("cameras that rest")  # type: ignore[arg-type]
     with_joints = SimpleNamespace(robot=object())
     assert next(iter(_by_counts(with_joints, mode, counts))).startswith(advice)  # type: ignore[arg-type]
+
+
+def test_a_wide_video_of_one_camera_is_not_taken_for_two(
+    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its calibration (OpenCV's form) does not say how large the images are."""
+    (tmp_path / "calib.yml").write_text(CALIBRATION.format(baseline=-0.068))
+    left, right = (
+        [cv2.imread(str(file)) for file in sorted((rendered / "cam" / eye).glob("*.ppm"))] for eye in ("left", "right")
+    )
+    for name, images in (
+        ("both", [np.hstack(both) for both in zip(left, right, strict=True)]),
+        ("one", [cv2.resize(image, None, fx=2, fy=1) for image in left]),
+    ):
+        video = cv2.VideoWriter(str(tmp_path / f"{name}.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 20, (640, 240))
+        for image in images:
+            video.write(image)
+        video.release()
+        capsys.readouterr()
+        main(["info", str(tmp_path / f"{name}.mp4"), "--calib", str(tmp_path / "calib.yml"), "--json"])
+        warnings = json.loads(capsys.readouterr().out)["warnings"]
+        assert any("continue each other" in warning for warning in warnings) == (name == "one")

@@ -1,5 +1,6 @@
 """What `info` says of recordings whose stamps and cameras are known."""
 
+import importlib.metadata
 import json
 import shlex
 from pathlib import Path
@@ -109,4 +110,8 @@ def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.Cap
         ]
     )
     csv, tum = json.loads(capsys.readouterr().out)
+    written = importlib.metadata.version("pps-vision")
+    assert csv["version"] == tum["version"] == summary["versions"]["pps-vision"] == written
+    assert (tmp_path / "out" / "trajectory.tum").read_text().startswith(f"# pps-vision {written}: stamp_s ")
+    assert json.loads((approach / "summary.json").read_text())["versions"]["pps-vision"] == written
     assert csv["rmse_mm"] == tum["rmse_mm"] == pytest.approx(summary["errors"]["position_rms_all_mm"], rel=0.5)

@@ -60,7 +60,10 @@ def test_colours_that_stand_for_times_have_a_scale(tmp_path: Path, monkeypatch: 
 
 def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_results(tmp_path / "a")
-    rows = [("a", "done", 40, 40, 0.925, "", 1.5, ""), ("b<c>", "failed", "", "", "", "", "", "cannot be read")]
+    rows = [
+        ("a", "done", 40, 40, 0.925, "", 1.5, "0.2.0", ""),
+        ("b<c>", "failed", "", "", "", "", "", "", "cannot be read"),
+    ]
     write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows)
     main(["report", str(tmp_path)])
     page = (tmp_path / "report.html").read_text()

@@ -1,5 +1,6 @@
 """What is written for other tools is what their own libraries read."""
 
+from importlib.metadata import version
 from pathlib import Path
 
 import motmetrics
@@ -81,6 +82,7 @@ def test_motmetrics_reads_mot(tmp_path: Path, pairs: list[TrackedPair]) -> None:
 def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     write(tmp_path, "coco", pairs)
     read = COCO(str(tmp_path / "coco.json"))
+    assert read.dataset["info"] == {"description": f"pps-vision {version('pps-vision')}"}
     assert len(read.getImgIds()) == 2 * N
     assert len(read.getAnnIds(catIds=read.getCatIds())) == len(read.getAnnIds()), "all are of the named category"
     assert sorted(read.getAnnIds()) == list(range(1, 2 * (N - 2) + 1)), "COCO's evaluation takes 0 for no match"

@@ -43,6 +43,7 @@ class Evaluate:
         """Read, score, print."""
         import json
 
+        from pps_vision import __version__
         from pps_vision.recordings.outputs import plain, whole_file
 
         if len(self.files) < 2:
@@ -57,7 +58,9 @@ class Evaluate:
                 if figure:
                     save(figure, partial)
         if self.json:
-            print(json.dumps(plain(scores), indent=2, ensure_ascii=False))
+            print(
+                json.dumps(plain([score | {"version": __version__} for score in scores]), indent=2, ensure_ascii=False)
+            )
             return
         columns = list(scores[0])
         rows = [columns, *([_text(score[key]) for key in columns] for score in scores)]

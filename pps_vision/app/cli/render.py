@@ -7,7 +7,7 @@ from pps_vision.app.render_params import RenderParams
 
 @dataclass(frozen=True)
 class Render(RenderParams):
-    """Write a recording in yarpdatadumper layout, with calibration, touches and truth.csv."""
+    """Write a recording in yarpdatadumper layout, with calibration, touches, truth.csv and settings (summary.json)."""
 
     def run(self) -> None:
         """Render, and print what was written."""
