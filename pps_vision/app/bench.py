@@ -1,7 +1,10 @@
 """Run studies and write their numbers, charts and tables: what `pps-vision bench` does."""
 
 import json
+import multiprocessing
+import resource
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
@@ -18,6 +21,7 @@ from pps_vision.recordings.outputs import plain, whole_file
 
 _DOCUMENTS = Path("docs")
 _GROUPS = ("pps", "reach")
+_MINUTES = "processor_min"
 
 
 def listing() -> str:
@@ -40,11 +44,14 @@ def bench(
     """Run the studies that are asked for; with `redraw` only draw and fill what was measured.
 
     A `short` run takes each study's smallest parameters (`study.SHORT`), where `overrides` give no others. Studies of
-    other studies' results come last and read those in `out`.
+    other studies' results come last and read those in `out`.  Of several studies, `workers` of the overrides run at
+    once, those that took longest first; one that fails does not stop the others.
     """
     known = catalogue()
     chosen = [name for name in known if any(_is_asked(name, one) for one in asked)]
-    chosen.sort(key=lambda name: "results" in known[name].fields)
+    workers = int(overrides.get("workers", 1)) if len(chosen) > 1 else 1
+    if len(chosen) > 1:
+        overrides = {name: value for name, value in overrides.items() if name != "workers"}
     for one in asked:
         if not any(_is_asked(name, one) for name in known):
             raise InputError(
@@ -64,13 +71,40 @@ def bench(
         given = {field: value for field, value in overrides.items() if field in fields}
         given |= {"results": out / "results"} if "results" in fields else {}
         studies[name] = load(known[name])(**(short_parameters(name, known[name]) if short else {}) | given)
-    for name, study in studies.items():
-        file = out / "results" / f"{name}.json"
-        if not redraw:
-            _measure(name, study, commit, out, again)
-        elif file.exists():
-            _draw(study, name, json.loads(file.read_text()), out)
+    if redraw:
+        for name, study in studies.items():
+            if (file := _result(name, out)).exists():
+                _draw(study, name, json.loads(file.read_text()), out)
+    else:
+        of_results = {name for name in chosen if "results" in known[name].fields}
+        longest_first = sorted(set(chosen) - of_results, key=lambda name: (-_minutes(_result(name, out)), name))
+        _measure_all({name: studies[name] for name in longest_first}, commit, out, again, workers)
+        _measure_all({name: studies[name] for name in chosen if name in of_results}, commit, out, again, 1)
     _fill_documents(known, out)
+
+
+def _result(name: str, out: Path) -> Path:
+    return out / "results" / f"{name}.json"
+
+
+def _minutes(file: Path) -> float:
+    """Processor time of a study when it was measured last; 0 where that is unknown."""
+    return float(json.loads(file.read_text()).get(_MINUTES, 0.0)) if file.exists() else 0.0
+
+
+def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bool, workers: int) -> None:
+    """Measure studies, `workers` at once, each in a process of its own; with one, in turn and in this one."""
+    if workers == 1:
+        for name, study in studies.items():
+            _measure(name, study, commit, out, again)
+        return
+    new = multiprocessing.get_context("spawn")  # OpenGL and threads do not survive a fork
+    with ProcessPoolExecutor(workers, new, max_tasks_per_child=1) as pool:
+        done = [pool.submit(_measure, name, study, commit, out, again) for name, study in studies.items()]
+    if errors := [error for future in done if (error := future.exception())]:
+        for error in errors[1:]:
+            print(f"! {error}")
+        raise errors[0]
 
 
 def _is_asked(name: str, asked: str) -> bool:
@@ -79,7 +113,7 @@ def _is_asked(name: str, asked: str) -> bool:
 
 def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> None:
     """Run a study and write its result and charts; nothing where this commit has measured the same."""
-    file = out / "results" / f"{name}.json"
+    file = _result(name, out)
     fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
     parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
     setting = {"study": name, "parameters": plain(parameters), "machine": versions.machine(commit)}
@@ -89,12 +123,19 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
         if all(before.get(key) == value for key, value in setting.items()):
             print(f"= {file} (already measured by this commit with these parameters)")
             return
-    begun = perf_counter()
+    begun, begun_s = perf_counter(), _processor_s()
     with whole_file(file) as partial:
-        numbers = {**setting, **_rounded(plain(study.run()))}
+        numbers = _rounded(plain(study.run()))
+        numbers = {**setting, _MINUTES: _rounded((_processor_s() - begun_s) / 60), **numbers}
         partial.write_text(_compact(numbers))
         _draw(study, name, json.loads(partial.read_text()), out)
     print(f"→ {file} ({perf_counter() - begun:.0f} s)", flush=True)
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of those that it has waited for."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:

@@ -123,7 +123,7 @@ class Arm(SampledStudy):
                 ),
             ]
             for case, cells in numbers.items()
-            if case not in ("study", "parameters", "machine")
+            if "limits" in case
             for name, cell in cells.items()
         ]
         return {"": Table(["start, stage: controller", *columns], rows)}

@@ -32,7 +32,7 @@ class Encounters(SampledStudy):
     """Objects at 5–30 cm/s that stop at the would-be contact, press on or fly through, harmless ones, and ones to reach
     for, without rendering: touched, smallest distance, lead and needless commands by controller."""
 
-    n: int = 100
+    n: int = 150
     """Encounters of each of stop, press and through; six tenths as many of each harmless kind, a third of
     `reach`."""
     share: float = 1.0

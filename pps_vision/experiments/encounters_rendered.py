@@ -26,7 +26,7 @@ class EncountersRendered(SampledStudy):
     """Encounters of `encounters` through rendered eyes and the whole pipeline, beside the same ones without rendering:
     touched, commanded, and what differs."""
 
-    n: int = 4
+    n: int = 20
     """Encounters of each of stop, press and through; six tenths as many of each harmless kind."""
     share: float = 1.0
     """Share of R's numbers of approaches that the memories are learned from."""

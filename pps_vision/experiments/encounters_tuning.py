@@ -21,7 +21,7 @@ class EncountersTuning(SampledStudy):
     """Random search for the parameters of every baseline controller of `encounters`: the fewest approaching objects
     that touch and harmless ones that move the arm, both in percent."""
 
-    n: int = 10
+    n: int = 4
     """Encounters of each of stop, press and through; six tenths as many of each harmless kind."""
     draws: int = 10
     """Parameters tried for each baseline."""

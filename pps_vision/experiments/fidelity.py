@@ -59,7 +59,7 @@ class Fidelity(SampledStudy):
     """Rendered balls and markers, drawn in many ways, beside ray-cast images: error over the object and at its rim, and
     3D error of the tracker before its filter."""
 
-    seconds: float = 3.0
+    seconds: float = 2.0
     """Length of the recording of each object that is tracked, 20 pairs a second, pixel noise 2 of 255."""
 
     def run(self) -> dict[str, Any]:

@@ -162,7 +162,7 @@ class _Robot:
 class Fixation(SampledStudy):
     """Gaze on seen targets: settling on a point at rest, error of following, and time until a lost target is seen."""
 
-    n: int = 30
+    n: int = 16
     """Targets of each kind."""
     seconds: float = 4.0
     """Duration of following; the first second is not counted."""

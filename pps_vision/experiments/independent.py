@@ -37,7 +37,7 @@ class Independent(Study):
     ball for which most frames are right.
     """
 
-    n: int = 2
+    n: int = 6
     """Films of each case, over different photographs."""
     seed: int = 0
     """Seed of the first film of a case; the others count up."""

@@ -17,7 +17,7 @@ _METRICS = {name: METRICS[name] for name in ("mean_recording_mm", "worst_recordi
 class Tracking(TrackingStudy):
     """Balls (generic tracker) and markers (marker tracker) at 5–15 cm/s while the head moves; judged from 0.5 s on."""
 
-    n: int = 10
+    n: int = 20
     """Recordings of each object, their motions in turn."""
     seconds: float = 5.0
     """Length of each."""

@@ -130,6 +130,31 @@ def test_what_reads_other_results_runs_last_and_always(fake: Path, monkeypatch: 
     assert runs(fake) == "3 6 "
 
 
+def test_studies_run_at_once_and_one_that_fails_stops_no_other(fake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that took longest come first; each result says how long it took."""
+    (fake / "bad_study.py").write_text(FAKE.replace("runs.write", "seed.write").replace("Fake", "Bad"))
+    fields = {"seed": "0"}
+    entries = {
+        "a": Entry("fake_study", "Fake", "", fields),
+        "bad": Entry("bad_study", "Bad", "", fields),
+        "b": Entry("fake_study", "Fake", "", fields),
+    }
+    monkeypatch.setattr(bench, "catalogue", lambda: entries)
+    with pytest.raises(NameError, match="seed"):
+        bench.bench(["all"], {"seed": 3, "workers": 2})
+    results = fake / "docs" / "results"
+    assert sorted(file.name for file in results.iterdir()) == ["a.json", "b.json"]
+    found = json.loads((results / "b.json").read_text())
+    assert (found["half"], found["parameters"]) == (1.0, {"seed": 3})
+    assert 0 < found["processor_min"] < 1
+    for name, minutes in (("a", 1.0), ("b", 2.0)):
+        (results / f"{name}.json").write_text(json.dumps({"processor_min": minutes}))
+    done = []
+    monkeypatch.setattr(bench, "_measure", lambda name, *rest: done.append(name))
+    bench.bench(["all"])
+    assert done == ["b", "a", "bad"]
+
+
 @pytest.mark.parametrize("name", list(catalogue()))
 def test_parameters_below_the_least_are_refused_by_every_study(name: str) -> None:
     entry = catalogue()[name]

@@ -32,7 +32,7 @@ class Bench:
     json: Path | None = None
     """File for a row of every encounter of `encounters`."""
     workers: int | None = None
-    """Parallel processes of `encounters`."""
+    """How many studies run at once; of `encounters` alone, its encounters."""
     out: Path = Path("docs")
     """Folder of results and figures; with another than docs, the documents with their tables go there too."""
     short: bool = False
