@@ -434,7 +434,7 @@ def _columns(params: AvoidanceParams, posture: Posture) -> list[int]:
 
 def _palm(params: AvoidanceParams, posture: Posture) -> str:
     """The frame of the arm's palm."""
-    return posture.robot.names.palms[("left", "right").index(params.side)]
+    return posture.robot.names.palm(params.side)
 
 
 def _angles_from_home(params: AvoidanceParams, posture: Posture) -> Array:

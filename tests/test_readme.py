@@ -21,8 +21,8 @@ from laboratory import film, write_laboratory
 
 from learning.pps.memory import PPSMemory, save_memory
 from pps_vision.app.cli import main
-from pps_vision.experiments.fuzz_readers import READERS
 from pps_vision.experiments.kills import prepare
+from pps_vision.experiments.sound_inputs import READERS
 from pps_vision.recordings.exchange import write_tum_rows
 from pps_vision.robot.skin import icub_skin
 

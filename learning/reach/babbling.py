@@ -50,7 +50,7 @@ def gaze_at_hand(robot: Robot, side: str, arm_rad: Array, limits: GazeLimits | N
     forbid it.  ValueError for an unknown side."""
     if side not in ("left", "right"):
         raise ValueError(f"side {side!r}: expected left or right")
-    palm = robot.names.palms[("left", "right").index(side)]
+    palm = robot.names.palm(side)
     hands = Chain.of(robot, robot.names.arm(side)[: arm_rad.shape[1]], palm).positions(arm_rad)[0]
     return gaze_for_points(robot, hands, limits)
 

@@ -95,7 +95,7 @@ class ReachOracle:
         if side not in ("left", "right"):
             raise InputError("reachable-space map", f"side {side!r}: expected left or right")
         self.robot, self.params = robot, params
-        palm = robot.names.palms[("left", "right").index(side)]
+        palm = robot.names.palm(side)
         self.lower, self.upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
         own = Chain.of(robot, robot.names.arm(side)[: len(self.lower)], palm).positions
         self.hand = hand or HandModel.of(robot, own)

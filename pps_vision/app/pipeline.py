@@ -320,7 +320,7 @@ class Pipeline:
         probability = active.probability[arm.on_arm]
         if leaning is None or leaning.back or arm is not self._arms[0]:
             return probability
-        palm = self.robot.names.palms[("left", "right").index(arm.params.side)]
+        palm = self.robot.names.palm(arm.params.side)
         of_palm = [part.frame == palm for part in arm.skin.parts]
         distance = np.linalg.norm(arm.skin.at(posture)[0] - track.position, axis=1)
         distance[~np.array(of_palm)[arm.skin.part_index]] = np.inf if any(of_palm) else 0.0

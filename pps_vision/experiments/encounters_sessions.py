@@ -154,7 +154,7 @@ def _ranges(arena: Arena, side: Side, approaches: Sequence[Sequence[Frame]]) -> 
     if not frames:
         nothing = {"joints_deg": [[np.nan] * 7] * 2, "palm_m": [[np.nan] * 3] * 2}
         return {**nothing, "farthest_m": 0.0}
-    palm = arena.robot.names.palms[("left", "right").index(side)]
+    palm = arena.robot.names.palm(side)
     start = arena.robot.at(approaches[0][0].q_rad).point(palm)
     joints = np.rad2deg([frame.q_rad[arena.arm(side)] for frame in frames])
     positions = np.array([arena.robot.at(frame.q_rad).point(palm) for frame in frames])

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pps_vision.experiments.fuzz_readers import READERS, fuzz
+from pps_vision.experiments.fuzz_readers import fuzz
 from pps_vision.experiments.kills import COMMANDS, COUNTS, Writing, kill_at_random, prepare
+from pps_vision.experiments.sound_inputs import READERS
 from pps_vision.experiments.study import Study, run_parts
 from pps_vision.experiments.tables import Table
 

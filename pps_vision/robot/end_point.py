@@ -33,7 +33,7 @@ class EndPoint:
         joints = robot.names.arm(side)[:n_joints]
         parts = (skin or icub_skin()).on_arm(robot, side).parts
         if name == "palm":
-            palm = robot.names.palms[("left", "right").index(side)]
+            palm = robot.names.palm(side)
             normal = next((part.normals[0] for part in parts if part.frame == palm), np.array([0.0, 0.0, 1.0]))
             return cls(name, Chain.of(robot, joints, palm), np.zeros(3), normal)
         taxels = {f"{part.name}:{i}": (part, k) for part in parts for k, i in enumerate(part.ids)}

@@ -57,6 +57,10 @@ class FrameNames:
             raise ValueError(f"side {side!r}: expected left or right")
         return self.left_arm if side == "left" else self.right_arm
 
+    def palm(self, side: str) -> str:
+        """The palm's link of the "left" or "right" arm; ValueError for any other."""
+        return self.palms[("left", "right").index(side)]
+
 
 @dataclass(frozen=True)
 class Body:

@@ -14,7 +14,8 @@ from data import SEED
 
 from pps_vision.errors import InputError
 from pps_vision.experiments import fuzz_readers
-from pps_vision.experiments.fuzz_readers import READERS, Reader, fuzz, mutate, try_mutants
+from pps_vision.experiments.fuzz_readers import fuzz, mutate, try_mutants
+from pps_vision.experiments.sound_inputs import READERS, Reader
 
 BROKE_A_READER = [  # by the long run
     ("manifest", b"name,left\nfirst,l.mp4\rsecond,r.mp4\n"),

@@ -65,7 +65,7 @@ class Setting:
     @cached_property
     def palm(self) -> str:
         """The arm's palm frame."""
-        return self.robot.names.palms[("left", "right").index(self.side)]
+        return self.robot.names.palm(self.side)
 
     @cached_property
     def palm_home(self) -> Array:

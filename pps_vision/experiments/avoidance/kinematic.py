@@ -206,7 +206,7 @@ def can_touch(arena: Arena, encounter: Encounter, rng: np.random.Generator) -> b
     controllers but the robot's kinematics.
     """
     robot, arm, skin = arena.robot, arena.arm(encounter.side), arena.skins[encounter.side]
-    at, palm = encounter.motion(encounter.contact_s)[0], robot.names.palms[("left", "right").index(encounter.side)]
+    at, palm = encounter.motion(encounter.contact_s)[0], robot.names.palm(encounter.side)
     home, lower, upper = robot.at(encounter.q_rad).point(palm), robot.lower_rad[arm], robot.upper_rad[arm]
     touching_m = encounter.radius_m + TOUCH_RADIUS_M
     aimed_at = [i for i, one in enumerate(skin.taxel_ids) if body_part(one) == encounter.part]

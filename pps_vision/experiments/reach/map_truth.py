@@ -84,7 +84,7 @@ def rates(said: Mask, true: Mask) -> dict[str, float]:
 def closed_form(robot: Robot, side: str = "right", limits: ArmLimits | None = None) -> SphericalArm:
     """Return the exact inverse kinematics of an arm, by default within J's limits."""
     limits = limits or ArmLimits()
-    palm = robot.names.palms[("left", "right").index(side)]
+    palm = robot.names.palm(side)
     return SphericalArm.of(Chain.of(robot, robot.names.arm(side)[:4], palm), limits.lower_rad, limits.upper_rad)
 
 

@@ -1,0 +1,474 @@
+"""A small sound input for every reader, and what reading it means: what `fuzz_readers` mutates."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import av
+import cv2
+import numpy as np
+import trimesh
+
+from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
+from learning.pps.trials import load_trials
+from learning.reach.labels import Labels
+from learning.reach.map import ReachableMap
+from pps_vision.app.batch import jobs_of
+from pps_vision.app.convert_taxels import from_maps
+from pps_vision.app.evaluate import evaluate, read_path
+from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
+from pps_vision.errors import InputError
+from pps_vision.recordings.icub_eyes import read_icub_eyes
+from pps_vision.recordings.image_file import ImageFile, decode
+from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.problems import Problem
+from pps_vision.recordings.robot_file import read_robot
+from pps_vision.recordings.stereo_calibration import read_stereo_calibration
+from pps_vision.recordings.tables import read_gaze, read_joint_offsets, read_truth, write_joint_offsets
+from pps_vision.recordings.taxels_ini import PartMap, read_taxels, write_taxels
+from pps_vision.recordings.times import read_times
+from pps_vision.recordings.video import open_video
+from pps_vision.recordings.yarp_writer import YarpWriter
+from pps_vision.robot.gaze import GazeLimits
+from pps_vision.robot.icub import home, icub_setup, load_icub
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import StereoFrame, Truth
+from rendering.stimulus_file import load_stimulus
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader with a sound input to mutate."""
+
+    write: Callable[[Path], Sequence[Path]]
+    """Writes the sound input into an empty folder; returns the files to mutate."""
+    read: Callable[[Path], object]
+    """Reads the input from the folder and uses what was read."""
+
+
+def _recording(folder: Path) -> list[Path]:
+    setup, rng = icub_setup(), np.random.default_rng(0)
+    robot = setup.robot
+    q = home(robot)
+    with YarpWriter(folder / "rec", setup) as writer:
+        for i in range(4):
+            left, right = rng.integers(0, 256, (2, 6, 8, 3), dtype=np.uint8)
+            stamp_s = 1512784563.5 + 0.05 * i
+            writer.write_frame(StereoFrame(left, right, stamp_s, stamp_s + 0.005, q, q))
+            writer.write_joints(stamp_s, q)
+            writer.write_joints(stamp_s + 0.005, q)
+            writer.write_touches(stamp_s, ("left_forearm:27", "left_forearm:15")[: i % 3])
+            zero = np.zeros(3)
+            writer.write_truth(Truth(stamp_s, zero, zero, 0.03, zero[:2], zero[:2], True, False))
+    return sorted(file for file in (folder / "rec").rglob("*") if file.is_file())
+
+
+def _read_recording(folder: Path) -> None:
+    for frame in (recording := open_recording(folder / "rec")):
+        if recording.rig is not None:
+            recording.rig.view_of(frame)
+
+
+def _skin(folder: Path) -> list[Path]:
+    _recording(folder)
+    contact = "((0 3 4 2) (0.1 -0.02 0.0) (0 0 0) (0 0 0) (0 0 0) (1 0 0) (1 5 9) 10.0)"
+    log = folder / "rec/skin/data.log"
+    log.write_text("".join(f"{i} {1512784563.5 + 0.05 * i} {i * contact}\n" for i in range(4)))
+    return [log, *_taxels(folder)]
+
+
+def _read_skin(folder: Path) -> None:
+    open_recording(folder / "rec", taxels=folder / "taxels.ini")
+
+
+def _taxels(folder: Path) -> list[Path]:
+    counts = {3: np.arange(64).reshape(8, 4, 2), 15: np.ones((8, 4, 2), np.int64)}
+    form = (-0.1, 0.2, 0.0, 3.0), (8, 4), (3, 3, 15, -1, 3, 15), counts
+    write_taxels(folder / "taxels.ini", [PartMap("l_forearm", *form), PartMap("r_hand", *form)])
+    return [folder / "taxels.ini"]
+
+
+def _read_taxels(folder: Path) -> None:
+    file = folder / "taxels.ini"
+    _use_memory(from_maps(read_taxels(file), file))
+
+
+def _use_memory(memory: PPSMemory) -> None:
+    """Look up activations, which must be probabilities."""
+    (d0, d1), (t0, t1) = memory.params.distance_range_m, memory.params.ttc_range_s
+    n = len(memory.taxel_ids)
+    for share in (0.0, 0.3, 1.0):
+        d, t = (0.0 if not np.isfinite(a + b) else a + share * (b - a) for a, b in ((d0, d1), (t0, t1)))
+        found = activation(memory, np.full(n, d), np.full(n, t))
+        if not np.all((found >= 0) & (found <= 1 + 1e-9)):
+            raise ArithmeticError(f"activation {found}")
+
+
+def _offsets(folder: Path) -> list[Path]:
+    names = load_icub().joint_names
+    write_joint_offsets(folder / "joints.csv", names, np.linspace(-0.1, 0.1, len(names)))
+    return [folder / "joints.csv"]
+
+
+def _gaze(folder: Path) -> list[Path]:
+    (folder / "gaze.csv").write_text("name,yaw_deg,pitch_deg,vergence_deg\n" + "a,1.5,-2.25,20\nb,nan,0,10\n" * 4)
+    return [folder / "gaze.csv"]
+
+
+def _truth(folder: Path) -> list[Path]:
+    return [file for file in _recording(folder) if file.name == "truth.csv"]
+
+
+def _eyes(folder: Path) -> list[Path]:
+    return [file for file in _recording(folder) if file.name == "icubEyes.ini"]
+
+
+def _calibration(suffix: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        file = folder / f"stereo.{suffix}"
+        storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+        K = np.array([[220.0, 0, 160], [0, 221, 120], [0, 0, 1]])
+        pose = {"R": np.eye(3), "T": np.array([[-0.07], [0.001], [0.002]])}
+        for key, value in {"K1": K, "D1": 0.01 * np.ones((1, 5)), "K2": K, "D2": np.zeros((1, 4)), **pose}.items():
+            storage.write(key, value)
+        storage.write("image_width", 320)
+        storage.write("image_height", 240)
+        storage.release()
+        return [file]
+
+    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
+
+
+_PINHOLE = (
+    "resolution: [320, 240]\nintrinsics: [220.0, 221, 160, 120]  # f, c\ndistortion_coefficients: [0.1, 0, 0, 0]\n"
+)
+_ROS_K = "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [220, 0, 160, 0, 220, 120, 0, 0, 1]\n"
+_ROS_R = "distortion_model: plumb_bob\nrectification_matrix: {data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
+_ANIPOSE = "size = [320, 240]\nmatrix = [[220, 0, 160], [0, 221, 120], [0, 0, 1]]\nrotation = [0.1, 0, 0]\n"
+_CALIBRATIONS: Mapping[str, Sequence[str]] = {  # the files of one stereo camera in the form of each tool
+    "kalibr": [
+        "cam0:\n  " + _PINHOLE.replace("\n", "\n  ") + "\ncam1:\n  T_cn_cnm1:\n  - [1, 0, 0, -0.1]\n  - [0, 1, 0, 0]\n"
+        "  - - 0\n    - 0\n    - 1\n    - 0\n  - [0, 0, 0, 1]\n  " + _PINHOLE.replace("\n", "\n  ")
+    ],
+    "euroc": [
+        _PINHOLE + f"T_BS:\n  rows: 4\n  data: [1, 0, 0, {x},\n    0, 1, 0, 0, 0, 0, 1, 0,\n    0, 0, 0, 1]\n"
+        for x in (0, 0.1)
+    ],
+    "ros": [
+        "image_width: 320\nimage_height: 240\ndistortion_coefficients: {data: [0.1, 0, 0, 0, 0]}\n"
+        + _ROS_K
+        + _ROS_R
+        + f"projection_matrix:\n  data: [220, 0, 160, {x}, 0, 220, 120, 0, 0, 0, 1, 0]\n"
+        for x in (0, -22)
+    ],
+    "kitti": ["".join(f"P{k}: 220 0 160 {-22 * k} 0 220 120 0 0 0 1 0\n" for k in range(4))],
+    "anipose": [
+        "".join(f"[cam_{k}]\n{_ANIPOSE}translation = [{k}, 0, 0.5]\ndistortions = [0.0, 0.1]\n" for k in range(2))
+    ],
+}
+
+
+def _calibration_of(tool: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        for k, text in enumerate(_CALIBRATIONS[tool]):
+            (folder / str(k)).write_text(text)
+        return sorted(folder.iterdir())
+
+    return Reader(write, lambda folder: read_stereo_calibration(sorted(folder.iterdir()), (320, 240)))
+
+
+def _write_images(folder: Path, names: Sequence[str]) -> None:
+    folder.mkdir(parents=True)
+    for k, name in enumerate(names):
+        pixels = np.random.default_rng(k).integers(0, 256, (16, 24, 3), dtype=np.uint8)
+        cv2.imwrite(str(folder / name), pixels)
+
+
+def _euroc(folder: Path) -> list[Path]:
+    stamps = [1403636579763555584 + 50_000_000 * k for k in range(4)]
+    for camera, text in zip(("cam0", "cam1"), _CALIBRATIONS["euroc"], strict=True):
+        place = folder / "mav0" / camera
+        _write_images(place / "data", [f"{stamp}.png" for stamp in stamps])
+        rows = "".join(f"{stamp},{stamp}.png\n" for stamp in stamps)
+        (place / "data.csv").write_text("#timestamp [ns],filename\n" + rows)
+        (place / "sensor.yaml").write_text(text.replace("[320, 240]", "[24, 16]"))
+    return sorted(file for file in folder.rglob("*") if file.is_file())
+
+
+def _kitti(folder: Path) -> list[Path]:
+    for camera in ("image_0", "image_1"):
+        _write_images(folder / camera, [f"{k:06d}.png" for k in range(4)])
+    (folder / "times.txt").write_text("".join(f"{0.1 * k:e}\n" for k in range(4)))
+    (folder / "calib.txt").write_text(
+        _CALIBRATIONS["kitti"][0].replace("220 0 160", "30 0 12").replace("220 120", "30 8")
+    )
+    return sorted(file for file in folder.rglob("*") if file.is_file())
+
+
+def _read_frames(folder: Path) -> None:
+    for frame in (recording := open_recording(folder)):
+        if recording.rig is not None:
+            recording.rig.view_of(frame)
+
+
+_JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="0 0 0.3"/>
+  <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+"""
+
+
+def _robot(folder: Path) -> list[Path]:
+    links = "".join(
+        f'<link name="{name}"><visual><geometry><sphere radius="0.04"/></geometry></visual></link>\n'
+        for name in ("base", "upper", "palm")
+    )
+    joints = _JOINT.format("a1", "base", "upper") + _JOINT.format("a2", "upper", "palm")
+    (folder / "arm.urdf").write_text(f'<robot name="arm">\n{links}{joints}</robot>\n')
+    (folder / "skin.csv").write_text(
+        "part,frame,taxel,x_m,y_m,z_m,nx,ny,nz\n" + "".join(f"arm,upper,{k},0.04,0,0.0{k},1,0,0\n" for k in range(4))
+    )
+    (folder / "robot.toml").write_text(
+        'urdf = "arm.urdf"\nskin = "skin.csv"\nroot = "base"\nright_arm = ["a1", "a2"]\nright_palm = "palm"\n'
+        'left_eye = {link = "base", xyz_m = [0.3, 0.5, 0.7], rpy_deg = [-113.7, 0, 180]}\n'
+        'right_eye = "base"\n[home_deg]\na2 = 40\n[ports]\njoints = ["a1", "-", "a2"]\n'
+    )
+    return sorted(folder.iterdir())
+
+
+def _read_robot(folder: Path) -> None:
+    setup = read_robot(folder / "robot.toml")
+    setup.skin.at(setup.robot.at(setup.home_rad))
+
+
+def _path(form: str) -> Reader:
+    """A path of ten positions in a form that `evaluate` reads."""
+    rows = [(0.1 * k, 0.01 * k, -0.02, 0.5 + 1e-3 * k**2) for k in range(10)]
+    if form == "tum":
+        text = "# stamp x y z qx qy qz qw\n" + "".join(f"{t} {x} {y} {z} 0 0 0 1\n" for t, x, y, z in rows)
+    elif form == "anipose":
+        text = "a_x,a_y,a_z,fnum\n" + "".join(f"{x},{y},{z},{k}\n" for k, (_, x, y, z) in enumerate(rows))
+    else:
+        covariance = ",".join(f"cov_{axes}_m2" for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
+        text = f"stamp_s,x_m,y_m,z_m,{covariance}\n"
+        text += "".join(f"{t},{x},{y},{z},1e-6,0,0,1e-6,0,4e-6\n" for t, x, y, z in rows)
+
+    def write(folder: Path) -> list[Path]:
+        (folder / "path").write_text(text)
+        (folder / "sound").write_text(text)
+        return [folder / "path"]
+
+    def read(folder: Path) -> None:
+        path, sound = (read_path(folder / name, fps=10.0) for name in ("path", "sound"))
+        with np.errstate(all="ignore"):
+            evaluate(path, sound)
+
+    return Reader(write, read)
+
+
+def _boxes(form: str) -> Reader:
+    """Boxes in a form that `evaluate --boxes` reads."""
+    boxes = [(10 + k, 20 - k, 30.5, 40) for k in range(8)]
+    if form == "ours":
+        text = "frame,x,y,w,h,score\n" + "".join(
+            f"{k},{x},{y},{w},{h},0.9\n" for k, (x, y, w, h) in enumerate(boxes, 1)
+        )
+    elif form == "mot":
+        text = "".join(f"{k},1,{x},{y},{w},{h},1,-1,-1,-1\n" for k, (x, y, w, h) in enumerate(boxes, 1))
+    else:
+        text = "".join(f"{x}\t{y}\t{w}\t{h}\n" for x, y, w, h in boxes)
+
+    def write(folder: Path) -> list[Path]:
+        (folder / "boxes").write_text(text)
+        (folder / "sound").write_text(text)
+        return [folder / "boxes"]
+
+    def read(folder: Path) -> None:
+        boxes, sound = (read_boxes(folder / name) for name in ("boxes", "sound"))
+        with np.errstate(all="ignore"):
+            evaluate_boxes(boxes, sound)
+
+    return Reader(write, read)
+
+
+def _manifest(folder: Path) -> list[Path]:
+    rows = "first,l.mp4,r.mp4,camchain.yaml,\nsecond,seq/left,seq/right,left.yaml;right.yaml,30\n"
+    (folder / "list.csv").write_text("name,left,right,calib,fps\n" + rows)
+    return [folder / "list.csv"]
+
+
+def _image(suffix: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        pixels = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+        cv2.imwrite(str(folder / f"image.{suffix}"), pixels)
+        return [folder / f"image.{suffix}"]
+
+    return Reader(write, _read_image)
+
+
+def _read_image(folder: Path) -> None:
+    (file,) = folder.iterdir()
+    image = decode(ImageFile(file, 0.0))
+    if isinstance(image, Problem):
+        raise InputError(file, image.message)
+
+
+def _video(suffix: str, codec: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        rng = np.random.default_rng(0)
+        with av.open(str(folder / f"video.{suffix}"), "w") as container:
+            stream = cast(av.VideoStream, container.add_stream(codec, rate=20))
+            stream.width, stream.height, stream.pix_fmt = 32, 24, "yuv420p"
+            for _ in range(5):
+                pixels = rng.integers(0, 256, (24, 32, 3), dtype=np.uint8)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+            container.mux(stream.encode())
+        return [folder / f"video.{suffix}"]
+
+    return Reader(write, lambda folder: [frame.load() for frame in open_video(next(folder.iterdir()), None)])
+
+
+def _bag(kind: str) -> Reader:
+    """A bag of this kind with two topics of images, raw and compressed, their calibration and joints."""
+
+    def write(folder: Path) -> list[Path]:
+        from rosbags import rosbag1, rosbag2
+        from rosbags.typesys import Stores, get_typestore
+
+        is_1, setup = kind == "bag", icub_setup()
+        store = get_typestore(Stores.ROS1_NOETIC if is_1 else Stores.ROS2_JAZZY)
+        plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
+        path = folder / ("bag.bag" if is_1 else "bag")
+        writer: Any = rosbag1.Writer(path) if is_1 else rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        P = np.array([[30.0, 0, 11.5, 0], [0, 30, 7.5, 0], [0, 0, 1, 0]])
+        pixels = np.random.default_rng(0).integers(0, 256, (16, 24, 3), dtype=np.uint8)
+        png = cv2.imencode(".png", pixels)[1].ravel()
+
+        def message(kind: str, /, **content: Any) -> Any:
+            return store.types[kind](**content)
+
+        def header(stamp_s: float) -> Any:
+            whole = int(stamp_s)
+            stamp = message("builtin_interfaces/msg/Time", sec=whole, nanosec=int(1e9 * (stamp_s - whole)))
+            return message("std_msgs/msg/Header", stamp=stamp, frame_id="", **({"seq": 0} if is_1 else {}))
+
+        def messages() -> Iterator[tuple[str, Any, float]]:
+            for side in ("left", "right"):
+                area = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
+                values = {"k": P[:, :3].ravel(), "d": np.zeros(5), "r": np.eye(3).ravel(), "p": P.ravel()}
+                values["p"] = values["p"] - (side == "right") * np.eye(12)[3] * 3.6
+                shape = {"height": 16, "width": 24, "binning_x": 0, "binning_y": 0, "distortion_model": "plumb_bob"}
+                roi = message("sensor_msgs/msg/RegionOfInterest", **area, do_rectify=False)
+                named = {key.upper() if is_1 else key: value for key, value in values.items()}
+                yield (
+                    f"/{side}/camera_info",
+                    message("sensor_msgs/msg/CameraInfo", header=header(0.0), roi=roi, **shape, **named),
+                    0.0,
+                )
+            names = list(setup.robot.joint_names)
+            for k in range(4):
+                at = 10 + 0.05 * k
+                q = {"name": names, "position": np.zeros(len(names)), "velocity": np.zeros(0), "effort": np.zeros(0)}
+                yield "/joint_states", message("sensor_msgs/msg/JointState", header=header(at), **q), at
+                raw = {"height": 16, "width": 24, "encoding": "bgr8", "is_bigendian": 0, "step": 72}
+                yield "/left/image", message("sensor_msgs/msg/Image", header=header(at), **raw, data=pixels.ravel()), at
+                yield (
+                    "/right/image",
+                    message("sensor_msgs/msg/CompressedImage", header=header(at), format="png", data=png),
+                    at,
+                )
+
+        with writer as bag:
+            topics: dict[str, Any] = {}
+            for topic, content, received_s in messages():
+                name = content.__msgtype__
+                if topic not in topics:
+                    topics[topic] = bag.add_connection(topic, name, typestore=store)
+                data = store.serialize_ros1(content, name) if is_1 else store.serialize_cdr(content, name)
+                bag.write(topics[topic], int(1e9 * received_s), data)
+        return [path] if is_1 else sorted(path.iterdir())
+
+    def read(folder: Path) -> None:
+        path = folder / ("bag.bag" if kind == "bag" else "bag")
+        for robot in (None, icub_setup()):
+            for frame in (recording := open_recording(path, robot=robot)):
+                if recording.rig is not None:
+                    recording.rig.view_of(frame)
+
+    return Reader(write, read)
+
+
+def _times(folder: Path) -> list[Path]:
+    rows = [f"{1403636579763555584 + 50_000_000 * k},{k}.png\n" for k in range(5)]
+    (folder / "times.csv").write_text("#timestamp [ns],filename\n" + "".join(rows))
+    return [folder / "times.csv"]
+
+
+def _mesh(suffix: str) -> Reader:
+    def write(folder: Path) -> list[Path]:
+        trimesh.creation.icosphere(1, 0.05).export(folder / f"mesh.{suffix}")
+        return [folder / f"mesh.{suffix}"]
+
+    return Reader(write, lambda folder: [load_stimulus(file) for file in folder.iterdir()])
+
+
+def _memory(folder: Path) -> list[Path]:
+    memory = PPSMemory.empty(icub_skin(("left_palm",)), MemoryParams())
+    save_memory(folder / "memory.npz", memory)
+    return [folder / "memory.npz"]
+
+
+def _trials(folder: Path) -> list[Path]:
+    rng = np.random.default_rng(0)
+    position_m, velocity_m_s = rng.normal(size=(2, 60, 3))
+    outcome, offsets = np.array([[1, -1], [-1, 1], [-1, -1]]), np.arange(0, 61, 10)
+    file = folder / "trials.npz"
+    np.savez(file, position_m=position_m, velocity_m_s=velocity_m_s, outcome=outcome, offsets=offsets)
+    return [file]
+
+
+def _map(folder: Path) -> list[Path]:
+    rng = np.random.default_rng(0)
+    signed, optimality, error_m = rng.uniform(-1, 1, (3, 3, 4, 5))
+    limits = GazeLimits()
+    gaze = rng.uniform(limits.lower, limits.upper, (6, 3))
+    labels = Labels(gaze, np.arange(6) < 3, rng.uniform(0, 0.1, 6), rng.uniform(0, 1, 6), gaze)
+    ReachableMap("right", limits, signed, optimality, error_m, 0.1, 0.05, 0.01, labels, 0).save(folder / "map.npz")
+    return [folder / "map.npz"]
+
+
+def _read_map(folder: Path) -> None:
+    reachable = ReachableMap.load(folder / "map.npz")
+    with np.errstate(all="ignore"):
+        reachable.query(np.array([[0.0, 0.0, 0.2], [0.1, -0.1, 0.3]]))
+
+
+READERS: Mapping[str, Reader] = {
+    "recording": Reader(_recording, _read_recording),
+    "skin_log": Reader(_skin, _read_skin),
+    "taxels": Reader(_taxels, _read_taxels),
+    "joint_offsets": Reader(
+        _offsets, lambda folder: read_joint_offsets(folder / "joints.csv", load_icub().joint_names)
+    ),
+    "gaze": Reader(_gaze, lambda folder: read_gaze(folder / "gaze.csv")),
+    "truth": Reader(_truth, lambda folder: read_truth(folder / "rec/truth.csv", [])),
+    "icub_eyes": Reader(_eyes, lambda folder: read_icub_eyes(folder / "rec/icubEyes.ini", (640, 480))),
+    **{f"calibration_{suffix}": _calibration(suffix) for suffix in ("xml", "yml", "json")},
+    **{f"calibration_{tool}": _calibration_of(tool) for tool in _CALIBRATIONS},
+    **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},
+    "video_mp4": _video("mp4", "libx264"),
+    "video_mkv": _video("mkv", "mpeg4"),
+    **{f"bag_{kind}": _bag(kind) for kind in ("bag", "mcap", "db3")},
+    "euroc": Reader(_euroc, _read_frames),
+    "kitti": Reader(_kitti, _read_frames),
+    "robot": Reader(_robot, _read_robot),
+    **{f"path_{form}": _path(form) for form in ("csv", "tum", "anipose")},
+    **{f"boxes_{form}": _boxes(form) for form in ("ours", "mot", "otb")},
+    "manifest": Reader(
+        _manifest, lambda folder: jobs_of([str(folder / "list.csv")], ("left", "right", "calib", "fps"))
+    ),
+    "times": Reader(_times, lambda folder: read_times(folder / "times.csv")),
+    **{f"mesh_{suffix}": _mesh(suffix) for suffix in ("stl", "obj", "ply")},
+    "memory": Reader(_memory, lambda folder: _use_memory(load_memory(folder / "memory.npz"))),
+    "trials": Reader(_trials, lambda folder: load_trials(folder / "trials.npz")),
+    "map": Reader(_map, _read_map),
+}
