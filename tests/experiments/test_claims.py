@@ -34,7 +34,7 @@ def test_the_results_in_the_documents_have_what_a_claim_reads(claim) -> None:
 
 
 def test_what_a_short_run_could_not_measure_is_not_a_number(tmp_path: Path) -> None:
-    numbers = {"right": [None, None, None], "frames": 0, "processor_ms": {"all": [None, None, None]}}
-    (tmp_path / "reach_in_loop.json").write_text(json.dumps({**MACHINE, **numbers}))
+    maps = {"ours": {"true": {"je": None}, "learned": {"je": 0.25}}}
+    (tmp_path / "reach_whole_paper.json").write_text(json.dumps({**MACHINE, "maps": maps}))
     (row,) = Claims(tmp_path).run()["claims"]
-    assert row["measured"] == "nan % of 0 frames; nan ms"
+    assert row["measured"] == "nan / 0.25 %"
