@@ -44,8 +44,8 @@ SearchCounts = Counter[str]
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
 _SAME_MASK, _MOST = 0.8, 0.6  # overlap from which colours show the object that an eye at rest sees; one that moves
 _MOVED = 0.05  # of its area that a moving object covers anew in the trigger's interval: 2 cm/s cover 8 % of 6 cm
-_UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered
-_SOLID = 0.9  # solidity below which what moves may be an object and what holds it
+_UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered before an eye that moves
+_ALIKE = 2.0  # ratio of what it covers anew and what it uncovers before an eye at rest, if the background lacks it
 _WITHIN = 0.9  # of a colour's region, what the hull of its change must hold: the rest is something else
 _LONG = 2.0  # ratio of a marker's sides
 _APART, _RING_POINTS = 1.3, 300  # of its size, from which on its surroundings are compared; so many points of them
@@ -330,7 +330,7 @@ class Change:
         if mask is None:
             return False
         overlap = np.count_nonzero(mask & whole) / np.count_nonzero(mask | whole)
-        return bool(overlap > _SAME_MASK or _solidity(whole) < _SOLID)
+        return bool(overlap > _SAME_MASK or masks.solidity(whole) < masks.SOLID)
 
     def moving(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) what has moved onto the seed as a whole: it has uncovered about as much as it covers anew.
@@ -348,7 +348,8 @@ class Change:
             return None
         gained = np.count_nonzero(mask & ~self.differed[inside])
         lost = np.count_nonzero(self.differed[around] & ~self.differs[around])
-        return mask if gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained else None
+        moves = gained > _MOVED * np.count_nonzero(mask) and gained / _ALIKE < lost < _ALIKE * gained
+        return mask if moves else None
 
 
 @dataclass(frozen=True)
@@ -378,7 +379,10 @@ class ChangeOfMovingEye:
         differed = background.differs_in(then, self.view, box)
         gained = np.count_nonzero(mask & ~differed)
         lost = np.count_nonzero(differed & ~differs)
-        if not (gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained) or _solidity(mask) < _SOLID:
+        if (
+            not (gained > _MOVED * np.count_nonzero(mask) and lost > _UNCOVERED * gained)
+            or masks.solidity(mask) < masks.SOLID
+        ):
             return None
         edge = self.background.learned_edge(self.now, self.view, mask, box)
         return None if edge is not None and edge > LEARNED_EDGE else mask
@@ -460,13 +464,6 @@ def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], 
             flow = next((one.flow for one in group if one.flow is not None), None)
             found.append(Candidate(shape, model, evidence, flow, True, mask, box))
     return found
-
-
-def _solidity(mask: Mask) -> float:
-    """Share of its convex hull that a connected mask fills."""
-    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    hull = cv2.convexHull(np.concatenate(contours))
-    return float(np.count_nonzero(mask)) / max(float(cv2.contourArea(hull)), 1.0)
 
 
 def _sine(a: Array, b: Array) -> float:

@@ -50,6 +50,7 @@ _TOUCHING = 0.25  # of the object's area, what is joined with it beyond its reac
 _PASSING = 5  # images for which the two may hide each other then
 _BESIDE = 0.05  # of its size, by which it may then be off the prediction beside its standard deviation
 _MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
+WHOLE = 1.5  # times the area of its part, from which what differs from the background is another object
 
 
 @dataclass(frozen=True)
@@ -420,6 +421,19 @@ class CameraTracker:
         differs = (self.background if at_rest else self.background.moving).differs(camera.image, camera.view, box)
         mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
         return None if mask is None else (mask, box)
+
+    def is_part(self, state: CameraState, camera: CameraFrame, found: ImageDetection) -> bool:
+        """Whether the object, followed by its colours, is a part of a solid thing that differs from the background."""
+        at_rest = self.background.is_known(camera.view)
+        if state.by_background or not (at_rest or self.background.behind_moving_eye(camera.view, camera.stamp_s)):
+            return False
+        half = 2.0 * max(found.outline.box_px[2:])
+        box = self.image_tracker.region(found.outline.center_px, half, half)
+        differs = (self.background if at_rest else self.background.moving).differs(camera.image, camera.view, box)
+        whole = masks.component(differs, masks.ellipse(box, found.outline.center_px, *found.outline.box_px[2:]))
+        if whole is None or np.count_nonzero(whole) < WHOLE * found.outline.area_px:
+            return False
+        return not masks.is_cut(whole, box, camera.image) and masks.solidity(whole) > masks.SOLID
 
     def absorb(self, camera: CameraFrame, found: ImageDetection) -> None:
         """Learn what an object's place shows as background."""

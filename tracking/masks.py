@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pps_vision.types import Array, Image, Mask
 
+SOLID = 0.9  # solidity below which what moves may be an object and what holds it
 _SMALL_HOLE = 0.01  # of the mask; smaller holes are noise
 
 
@@ -76,6 +77,13 @@ def is_cut(mask: Mask, box: tuple[int, int, int, int], image: Image) -> bool:
     x0, y0, x1, y1 = box
     sides = (mask[:, 0], x0 > 0), (mask[0], y0 > 0), (mask[:, -1], x1 < width), (mask[-1], y1 < height)
     return any(inner and bool(side.any()) for side, inner in sides)
+
+
+def solidity(mask: Mask) -> float:
+    """Share of its convex hull that a connected mask fills."""
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    hull = cv2.convexHull(np.concatenate(contours))
+    return float(np.count_nonzero(mask)) / max(float(cv2.contourArea(hull)), 1.0)
 
 
 def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height: float) -> Mask:

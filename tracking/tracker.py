@@ -25,7 +25,7 @@ from tracking.acquisition import (
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.frame_checks import Fingerprints, Stamps
-from tracking.image_tracker import CameraState, CameraTracker, ImageDetection, ImageTrackerParams
+from tracking.image_tracker import WHOLE, CameraState, CameraTracker, ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
 from tracking.optical_flow import velocity
@@ -36,6 +36,7 @@ Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
 _MAX_SIZE_CHANGE = 1.5  # of an object's radius
+_LOOK_EVERY, _LOOK_FOR = 10, 6  # frames: how often it is asked whether a part is followed, and the whole looked for
 _MAX_REFUSED = 6  # pairs in a row, from which the two cameras follow different things
 _NOTHING: Detections = (None, None)
 _NO_MODELS = (None, None)
@@ -108,6 +109,8 @@ class TrackerState:
     hits: int = 0
     """Frames in which the object was observed."""
     observed_s: float = -math.inf
+    part: int = 0
+    """Frames in which the whole is still looked for of which the object is a part."""
     refused: int = 0
     """Frames in a row in which both cameras detected something, but not one object."""
     stamps_s: Stamps = (-math.inf, -math.inf)
@@ -220,12 +223,26 @@ class Tracker:
                     if one is not None:
                         tracker.absorb(camera, one)
                 return replace(self._initial, association=state.association), None, _NOTHING, regions
+        if None not in detections and self.params.mode == "generic":
+            state = self._with_suspicion(state, cameras, detections)
+            if state.part:
+                acquired, whole, regions = self._acquire(state, cameras, view, stamp_s)
+                if _is_whole_of(whole, detections):
+                    return replace(acquired, hits=0, part=0), None, whole, regions
         passing = any(one.target is not None and one.target.touched for one in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
             acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
                 return replace(acquired, hits=0), None, elsewhere, regions
         return state, predicted, detections, regions
+
+    def _with_suspicion(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
+        """The state with the suspicion that a part of the object is followed (one of several stripes)."""
+        if state.part or state.hits % _LOOK_EVERY:
+            return replace(state, part=max(state.part - 1, 0))
+        each = zip(self._cameras, state.cameras, cameras, detections, strict=True)
+        is_part = all(tracker.is_part(known, camera, one) for tracker, known, camera, one in each if one is not None)
+        return replace(state, part=_LOOK_FOR if is_part else 0)
 
     def _follow(
         self,
@@ -433,6 +450,17 @@ class Tracker:
         if appearance is None and state.hits >= self.params.confirm_frames and left.target and right.target:
             appearance = left.target.model, right.target.model
         return replace(state, cameras=(left, right), appearance=appearance)
+
+
+def _is_whole_of(whole: Detections, parts: Detections) -> bool:
+    """Whether in both images the one holds the other, and is clearly larger."""
+    for one, part in zip(whole, parts, strict=True):
+        if one is None or part is None or one.outline.area_px < WHOLE * part.outline.area_px:
+            return False
+        (x, y, w, h), (u, v) = one.box_px, part.outline.center_px.tolist()
+        if not (x <= u < x + w and y <= v < y + h):
+            return False
+    return True
 
 
 def _middle(view: StereoView) -> Array:

@@ -84,6 +84,8 @@ def drawn(rng: np.random.Generator, *discs: tuple[int, int, int]) -> np.ndarray:
         ([(100, 120, 20)], [(100, 120, 20)], [(112, 120, 20)], False),  # it still overlaps the place where it stood
         ([(40, 120, 20)], [(150, 120, 20)], [(162, 120, 20)], True),  # it has left that place
         ([], [(112, 120, 20)], [(112, 120, 20)], False),  # it rests
+        ([], [(100, 120, 20)], [(112, 120, 23)], False),  # it is joined with what the background was thought to be
+        ([], [(100, 120, 20), (220, 120, 30)], [(112, 120, 20)], False),  # more is uncovered than it has left
     ],
 )
 def test_what_moves_as_a_whole_before_a_background(
