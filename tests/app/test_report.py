@@ -50,6 +50,15 @@ def test_activations_of_another_run(tmp_path: Path, refused) -> None:
     assert "activation.csv: 1 rows; expected the 40" in refused("report", folder)
 
 
+def test_a_table_in_which_a_number_is_a_word(tmp_path: Path, refused) -> None:
+    file = write_results(tmp_path / "results") / "trajectory.csv"
+    lines = file.read_text().split("\n")
+    file.write_text("\n".join([*lines[:3], "soon" + lines[3][lines[3].index(",") :], *lines[4:]]))
+    assert "trajectory.csv:4: could not convert string to float: 'soon'; expected finite" in refused(
+        "report", file.parent
+    )
+
+
 def test_colours_that_stand_for_times_have_a_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figures: list[Figure] = []
     monkeypatch.setattr(page, "image", lambda figure: figures.append(figure) or "")
