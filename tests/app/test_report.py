@@ -111,3 +111,13 @@ def test_a_film_replaces_the_key_frames_and_no_detection_is_said(tmp_path: Path)
     assert text.count("<video") == 1
     assert "image/jpeg" not in text
     assert "Nothing was detected." in text
+
+
+@pytest.mark.parametrize("spare", [0, -1])
+def test_a_film_that_is_too_large_for_the_page_stays_a_file(spare: int, tmp_path: Path, monkeypatch) -> None:
+    folder = write_results(tmp_path / "results")
+    film = write_video(folder / "overlay.mp4", [0.0, 0.1])
+    monkeypatch.setattr("pps_vision.app.report.tracking._LARGEST_VIDEO", film.stat().st_size + spare)
+    report_folder(folder)
+    text = (folder / "report.html").read_text()
+    assert (text.count("<video"), text.count("data:image/jpeg")) == ((1, 0) if spare == 0 else (0, 2))

@@ -84,8 +84,8 @@ def drawn(rng: np.random.Generator, *discs: tuple[int, int, int]) -> np.ndarray:
         ([(100, 120, 20)], [(100, 120, 20)], [(112, 120, 20)], False),  # it still overlaps the place where it stood
         ([(40, 120, 20)], [(150, 120, 20)], [(162, 120, 20)], True),  # it has left that place
         ([], [(112, 120, 20)], [(112, 120, 20)], False),  # it rests
-        ([], [(110, 120, 40)], [(112, 120, 40)], False),  # of its area it covers 3 % anew
-        ([], [(106, 120, 40)], [(112, 120, 40)], True),  # 10 %
+        ([], [(110, 120, 45)], [(112, 120, 45)], False),  # of its area it covers 2.8 % anew
+        ([], [(108, 120, 45)], [(112, 120, 45)], True),  # 5.7 %
         ([], [(110, 120, 20)], [(112, 120, 30)], False),  # it grows, and uncovers nothing
         ([], [(100, 120, 20)], [(112, 120, 24)], True),  # it has uncovered a third of what it covers
     ],
@@ -178,6 +178,11 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
     assert alone is not None
     assert alone.outline.box_px[3] > 55  # nothing but colour: the bar belongs to it
     assert segment(params, now, region, optics, Change(background, view, picture(116), now)) is None
+    moved, place = picture(180), Region2D((170, 100, 25, 30), np.ones((30, 25), bool), 1.0)
+    free = segment(params, moved, place, optics, Change(background, view, picture(172), moved))
+    assert free is not None  # away from the bar
+    assert free.by_color
+    assert free.outline.center_px == pytest.approx([180, 120], abs=0.5)
 
 
 def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whole(robot: Robot, rig: StereoRig) -> None:

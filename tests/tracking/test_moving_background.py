@@ -167,13 +167,34 @@ def test_what_is_tracked_is_not_learned_nor_is_what_is_near_it(rng: np.random.Ge
     np.testing.assert_allclose([unknown.min(axis=0), unknown.max(axis=0)], [(74, 88), (105, 151)], atol=1)
 
 
-@pytest.mark.parametrize(("levels", "differs"), [(3, False), (12, True)])
-def test_how_much_must_differ_of_a_clean_image(levels: int, differs: bool, rng: np.random.Generator) -> None:
-    """Six grey levels; of images with noise of 2 levels, over 3×3 px, they are the least as well."""
-    background, image = MovingBackground(EgoMotion(LEFT_EYE)), np.full((240, 320, 3), 100, np.uint8)
+@pytest.mark.parametrize(
+    ("noise", "levels", "differs"), [(0, 3, False), (0, 8, True), (4, 9, True), (10, 10, False), (10, 18, True)]
+)
+def test_how_much_must_differ(noise: float, levels: int, differs: bool, rng: np.random.Generator) -> None:
+    """Six grey levels of a clean image, five standard deviations of a noisy one over 3×3 px, fifteen at most."""
+    background, patch = MovingBackground(EgoMotion(LEFT_EYE)), np.s_[104:136, 104:136]
+
+    def image(more: int) -> Image:
+        grey = np.full((240, 320, 3), 100.0)
+        grey[100:140, 100:140] += more
+        return np.clip(np.rint(grey + noise * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
+
     for k in range(3):
-        background.learn(image, turned(0), 0.5 * k, None)
-    image[100:140, 100:140, 1] += levels
-    found = background.differs(image, turned(0), WHOLE)
-    assert found[104:136, 104:136].mean() == differs
-    assert background.evidence(image, turned(0), WHOLE)[104:136, 104:136].mean() == (1.0 if differs else 0.0)
+        background.learn(image(0), turned(0), 0.5 * k, None)
+    now = image(levels)
+    share = background.differs(now, turned(0), WHOLE)[patch].mean()
+    assert share > 0.95 if differs else share < 0.25
+    if noise == 0:
+        expected = levels / 12 if differs else 0.0  # half at the threshold
+        assert background.evidence(now, turned(0), WHOLE)[patch].mean() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("shift_px", "differs"), [(1, False), (2, True)])
+def test_an_error_of_a_pixel_is_no_difference(shift_px: int, differs: bool) -> None:
+    """Bars of 60 and 160 levels before an eye at rest."""
+    bars = np.where(np.arange(340) // 20 % 2, 160, 60).astype(np.uint8)
+    background = MovingBackground(EgoMotion(LEFT_EYE))
+    images = [np.broadcast_to(bars[at : at + 320, None], (240, 320, 3)).copy() for at in (0, shift_px)]
+    for k in range(3):
+        background.learn(images[0], turned(0), 0.5 * k, None)
+    assert background.differs(images[1], turned(0), (10, 10, 310, 230)).any() == differs
