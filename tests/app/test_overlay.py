@@ -1,11 +1,13 @@
 """What is drawn over the images: the cross is at the pixel, however much the image is enlarged."""
 
 from itertools import pairwise
+from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
-from pps_vision.app.report.overlay import draw_legend, draw_pair, flash
+from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 
@@ -91,3 +93,15 @@ def test_only_taxels_in_view_are_drawn_the_larger_the_likelier() -> None:
     lit = pair[TEXT_ROWS:, :200].any(axis=2)
     assert 0 < lit[:, :100].sum() < 0.3 * lit[:, 100:].sum()
     assert not lit[:, 160:].any()
+
+
+def test_a_film_holds_every_image_cut_to_even_sides_and_without_an_image_is_no_file(tmp_path: Path) -> None:
+    with VideoFile(tmp_path / "a.mp4", 20.0) as film, VideoFile(tmp_path / "b.mp4", 20.0):
+        for level in (40, 120, 200):
+            film.add(np.full((31, 43, 3), level, np.uint8))
+    assert [file.name for file in tmp_path.iterdir()] == ["a.mp4"]
+    with av.open(str(tmp_path / "a.mp4")) as read:
+        assert read.streams.video[0].average_rate == 20
+        images = [one.to_ndarray(format="rgb24") for one in read.decode(video=0)]
+    assert [image.shape for image in images] == [(30, 42, 3)] * 3
+    np.testing.assert_allclose([image.mean() for image in images], (40, 120, 200), atol=3)
