@@ -128,7 +128,8 @@ def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
     try:
         rows = [(reader.line_num, row) for row in reader]
     except csv.Error as error:
-        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", reader.line_num) from error
+        line = reader.reader.line_num  # its own is that of the last row that was read
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", line) from error
     header = reader.fieldnames or []
     if "name" not in header or not set(header) <= {"name", *columns}:
         raise InputError(file, f"columns {','.join(map(str, header))}; expected {expected}", 1)

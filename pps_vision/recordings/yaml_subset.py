@@ -126,8 +126,6 @@ class _Parser:
         while at < len(text):
             token = _TOKEN.match(text, at)
             if token is None or (at and not open_ones):
-                if text[at:].isspace():
-                    break
                 _refuse(self.file, line, text[at:])
             at = token.end()
             sign, quoted, colon, plain, plain_colon = token.groups()

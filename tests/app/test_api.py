@@ -1,6 +1,7 @@
 """`import pps_vision as pv`: the public names, and that they give what the commands write."""
 
 import dataclasses
+import inspect
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,9 @@ import pytest
 
 import pps_vision as pv
 from pps_vision.app.cli import main
+from pps_vision.app.cli.batch import Batch
+from pps_vision.app.cli.learn import Learn
+from pps_vision.app.cli.track import Track
 
 NAMES = {"InputError", "Pipeline", "ReachableMap", "Tracker", "__version__", "learn", "open_recording", "render"}
 
@@ -74,3 +78,27 @@ def test_bad_input_has_one_exception(approach: Path, tmp_path: Path) -> None:
     (tmp_path / "map.npz").write_text("none")
     with pytest.raises(pv.InputError, match=r"map\.npz"):
         pv.ReachableMap.load(tmp_path / "map.npz")
+
+
+def test_what_is_left_out_means_the_same_in_functions_and_commands() -> None:
+    """And in a batch what it means for each of its recordings."""
+
+    def of_function(function: object) -> dict[str, object]:
+        return {name: one.default for name, one in inspect.signature(function).parameters.items()}  # type: ignore[arg-type]
+
+    def of_command(command: type) -> dict[str, object]:
+        return {one.name: one.default for one in dataclasses.fields(command)}
+
+    defaults = [
+        (of_function(pv.track), of_command(Track), {"mode", "order", "max_error_mm", "device", "seed"}),
+        (of_function(pv.learn), of_command(Learn), {"mode", "seed", "into"}),
+        (
+            of_function(pv.open_recording),
+            of_command(Track),
+            {"fps", "unit_m", "max_skew_s", "calib", "times", "joints"},
+        ),
+        (of_command(Batch), of_command(Track), {"calib", "fps", "unit_m", "mode", "order", "smooth", "also", "report"}),
+    ]
+    for ours, theirs, names in defaults:
+        assert {name: ours[name] for name in names} == {name: theirs[name] for name in names}
+    assert (Track.unit_m, Track.mode, Track.smooth, Batch.workers, Batch.parquet) == (1.0, "generic", False, 1, False)

@@ -5,9 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from videos import write_video
 
 from learning.pps.memory import PPSMemory, save_memory
 from pps_vision.app.cli import main
+from pps_vision.app.learn import learn_from
+from pps_vision.errors import InputError
+from pps_vision.recordings.open import open_recording
 from pps_vision.robot.skin import icub_skin
 
 
@@ -24,6 +28,7 @@ def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Pa
             (bare / file.relative_to(approach)).parent.mkdir(parents=True, exist_ok=True)
             (bare / file.relative_to(approach)).symlink_to(file)
     assert "icubEyes.ini" in refused("track", bare, "--out", tmp_path / "out")
+    assert "holds no calibration" in refused("truth", bare, "--aruco", 7, "--tag-mm", 48, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -214,3 +219,21 @@ def test_a_bug_shows_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("pps_vision.recordings.image_sequence.open_frames", defective)
     with pytest.raises(ValueError, match="defect"):
         main(["track2d", str(tmp_path), "--init", *"1199", "--out", str(tmp_path / "b.csv")])
+
+
+def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path: Path, calib: Path) -> None:
+    """Videos have none; the arm of seven joints is a right one, and its cameras are not the iCub's."""
+    write_video(tmp_path / "a.mp4", [0.0, 0.05])
+    arm7, out = ("--robot", Path(__file__).parents[1] / "arm7" / "robot.toml"), ("--out", tmp_path / "out")
+    video = tmp_path / "a.mp4", "--calib", calib, *out
+    assert "without a robot; expected it with an iCub's REC" in refused("track", *video, "--memory", tmp_path / "m.npz")
+    recording = open_recording(tmp_path / "a.mp4", calib=[calib])
+    with pytest.raises(InputError, match="has no joints; expected the recording of a robot"):
+        learn_from(recording, PPSMemory.empty(icub_skin()))
+    assert "has no left_arm; expected --arm right" in refused("reach", "train", *arm7, "--arm", "left", *out)
+    assert "--motion circle without --center" in refused(
+        "render", *arm7, "--stimulus", "ball", "--motion", "circle", "--target", "forearm:4", *out
+    )
+    save_memory(tmp_path / "m.npz", PPSMemory.empty(icub_skin()))
+    assert "m.npz" in refused("show", tmp_path / "m.npz", *arm7, "--out", tmp_path / "m.png")
+    assert not (tmp_path / "out").exists()

@@ -22,6 +22,7 @@ from videos import write_video
 
 from learning.pps.memory import load_memory
 from pps_vision.app.cli import main
+from pps_vision.recordings.outputs import BUSY
 
 
 def table(out: Path) -> dict[str, dict[str, str]]:
@@ -76,6 +77,10 @@ def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
     for rows in ("rec\na\n", "name,rec\n../a,x\n", "name,colour\na,red\n", "name,rec\na,x,y\n"):
         (tmp_path / "list.csv").write_text(rows)
         assert "expected columns name" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
+    (tmp_path / "list.csv").write_text(f"name,rec\na,{'x' * 200_000}\n")  # longer than a field may be
+    assert "list.csv:2: cannot be read" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
+    (tmp_path / "list.csv").write_text("name,rec\n")
+    assert "no recording given" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
     (tmp_path / "list.csv").write_text("name,rec\na,x\na,y\n")
     assert "distinct names" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
     assert "matches no recording" in refused("batch", tmp_path / "gone*", "--out", tmp_path / "other")
@@ -196,3 +201,29 @@ def test_where_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> N
     assert "expected a writable place" in refused(*words, "/proc/out")
     (tmp_path / "list.csv").write_text("name,rec\nsettings.json,a.mp4\n")
     assert "called settings.json" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("script", "reason", "runs"),
+    [
+        ("kill -9 $$", "ended by signal 9", 1),
+        ("exit 3", "ended with exit code 3", 1),
+        ("echo 'pps-vision: a.mp4: is odd; expected even' >&2; exit 2", "a.mp4: is odd; expected even", 1),
+        (f"[ $(wc -l < runs) = 2 ] && exit 3; echo 'pps-vision: a: {BUSY}' >&2; exit 2", "ended with exit code 3", 2),
+    ],
+)
+def test_why_a_recording_s_process_ended(
+    script: str, reason: str, runs: int, tmp_path: Path, refused_with, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A shell script in Python's place notes each of its runs; one that another run holds is tried again."""
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\necho run >> runs\n{script}\n")
+    python.chmod(0o755)
+    (tmp_path / "a.mp4").touch()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "executable", str(python))
+    monkeypatch.setattr("pps_vision.app.batch._BUSY_S", 0.01)
+    assert "0 workers; expected at least 1" in refused_with("batch", "a.mp4", "--workers", 0, "--out", "out")[-1]
+    assert "none of 1 recordings could be tracked" in refused_with("batch", "a.mp4", "--out", "out")[-1]
+    assert table(tmp_path / "out")["a.mp4"]["reason"] == reason
+    assert (tmp_path / "runs").read_text().split() == ["run"] * runs

@@ -74,6 +74,8 @@ def test_the_filter_is_of_the_lowest_order_that_the_motion_allows() -> None:
     steady, bent = choose(5, 0.001, 0.001), choose(5, 0.001, 0.001, acceleration=3.0)
     assert steady.configuration.params.kalman == KalmanParams.of_order(2)
     assert bent.configuration.params.kalman.order > 2
+    jumping = choose(5, 0.001, 0.001, acceleration=1e4)  # no order expects that: the one by default stays
+    assert jumping.configuration.params.kalman == KalmanParams()
 
 
 @pytest.mark.parametrize("asked_mm", [0.0, -1.0, np.nan])

@@ -103,11 +103,13 @@ def test_what_cannot_be_calibrated(tmp_path: Path, refused) -> None:
 
 def test_too_few_views(tmp_path: Path, refused_with) -> None:
     cv2.imwrite(str(tmp_path / "a1.png"), np.full((60, 80), 90, np.uint8))
+    (tmp_path / "a2.png").write_bytes((tmp_path / "a1.png").read_bytes()[:40])
     lines = refused_with(
-        *("calibrate", "--left", tmp_path / "a1.png", "--right", tmp_path / "a1.png", "--board", 8, 5),
+        *("calibrate", "--left", tmp_path / "a?.png", "--right", tmp_path / "a?.png", "--board", 8, 5),
         *("--square-mm", 30, "--out", tmp_path / "o"),
     )
     assert "no board found" in lines[0]
+    assert "a2.png cannot be decoded" in lines[1]
     assert "in 0 pairs; expected at least 3" in lines[-1]
 
 

@@ -168,3 +168,11 @@ def test_which_way_is_told_by_the_suffixes(refused, like: Path, tmp_path: Path) 
         args = ("convert-taxels", tmp_path / "m.npz", tmp_path / "t.ini", "--like", like, *words)
         assert "only where a .ini is converted" in refused(*args)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["m.npz", "robot.ini"]
+
+
+def test_a_part_under_both_its_names_is_refused(refused, like: Path, tmp_path: Path) -> None:
+    """The robot's l_forearm is our left_forearm: taxels of one name twice would be learned as one."""
+    text = like.read_text().replace("[r_hand]", "3 (1) (2)\n[left_forearm]").replace("nTaxels 0", "nTaxels 1")
+    like.write_text(text + "3 (1) (2)\n")
+    assert "robot.ini: " in refused("convert-taxels", like, tmp_path / "m.npz")
+    assert not (tmp_path / "m.npz").exists()

@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,8 @@ from pps_vision.app.cli import main
 from pps_vision.app.diagnosis import _by_counts, _epipolar, _misfit_px
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
+from pps_vision.recordings.image_file import ImageFile
+from pps_vision.recordings.recording import Recording
 from pps_vision.types import StereoFrame
 
 CALIBRATION = """%YAML:1.0
@@ -27,6 +30,16 @@ R: !!opencv-matrix {{rows: 3, cols: 3, dt: d, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
 T: !!opencv-matrix {{rows: 3, cols: 1, dt: d, data: [{baseline}, 0, 0]}}
 """
 N = 16
+
+
+@dataclass(frozen=True)
+class MadeUp(ImageFile):
+    """An image that no file holds, or what is wrong with it."""
+
+    pixels: np.ndarray | str = ""
+
+    def load(self) -> np.ndarray | str:
+        return self.pixels
 
 
 def every_image(rec: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -288,3 +301,38 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(
         main(["info", str(tmp_path / f"{name}.mp4"), "--calib", str(tmp_path / "calib.yml"), "--json"])
         warnings = json.loads(capsys.readouterr().out)["warnings"]
         assert any("continue each other" in warning for warning in warnings) == (name == "one")
+
+
+@pytest.mark.parametrize(
+    ("grey", "apart_m", "joints_deg", "advice"),
+    [
+        (13, 0.1, None, None),
+        (11, 0.1, None, "more light or exposure: the mean grey level is 11.0"),
+        (90, 0.006, None, None),
+        (90, 0.004, None, "the cameras are 0.004 m apart"),
+        (90, 1.9, None, None),
+        (90, 2.1, None, "the cameras are 2.1 m apart"),
+        (90, 0.1, 3.3, None),
+        (90, 0.1, 3.0, "joints in degrees: no joint in the logs is beyond ±3.14"),
+    ],
+)
+def test_what_is_implausible_and_what_only_just_is_not(
+    grey: int, apart_m: float, joints_deg: float | None, advice: str | None
+) -> None:
+    """Two plain pairs whose images differ by a pixel."""
+    camera, images = Camera(40, 30, 30.0, 30.0, 19.5, 14.5), [np.full((30, 40, 3), grey, np.uint8) for _ in range(2)]
+    images[1][0, 0] += 1
+    joints = None if joints_deg is None else np.deg2rad([0.0, -joints_deg])
+    pair = tuple(
+        MadeUp(Path(f"{side}.png"), 0.0, joints_rad=joints, pixels=image)
+        for side, image in zip(("left", "right"), images, strict=True)
+    )
+    rig = StereoRig.fixed(camera, camera, transform(translation=(apart_m, 0.0, 0.0)))
+    found = list(diagnosis_module.faults_of(Recording("made up", (pair, pair), (40, 30), [], rig=rig)))
+    assert len(found) == (advice is not None)
+    assert (advice or "") in "".join(found)
+
+
+def test_a_recording_without_a_readable_pair_is_not_judged() -> None:
+    pair = tuple(MadeUp(Path(f"{side}.png"), 0.0, pixels="cannot be read") for side in ("left", "right"))
+    assert list(diagnosis_module.faults_of(Recording("made up", (pair, pair), (40, 30), []))) == []

@@ -112,6 +112,8 @@ def test_what_is_lost_counts() -> None:
 def test_too_little_in_common_is_refused() -> None:
     with pytest.raises(InputError, match="0 of 400 positions have a truth"):
         evaluate(path(curve(STAMPS), STAMPS + 1e6), TRUTH)
+    with pytest.raises(InputError, match="0 of 400 positions have a truth"):
+        evaluate(path(curve(STAMPS)), path(np.empty((0, 3)), np.empty(0)))
 
 
 def tracks() -> list[Track3D]:

@@ -3,13 +3,14 @@
 import importlib.metadata
 import json
 import shlex
+import shutil
 from pathlib import Path
 
 import av
 import cv2
 import numpy as np
 import pytest
-from videos import write_video
+from videos import write_calibration, write_video
 
 from pps_vision.app.cli import main
 from pps_vision.app.info import info
@@ -115,3 +116,35 @@ def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.Cap
     assert (tmp_path / "out" / "trajectory.tum").read_text().startswith(f"# pps-vision {written}: stamp_s ")
     assert json.loads((approach / "summary.json").read_text())["versions"]["pps-vision"] == written
     assert csv["rmse_mm"] == tum["rmse_mm"] == pytest.approx(summary["errors"]["position_rms_all_mm"], rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("longest_s", "late_s", "warned"),
+    [(0.07, 0.012, None), (0.08, 0.012, "1 intervals are longer than 1.5 times"), (0.07, 0.013, "+13.0 ms from")],
+)
+def test_a_gap_and_a_late_image_are_told_from_what_is_usual(
+    longest_s: float, late_s: float, warned: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of 20 pairs a second, with more than 1.5 intervals between two pairs, or a quarter between two eyes."""
+    stamps = [0.05 * k + (longest_s - 0.05) * (k > 5) for k in range(12)]
+    files = write_video(tmp_path / "l.mp4", stamps), write_video(tmp_path / "r.mp4", [t + late_s for t in stamps])
+    calib = write_calibration(tmp_path / "calib.yml", 80.0, (80.0, 60.0))
+    main(["info", "--left", str(files[0]), "--right", str(files[1]), "--calib", str(calib), "--json"])
+    warnings = [one for one in json.loads(capsys.readouterr().out)["warnings"] if "interval" in one or " ms " in one]
+    assert len(warnings) == (warned is not None)
+    assert (warned or "") in "".join(warnings)
+
+
+def test_what_a_single_pair_without_a_calibration_lacks(approach: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(approach, bare, ignore=shutil.ignore_patterns("icubEyes.ini"))
+    for side in ("left", "right"):
+        log = bare / "cam" / side / "data.log"
+        log.write_text(log.read_text().splitlines()[1] + "\n")
+    found = info(open_recording(bare))
+    assert (found.pairs, found.gaps, found.cameras_turn_deg) == (1, 0, 0.0)
+    assert np.isnan([found.pairs_per_s, found.longest_interval_s, found.baseline_m, found.focal_px]).all()
+    assert found.warnings[:2] == (
+        "--calib icubEyes.ini: there is no calibration",
+        "a longer recording: there is a single pair",
+    )

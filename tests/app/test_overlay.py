@@ -1,13 +1,15 @@
 """What is drawn over the images: the cross is at the pixel, however much the image is enlarged."""
 
 from itertools import pairwise
+from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
-from pps_vision.app.report.overlay import draw_legend, draw_pair, flash
+from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash
 from pps_vision.geometry.camera import Camera, StereoRig
-from pps_vision.types import Status, StereoFrame, Track3D
+from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 
 TEXT_ROWS = 30
 
@@ -63,3 +65,43 @@ def test_a_touch_is_flashed_in_red() -> None:
     assert (canvas[:, 2] == [250, 40, 40]).all()
     assert (canvas[2] == [250, 40, 40]).all()
     assert not canvas[240, 320].any()
+
+
+def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status() -> None:
+    """In the image of its own eye: 100 px times the tangent of its angular radius, twice enlarged."""
+    camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
+    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((100, 100, 3), np.uint8)
+    seen = Detection2D(0.0, "right", np.array([50.0, 60.0]), np.eye(2), 0.9, np.arctan(0.2), (40, 50, 20, 20))
+    drawn = draw_pair(StereoFrame(black, black, 0.0, 0.0), view, Track3D.unknown(0.0, Status.COASTING), [seen])
+    left, right = np.split(drawn[TEXT_ROWS:].astype(float), 2, axis=1)
+    assert not left.any()
+    rows, columns = np.nonzero(right.sum(axis=2) > 300)
+    distance = np.hypot(columns - 100.5, rows + TEXT_ROWS - 120.5)
+    assert distance.mean() == pytest.approx(40, abs=0.5)
+    assert np.ptp(distance) < 4
+    strongest = right.reshape(-1, 3)[right.sum(axis=2).argmax()]
+    np.testing.assert_allclose(strongest, (250, 190, 40), atol=2)
+
+
+def test_only_taxels_in_view_are_drawn_the_larger_the_likelier() -> None:
+    camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
+    view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((100, 100, 3), np.uint8)
+    taxels = np.array([[-0.2, 0.0, 1.0], [0.2, 0.0, 1.0], [0.0, 0.2, -1.0], [0.7, 0.0, 1.0]])
+    pair = draw_pair(
+        StereoFrame(black, black, 0.0, 0.0), view, Track3D.unknown(0.0), (), taxels, np.array([0.01, 0.99, 0.9, 0.9])
+    )
+    lit = pair[TEXT_ROWS:, :200].any(axis=2)
+    assert 0 < lit[:, :100].sum() < 0.3 * lit[:, 100:].sum()
+    assert not lit[:, 160:].any()
+
+
+def test_a_film_holds_every_image_cut_to_even_sides_and_without_an_image_is_no_file(tmp_path: Path) -> None:
+    with VideoFile(tmp_path / "a.mp4", 20.0) as film, VideoFile(tmp_path / "b.mp4", 20.0):
+        for level in (40, 120, 200):
+            film.add(np.full((31, 43, 3), level, np.uint8))
+    assert [file.name for file in tmp_path.iterdir()] == ["a.mp4"]
+    with av.open(str(tmp_path / "a.mp4")) as read:
+        assert read.streams.video[0].average_rate == 20
+        images = [one.to_ndarray(format="rgb24") for one in read.decode(video=0)]
+    assert [image.shape for image in images] == [(30, 42, 3)] * 3
+    np.testing.assert_allclose([image.mean() for image in images], (40, 120, 200), atol=3)

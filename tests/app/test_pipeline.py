@@ -351,3 +351,10 @@ def test_the_other_arm_may_only_avoid_and_is_another() -> None:
         params, tracker = PipelineParams(other_arm=other), KnownTrack(lambda t: None)
         with pytest.raises(InputError, match="other arm"):
             Pipeline(params, ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]
+
+
+def test_home_angles_of_another_arm_are_refused() -> None:
+    """The iCub's arm has seven joints."""
+    params = PipelineParams(avoidance=AvoidanceParams(HOME_ARM_RAD[:6]))
+    with pytest.raises(InputError, match="expected the 7 joints of the left arm"):
+        pipeline(("left_forearm",), ("left_forearm",), params)

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -72,7 +73,10 @@ def test_it_is_drawn(learned: Path, tmp_path: Path) -> None:
 
 def test_each_panel_states_how_far_away_its_vergence_fixates(learned: Path) -> None:
     """Straight ahead the axes of eyes 68 mm apart meet at half of that over tan(vergence / 2)."""
-    titles = [axis.get_title() for axis in reachable_space(ReachableMap.load(learned), load_icub()).axes]
+    one = ReachableMap.load(learned)
+    for end_point, named in (("palm", "by the right hand;"), ("right_forearm:3", "by taxel right_forearm:3;")):
+        assert named in reachable_space(replace(one, end_point=end_point), load_icub()).get_suptitle()
+    titles = [axis.get_title() for axis in reachable_space(one, load_icub()).axes]
     stated = re.findall(r"vergence (\d+)° \((\d+) cm\)", " ".join(titles))
     assert len(stated) > 1
     for vergence, distance_cm in np.array(stated, dtype=float):

@@ -50,6 +50,15 @@ def test_activations_of_another_run(tmp_path: Path, refused) -> None:
     assert "activation.csv: 1 rows; expected the 40" in refused("report", folder)
 
 
+def test_a_table_in_which_a_number_is_a_word(tmp_path: Path, refused) -> None:
+    file = write_results(tmp_path / "results") / "trajectory.csv"
+    lines = file.read_text().split("\n")
+    file.write_text("\n".join([*lines[:3], "soon" + lines[3][lines[3].index(",") :], *lines[4:]]))
+    assert "trajectory.csv:4: could not convert string to float: 'soon'; expected finite" in refused(
+        "report", file.parent
+    )
+
+
 def test_colours_that_stand_for_times_have_a_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figures: list[Figure] = []
     monkeypatch.setattr(page, "image", lambda figure: figures.append(figure) or "")
@@ -105,3 +114,13 @@ def test_a_film_replaces_the_key_frames_and_no_detection_is_said(tmp_path: Path)
     assert text.count("<video") == 1
     assert "image/jpeg" not in text
     assert "Nothing was detected." in text
+
+
+@pytest.mark.parametrize("spare", [0, -1])
+def test_a_film_that_is_too_large_for_the_page_stays_a_file(spare: int, tmp_path: Path, monkeypatch) -> None:
+    folder = write_results(tmp_path / "results")
+    film = write_video(folder / "overlay.mp4", [0.0, 0.1])
+    monkeypatch.setattr("pps_vision.app.report.tracking._LARGEST_VIDEO", film.stat().st_size + spare)
+    report_folder(folder)
+    text = (folder / "report.html").read_text()
+    assert (text.count("<video"), text.count("data:image/jpeg")) == ((1, 0) if spare == 0 else (0, 2))

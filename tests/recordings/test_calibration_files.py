@@ -166,7 +166,11 @@ def test_yaml() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["a: *b", "a: |\n  b", "[" * 99, "- " * 99 + "1", "a: [1", "a: 1\n b: 2", "a: {b: 1, b: 2}"]
+    "text",
+    [
+        *("a: *b", "a: |\n  b", "[" * 99, "- " * 99 + "1", "a: [1", "a: 1\n b: 2", "a: {b: 1, b: 2}"),
+        *("a:\n\tb: 1", "a: [1] 2", "a: [b: 1]", "a: {b, c}", "a: [, 1]", "a: {b: c: 1}", "a: [1}"),
+    ],
 )
 def test_what_is_no_such_yaml_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"f:[12]: "):

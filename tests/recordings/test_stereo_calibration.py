@@ -133,6 +133,7 @@ def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, np.ndarray | 
         ("d.yml", "%YAML:1.0\n---\nK1: unknown\n", r"d\.yml.*: "),
         ("e.yml", "%YAML:1.0\n---\nother: 1\n", "holds no calibration"),
         ("f.yml", "", r"f\.yml: cannot be parsed"),
+        ("h.yml", "- 1\n- 2\n", r"h\.yml"),
         ("g.xml", "\x00\x01 not a calibration", r"g\.xml"),
     ],
 )

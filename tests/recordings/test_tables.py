@@ -17,6 +17,7 @@ from pps_vision.recordings.tables import (
     detection_row,
     read_gaze,
     read_joint_offsets,
+    read_table,
     read_truth,
     trajectory_row,
     write_boxes,
@@ -24,6 +25,7 @@ from pps_vision.recordings.tables import (
     write_table,
     write_truth,
 )
+from pps_vision.recordings.text import first_row
 from pps_vision.types import Detection2D, Status, Track3D, Truth
 
 JOINTS = ("neck_pitch", "eyes_tilt", "left_elbow")
@@ -161,6 +163,22 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str, says: str) -> No
         read_joint_offsets(tmp_path / "joints.csv", JOINTS)
     assert says in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_field_that_is_too_long_is_named(tmp_path: Path) -> None:
+    (tmp_path / "boxes.csv").write_text(f"frame\n1\n{'1' * 200_000}\n")
+    with pytest.raises(
+        InputError, match=r"boxes\.csv:3: cannot be read: field larger than .*; expected a table of frame"
+    ):
+        read_table(tmp_path / "boxes.csv", ("frame",))
+
+
+def test_a_file_that_the_system_does_not_read() -> None:
+    """A process's memory is a regular file, whose first byte nobody may read."""
+    memory = Path("/proc/self/mem")
+    assert first_row(memory) == ""
+    with pytest.raises(InputError, match=r"mem: cannot be read: .*; expected a table of frame"):
+        read_table(memory, ("frame",))
 
 
 def test_a_table_that_is_gone_is_named(tmp_path: Path) -> None:

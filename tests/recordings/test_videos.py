@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from videos import number_of, write_calibration, write_video
 
+from pps_vision.app.track import track
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.recordings.open import open_recording
@@ -88,6 +89,13 @@ def test_side_by_side(tmp_path: Path, calib: Path) -> None:
         np.testing.assert_allclose([np.mean(f.right) - np.mean(f.left) for f in frames], 100, atol=2)
     with pytest.raises(InputError, match="holds no calibration"):
         open_recording(tmp_path / "both.mp4")
+    with pytest.raises(InputError, match="no usable frame; expected at least one readable stereo pair"):
+        list(track(recording).path([]))
+    odd = write_video(tmp_path / "odd.avi", [0.0, 0.05], "mjpeg", size=(161, 120))
+    with pytest.raises(InputError, match="is 161 pixels wide; expected two halves"):
+        open_recording(odd, calib=[calib])
+    with pytest.raises(InputError, match="expected one left and one right video"):
+        open_recording(left=[str(odd), str(odd)], right=[str(odd)], calib=[calib])
 
 
 def test_frames_without_stamps_need_a_rate(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Mesh files as stimuli: where and how large they appear, and files that hold no object."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import cv2
@@ -132,3 +133,13 @@ def test_a_size_in_the_wrong_unit_is_refused(tmp_path: Path) -> None:
     wedge().export(tmp_path / "wedge.stl")
     with pytest.raises(ValueError, match=r"wedge.stl: 80 m across if its unit is m; expected 0.002 to 0.6 m"):
         load_stimulus(tmp_path / "wedge.stl")
+
+
+@pytest.mark.parametrize(("size_mm", "fits"), [(1.8, False), (2.2, True), (580, True), (620, False)])
+def test_an_object_fits_the_eyes_view(size_mm: float, fits: bool, tmp_path: Path) -> None:
+    """Of 2 mm to 0.6 m; one that is told its radius is scaled."""
+    file = tmp_path / "box.stl"
+    trimesh.creation.box((size_mm, 0.5 * size_mm, 0.5 * size_mm)).export(file)
+    with nullcontext() if fits else pytest.raises(InputError, match=r"expected 0\.002 to 0\.6 m"):
+        load_stimulus(file, "mm")
+    assert load_stimulus(file, "mm", 0.03).radius_m == pytest.approx(0.03)

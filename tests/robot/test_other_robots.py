@@ -254,3 +254,21 @@ def test_a_skin_part_in_the_icubs_form_is_read(tmp_path: Path) -> None:
 def test_a_urdf_without_a_robot_file_is_refused() -> None:
     with pytest.raises(InputError, match=r"--urdf x\.urdf; expected --robot robot\.toml too"):
         robot_setup(urdf=Path("x.urdf"))
+
+
+def test_a_camera_may_be_a_link_of_the_model(tmp_path: Path) -> None:
+    """Its name alone, then; the pose is that of the link, here of the palm."""
+    text = (
+        ARM7.read_text()
+        .replace('"arm.urdf"', f'"{ARM7.parent}/arm.urdf"')
+        .replace('"skin.csv"', f'"{ARM7.parent}/skin.csv"')
+    )
+    eye = next(line for line in text.splitlines() if line.startswith("left_eye"))
+    (tmp_path / "robot.toml").write_text(text.replace(eye, 'left_eye = "palm"'))
+    robot, q = read_robot(tmp_path / "robot.toml").robot, np.linspace(-0.5, 0.5, 7)
+    np.testing.assert_allclose(robot.eye_poses(q)[0], robot.at(q).T_root("palm"), atol=1e-9)
+    (tmp_path / "robot.toml").write_text(text.replace('root = "base"', 'root = "ground"'))
+    with pytest.raises(InputError, match="lacks link 'ground', which is to be the root frame"):
+        read_robot(tmp_path / "robot.toml")
+    with pytest.raises(ValueError, match="side 'middle': expected left or right"):
+        robot.names.arm("middle")

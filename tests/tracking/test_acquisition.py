@@ -11,11 +11,11 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.types import StereoFrame
-from tracking.acquisition import Acquisition, AcquisitionParams, Change, joined, segment
+from tracking.acquisition import Acquisition, AcquisitionParams, Change, ChangeOfMovingEye, joined, segment
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
 from tracking.marker import MarkerParams
-from tracking.motion_trigger import Region2D
+from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics
 from tracking.stereo import Association, StereoParams, camera_frames
 
@@ -86,6 +86,7 @@ def drawn(rng: np.random.Generator, *discs: tuple[int, int, int]) -> np.ndarray:
         ([], [(112, 120, 20)], [(112, 120, 20)], False),  # it rests
         ([], [(100, 120, 20)], [(112, 120, 23)], False),  # it is joined with what the background was thought to be
         ([], [(100, 120, 20), (220, 120, 30)], [(112, 120, 20)], False),  # more is uncovered than it has left
+        ([], [(110, 120, 20)], [(112, 120, 30)], False),  # it grows, and uncovers nothing
     ],
 )
 def test_what_moves_as_a_whole_before_a_background(
@@ -110,6 +111,28 @@ def test_what_moves_as_a_whole_before_a_background(
         y, x = np.nonzero(mask)
         np.testing.assert_allclose((x.mean() + 60, y.mean() + 60), (u, v), atol=1.0)
         assert len(x) == pytest.approx(np.pi * r * r, rel=0.2)
+
+
+@pytest.mark.parametrize(("shift_px", "moves"), [(3, False), (4, True)])
+def test_what_covers_a_twentieth_of_its_area_anew_moves(
+    shift_px: int, moves: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
+) -> None:
+    """A red disc of 45 px before a grey wall: 4.2 % or 5.7 %."""
+    view, background = rig.view(home(robot)).left, Background(EgoMotion(rig.left), 0.3)
+    y, x = np.mgrid[:240, :320]
+
+    def picture(u: int | None) -> np.ndarray:
+        image = np.full((240, 320, 3), 100.0)
+        if u is not None:
+            image[(x - u) ** 2 + (y - 120) ** 2 < 45**2] = (200.0, 30.0, 30.0)
+        return np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+
+    for k in range(12):
+        background.learn(picture(None), view, DT * k, None)
+    seed = np.zeros((180, 200), bool)
+    seed[60:120, 80:120] = True
+    change = Change(background, view, picture(160), picture(160 + shift_px))
+    assert (change.moving(seed, (60, 30, 260, 210)) is not None) == moves
 
 
 def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig: StereoRig, robot: Robot) -> None:
@@ -176,6 +199,11 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
     assert alone is not None
     assert alone.outline.box_px[3] > 55  # nothing but colour: the bar belongs to it
     assert segment(params, now, region, optics, Change(background, view, picture(116), now)) is None
+    moved, place = picture(180), Region2D((170, 100, 25, 30), np.ones((30, 25), bool), 1.0)
+    free = segment(params, moved, place, optics, Change(background, view, picture(172), moved))
+    assert free is not None  # away from the bar
+    assert free.by_color
+    assert free.outline.center_px == pytest.approx([180, 120], abs=0.5)
 
 
 def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whole(robot: Robot, rig: StereoRig) -> None:
@@ -201,7 +229,14 @@ def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whol
 
 
 @pytest.mark.parametrize(
-    ("green", "taken"), [((150, 30, 170, 50), True), ((0, 200, 320, 240), False), ((100, 30, 180, 50), False)]
+    ("green", "taken"),
+    [
+        ((150, 30, 170, 50), True),
+        ((0, 200, 320, 240), False),
+        ((100, 30, 180, 50), False),
+        ((150, 30, 190, 50), True),  # no more than twice as long as wide
+        ((150, 30, 192, 50), False),
+    ],
 )
 def test_a_marker_is_compact_and_whole(
     green: tuple[int, int, int, int], taken: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
@@ -218,3 +253,125 @@ def test_a_marker_is_compact_and_whole(
     acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), counts)
     acquisition.find_marker(MarkerParams(), cameras, view, 0.0, unknown, association)
     assert (counts["candidates_left"], counts["candidates_right"]) == ((1, 1) if taken else (0, 0))
+
+
+def violet(box: tuple[int, int, int, int], hole: tuple[int, int, int, int] = (0, 0, 0, 0)) -> np.ndarray:
+    """A grey wall with a violet box (left, top, right, bottom) before it, and a hole in that."""
+    image = np.random.default_rng(5).integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
+    was = image.copy()
+    image[box[1] : box[3], box[0] : box[2]] = (120, 20, 220)
+    image[hole[1] : hole[3], hole[0] : hole[2]] = was[hole[1] : hole[3], hole[0] : hole[2]]
+    return image
+
+
+@pytest.mark.parametrize(("side", "is_one"), [(134, True), (142, False)])
+def test_what_fills_more_than_a_quarter_of_the_image_is_no_object(side: int, is_one: bool, rig: StereoRig) -> None:
+    """A square of 23 %, or of 26 %."""
+    image = violet((90, 50, 90 + side, 50 + side))
+    region = Region2D((90, 50, side, side), np.ones((side, side), bool), 1.0)
+    assert (segment(AcquisitionParams(), image, region, Optics(rig.left)) is not None) == is_one
+
+
+@pytest.mark.parametrize(("thick", "is_one"), [(14, True), (9, False)])
+def test_what_hardly_fills_its_box_is_no_object(thick: int, is_one: bool, rig: StereoRig) -> None:
+    """An angle of two arms of 60 px; they fill 41 % or 28 % of their box."""
+    image = violet((130, 90, 190, 150), hole=(130 + thick, 90, 190, 150 - thick))
+    mask = np.ones((60, 60), bool)
+    mask[: 60 - thick, thick:] = False
+    found = segment(AcquisitionParams(), image, Region2D((130, 90, 60, 60), mask, 1.0), Optics(rig.left))
+    assert (found is not None) == is_one
+
+
+@pytest.mark.parametrize(
+    ("side", "shift", "refused"),
+    [(20, 0, None), (23, 0, None), (26, 0, "rejected by size"), (16, 0, "rejected by size"), (20, 60, "epipolar")],
+)
+def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(
+    side: int, shift: int, refused: str | None, rng: np.random.Generator, rig: StereoRig, robot: Robot
+) -> None:
+    """A square of 20 px in the left image; in the right one a larger, a smaller, or a lower one."""
+    view, images = rig.view(home(robot)), []
+    center = view.left.center + 0.4 * view.left.rays([160.0, 110.0])
+    for eye, one, down in ((view.left, 20, 0), (view.right, side, shift)):
+        u, v = np.rint(eye.project(center)).astype(int) - (one // 2, one // 2 - down)
+        image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
+        image[v : v + one, u : u + one] = (25, 200, 40)
+        images.append(image)
+    cameras = camera_frames(StereoFrame(*images, 0.0, 0.0, home(robot), home(robot)), view)
+    unknown = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
+    counts: Counter[str] = Counter()
+    association = Association.untrained(StereoParams(), rig.left.width)
+    acquisition = Acquisition(
+        AcquisitionParams(), (Optics(rig.left), Optics(rig.right)), None, lambda _: nullcontext(), counts
+    )
+    acquisition.find_marker(MarkerParams(), cameras, view, 0.0, unknown, association)
+    assert (counts["candidates_left"], counts["candidates_right"]) == (1, 1)
+    said = [key for key, n in counts.items() if key.startswith("rejected by") and n]
+    assert len(said) == (refused is not None)
+    assert (refused or "") in "".join(said)
+
+
+def half(of: int, width: int) -> np.ndarray:
+    """Columns from `of` on, so many of them, in a picture 100 px wide."""
+    mask = np.zeros((20, 100), bool)
+    mask[:, of : of + width] = True
+    return mask
+
+
+def test_colours_show_the_object_if_they_cover_most_of_what_moves(rig: StereoRig, robot: Robot) -> None:
+    """Before an eye at rest 0.8 of both together, or any part of what is not solid; before one that moves 0.6."""
+    view, image = rig.view(home(robot)).left, np.zeros((20, 100, 3), np.uint8)
+    background = Background(EgoMotion(rig.left), 0.3)
+    rest = Change(background, view, image, image)
+    moving = ChangeOfMovingEye(background, view, lambda _: None, image)
+    whole = half(0, 50)
+    assert [rest.shows_the_object(half(0, w), whole) for w in (38, 40, 42, 60, 65)] == [False, False, True, True, False]
+    assert [moving.shows_the_object(half(0, w), whole) for w in (28, 30, 32, 80, 90)] == [
+        False,
+        False,
+        True,
+        True,
+        False,
+    ]
+    assert not rest.shows_the_object(None, whole)
+    assert not moving.shows_the_object(None, whole)
+    branched = whole.copy()
+    branched[5:15, 10:40] = False
+    branched[5:, 30:40] = False
+    assert rest.shows_the_object(half(0, 10), branched)
+
+
+@pytest.mark.parametrize("age_s", [0.19, 0.21])
+def test_an_image_of_a_moment_ago_is_at_most_a_fifth_of_a_second_old(
+    age_s: float, rig: StereoRig, robot: Robot
+) -> None:
+    """And one of the same stamp is none of before."""
+    view, image = rig.view(home(robot)).left, np.full((240, 320, 3), 90, np.uint8)
+    trigger = MotionTrigger(TriggerParams(), rig.left)
+    trigger.remember(image, view, 0.0)
+    assert trigger.image_before(view, 0.0) is None
+    assert trigger.seen_before(view, 0.0, (10, 10, 20, 20)) is None
+    assert (trigger.image_before(view, age_s) is not None) == (age_s < 0.2)
+    assert (trigger.seen_before(view, age_s, (10, 10, 20, 20)) is not None) == (age_s < 0.2)
+
+
+@pytest.mark.parametrize(("other", "is_one"), [((210, 45, 40), True), ((40, 60, 210), False)])
+def test_what_has_another_colour_in_the_other_eye_is_another_object(
+    other: tuple[int, int, int], is_one: bool, robot: Robot, rig: StereoRig
+) -> None:
+    """A red ball in the left image; at its place in the right one the same, or a blue one."""
+    q, counts, pairs = home(robot), Counter[str](), []
+    rng, view = np.random.default_rng(3), rig.view(q)
+    optics = Optics(rig.left), Optics(rig.right)
+    acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), counts)
+    association = Association.untrained(StereoParams(), rig.left.width)
+    backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
+    start = view.left.center + 0.4 * view.left.rays([160.0, 110.0])
+    for k in range(8):
+        p = start + 0.012 * max(k - 4, 0) * view.left.T_root_camera[:3, 1]
+        left, right = (frame(rig, q, [Sphere(p, 0.03, color)], DT * k, rng) for color in ((210, 45, 40), other))
+        one = StereoFrame(left.left, right.right, DT * k, DT * k, q, q)
+        pairs.append(acquisition.step(camera_frames(one, view), view, DT * k, backgrounds, association)[0])
+    assert any(pairs) == is_one
+    assert counts["candidates_left"] > 0 < counts["candidates_right"]
+    assert (counts["rejected by colour"] > 0) == (not is_one)

@@ -92,3 +92,10 @@ def test_a_plain_wall_in_the_light_is_seen(rng: np.random.Generator) -> None:
     for level in (40, 120, 230):
         wall = np.clip(np.rint(level + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
         assert not Blindness().step(pair(wall, picture(rng), 0.0))
+
+
+def test_a_picture_with_the_same_pixels_elsewhere_is_new(rng: np.random.Generator) -> None:
+    """Upside down and mirrored: whatever is summed over its rows is the same."""
+    blindness, left, right = Blindness(), picture(rng), picture(rng)
+    assert not blindness.step(pair(left, right, 0.0))
+    assert not blindness.step(pair(left[:, ::-1].copy(), right[:, ::-1].copy(), 0.1))

@@ -10,6 +10,7 @@ from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Image, Mask
 from tracking.background import Background
 from tracking.ego_motion import EgoMotion
+from tracking.moving_background import MovingBackground
 
 DT, RADIUS, WHOLE = 0.1, 16, (0, 0, 320, 240)
 WALL_M = 1.2
@@ -107,3 +108,93 @@ def test_the_tracked_object_s_place_is_kept(rng: np.random.Generator) -> None:
     x0, y0 = int(u) - 30, int(v) - 30
     found = background.moving.differs(image, view, (x0, y0, x0 + 60, y0 + 60))
     assert overlap(found, disc[y0 : y0 + 60, x0 : x0 + 60]) > 0.75
+
+
+def still(rng: np.random.Generator, *images: tuple[float, bool]) -> tuple[MovingBackground, float]:
+    """What an eye at rest has learned of images at these stamps, some with a disc in their middle; and the share of
+    the disc that differs from it."""
+    background, at = MovingBackground(EgoMotion(LEFT_EYE)), (160.0, 120.0)
+    for stamp_s, with_disc in images:
+        background.learn(seen(turned(0), rng, at if with_disc else None)[0], turned(0), stamp_s, None)
+    image, disc = seen(turned(0), rng, at)
+    return background, float(background.differs(image, turned(0), WHOLE)[disc].mean())
+
+
+@pytest.mark.parametrize(
+    ("images", "is_object"),
+    [
+        (((0.0, False), (0.5, True)), True),  # it has come
+        (((0.0, False), (0.5, True), (0.9, True)), True),
+        (((0.0, False), (0.5, True), (1.0, True)), False),  # it was there half a second ago
+        (((0.0, False), (0.4, True), (0.9, True)), True),  # an image before its time is left out
+        (((0.0, False), (1.0, True)), True),
+        (((0.0, False), (1.1, True)), False),  # so long after the last one nothing is known any more
+    ],
+)
+def test_what_looks_the_same_half_a_second_later_rests(
+    images: tuple[tuple[float, bool], ...], is_object: bool, rng: np.random.Generator
+) -> None:
+    _, share = still(rng, *images)
+    assert share > 0.95 if is_object else share < 0.05
+
+
+def test_what_is_said_to_rest_is_background_at_once(rng: np.random.Generator) -> None:
+    background, share = still(rng, (0.0, False), (0.5, True))
+    assert share > 0.95
+    image, disc = seen(turned(0), rng, (160.0, 120.0))
+    background.absorb(image, turned(0), 0.6, disc[80:160, 120:200], (120, 80, 200, 160))
+    assert background.differs(image, turned(0), WHOLE)[disc].mean() < 0.05
+
+
+def test_nothing_is_known_before_the_first_image(rng: np.random.Generator) -> None:
+    """Then everything may be an object, and nothing is evidence of one; the same once it has been forgotten."""
+    background, box = MovingBackground(EgoMotion(LEFT_EYE)), (10, 10, 60, 40)
+    image, _ = seen(turned(0), rng)
+    for _ in range(2):
+        assert not background.is_known
+        assert background.differs(image, turned(0), box).all()
+        assert not background.evidence(image, turned(0), box).any()
+        background.learn(image, turned(0), 0.0, None)
+        assert not background.differs(image, turned(0), box).any()
+        background.forget()
+
+
+def test_what_is_tracked_is_not_learned_nor_is_what_is_near_it(rng: np.random.Generator) -> None:
+    """Around a box of 40 × 20 px at (100, 80), 0.3 of its sides more."""
+    background = MovingBackground(EgoMotion(LEFT_EYE))
+    background.learn(seen(turned(0), rng)[0], turned(0), 0.0, (100.0, 80.0, 40.0, 20.0))
+    unknown = np.argwhere(background.seen(turned(0), WHOLE)[..., 0] < 0)
+    np.testing.assert_allclose([unknown.min(axis=0), unknown.max(axis=0)], [(74, 88), (105, 151)], atol=1)
+
+
+@pytest.mark.parametrize(
+    ("noise", "levels", "differs"), [(0, 3, False), (0, 8, True), (4, 9, True), (10, 10, False), (10, 18, True)]
+)
+def test_how_much_must_differ(noise: float, levels: int, differs: bool, rng: np.random.Generator) -> None:
+    """Six grey levels of a clean image, five standard deviations of a noisy one over 3×3 px, fifteen at most."""
+    background, patch = MovingBackground(EgoMotion(LEFT_EYE)), np.s_[104:136, 104:136]
+
+    def image(more: int) -> Image:
+        grey = np.full((240, 320, 3), 100.0)
+        grey[100:140, 100:140] += more
+        return np.clip(np.rint(grey + noise * rng.standard_normal(grey.shape)), 0, 255).astype(np.uint8)
+
+    for k in range(3):
+        background.learn(image(0), turned(0), 0.5 * k, None)
+    now = image(levels)
+    share = background.differs(now, turned(0), WHOLE)[patch].mean()
+    assert share > 0.95 if differs else share < 0.25
+    if noise == 0:
+        expected = levels / 12 if differs else 0.0  # half at the threshold
+        assert background.evidence(now, turned(0), WHOLE)[patch].mean() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("shift_px", "differs"), [(1, False), (2, True)])
+def test_an_error_of_a_pixel_is_no_difference(shift_px: int, differs: bool) -> None:
+    """Bars of 60 and 160 levels before an eye at rest."""
+    bars = np.where(np.arange(340) // 20 % 2, 160, 60).astype(np.uint8)
+    background = MovingBackground(EgoMotion(LEFT_EYE))
+    images = [np.broadcast_to(bars[at : at + 320, None], (240, 320, 3)).copy() for at in (0, shift_px)]
+    for k in range(3):
+        background.learn(images[0], turned(0), 0.5 * k, None)
+    assert background.differs(images[1], turned(0), (10, 10, 310, 230)).any() == differs

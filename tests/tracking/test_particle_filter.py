@@ -35,3 +35,15 @@ def test_a_box_of_the_objects_size_outweighs_a_larger_one() -> None:
     now = np.array([[89.5, 59.5, 20.0], [89.5, 59.5, 40.0]])
     small, large = weigh(Cloud(now, now), integral, (0, 0), (2.0, 0.5))
     assert np.log(small / large) == pytest.approx(SHARPNESS * (400 + 800) / 30**2)
+
+
+def test_weights_add_up_to_one_even_where_no_box_holds_the_object() -> None:
+    """Boxes far larger than expected lose by every pixel: of their gains alone none would have a weight."""
+    integral = np.zeros((121, 161))
+    integral[1:, 1:] = -np.ones((120, 160)).cumsum(axis=0).cumsum(axis=1)
+    now = np.array([[80.0, 60.0, 1.0]] * 3 + [[80.0, 60.0, 100.0]] * 2)
+    weights = weigh(Cloud(now, now), integral, (0, 0), (0.5, 0.5))
+    assert weights.sum() == pytest.approx(1)
+    np.testing.assert_allclose(weights[:3], 1 / 3)
+    shifted = weigh(Cloud(now[3:], now[3:]), 1e3 * integral, (0, 0), (0.01, 0.01))
+    np.testing.assert_allclose(shifted, 0.5)

@@ -23,12 +23,13 @@ def wall(rng: np.random.Generator) -> Image:
     return np.clip(128 + np.sum(layers, axis=0)[..., None] + np.zeros(3), 0, 255).astype(np.uint8)
 
 
-def seen(wall: Image, rotation: Array, rng: np.random.Generator, noise: float = 2.0) -> Image:
+def seen(wall: Image, rotation: Array, rng: np.random.Generator, noise: float = 2.0, camera: Camera = CAMERA) -> Image:
     """The wall from a camera turned by a rotation vector (T_root_camera), with pixel noise."""
     R = cv2.Rodrigues(np.asarray(rotation, float))[0]
     to_wall = np.array([[1.0, 0, 160], [0, 1, 120], [0, 0, 1]])
-    H = to_wall @ CAMERA.K @ R @ np.linalg.inv(CAMERA.K)
-    image = cv2.warpPerspective(wall, H, (320, 240), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP).astype(float)
+    H = to_wall @ CAMERA.K @ R @ np.linalg.inv(camera.K)
+    size = camera.width, camera.height
+    image = cv2.warpPerspective(wall, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP).astype(float)
     return np.clip(np.rint(image + noise * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
 
 
@@ -52,6 +53,16 @@ def test_a_rotation_is_measured_to_a_twentieth_of_a_pixel(
     assert np.abs(found.rotation - turn)[:2].max() < 0.05 / CAMERA.fx
     assert abs(found.rotation[2] - turn[2]) < 0.1 / CAMERA.fx
     assert not reference.is_still(image)
+
+
+def test_a_rotation_is_measured_in_large_images(wall: Image, rng: np.random.Generator) -> None:
+    """Of 641×481 pixels, of which two by two are joined."""
+    camera, turn = Camera(641, 481, 560.0, 560.0, 319.5, 239.5), np.deg2rad([0.3, -0.6, 0.5])
+    reference = Reference(camera, seen(wall, np.zeros(3), rng, camera=camera), np.eye(4))
+    assert reference.is_still(seen(wall, np.zeros(3), rng, camera=camera))
+    found = reference.misalignment(seen(wall, turn, rng, camera=camera), View(camera, np.eye(4)), 1.2, np.zeros(3))
+    assert found is not None
+    assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
 
 
 def test_an_eye_that_rests_is_still_through_noise_and_a_change_of_light(wall: Image, rng: np.random.Generator) -> None:

@@ -1,0 +1,65 @@
+"""The numbers of a path against a truth that is known, on made-up tracks."""
+
+import numpy as np
+import pytest
+
+from pps_vision.app.track import PathNumbers, chunks, errors_against
+from pps_vision.types import Status, Track3D, Truth
+
+FRAMES = 10
+"""That come first and are not counted."""
+
+
+def track(stamp_s: float, x_m: float, status: Status = Status.TRACKING) -> Track3D:
+    mean = np.zeros((4, 3))
+    mean[0, 0] = x_m
+    return Track3D(stamp_s, mean, np.eye(12), 0.03, 1e-6, status)
+
+
+def truth(stamp_s: float, x_m: float = 0.0, speed_m_s: float = 0.0) -> Truth:
+    px = np.zeros(2)
+    return Truth(stamp_s, np.array([x_m, 0.0, 0.0]), np.array([speed_m_s, 0.0, 0.0]), 0.03, px, px, True, True)
+
+
+def later(*tracks: Track3D) -> list[Track3D]:
+    """These after ten that are a metre off."""
+    return [track(0.01 * k, 1.0) for k in range(FRAMES)] + list(tracks)
+
+
+def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted() -> None:
+    rows = [truth(0.01 * k) for k in range(20)]
+    tracks = later(track(0.1, 0.003), track(0.11, -0.004), track(0.12, 0.012, Status.COASTING), Track3D.unknown(0.13))
+    found = errors_against(rows, tracks)
+    assert found["tracked_share"] == 0.5
+    assert found["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16) / 2))
+    assert found["position_rms_all_mm"] == pytest.approx(np.sqrt((9 + 16 + 144) / 3))
+    assert found["position_median_mm"] == pytest.approx(3.5)
+    assert found["velocity_rms_m_s"] == 0
+
+
+@pytest.mark.parametrize(("late_s", "counts"), [(0.018, True), (-0.018, True), (0.022, False), (-0.022, False)])
+def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s: float, counts: bool) -> None:
+    """An object at 2 m/s that is where it is said to be; of two rows of truth the nearer one counts."""
+    rows = [truth(0.5 + late_s, 2.0 * late_s, 2.0), truth(0.9, 7.0)]
+    found = errors_against(rows, later(track(0.5, 0.001)))
+    assert found["tracked_share"] == counts
+    if counts:
+        assert found["position_rms_mm"] == pytest.approx(1.0)
+        assert found["velocity_rms_m_s"] == pytest.approx(2.0)
+    else:
+        assert np.isnan(found["position_rms_mm"])
+
+
+def test_a_share_of_no_frame_is_none() -> None:
+    numbers = PathNumbers()
+    assert numbers.tracked_share == 0
+    assert np.isnan(numbers.errors()["tracked_share"])
+    for one in later(track(0.1, 0.0, Status.COASTING)):
+        numbers.add(one)
+    assert numbers.tracked_share == pytest.approx(10 / 11)
+    assert numbers.errors()["tracked_share"] == 0
+
+
+def test_chunks_hold_everything_in_order() -> None:
+    assert list(chunks(range(5), 2)) == [[0, 1], [2, 3], [4]]
+    assert list(chunks([], 2)) == []

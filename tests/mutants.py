@@ -1,0 +1,93 @@
+"""Random mutants of the packages, and whether a test notices: `python -m tests.mutants --seed 7 --out FILE.json`.
+
+A copy of the tree with one mutation runs the module's own tests, then those that import it, then those of its folder,
+for `--seconds` (unmutated).  The mutant is killed if one fails, or if they take five times as long.  Who judges a
+survivor equivalent enters the reason under "judged".
+"""
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from shutil import copytree, ignore_patterns
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from tests.helpers.mutations import SHARE_OF_EXPERIMENTS, draw
+
+
+def tests_of(root: Path, file: str) -> list[str]:
+    """The test files of a tree: those named like a module, those that import it, those of its folder, the others; of
+    each, first those that name it most."""
+    path = Path(file)
+    folder, stem = path.parent.name, path.stem.replace("__init__", path.parent.name)
+    package = ".".join(path.parts[:-1] if path.stem != "__init__" else path.parts[:-2])
+    imported = re.compile(rf"from {package}\.{stem}\b|from {package} import \(?[\w, \n]*\b{stem}\b")
+
+    def rank(test: Path) -> tuple[bool, bool, bool, int, Path]:
+        text, is_near = test.read_text(), folder == test.parent.name or test.parent.name in path.parts
+        named = len(re.findall(stem.replace("_", "|"), text))
+        return not (is_near and test.stem == f"test_{stem}"), not imported.search(text), not is_near, -named, test
+
+    tests = [test for test in (root / "tests").rglob("test_*.py") if test.name != "test_wheel.py"]
+    return [str(test.relative_to(root)) for test in sorted(tests, key=rank)]
+
+
+def passes(copy: Path, tests: list[str], limit_s: float, **more: str) -> bool:
+    """Whether no test of these files fails within the time."""
+    words = ["timeout", "-k", "1", f"{limit_s}", sys.executable, "-m", "pytest", "-xp", "no:cacheprovider", *tests]
+    env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", **more}
+    done = subprocess.run(words, cwd=copy, env=env, capture_output=True, start_new_session=True)
+    return done.returncode in (0, 5)  # 5: none of the tests is to run here
+
+
+def survives(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[str, float], most_s: float) -> bool:
+    """Whether no test in a copy notices a mutant; `seconds`: of each test file unmutated, 0 for one that fails."""
+    place = copy / mutant["file"]
+    fresh = {"NUMBA_CACHE_DIR": f"{copy}/{time.time_ns()}"} if "njit" in mutant["source"] else {}
+    for batch in tests[:1], tests[1:]:
+        used = list[str]()
+        while batch and sum(seconds[test] for test in used) < most_s:
+            start, (test, *batch) = time.monotonic(), batch
+            if test not in seconds:
+                seconds[test] = passes(copy, [test], 600) * round(time.monotonic() - start, 1)
+            used += [test] if seconds[test] else []
+        kept = place.rename(copy / "kept")  # with its time, by which numba knows what it has compiled
+        place.write_text(mutant["source"])
+        noticed = used and not passes(copy, used, 60 + 5 * sum(seconds[test] for test in used), **fresh)
+        kept.rename(place)
+        if noticed:
+            return False
+    return True
+
+
+def main() -> None:
+    """Try mutants; the file is written after each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--n", type=int, default=112, help="number of mutants")
+    parser.add_argument("--seed", type=int, required=True, help="of their draw")
+    parser.add_argument("--out", type=Path, required=True, help="what is found")
+    parser.add_argument("--seconds", type=float, default=90.0, help="of tests for a mutant, after its module's own")
+    parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="the tree")
+    parser.add_argument("--resume", action="store_true", help="go on where the round ended")
+    words = parser.parse_args()
+    done: dict[str, Any] = {"seed": words.seed, "share_of_experiments": SHARE_OF_EXPERIMENTS, "seconds": {}}
+    done = json.loads(words.out.read_text()) if words.resume else {**done, "mutants": []}
+    os.environ.setdefault("PPS_VISION_DATA", str(words.root.parent / "shared/data"))
+    with TemporaryDirectory() as folder:
+        copy = copytree(words.root, Path(folder, "tree"), ignore=ignore_patterns(".*", "demo", "site", "shared"))
+        for one in draw(words.root, words.n, words.seed)[len(done["mutants"]) :]:
+            lives = survives(copy, one, tests_of(words.root, one["file"]), done["seconds"], words.seconds)
+            done["mutants"].append(one | {"source": None, "outcome": "survived" if lives else "killed", "judged": None})
+            words.out.write_text(json.dumps(done, indent=1))
+            print(
+                len(done["mutants"]), one["file"], one["line"], one["mutation"], "survived" if lives else "", flush=True
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""What CONTRIBUTING says of every file, read from the sources."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
+MUTABLE = {"yaml_subset.py": {"_Row"}, "renderer.py": {"Node", "_Uploaded"}}
+"""Dataclasses that a reader or a renderer works on, and hands to nobody."""
+
+
+def decorated(name: str) -> Iterator[tuple[Path, str, dict[str, object]]]:
+    """File, name and decorator's options of whatever is decorated so, but for studies."""
+    for file in sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py")):
+        text = file.read_text() if "experiments" not in file.parts else ""
+        for node in ast.walk(ast.parse(text)) if f"@{name}" in text else ():
+            for one in getattr(node, "decorator_list", ()):
+                call, options = (one.func, one.keywords) if isinstance(one, ast.Call) else (one, [])
+                if ast.unparse(call) == name:
+                    known = {str(option.arg): ast.literal_eval(option.value) for option in options}
+                    yield file, node.name, known  # type: ignore[attr-defined]
+
+
+def test_messages_params_and_states_cannot_be_changed() -> None:
+    found = list(decorated("dataclass"))
+    assert len(found) > 100
+    changeable = {(file.name, name) for file, name, options in found if not options.get("frozen")}
+    assert changeable == {(file, name) for file, names in MUTABLE.items() for name in names}
+
+
+def test_what_is_compiled_is_kept_on_disk() -> None:
+    """Else every start of a command takes a minute."""
+    found = list(decorated("njit"))
+    assert len(found) > 20
+    assert [(file.name, name) for file, name, options in found if options.get("cache") is not True] == []

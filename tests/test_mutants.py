@@ -1,0 +1,31 @@
+"""The round of mutants: what tests notice is killed, what they do not notice survives, and the tree stays as it is."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_what_no_test_notices_survives(tmp_path: Path) -> None:
+    """Of all four mutants of a gate at 3, tests far from it notice only the two that do not keep its sense."""
+    source = '"""A gate."""\n\n\ndef is_far(x: float = "no") -> bool:\n    """Whether it is."""\n    return x > 3\n'
+    files = {"pps_vision/gate.py": source, "tests/test_gate.py": "from pps_vision.gate import is_far\n\n\n"}
+    files["tests/test_gate.py"] += "def test_both_sides():\n    assert is_far(5) and not is_far(1)\n"
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text(text)
+    words = ["--root", str(tmp_path), "--out", str(tmp_path / "found.json"), "--n", "4", "--seed", "1"]
+    env = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    subprocess.run([sys.executable, "-m", "tests.mutants", *words], cwd=ROOT, env=env, check=True)
+    mutants = json.loads((tmp_path / "found.json").read_text())["mutants"]
+    assert {one["mutation"]: one["outcome"] for one in mutants} == {
+        "x > 3 -> (x >= 3)": "survived",
+        "x > 3 -> (x < 3)": "killed",
+        "3 -> (4)": "survived",
+        "return x > 3 -> return None": "killed",
+    }
+    assert {(one["file"], one["line"]) for one in mutants} == {("pps_vision/gate.py", 6)}
+    assert (tmp_path / "pps_vision/gate.py").read_text() == source
