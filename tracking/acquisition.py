@@ -46,6 +46,7 @@ _SAME_MASK, _MOST = 0.8, 0.6  # overlap from which colours show the object that 
 _MOVED = 0.05  # of its area that a moving object covers anew in the trigger's interval: 2 cm/s cover 8 % of 6 cm
 _UNCOVERED = 0.3  # of what it covers anew, what it must at least have uncovered before an eye that moves
 _ALIKE = 2.0  # ratio of what it covers anew and what it uncovers before an eye at rest, if the background lacks it
+_SMOOTHED_PX = 2  # reach of smoothing and closing of what differs
 _WITHIN = 0.9  # of a colour's region, what the hull of its change must hold: the rest is something else
 _LONG = 2.0  # ratio of a marker's sides
 _APART, _RING_POINTS = 1.3, 300  # of its size, from which on its surroundings are compared; so many points of them
@@ -92,6 +93,8 @@ class Candidate:
     mask: Mask
     box: Box
     """Region of the image that `mask` (h, w) is of."""
+    emerges: bool = False
+    """Whether it uncovers nothing: it comes from behind something, and a part of it may still be hidden."""
 
 
 class Acquisition:
@@ -225,7 +228,12 @@ class Acquisition:
             if likeness < self.params.min_likeness:
                 self._counts["rejected by colour"] += 1
                 continue
-            pair = self._completed(0, cameras[0], cameras[1], a, b), self._completed(1, cameras[1], cameras[0], b, a)
+            one_whole = self._completed(0, cameras[0], cameras[1], a, b)
+            other_whole = self._completed(1, cameras[1], cameras[0], b, a)
+            if one_whole is None or other_whole is None:
+                self._counts["rejected since half hidden"] += 1
+                continue
+            pair = one_whole, other_whole
             one, other = pair[0].outline, pair[1].outline
             ratio = one.angular_radius_rad / other.angular_radius_rad
             evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
@@ -239,17 +247,23 @@ class Acquisition:
 
     def _completed(
         self, eye: int, camera: CameraFrame, other_camera: CameraFrame, part: Candidate, other: Candidate
-    ) -> Candidate:
-        """A candidate as a disc of the size that the other eye sees, where it is smaller and a part of such a disc."""
+    ) -> Candidate | None:
+        """A candidate as a disc of the size that the other eye sees, where it is smaller and a part of such a disc;
+        None where it emerges and is no such part."""
+        if part.emerges and other.emerges:
+            return None
         ratio = other.outline.angular_radius_rad / part.outline.angular_radius_rad
-        if ratio < (1.0 if part.outline.is_partial else self.params.max_ratio) or not other.outline.is_disc:
-            return part
+        may_be_whole = ratio < (1.0 if part.outline.is_partial or part.emerges else self.params.max_ratio)
+        if may_be_whole or not other.outline.is_disc:
+            return part if may_be_whole or not part.emerges else None
         baseline = other_camera.view.center - camera.view.center
         sine = _sine(baseline, camera.view.rays(part.outline.center_px))
         nearer = sine / _sine(baseline, other_camera.view.rays(other.outline.center_px))  # by the law of sines
         area_px = part.outline.area_px * (nearer * ratio) ** 2
         whole = fit_outline(camera.image, part.mask, part.box, self._optics[eye], area_px)
-        return part if whole is None else replace(part, outline=whole)
+        if whole is None:
+            return None if part.emerges else part
+        return replace(part, outline=whole)
 
 
 def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
@@ -332,6 +346,13 @@ class Change:
         overlap = np.count_nonzero(mask & whole) / np.count_nonzero(mask | whole)
         return bool(overlap > _SAME_MASK or masks.solidity(whole) < masks.SOLID)
 
+    def covers(self, mask: Mask, box: Box) -> bool:
+        """Whether the mask (h, w) of a colour has changed but for its inside, and holds little else."""
+        differs = self.differs[box[1] : box[3], box[0] : box[2]]
+        within = np.count_nonzero(_hull(differs, mask) & mask)
+        changed = np.count_nonzero(differs & mask)
+        return bool(changed >= CHANGED * within and within >= _WITHIN * np.count_nonzero(mask))
+
     def moving(self, seed: Mask, box: Box) -> Mask | None:
         """(h, w) what has moved onto the seed as a whole: it has uncovered about as much as it covers anew.
 
@@ -342,14 +363,31 @@ class Change:
         height, width = self.now.shape[:2]
         m = max(x1 - x0, y1 - y0)  # a fast object was so far away
         wide = max(x0 - m, 0), max(y0 - m, 0), min(x1 + m, width), min(y1 + m, height)
-        inside, around = np.s_[y0:y1, x0:x1], np.s_[wide[1] : wide[3], wide[0] : wide[2]]
-        mask = _connected(self.differs[inside], seed)
+        around = np.s_[wide[1] : wide[3], wide[0] : wide[2]]
+        mask, gained = self._gained(seed, box)
         if mask is None:
             return None
-        gained = np.count_nonzero(mask & ~self.differed[inside])
         lost = np.count_nonzero(self.differed[around] & ~self.differs[around])
         moves = gained > _MOVED * np.count_nonzero(mask) and gained / _ALIKE < lost < _ALIKE * gained
         return mask if moves else None
+
+    def emerging(self, seed: Mask, box: Box) -> Mask | None:
+        """(h, w) what has moved onto the seed and need not have uncovered anything, since it comes from behind
+        something: a solid thing that is no place that something left.  What comes from beyond the image's border is
+        soon seen as a whole."""
+        mask, gained = self._gained(seed, box)
+        if mask is None or gained <= _MOVED * np.count_nonzero(mask) or masks.solidity(mask) < masks.SOLID:
+            return None
+        if masks.is_cut(mask, box, self.now) or _meets_border(mask, box, self.now):
+            return None
+        edge = self.background.learned_edge(self.now, self.view, mask, box)
+        return mask if edge is not None and edge < LEARNED_EDGE else None
+
+    def _gained(self, seed: Mask, box: Box) -> tuple[Mask | None, int]:
+        """(h, w) what differs about the seed, and how many pixels of it did not."""
+        x0, y0, x1, y1 = box
+        mask = _connected(self.differs[y0:y1, x0:x1], seed)
+        return mask, 0 if mask is None else int(np.count_nonzero(mask & ~self.differed[y0:y1, x0:x1]))
 
 
 @dataclass(frozen=True)
@@ -399,7 +437,7 @@ def segment(
 
     Colours show it, or the `change` of an eye against its background.  Several colours that move as one solid
     thing are one object; of what is not solid (an arm that holds something) distinct colours are the object.
-    Before eyes at rest what colours show must have changed too.
+    Before eyes at rest what colours show must have changed too, and what has uncovered nothing yet may emerge.
     """
     x, y, w, h = region.box_px
     height, width = image.shape[:2]
@@ -412,28 +450,28 @@ def segment(
     mask, model = _grow(params, bins, seed)
     if mask is not None and masks.is_cut(mask, box, image):
         mask = model = None
-    by_color = model is not None
+    by_color, emerges = model is not None, False
     if change is not None:
         whole = change.moving(seed, box)
         is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
         if isinstance(change, Change):
             by_color = is_distinct
-            if whole is None and not by_color:
-                return None
+            if whole is None and not (is_distinct and mask is not None and change.covers(mask, box)):
+                whole = change.emerging(seed, box)
+                emerges = whole is not None
+                if not emerges:
+                    return None
         if whole is not None and not (is_distinct and change.shows_the_object(mask, whole)):
             mask, model, by_color = whole, _model(bins, whole), False
-        elif mask is not None and isinstance(change, Change):
-            differs = change.differs[crop]
-            within = np.count_nonzero(_hull(differs, mask) & mask)
-            if np.count_nonzero(differs & mask) < CHANGED * within or within < _WITHIN * np.count_nonzero(mask):
-                return None
+        elif mask is not None and isinstance(change, Change) and not change.covers(mask, box):
+            return None
     if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
         return None
     shape = _object_outline(params, image, mask, box, optics)
     if shape is None:
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
-    return Candidate(shape, model, evidence, region.flow, by_color, mask, box)
+    return Candidate(shape, model, evidence, region.flow, by_color, mask, box, emerges)
 
 
 def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], optics: Optics) -> list[Candidate]:
@@ -464,6 +502,13 @@ def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], 
             flow = next((one.flow for one in group if one.flow is not None), None)
             found.append(Candidate(shape, model, evidence, flow, True, mask, box))
     return found
+
+
+def _meets_border(mask: Mask, box: Box, image: Image) -> bool:
+    """Whether the mask (h, w) of the region `box` reaches the image's border, as far as smoothing lets it."""
+    y, x = np.nonzero(mask)
+    left, top, right, bottom = box[0] + x.min(), box[1] + y.min(), box[0] + x.max(), box[1] + y.max()
+    return bool(min(left, top, image.shape[1] - 1 - right, image.shape[0] - 1 - bottom) <= _SMOOTHED_PX)
 
 
 def _sine(a: Array, b: Array) -> float:

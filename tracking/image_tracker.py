@@ -211,9 +211,9 @@ class ImageTracker:
     def _learn(
         self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
     ) -> tuple[Target, ImageDetection]:
-        """Cloud, size and colours follow what was seen."""
+        """Cloud, size and colours follow what was seen; the size only where the whole object was."""
         k = _SIZE_RATE
-        size = s.size * ratio ** (0.5 * k)
+        size = s.size if outline.is_partial else s.size * ratio ** (0.5 * k)
         seen_aspect = s.shape[0] ** 2 if outline.is_partial else outline.box_px[2] / outline.box_px[3]
         aspect = (s.shape[0] ** 2) ** (1 - k) * seen_aspect**k
         newest = ColorModel(histogram(bins[mask]), histogram(bins[~masks.dilated(mask, 2)]))

@@ -76,15 +76,19 @@ class Association:
     Four image coordinates and three unknowns leave one degree of freedom: 4·residual² estimates the variance of each
     coordinate.  What is more than the outlines' is the calibration's.  The outlines' is at least what the two of one
     object differ by (`_disagreement`); what their asymmetries share (`_shared_asymmetry`) is an error of both eyes.
+    What the last few pairs differ by less than all did is no gain: outlines that hardly change tell little.  That much
+    of the outlines' variance lasts from frame to frame.
     """
 
     params: StereoParams
     gate_var_px2: float
     calibration_var_px2: float
     outline_var_px2: float = 0.0
-    """Beyond the outlines' covariances."""
+    """Beyond the outlines' covariances, of the last pairs."""
+    mean_outline_var_px2: float = 0.0
+    """The same of all pairs."""
     shared_var_px2: float = 0.0
-    pairs: float = 0.0
+    pairs: int = 0
 
     @classmethod
     def untrained(cls, params: StereoParams, width: int) -> "Association":
@@ -120,7 +124,9 @@ class Association:
             (*view.left.place, left.angular_radius_rad, left.angular_radius_var),
             (*view.right.place, right.angular_radius_rad, right.angular_radius_var),
         )
-        shared = self._shared_cov(view, found.p_root, left, right, radius)
+        beyond_px2 = max(self.mean_outline_var_px2, 0.0) - max(self.outline_var_px2, 0.0)
+        lasting = max(beyond_px2, 0.0) / (_mean_var(left, right) + self.error_px**2) * found.cov_root
+        shared = lasting + self._shared_cov(view, found.p_root, left, right, radius)
         cov = found.cov_root + shared
         return Observation3D(stamp_s, found.p_root, cov, radius, radius_var, found.residual_px, shared)
 
@@ -179,20 +185,22 @@ class Association:
         if left.is_partial or right.is_partial:
             return self
         own, residual2 = _mean_var(left, right), 4 * observation.residual_px**2
-        pairs = min(self.pairs + 1, _MEMORY)
+        pairs, before = min(self.pairs + 1, _MEMORY), min(self.pairs, _MEMORY)
         rate = max(1 / pairs, _OUTLINE_RATE)
         difference = _disagreement(view, observation.p_root, left, right) - own
         outline = self.outline_var_px2 + rate * (difference - self.outline_var_px2)
         shared = _TO_FIRST * _shared_asymmetry(view, left, right)
         excess = residual2 - own - max(outline, 0.0)
-        mean = self.calibration_var_px2 / (1 + 3 / self.pairs) if self.pairs else 0.0
+        mean = self.calibration_var_px2 / (1 + 3 / before) if before else 0.0
         return replace(
             self,
             gate_var_px2=self.gate_var_px2 + (max(residual2 - own, 0.0) - self.gate_var_px2) / _MEMORY,
             calibration_var_px2=(mean + (excess - mean) / pairs) * (1 + 3 / pairs),
             outline_var_px2=outline,
+            mean_outline_var_px2=self.mean_outline_var_px2
+            + (difference - self.mean_outline_var_px2) / (self.pairs + 1),
             shared_var_px2=self.shared_var_px2 + rate * (shared - self.shared_var_px2),
-            pairs=pairs,
+            pairs=self.pairs + 1,
         )
 
 

@@ -146,6 +146,90 @@ def test_the_place_that_an_object_has_left_is_none(rng: np.random.Generator, rig
     assert away.moving(seed, (40, 60, 160, 180)) is None
 
 
+def behind(rng: np.random.Generator, edge: int, *discs: tuple[int, int, int]) -> np.ndarray:
+    """A faintly textured wall with grey discs (x, y, radius), of which what is left of `edge` (px) is hidden."""
+    wall = np.kron(np.random.default_rng(0).uniform(70, 100, (24, 32, 3)), np.ones((10, 10, 1)))
+    y, x = np.mgrid[:240, :320]
+    for u, v, r in discs:
+        wall[((x - u) ** 2 + (y - v) ** 2 < r * r) & (x >= edge)] = 145.0
+    return np.clip(wall + 2 * rng.standard_normal(wall.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("learned", "then", "now", "seen"),
+    [
+        ([], [(96, 120, 20)], [(104, 120, 20)], True),  # it comes from behind what ends at 100
+        ([], [(104, 120, 20)], [(104, 120, 20)], False),  # it rests there
+        ([(96, 120, 20)], [(100, 120, 20)], [(112, 120, 20)], False),  # it still overlaps the place where it stood
+        ([(116, 120, 15)], [(116, 120, 15)], [(200, 120, 15)], False),  # the place that it has left
+    ],
+)
+def test_what_comes_from_behind_something_emerges(
+    learned: list[tuple[int, int, int]],
+    then: list[tuple[int, int, int]],
+    now: list[tuple[int, int, int]],
+    seen: bool,
+    rng: np.random.Generator,
+    rig: StereoRig,
+    robot: Robot,
+) -> None:
+    view = rig.view(home(robot)).left
+    background = Background(EgoMotion(rig.left), 0.3)
+    for k in range(12):
+        background.learn(behind(rng, 100, *learned), view, DT * k, None)
+    seed = np.zeros((80, 80), bool)
+    seed[20:60, 22:60] = True
+    change = Change(background, view, behind(rng, 100, *then), behind(rng, 100, *now))
+    mask = change.emerging(seed, (80, 80, 160, 160))
+    assert (mask is not None) == seen
+    if mask is not None:
+        assert change.moving(seed, (80, 80, 160, 160)) is None  # it has not uncovered anything
+        u, v, r = now[0]
+        y, x = np.mgrid[80:160, 80:160]
+        assert np.mean(mask == (((x - u) ** 2 + (y - v) ** 2 < r * r) & (x >= 100))) > 0.97
+
+
+@pytest.mark.parametrize(("u", "left", "seen"), [(20, 0, False), (40, 0, True), (40, 30, False)])
+def test_what_the_image_or_the_searched_region_cuts_off_does_not_emerge(
+    u: int, left: int, seen: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
+) -> None:
+    """A disc of 20 px radius that appears: at the image's border, inside, and across the border of what is searched."""
+    view = rig.view(home(robot)).left
+    background = Background(EgoMotion(rig.left), 0.3)
+    for k in range(12):
+        background.learn(behind(rng, 0), view, DT * k, None)
+    seed = np.zeros((80, 80), bool)
+    seed[35:45, u - left - 5 : u - left + 5] = True
+    change = Change(background, view, behind(rng, 0), behind(rng, 0, (u, 120, 20)))
+    assert (change.emerging(seed, (left, 80, left + 80, 160)) is not None) == seen
+
+
+def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(robot: Robot, rig: StereoRig) -> None:
+    """A grey ball of 20 px comes from behind something that hides it from the left eye only."""
+    q, rng = home(robot), np.random.default_rng(4)
+    view = rig.view(q)
+    optics = Optics(rig.left), Optics(rig.right)
+    acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), Counter())
+    association = Association.untrained(StereoParams(), rig.left.width)
+    backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
+    errors, shares = [], []
+    for k in range(24):
+        p = view.left.center + 0.4 * view.left.rays([90.0 + 3 * max(k - 8, 0), 120.0])
+        (u, v), (x, y) = (np.rint(eye.project(p)).astype(int).tolist() for eye in (view.left, view.right))
+        hidden = k < 9  # and out of the left eye's sight
+        left, right = behind(rng, 112, (u, v, 20)), behind(rng, 320 if hidden else 0, (x, y, 20))
+        one = StereoFrame(left, right, DT * k, DT * k, q, q)
+        cameras = camera_frames(one, view)
+        pair, _ = acquisition.step(cameras, view, DT * k, backgrounds, association)
+        for camera, background in zip(cameras, backgrounds, strict=True):
+            background.learn(camera.image, camera.view, DT * k, None)
+        if pair is not None:
+            shares.append(pair[0].mask.sum() / pair[1].mask.sum())
+            errors.append(pair[0].outline.center_px - (u, v))
+    assert min(shares) < 0.75
+    assert np.abs(errors).max() < 2.5
+
+
 @pytest.mark.parametrize(("apart_px", "is_one"), [(0, True), (12, False)])
 def test_parts_of_two_colours_that_touch_are_one_object(
     apart_px: int, is_one: bool, rng: np.random.Generator, rig: StereoRig

@@ -94,6 +94,24 @@ def _is_blue(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
     return np.asarray(image[box[1] : box[3], box[0] : box[2], 0] < 75)
 
 
+@pytest.mark.parametrize("edge", ["straight", "ragged"])
+def test_what_is_hidden_in_part_keeps_its_size(edge: str, rng: np.random.Generator) -> None:
+    """A disc of 18 px goes behind an edge, by 4 px an image; ragged: no disc is fitted to what is left of it."""
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
+    before, partial_views = target.size, 0
+    v, u = np.mgrid[: LEFT_EYE.height, : LEFT_EYE.width]
+    for k in range(1, 6):
+        x = 150 + 4 * k
+        image = _discs(rng, (x, 110, 18))
+        image[u >= 168 + (8 * np.sin(v / 2) if edge == "ragged" else 0)] = 120
+        target, seen = eye.step(target, image, Prior(np.array([float(x), 110.0]), 1.0, 1.0), partial(_is_blue, image))
+        assert seen is not None
+        partial_views += seen.outline.is_partial
+    assert partial_views >= 3
+    assert abs(target.size / before - 1) < 0.07
+
+
 def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng: np.random.Generator) -> None:
     seen = _seen(rng, _discs(rng, (150, 110, 18), bar=True), Prior(np.array([150.0, 110.0]), 3.0, 1.0))
     assert seen is not None

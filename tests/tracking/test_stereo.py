@@ -173,6 +173,33 @@ def test_what_two_outlines_differ_by_is_what_their_centres_are_off(rng: np.rando
         assert alike or 0.5 < depth < 1.6
 
 
+def test_outlines_that_hardly_change_are_not_trusted_for_differing_little(rng: np.random.Generator) -> None:
+    """Each edge lasts for 15 pairs, so that these tell no more than one; the ellipsoid of 95 % holds it as often, and
+    filtering does not average out what the last pairs do not show."""
+    optics, center, inside = Optics(CAMERA), np.array([0.034, 0.0, 0.5]), []
+    association = Association.untrained(StereoParams(), 320)
+    for k in range(160):
+        left, right = (
+            rough(eye, center, 0.035, 1.5 * rng.standard_normal(20), optics) for eye in (VIEW.left, VIEW.right)
+        )
+        for _ in range(15):
+            observation = association.observe(VIEW, left, right, 0.0)
+            assert observation is not None
+            association = replace(association.learned(VIEW, observation, left, right), gate_var_px2=10.0)
+        if k >= 10:
+            off = observation.p_root - center
+            inside.append(off @ np.linalg.solve(observation.cov_root, off) <= 7.815)
+        if k >= 10 and association.outline_var_px2 < association.mean_outline_var_px2:
+            trusting = replace(association, mean_outline_var_px2=0.0).observe(VIEW, left, right, 0.0)
+            observation = association.observe(VIEW, left, right, 0.0)
+            assert observation is not None
+            assert trusting is not None
+            white, before = (one.cov_root - one.correlated_cov_root for one in (observation, trusting))
+            np.testing.assert_allclose(white, before, atol=1e-12)
+            assert observation.cov_root[2, 2] > trusting.cov_root[2, 2]
+    assert 0.9 <= np.mean(inside) <= 0.995
+
+
 def test_an_object_and_the_place_that_it_left_are_within_what_is_stated_of_their_middle() -> None:
     """Both eyes see one blob of the ball and of where it was; the 95 % ellipsoid holds either, and not twice as much.
     What is stated lasts."""
