@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.arm import ArmParams, KeepIn, MovingPoint, arm_velocity
+from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, constrained_velocity
 from control.limits import MAX_HOLD_S, check_times
 from control.path_clearance import direction_off_path
 from pps_vision.errors import InputError
@@ -202,12 +202,14 @@ def step(
     state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track, came)
     if state.mode == "reach" and track is not None and track.is_known:
         state = replace(state, points=tuple(_aimed(params, one, posture, track) for one in state.points))
-    aside = _aside(params, before, state, posture, skin, track)
-    state = replace(state, stamp_s=stamp_s, seen=seen, aside=aside, points=_moved(state.points, aside))
+    so_far = before.aside if before.mode == state.mode == "avoid" else None
+    state = replace(state, stamp_s=stamp_s, seen=seen, aside=so_far)
     if state.mode in ("avoid", "reach"):
         if state.mode == "reach" and track is not None and track.is_known:
             near = _other_parts(posture, skin, state.points[0], track)
-        dq = _respond(params, state, posture, hold_s, self_collision, _kept_clear(params, posture, near, hold_s))
+        rows = _kept_clear(params, posture, near, hold_s)
+        of = track if state.since_s == stamp_s and track is not None and track.is_known else None
+        state, dq = _respond(params, state, posture, hold_s, self_collision, rows, skin, of)
         first = state.points[0]
         response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
     else:
@@ -424,30 +426,6 @@ def _moving(params: AvoidanceParams, posture: Posture, found: list[ControlPoint]
     )
 
 
-def _aside(
-    params: AvoidanceParams,
-    before: AvoidanceState,
-    state: AvoidanceState,
-    posture: Posture,
-    skin: Skin,
-    track: Track3D | None,
-) -> Array | None:
-    """The direction (3,) across the object's path in which the taxels move, as long as the arm avoids."""
-    if state.mode != "avoid" or not params.each_taxel or not params.clear_m:
-        return None
-    so_far = before.aside if before.mode == "avoid" else None
-    if track is None or not track.is_known or state.since_s <= before.stamp_s:  # no activation any more: as before
-        return so_far
-    return direction_off_path(params.arm, posture, params.side, skin, state.points, track, params.clear_m, so_far)
-
-
-def _moved(points: tuple[MovingPoint, ...], aside: Array | None) -> tuple[MovingPoint, ...]:
-    """The control points, moving in a direction (3,) if there is one, as fast."""
-    if aside is None:
-        return points
-    return tuple(one._replace(velocity_root=float(np.linalg.norm(one.velocity_root)) * aside) for one in points)
-
-
 def _respond(
     params: AvoidanceParams,
     state: AvoidanceState,
@@ -455,18 +433,40 @@ def _respond(
     hold_s: float,
     self_collision: SelfCollision | None,
     rows: tuple[Array, Array],
-) -> Array:
+    skin: Skin,
+    track: Track3D | None,
+) -> tuple[AvoidanceState, Array]:
     """Joint rates that move the control points as commanded, the palm within its sphere, within the `rows`; taxels,
-    which may move across, move no faster in all."""
+    which may move across, move no faster in all, and off the path of the object of a `track`."""
     palm, q_home = _palm(params, posture), posture.q_rad.copy()
     q_home[_columns(params, posture)] = params.home_arm_rad
     keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
-    rest = params.home_arm_rad
-    dq = arm_velocity(params.arm, posture, params.side, state.points, rest, keep_in, hold_s, self_collision, rows)
+    of_arm = posture, params.side, params.home_arm_rad, keep_in, hold_s, self_collision, rows
+    within = arm_constraints(params.arm, *of_arm)
     if not params.each_taxel:
-        return dq
-    fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in state.points)
-    return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
+        return state, constrained_velocity(params.arm, posture, within, state.points)
+
+    def velocity(points: tuple[MovingPoint, ...]) -> Array:
+        dq = constrained_velocity(params.arm, posture, within, points)
+        fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in points)
+        return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
+
+    def rates_towards(direction: Array | None) -> Array:
+        return velocity(_moved(state.points, direction))[within.columns]
+
+    aside = state.aside
+    if track is not None and params.clear_m and state.mode == "avoid":
+        on = posture, within.columns, skin, track, rates_towards, params.clear_m
+        aside = direction_off_path(*on, aside) if skin.parts else None
+    state = replace(state, aside=aside, points=_moved(state.points, aside))
+    return state, velocity(state.points)
+
+
+def _moved(points: tuple[MovingPoint, ...], direction: Array | None) -> tuple[MovingPoint, ...]:
+    """The control points, moving in a direction (3,) if there is one, as fast."""
+    if direction is None:
+        return points
+    return tuple(one._replace(velocity_root=float(np.linalg.norm(one.velocity_root)) * direction) for one in points)
 
 
 def _kept_clear(params: AvoidanceParams, posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array]:

@@ -3,11 +3,10 @@
 The candidate motion with the largest predicted distance is taken, as in the dynamic window of Fox et al. (1997).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from control.arm import ArmParams, MovingPoint
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.model import Posture
 from pps_vision.robot.skin import Skin
@@ -22,38 +21,41 @@ _GAIN_M = 0.01  # by which another direction must be better than the one taken s
 
 
 def direction_off_path(
-    params: ArmParams,
     posture: Posture,
-    side: str,
+    columns: list[int],
     skin: Skin,
-    points: Sequence[MovingPoint],
     track: Track3D,
+    rates_towards: Callable[[Array | None], Array],
     enough_m: float,
     so_far: Array | None = None,
 ) -> Array | None:
-    """The direction (3,) across the object's path in which all `points` should move instead; None: as they are to.
+    """The direction (3,) across the object's path in which the taxels should move; None: against their normals.
 
-    They keep moving as they are to while that is predicted to leave `enough_m` between object and skin, and where no
-    direction leaves more.  `so_far` is the direction chosen in the last frame.
+    Args:
+        posture: The robot now.
+        columns: Where the arm's k joints are in the configuration vector.
+        skin: The arm's taxels.
+        track: The object.
+        rates_towards: Returns the rates (k,) within all limits of a motion in a direction, or of that against the
+            normals (None).
+        enough_m: No other direction is taken while withdrawal is predicted to leave so much between object and skin.
+        so_far: The direction chosen in the last frame; kept unless another leaves 1 cm more.
     """
     speed = float(np.linalg.norm(track.velocity))
-    if speed < _SLOWEST_M_S or not points:
+    if speed < _SLOWEST_M_S:
+        return None
+    withdrawing = rates_towards(None)
+    if so_far is None and predicted_distances(posture, columns, skin, withdrawing[None], track)[0] > enough_m:
         return None
     across = rotation_to(track.velocity / speed)[:, :2]
     angles = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    directions = np.column_stack([np.cos(angles), np.sin(angles)]) @ across.T
+    directions = [None, *(np.column_stack([np.cos(angles), np.sin(angles)]) @ across.T)]
     if so_far is not None:
-        directions = np.vstack([directions, so_far])
-    wanted = np.array([one.velocity_root for one in points], dtype=float)
-    aside = np.linalg.norm(wanted, axis=1).max() * directions
-    velocities = np.concatenate([wanted[None], np.repeat(aside[:, None], len(points), axis=1)])
-    columns = posture.robot.indices(posture.robot.names.arm(side))
-    left_m = predicted_distances(posture, columns, skin, _rates(params, posture, columns, points, velocities), track)
-    if so_far is None and left_m[0] > enough_m:
-        return None
+        directions.append(so_far)
+    rates = np.array([withdrawing, *(rates_towards(one) for one in directions[1:])])
+    left_m = predicted_distances(posture, columns, skin, rates, track)
     left_m[0 if so_far is None else -1] += _GAIN_M
-    best = int(left_m.argmax())
-    return None if best == 0 else np.asarray(directions[best - 1])
+    return directions[int(left_m.argmax())]
 
 
 def predicted_distances(posture: Posture, columns: list[int], skin: Skin, rates: Array, track: Track3D) -> Array:
@@ -76,23 +78,3 @@ def predicted_distances(posture: Posture, columns: list[int], skin: Skin, rates:
     d = np.einsum("ndk,mtk->mtnd", J, turned) + taxels - (track.position + times[:, None] * track.velocity)[:, None]
     radius_m = track.radius_m if np.isfinite(track.radius_m) else 0.0
     return np.asarray(np.sqrt(np.sum(d * d, axis=3).min(axis=(1, 2))) - radius_m)
-
-
-def _rates(
-    params: ArmParams, posture: Posture, columns: list[int], points: Sequence[MovingPoint], velocities: Array
-) -> Array:
-    """Joint rates (m, k) of the arm for velocities (m, n, 3) of n points that are free to move across them.
-
-    Damped least squares, scaled so that no point is faster in all than it is to be along its velocity.
-    """
-    J = np.array([posture.jacobian(one.frame, one.point)[:3, columns] for one in points])
-    speeds, weights = np.linalg.norm(velocities, axis=2), np.sqrt([one.weight for one in points])
-    unit = velocities / np.maximum(speeds, 1e-9)[:, :, None]
-    A = np.einsum("mnd,ndk->mnk", unit, J) * weights[:, None]
-    A[:, :, len(columns) - params.resting :] = 0.0
-    H = np.einsum("mnk,mnl->mkl", A, A) + params.damping_m**2 * np.eye(len(columns))
-    rates = np.linalg.solve(H, np.einsum("mnk,mn->mk", A, weights * speeds)[..., None])[..., 0]
-    rates = np.clip(rates, -params.max_rate_rad_s, params.max_rate_rad_s)
-    fastest = np.linalg.norm(np.einsum("ndk,mk->mnd", J, rates), axis=2).max(axis=1)
-    scaled: Array = rates * np.minimum(1.0, speeds.max(axis=1) / np.maximum(fastest, 1e-9))[:, None]
-    return scaled
