@@ -71,6 +71,21 @@ class KeepIn:
         return outward @ posture.jacobian(self.frame)[:3, columns], self.approach_per_s * (self.radius_m - distance)
 
 
+class ArmConstraints(NamedTuple):
+    """What the rates of an arm's k joints obey in one frame, whatever its points are to do."""
+
+    columns: list[int]
+    """Where the joints are in the configuration vector."""
+    limits: tuple[Array, Array]
+    """Lowest and highest rates (k,), rad/s."""
+    preferred: Array
+    """(k,) rad/s towards the rest posture, where the task leaves joints free."""
+    rows: Array
+    """(m, k)."""
+    most: Array
+    """(m,) the largest rows @ rates."""
+
+
 def arm_velocity(
     params: ArmParams,
     posture: Posture,
@@ -89,25 +104,27 @@ def arm_velocity(
     (m, n_joints) ≤ most (m,), forbids the motion, the points slide along it, or stop.  InputError for a velocity that
     is not finite.
     """
-    velocities = [np.asarray(one.velocity_root, dtype=float) for one in points]
-    for one, velocity in zip(points, velocities, strict=True):
-        if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
-            raise InputError("arm", f"velocity {velocity} of {one.frame}; expected three finite numbers in m/s")
+    within = arm_constraints(params, posture, side, rest_rad, keep_in, hold_s, self_collision, more_rows)
+    return constrained_velocity(params, posture, within, points)
+
+
+def arm_constraints(
+    params: ArmParams,
+    posture: Posture,
+    side: str,
+    rest_rad: ArrayLike,
+    keep_in: KeepIn | None = None,
+    hold_s: float = MAX_HOLD_S,
+    self_collision: SelfCollision | None = None,
+    more_rows: tuple[Array, Array] | None = None,
+) -> ArmConstraints:
+    """The constraints of `arm_velocity`."""
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
     q = posture.q_rad[columns]
     limits = rate_limits(q, robot.lower_rad[columns], robot.upper_rad[columns], params.max_rate_rad_s, 1 / hold_s)
     for limit in limits:
         limit[len(columns) - params.resting :] = 0.0
-    preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
-    J: Array = np.empty((0, len(columns)))
-    wanted: Array = np.empty(0)
-    for one, velocity in zip(points, velocities, strict=True):
-        weight, speed = np.sqrt(one.weight), float(np.linalg.norm(velocity))
-        moves = posture.jacobian(one.frame, one.point)[:3, columns]
-        if one.free_across:
-            moves, velocity = (velocity / max(speed, 1e-9))[None] @ moves, np.array([speed])
-        J, wanted = np.vstack([J, weight * moves]), np.append(wanted, weight * velocity)
     rows: Array = np.empty((0, len(columns)))
     most: Array = np.empty(0)
     if self_collision is not None:
@@ -118,7 +135,28 @@ def arm_velocity(
         rows, most = np.vstack([rows, outward]), np.append(most, max_m_s)
     if more_rows is not None:
         rows, most = np.vstack([rows, more_rows[0][:, columns]]), np.concatenate([most, more_rows[1]])
-    rates = solve_rates(J, wanted, preferred, params.damping_m, limits, rows, most)
-    dq = np.zeros(robot.n_joints)
-    dq[columns] = rates
+    preferred = params.posture_per_s * (np.asarray(rest_rad, dtype=float) - q)
+    return ArmConstraints(columns, limits, preferred, rows, most)
+
+
+def constrained_velocity(
+    params: ArmParams, posture: Posture, within: ArmConstraints, points: Sequence[MovingPoint]
+) -> Array:
+    """Joint rates (n_joints,) that move `points` as `arm_velocity` does, within constraints that are known."""
+    velocities = [np.asarray(one.velocity_root, dtype=float) for one in points]
+    for one, velocity in zip(points, velocities, strict=True):
+        if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
+            raise InputError("arm", f"velocity {velocity} of {one.frame}; expected three finite numbers in m/s")
+    J: Array = np.empty((0, len(within.columns)))
+    wanted: Array = np.empty(0)
+    for one, velocity in zip(points, velocities, strict=True):
+        weight, speed = np.sqrt(one.weight), float(np.linalg.norm(velocity))
+        moves = posture.jacobian(one.frame, one.point)[:3, within.columns]
+        if one.free_across:
+            moves, velocity = (velocity / max(speed, 1e-9))[None] @ moves, np.array([speed])
+        J, wanted = np.vstack([J, weight * moves]), np.append(wanted, weight * velocity)
+    dq = np.zeros(posture.robot.n_joints)
+    dq[within.columns] = solve_rates(
+        J, wanted, within.preferred, params.damping_m, within.limits, within.rows, within.most
+    )
     return dq

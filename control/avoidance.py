@@ -1,6 +1,7 @@
 """Move away from what the skin predicts to touch it, or reach for it (R eq. 6), and return home.
 
-Beyond R: an arm at rest does not respond to what will pass, and reaching aims at the object.
+Beyond R: an arm at rest does not respond to what will pass or has not come nearer, taxels leave the path of an object
+that withdrawal along their normals is not predicted to escape, and reaching aims at the object.
 """
 
 from dataclasses import dataclass, field, replace
@@ -9,8 +10,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.arm import ArmParams, KeepIn, MovingPoint, arm_velocity
+from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, constrained_velocity
 from control.limits import MAX_HOLD_S, check_times
+from control.path_clearance import direction_off_path
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.bare_links import BareLinks, Near
@@ -48,11 +50,19 @@ class AvoidanceParams:
     radius_m: float = 0.20
     """The palm stays this near to its place at home."""
     path_m: float = 0.05
-    """An arm at rest responds only to what comes so near to its skin if it moves on as it does; inf: to every
+    """An arm at rest responds only to what comes so near to its skin if it moves on as it has come; inf: to every
     activation (R).  D and TTC do not tell what passes from what comes."""
+    come_m: float = 0.01
+    """An arm at rest responds to a tracked object only if it has come nearer to the skin by so much within
+    `come_within_s`, as the positions show, and then at once; 0: its estimated velocity decides.  That of an object that
+    stops overshoots and points back for a quarter of a second; the positions do not."""
+    come_within_s: float = 0.5
+    """Time over which positions of the object are compared."""
     confirm_s: float = 0.15
-    """Time above threshold before the arm responds: the estimated velocity of an object that stops overshoots for one
-    to three frames."""
+    """Time above threshold before the arm responds to what is not seen to come nearer."""
+    clear_m: float = 0.05
+    """Where the taxels' withdrawal is predicted to leave less between skin and object, and moving across the object's
+    path to leave more, they move across; 0: never (R)."""
     persist_s: float = 0.3
     """Time for which avoidance outlasts the activation."""
     reach_for_s: float = 3.0
@@ -100,6 +110,8 @@ class AvoidanceParams:
             self.wait_s,
             self.link_lead_s,
             self.link_clearance_m,
+            self.come_m,
+            self.clear_m,
         )
         above_0 = (
             self.threshold,
@@ -110,6 +122,7 @@ class AvoidanceParams:
             self.at_home_rad,
             self.give_up_s,
             self.gone_m,
+            self.come_within_s,
         )
         if not (all(time >= 0 for time in times) and all(value > 0 for value in above_0) and self.threshold <= 1):
             raise ValueError(f"{self}; expected no time below 0, the rest above, a threshold of at most 1")
@@ -128,6 +141,10 @@ class AvoidanceState:
     """Control points with their commanded velocities, the most activated first."""
     blocked_by: Array | None = None
     """(3,) where the object was when it interrupted the return, m."""
+    aside: Array | None = None
+    """(3,) direction across the object's path in which the control points move; None: against the normals."""
+    seen: tuple[tuple[float, Array], ...] = ()
+    """Stamps and positions (3,) m of the object in the last `come_within_s`."""
     stamp_s: float = -np.inf
     """Stamp of the last step."""
 
@@ -168,8 +185,12 @@ def step(
     check_times("avoidance", stamp_s, hold_s, state.stamp_s)
     a = np.asarray(activations, dtype=float)
     found = control_points(params.threshold, posture, skin, a, params.weighting, each=params.each_taxel)
-    if found and state.mode == "idle" and not _comes(params, posture, skin, track):
-        found = []
+    seen = _seen(params, state, stamp_s, track)
+    came = False
+    if track is not None and track.is_known and skin.parts:
+        came, comes = _comes(params, posture, skin, track, seen)
+        found = found if comes or state.mode != "idle" else []
+    came = came and bool(found)  # what threatens links without taxels has to last
     near: list[Near] = []
     if params.behaviour == "reach":
         found = _to_reach_with(params, state, found, track)
@@ -177,14 +198,18 @@ def step(
         near, threatened = _near(params, bare_links, posture, track)
         found = found or [_of_link(one) for one in threatened]
     allowed = may_reach or params.behaviour == "avoid"
-    state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track)
+    before = state
+    state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track, came)
     if state.mode == "reach" and track is not None and track.is_known:
         state = replace(state, points=tuple(_aimed(params, one, posture, track) for one in state.points))
-    state = replace(state, stamp_s=stamp_s)
+    so_far = before.aside if before.mode == state.mode == "avoid" else None
+    state = replace(state, stamp_s=stamp_s, seen=seen, aside=so_far)
     if state.mode in ("avoid", "reach"):
         if state.mode == "reach" and track is not None and track.is_known:
             near = _other_parts(posture, skin, state.points[0], track)
-        dq = _respond(params, state, posture, hold_s, self_collision, _kept_clear(params, posture, near, hold_s))
+        rows = _kept_clear(params, posture, near, hold_s)
+        of = track if state.since_s == stamp_s and track is not None and track.is_known else None
+        state, dq = _respond(params, state, posture, hold_s, self_collision, rows, skin, of)
         first = state.points[0]
         response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
     else:
@@ -241,18 +266,34 @@ def control_points(
     return sorted(found, key=lambda one: -one.weight)
 
 
-def _comes(params: AvoidanceParams, posture: Posture, skin: Skin, track: Track3D | None) -> bool:
-    """Whether the object comes within `path_m` of a taxel if it moves on at its present velocity; True without one."""
-    if track is None or not track.is_known or np.isinf(params.path_m):
-        return True
-    return bool(_distances_ahead(skin.at(posture)[0], track).min() - _radius_m(track) < params.path_m)
+def _seen(
+    params: AvoidanceParams, state: AvoidanceState, stamp_s: float, track: Track3D | None
+) -> tuple[tuple[float, Array], ...]:
+    """Where the object was in the last `come_within_s`, and is."""
+    kept = tuple(one for one in state.seen if one[0] >= stamp_s - params.come_within_s - 1e-9)
+    return (*kept, (stamp_s, track.position)) if track is not None and track.is_known else kept
 
 
-def _distances_ahead(points: Array, track: Track3D) -> Array:
-    """How near (n,) an object comes to points (n, 3) if it moves on at its present velocity, m."""
-    d, v = points - track.position, track.velocity
-    nearest_s = np.clip(d @ v / max(float(v @ v), 1e-12), 0.0, _HORIZON_S)
-    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * v, axis=1))
+def _comes(
+    params: AvoidanceParams, posture: Posture, skin: Skin, track: Track3D, seen: tuple[tuple[float, Array], ...]
+) -> tuple[bool, bool]:
+    """Whether the object has come nearer, by `come_m`, to where the skin is now, and whether it then comes within
+    `path_m` of a taxel if it moves on as it has since it was farthest away; without `come_m`, at its velocity."""
+    taxels, _ = skin.at(posture)
+    times, places = np.array([at_s for at_s, _ in seen]), np.array([position for _, position in seen])
+    distance = np.linalg.norm(places[:, None] - taxels, axis=2).min(axis=1)
+    k = int(distance.argmax())
+    came = bool(times[-1] > times[k] and 0 < params.come_m <= distance[k] - distance[-1])
+    velocity = (places[-1] - places[k]) / (times[-1] - times[k]) if came else track.velocity
+    nearest_m = _distances_ahead(taxels, track.position, velocity).min() - _radius_m(track)
+    return came, bool((came or params.come_m == 0) and nearest_m < params.path_m)
+
+
+def _distances_ahead(points: Array, position: Array, velocity: Array) -> Array:
+    """How near (n,) an object comes to points (n, 3) if it moves on from a position (3,) at a velocity (3,), m."""
+    d = points - position
+    nearest_s = np.clip(d @ velocity / max(float(velocity @ velocity), 1e-12), 0.0, _HORIZON_S)
+    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * velocity, axis=1))
 
 
 def _to_reach_with(
@@ -265,7 +306,7 @@ def _to_reach_with(
     points = np.array([one.point_root for one in found])
     parts = {point.frame for point in state.points} if state.mode == "reach" else set()
     if parts.isdisjoint(one.frame for one in found):
-        parts = {found[int(_distances_ahead(points, track).argmin())].frame}
+        parts = {found[int(_distances_ahead(points, track.position, track.velocity).argmin())].frame}
     distance = np.linalg.norm(points - track.position, axis=1)
     distance[[one.frame not in parts for one in found]] = np.inf
     return [found[int(distance.argmin())]]
@@ -336,6 +377,7 @@ def _next(
     stamp_s: float,
     allowed: bool,
     track: Track3D | None,
+    confirmed: bool,
 ) -> AvoidanceState:
     """Respond to a confirmed activation while allowed, keep responding for a while, then return, then rest.
 
@@ -344,7 +386,8 @@ def _next(
     active_since_s = min(state.active_since_s, stamp_s) if found else np.inf
     mode, since_s, blocked_by = state.mode, stamp_s - state.since_s, state.blocked_by
     responding, position = mode in ("avoid", "reach"), track.position if track and track.is_known else None
-    if found and (responding or mode == "hold" or stamp_s - active_since_s > params.confirm_s - 1e-6):
+    confirmed = confirmed or stamp_s - active_since_s > params.confirm_s - 1e-6
+    if found and (responding or mode == "hold" or confirmed):
         by = position if mode == "return" else blocked_by
         points = _moving(params, posture, found)
         if mode == "reach" and position is not None:  # with a point that is no farther from the object than the last
@@ -390,18 +433,40 @@ def _respond(
     hold_s: float,
     self_collision: SelfCollision | None,
     rows: tuple[Array, Array],
-) -> Array:
+    skin: Skin,
+    track: Track3D | None,
+) -> tuple[AvoidanceState, Array]:
     """Joint rates that move the control points as commanded, the palm within its sphere, within the `rows`; taxels,
-    which may move across, move no faster in all."""
+    which may move across, move no faster in all, and off the path of the object of a `track`."""
     palm, q_home = _palm(params, posture), posture.q_rad.copy()
     q_home[_columns(params, posture)] = params.home_arm_rad
     keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
-    rest = params.home_arm_rad
-    dq = arm_velocity(params.arm, posture, params.side, state.points, rest, keep_in, hold_s, self_collision, rows)
+    of_arm = posture, params.side, params.home_arm_rad, keep_in, hold_s, self_collision, rows
+    within = arm_constraints(params.arm, *of_arm)
     if not params.each_taxel:
-        return dq
-    fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in state.points)
-    return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
+        return state, constrained_velocity(params.arm, posture, within, state.points)
+
+    def velocity(points: tuple[MovingPoint, ...]) -> Array:
+        dq = constrained_velocity(params.arm, posture, within, points)
+        fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in points)
+        return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
+
+    def rates_towards(direction: Array | None) -> Array:
+        return velocity(_moved(state.points, direction))[within.columns]
+
+    aside = state.aside
+    if track is not None and params.clear_m and state.mode == "avoid":
+        on = posture, within.columns, skin, track, rates_towards, params.clear_m
+        aside = direction_off_path(*on, aside) if skin.parts else None
+    state = replace(state, aside=aside, points=_moved(state.points, aside))
+    return state, velocity(state.points)
+
+
+def _moved(points: tuple[MovingPoint, ...], direction: Array | None) -> tuple[MovingPoint, ...]:
+    """The control points, moving in a direction (3,) if there is one, as fast."""
+    if direction is None:
+        return points
+    return tuple(one._replace(velocity_root=float(np.linalg.norm(one.velocity_root)) * direction) for one in points)
 
 
 def _kept_clear(params: AvoidanceParams, posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array]:

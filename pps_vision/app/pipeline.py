@@ -198,7 +198,7 @@ class Pipeline:
         leaning, torso_command = self._lean(state, then, active, may_reach, track, touched)
         found = [
             avoidance.step(
-                one.params if leaning is None else replace(one.params, path_m=np.inf),  # it need not come by itself
+                one.params if leaning is None else replace(one.params, path_m=np.inf, come_m=0.0),
                 before,
                 then,
                 one.skin,

@@ -169,7 +169,8 @@ class _Episode:
         self.q = self._start()
         behaviour = str(rng.choice(("avoid", "reach")))
         self.tracker = AdversarialTracker(Track3D.unknown(0.0))
-        arm = AvoidanceParams(HOME_ARM_RAD, side=side, confirm_s=float(rng.choice((0.0, 0.15))))  # type: ignore[arg-type]
+        waits = {"confirm_s": float(rng.choice((0.0, 0.15))), "come_m": float(rng.choice((0.0, 0.01)))}
+        arm = AvoidanceParams(HOME_ARM_RAD, side=side, **waits)  # type: ignore[arg-type]
         other = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
         params = PipelineParams(avoidance=arm, other_arm=other, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
         self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)  # type: ignore[arg-type]

@@ -102,6 +102,14 @@ class Skin:
             normals.append(part.normals @ T[:3, :3].T)
         return np.concatenate(positions), np.concatenate(normals)
 
+    def jacobians(self, posture: Posture, joints: list[int]) -> Array:
+        """Velocities (n, 3, k) m/rad of all taxels in the root frame for the rates of k joints."""
+        found = []
+        for part in self.parts:
+            J, levers = posture.jacobian(part.frame)[:, joints], part.positions_m @ posture.T_root(part.frame)[:3, :3].T
+            found.append(J[:3].T + np.cross(J[3:].T[None], levers[:, None]))
+        return np.concatenate(found).transpose(0, 2, 1)
+
 
 def icub_skin(
     parts: tuple[Literal["left_forearm", "right_forearm", "left_palm", "right_palm"], ...] = (

@@ -339,7 +339,7 @@ def test_the_part_that_began_to_reach_touches_and_no_other(robot: Robot) -> None
     k = skin.index("left_forearm:3")
     at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * normals[k]
     a = activations_of(skin, left_forearm_3=0.6, left_palm_101=0.9)
-    params, least = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach"), np.full(2, np.inf)
+    params, least = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach", come_m=0.0), np.full(2, np.inf)
     for i in range(60):
         track = track_at(at, -0.1 * normals[k] * (i < 6))
         state, command, _ = step(params, state, robot.at(q), skin, a, i * DT, may_reach=True, hold_s=DT, track=track)
@@ -409,6 +409,28 @@ def test_an_arm_at_rest_responds_to_what_comes_and_not_to_what_passes(
     assert moved == expected
 
 
+@pytest.mark.parametrize(
+    ("come_m", "coming", "expected"), [(0.01, False, False), (0.01, True, True), (0.0, False, True)]
+)
+def test_an_arm_at_rest_responds_to_what_has_come_nearer(
+    robot: Robot, come_m: float, coming: bool, expected: bool
+) -> None:
+    """A ball recedes by 5 cm and stops 12 cm from the skin, where its estimated velocity points back for 0.3 s; or it
+    turns and comes, and is responded to once it has come by 1 cm, not 0.15 s later."""
+    posture, state, modes = robot.at(home(robot)), AvoidanceState(), []
+    points, normals = FOREARM.at(posture)
+    k = FOREARM.index("left_forearm:27")
+    a, params = activations_of(FOREARM, left_forearm_27=0.9), replace(PARAMS, come_m=come_m)
+    for i in range(16):
+        m = 0.12 + (-0.01 * (i - 10) if coming and i >= 10 else min(0.0, 0.01 * (i - 5)))
+        track = track_at(points[k] + (BALL_M + m) * normals[k], (-0.2 if i >= 10 else 0.0) * normals[k])
+        state, _, response = step(params, state, posture, FOREARM, a * (i >= 10), i * DT, track=track)
+        modes.append(response.mode)
+    assert ("avoid" in modes) == expected
+    if coming:
+        assert modes.index("avoid") in (11, 12)
+
+
 def test_taxels_withdraw_along_their_normals_and_no_faster_in_all(robot: Robot) -> None:
     """Each of two active taxels withdraws along its own normal; sliding across counts for the 10 cm/s too."""
     posture, a = robot.at(home(robot)), activations_of(FOREARM, left_forearm_27=0.9, left_forearm_135=0.9)
@@ -428,7 +450,7 @@ def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot: Robot
     k = FOREARM.index("left_forearm:27")
     out = np.cos(40 * DEG) * normals[k] + np.sin(40 * DEG) * np.cross(normals[k], [0.0, 0.0, 1.0])
     at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * out / np.linalg.norm(out)
-    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach")
+    params = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach", come_m=0.0)
     for i in range(60):
         a = activations_of(FOREARM, left_forearm_27=0.9 * (i < 6))
         track = track_at(at, -0.1 * out * (i < 6))
@@ -449,7 +471,7 @@ def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) 
     for k in range(120):
         track = track_at(skin_point, np.zeros(3)) if k < 10 else Track3D.unknown(k * DT)
         state, command, response = step(
-            AT_ONCE, state, robot.at(q), FOREARM, on * (k < 10), k * DT, hold_s=0.05, track=track
+            replace(AT_ONCE, come_m=0.0), state, robot.at(q), FOREARM, on * (k < 10), k * DT, hold_s=0.05, track=track
         )
         assert response.mode != "hold" or not command.dq_rad_s.any()
         modes.append(response.mode)
@@ -477,7 +499,7 @@ def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(
     robot: Robot, moved_m: float, mode: str
 ) -> None:
     on, modes, state, q = activations_of(FOREARM, left_forearm_27=1.0), [], AvoidanceState(), home(robot)
-    params = replace(AT_ONCE, path_m=np.inf)
+    params = replace(AT_ONCE, path_m=np.inf, come_m=0.0)
     for k in range(45):
         track = track_at(np.array([-0.3, 0.0, 0.3 + (moved_m if k >= 40 else 0.0)]), np.zeros(3))
         a = on if k < 10 or k == 20 else 0 * on

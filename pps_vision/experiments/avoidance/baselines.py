@@ -45,7 +45,7 @@ def potential_field(setting: Setting, numbers: Numbers) -> Controller:
         if not force.any():
             return pull
         home.left = True
-        J = taxel_jacobians(setting, posture)
+        J = setting.skin.jacobians(posture, setting.arm)
         rates = numbers["gain"] * np.einsum("ndk,nd->k", J, force)
         fastest = float(np.linalg.norm(J @ rates, axis=1).max())
         rates = rates * min(1.0, SPEED_M_S / max(fastest, 1e-9))
@@ -95,7 +95,7 @@ def depth_space(setting: Setting, numbers: Numbers) -> Controller:
         point = np.concatenate([part.positions_m for part in setting.skin.parts])[most]
         rates = move_point(setting, posture, frame, point, SPEED_M_S * strength[most] * direction)[setting.arm]
         closest = away[np.arange(len(away)), distance.argmin(axis=1)] @ T[:3, :3].T
-        towards = -np.einsum("ndk,nd->nk", taxel_jacobians(setting, posture), closest)
+        towards = -np.einsum("ndk,nd->nk", setting.skin.jacobians(posture, setting.arm), closest)
         slowed = 1 - strength[:, None]
         slowest, fastest = room(setting, posture)
         slowest = np.where(towards < 0, slowed * slowest, slowest).max(axis=0)
@@ -120,7 +120,7 @@ def taxel_constraints(setting: Setting, numbers: Numbers) -> Controller:
             return np.zeros(setting.robot.n_joints)
         pull = home.pull(posture)
         _, normals = setting.skin.at(posture)
-        outwards = np.einsum("ndk,nd->nk", taxel_jacobians(setting, posture), normals)
+        outwards = np.einsum("ndk,nd->nk", setting.skin.jacobians(posture, setting.arm), normals)
         margin = (threshold - activations) / threshold
         most = SPEED_M_S * np.clip(np.where(margin < 0, numbers["gain"] * margin, margin), -1.0, 1.0)
         distance, parting = setting.self_collision.parting(posture.q_rad, arm.near_m, setting.arm)
@@ -146,18 +146,6 @@ def nearest_rates(wanted: Array, room: tuple[Array, Array], rows: Array, most: A
     if x is None:
         raise RuntimeError(f"no rates for {wanted}, limits {room}, rows {rows.tolist()} of at most {most}")
     return np.clip(x[:k], *room)
-
-
-def taxel_jacobians(setting: Setting, posture: Posture) -> Array:
-    """Return (n, 3, k) velocities of the taxels in the root frame for the rates of the arm's joints."""
-    found = []
-    for part in setting.skin.parts:
-        J, levers = (
-            posture.jacobian(part.frame)[:, setting.arm],
-            part.positions_m @ posture.T_root(part.frame)[:3, :3].T,
-        )
-        found.append(J[:3].T + np.cross(J[3:].T[None], levers[:, None]))
-    return np.concatenate(found).transpose(0, 2, 1)
 
 
 def _hidden_too(seen: Array, depths: Array) -> Array:

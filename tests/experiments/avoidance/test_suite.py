@@ -12,8 +12,7 @@ from pps_vision.app.simulation import Side
 from pps_vision.errors import InputError
 from pps_vision.experiments import encounters
 from pps_vision.experiments.avoidance import suite
-from pps_vision.experiments.avoidance.baselines import nearest_rates, taxel_jacobians
-from pps_vision.experiments.avoidance.controllers import Setting
+from pps_vision.experiments.avoidance.baselines import nearest_rates
 from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.kinematic import meet
 from pps_vision.experiments.avoidance.registry import BASELINES, NAMES, NONE, OURS, TRUE, new_controller
@@ -92,11 +91,10 @@ def test_errors_of_an_encounter_are_measured_as_they_were_made() -> None:
     assert found.new_m[1] < 0.1e-3, "the deviate is one along a line, not in the plane"
 
 
-def test_jacobians_of_taxels_are_derivatives(arena: Arena, slow: Encounter, memories: dict[Side, Memories]) -> None:
+def test_jacobians_of_taxels_are_derivatives(arena: Arena, slow: Encounter) -> None:
     skin = arena.skins["left"]
-    setting = Setting(arena.robot, skin, "left", slow.q_rad, arena.self_collision, memories["left"].of_distance)
-    J = taxel_jacobians(setting, arena.robot.at(slow.q_rad))
-    for column, joint in enumerate(setting.arm):
+    J = skin.jacobians(arena.robot.at(slow.q_rad), arena.arm("left"))
+    for column, joint in enumerate(arena.arm("left")):
         step = np.eye(arena.robot.n_joints)[joint] * 1e-6
         (ahead, _), (behind, _) = (skin.at(arena.robot.at(slow.q_rad + s * step)) for s in (1, -1))
         np.testing.assert_allclose(J[:, :, column], (ahead - behind) / 2e-6, atol=1e-6)
