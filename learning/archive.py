@@ -3,13 +3,13 @@
 import os
 import zipfile
 import zlib
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pps_vision import __version__
 from pps_vision.errors import InputError
 from pps_vision.files import check_regular
 
@@ -25,7 +25,7 @@ _UNREADABLE = (
 def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLike]) -> None:
     """Write arrays with their kind, the version of the kind and that of this package to a temporary name beside `path`,
     then rename."""
-    made = {"kind": kind, "version": version, "written_by": __version__}
+    made = {"kind": kind, "version": version, "written_by": metadata.version("pps-vision")}
     contents: dict[str, Any] = {**{name: np.array(value) for name, value in made.items()}, **arrays}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -23,6 +23,7 @@ NUMBERS = {
     "J": [*(f"eq. IV.{k}" for k in range(1, 8)), *(f"Fig {k}" for k in range(1, 10))],
 }
 STATES = ("reproduced", "implemented, not reproduced", "absent")
+STUDIES = catalogue()
 
 
 def rows(paper: str) -> dict[str, list[str]]:
@@ -60,7 +61,7 @@ def test_studies_modules_and_figures_exist(paper: str) -> None:
         row = " ".join(cells)
         studies, figures = re.findall(r"`bench (\w+)`", row), re.findall(r"\[([\w.]+)\]\(figures/([\w.]+)\)", row)
         for study in studies:
-            assert study in catalogue(), (number, study)
+            assert study in STUDIES, (number, study)
             assert result(study)["study"] == study
         for module in re.findall(r"`([\w/]+\.py)`", row):
             assert (ROOT / module).is_file(), (number, module)

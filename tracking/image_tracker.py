@@ -423,14 +423,20 @@ class CameraTracker:
         return None if mask is None else (mask, box)
 
     def is_part(self, state: CameraState, camera: CameraFrame, found: ImageDetection) -> bool:
-        """Whether the object, followed by its colours, is a part of a solid thing that differs from the background."""
+        """Whether the object, followed by its colours, is a part of a solid thing that differs from the background: one
+        that is no disc, since a disc is whole."""
         at_rest = self.background.is_known(camera.view)
-        if state.by_background or not (at_rest or self.background.behind_moving_eye(camera.view, camera.stamp_s)):
+        if (
+            found.outline.is_disc
+            or state.by_background
+            or not (at_rest or self.background.behind_moving_eye(camera.view, camera.stamp_s))
+        ):
             return False
         half = 2.0 * max(found.outline.box_px[2:])
         box = self.image_tracker.region(found.outline.center_px, half, half)
-        differs = (self.background if at_rest else self.background.moving).differs(camera.image, camera.view, box)
-        whole = masks.component(differs, masks.ellipse(box, found.outline.center_px, *found.outline.box_px[2:]))
+        evidence = (self.background if at_rest else self.background.moving).evidence(camera.image, camera.view, box)
+        around = masks.ellipse(box, found.outline.center_px, *found.outline.box_px[2:])
+        whole = masks.component(np.asarray(evidence > 0.5), around)
         if whole is None or np.count_nonzero(whole) < WHOLE * found.outline.area_px:
             return False
         return not masks.is_cut(whole, box, camera.image) and masks.solidity(whole) > masks.SOLID

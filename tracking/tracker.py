@@ -37,6 +37,7 @@ Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
 _MAX_SIZE_CHANGE = 1.5  # of an object's radius
 _LOOK_EVERY, _LOOK_FOR = 10, 6  # frames: how often it is asked whether a part is followed, and the whole looked for
+_SURELY_PART = 2  # answers in a row
 _MAX_REFUSED = 6  # pairs in a row, from which the two cameras follow different things
 _NOTHING: Detections = (None, None)
 _NO_MODELS = (None, None)
@@ -110,7 +111,7 @@ class TrackerState:
     """Frames in which the object was observed."""
     observed_s: float = -math.inf
     part: int = 0
-    """Frames in which the whole is still looked for of which the object is a part."""
+    """How often in a row it looked like a part of something."""
     refused: int = 0
     """Frames in a row in which both cameras detected something, but not one object."""
     stamps_s: Stamps = (-math.inf, -math.inf)
@@ -225,7 +226,7 @@ class Tracker:
                 return replace(self._initial, association=state.association), None, _NOTHING, regions
         if None not in detections and self.params.mode == "generic":
             state = self._with_suspicion(state, cameras, detections)
-            if state.part:
+            if state.part >= _SURELY_PART and state.hits % _LOOK_EVERY < _LOOK_FOR:
                 acquired, whole, regions = self._acquire(state, cameras, view, stamp_s)
                 if _is_whole_of(whole, detections):
                     return replace(acquired, hits=0, part=0), None, whole, regions
@@ -238,11 +239,11 @@ class Tracker:
 
     def _with_suspicion(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
         """The state with the suspicion that a part of the object is followed (one of several stripes)."""
-        if state.part or state.hits % _LOOK_EVERY:
-            return replace(state, part=max(state.part - 1, 0))
+        if state.hits % _LOOK_EVERY:
+            return state
         each = zip(self._cameras, state.cameras, cameras, detections, strict=True)
         is_part = all(tracker.is_part(known, camera, one) for tracker, known, camera, one in each if one is not None)
-        return replace(state, part=_LOOK_FOR if is_part else 0)
+        return replace(state, part=state.part + 1 if is_part else 0)
 
     def _follow(
         self,

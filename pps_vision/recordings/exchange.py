@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import TemporaryFile
@@ -22,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from pps_vision import __version__
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from pps_vision.recordings.tables import Box, open_table
@@ -35,7 +35,7 @@ _ANIPOSE = (
     *(f"center_{axis}" for axis in range(3)),
     "fnum",
 )
-_WRITER = f"pps-vision {__version__}"
+_WRITER = f"pps-vision {version('pps-vision')}"
 _TUM_HEADER = f"# {_WRITER}: stamp_s x_m y_m z_m qx qy qz qw\n"
 _CAMERAS = "left", "right"
 _NO_ROTATION = (*np.eye(3).ravel().tolist(), 0.0, 0.0, 0.0)

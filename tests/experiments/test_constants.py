@@ -15,7 +15,7 @@ from tracking.tracker import TrackerParams
 
 def test_constants_are_numbers_that_no_compiled_function_has_built_in() -> None:
     found = module_constants()
-    assert found["acquisition._SOLID"] == tracking.acquisition._SOLID
+    assert found["acquisition._WITHIN"] == tracking.acquisition._WITHIN
     assert "kernels._MASK_VAR" not in found  # in a compiled function
     assert not any(name.startswith(("flight.", "box_tracker.")) for name in found)
 
