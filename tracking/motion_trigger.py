@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.camera import Camera, View, reduced_image
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
@@ -102,11 +102,8 @@ class _Past:
     @cached_property
     def coarse(self) -> Pixels:
         """Grey, `_COARSE` times smaller, smoothed."""
-        height, width = (side // _COARSE for side in self.image.shape[:2])
-        small = cv2.resize(
-            self.image[: height * _COARSE, : width * _COARSE], (width, height), interpolation=cv2.INTER_AREA
-        )
-        return np.asarray(cv2.blur(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), (3, 3)), dtype=np.uint8)
+        small = cv2.cvtColor(reduced_image(self.image, _COARSE), cv2.COLOR_RGB2GRAY)
+        return np.asarray(cv2.blur(small, (3, 3)), dtype=np.uint8)
 
     @cached_property
     def smooth(self) -> Pixels:

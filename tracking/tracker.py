@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import Mode, frame_checks, kalman
@@ -49,6 +49,8 @@ class TrackerParams:
 
     mode: Mode = "generic"
     """Track any moving object, or a marker of known hue."""
+    reduction: int = 1
+    """Each block of so many pixels a side is averaged to one before anything is looked for: less time, more error."""
     confirm_frames: int = 3
     """An object is tracked once both cameras detected it in this many frames in a row."""
     lost_after_s: float = 0.5
@@ -71,6 +73,8 @@ class TrackerParams:
     def __post_init__(self) -> None:
         if self.mode not in ("generic", "marker"):
             raise InputError("tracker", f"mode {self.mode!r}; expected 'generic' or 'marker'")
+        if self.reduction < 1:
+            raise InputError("tracker", f"reduction {self.reduction}; expected 1 or more pixels")
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
             raise InputError(
                 "tracker",
@@ -134,6 +138,7 @@ class Tracker:
         stages: Stages = lambda _: nullcontext(),
     ) -> None:
         self.params, self.rig, self.stages = params, rig, stages
+        self.searched_rig = rig = rig if params.reduction == 1 else rig.reduced(params.reduction)
         self._optics = Optics(rig.left), Optics(rig.right)
         marker = params.marker if params.mode == "marker" else None
         self._cameras = (
@@ -163,15 +168,23 @@ class Tracker:
 
         Args:
             frame: The next stereo frame.
-            found: The object's outlines in the left and the right image, if they were found beforehand (`batch`).
+            found: The object's outlines in the left and the right image as searched, if they were found beforehand
+                (`batch`).
 
         Raises:
             InputError: A stamp that is not after the last one, or images or joints that are not the rig's; nothing
                 has changed then.
         """
         frame_checks.check(frame, self.rig, self.state.stamps_s)
-        self.state, result = self._advance(self.state, frame, found)
-        return result
+        self.state, result = self._advance(self.state, self.searched(frame), found)
+        return result if self.params.reduction == 1 else _enlarged(result, self.params.reduction)
+
+    def searched(self, frame: StereoFrame) -> StereoFrame:
+        """The frame with its images reduced, as they are searched."""
+        k = self.params.reduction
+        if k == 1:
+            return frame
+        return replace(frame, left=reduced_image(frame.left, k), right=reduced_image(frame.right, k))
 
     def _advance(
         self, state: TrackerState, frame: StereoFrame, found: tuple[Found, Found]
@@ -451,6 +464,17 @@ class Tracker:
         if appearance is None and state.hits >= self.params.confirm_frames and left.target and right.target:
             appearance = left.target.model, right.target.model
         return replace(state, cameras=(left, right), appearance=appearance)
+
+
+def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
+    """The step with what was seen in pixels of images reduced `k` times, in pixels of the images themselves."""
+    detections = []
+    for one in step.detections:
+        x, y, w, h = one.box_px
+        center_px, box_px = k * (one.center_px + 0.5) - 0.5, (k * x, k * y, k * w, k * h)
+        detections.append(replace(one, center_px=center_px, cov_px=k**2 * one.cov_px, box_px=box_px))
+    observation = step.observation and replace(step.observation, residual_px=k * step.observation.residual_px)
+    return replace(step, detections=tuple(detections), observation=observation)
 
 
 def _is_whole_of(whole: Detections, parts: Detections) -> bool:

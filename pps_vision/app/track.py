@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.app.budget import Choice, cheapest
+from pps_vision.app.budget import Choice, cheapest, configurations
 from pps_vision.app.device import torch_device
 from pps_vision.app.diagnosis import Diagnosis, diagnose
 from pps_vision.app.stopwatch import Stopwatch
@@ -284,10 +284,11 @@ def track(
         recording = open_recording(recording)
     params = params or TrackerParams(mode=mode, kalman=KalmanParams.of_order(order))
     if max_error_mm is not None and params != TrackerParams():
-        raise InputError("track", "max_error_mm chooses mode and order itself; expected no mode, no order")
+        raise InputError("track", "max_error_mm chooses mode, order and reduction itself; expected none of them")
     if max_error_mm is None:
         return TrackedRecording(recording, params, seed, device)
-    choice = cheapest(recording, max_error_mm, lambda tried: tracker_for(recording, tried, seed))
+    tried = configurations(recording.rig.left.width if recording.rig else 0)
+    choice = cheapest(recording, max_error_mm, lambda params: tracker_for(recording, params, seed), tried)
     return TrackedRecording(recording, choice.configuration.params, seed, device, choice)
 
 
