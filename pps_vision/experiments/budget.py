@@ -16,14 +16,24 @@ from pps_vision.experiments.independent_scenes import Color
 from pps_vision.experiments.real_ball import baseball
 from pps_vision.experiments.scenarios import Recording, from_film, moving
 from pps_vision.experiments.score import METRICS, judge, timed_steps
-from pps_vision.experiments.study import DATA, Method, Metric, SampledStudy, SceneSource, Values, compare, mean, median
+from pps_vision.experiments.study import (
+    DATA,
+    TURNS,
+    Method,
+    Metric,
+    SampledStudy,
+    SceneSource,
+    Values,
+    compare,
+    mean,
+    median,
+)
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Status
 from tracking.tracker import Tracker, TrackerParams
 
 ASKED_MM = (0.3, 1.0, 3.0, 10.0)
 DEFAULT = CONFIGURATIONS[-1].name
-_REPEATED = 3  # times that a recording is tracked by one configuration
 _SETTLED = 10  # frames with a track before the covariance counts
 _MOVING: tuple[tuple[SceneSource, str], ...] = (
     ("rendered", "ball"),
@@ -74,7 +84,7 @@ class Budget(SampledStudy):
             tried = configurations(make(self.seed).rig.left.width)
             methods = {c.name: partial(_values, c.params) for c in tried}
             limits: dict[str, Method] = {f"{mm:g} mm": partial(_request, mm) for mm in ASKED_MM}
-            cells |= compare({name: make}, methods, _METRICS, seeds[:1] if real else seeds, DEFAULT, _REPEATED)
+            cells |= compare({name: make}, methods, _METRICS, seeds[:1] if real else seeds, DEFAULT, TURNS)
             requests |= compare({name: make}, limits, _REQUESTS, later[:1] if real else later)
         return {"cells": cells, "requests": requests}
 

@@ -83,9 +83,7 @@ CLAIMS = (
     Claim("a stereo pair with a ball; with a marker; beside two CSRT", "≤ 4.5; 0.8 ms", "pipeline", _pipeline),
     Claim("false alarms a minute, head turning before photographs; idle image", "< 1; ≤ 1 ms", "trigger", _trigger),
     Claim("IoU on `vot_ball1` (real; choices were made on it)", "≥ 0.80", "imagetracker", _real_ball),
-    Claim(
-        "touched by what stops at the skin, avoidance on / off; moved without cause", "0 / all; 0", "loop", _loop
-    ),
+    Claim("touched by what stops at the skin, avoidance on / off; moved without cause", "0 / all; 0", "loop", _loop),
     Claim("contact on a real robot, quarters of 37 trials (base rate)", "not above", "pps_real_trials", _contact),
     Claim("misjudged gaze postures, against true / learned kinematics", "≤ 0.2 %", "reach_whole_paper", _map),
 )

@@ -46,6 +46,8 @@ Values = Mapping[str, ArrayLike]
 Method = Callable[[Any, int], Values]
 """A method takes a recording and a seed."""
 
+TURNS = 3
+"""How many times by turns methods are timed on a recording, where their times are compared."""
 _RESAMPLED = 1000
 _LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
 
