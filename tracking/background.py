@@ -18,6 +18,7 @@ _RATE = 0.1  # of the running mean
 _NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
 _STEP = 16  # px between the samples of gain and noise
 _LIT = 20.0  # grey levels: darker pixels do not tell the gain
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
 _UNKNOWN = -1e4  # of what has not been seen yet, since the object hides it: no pixel is like it
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
@@ -73,8 +74,10 @@ class Background:
         x0, y0, x1, y1 = box
         left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
         now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
-        now = now[y0 - top : y1 - top, x0 - left : x1 - left]
-        return _beyond(now, self._mean, np.float32(self._gain_of(image)), np.float32(least), x0, y0)
+        around, inside = self._mean[top:bottom, left:right], np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+        low, high = np.asarray(cv2.erode(around, _NEIGHBOURS)), np.asarray(cv2.dilate(around, _NEIGHBOURS))
+        gain = np.float32(self._gain_of(image))
+        return _beyond(now[inside], around[inside], low[inside], high[inside], gain, np.float32(least))
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
         """Whether a box (px) shows something else than the background, or no background is known."""
@@ -184,33 +187,22 @@ class Background:
 
 @njit(cache=True, error_model="numpy")
 def _beyond(
-    now: NDArray[np.uint8], mean: Pixels, gain: np.float32, least: np.float32, left: int, top: int
+    now: NDArray[np.uint8], mean: Pixels, low: Pixels, high: Pixels, gain: np.float32, least: np.float32
 ) -> NDArray[np.float32]:
-    """`Background._difference` of the pixels `now` (h, w, 3) from `mean` (H, W, 3), where they begin at left, top."""
+    """`Background._difference` of the pixels `now` (h, w, 3) from their `mean` and the `low`est and `high`est of their
+    neighbours in the background (h, w, 3)."""
     over = np.zeros(now.shape[:2], np.float32)
-    bottom, right = mean.shape[0] - 1, mean.shape[1] - 1
     brightest = np.float32(255)
     for y in range(now.shape[0]):
         for x in range(now.shape[1]):
-            u, v = left + x, top + y
-            r, g, b = np.float32(now[y, x, 0]), np.float32(now[y, x, 1]), np.float32(now[y, x, 2])
-            if (
-                abs(r - min(gain * mean[v, u, 0], brightest)) <= least
-                and abs(g - min(gain * mean[v, u, 1], brightest)) <= least
-                and abs(b - min(gain * mean[v, u, 2], brightest)) <= least
-            ):
-                continue
+            beyond, differs = np.float32(0), False
             for channel in range(3):
-                low, high = np.float32(np.inf), np.float32(-np.inf)
-                for j in range(max(v - 1, 0), min(v + 1, bottom) + 1):
-                    for i in range(max(u - 1, 0), min(u + 1, right) + 1):
-                        low, high = min(low, mean[j, i, channel]), max(high, mean[j, i, channel])
                 level = np.float32(now[y, x, channel])
-                if low < 0:
-                    over[y, x] = np.inf
-                else:
-                    beyond = max(min(gain * low, brightest) - level, level - min(gain * high, brightest))
-                    over[y, x] = max(over[y, x], beyond)
+                differs = differs or abs(level - min(gain * mean[y, x, channel], brightest)) > least
+                below = min(gain * low[y, x, channel], brightest) - level
+                beyond = max(beyond, below, level - min(gain * high[y, x, channel], brightest))
+            if differs:
+                over[y, x] = np.float32(np.inf) if low[y, x, 0] < 0 else beyond
     return over
 
 
