@@ -75,7 +75,7 @@ class Background:
         left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
         now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
         around, inside = self._mean[top:bottom, left:right], np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
-        low, high = np.asarray(cv2.erode(around, _NEIGHBOURS)), np.asarray(cv2.dilate(around, _NEIGHBOURS))
+        low, high = (np.asarray(f(around, _NEIGHBOURS), np.float32) for f in (cv2.erode, cv2.dilate))
         gain = np.float32(self._gain_of(image))
         return _beyond(now[inside], around[inside], low[inside], high[inside], gain, np.float32(least))
 
