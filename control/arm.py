@@ -81,9 +81,9 @@ class ArmConstraints(NamedTuple):
     preferred: Array
     """(k,) rad/s towards the rest posture, where the task leaves joints free."""
     rows: Array
-    """(m, k)."""
+    """(m, k) inequalities: rows @ rates ≤ most."""
     most: Array
-    """(m,) the largest rows @ rates."""
+    """(m,) their right sides."""
 
 
 def arm_constraints(

@@ -56,11 +56,11 @@ class Labels:
         return np.isfinite(self.error_m)
 
     def only(self, where: Mask) -> "Labels":
-        """Only those."""
+        """The labels at `where` (n,)."""
         return Labels(*(getattr(self, f.name)[where] for f in fields(self)))
 
     def joined(self, more: "Labels") -> "Labels":
-        """These and more."""
+        """These labels and `more`, in this order."""
         return Labels(*(np.concatenate([getattr(self, f.name), getattr(more, f.name)]) for f in fields(self)))
 
 

@@ -244,7 +244,7 @@ def calibrate(image_size: tuple[int, int], views: Sequence[View]) -> StereoCalib
         singles = [
             cv2.calibrateCameraExtended(corners, px, image_size, np.eye(3), np.zeros(5)) for px in (left_px, right_px)
         ]
-        turn_deg = min(_largest_turn_deg(single[3]) for single in singles)
+        turn_deg = min(_largest_turn_deg(np.array(single[3], dtype=float).reshape(-1, 3)) for single in singles)
         if turn_deg < _LEAST_TURN_DEG:
             found = f"the board has nearly the same direction in all {len(views)} views (within {turn_deg:.1f}°)"
             raise InputError("calibrate", f"{found}; expected some tilted by 20° or more to different sides")
@@ -276,8 +276,8 @@ def calibrate(image_size: tuple[int, int], views: Sequence[View]) -> StereoCalib
     )
 
 
-def _largest_turn_deg(rotations: Sequence[Array]) -> float:
-    """Largest angle between the normals of two boards, whose rotation vectors (3,) are given."""
+def _largest_turn_deg(rotations: Array) -> float:
+    """Largest angle between the normals of two boards with rotation vectors (n, 3)."""
     normals = np.array([cv2.Rodrigues(one)[0][:, 2] for one in rotations])
     return float(np.rad2deg(np.arccos(np.clip(np.min(normals @ normals.T), -1, 1))))
 
