@@ -17,7 +17,7 @@ from pps_vision.recordings.video import is_video, open_video
 from pps_vision.types import Array, Image
 
 _FEWEST_VIEWS = 3  # of a planar board, for four intrinsics and a lens (Zhang 2000)
-_LEAST_TURN_DEG = 5.0  # between two boards; of calibrations with boards tilted by 5° 40 % fail (Zhang 2000)
+_LEAST_TURN_DEG = 10.0  # between two boards: tilted by 5° to either side, with which 40 % fail (Zhang 2000)
 _FEWEST_CORNERS = 6  # in common, for the pose of a board in a view
 _MOST_VIEWS = 60  # of a video; more add time and no accuracy
 _MOST_SQUARES = 100  # along one side
