@@ -67,7 +67,7 @@ class PPSMemory:
     counts: Counts
     """(n, D bins, TTC bins, 2) positive and negative samples."""
     params: MemoryParams
-    """Of the counts."""
+    """Bins and smoothing of the counts."""
     written_by: str = ""
     """Version of this package that wrote the file it was read from."""
 

@@ -81,7 +81,7 @@ class HandModel:
 
     @classmethod
     def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":
-        """Of joints → root frame, with the robot's own head."""
+        """A forward model in the root frame, with the gaze kinematics of the robot's own head."""
         return cls(forward, partial(fixation_points, robot), partial(gaze_for_points, robot))
 
 

@@ -142,8 +142,9 @@ def _probe(configuration: Configuration, steps: Sequence[TrackerStep]) -> Probe:
 
 
 def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> Configuration:
-    """The same with the lowest order of filter, from 2 (the skin needs a velocity), whose innovations are no larger
-    than it expects: the mean of n squared Mahalanobis distances below the upper end of their 95 % band about 3."""
+    """The configuration with the lowest order of filter, from 2 (the skin needs a velocity), whose innovations are no
+    larger than expected (the mean of n squared Mahalanobis distances is below the upper end of its 95 % band about 3);
+    unchanged where none is."""
     seen = [step.observation for step in steps if step.observation is not None]
     if len(seen) <= _WARM_UP:
         return configuration
