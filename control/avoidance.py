@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, constrained_velocity
+from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, check_times
 from control.path_clearance import direction_off_path
 from pps_vision.errors import InputError
@@ -444,10 +444,10 @@ def _respond(
     of_arm = posture, params.side, params.home_arm_rad, keep_in, hold_s, self_collision, rows
     within = arm_constraints(params.arm, *of_arm)
     if not params.each_taxel:
-        return state, constrained_velocity(params.arm, posture, within, state.points)
+        return state, arm_velocity(params.arm, posture, within, state.points)
 
     def velocity(points: tuple[MovingPoint, ...]) -> Array:
-        dq = constrained_velocity(params.arm, posture, within, points)
+        dq = arm_velocity(params.arm, posture, within, points)
         fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in points)
         return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
 

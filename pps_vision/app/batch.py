@@ -78,13 +78,12 @@ class Task:
         if reason:
             return row | {"status": "failed", "reason": reason}
         if self.command == "learn":
-            from learning.archive import written_by
             from learning.pps.memory import load_memory
 
-            memory = self.result(job)
-            positive = load_memory(memory).counts.sum(axis=(1, 2))
-            counted = {"samples": int(positive.sum()), "touched_taxels": int((positive[:, 0] > 0).sum())}
-            return row | {"status": "done", "version": written_by(memory)} | counted
+            memory = load_memory(self.result(job))
+            samples = memory.counts.sum(axis=(1, 2))
+            counted = {"samples": int(samples.sum()), "touched_taxels": int((samples[:, 0] > 0).sum())}
+            return row | {"status": "done", "version": memory.written_by} | counted
         summary = json.loads((self.result(job) / "summary.json").read_text())
         return row | {
             "status": "done",

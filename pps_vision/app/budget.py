@@ -150,10 +150,10 @@ def _probe(configuration: Configuration, steps: Sequence[TrackerStep], ms: Seque
 
 
 def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> Configuration:
-    """The same with the lowest order of filter, from 2 (the skin needs a velocity), whose innovations are no larger
-    than it expects: the mean of n squared Mahalanobis distances below the upper end of their 95 % band about 3."""
+    """The configuration with the lowest order of filter, from 2 (the skin needs a velocity), whose innovations are no
+    larger than expected (the mean of n squared Mahalanobis distances is below the upper end of its 95 % band about 3);
+    unchanged where none is."""
     seen = [step.observation for step in steps if step.observation is not None]
-    default = configuration.params.kalman
     if len(seen) <= _WARM_UP:
         return configuration
     distance_m = float(np.linalg.norm(seen[0].p_root - steps[0].head))
@@ -162,7 +162,7 @@ def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> C
         nis = _innovations(scaled(kalman, distance_m), seen)[_WARM_UP:]
         if np.mean(nis) <= chdtri(3 * len(nis), 0.025) / len(nis):
             return replace(configuration, params=replace(configuration.params, kalman=kalman))
-    return replace(configuration, params=replace(configuration.params, kalman=default))
+    return configuration
 
 
 def _innovations(params: KalmanParams, seen: Sequence[Observation3D]) -> list[float]:

@@ -20,7 +20,7 @@ class FingertipTracker:
     """
 
     def __init__(self, robot: Robot, frame: str = "", radius_m: float = FINGERTIP_RADIUS_M) -> None:
-        """Of the `frame` of a fingertip, by default the right index finger's."""
+        """Follow the `frame` of a fingertip, by default the right index finger's."""
         self._robot, self._frame, self._radius_m = robot, frame or robot.names.index_tips[1], radius_m
         self._last: tuple[float, Array] | None = None
 

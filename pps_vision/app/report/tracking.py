@@ -18,8 +18,7 @@ from pps_vision.app.report.shade import shade
 from pps_vision.errors import InputError
 from pps_vision.files import read_bytes
 from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.tables import ACTIVATION, read_table
-from pps_vision.recordings.text import finite
+from pps_vision.recordings.tables import ACTIVATION, COVARIANCE, covariances, numbers, read_table
 from pps_vision.types import Array, Status
 
 REPORT = "report.html"
@@ -27,7 +26,6 @@ KEY_FRAMES = "keyframes"
 _COLORS = {Status.TRACKING: "#2a9d4a", Status.COASTING: "#e0a020", Status.LOST: "#d33", Status.SEARCHING: "#999"}
 _FEW_TRACKED = 0.5  # share of pairs, below which the report says so first
 _LARGEST_VIDEO = 20 * 2**20
-_COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
 
 
 @dataclass(frozen=True)
@@ -88,11 +86,10 @@ def read_tracked(folder: Path) -> Tracked:
     summary = read_summary(folder)
     file = folder / "trajectory.csv"
     with_map = ["reach_degree"] if "reach_degree" in _header(file) else []
-    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *_COVARIANCE, *with_map]
+    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map]
     rows = read_table(file, [*columns, "status"])
     values = _numbers(file, [(line, row[:-1]) for line, row in rows], len(columns))
-    upper, cov = np.triu_indices(3), np.full((len(rows), 3, 3), np.nan)
-    cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = values[:, 7:13]
+    cov = covariances(values[:, 7:13])
     true = Path(str(summary.get("source", ""))) / "truth.csv"
     truth: Array = np.zeros((0, 4))
     if true.is_file():
@@ -334,13 +331,7 @@ def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Seque
 
 def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array:
     """(rows, n), NaN for an empty field."""
-    values = np.full((len(rows), n), np.nan)
-    for k, (line, row) in enumerate(rows):
-        try:
-            values[k] = [finite(field) if field else np.nan for field in row]
-        except ValueError as error:
-            raise InputError(file, f"{error}; expected finite numbers", line) from None
-    return values
+    return np.reshape([numbers(file, line, row) for line, row in rows], (len(rows), n))
 
 
 def _text(value: object) -> str:
