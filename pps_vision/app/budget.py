@@ -113,11 +113,9 @@ def cheapest(
             )
             return Choice(max_error_mm, ordered[-1], True, reason, tuple(probes))
     k = int(np.nanargmin([_regret(probe) for probe in probes]))
-    reason = (
-        f"none of {len(configurations)} is within {max_error_mm:g} mm; the most accurate of those that track the object"
-    )
+    reason = f"none of {count} is within {max_error_mm:g} mm; the most accurate of those that track the object"
     if not probes[k].tracked_share >= _MIN_TRACKED:
-        reason = f"none of {len(configurations)} tracks the object in the first seconds; the default"
+        reason = f"none of {count} tracks the object in the first seconds; the default"
         k = next(i for i, c in enumerate(configurations) if c.params == TrackerParams())
     return Choice(max_error_mm, ordered[k], False, reason, tuple(probes))
 
