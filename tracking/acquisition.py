@@ -24,7 +24,7 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import Background
 from tracking.change import Change, ChangeOfMovingEye, ChangeOfRestingEye
-from tracking.ego_motion import Box
+from tracking.ego_motion import Box, color_difference
 from tracking.marker import MarkerParams, find_markers, find_vivid_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.optical_flow import Flow2D
@@ -288,12 +288,11 @@ def _stands_out(
     step = len(rows) // _RING_POINTS + 1
     rows, columns = rows[::step] + box[1], columns[::step] + box[0]
     rays = view.left.rays(np.stack([columns, rows], axis=-1).astype(float))
-    far, here = math.dist(observation.p_root, view.left.place), cameras[0].image[rows, columns].astype(np.float32)
-    differences = []
-    for nearness in (1.0, *np.linspace(_FARTHER, 0.05, _DISTANCES)):
-        there = view.right.project(view.left.center + far / nearness * rays).astype(np.float32)
-        seen = cv2.remap(cameras[1].image, there[None], np.empty(0, np.float32), cv2.INTER_LINEAR)[0]
-        differences.append(float(np.abs(seen - here).mean()))
+    far_m, colors = math.dist(observation.p_root, view.left.place), cameras[0].image[rows, columns].astype(np.float32)
+    differences = [
+        color_difference(colors, view.left.center + far_m / nearness * rays, cameras[1].image, view.right)
+        for nearness in (1.0, *np.linspace(_FARTHER, 0.05, _DISTANCES))
+    ]
     return min(differences[1:]) < _BETTER * differences[0]
 
 

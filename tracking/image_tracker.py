@@ -21,6 +21,7 @@ from tracking.background_edge import LEARNED_EDGE
 from tracking.ego_motion import Box, EgoMotion
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
+from tracking.moving_background import MovingBackground
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import SHARPNESS, Cloud, Prior, propagate, resample, spawn, weigh
 from tracking.stereo import CameraFrame
@@ -370,29 +371,24 @@ class CameraTracker:
             return state._replace(target=target), given
         if state.target is None:
             return state, None
-        before, evidence, behind = state.target, None, None
-        moving = None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
-        if self.background.is_known(camera.view):
-            of_pixels = self.background.evidence if state.by_background else self.background.differs
-            evidence = partial(of_pixels, camera.image, camera.view)
-        elif moving is not None:  # colours alone do better where they separate the object
-            behind = partial(moving.evidence if state.by_background else moving.differs, camera.image, camera.view)
-            evidence = behind if state.by_background else None
-        elif state.by_background:  # the eye moves: colours must do
+        before, background, different = state.target, self._known_background(camera), None
+        if background is not None:
+            of_pixels = background.evidence if state.by_background else background.differs
+            different = partial(of_pixels, camera.image, camera.view)
+        elif state.by_background:  # colours must do
             if before.model.similarity(before.model.background) > _SEPARABLE:
                 return state, None
             state = state._replace(by_background=False)
-        by_color = not state.by_background
-        target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color, behind)
-        if found_object is None and evidence is None and behind is not None:
-            evidence = behind
-            target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color)
-        if (
-            found_object is None and evidence is not None and not before.touched
-        ):  # it has turned abruptly: anywhere near where it was last
+        # before a moving eye colours alone do better where they separate the object
+        evidence = different if state.by_background or background is self.background else None
+        search = partial(self.image_tracker.step, before, camera.image, by_color=not state.by_background)
+        target, found_object = search(prior, evidence, if_joined=different)
+        if found_object is None and evidence is None and different is not None:
+            evidence = different
+            target, found_object = search(prior, evidence)
+        if found_object is None and evidence is not None and not before.touched:  # it has turned abruptly
             last_px = before.cloud.now[:, :2].mean(axis=0)
-            wide = Prior(last_px, _WIDE_SEARCH * before.size, prior.growth)
-            target, found_object = self.image_tracker.step(before, camera.image, wide, evidence, by_color)
+            target, found_object = search(Prior(last_px, _WIDE_SEARCH * before.size, prior.growth), evidence)
         if self.marker is not None and found_object is not None and found_object.outline.is_partial:
             return state, None  # what hides it may have its hue
         if found_object is not None and state.by_background:
@@ -413,31 +409,37 @@ class CameraTracker:
         change = share - LEARNED_EDGE
         return max(state.emptiness + (change if rests else min(change, 0.0)), _SURE)
 
+    def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
+        """The background of the eye, at rest or moving; None where it is unknown, or the eye moves and follows a
+        marker, which needs none."""
+        if self.background.is_known(camera.view):
+            return self.background
+        return None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
+
     def _changed_place(self, camera: CameraFrame, found: ImageDetection) -> tuple[Mask, Box] | None:
-        """What differs from the background where an object was found."""
+        """What differs from the background where an object was found: a mask (h, w) of a box; None if nothing does."""
+        background = self._known_background(camera)
+        if background is None:
+            return None
         _, _, w, h = found.outline.box_px
         box = self.image_tracker.region(found.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
-        at_rest = self.background.is_known(camera.view)
-        differs = (self.background if at_rest else self.background.moving).differs(camera.image, camera.view, box)
+        differs = background.differs(camera.image, camera.view, box)
         mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
         return None if mask is None else (mask, box)
 
     def is_part(self, state: CameraState, camera: CameraFrame, found: ImageDetection) -> bool:
         """Whether the object, followed by its colours, is a part of a solid thing that differs from the background: one
         that is no disc, since a disc is whole."""
-        at_rest = self.background.is_known(camera.view)
-        if (
-            found.outline.is_disc
-            or state.by_background
-            or not (at_rest or self.background.behind_moving_eye(camera.view, camera.stamp_s))
-        ):
+        outline = found.outline
+        background = None if outline.is_disc or state.by_background else self._known_background(camera)
+        if background is None:
             return False
-        half = 2.0 * max(found.outline.box_px[2:])
-        box = self.image_tracker.region(found.outline.center_px, half, half)
-        evidence = (self.background if at_rest else self.background.moving).evidence(camera.image, camera.view, box)
-        around = masks.ellipse(box, found.outline.center_px, *found.outline.box_px[2:])
+        half = 2.0 * max(outline.box_px[2:])
+        box = self.image_tracker.region(outline.center_px, half, half)
+        evidence = background.evidence(camera.image, camera.view, box)
+        around = masks.ellipse(box, outline.center_px, *outline.box_px[2:])
         whole = masks.component(np.asarray(evidence > 0.5), around)
-        if whole is None or np.count_nonzero(whole) < WHOLE * found.outline.area_px:
+        if whole is None or np.count_nonzero(whole) < WHOLE * outline.area_px:
             return False
         return not masks.is_cut(whole, box, camera.image) and masks.solidity(whole) > masks.SOLID
 
@@ -446,11 +448,7 @@ class CameraTracker:
         place = self._changed_place(camera, found)
         if place is not None:
             mask, box = place
-            if self.background.is_known(camera.view):
-                self.background.absorb(camera.image, masks.dilated(mask, 2), box)
-            else:
-                moving = self.background.moving
-                moving.absorb(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
+            self.background.absorb(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
