@@ -10,7 +10,7 @@ from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.background_edge import ASIDE_PX, LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
 from tracking.ego_motion import Box, EgoMotion
-from tracking.moving_background import MovingBackground
+from tracking.moving_background import MovingBackground, smoothed
 
 CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
 _BANDS = 4  # an image is learned in so many bands of rows, one a frame
@@ -70,11 +70,8 @@ class Background:
         """(h, w) grey levels, the most of the three channels, by which a pixel is beyond the range of its neighbours in
         the background, 0 if `least` or less from itself there; infinite beside what is unknown, where there is nothing
         to compare with."""
-        x0, y0, x1, y1 = box
-        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
-        now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
-        now = now[y0 - top : y1 - top, x0 - left : x1 - left]
-        return _beyond(now, self._mean, np.float32(self._gain_of(image)), np.float32(least), x0, y0)
+        now, gain = smoothed(image, box), np.float32(self._gain_of(image))
+        return _beyond(now, self._mean, gain, np.float32(least), box[0], box[1])
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
         """Whether a box (px) shows something else than the background, or no background is known."""
@@ -100,9 +97,7 @@ class Background:
             self.moving.absorb(image, view, stamp_s, mask, box)
             return
         x0, y0, x1, y1 = box
-        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
-        now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.float32)
-        now = now[y0 - top : y1 - top, x0 - left : x1 - left] / np.float32(self._gain_of(image))
+        now = smoothed(image, box).astype(np.float32) / np.float32(self._gain_of(image))
         self._mean[y0:y1, x0:x1][mask] = now[mask]
 
     def learn(

@@ -41,13 +41,13 @@ class MovingBackground:
     def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
         """(h, w) probability that a pixel of a box is not the background, as `Background.evidence`; 0 where none is
         known."""
-        over, known = self._beyond(_smooth(image, box), self._mean, view, box)
+        over, known = self._beyond(smoothed(image, box), self._mean, view, box)
         share = np.minimum(over * np.float32(0.5 / self._threshold), 1)
         return np.asarray(np.where(known & (share > 0.25), share, 0), np.float32)
 
     def differs(self, image: Image, view: View, box: Box) -> Mask:
         """(h, w) which pixels of a region are not the background; all, where none is known."""
-        return self._differs(_smooth(image, box), view, box)
+        return self._differs(smoothed(image, box), view, box)
 
     def differs_in(self, part: Image, view: View, box: Box) -> Mask:
         """`differs` of an image of which `part` is that box."""
@@ -89,7 +89,7 @@ class MovingBackground:
             max(int(x - _KEPT * w), 0) : max(int(x + (1 + _KEPT) * w), 0),
         ]
         whole = (0, 0, width, height)
-        now = _smooth(image, whole)
+        now = smoothed(image, whole)
         if not self.is_known or stamp_s - self._stamp_s > 2 * _PERIOD_S:
             mean, known = now.copy(), np.full((height, width), 255, np.uint8)
             known[kept] = 0
@@ -185,8 +185,8 @@ def _drop_empty_places(image: Image, mean: Pixels, moved: NDArray[np.uint8]) -> 
                 moved[y : y + h, x : x + w][mask] = 0
 
 
-def _smooth(image: Image, box: Box) -> Pixels:
-    """The box of an image, smoothed over 3×3 px."""
+def smoothed(image: Image, box: Box) -> Pixels:
+    """(h, w, 3) the box of an image, smoothed over 3×3 px."""
     x0, y0, x1, y1 = box
     left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
     smooth = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
