@@ -75,8 +75,8 @@ class AcquisitionParams:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An object that may be tracked, in one image; its evidence is the region's residual, less where its colours are
-    the surroundings'."""
+    """An object that may be tracked, in one image.  Its evidence is its motion region's residual, if colours show it
+    times 1 less their likeness (Bhattacharyya coefficient) to those of its surroundings."""
 
     outline: Outline
     model: ColorModel
@@ -88,7 +88,7 @@ class Candidate:
     box: Box
     """Region of the image that `mask` (h, w) is of."""
     emerges: bool = False
-    """Whether it uncovers nothing: it comes from behind something, and a part of it may still be hidden."""
+    """Whether it comes from behind something, so that a part of it may still be hidden."""
 
 
 class Acquisition:
@@ -98,21 +98,17 @@ class Acquisition:
         self,
         params: AcquisitionParams,
         optics: tuple[Optics, Optics],
+        backgrounds: Backgrounds,
         own_body: OwnBody | None,
         stages: Stages,
         counts: SearchCounts,
     ) -> None:
         self.params, self.own_body, self.stages, self._counts = params, own_body, stages, counts
-        self._optics = optics
+        self._optics, self._backgrounds = optics, backgrounds
         self._triggers = tuple(MotionTrigger(params.trigger, one.camera) for one in optics)
 
     def step(
-        self,
-        cameras: CameraFrames,
-        view: StereoView,
-        stamp_s: float,
-        backgrounds: Backgrounds,
-        association: Association,
+        self, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
     ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
         """Return the object in both eyes, if there is one, and the motion regions of each.
 
@@ -126,7 +122,7 @@ class Acquisition:
             return None, (left, right)
         with self.stages("image"):
             a, b = (
-                self._candidates(eye, camera, regions, backgrounds)
+                self._candidates(eye, camera, regions)
                 for eye, (camera, regions) in enumerate(zip(cameras, (left, right), strict=True))
             )
             self._counts.update(candidates_left=len(a), candidates_right=len(b))
@@ -134,13 +130,7 @@ class Acquisition:
         return pair and _with_both_colors(*pair), (left, right)
 
     def find_marker(
-        self,
-        marker: MarkerParams,
-        cameras: CameraFrames,
-        view: StereoView,
-        stamp_s: float,
-        backgrounds: Backgrounds,
-        association: Association,
+        self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
     ) -> tuple[Outline, Outline] | None:
         """Return the marker anywhere in both images: of the pairs of blobs of its hue that may be one thing, one that
         has moved; before moving eyes also the only one, if it is nearer than what surrounds it: no patch of a wall.
@@ -148,7 +138,7 @@ class Acquisition:
         self._remember(0, cameras[0])
         lefts, rights = (
             _moved_markers(marker, camera, one, background)
-            for camera, one, background in zip(cameras, self._optics, backgrounds, strict=True)
+            for camera, one, background in zip(cameras, self._optics, self._backgrounds, strict=True)
         )
         self._counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
         pairs = []
@@ -160,11 +150,11 @@ class Acquisition:
                 pairs.append((a, b))
             else:
                 self._counts[f"rejected by {association.refusal(view, a, b)}"] += 1
-        if pairs and backgrounds[0].is_known(cameras[0].view):
+        if pairs and self._backgrounds[0].is_known(cameras[0].view):
             return pairs[0]
-        moving = {id(a): self._moves(a) for a, _ in pairs}
+        moving, is_only = {id(a): self._moves(a) for a, _ in pairs}, len(lefts) == len(rights) == 1
         for a, b in pairs:
-            if moving[id(a)] or (len(lefts) == len(rights) == 1 and _stands_out(association, cameras, view, a, b)):
+            if moving[id(a)] or (is_only and _is_nearer_than_surroundings(association, cameras, view, a, b)):
                 return a, b
         self._counts.update({"rejected since it did not move": len(pairs)})
         return None
@@ -188,10 +178,9 @@ class Acquisition:
         joints, own_body = camera.joints_rad, self.own_body
         return None if own_body is None or joints is None else lambda: own_body(joints, camera.view)
 
-    def _candidates(
-        self, eye: int, camera: CameraFrame, regions: list[Region2D], backgrounds: Backgrounds
-    ) -> list[Candidate]:
-        background, trigger = backgrounds[eye], self._triggers[eye]
+    def _candidates(self, eye: int, camera: CameraFrame, regions: list[Region2D]) -> list[Candidate]:
+        """The objects of one eye's motion regions, those of several colours also as one."""
+        background, trigger = self._backgrounds[eye], self._triggers[eye]
         then = trigger.image_before(camera.view, camera.stamp_s)
         change: Change | None = None
         if then is not None and background.is_known(camera.view):
@@ -223,7 +212,7 @@ class Acquisition:
                 self._counts["rejected by colour"] += 1
                 continue
             one, other = self._whole_outline(0, cameras, a, b), self._whole_outline(1, cameras, b, a)
-            if one is None or other is None or (a.emerges and b.emerges):
+            if one is None or other is None or (a.emerges and b.emerges):  # then neither eye shows its size
                 self._counts["rejected since half hidden"] += 1
                 continue
             ratio = one.angular_radius_rad / other.angular_radius_rad
@@ -271,11 +260,11 @@ def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, ba
     return [one for one in found if not any(_holds(one, other) for other in vivid)] + vivid
 
 
-def _stands_out(
+def _is_nearer_than_surroundings(
     association: Association, cameras: CameraFrames, view: StereoView, left: Outline, right: Outline
 ) -> bool:
-    """Whether what surrounds an object in the left image is found in the right one much better at a larger distance
-    than at the object's (mean absolute difference)."""
+    """Whether an object is nearer than what surrounds it: the surroundings in the left image match the right image much
+    better at some larger distance than at the object's."""
     observation = association.observe(view, left, right, cameras[0].stamp_s)
     if observation is None:
         return False
@@ -303,11 +292,7 @@ def _holds(one: Outline, other: Outline) -> bool:
 
 
 def segment(
-    params: AcquisitionParams,
-    image: Image,
-    region: Region2D,
-    optics: Optics,
-    change: Change | None = None,
+    params: AcquisitionParams, image: Image, region: Region2D, optics: Optics, change: Change | None = None
 ) -> Candidate | None:
     """Return the object whose edge or body moved in `region`; None where nothing stands out there.
 
@@ -329,7 +314,7 @@ def segment(
     if change is not None:
         is_distinct = model is not None and model.similarity(model.background) < _DISTINCT
         by_color = mask is not None and change.confirms(mask, box, is_distinct)
-        moved = change.moving(seed, box)
+        moved = change.moving(seed, box)  # the object, unless distinct colours show it too
         if moved is None and not by_color:
             moved = change.emerging(seed, box)
             emerges = moved is not None
@@ -390,7 +375,8 @@ def _object_outline(params: AcquisitionParams, image: Image, mask: Mask, box: Bo
 
 
 def _grow(params: AcquisitionParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
-    """Estimate colours and extent in turn; background in the seed drops out, because it is around as well."""
+    """The object's mask (h, w) and colours from a seed (h, w) in the image's colour bins (h, w), None where nothing
+    stands out: estimated in turn.  Background in the seed drops out, because it is around as well."""
     mask: Mask = seed
     for _ in range(params.rounds):
         model = _model(bins, mask)

@@ -51,7 +51,7 @@ _TOUCHING = 0.25  # of the object's area, what is joined with it beyond its reac
 _PASSING = 5  # images for which the two may hide each other then
 _BESIDE = 0.05  # of its size, by which it may then be off the prediction beside its standard deviation
 _MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
-WHOLE = 1.5  # times the area of its part, from which what differs from the background is another object
+WHOLE = 1.5  # times the area of what is followed, from which another region is the whole of which that is a part
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,13 @@ class ImageTracker:
     ) -> tuple[Target, ImageDetection | None]:
         """The target in the next image, and its detection; None where it does not show.
 
-        Where there is `evidence`, what is not in it is no object; it replaces the likelihood of its colours unless
-        `by_color`.  `if_joined` is the evidence where colours join the object with something else.
+        Args:
+            target: In the last image.
+            image: RGB (H, W, 3).
+            prior: Where the object is predicted; None where it was last.
+            evidence: Says what is not the background: the object is nowhere else.  None: the background is unknown.
+            by_color: Whether the object's colours are its likelihood; else the evidence is.
+            if_joined: The evidence to use, where there is none, if colours join the object with something else.
         """
         s = replace(target, touched=max(target.touched - 1, 0))
 
@@ -312,18 +317,21 @@ def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 class CameraState(NamedTuple):
-    """What one camera's tracker knows of the object: its target, None for a marker; the offset of its outline's centre
-    from the track's projection (calibration error), px; its apparent diameter, px; whether it is followed by what
-    changes before the background, since colours do not separate it; and evidence that it is the empty place of
-    something that was learned as background: the sum of `learned_edge` beyond `LEARNED_EDGE` where it rests; and the
-    camera's last pose."""
+    """What one camera's tracker knows of the object."""
 
     target: Target | None = None
+    """Of the image tracker; None before an object is found."""
     offset_px: tuple[float, float] = (0.0, 0.0)
+    """From the track's projection to the outline's centre: calibration error."""
     size_px: float = 0.0
+    """Apparent diameter."""
     by_background: bool = False
+    """Whether it is followed by what differs from the background, since colours do not separate it."""
     emptiness: float = 0.0
+    """Evidence that it is the empty place of something that was learned as background: the sum over images of
+    `learned_edge` beyond `LEARNED_EDGE` where it rests."""
     view: View | None = None
+    """Last pose of the camera."""
 
 
 class CameraTracker:
@@ -358,7 +366,7 @@ class CameraTracker:
     def find(
         self, state: CameraState, camera: CameraFrame, prior: Prior | None
     ) -> tuple[CameraState, ImageDetection | None]:
-        """The object near its prior: as it was found beforehand (`batch`), else searched."""
+        """The object near its prior, None where it is not found: one of `camera.found` (`batch`), else searched."""
         if prior is None:
             return state, None
         given = None if state.by_background else self._given(state, camera.found or [], prior)
@@ -428,8 +436,8 @@ class CameraTracker:
         return None if mask is None else (mask, box)
 
     def is_part(self, state: CameraState, camera: CameraFrame, found: ImageDetection) -> bool:
-        """Whether the object, followed by its colours, is a part of a solid thing that differs from the background: one
-        that is no disc, since a disc is whole."""
+        """Whether the object, followed by its colours, is a part of a larger solid region that differs from the
+        background; not if it is a disc, since a disc is whole."""
         outline = found.outline
         background = None if outline.is_disc or state.by_background else self._known_background(camera)
         if background is None:
@@ -510,7 +518,8 @@ def _position_at(belief: Belief, stamp_s: float) -> Vector:
 
 @njit(cache=True, error_model="numpy")
 def _std_px(cov: Array, of_u: Vector, of_v: Vector) -> float:
-    """Standard deviation of a point's image, of the covariance's first three rows and columns; ∂u and ∂v by it."""
+    """Standard deviation (px) of the image of a point: `cov`'s first three rows and columns are its covariance (m²),
+    `of_u` and `of_v` the derivatives of the pixel by it (px/m)."""
     var = 0.0
     for i in range(3):
         for j in range(3):

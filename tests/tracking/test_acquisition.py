@@ -30,21 +30,22 @@ class Search:
     def __init__(self, rig: StereoRig) -> None:
         self.counts: SearchCounts = Counter()
         optics = Optics(rig.left), Optics(rig.right)
-        self._acquisition = Acquisition(AcquisitionParams(), optics, None, lambda _: nullcontext(), self.counts)
+        self._backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
+        self._acquisition = Acquisition(
+            AcquisitionParams(), optics, self._backgrounds, None, lambda _: nullcontext(), self.counts
+        )
         self._association = Association.untrained(StereoParams(), rig.left.width)
-        self.backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
 
     def step(self, frame: StereoFrame, view: StereoView) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
-        cameras = camera_frames(frame, view)
-        return self._acquisition.step(cameras, view, frame.stamp_s, self.backgrounds, self._association)
+        return self._acquisition.step(camera_frames(frame, view), view, frame.stamp_s, self._association)
 
     def find_marker(self, frame: StereoFrame, view: StereoView) -> SearchCounts:
-        cameras, at = camera_frames(frame, view), frame.stamp_s
-        self._acquisition.find_marker(MarkerParams(), cameras, view, at, self.backgrounds, self._association)
+        cameras = camera_frames(frame, view)
+        self._acquisition.find_marker(MarkerParams(), cameras, view, frame.stamp_s, self._association)
         return self.counts
 
     def learn(self, frame: StereoFrame, view: StereoView) -> None:
-        for camera, background in zip(camera_frames(frame, view), self.backgrounds, strict=True):
+        for camera, background in zip(camera_frames(frame, view), self._backgrounds, strict=True):
             background.learn(camera.image, camera.view, frame.stamp_s, None)
 
 
