@@ -61,7 +61,7 @@ class TriggerParams:
     flow_interval_s: float = 0.05
     """Age of the image from which flow is measured."""
     min_moving: float = 0.25
-    """Share of a region's matched points that must move alike; or fewer than that share of all have a match."""
+    """Share of a region's matched points that must move alike; if fewer than that of all have a match, it moves too."""
 
     def __post_init__(self) -> None:
         if not (
@@ -183,6 +183,7 @@ class MotionTrigger:
         return False
 
     def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Past:
+        """The image to keep, after old ones were dropped; the next comparison has the other interval."""
         while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:
             self._past.popleft()
         self._is_slow = not self._is_slow

@@ -13,15 +13,7 @@ from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import Mode, frame_checks, kalman
-from tracking.acquisition import (
-    Acquisition,
-    AcquisitionParams,
-    Candidate,
-    OwnBody,
-    Regions,
-    SearchCounts,
-    Stages,
-)
+from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, Regions, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.frame_checks import Fingerprints, Stamps
@@ -36,9 +28,9 @@ Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
 _MAX_SIZE_CHANGE = 1.5  # of an object's radius
-_LOOK_EVERY, _LOOK_FOR = 10, 6  # frames: how often it is asked whether a part is followed, and the whole looked for
-_SURELY_PART = 2  # answers in a row
-_MAX_REFUSED = 6  # pairs in a row, from which the two cameras follow different things
+_CHECK_EVERY, _SEARCH_FOR = 10, 6  # frames: period of the check whether only a part is followed; of it, with a search
+_SURELY_PART = 2  # checks in a row that say so, from which the whole is searched
+_MAX_REFUSED = 6  # pairs of detections in a row that are no one object: the cameras follow different things
 _NOTHING: Detections = (None, None)
 _NO_MODELS = (None, None)
 
@@ -56,7 +48,7 @@ class TrackerParams:
     lost_after_s: float = 0.5
     """A track that was not updated for this long is deleted."""
     stamp_error_s: float = 0.02
-    """Standard deviation of the time by which joints are late, before the images tell it; 0: they are not."""
+    """Prior standard deviation of the delay of the joints behind the images; 0: there is none."""
     background_memory_s: float = 0.3
     """What an eye at rest sees unchanged for this long becomes its background."""
     acquisition: AcquisitionParams = field(default_factory=AcquisitionParams)
@@ -84,11 +76,8 @@ class TrackerParams:
 
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
-    """Result of one frame.
-
-    The track; the detections and the observation behind it; while searching the moving regions of the left and the
-    right image; and the point (3,) midway between the cameras, root frame.
-    """
+    """Result of one frame: the track, the detections and the observation behind it, the motion regions of the left and
+    the right image while they are searched, and the point (3,) midway between the cameras, m, root frame."""
 
     track: Track3D
     detections: tuple[Detection2D, ...]
@@ -99,7 +88,8 @@ class TrackerStep:
 
 @dataclass(frozen=True, slots=True)
 class TrackerState:
-    """Everything that the tracker carries from frame to frame, but for the images that the motion trigger keeps."""
+    """What the tracker carries from frame to frame, beside the backgrounds, the cameras' motion and the images that the
+    motion trigger keeps."""
 
     association: Association
     kalman: KalmanParams
@@ -114,11 +104,13 @@ class TrackerState:
     hits: int = 0
     """Frames in which the object was observed."""
     observed_s: float = -math.inf
+    """Stamp of the last observation."""
     part: int = 0
-    """How often in a row it looked like a part of something."""
+    """Checks in a row that say that only a part of the object is followed."""
     refused: int = 0
     """Frames in a row in which both cameras detected something, but not one object."""
     stamps_s: Stamps = (-math.inf, -math.inf)
+    """Of the last frame, as are `images` and `view`."""
     images: Fingerprints | None = None
     view: StereoView | None = None
 
@@ -147,7 +139,10 @@ class Tracker:
         )
         self.search_counts: SearchCounts = Counter()
         self._poses = PoseEstimator(rig, params.stamp_error_s)
-        self._acquisition = Acquisition(params.acquisition, self._optics, own_body, stages, self.search_counts)
+        backgrounds = self._cameras[0].background, self._cameras[1].background
+        self._acquisition = Acquisition(
+            params.acquisition, self._optics, backgrounds, own_body, stages, self.search_counts
+        )
         untrained = Association.untrained(params.stereo, rig.left.width)
         self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
         self.state = self._initial
@@ -238,8 +233,8 @@ class Tracker:
                         tracker.absorb(camera, one)
                 return replace(self._initial, association=state.association), None, _NOTHING, regions
         if None not in detections and self.params.mode == "generic":
-            state = self._with_suspicion(state, cameras, detections)
-            if state.part >= _SURELY_PART and state.hits % _LOOK_EVERY < _LOOK_FOR:
+            state = self._checked_for_part(state, cameras, detections)
+            if state.part >= _SURELY_PART and state.hits % _CHECK_EVERY < _SEARCH_FOR:
                 acquired, whole, regions = self._acquire(state, cameras, view, stamp_s)
                 if _is_whole_of(whole, detections):
                     return replace(acquired, hits=0, part=0), None, whole, regions
@@ -250,20 +245,15 @@ class Tracker:
                 return replace(acquired, hits=0), None, elsewhere, regions
         return state, predicted, detections, regions
 
-    def _with_suspicion(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
-        """The state with the suspicion that a part of the object is followed (one of several stripes)."""
-        if state.hits % _LOOK_EVERY:
+    def _checked_for_part(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
+        """The state after a check, if one is due, whether only a part of the object is followed (one of stripes)."""
+        if state.hits % _CHECK_EVERY:
             return state
         each = zip(self._cameras, state.cameras, cameras, detections, strict=True)
         is_part = all(tracker.is_part(known, camera, one) for tracker, known, camera, one in each if one is not None)
         return replace(state, part=state.part + 1 if is_part else 0)
 
-    def _follow(
-        self,
-        state: TrackerState,
-        predicted: Belief,
-        cameras: CameraFrames,
-    ) -> tuple[TrackerState, Detections]:
+    def _follow(self, state: TrackerState, predicted: Belief, cameras: CameraFrames) -> tuple[TrackerState, Detections]:
         """The object near where the track predicts it."""
         last = state.belief or predicted
         (a, left), (b, right) = (
@@ -280,16 +270,12 @@ class Tracker:
         stamp_s: float,
         predicted: Belief | None = None,
     ) -> tuple[TrackerState, Detections, Regions]:
-        """An object anywhere in both images; while one is tracked, that one only."""
-        association = state.association
-        backgrounds = self._cameras[0].background, self._cameras[1].background
+        """Search both images for an object; with a `predicted` belief, only for the one that is tracked."""
         if self.params.mode == "marker":
             if state.view is None:  # whether anything has moved is known from the second frame on
                 return state, _NOTHING, ([], [])
             with self.stages("image"):
-                marker = self._acquisition.find_marker(
-                    self.params.marker, cameras, view, stamp_s, backgrounds, association
-                )
+                marker = self._acquisition.find_marker(self.params.marker, cameras, view, stamp_s, state.association)
             if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
                 return state, _NOTHING, ([], [])
             targets = []
@@ -298,7 +284,7 @@ class Tracker:
                 targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
             left, right = (known._replace(target=one) for known, one in zip(state.cameras, targets, strict=True))
             return replace(state, cameras=(left, right)), _detections(*marker), ([], [])
-        pair, regions = self._acquisition.step(cameras, view, stamp_s, backgrounds, association)
+        pair, regions = self._acquisition.step(cameras, view, stamp_s, state.association)
         if pair is None:
             return state, _NOTHING, regions
         outlines = pair[0].outline, pair[1].outline
@@ -351,10 +337,9 @@ class Tracker:
         stamp_s: float,
         detections: Detections,
     ) -> tuple[TrackerState, Observation3D | None]:
-        """Triangulate what both cameras detected.
+        """Triangulate what both cameras detected, after learning the calibration's error from it.
 
-        The first outline, grown from a moving region, is too rough to learn the calibration's error from.  A pair's own
-        differences count for it too.
+        The first outline, grown from a motion region, is too rough to learn from.
         """
         left, right = detections
         if left is None or right is None:
@@ -440,11 +425,7 @@ class Tracker:
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
     def _learn(
-        self,
-        state: TrackerState,
-        cameras: CameraFrames,
-        detections: Detections,
-        observation: Observation3D | None,
+        self, state: TrackerState, cameras: CameraFrames, detections: Detections, observation: Observation3D | None
     ) -> TrackerState:
         """Remember how each camera sees the object, its colours once it is confirmed, and the scene without it."""
         each = list(zip(self._cameras, cameras, detections, strict=True))
@@ -478,7 +459,7 @@ def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
 
 
 def _is_whole_of(whole: Detections, parts: Detections) -> bool:
-    """Whether in both images the one holds the other, and is clearly larger."""
+    """Whether in both images the one is `WHOLE` times as large as the other, whose centre its box holds."""
     for one, part in zip(whole, parts, strict=True):
         if one is None or part is None or one.outline.area_px < WHOLE * part.outline.area_px:
             return False
