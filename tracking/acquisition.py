@@ -35,7 +35,6 @@ OwnBody = Callable[[Array, View], Mask]
 """Joints (rad) and an eye's view → the pixels (H, W) where the robot sees itself."""
 Stages = Callable[[Literal["trigger", "image", "triangulation", "filter"]], AbstractContextManager[object]]
 Backgrounds = tuple[Background, Background]
-Regions = tuple[list[Region2D], list[Region2D]]
 SearchCounts = Counter[str]
 """What the search has met so far: "frames" searched, those with "motion_left" and "motion_right", "candidates_left" and
 "candidates_right" for an object, and pairs of candidates "rejected by" colour, size, epipolar gate, …"""
@@ -109,8 +108,8 @@ class Acquisition:
 
     def step(
         self, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
-    ) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
-        """Return the object in both eyes, if there is one, and the motion regions of each.
+    ) -> tuple[Candidate, Candidate] | None:
+        """Return the object in both eyes, if there is one.
 
         The right image is searched only if something moves in the left one; flow need not confirm it again.
         """
@@ -119,7 +118,7 @@ class Acquisition:
             right = self._trigger(1, cameras[1], confirm=False) if left else self._remember(1, cameras[1])
         self._counts.update(frames=1, motion_left=bool(left), motion_right=bool(right))
         if not (left and right):
-            return None, (left, right)
+            return None
         with self.stages("image"):
             a, b = (
                 self._candidates(eye, camera, regions)
@@ -127,7 +126,7 @@ class Acquisition:
             )
             self._counts.update(candidates_left=len(a), candidates_right=len(b))
             pair = self._best_pair(association, cameras, view, a, b, stamp_s)
-        return pair and _with_both_colors(*pair), (left, right)
+        return pair and _with_both_colors(*pair)
 
     def find_marker(
         self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association

@@ -13,7 +13,7 @@ from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import Mode, frame_checks, kalman
-from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, Regions, SearchCounts, Stages
+from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.frame_checks import Fingerprints, Stamps
@@ -76,13 +76,12 @@ class TrackerParams:
 
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
-    """Result of one frame: the track, the detections and the observation behind it, the motion regions of the left and
-    the right image while they are searched, and the point (3,) midway between the cameras, m, root frame."""
+    """Result of one frame: the track, the detections and the observation behind it, and the point (3,) midway between
+    the cameras, m, root frame."""
 
     track: Track3D
     detections: tuple[Detection2D, ...]
     observation: Observation3D | None
-    regions: Regions
     head: Array
 
 
@@ -191,7 +190,7 @@ class Tracker:
         view, blind = poses.view, blind or not poses.is_known
         cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
-        state, predicted, detections, regions = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
+        state, predicted, detections = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
         with self.stages("triangulation"):
             state, observation = self._associate(state, predicted, cameras, poses, stamp_s, detections)
         with self.stages("filter"):
@@ -202,7 +201,7 @@ class Tracker:
         state = replace(state, stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
         parts = zip(self._cameras, cameras, detections, strict=True)
         messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
-        return state, TrackerStep(track, messages, observation, regions, _middle(view))
+        return state, TrackerStep(track, messages, observation, _middle(view))
 
     def _detect(
         self,
@@ -213,37 +212,36 @@ class Tracker:
         stamp_s: float,
         *,
         blind: bool,
-    ) -> tuple[TrackerState, Belief | None, Detections, Regions]:
+    ) -> tuple[TrackerState, Belief | None, Detections]:
         """The object in both images: near the prediction, else anywhere.
 
         An object that is found elsewhere passes the re-identification gate; what was known of its motion is void then,
         and it is confirmed anew.
         """
-        regions: Regions = ([], [])
         if blind:
-            return state, predicted, _NOTHING, regions
+            return state, predicted, _NOTHING
         if predicted is None:
-            state, detections, regions = self._acquire(state, cameras, view, stamp_s)
-            return state, None, detections, regions
+            state, detections = self._acquire(state, cameras, view, stamp_s)
+            return state, None, detections
         with self.stages("image"):
             state, detections = self._follow(state, predicted, cameras)
             if any(CameraTracker.is_empty(one) for one in state.cameras):
                 for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
                     if one is not None:
                         tracker.absorb(camera, one)
-                return replace(self._initial, association=state.association), None, _NOTHING, regions
+                return replace(self._initial, association=state.association), None, _NOTHING
         if None not in detections and self.params.mode == "generic":
             state = self._checked_for_part(state, cameras, detections)
             if state.part >= _SURELY_PART and state.hits % _CHECK_EVERY < _SEARCH_FOR:
-                acquired, whole, regions = self._acquire(state, cameras, view, stamp_s)
+                acquired, whole = self._acquire(state, cameras, view, stamp_s)
                 if _is_whole_of(whole, detections):
-                    return replace(acquired, hits=0, part=0), None, whole, regions
+                    return replace(acquired, hits=0, part=0), None, whole
         passing = any(one.target is not None and one.target.touched for one in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
-            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, predicted)
+            acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
-                return replace(acquired, hits=0), None, elsewhere, regions
-        return state, predicted, detections, regions
+                return replace(acquired, hits=0), None, elsewhere
+        return state, predicted, detections
 
     def _checked_for_part(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
         """The state after a check, if one is due, whether only a part of the object is followed (one of stripes)."""
@@ -269,28 +267,28 @@ class Tracker:
         view: StereoView,
         stamp_s: float,
         predicted: Belief | None = None,
-    ) -> tuple[TrackerState, Detections, Regions]:
+    ) -> tuple[TrackerState, Detections]:
         """Search both images for an object; with a `predicted` belief, only for the one that is tracked."""
         if self.params.mode == "marker":
             if state.view is None:  # whether anything has moved is known from the second frame on
-                return state, _NOTHING, ([], [])
+                return state, _NOTHING
             with self.stages("image"):
                 marker = self._acquisition.find_marker(self.params.marker, cameras, view, stamp_s, state.association)
             if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
-                return state, _NOTHING, ([], [])
+                return state, _NOTHING
             targets = []
             for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
                 tracker.background.forget_around(camera.image, camera.view, blob.box_px)
                 targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
             left, right = (known._replace(target=one) for known, one in zip(state.cameras, targets, strict=True))
-            return replace(state, cameras=(left, right)), _detections(*marker), ([], [])
-        pair, regions = self._acquisition.step(cameras, view, stamp_s, state.association)
+            return replace(state, cameras=(left, right)), _detections(*marker)
+        pair = self._acquisition.step(cameras, view, stamp_s, state.association)
         if pair is None:
-            return state, _NOTHING, regions
+            return state, _NOTHING
         outlines = pair[0].outline, pair[1].outline
         models = pair[0].model, pair[1].model
         if not self._passes_gate(state, predicted, view, outlines, stamp_s, models):
-            return state, _NOTHING, regions
+            return state, _NOTHING
         by_color = pair[0].by_color and pair[1].by_color
         period_s = cameras[0].stamp_s - state.stamps_s[0]
         targets = []
@@ -307,7 +305,7 @@ class Tracker:
             one._replace(target=target, by_background=not by_color, emptiness=0.0)
             for one, target in zip(state.cameras, targets, strict=True)
         )
-        return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines), regions
+        return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines)
 
     def _passes_gate(
         self,

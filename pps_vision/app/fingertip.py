@@ -34,4 +34,4 @@ class FingertipTracker:
             mean = np.array([tip, (tip - last[1]) / (frame.stamp_s - last[0]), np.zeros(3), np.zeros(3)])
             std = _JOINTS_STD_M * np.repeat([1.0, 10.0, 0.0, 0.0], 3)
             track = Track3D(frame.stamp_s, mean, np.diag(std**2), self._radius_m, 1e-8, Status.TRACKING)
-        return TrackerStep(track, (), None, ([], []), np.zeros(3))
+        return TrackerStep(track, (), None, np.zeros(3))

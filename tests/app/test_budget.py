@@ -32,12 +32,12 @@ class Scripted:
     def step(self, _: object) -> TrackerStep:
         t, self.k = DT_S * self.k, self.k + 1
         if not np.isfinite(self.std_m):
-            return TrackerStep(Track3D.unknown(t), (), None, ([], []), np.zeros(3))
+            return TrackerStep(Track3D.unknown(t), (), None, np.zeros(3))
         p = np.array([0.4 + 0.5 * self.acceleration * t * t, 0.05 * t, 0.0])
         seen = Observation3D(t, p + self.rng.normal(0, WHITE_STD_M, 3), STD_M**2 * np.eye(3), 0.03, 1e-8, 0.0)
         mean, cov = np.zeros((4, 3)), np.zeros((12, 12))
         mean[0], cov[:3, :3] = p, self.std_m**2 / 3 * np.eye(3)
-        return TrackerStep(Track3D(t, mean, cov, 0.03, 1e-8, Status.TRACKING), (), seen, ([], []), np.zeros(3))
+        return TrackerStep(Track3D(t, mean, cov, 0.03, 1e-8, Status.TRACKING), (), seen, np.zeros(3))
 
 
 def choose(asked_mm: float, cheap_std_m: float, dear_std_m: float, acceleration: float = 0.0):

@@ -12,7 +12,7 @@ from pps_vision.geometry.camera import StereoRig, StereoView, View
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Image, StereoFrame
-from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, Regions, SearchCounts, joined, segment
+from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, SearchCounts, joined, segment
 from tracking.background import Background
 from tracking.change import ChangeOfMovingEye, ChangeOfRestingEye
 from tracking.ego_motion import EgoMotion
@@ -36,7 +36,7 @@ class Search:
         )
         self._association = Association.untrained(StereoParams(), rig.left.width)
 
-    def step(self, frame: StereoFrame, view: StereoView) -> tuple[tuple[Candidate, Candidate] | None, Regions]:
+    def step(self, frame: StereoFrame, view: StereoView) -> tuple[Candidate, Candidate] | None:
         return self._acquisition.step(camera_frames(frame, view), view, frame.stamp_s, self._association)
 
     def find_marker(self, frame: StereoFrame, view: StereoView) -> SearchCounts:
@@ -67,11 +67,11 @@ def test_a_ball_on_one_eye_s_line_of_sight_is_found(robot: Robot, rig: StereoRig
     for k in range(9):
         p = view.right.center + (0.45 - 0.012 * max(k - 4, 0)) * view.right.rays([150.0, 120.0])
         one = frame(rig, q, [Sphere(p, 0.03, (210, 45, 40))], DT * k, rng)
-        pair, regions = search.step(one, view)
+        pair = search.step(one, view)
         found.append(pair is not None)
-    assert regions[0][0].flow is not None
     assert found == [False] * 8 + [True]
     assert pair is not None
+    assert pair[0].flow is not None
     assert pair[1].flow is not None
     std = np.sqrt(np.linalg.eigvalsh(pair[1].flow.cov)[-1])
     assert np.linalg.norm(pair[1].flow.velocity_px_s) < std  # it grows, but stays where it is
@@ -89,7 +89,7 @@ def test_of_two_objects_that_move_the_one_with_more_residual_is_taken(robot: Rob
         small, large = (start + 0.012 * max(k - 4, 0) * across for start in starts)
         balls = [Sphere(small, 0.015, (210, 45, 40)), Sphere(large, 0.035, (40, 60, 210))]
         one = frame(rig, q, balls, DT * k, rng)
-        pair, _ = search.step(one, view)
+        pair = search.step(one, view)
         pairs += [pair] if pair else []
     assert pairs
     for pair in pairs:
@@ -236,7 +236,7 @@ def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(robot: 
         hidden = k < 9  # and out of the left eye's sight
         left, right = behind(rng, 112, (u, v, 20)), behind(rng, 320 if hidden else 0, (x, y, 20))
         one = StereoFrame(left, right, DT * k, DT * k, q, q)
-        pair, _ = search.step(one, view)
+        pair = search.step(one, view)
         search.learn(one, view)
         if pair is not None:
             shares.append(pair[0].mask.sum() / pair[1].mask.sum())
@@ -312,7 +312,7 @@ def test_an_object_of_which_one_eye_sees_a_part_is_where_the_other_sees_the_whol
     for k in range(22):
         p = view.right.center + 0.4 * view.right.rays([-35.0 + 2 * k, 120.0])
         one = frame(rig, q, [Sphere(p, 0.02, (210, 45, 40))], DT * k, rng)
-        pair, _ = search.step(one, view)
+        pair = search.step(one, view)
         search.learn(one, view)
         if pair is not None:
             errors.append(pair[1].outline.center_px - view.right.project(p))
@@ -446,7 +446,7 @@ def test_what_has_another_colour_in_the_other_eye_is_another_object(
         p = start + 0.012 * max(k - 4, 0) * view.left.T_root_camera[:3, 1]
         left, right = (frame(rig, q, [Sphere(p, 0.03, color)], DT * k, rng) for color in ((210, 45, 40), other))
         one = StereoFrame(left.left, right.right, DT * k, DT * k, q, q)
-        pairs.append(search.step(one, view)[0])
+        pairs.append(search.step(one, view))
     assert any(pairs) == is_one
     assert search.counts["candidates_left"] > 0 < search.counts["candidates_right"]
     assert (search.counts["rejected by colour"] > 0) == (not is_one)
