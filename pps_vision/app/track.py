@@ -133,6 +133,7 @@ class TrackedRecording:
         summary: dict[str, object] = {
             "source": self.recording.name,
             "mode": self.params.mode,
+            "reduction": self.params.reduction,
             "device": self.device,
             "seed": self.seed,
             "pairs": len(self),
@@ -256,6 +257,7 @@ def track(
     mode: Mode = "generic",
     order: int = DEFAULT_ORDER,
     *,
+    reduction: int = 1,
     params: TrackerParams | None = None,
     max_error_mm: float | None = None,
     device: str | None = None,
@@ -270,9 +272,10 @@ def track(
         recording: A recording, or the folder of an iCub's recording.
         mode: "generic" tracks whatever moves, "marker" a green marker.
         order: Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk.
-        params: All parameters of the tracker, instead of `mode` and `order`.
+        reduction: Average each block of so many pixels a side to one before looking.
+        params: All parameters of the tracker, instead of `mode`, `order` and `reduction`.
         max_error_mm: Choose the fastest configuration whose 3D RMS error is expected to be below this, instead of
-            `mode` and `order`.
+            `mode`, `order` and `reduction`.
         device: Process batches of frames with torch on this device (cpu, cuda, cuda:1); None: frame by frame, without
             torch.
         seed: Seed of the particles.
@@ -282,7 +285,7 @@ def track(
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
-    params = params or TrackerParams(mode=mode, kalman=KalmanParams.of_order(order))
+    params = params or TrackerParams(mode, reduction, kalman=KalmanParams.of_order(order))
     if max_error_mm is not None and params != TrackerParams():
         raise InputError("track", "max_error_mm chooses mode, order and reduction itself; expected none of them")
     if max_error_mm is None:

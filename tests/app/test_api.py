@@ -90,7 +90,7 @@ def test_what_is_left_out_means_the_same_in_functions_and_commands() -> None:
         return {one.name: one.default for one in dataclasses.fields(command)}
 
     defaults = [
-        (of_function(pv.track), of_command(Track), {"mode", "order", "max_error_mm", "device", "seed"}),
+        (of_function(pv.track), of_command(Track), {"mode", "order", "reduction", "max_error_mm", "device", "seed"}),
         (of_function(pv.learn), of_command(Learn), {"mode", "seed", "into"}),
         (
             of_function(pv.open_recording),
