@@ -74,10 +74,10 @@ class Choice:
 
 
 CONFIGURATIONS = (  # ratios: the worst kind of scene of `bench budget` that is tracked in 90 % of the frames
-    Configuration("marker", TrackerParams(mode="marker"), 1.0),
-    Configuration("pixels 4 × 4", TrackerParams(reduction=4), 3.5),
-    Configuration("pixels 2 × 2", TrackerParams(reduction=2), 3.5),
-    Configuration("all pixels", TrackerParams(), 3.5),
+    Configuration("marker", TrackerParams(mode="marker"), 1.5),
+    Configuration("pixels 4 × 4", TrackerParams(reduction=4), 2.0),
+    Configuration("pixels 2 × 2", TrackerParams(reduction=2), 2.0),
+    Configuration("all pixels", TrackerParams(), 2.0),
 )
 """From the fastest to the most accurate."""
 
