@@ -5,7 +5,6 @@ that withdrawal along their normals is not predicted to escape, and reaching aim
 touches it first at the speeds that the constraints allow.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal, NamedTuple
@@ -13,22 +12,22 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from control import reaching
 from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from control.path_clearance import direction_off_path
+from control.reaching import distances_ahead, radius_m
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.bare_links import BareLinks, Near
 from pps_vision.robot.model import Posture
 from pps_vision.robot.self_collision import SelfCollision
-from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin
+from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, JointVelocity, Track3D
 
 Mode = Literal["idle", "avoid", "reach", "hold", "return"]
 _FULL_SPEED_NORMAL = 0.5  # a mean normal that is shorter (60° from all normals to it, or more) slows the response
 _HORIZON_S = 3.0  # of a path: R's longest time to contact
-_AT_REST_M_S = 1e-6
-_TO_REACH_S = 10.0  # of the path of an object to reach for: at 5 cm/s, R's slowest, it comes from half a metre
 
 
 @dataclass(frozen=True)
@@ -213,14 +212,16 @@ def step(
     before = state
     state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track, came)
     if state.mode == "reach" and track is not None and track.is_known:
-        state = replace(state, points=tuple(_aimed(params, one, posture, track) for one in state.points))
+        state = replace(
+            state, points=tuple(reaching.aimed(params.speed_m_s, one, posture, track) for one in state.points)
+        )
     if state.mode == "reach" and track is not None and track.is_known and params.each_taxel:
         state = _with_side_to_touch(params, before, state, posture, skin, track, seen)
     so_far = before.aside if before.mode == state.mode == "avoid" else None
     state = replace(state, stamp_s=stamp_s, seen=seen, aside=so_far)
     if state.mode in ("avoid", "reach"):
         if state.mode == "reach" and track is not None and track.is_known:
-            near = _other_parts(posture, skin, state.points[0], track)
+            near = reaching.other_parts(posture, skin, state.points[0].frame, track)
         rows = _kept_clear(params, posture, near, hold_s)
         follows = state.mode == "reach" or state.since_s == stamp_s
         of = track if follows and track is not None and track.is_known else None
@@ -300,15 +301,8 @@ def _comes(
     k = int(distance.argmax())
     came = bool(times[-1] > times[k] and 0 < params.come_m <= distance[k] - distance[-1])
     velocity = (places[-1] - places[k]) / (times[-1] - times[k]) if came else track.velocity
-    nearest_m = _distances_ahead(taxels, track.position, velocity).min() - _radius_m(track)
+    nearest_m = distances_ahead(taxels, track.position, velocity, _HORIZON_S).min() - radius_m(track)
     return came, bool((came or params.come_m == 0) and nearest_m < params.path_m)
-
-
-def _distances_ahead(points: Array, position: Array, velocity: Array, horizon_s: float = _HORIZON_S) -> Array:
-    """How near (n,) an object comes to points (n, 3) if it moves on from a position (3,) at a velocity (3,), m."""
-    d = points - position
-    nearest_s = np.clip(d @ velocity / max(float(velocity @ velocity), 1e-12), 0.0, horizon_s)
-    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * velocity, axis=1))
 
 
 def _with_side_to_touch(
@@ -320,96 +314,17 @@ def _with_side_to_touch(
     track: Track3D,
     seen: tuple[tuple[float, Array], ...],
 ) -> AvoidanceState:
-    """The state of an arm that reaches, with the taxel that the object comes to: the nearest to its path, with the arm
-    at home, since its own motion does not change where the object goes; the last one once no taxel is active.
-
-    The path leads on from where the object was `seen`: its estimated velocity overshoots when it stops.
-    """
+    """The state of an arm that reaches, with the taxel that the object comes to; the last one once none is active."""
     aimed_at = before.aimed_at if before.mode == "reach" else None
     if aimed_at is None or state.since_s > before.since_s:
-        taxels, _ = skin.at(_at_home(params, posture))
-        (first_s, first), (last_s, last) = seen[0], seen[-1]
-        velocity = (last - first) / (last_s - first_s) if last_s > first_s else track.velocity
-        aimed_at = int(_distances_ahead(taxels, track.position, velocity, _TO_REACH_S).argmin())
+        aimed_at = reaching.taxel_to_touch(skin, _at_home(params, posture), track, seen)
     frame = skin.parts[skin.part_index[aimed_at]].frame
     return replace(state, aimed_at=aimed_at, points=(state.points[0]._replace(frame=frame),))
 
 
-class _Reach(NamedTuple):
-    """One way to touch the object."""
-
-    touches_s: float
-    """When it touches if the speed stays."""
-    point: MovingPoint
-    """The taxel."""
-    dq: Array
-    """(n_joints,) rad/s."""
-
-
-def _first_to_touch(
-    params: AvoidanceParams,
-    aimed_at: int,
-    posture: Posture,
-    skin: Skin,
-    track: Track3D,
-    velocity: Callable[[tuple[MovingPoint, ...]], Array],
-) -> _Reach:
-    """With which taxel of the same part and side as the taxel `aimed_at` the arm touches the object first, at the speed
-    towards it that the constraints allow now; `velocity`: joint rates (n_joints,) of control points within them."""
-    positions, normals = skin.at(posture)
-    part = skin.part_index[aimed_at]
-    taxels = positions[(skin.part_index == part) & (normals @ normals[aimed_at] > 0)]
-    frame, d = skin.parts[part].frame, track.position - taxels
-    distances = np.linalg.norm(d, axis=1)
-    ways = []
-    for k, point in enumerate(move_points(inverse(posture.T_root(frame)), taxels)):
-        one = _aimed(params, MovingPoint(frame, point, np.zeros(3)), posture, track)
-        dq = velocity((one,))
-        towards_m_s = float(d[k] @ posture.jacobian(frame, point)[:3] @ dq) / distances[k]
-        gap = max(distances[k] - _radius_m(track) - TOUCH_RADIUS_M, 0.0)
-        ways.append(_Reach(gap / max(towards_m_s, _AT_REST_M_S), one, dq))
-    return min(ways, key=lambda way: way.touches_s)
-
-
-def _other_parts(posture: Posture, skin: Skin, point: MovingPoint, track: Track3D) -> list[Near]:
-    """The taxel nearest to the object of each body part but that of the control point, which is to touch it."""
-    d = track.position - skin.at(posture)[0]
-    distance = np.linalg.norm(d, axis=1)
-    near = []
-    for k, part in enumerate(skin.parts):
-        if part.frame != point.frame:
-            i = int(np.argmin(np.where(skin.part_index == k, distance, np.inf)))
-            near.append(
-                Near(
-                    part.frame,
-                    track.position - d[i],
-                    d[i] / max(distance[i], 1e-9),
-                    float(distance[i]) - _radius_m(track),
-                )
-            )
-    return near
-
-
-def _aimed(params: AvoidanceParams, point: MovingPoint, posture: Posture, track: Track3D) -> MovingPoint:
-    """The control point on its way to the surface of the object, where it stops."""
-    d, distance = track.position - posture.point(point.frame, point.point), _distance(posture, point, track.position)
-    gap = max(distance - _radius_m(track), 0.0)
-    return point._replace(velocity_root=min(params.speed_m_s, gap / MAX_HOLD_S) * d / max(distance, 1e-9))
-
-
-def _radius_m(track: Track3D) -> float:
-    """The radius of the object, 0 where it is not known."""
-    return track.radius_m if np.isfinite(track.radius_m) else 0.0
-
-
-def _distance(posture: Posture, point: MovingPoint, position: Array) -> float:
-    """m from a control point to a position (3,) in the root frame."""
-    return float(np.linalg.norm(position - posture.point(point.frame, point.point)))
-
-
 def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Track3D) -> tuple[list[Near], list[Near]]:
     """The nearest points of links without taxels, and those of them to which the object comes within the lead time."""
-    radius = _radius_m(track)
+    radius = radius_m(track)
     near, *later = (
         links.near(posture, track.position + after_s * track.velocity, radius)
         for after_s in (0.0, 0.5 * params.link_lead_s, params.link_lead_s)
@@ -450,7 +365,7 @@ def _next(
         by = position if mode == "return" else blocked_by
         points = _moving(params, posture, found)
         if mode == "reach" and position is not None:  # with a point that is no farther from the object than the last
-            points = min((state.points, points), key=lambda one: _distance(posture, one[0], position))
+            points = min((state.points, points), key=lambda one: reaching.distance(posture, one[0], position))
         return AvoidanceState(params.behaviour, stamp_s, active_since_s, points, by)
     blocked = False
     if blocked_by is not None and position is not None:
@@ -516,11 +431,13 @@ def _respond(
     if state.mode == "reach" and track is not None and state.aimed_at is not None:
         ways = []
         for arm in (replace(params.arm, damping_m=params.reach_damping_m), params.arm):
-            way = _first_to_touch(params, state.aimed_at, posture, skin, track, partial(velocity, arm=arm))
+            way = reaching.first_to_touch(
+                params.speed_m_s, state.aimed_at, posture, skin, track, partial(velocity, arm=arm)
+            )
             free = 1.0  # the share of the rates that the last stage lets through
             if self_collision is not None:
                 free = self_collision.clear_share(posture.q_rad, hold_s * way.dq, LimitParams().clearance_m)
-            ways.append(way._replace(touches_s=way.touches_s / max(free, _AT_REST_M_S)))
+            ways.append(way._replace(touches_s=way.touches_s / max(free, reaching.AT_REST_M_S)))
         _, point, dq = min(ways, key=lambda way: way.touches_s)
         return replace(state, points=(point,)), dq
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from control.avoidance import AvoidanceParams, AvoidanceState, Response, _first_to_touch, control_points, step
+from control.avoidance import AvoidanceParams, AvoidanceState, Response, control_points, step
 from control.limits import MAX_HOLD_S, LimitParams, limit
+from control.reaching import first_to_touch
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_DEG, home
 from pps_vision.robot.model import Robot
@@ -419,8 +420,7 @@ def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot: Rob
         if closing.max() < 1e-3:
             continue
         best = side[int(np.where(closing > 0, gaps / closing, np.inf).argmin())]
-        params = AvoidanceParams(PARAMS.home_arm_rad, behaviour="reach")
-        way = _first_to_touch(params, aimed_at, posture, skin, track_at(at, np.zeros(3)), always(dq))
+        way = first_to_touch(0.1, aimed_at, posture, skin, track_at(at, np.zeros(3)), always(dq))
         np.testing.assert_allclose(posture.point(way.point.frame, way.point.point), positions[best], atol=1e-9)
         others += best != side[int(gaps.argmin())]
     assert others > 3
