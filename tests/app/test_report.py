@@ -83,7 +83,9 @@ def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_what_holds_no_results(tmp_path: Path, refused) -> None:
-    assert "summary.json" in refused("report", tmp_path)
+    line = refused("report", tmp_path)
+    assert "summary.json" in line
+    assert line.count("expected") == 1
     (tmp_path / "summary.json").write_text("{}")
     assert "of another command" in refused("report", tmp_path)
     (tmp_path / "summary.json").write_text("{")

@@ -119,8 +119,9 @@ def _activation(file: Path, n: int) -> dict[str, Array]:
 def read_summary(folder: Path) -> dict[str, Any]:
     """Return what summary.json of a tracked recording holds."""
     file = folder / "summary.json"
+    content = read_bytes(file, "the summary of a tracked recording")
     try:
-        summary = json.loads(read_bytes(file, "the summary of a tracked recording"))
+        summary = json.loads(content)
     except ValueError as error:
         raise InputError(file, f"{error}; expected the summary of a tracked recording") from error
     if not isinstance(summary, dict) or not {"frames", "status", "ms_per_pair"} <= summary.keys():
