@@ -144,9 +144,17 @@ def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert found["counts"]["frames"] >= 18  # of 20; where the cameras' poses are in doubt nothing is searched
 
 
-def test_what_is_tracked_needs_no_diagnosis(rendered: Path, tmp_path: Path) -> None:
+def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(
+    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     main(["track", str(rendered), "--out", str(tmp_path / "out")])
-    assert "diagnosis" not in json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert "diagnosis" not in summary
+    radius_m = np.genfromtxt(rendered / "truth.csv", delimiter=",", names=True)["radius_m"][0]
+    size = summary["object"]
+    assert size["low_95_m"] < 2 * radius_m < size["high_95_m"]
+    assert size["diameter_m"] == pytest.approx(2 * radius_m, rel=0.1)
+    assert f"object {1000 * size['diameter_m']:.3g} mm across (95 %: " in capsys.readouterr().out
 
 
 def drawn(

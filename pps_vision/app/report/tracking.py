@@ -185,6 +185,9 @@ def report(tracked: Tracked) -> str:
     opening = f'<ul class="warnings">{warned}</ul>' if warned else "<p>No warnings.</p>"
     frames = summary["frames"]
     lead = f"{summary['status'].get('tracking', 0)} of {frames} stereo pairs measured, {len(tracked.stamps_s)} rows"
+    if size := summary.get("object"):
+        interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
+        lead += f", object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})"
     return page.page(str(summary.get("source", tracked.folder)), lead, opening, sections)
 
 
