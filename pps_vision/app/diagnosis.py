@@ -26,6 +26,8 @@ _CLEARLY = 0.4  # of the misfit as they are; exchanging correct images makes it 
 _OFFSET_PX = 8.0  # of one camera against the other: poor calibrations have so much (baseball: 5–8 px)
 _CONTINUES = 4.0  # times the usual step between columns; 0.4–3.1 within 80 images, 5.7–32 between stereo images
 _IN_COMMON = 0.08  # of the features; 0.02–0.04 in the halves of one image, 0.2 and more in stereo images of boards
+_UNITS_M = (0.001, 0.01, 0.0254, 1.0)  # mm, cm, inch and m, in which boards are measured
+_USUAL_BASELINE_M = (0.02, 1.0)  # within which a unit is proposed
 _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
 
 
@@ -87,7 +89,8 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         baseline = float(np.linalg.norm(view.right.center - view.left.center))
         yield from exchanged(frames, recording.rig)
         if not _BASELINE_M[0] <= baseline <= _BASELINE_M[1]:
-            yield f"another calibration or --unit-m: the cameras are {baseline:.3g} m apart"
+            units = _units(recording, baseline)
+            yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{units}"
     if turn_deg[0] > 0:
         yield (
             f"cameras that rest, or a recording with joints: the cameras move although declared fixed, by up to "
@@ -96,6 +99,20 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
     joints = [q for frame in frames for q in (frame.joints_left_rad, frame.joints_right_rad) if q is not None]
     if joints and np.max(np.abs(np.rad2deg(joints))) <= _RADIANS:
         yield "joints in degrees: no joint in the logs is beyond ±3.14, as if they were in radians"
+
+
+def length(metres: float) -> str:
+    """A length in words, in m or mm, without an exponent."""
+    value, unit = (metres, "m") if metres >= 1 else (1000 * metres, "mm")
+    return f"{np.format_float_positional(value, 4, fractional=False, trim='-')} {unit}"
+
+
+def _units(recording: Recording, baseline_m: float) -> str:
+    """The units of the calibration by which the cameras would be as far apart as usual."""
+    apart_m = {unit: baseline_m / recording.unit_m * unit for unit in _UNITS_M}
+    low, high = _USUAL_BASELINE_M
+    usual = [f"--unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
+    return "".join(f"; {one}" for one in usual)
 
 
 def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:

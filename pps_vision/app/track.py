@@ -141,6 +141,7 @@ class TrackedRecording:
             "ms_per_pair": self.stopwatch.summary(),
             "cameras": self._cameras.summary(),
             "skipped": count_by_kind(self.recording.problems),
+            "warnings": self.recording.warnings,
         }
         if path.tracked_share:
             summary["object"] = path.diameter()
@@ -164,7 +165,7 @@ class TrackedRecording:
         if tracked:
             size = {key: f"{1000 * value:.3g}" for key, value in path.diameter().items()}
             line += f", object {size['diameter_m']} mm across (95 %: {size['low_95_m']}–{size['high_95_m']})"
-        skipped = len(self.recording.problems)
+        skipped = self.recording.skipped
         return line + (f", {skipped} problems skipped" if skipped else "")
 
     def arrays(self, smooth: bool = False) -> TrackArrays:
@@ -314,15 +315,14 @@ def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: 
     Raises:
         InputError: The recording has no calibration.
     """
-    if recording.rig is None:
-        raise InputError(recording.name, "holds no icubEyes.ini; expected a calibration there or by --calib")
+    rig = recording.calibrated()
     own_body = None
     if recording.robot:
         from pps_vision.robot.silhouette import Silhouette  # loads the kinematics
 
         own_body = Silhouette(recording.robot)
     timed = {} if stages is None else {"stages": stages}
-    return Tracker(params, recording.rig, np.random.default_rng(seed), own_body, **timed)
+    return Tracker(params, rig, np.random.default_rng(seed), own_body, **timed)
 
 
 def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:

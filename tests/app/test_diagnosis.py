@@ -189,7 +189,7 @@ def turning(k: int) -> np.ndarray:
     [
         (-0.1, -40.0, still, 14, "--left and --right exchanged"),  # the ball is seen behind the cameras
         (-100.0, 40.0, still, 14, "another calibration or --unit-m: the cameras are 100 m apart"),
-        (-0.0001, 40.0, still, 14, "another calibration or --unit-m: the cameras are 0.0001 m apart"),
+        (-0.0001, 40.0, still, 14, "another calibration or --unit-m: the cameras are 0.1 mm apart"),
         (-0.1, 40.0, turning, 1, "the whole image changes from frame to frame"),
     ],
 )
@@ -317,7 +317,7 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(
         (13, 0.1, None, None),
         (11, 0.1, None, "more light or exposure: the mean grey level is 11.0"),
         (90, 0.006, None, None),
-        (90, 0.004, None, "the cameras are 0.004 m apart"),
+        (90, 0.004, None, "the cameras are 4 mm apart"),
         (90, 1.9, None, None),
         (90, 2.1, None, "the cameras are 2.1 m apart"),
         (90, 0.1, 3.3, None),

@@ -118,6 +118,10 @@ def test_euroc(tmp_path: Path, place: str) -> None:
     assert recording.rig is not None
     np.testing.assert_allclose(recording.rig.view().right.center, [0.11, 0, 0], atol=1e-12)
     assert [p.file.name for p in recording.problems] == [f"{NS[1]}.png"]
+    sensor = tmp_path / place / "cam1" / "sensor.yaml"
+    sensor.unlink()
+    bare = open_recording(tmp_path)
+    assert (bare.rig, len(bare), bare.calibration_at) == (None, 4, f"{sensor}, or two by --calib")
 
 
 @pytest.mark.parametrize("colour", [False, True])
@@ -136,6 +140,9 @@ def test_kitti(tmp_path: Path, colour: bool) -> None:
     with pytest.raises(InputError, match=r"times\.txt: cannot be read"):
         open_recording(tmp_path)
     np.testing.assert_allclose([f.stamp_left_s for f in open_recording(tmp_path, fps=10)], [0, 0.1])
+    (tmp_path / "calib.txt").unlink()
+    bare = open_recording(tmp_path, fps=10)
+    assert (bare.rig, bare.calibration_at) == (None, f"{tmp_path / 'calib.txt'}, or one by --calib")
 
 
 def test_euroc_without_names_of_images_is_refused(tmp_path: Path) -> None:

@@ -131,7 +131,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     """What whoever uses the results has to know first."""
-    found = []
+    found = list(summary.get("warnings", ()))
     frames = max(1, int(summary["frames"]))
     share = summary["status"].get("tracking", 0) / frames
     if share < _FEW_TRACKED:
