@@ -180,6 +180,11 @@ def still(k: int) -> np.ndarray:
     return texture()[:, :320]
 
 
+def plain(k: int) -> np.ndarray:
+    noise = np.random.default_rng(k).normal(0, 3, (240, 320, 3))
+    return (90 + noise).astype(np.uint8)
+
+
 def turning(k: int) -> np.ndarray:
     return texture()[:, 6 * k : 6 * k + 320]
 
@@ -281,12 +286,34 @@ def test_the_counts_of_the_search_name_one_thing_to_try(
     mode: str, counts: dict[str, int], advice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 0.0)
+    monkeypatch.setattr(diagnosis_module, "_image_shift_px", lambda recording: 0.0)
     fixed = SimpleNamespace(robot=None)
     assert [one[: len(advice)] for one in _by_counts(fixed, mode, counts)] == [advice]  # type: ignore[arg-type]
     monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 7.0)
     assert next(iter(_by_counts(fixed, mode, counts))).startswith("cameras that rest")  # type: ignore[arg-type]
     with_joints = SimpleNamespace(robot=object())
     assert next(iter(_by_counts(with_joints, mode, counts))).startswith(advice)  # type: ignore[arg-type]
+
+
+def test_cameras_that_move_are_not_called_a_scene_in_which_nothing_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 0.0)
+    monkeypatch.setattr(diagnosis_module, "_image_shift_px", lambda recording: 6.0)
+    assert not list(_by_counts(SimpleNamespace(robot=None), "generic", FRAMES))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("wall", "shift_px"), [(still, None), (plain, None), (turning, 6.0)])
+def test_cameras_that_move_are_seen_in_a_few_images(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wall: Callable[[int], np.ndarray], shift_px: float | None
+) -> None:
+    words = drawn(tmp_path, 40.0, wall)
+    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-0.1))
+    main(["info", *map(str, words), "--json"])
+    found = [one for one in json.loads(capsys.readouterr().out)["warnings"] if "px a frame" in one]
+    assert len(found) == (shift_px is not None)
+    if shift_px:
+        said = float(found[0].split("shift by ")[1].split()[0])
+        assert said == pytest.approx(shift_px, abs=0.1)
+        assert found[0].endswith("px a frame: do the cameras move?")
 
 
 def test_a_wide_video_of_one_camera_is_not_taken_for_two(
