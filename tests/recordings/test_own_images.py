@@ -59,6 +59,14 @@ def test_folders_of_stamps_pair_by_them(tmp_path: Path) -> None:
     assert [(p.kind, p.file.name) for p in recording.problems] == [(ProblemKind.UNPAIRED, left[1])]
 
 
+def test_a_rate_that_replaces_stamps_in_names_is_told(tmp_path: Path) -> None:
+    sides = [[str(tmp_path / side)] for side in ("left", "right")]
+    for (folder,) in sides:
+        write(Path(folder), [f"{t}.png" for t in NS])
+    assert open_stereo_images(*sides, fps=20).warnings == ()
+    assert open_stereo_images(*sides, fps=30).warnings == ("--fps 30 replaces the files' own 20.00",)
+
+
 def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"0001\.png: its name is no stamp; expected --fps, --times, or"):
         own(tmp_path, ["0001.png"], ["0001.png"])
