@@ -83,7 +83,9 @@ def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_what_holds_no_results(tmp_path: Path, refused) -> None:
-    assert "summary.json" in refused("report", tmp_path)
+    line = refused("report", tmp_path)
+    assert "summary.json" in line
+    assert line.count("expected") == 1
     (tmp_path / "summary.json").write_text("{}")
     assert "of another command" in refused("report", tmp_path)
     (tmp_path / "summary.json").write_text("{")
@@ -101,6 +103,9 @@ def test_what_has_to_be_known_first() -> None:
         "cameras that are said to be fixed turned by 1.3°",
     ]
     assert warnings_of({"frames": 40, "status": {"tracking": 20}, "cameras": {"rotation_deg": 1.0}}) == []
+    assert warnings_of({"frames": 2, "status": {"tracking": 2}, "warnings": ["l.mp4 ends early"]}) == [
+        "l.mp4 ends early"
+    ]
     assert warnings_of({"frames": 0, "status": {}}) == ["measured in 0 % of 1 pairs only"]
 
 

@@ -108,7 +108,7 @@ class Track(SourceOptions):
             write_json(folder / "summary.json", summary)
             if self.report:
                 write_report(folder)
-        print_skipped(recording.problems)
+        print_skipped(recording.problems, recording.warnings)
         print(run.headline(numbers), f"→ {self.out}")
         if diagnosis:
             print(diagnosis)

@@ -119,8 +119,9 @@ def _activation(file: Path, n: int) -> dict[str, Array]:
 def read_summary(folder: Path) -> dict[str, Any]:
     """Return what summary.json of a tracked recording holds."""
     file = folder / "summary.json"
+    content = read_bytes(file, "the summary of a tracked recording")
     try:
-        summary = json.loads(read_bytes(file, "the summary of a tracked recording"))
+        summary = json.loads(content)
     except ValueError as error:
         raise InputError(file, f"{error}; expected the summary of a tracked recording") from error
     if not isinstance(summary, dict) or not {"frames", "status", "ms_per_pair"} <= summary.keys():
@@ -130,7 +131,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     """What whoever uses the results has to know first."""
-    found = []
+    found = list(summary.get("warnings", ()))
     frames = max(1, int(summary["frames"]))
     share = summary["status"].get("tracking", 0) / frames
     if share < _FEW_TRACKED:
@@ -184,6 +185,9 @@ def report(tracked: Tracked) -> str:
     opening = f'<ul class="warnings">{warned}</ul>' if warned else "<p>No warnings.</p>"
     frames = summary["frames"]
     lead = f"{summary['status'].get('tracking', 0)} of {frames} stereo pairs measured, {len(tracked.stamps_s)} rows"
+    if size := summary.get("object"):
+        interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
+        lead += f", object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})"
     return page.page(str(summary.get("source", tracked.folder)), lead, opening, sections)
 
 
