@@ -74,16 +74,60 @@ def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
     main(["batch", str(tmp_path / "list.csv"), "--out", str(tmp_path / "out")])
     with (tmp_path / "out" / "first" / "trajectory.csv").open() as file:
         assert [float(row["stamp_s"]) for row in csv.DictReader(file)] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
-    for rows in ("rec\na\n", "name,rec\n../a,x\n", "name,colour\na,red\n", "name,rec\na,x,y\n"):
-        (tmp_path / "list.csv").write_text(rows)
-        assert "expected columns name" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
-    (tmp_path / "list.csv").write_text(f"name,rec\na,{'x' * 200_000}\n")  # longer than a field may be
-    assert "list.csv:2: cannot be read" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", ":1: no column name; expected the columns name and some of rec, left"),
+        ("rec\na\n", ":1: no column name; expected"),
+        ("name,colour\na,red\n", ":1: column 'colour'; expected the columns name and some of rec, left"),
+        ("name;rec\na;b\n", ":1: column 'name;rec'; expected .* separated by commas"),
+        ("name,rec,rec\na,b,c\n", ":1: column 'rec'; expected .* each once"),
+        ("name,rec\n../a,x\n", ":2: name '../a'; expected the name of a new folder"),
+        ("name,rec\na,x\n\n,y\n", ":4: name ''; expected the name of a new folder"),
+        ("name,rec\na,x\na,y\n", ":3: name 'a' is that of .*list.csv:2 too; expected distinct names"),
+        ("name,rec\nsettings.json,x\n", ":2: a result called settings.json; expected none of"),
+        ("name,rec,fps\na,x\n", ":2: 2 fields under 3 columns; expected a field for each column"),
+        ("name,rec\na,x,y\n", ":2: 3 fields under 2 columns; expected a field for each column"),
+        (f"name,rec\na,{'x' * 200_000}\n", ":2: cannot be read: "),  # longer than a field may be
+        ("name,rec,fps\na,x,30\nb,x,fast\n", ":3: fps 'fast'; expected a positive number"),
+        ("name,rec,fps\na,x,0\n", ":2: fps '0'; expected a positive number"),
+        ("name,rec,unit_m\na,x,1;2\n", ":2: unit_m '1;2'; expected a positive number"),
+        ("name,rec,max_skew_s\na,x,-0.1\n", ":2: max_skew_s '-0.1'; expected a number of at least 0"),
+    ],
+)
+def test_a_manifest_is_refused_before_anything_starts(content: str, said: str, tmp_path: Path, refused) -> None:
+    (tmp_path / "list.csv").write_text(content)
+    line = refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
+    assert re.match(re.escape(f"pps-vision: {tmp_path / 'list.csv'}") + said, line), line
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_to_do(tmp_path: Path, refused) -> None:
     (tmp_path / "list.csv").write_text("name,rec\n")
-    assert "no recording given" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
-    (tmp_path / "list.csv").write_text("name,rec\na,x\na,y\n")
-    assert "distinct names" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
-    assert "matches no recording" in refused("batch", tmp_path / "gone*", "--out", tmp_path / "other")
+    assert "no recording given" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
+    assert "matches no recording" in refused("batch", tmp_path / "gone*", "--out", tmp_path / "out")
+
+
+def test_a_row_s_own_options_go_before_those_for_all(tmp_path: Path, calib: Path) -> None:
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+    (tmp_path / "other.yml").write_bytes(calib.read_bytes())
+    (tmp_path / "list.csv").write_text("name,rec,calib,fps,unit_m\na,a.mp4,other.yml,10,0.01\nb,a.mp4,,,\n")
+    words = ["--calib", str(calib), "--fps", "5", "--unit-m", "2", "--out", str(tmp_path / "out")]
+    main(["batch", str(tmp_path / "list.csv"), *words])
+    a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
+    assert re.search(r"track a.mp4 --calib other.yml --fps 10.0 --unit-m 0.01", a)
+    assert re.search(r"track a.mp4 --calib \S*calib.yml --fps 5.0 --unit-m 2.0", b)
+
+
+def test_why_a_row_failed_begins_with_its_place(tmp_path: Path, calib: Path, refused_with) -> None:
+    file = tmp_path / "list.csv"
+    file.write_text("name,left,right,calib\na,gone.mp4,r.mp4,calib.yml\n\nb,-l.mp4,r.mp4,calib.yml\n")
+    refused_with("batch", file, "--out", tmp_path / "out")
+    reasons = [row["reason"] for row in table(tmp_path / "out").values()]
+    assert re.match(re.escape(f"{file}:2: ") + "gone.mp4: .*expected ", reasons[0])
+    assert reasons[1] == f"{file}:4: Unrecognized options: -l.mp4"  # tyro's words without its frame
 
 
 def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
@@ -199,8 +243,9 @@ def test_where_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> N
     words = ("batch", tmp_path / "a.mp4", "--calib", calib, "--out")
     assert "expected a writable place" in refused(*words, tmp_path / "file" / "out")
     assert "expected a writable place" in refused(*words, "/proc/out")
-    (tmp_path / "list.csv").write_text("name,rec\nsettings.json,a.mp4\n")
-    assert "called settings.json" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
+    (tmp_path / "settings.json").touch()
+    said = refused("batch", tmp_path / "settings.json", "--calib", calib, "--out", tmp_path / "out")
+    assert "settings.json: a result called settings.json" in said
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ class Batch:
     Run again, it does what is left to do: finished recordings are kept, failed ones tried again.  A manifest is a CSV
     file with a column `name`, and of the columns rec, left, right, calib, times, fps, unit_m, joints, max_skew_s (with
     --learn of rec, calib, taxels, joints, max_skew_s, robot, urdf, skin) those that are needed (several files in a
-    field separated by ';', paths from the manifest's folder).
+    field separated by ';', paths from the manifest's folder); a row's values go before the options for all.
     """
 
     recordings: Positional[tuple[str, ...]]
