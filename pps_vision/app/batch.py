@@ -7,6 +7,8 @@ that was killed is continued by running it again.
 import csv
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 import time
@@ -22,6 +24,7 @@ from tqdm import tqdm
 
 from pps_vision.__main__ import ENDS_WITH_STDIN
 from pps_vision.errors import InputError, first_line
+from pps_vision.files import read_bytes
 from pps_vision.recordings.outputs import BUSY, locked_folder, whole_file
 from pps_vision.recordings.parquet import require_pyarrow, write_parquet
 from pps_vision.recordings.tables import write_table
@@ -205,15 +208,11 @@ def run_batch(
         if parquet:
             require_pyarrow()  # before hours of work
         settings = out / SETTINGS
-        begun_with = json.dumps([task.command, *task.options]) + "\n"
         if not settings.exists():
             with whole_file(settings) as partial:
-                partial.write_text(begun_with)
-        elif settings.read_text() != begun_with:
-            found = f"is not {begun_with.strip()}"
-            raise InputError(
-                settings, f"{found}; expected the options that this folder was begun with, or another folder"
-            )
+                partial.write_text(json.dumps([task.command, *task.options]) + "\n")
+        elif difference := _difference(_read_settings(settings), [task.command, *task.options]):
+            raise InputError(out, f"was begun {difference}; expected the same options, or another folder")
 
         with tqdm(total=len(jobs), desc="batch", unit="recording", disable=None) as bar:
             if scheduler:
@@ -234,6 +233,27 @@ def run_batch(
             with whole_file(out / "batch.parquet") as partial:
                 write_parquet(partial, task.table, rows)
     return rows
+
+
+def _read_settings(file: Path) -> list[str]:
+    """Command and options that a batch was begun with."""
+    try:
+        return [str(word) for word in json.loads(read_bytes(file, "the settings of a batch"))]
+    except (ValueError, TypeError) as error:
+        raise InputError(file, f"{first_line(error)}; expected the settings of a batch, or another folder") from error
+
+
+def _difference(begun: Sequence[str], asked: Sequence[str]) -> str:
+    """How the options of two batches differ: "with --order 4", "without --smooth"; "" if they are the same."""
+    if begun[:1] != asked[:1]:
+        return f"{'with' if begun[:1] == ['learn'] else 'without'} --learn"
+    one, other = (
+        re.split(" (?=--)", re.sub(r"(--[\w-]+)=", r"\1 ", shlex.join(words[1:]))) for words in (begun, asked)
+    )
+    if given := [option for option in one if option not in other]:
+        return f"with {' '.join(given)}"
+    added = [option for option in other if option not in one]
+    return f"without {' '.join(added)}" if added else ""
 
 
 def _add_up(memories: Sequence[Path], out: Path) -> None:

@@ -42,13 +42,13 @@ def is_there(group: int) -> bool:
     return False
 
 
-def test_a_batch(tmp_path: Path, calib: Path, refused, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys: pytest.CaptureFixture[str]) -> None:
     for name, n in (("a.mp4", 6), ("c.mp4", 8)):
         write_video(tmp_path / name, [k / 20 for k in range(n)])
     (tmp_path / "b.mp4").write_bytes(b"no video")
     args = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--out"]
     one, two = tmp_path / "one", tmp_path / "two"
-    main([*args, str(one)])
+    fails_in_part(*args[1:], one)
     assert "failed: b.mp4: " in (said := capsys.readouterr().out)
     assert "2 of 3 recordings tracked" in said
     rows = table(one)
@@ -64,7 +64,44 @@ def test_a_batch(tmp_path: Path, calib: Path, refused, capsys: pytest.CaptureFix
     assert (one / "a.mp4" / "summary.json").stat().st_mtime_ns == before
     main([*args, str(two), "--workers", "2"])
     assert results(two) == results(one)
-    assert "expected the options" in refused(*args, one, "--seed", 3)
+
+
+@pytest.mark.parametrize(
+    ("begun", "asked", "said"),
+    [
+        ("--order=4", "--order=2", "with --order 4"),
+        ("--max-skew-s=0.1", "", "with --max-skew-s 0.1"),
+        ("", "--smooth", "without --smooth"),
+        ("--also tum mot", "--also tum", "with --also tum mot"),
+        ("--smooth", "--smooth", ""),
+    ],
+)
+def test_a_folder_begun_with_other_options(begun: str, asked: str, said: str, tmp_path: Path, refused_with) -> None:
+    (tmp_path / "a.mp4").touch()
+    words = ["batch", tmp_path / "a.mp4", "--out", tmp_path / "out"]
+    refused_with(*words, *begun.split())
+    line = refused_with(*words, *asked.split())[-1]
+    expected = (
+        f"out: was begun {said}; expected the same options, or another folder" if said else "none of 1 recordings"
+    )
+    assert expected in line
+
+
+def test_settings_that_are_none(tmp_path: Path, refused) -> None:
+    (tmp_path / "a.mp4").touch()
+    for content in ("{", "1", ""):
+        (tmp_path / "settings.json").write_text(content)
+        line = refused("batch", tmp_path / "a.mp4", "--out", tmp_path)
+        assert re.search("settings.json: .*; expected the settings of a batch", line)
+
+
+def test_the_skew_of_pairs_is_that_of_all_or_of_a_row(tmp_path: Path, calib: Path) -> None:
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+    (tmp_path / "list.csv").write_text("name,rec,max_skew_s\na,a.mp4,0.01\nb,a.mp4,\n")
+    words = ["--calib", str(calib), "--max-skew-s", "0.05", "--out", str(tmp_path / "out")]
+    main(["batch", str(tmp_path / "list.csv"), *words])
+    a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
+    assert ("--max-skew-s 0.01" in a, "--max-skew-s 0.05" in b) == (True, True)
 
 
 def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
@@ -158,13 +195,15 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     assert sorted(path.name for path in out.iterdir()) == ["0.mp4", "1.mp4", "batch.csv", "settings.json"]
 
 
-def test_learning_from_many_is_learning_from_each(approach: Path, tmp_path: Path, refused, capsys) -> None:
+def test_learning_from_many_is_learning_from_each(
+    approach: Path, tmp_path: Path, refused, fails_in_part, capsys
+) -> None:
     """Bit for bit the memory that one `learn` in the order of the recordings gives, with two workers."""
     for name in ("a", "b"):
         shutil.copytree(approach, tmp_path / name)
     (tmp_path / "c").mkdir()
     out, words = tmp_path / "out", [str(tmp_path / "[abc]"), "--learn", "--workers", "2"]
-    main(["batch", *words, "--parquet", "--out", str(out)])
+    fails_in_part(*words, "--parquet", "--out", out)
     assert "2 of 3 recordings learned" in capsys.readouterr().out
     main(["learn", str(tmp_path / "a"), "--into", str(out / "b.npz"), "--out", str(tmp_path / "both.npz")])
     together, each = load_memory(tmp_path / "both.npz"), load_memory(out / "b.npz")
@@ -180,15 +219,17 @@ def test_learning_from_many_is_learning_from_each(approach: Path, tmp_path: Path
     assert read["name"].tolist() == ["a", "b", "c"]
     assert read["samples"].tolist()[:2] == [each.counts.sum()] * 2
     assert read["samples"].isna().tolist() == [False, False, True]
-    assert "expected the options" in refused("batch", *words[:1], "--out", out)
+    assert "was begun with --learn; expected the same options" in refused("batch", *words[:1], "--out", out)
     assert "--learn with --smooth" in refused("batch", *words, "--smooth", "--out", tmp_path / "other")
 
 
-def test_parquet_holds_the_table_with_its_types(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
+def test_parquet_holds_the_table_with_its_types(
+    tmp_path: Path, calib: Path, refused, fails_in_part, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_video(tmp_path / "a.mp4", [k / 20 for k in range(6)])
     (tmp_path / "b.mp4").write_bytes(b"no video")
     words = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--parquet", "--out"]
-    main([*words, str(tmp_path / "out")])
+    fails_in_part(*words[1:], tmp_path / "out")
     read, rows = pandas.read_parquet(tmp_path / "out" / "batch.parquet"), table(tmp_path / "out")
     assert list(read.columns) == list(rows["a.mp4"])
     assert (read["pairs"][0], read["ms_per_pair"][0]) == (6, float(rows["a.mp4"]["ms_per_pair"]))
@@ -216,7 +257,7 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib:
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
-    assert (full.returncode, full.stderr.count("Traceback")) == (0, 0), full.stderr
+    assert (full.returncode, full.stderr.count("Traceback")) == (1, 0), full.stderr
     rows = table(out)
     assert [row["status"] for row in rows.values()] == ["done", "failed", "failed"]
     assert re.fullmatch(r".*b\.mp4: cannot be written: .*; expected free space", rows["b.mp4"]["reason"])

@@ -50,7 +50,7 @@ def test_one_of_two_workers_dies(tmp_path: Path, calib: Path) -> None:
             time.sleep(0.02)
         os.kill(int((tmp_path / "workers").read_text().split()[0]), signal.SIGKILL)
         said, errors = running.communicate(timeout=60)
-    assert running.returncode == 0, errors
+    assert running.returncode == 1, errors  # one recording failed
     assert "2 of 3 recordings tracked" in said
     with (tmp_path / "cluster" / "batch.csv").open() as file:
         rows = {row["name"]: row for row in csv.DictReader(file)}

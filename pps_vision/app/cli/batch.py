@@ -1,5 +1,6 @@
 """`pps-vision batch`: track many recordings, or learn from them."""
 
+import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -39,6 +40,8 @@ class Batch:
     """Frames per second of all, as for `track`."""
     unit_m: float = 1.0
     """Metres per length unit of the calibration."""
+    max_skew_s: float = SourceOptions.max_skew_s
+    """Left and right images further apart in time are no pair."""
     mode: Mode = "generic"
     """generic: whatever moves; marker: a green marker."""
     order: int = DEFAULT_ORDER
@@ -57,7 +60,7 @@ class Batch:
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Do what is left to do, and print what failed; exit code 2 if all failed."""
+        """Do what is left to do, and print what failed; exit code 1 if some failed, 2 if all did."""
         from pps_vision.app.batch import Task, jobs_of, run_batch
 
         jobs = jobs_of(
@@ -78,10 +81,13 @@ class Batch:
         print(f"{len(rows) - len(failed)} of {len(rows)} recordings {done} → {self.out / 'batch.csv'}")
         if len(failed) == len(rows):
             raise InputError("batch", f"none of {len(rows)} recordings could be {done}")
+        if failed:
+            sys.exit(1)
 
     def _options(self) -> list[str]:
         """What the command is given for every recording."""
         words = [f"--mode={self.mode}", f"--seed={self.seed}"]
+        words += [f"--max-skew-s={self.max_skew_s}"] if self.max_skew_s != SourceOptions.max_skew_s else []
         calib = ["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else []
         if self.learn:
             tracking = ("fps", "unit_m", "order", "smooth", "also", "report")
