@@ -40,7 +40,8 @@ LEARN_TABLE: Mapping[str, type] = {
 }
 SETTINGS = "settings.json"
 MEMORY = "memory.npz"
-_OWN = (SETTINGS, MEMORY, "batch.csv", "batch.parquet", "report.html")
+SUMMARY = "summary.json"
+_OWN = (SETTINGS, MEMORY, SUMMARY, "batch.csv", "batch.parquet", "report.html")
 _POSITIVE = "a positive number"
 _NUMBERS = {"fps": _POSITIVE, "unit_m": _POSITIVE, "max_skew_s": "a number of at least 0"}  # columns of a manifest
 _BUSY_S = 0.5  # between two looks at a recording that another run is tracking

@@ -192,7 +192,13 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     assert all(json.loads((folder / "summary.json").read_text())["frames"] == 5 for folder in finished)
     main(words)
     assert [row["status"] for row in table(out).values()] == ["done"] * 2
-    assert sorted(path.name for path in out.iterdir()) == ["0.mp4", "1.mp4", "batch.csv", "settings.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "0.mp4",
+        "1.mp4",
+        "batch.csv",
+        "settings.json",
+        "summary.json",
+    ]
 
 
 def test_learning_from_many_is_learning_from_each(
@@ -263,7 +269,13 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib:
     assert re.fullmatch(r".*b\.mp4: cannot be written: .*; expected free space", rows["b.mp4"]["reason"])
     assert "is no folder" in rows["c.mp4"]["reason"]
     assert (out / "c.mp4").read_bytes() == b"mine"
-    assert sorted(path.name for path in out.iterdir()) == ["a.mp4", "batch.csv", "c.mp4", "settings.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "a.mp4",
+        "batch.csv",
+        "c.mp4",
+        "settings.json",
+        "summary.json",
+    ]
 
 
 def test_a_disk_that_fills_up_at_the_end(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:

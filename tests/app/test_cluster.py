@@ -60,7 +60,7 @@ def test_one_of_two_workers_dies(tmp_path: Path, calib: Path) -> None:
     for name in ("trajectory.csv", "detections.csv"):  # bit for bit
         assert (tmp_path / "cluster" / "0.mp4" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
     left = {path.name for path in (tmp_path / "cluster").iterdir()}
-    assert left == {"0.mp4", "1.mp4", "batch.csv", "settings.json"}
+    assert left == {"0.mp4", "1.mp4", "batch.csv", "settings.json", "summary.json"}
     assert not list(tmp_path.glob(".dask-*"))
 
 

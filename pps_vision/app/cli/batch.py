@@ -1,12 +1,15 @@
 """`pps-vision batch`: track many recordings, or learn from them."""
 
+import shlex
 import sys
+import time
 from dataclasses import dataclass, fields
+from datetime import UTC, datetime
 from pathlib import Path
 
 from tyro.conf import Positional
 
-from pps_vision.app.cli.options import SourceOptions
+from pps_vision.app.cli.options import SourceOptions, command_line
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from tracking import DEFAULT_ORDER, Mode
@@ -61,8 +64,11 @@ class Batch:
 
     def run(self) -> None:
         """Do what is left to do, and print what failed; exit code 1 if some failed, 2 if all did."""
-        from pps_vision.app.batch import Task, jobs_of, run_batch
+        from pps_vision.app.batch import SUMMARY, Task, jobs_of, run_batch
+        from pps_vision.app.versions import versions
+        from pps_vision.recordings.outputs import whole_file, write_json
 
+        started, begun_s = datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic()
         jobs = jobs_of(
             self.recordings, LEARN_COLUMNS if self.learn else [field.name for field in fields(SourceOptions)]
         )
@@ -70,11 +76,23 @@ class Batch:
             raise InputError("batch", "no recording given; expected one or more")
         task = Task("learn" if self.learn else "track", tuple(self._options()), self.out)
         rows = run_batch(jobs, task, self.workers, self.scheduler, self.parquet)
+        failed = [row for row in rows if row["status"] == "failed"]
+        rest = command_line("batch", self, fields(self)[1:]).removeprefix("pps-vision batch ")
+        summary = {
+            "command": f"pps-vision batch {shlex.join(self.recordings)} {rest}",
+            "settings": {field.name: getattr(self, field.name) for field in fields(self)[2:]},
+            "recordings": len(rows),
+            "failed": len(failed),
+            "started": started,
+            "seconds": round(time.monotonic() - begun_s, 1),
+            "versions": versions(),
+        }
+        with whole_file(self.out / SUMMARY) as partial:
+            write_json(partial, summary)
         if self.report:
             from pps_vision.app.report.tracking import write_batch_report
 
             write_batch_report(self.out)
-        failed = [row for row in rows if row["status"] == "failed"]
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")
         done = "learned" if self.learn else "tracked"
