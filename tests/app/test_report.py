@@ -3,6 +3,7 @@
 import html
 import re
 import shlex
+import warnings
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -122,6 +123,11 @@ def test_a_batch_is_drawn_with_a_mark_for_every_recording(tmp_path: Path, monkey
     drawn = [[line.get_xydata().tolist() for line in axis.lines] for axis in (share, time_ms)]
     assert drawn == [[[[92.5, 0], [50, 2]], [[0, 1]]], [[[1.5, 0], [2.5, 2]], [[0, 1]]]]
     assert [label.get_text() for label in share.get_yticklabels()] == ["a", "b", "c"]
+    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows[:1])
+    report_folder(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of a figure without room
+        figures[-1].savefig(tmp_path / "one.png")
     write_table(tmp_path / "batch.csv", list(TRACK_TABLE), [("a", "done", 40, 40, "much", "", 1.5, "0.2.0", "")])
     with pytest.raises(InputError, match=r"batch.csv:2: .*'much'; expected finite numbers"):
         report_folder(tmp_path)

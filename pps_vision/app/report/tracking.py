@@ -351,8 +351,8 @@ def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:
     for axis, column, scale in zip(axes, ("tracked_share", "ms_per_pair"), (100, 1), strict=True):
         known = [(scale * float(row[column]), k) for k, row in enumerate(rows) if row[column]]
         axis.plot(*np.reshape(known, (-1, 2)).T, "o", ms=4, color="tab:blue")
-        failed = [k for k, row in enumerate(rows) if row["status"] == "failed"]
-        axis.plot(np.zeros(len(failed)), failed, "x", ms=5, color=_COLORS[Status.LOST], clip_on=False)
+        if failed := [k for k, row in enumerate(rows) if row["status"] == "failed"]:
+            axis.plot(np.zeros(len(failed)), failed, "x", ms=5, color=_COLORS[Status.LOST], clip_on=False)
         axis.grid(alpha=0.25)
     axes[0].set(xlabel="pairs tracked (%)", xlim=(0, 103), ylim=(len(rows) - 0.5, -0.5))
     axes[1].set(xlabel="time a pair (ms)", xlim=(0, None))
