@@ -97,7 +97,11 @@ def test_what_is_left_out_means_the_same_in_functions_and_commands() -> None:
             of_command(Track),
             {"fps", "unit_m", "max_skew_s", "calib", "times", "joints"},
         ),
-        (of_command(Batch), of_command(Track), {"calib", "fps", "unit_m", "mode", "order", "smooth", "also", "report"}),
+        (
+            of_command(Batch),
+            of_command(Track),
+            {"calib", "fps", "unit_m", "max_skew_s", "mode", "order", "smooth", "also", "report"},
+        ),
     ]
     for ours, theirs, names in defaults:
         assert {name: ours[name] for name in names} == {name: theirs[name] for name in names}
