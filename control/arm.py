@@ -81,31 +81,9 @@ class ArmConstraints(NamedTuple):
     preferred: Array
     """(k,) rad/s towards the rest posture, where the task leaves joints free."""
     rows: Array
-    """(m, k)."""
+    """(m, k) inequalities: rows @ rates ≤ most."""
     most: Array
-    """(m,) the largest rows @ rates."""
-
-
-def arm_velocity(
-    params: ArmParams,
-    posture: Posture,
-    side: str,
-    points: Sequence[MovingPoint],
-    rest_rad: ArrayLike,
-    keep_in: KeepIn | None = None,
-    hold_s: float = MAX_HOLD_S,
-    self_collision: SelfCollision | None = None,
-    more_rows: tuple[Array, Array] | None = None,
-) -> Array:
-    """Joint rates (n_joints,) of the arm of `side` that move `points` as they are to, by least squares.
-
-    `rest_rad` (k,) is the arm's rest posture.  Where a joint limit, within the time `hold_s` for which the rates may be
-    held, the sphere, another body of the robot (of `self_collision`; None: none) or one of `more_rows`, rates @ rows
-    (m, n_joints) ≤ most (m,), forbids the motion, the points slide along it, or stop.  InputError for a velocity that
-    is not finite.
-    """
-    within = arm_constraints(params, posture, side, rest_rad, keep_in, hold_s, self_collision, more_rows)
-    return constrained_velocity(params, posture, within, points)
+    """(m,) their right sides."""
 
 
 def arm_constraints(
@@ -118,7 +96,12 @@ def arm_constraints(
     self_collision: SelfCollision | None = None,
     more_rows: tuple[Array, Array] | None = None,
 ) -> ArmConstraints:
-    """The constraints of `arm_velocity`."""
+    """What the joint rates of the arm of `side` obey in one frame.
+
+    `rest_rad` (k,) is the arm's rest posture.  Joint limits are kept for the time `hold_s` for which the rates may be
+    held; the arm keeps clear of the other bodies of `self_collision`, if there is one, and its rates obey `more_rows`:
+    rows (m, n_joints) @ rates ≤ most (m,).
+    """
     robot = posture.robot
     columns = robot.indices(robot.names.arm(side))
     q = posture.q_rad[columns]
@@ -139,24 +122,27 @@ def arm_constraints(
     return ArmConstraints(columns, limits, preferred, rows, most)
 
 
-def constrained_velocity(
-    params: ArmParams, posture: Posture, within: ArmConstraints, points: Sequence[MovingPoint]
+def arm_velocity(
+    params: ArmParams, posture: Posture, constraints: ArmConstraints, points: Sequence[MovingPoint]
 ) -> Array:
-    """Joint rates (n_joints,) that move `points` as `arm_velocity` does, within constraints that are known."""
+    """Joint rates (n_joints,) that move `points` of an arm as they are to, by least squares.
+
+    Where a constraint forbids the motion, the points slide along it, or stop.  InputError for a velocity that is not
+    finite.
+    """
     velocities = [np.asarray(one.velocity_root, dtype=float) for one in points]
     for one, velocity in zip(points, velocities, strict=True):
         if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
             raise InputError("arm", f"velocity {velocity} of {one.frame}; expected three finite numbers in m/s")
-    J: Array = np.empty((0, len(within.columns)))
+    J: Array = np.empty((0, len(constraints.columns)))
     wanted: Array = np.empty(0)
     for one, velocity in zip(points, velocities, strict=True):
         weight, speed = np.sqrt(one.weight), float(np.linalg.norm(velocity))
-        moves = posture.jacobian(one.frame, one.point)[:3, within.columns]
+        moves = posture.jacobian(one.frame, one.point)[:3, constraints.columns]
         if one.free_across:
             moves, velocity = (velocity / max(speed, 1e-9))[None] @ moves, np.array([speed])
         J, wanted = np.vstack([J, weight * moves]), np.append(wanted, weight * velocity)
     dq = np.zeros(posture.robot.n_joints)
-    dq[within.columns] = solve_rates(
-        J, wanted, within.preferred, params.damping_m, within.limits, within.rows, within.most
-    )
+    columns, limits, preferred, rows, most = constraints
+    dq[columns] = solve_rates(J, wanted, preferred, params.damping_m, limits, rows, most)
     return dq

@@ -1,18 +1,22 @@
 """Move away from what the skin predicts to touch it, or reach for it (R eq. 6), and return home.
 
 Beyond R: an arm at rest does not respond to what will pass or has not come nearer, taxels leave the path of an object
-that withdrawal along their normals is not predicted to escape, and reaching aims at the object.
+that withdrawal along their normals is not predicted to escape, and reaching aims at the object, with the taxel that
+touches it first at the speeds that the constraints allow.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, constrained_velocity
-from control.limits import MAX_HOLD_S, check_times
+from control import reaching
+from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
+from control.limits import MAX_HOLD_S, LimitParams, check_times
 from control.path_clearance import direction_off_path
+from control.reaching import distances_ahead, radius_m
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.bare_links import BareLinks, Near
@@ -67,6 +71,10 @@ class AvoidanceParams:
     """Time for which avoidance outlasts the activation."""
     reach_for_s: float = 3.0
     """Time for which reaching does: an object that waits to be touched has no time to contact."""
+    reach_damping_m: float = 0.03
+    """Damping that an arm that reaches tries beside that of `arm`: with little damping joints turn fast against each
+    other, and the last stage, which proves the whole motion clear of the body, slows them all; with more the arm stops
+    at singular postures."""
     wait_s: float = 1.0
     """Time for which the arm stays where it is when the object is lost, before it goes home."""
     gone_m: float = 0.05
@@ -122,6 +130,7 @@ class AvoidanceParams:
             self.at_home_rad,
             self.give_up_s,
             self.gone_m,
+            self.reach_damping_m,
             self.come_within_s,
         )
         if not (all(time >= 0 for time in times) and all(value > 0 for value in above_0) and self.threshold <= 1):
@@ -141,6 +150,8 @@ class AvoidanceState:
     """Control points with their commanded velocities, the most activated first."""
     blocked_by: Array | None = None
     """(3,) where the object was when it interrupted the return, m."""
+    aimed_at: int | None = None
+    """Number of the taxel that the object's path comes nearest to, for an arm that reaches."""
     aside: Array | None = None
     """(3,) direction across the object's path in which the control points move; None: against the normals."""
     seen: tuple[tuple[float, Array], ...] = ()
@@ -193,7 +204,7 @@ def step(
     came = came and bool(found)  # what threatens links without taxels has to last
     near: list[Near] = []
     if params.behaviour == "reach":
-        found = _to_reach_with(params, state, found, track)
+        found = sorted(found, key=lambda one: -one.likeliest)[:1]
     elif bare_links is not None and track is not None and track.is_known:
         near, threatened = _near(params, bare_links, posture, track)
         found = found or [_of_link(one) for one in threatened]
@@ -201,14 +212,19 @@ def step(
     before = state
     state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track, came)
     if state.mode == "reach" and track is not None and track.is_known:
-        state = replace(state, points=tuple(_aimed(params, one, posture, track) for one in state.points))
+        state = replace(
+            state, points=tuple(reaching.aimed(params.speed_m_s, one, posture, track) for one in state.points)
+        )
+    if state.mode == "reach" and track is not None and track.is_known and params.each_taxel:
+        state = _with_side_to_touch(params, before, state, posture, skin, track, seen)
     so_far = before.aside if before.mode == state.mode == "avoid" else None
     state = replace(state, stamp_s=stamp_s, seen=seen, aside=so_far)
     if state.mode in ("avoid", "reach"):
         if state.mode == "reach" and track is not None and track.is_known:
-            near = _other_parts(posture, skin, state.points[0], track)
+            near = reaching.other_parts(posture, skin, state.points[0].frame, track)
         rows = _kept_clear(params, posture, near, hold_s)
-        of = track if state.since_s == stamp_s and track is not None and track.is_known else None
+        follows = state.mode == "reach" or state.since_s == stamp_s
+        of = track if follows and track is not None and track.is_known else None
         state, dq = _respond(params, state, posture, hold_s, self_collision, rows, skin, of)
         first = state.points[0]
         response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
@@ -285,72 +301,30 @@ def _comes(
     k = int(distance.argmax())
     came = bool(times[-1] > times[k] and 0 < params.come_m <= distance[k] - distance[-1])
     velocity = (places[-1] - places[k]) / (times[-1] - times[k]) if came else track.velocity
-    nearest_m = _distances_ahead(taxels, track.position, velocity).min() - _radius_m(track)
+    nearest_m = distances_ahead(taxels, track.position, velocity, _HORIZON_S).min() - radius_m(track)
     return came, bool((came or params.come_m == 0) and nearest_m < params.path_m)
 
 
-def _distances_ahead(points: Array, position: Array, velocity: Array) -> Array:
-    """How near (n,) an object comes to points (n, 3) if it moves on from a position (3,) at a velocity (3,), m."""
-    d = points - position
-    nearest_s = np.clip(d @ velocity / max(float(velocity @ velocity), 1e-12), 0.0, _HORIZON_S)
-    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * velocity, axis=1))
-
-
-def _to_reach_with(
-    params: AvoidanceParams, state: AvoidanceState, found: list[ControlPoint], track: Track3D | None
-) -> list[ControlPoint]:
-    """The control point to reach with: that of the largest activation (R), or the taxel nearest to the object of the
-    body part that began to reach, which is the part whose active taxels the object's path comes nearest to."""
-    if not found or track is None or not track.is_known or not params.each_taxel:
-        return sorted(found, key=lambda one: -one.likeliest)[:1]
-    points = np.array([one.point_root for one in found])
-    parts = {point.frame for point in state.points} if state.mode == "reach" else set()
-    if parts.isdisjoint(one.frame for one in found):
-        parts = {found[int(_distances_ahead(points, track.position, track.velocity).argmin())].frame}
-    distance = np.linalg.norm(points - track.position, axis=1)
-    distance[[one.frame not in parts for one in found]] = np.inf
-    return [found[int(distance.argmin())]]
-
-
-def _other_parts(posture: Posture, skin: Skin, point: MovingPoint, track: Track3D) -> list[Near]:
-    """The taxel nearest to the object of each body part but that of the control point, which is to touch it."""
-    d = track.position - skin.at(posture)[0]
-    distance = np.linalg.norm(d, axis=1)
-    near = []
-    for k, part in enumerate(skin.parts):
-        if part.frame != point.frame:
-            i = int(np.argmin(np.where(skin.part_index == k, distance, np.inf)))
-            near.append(
-                Near(
-                    part.frame,
-                    track.position - d[i],
-                    d[i] / max(distance[i], 1e-9),
-                    float(distance[i]) - _radius_m(track),
-                )
-            )
-    return near
-
-
-def _aimed(params: AvoidanceParams, point: MovingPoint, posture: Posture, track: Track3D) -> MovingPoint:
-    """The control point on its way to the surface of the object, where it stops."""
-    d, distance = track.position - posture.point(point.frame, point.point), _distance(posture, point, track.position)
-    gap = max(distance - _radius_m(track), 0.0)
-    return point._replace(velocity_root=min(params.speed_m_s, gap / MAX_HOLD_S) * d / max(distance, 1e-9))
-
-
-def _radius_m(track: Track3D) -> float:
-    """The radius of the object, 0 where it is not known."""
-    return track.radius_m if np.isfinite(track.radius_m) else 0.0
-
-
-def _distance(posture: Posture, point: MovingPoint, position: Array) -> float:
-    """m from a control point to a position (3,) in the root frame."""
-    return float(np.linalg.norm(position - posture.point(point.frame, point.point)))
+def _with_side_to_touch(
+    params: AvoidanceParams,
+    before: AvoidanceState,
+    state: AvoidanceState,
+    posture: Posture,
+    skin: Skin,
+    track: Track3D,
+    seen: tuple[tuple[float, Array], ...],
+) -> AvoidanceState:
+    """The state of an arm that reaches, with the taxel that the object comes to; the last one once none is active."""
+    aimed_at = before.aimed_at if before.mode == "reach" else None
+    if aimed_at is None or state.since_s > before.since_s:
+        aimed_at = reaching.taxel_to_touch(skin, _at_home(params, posture), track, seen)
+    frame = skin.parts[skin.part_index[aimed_at]].frame
+    return replace(state, aimed_at=aimed_at, points=(state.points[0]._replace(frame=frame),))
 
 
 def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Track3D) -> tuple[list[Near], list[Near]]:
     """The nearest points of links without taxels, and those of them to which the object comes within the lead time."""
-    radius = _radius_m(track)
+    radius = radius_m(track)
     near, *later = (
         links.near(posture, track.position + after_s * track.velocity, radius)
         for after_s in (0.0, 0.5 * params.link_lead_s, params.link_lead_s)
@@ -391,7 +365,7 @@ def _next(
         by = position if mode == "return" else blocked_by
         points = _moving(params, posture, found)
         if mode == "reach" and position is not None:  # with a point that is no farther from the object than the last
-            points = min((state.points, points), key=lambda one: _distance(posture, one[0], position))
+            points = min((state.points, points), key=lambda one: reaching.distance(posture, one[0], position))
         return AvoidanceState(params.behaviour, stamp_s, active_since_s, points, by)
     blocked = False
     if blocked_by is not None and position is not None:
@@ -437,22 +411,35 @@ def _respond(
     track: Track3D | None,
 ) -> tuple[AvoidanceState, Array]:
     """Joint rates that move the control points as commanded, the palm within its sphere, within the `rows`; taxels,
-    which may move across, move no faster in all, and off the path of the object of a `track`."""
-    palm, q_home = _palm(params, posture), posture.q_rad.copy()
-    q_home[_columns(params, posture)] = params.home_arm_rad
-    keep_in = KeepIn(palm, posture.robot.at(q_home).point(palm), params.radius_m)
+    which may move across, move no faster in all, and off the path of the object of a `track`; to reach it, the taxel
+    and the damping are chosen that touch it first."""
+    palm = _palm(params, posture)
+    keep_in = KeepIn(palm, _at_home(params, posture).point(palm), params.radius_m)
     of_arm = posture, params.side, params.home_arm_rad, keep_in, hold_s, self_collision, rows
     within = arm_constraints(params.arm, *of_arm)
     if not params.each_taxel:
-        return state, constrained_velocity(params.arm, posture, within, state.points)
+        return state, arm_velocity(params.arm, posture, within, state.points)
 
-    def velocity(points: tuple[MovingPoint, ...]) -> Array:
-        dq = constrained_velocity(params.arm, posture, within, points)
+    def velocity(points: tuple[MovingPoint, ...], arm: ArmParams = params.arm) -> Array:
+        dq = arm_velocity(arm, posture, within, points)
         fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in points)
         return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
 
     def rates_towards(direction: Array | None) -> Array:
         return velocity(_moved(state.points, direction))[within.columns]
+
+    if state.mode == "reach" and track is not None and state.aimed_at is not None:
+        ways = []
+        for arm in (replace(params.arm, damping_m=params.reach_damping_m), params.arm):
+            way = reaching.first_to_touch(
+                params.speed_m_s, state.aimed_at, posture, skin, track, partial(velocity, arm=arm)
+            )
+            free = 1.0  # the share of the rates that the last stage lets through
+            if self_collision is not None:
+                free = self_collision.clear_share(posture.q_rad, hold_s * way.dq, LimitParams().clearance_m)
+            ways.append(way._replace(touches_s=way.touches_s / max(free, reaching.AT_REST_M_S)))
+        _, point, dq = min(ways, key=lambda way: way.touches_s)
+        return replace(state, points=(point,)), dq
 
     aside = state.aside
     if track is not None and params.clear_m and state.mode == "avoid":
@@ -490,6 +477,13 @@ def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float, rows: t
     dq *= eased / excess
     towards = rows[0] @ dq
     return dq * np.min(rows[1][towards > 0] / towards[towards > 0], initial=1.0)
+
+
+def _at_home(params: AvoidanceParams, posture: Posture) -> Posture:
+    """The robot with the arm at home."""
+    q = posture.q_rad.copy()
+    q[_columns(params, posture)] = params.home_arm_rad
+    return posture.robot.at(q)
 
 
 def _columns(params: AvoidanceParams, posture: Posture) -> list[int]:

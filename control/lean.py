@@ -58,35 +58,36 @@ def step(
     Raises:
         InputError: the stamp is not finite, or `dt_s` out of (0, 0.5].
     """
-    check_times("lean", stamp_s, dt_s)
     robot = posture.robot
-    index, dq = robot.indices(robot.names.torso), np.zeros(robot.n_joints)
+    index = robot.indices(robot.names.torso)
     axes = [np.arange(robot.lower_rad[i], robot.upper_rad[i] + 1e-9, params.spacing_rad) for i in index]
     here = posture.q_rad[index]
     torso = np.vstack([here, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)])
     q = np.tile(posture.q_rad, (len(torso), 1))
     q[:, index] = torso
     within = reachable(model.gaze(model.to_upright(q, p_root), limits))
-    status: LeanStatus = "within reach"
+    if within[0]:
+        return "within reach", _turn(params, posture, here, dt_s, stamp_s)
     if not within.any():
-        status = "out of reach"
-    elif not within[0]:
-        status = "leaning"
-        turns = torso[within] - here
-        distance = np.linalg.norm(turns, axis=1)
-        nearest = int(distance.argmin())
-        dq[index] = turns[nearest] / max(dt_s, float(distance[nearest]) / params.torso_rad_s)
-    return status, JointVelocity(stamp_s, dq, dt_s)
+        return "out of reach", _turn(params, posture, here, dt_s, stamp_s)
+    found = torso[within]
+    nearest = found[np.linalg.norm(found - here, axis=1).argmin()]
+    return "leaning", _turn(params, posture, nearest, dt_s, stamp_s)
 
 
 def upright(
     params: LeanParams, posture: Posture, torso_rad: Array, dt_s: float = 0.05, stamp_s: float = 0.0
 ) -> JointVelocity:
     """Turn the torso straight back to the joints (2,) that it had before it leaned; at rest once it is there."""
+    here = posture.q_rad[posture.robot.indices(posture.robot.names.torso)]
+    is_there = np.linalg.norm(torso_rad - here) <= _UPRIGHT_RAD
+    return _turn(params, posture, here if is_there else torso_rad, dt_s, stamp_s)
+
+
+def _turn(params: LeanParams, posture: Posture, torso_rad: Array, dt_s: float, stamp_s: float) -> JointVelocity:
+    """Turn the torso straight to the joints (2,), and not past them while the command is held."""
     check_times("lean", stamp_s, dt_s)
     index, dq = posture.robot.indices(posture.robot.names.torso), np.zeros(posture.robot.n_joints)
     turn = torso_rad - posture.q_rad[index]
-    distance = float(np.linalg.norm(turn))
-    if distance > _UPRIGHT_RAD:
-        dq[index] = turn / max(dt_s, distance / params.torso_rad_s)
+    dq[index] = turn / max(dt_s, float(np.linalg.norm(turn)) / params.torso_rad_s)
     return JointVelocity(stamp_s, dq, dt_s)

@@ -64,12 +64,12 @@ def limit(
         last_q_rad: (n_joints,) posture at the last command's stamp; None: unknown.
 
     Returns:
-        The change from braking to `wanted` is scaled uniformly, separately for the joints that move bodies and for
-        the head.  Braking goes on along the last command and stops where that would have ended: where the robot stands
-        as predicted, the last check has found that free.  A limit that is exceeded already is not exceeded further: a
-        joint beyond its limit stays or goes back, and two bodies that are too near or
-        overlap may only part.  The distance goes
-        before the acceleration limit: what the last command did not foresee may stop the arm at once.
+        The command.  The change from braking to `wanted` is scaled uniformly, separately for the joints that move
+        bodies and for the head.  Braking goes on along the last command and stops where that would have ended: where
+        the robot stands as predicted, the last check has found that free.  A limit that is exceeded already is not
+        exceeded further: a joint beyond its limit stays or goes back, and two bodies that are too near or overlap may
+        only part.  The self-collision distance goes before the acceleration limit: what the last command did not
+        foresee may stop the arm at once.
 
     Raises:
         InputError: a rate or stamp is not finite, the stamp is before that of the last command, or the command is

@@ -36,19 +36,16 @@ def write_archive(path: Path, kind: str, version: int, arrays: dict[str, ArrayLi
         temporary.unlink(missing_ok=True)
 
 
-def written_by(path: Path) -> str:
-    """The version of this package that wrote an archive; InputError for a file that is none."""
-    return str(read_arrays(path, "archive of pps-vision", ("written_by",)).get("written_by", "unknown"))
-
-
 def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
-    """The named arrays of an archive of this kind and version; InputError for any other file."""
-    present = read_arrays(path, kind, ("kind", "version"))
+    """The named arrays of an archive of this kind and version, and `written_by`, the version of this package that wrote
+    it; InputError for any other file."""
+    present = read_arrays(path, kind, ("kind", "version", "written_by"))
     if "kind" not in present or str(present["kind"]) != kind:
         raise InputError(path, f"is not a {kind}; expected one (.npz)")
     if "version" not in present or str(present["version"]) != str(version):
         raise InputError(path, f"{kind} of version {present.get('version', 'unknown')}; expected version {version}")
-    return named(path, read_arrays(path, kind, names), names, kind)
+    arrays = named(path, read_arrays(path, kind, names), names, kind)
+    return {**arrays, "written_by": present.get("written_by", np.array("unknown"))}
 
 
 def read_arrays(path: Path, what: str, names: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:

@@ -85,7 +85,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write_calibrations(folder: Path) -> None:
-    """The laboratory's cameras as Kalibr writes them, and in an OpenCV file in cm."""
+    """The laboratory's cameras as Kalibr writes them, and in an OpenCV file in inches."""
     read = cv2.FileStorage(str(folder / "calibration.yml"), cv2.FILE_STORAGE_READ)
     K1, K2, R, T = (read.getNode(key).mat() for key in ("K1", "K2", "R", "T"))
     pose = np.vstack([np.column_stack([R, T.ravel()]), [0, 0, 0, 1]])
@@ -93,7 +93,7 @@ def write_calibrations(folder: Path) -> None:
     (folder / "camchain.yaml").write_text(f"{text}  T_cn_cnm1: {pose.tolist()}\n")
     (folder / "seq").mkdir()
     storage = cv2.FileStorage(str(folder / "seq" / "calibration_1.xml"), cv2.FILE_STORAGE_WRITE)
-    for key, value in {"K1": K1, "K2": K2, "R": R, "T": 100 * T}.items():
+    for key, value in {"K1": K1, "K2": K2, "R": R, "T": T / 0.0254}.items():
         storage.write(key, value)
     storage.release()
 

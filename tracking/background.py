@@ -10,7 +10,7 @@ from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.background_edge import ASIDE_PX, LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
 from tracking.ego_motion import Box, EgoMotion
-from tracking.moving_background import MovingBackground
+from tracking.moving_background import MovingBackground, smoothed
 
 CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
 _BANDS = 4  # an image is learned in so many bands of rows, one a frame
@@ -18,6 +18,7 @@ _RATE = 0.1  # of the running mean
 _NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
 _STEP = 16  # px between the samples of gain and noise
 _LIT = 20.0  # grey levels: darker pixels do not tell the gain
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
 _UNKNOWN = -1e4  # of what has not been seen yet, since the object hides it: no pixel is like it
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
@@ -71,10 +72,11 @@ class Background:
         the background, 0 if `least` or less from itself there; infinite beside what is unknown, where there is nothing
         to compare with."""
         x0, y0, x1, y1 = box
-        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
-        now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)
-        now = now[y0 - top : y1 - top, x0 - left : x1 - left]
-        return _beyond(now, self._mean, np.float32(self._gain_of(image)), np.float32(least), x0, y0)
+        left, top = max(x0 - 1, 0), max(y0 - 1, 0)
+        around, inside = self._mean[top : y1 + 1, left : x1 + 1], np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+        low, high = (np.asarray(f(around, _NEIGHBOURS), np.float32) for f in (cv2.erode, cv2.dilate))
+        now, gain = smoothed(image, box), np.float32(self._gain_of(image))
+        return _beyond(now, around[inside], low[inside], high[inside], gain, np.float32(least))
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
         """Whether a box (px) shows something else than the background, or no background is known."""
@@ -94,12 +96,13 @@ class Background:
         inside = box[0] - left, box[1] - top, box[2] - left, box[3] - top
         return edge_of_background(image[top:bottom, left:right], self.moving.seen(view, wide), 1.0, mask, inside)
 
-    def absorb(self, image: Image, mask: Mask, box: Box) -> None:
-        """Take what the image shows in a mask (h, w) of the region `box` for background."""
+    def absorb(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
+        """Take what the image shows in a mask (h, w) of the region `box` for background, at rest or moving."""
+        if not self.is_known(view):
+            self.moving.absorb(image, view, stamp_s, mask, box)
+            return
         x0, y0, x1, y1 = box
-        left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
-        now = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.float32)
-        now = now[y0 - top : y1 - top, x0 - left : x1 - left] / np.float32(self._gain_of(image))
+        now = smoothed(image, box).astype(np.float32) / np.float32(self._gain_of(image))
         self._mean[y0:y1, x0:x1][mask] = now[mask]
 
     def learn(
@@ -132,7 +135,7 @@ class Background:
         layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
         _learn(now, *layers, gain, self._threshold, stamp_s, self.memory_s, kept)
         if self._band == 0 and self._rests.any():
-            self._absorb_empty_places(image)
+            self._absorb_empty_places(image, view, stamp_s)
 
     def _behind(self, view: View, box: Box, image: Image) -> Pixels | float:
         """What the moving eye learned of a box that an object hides."""
@@ -143,7 +146,7 @@ class Background:
         seen[seen < 0] = _UNKNOWN
         return seen
 
-    def _absorb_empty_places(self, image: Image) -> None:
+    def _absorb_empty_places(self, image: Image, view: View, stamp_s: float) -> None:
         """Where something was learned as background and has left."""
         count, labels, stats, _ = cv2.connectedComponentsWithStats(self._rests.view(np.uint8))
         for k in range(1, count):
@@ -153,7 +156,7 @@ class Background:
                 mask = np.asarray(labels[box[1] : box[3], box[0] : box[2]] == k)
                 edge = edge_of_background(image, self._mean, self._gain_of(image), mask, box)
                 if edge is not None and edge > SURELY_EMPTY:
-                    self.absorb(image, masks.dilated(mask, 2), box)
+                    self.absorb(image, view, stamp_s, masks.dilated(mask, 2), box)
 
     def forget(self, image: Image, view: View, mask: Mask, box: Box) -> None:
         """Know no more what is behind an object, a mask (h, w) of the region `box`, where it looks like the background,
@@ -184,33 +187,22 @@ class Background:
 
 @njit(cache=True, error_model="numpy")
 def _beyond(
-    now: NDArray[np.uint8], mean: Pixels, gain: np.float32, least: np.float32, left: int, top: int
+    now: NDArray[np.uint8], mean: Pixels, low: Pixels, high: Pixels, gain: np.float32, least: np.float32
 ) -> NDArray[np.float32]:
-    """`Background._difference` of the pixels `now` (h, w, 3) from `mean` (H, W, 3), where they begin at left, top."""
+    """`Background._difference` of the pixels `now` (h, w, 3) from their `mean` and the `low`est and `high`est of their
+    neighbours in the background (h, w, 3)."""
     over = np.zeros(now.shape[:2], np.float32)
-    bottom, right = mean.shape[0] - 1, mean.shape[1] - 1
     brightest = np.float32(255)
     for y in range(now.shape[0]):
         for x in range(now.shape[1]):
-            u, v = left + x, top + y
-            r, g, b = np.float32(now[y, x, 0]), np.float32(now[y, x, 1]), np.float32(now[y, x, 2])
-            if (
-                abs(r - min(gain * mean[v, u, 0], brightest)) <= least
-                and abs(g - min(gain * mean[v, u, 1], brightest)) <= least
-                and abs(b - min(gain * mean[v, u, 2], brightest)) <= least
-            ):
-                continue
+            beyond, differs = np.float32(0), False
             for channel in range(3):
-                low, high = np.float32(np.inf), np.float32(-np.inf)
-                for j in range(max(v - 1, 0), min(v + 1, bottom) + 1):
-                    for i in range(max(u - 1, 0), min(u + 1, right) + 1):
-                        low, high = min(low, mean[j, i, channel]), max(high, mean[j, i, channel])
                 level = np.float32(now[y, x, channel])
-                if low < 0:
-                    over[y, x] = np.inf
-                else:
-                    beyond = max(min(gain * low, brightest) - level, level - min(gain * high, brightest))
-                    over[y, x] = max(over[y, x], beyond)
+                differs = differs or abs(level - min(gain * mean[y, x, channel], brightest)) > least
+                below = min(gain * low[y, x, channel], brightest) - level
+                beyond = max(beyond, below, level - min(gain * high[y, x, channel], brightest))
+            if differs:
+                over[y, x] = np.float32(np.inf) if low[y, x, 0] < 0 else beyond
     return over
 
 

@@ -36,7 +36,7 @@ class BatchTracker:
 
     def __init__(self, tracker: Tracker, device: torch.device) -> None:
         self._tracker, self._device = tracker, device
-        self._optics = Optics(tracker.rig.left), Optics(tracker.rig.right)
+        self._optics = Optics(tracker.searched_rig.left), Optics(tracker.searched_rig.right)
 
     def steps(self, frames: Sequence[StereoFrame]) -> list[TrackerStep]:
         """The tracker's step at each of the frames, in the order of their stamps."""
@@ -45,8 +45,9 @@ class BatchTracker:
             if (appearance := self._tracker.appearance) is None:
                 steps.append(self._tracker.step(rest[0]))
                 continue
-            left = find(appearance[0], [frame.left for frame in rest], self._optics[0], self._device)
-            right = find(appearance[1], [frame.right for frame in rest], self._optics[1], self._device)
+            searched = [self._tracker.searched(frame) for frame in rest]
+            left = find(appearance[0], [frame.left for frame in searched], self._optics[0], self._device)
+            right = find(appearance[1], [frame.right for frame in searched], self._optics[1], self._device)
             for frame, found in zip(rest, zip(left, right, strict=True), strict=True):
                 steps.append(self._tracker.step(frame, found))
                 if self._tracker.appearance is not appearance:

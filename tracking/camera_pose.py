@@ -49,9 +49,9 @@ class CameraPoses(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CameraMotion:
-    """What the told poses lack: the rotation (3,) rad since the first frame of a rig that is said to be fixed, root
-    frame, and its rate (rad/s, mean of the last second); the time by which joints are late, and its standard
-    deviation."""
+    """Error of the told poses, as the images show it: the rotation (3,) rad since the first frame of a rig that is said
+    to be fixed, root frame, and its rate (rad/s, mean of the last second); the time by which joints are late, and its
+    standard deviation."""
 
     rotation_rad: Array
     rate_rad_s: float = 0.0
@@ -81,12 +81,12 @@ class PoseEstimator:
         return self._late.step(frame, told, (left, right)) if self._late else CameraPoses(told)
 
     def told(self, frame: StereoFrame) -> CameraPoses:
-        """The same of a frame that shows nothing."""
+        """The told poses, for a frame whose images show nothing."""
         return CameraPoses(self._rig.view_of(frame))
 
     @property
     def motion(self) -> CameraMotion:
-        """What the told poses lacked at the last frame."""
+        """Error of the told poses at the last frame."""
         delay = (self._late.delay_s, self._late.std_s) if self._late else (0.0, math.nan)
         return CameraMotion(self._fixed.rotation.copy(), self._fixed.rate_rad_s, *delay)
 
@@ -115,7 +115,7 @@ class _FixedRig:
         if rotation is None:
             if stamp_s - self._known_s > _RENEWED_S:
                 self._renew(images, told, stamp_s)
-            return CameraPoses(self._turned(told), is_known=False)
+            return CameraPoses(self._corrected(told), is_known=False)
         dt_s = stamp_s - self._known_s
         if dt_s > 0:
             share = min(dt_s / _JITTER_MEMORY_S, 1.0)
@@ -124,7 +124,7 @@ class _FixedRig:
         self._jitter.add(rotation)
         if rotation.any():  # a rig that rests has one pose
             self._first_rad, self._first_var = self._jitter.first()
-        return CameraPoses(self._turned(told), rotation_std_rad=math.sqrt(self._first_var + self._error_rad2))
+        return CameraPoses(self._corrected(told), rotation_std_rad=math.sqrt(self._first_var + self._error_rad2))
 
     def _renew(self, images: tuple[Image, Image], told: StereoView, stamp_s: float) -> None:
         """Take the present images for the last reference."""
@@ -157,8 +157,8 @@ class _FixedRig:
                 return rotation if math.hypot(*rotation) > least_rad else np.zeros(3)
         return None
 
-    def _turned(self, told: StereoView) -> StereoView:
-        """The view where it is now."""
+    def _corrected(self, told: StereoView) -> StereoView:
+        """The told view, turned as the rig is now."""
         return _turned(told, self.rotation + self._first_rad)
 
 
@@ -219,7 +219,7 @@ class _Means:
         self._waiting: Array = self.mean
 
     def add(self, rotation: Array) -> Array | None:
-        """Take one in; the mean of it and the one before, of every second."""
+        """Take a rotation (3,) in.  Returns the mean of it and the one before at every second, else None."""
         self.n += 1
         off = rotation - self.mean
         self.mean = self.mean + off / self.n

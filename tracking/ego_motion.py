@@ -64,3 +64,11 @@ class EgoMotion:
         pixels x0 … x1 − 1, y0 … y1 − 1 of `box`; 0 where it does not reach."""
         maps = self.maps(then, now, inverse_distance, box)
         return np.asarray(cv2.remap(image, maps, _NO_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)
+
+
+def color_difference(colors: NDArray[np.float32], points: Array, image: NDArray[np.uint8], view: View) -> float:
+    """Mean absolute difference (grey levels) of the colours (n, 3) of points (n, 3), root frame, and of those that an
+    image (H, W, 3), taken from `view`, shows of them; 0 is shown beside the image."""
+    pixels = view.project(points).astype(np.float32)
+    seen = cv2.remap(image, pixels[None], _NO_MAP, cv2.INTER_LINEAR)[0]
+    return float(np.abs(seen - colors).mean())

@@ -21,6 +21,7 @@ from tracking.background_edge import LEARNED_EDGE
 from tracking.ego_motion import Box, EgoMotion
 from tracking.kalman import Belief
 from tracking.marker import MarkerParams, find_markers
+from tracking.moving_background import MovingBackground
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import SHARPNESS, Cloud, Prior, propagate, resample, spawn, weigh
 from tracking.stereo import CameraFrame
@@ -50,7 +51,7 @@ _TOUCHING = 0.25  # of the object's area, what is joined with it beyond its reac
 _PASSING = 5  # images for which the two may hide each other then
 _BESIDE = 0.05  # of its size, by which it may then be off the prediction beside its standard deviation
 _MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
-WHOLE = 1.5  # times the area of its part, from which what differs from the background is another object
+WHOLE = 1.5  # times the area of what is followed, from which another region is the whole of which that is a part
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,13 @@ class ImageTracker:
     ) -> tuple[Target, ImageDetection | None]:
         """The target in the next image, and its detection; None where it does not show.
 
-        Where there is `evidence`, what is not in it is no object; it replaces the likelihood of its colours unless
-        `by_color`.  `if_joined` is the evidence where colours join the object with something else.
+        Args:
+            target: In the last image.
+            image: RGB (H, W, 3).
+            prior: Where the object is predicted; None where it was last.
+            evidence: Says what is not the background: the object is nowhere else.  None: the background is unknown.
+            by_color: Whether the object's colours are its likelihood; else the evidence is.
+            if_joined: The evidence to use, where there is none, if colours join the object with something else.
         """
         s = replace(target, touched=max(target.touched - 1, 0))
 
@@ -311,18 +317,21 @@ def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 class CameraState(NamedTuple):
-    """What one camera's tracker knows of the object: its target, None for a marker; the offset of its outline's centre
-    from the track's projection (calibration error), px; its apparent diameter, px; whether it is followed by what
-    changes before the background, since colours do not separate it; and evidence that it is the empty place of
-    something that was learned as background: the sum of `learned_edge` beyond `LEARNED_EDGE` where it rests; and the
-    camera's last pose."""
+    """What one camera's tracker knows of the object."""
 
     target: Target | None = None
+    """Of the image tracker; None before an object is found."""
     offset_px: tuple[float, float] = (0.0, 0.0)
+    """From the track's projection to the outline's centre: calibration error."""
     size_px: float = 0.0
+    """Apparent diameter."""
     by_background: bool = False
+    """Whether it is followed by what differs from the background, since colours do not separate it."""
     emptiness: float = 0.0
+    """Evidence that it is the empty place of something that was learned as background: the sum over images of
+    `learned_edge` beyond `LEARNED_EDGE` where it rests."""
     view: View | None = None
+    """Last pose of the camera."""
 
 
 class CameraTracker:
@@ -357,7 +366,7 @@ class CameraTracker:
     def find(
         self, state: CameraState, camera: CameraFrame, prior: Prior | None
     ) -> tuple[CameraState, ImageDetection | None]:
-        """The object near its prior: as it was found beforehand (`batch`), else searched."""
+        """The object near its prior, None where it is not found: one of `camera.found` (`batch`), else searched."""
         if prior is None:
             return state, None
         given = None if state.by_background else self._given(state, camera.found or [], prior)
@@ -370,29 +379,24 @@ class CameraTracker:
             return state._replace(target=target), given
         if state.target is None:
             return state, None
-        before, evidence, behind = state.target, None, None
-        moving = None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
-        if self.background.is_known(camera.view):
-            of_pixels = self.background.evidence if state.by_background else self.background.differs
-            evidence = partial(of_pixels, camera.image, camera.view)
-        elif moving is not None:  # colours alone do better where they separate the object
-            behind = partial(moving.evidence if state.by_background else moving.differs, camera.image, camera.view)
-            evidence = behind if state.by_background else None
-        elif state.by_background:  # the eye moves: colours must do
+        before, background, different = state.target, self._known_background(camera), None
+        if background is not None:
+            of_pixels = background.evidence if state.by_background else background.differs
+            different = partial(of_pixels, camera.image, camera.view)
+        elif state.by_background:  # colours must do
             if before.model.similarity(before.model.background) > _SEPARABLE:
                 return state, None
             state = state._replace(by_background=False)
-        by_color = not state.by_background
-        target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color, behind)
-        if found_object is None and evidence is None and behind is not None:
-            evidence = behind
-            target, found_object = self.image_tracker.step(before, camera.image, prior, evidence, by_color)
-        if (
-            found_object is None and evidence is not None and not before.touched
-        ):  # it has turned abruptly: anywhere near where it was last
+        # before a moving eye colours alone do better where they separate the object
+        evidence = different if state.by_background or background is self.background else None
+        search = partial(self.image_tracker.step, before, camera.image, by_color=not state.by_background)
+        target, found_object = search(prior, evidence, if_joined=different)
+        if found_object is None and evidence is None and different is not None:
+            evidence = different
+            target, found_object = search(prior, evidence)
+        if found_object is None and evidence is not None and not before.touched:  # it has turned abruptly
             last_px = before.cloud.now[:, :2].mean(axis=0)
-            wide = Prior(last_px, _WIDE_SEARCH * before.size, prior.growth)
-            target, found_object = self.image_tracker.step(before, camera.image, wide, evidence, by_color)
+            target, found_object = search(Prior(last_px, _WIDE_SEARCH * before.size, prior.growth), evidence)
         if self.marker is not None and found_object is not None and found_object.outline.is_partial:
             return state, None  # what hides it may have its hue
         if found_object is not None and state.by_background:
@@ -413,31 +417,37 @@ class CameraTracker:
         change = share - LEARNED_EDGE
         return max(state.emptiness + (change if rests else min(change, 0.0)), _SURE)
 
+    def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
+        """The background of the eye, at rest or moving; None where it is unknown, or the eye moves and follows a
+        marker, which needs none."""
+        if self.background.is_known(camera.view):
+            return self.background
+        return None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
+
     def _changed_place(self, camera: CameraFrame, found: ImageDetection) -> tuple[Mask, Box] | None:
-        """What differs from the background where an object was found."""
+        """What differs from the background where an object was found: a mask (h, w) of a box; None if nothing does."""
+        background = self._known_background(camera)
+        if background is None:
+            return None
         _, _, w, h = found.outline.box_px
         box = self.image_tracker.region(found.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
-        at_rest = self.background.is_known(camera.view)
-        differs = (self.background if at_rest else self.background.moving).differs(camera.image, camera.view, box)
+        differs = background.differs(camera.image, camera.view, box)
         mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
         return None if mask is None else (mask, box)
 
     def is_part(self, state: CameraState, camera: CameraFrame, found: ImageDetection) -> bool:
-        """Whether the object, followed by its colours, is a part of a solid thing that differs from the background: one
-        that is no disc, since a disc is whole."""
-        at_rest = self.background.is_known(camera.view)
-        if (
-            found.outline.is_disc
-            or state.by_background
-            or not (at_rest or self.background.behind_moving_eye(camera.view, camera.stamp_s))
-        ):
+        """Whether the object, followed by its colours, is a part of a larger solid region that differs from the
+        background; not if it is a disc, since a disc is whole."""
+        outline = found.outline
+        background = None if outline.is_disc or state.by_background else self._known_background(camera)
+        if background is None:
             return False
-        half = 2.0 * max(found.outline.box_px[2:])
-        box = self.image_tracker.region(found.outline.center_px, half, half)
-        evidence = (self.background if at_rest else self.background.moving).evidence(camera.image, camera.view, box)
-        around = masks.ellipse(box, found.outline.center_px, *found.outline.box_px[2:])
+        half = 2.0 * max(outline.box_px[2:])
+        box = self.image_tracker.region(outline.center_px, half, half)
+        evidence = background.evidence(camera.image, camera.view, box)
+        around = masks.ellipse(box, outline.center_px, *outline.box_px[2:])
         whole = masks.component(np.asarray(evidence > 0.5), around)
-        if whole is None or np.count_nonzero(whole) < WHOLE * found.outline.area_px:
+        if whole is None or np.count_nonzero(whole) < WHOLE * outline.area_px:
             return False
         return not masks.is_cut(whole, box, camera.image) and masks.solidity(whole) > masks.SOLID
 
@@ -446,11 +456,7 @@ class CameraTracker:
         place = self._changed_place(camera, found)
         if place is not None:
             mask, box = place
-            if self.background.is_known(camera.view):
-                self.background.absorb(camera.image, masks.dilated(mask, 2), box)
-            else:
-                moving = self.background.moving
-                moving.absorb(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
+            self.background.absorb(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
 
     def _find_marker(
         self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
@@ -512,7 +518,8 @@ def _position_at(belief: Belief, stamp_s: float) -> Vector:
 
 @njit(cache=True, error_model="numpy")
 def _std_px(cov: Array, of_u: Vector, of_v: Vector) -> float:
-    """Standard deviation of a point's image, of the covariance's first three rows and columns; ∂u and ∂v by it."""
+    """Standard deviation (px) of the image of a point: `cov`'s first three rows and columns are its covariance (m²),
+    `of_u` and `of_v` the derivatives of the pixel by it (px/m)."""
     var = 0.0
     for i in range(3):
         for j in range(3):

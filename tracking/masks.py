@@ -65,6 +65,12 @@ def filled(mask: Mask, backdrop: Mask | None = None) -> Mask:
     return whole.view(bool)
 
 
+def closed_component(mask: Mask, where: Mask, backdrop: Mask | None = None) -> Mask | None:
+    """The `component` of the mask after gaps of up to 2 px were closed, and its holes `filled`."""
+    one = component(closed(mask, square(1)), where)
+    return None if one is None else filled(one, backdrop)
+
+
 def centroid(mask: Mask, box: tuple[int, int, int, int]) -> Array:
     """(2,) px: that of a mask (h, w) of the region `box` (x0, y0, x1, y1), in the image's coordinates."""
     ys, xs = np.nonzero(mask)

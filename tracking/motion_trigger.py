@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.camera import Camera, View, reduced_image
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.ego_motion import Box, EgoMotion
@@ -61,7 +61,7 @@ class TriggerParams:
     flow_interval_s: float = 0.05
     """Age of the image from which flow is measured."""
     min_moving: float = 0.25
-    """Share of a region's matched points that must move alike; or fewer than that share of all have a match."""
+    """Share of a region's matched points that must move alike; if fewer than that of all have a match, it moves too."""
 
     def __post_init__(self) -> None:
         if not (
@@ -102,11 +102,8 @@ class _Past:
     @cached_property
     def coarse(self) -> Pixels:
         """Grey, `_COARSE` times smaller, smoothed."""
-        height, width = (side // _COARSE for side in self.image.shape[:2])
-        small = cv2.resize(
-            self.image[: height * _COARSE, : width * _COARSE], (width, height), interpolation=cv2.INTER_AREA
-        )
-        return np.asarray(cv2.blur(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), (3, 3)), dtype=np.uint8)
+        small = cv2.cvtColor(reduced_image(self.image, _COARSE), cv2.COLOR_RGB2GRAY)
+        return np.asarray(cv2.blur(small, (3, 3)), dtype=np.uint8)
 
     @cached_property
     def smooth(self) -> Pixels:
@@ -186,6 +183,7 @@ class MotionTrigger:
         return False
 
     def _next(self, image: Image, view: View, stamp_s: float, own: Callable[[], Mask] | None) -> _Past:
+        """The image to keep, after old ones were dropped; the next comparison has the other interval."""
         while self._past and stamp_s - self._past[0].stamp_s > 2 * self.params.slow_interval_s:
             self._past.popleft()
         self._is_slow = not self._is_slow

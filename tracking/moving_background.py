@@ -5,10 +5,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import View
-from pps_vision.types import Array, Image, Mask
+from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.background_edge import LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
-from tracking.ego_motion import Box, EgoMotion
+from tracking.ego_motion import Box, EgoMotion, color_difference
 
 # Chosen on independent films of seeds 7000-7005 (a grey ball before moving eyes).
 _PERIOD_S = 0.5  # what looks the same in two images so far apart is background
@@ -32,28 +32,22 @@ class MovingBackground:
     """
 
     def __init__(self, ego: EgoMotion) -> None:
-        self._ego = ego
-        self._anchor: View | None = None
-        self._stamp_s = 0.0
+        self.is_known = False  # whether anything was learned; what follows means nothing before
+        self._ego, self._anchor, self._stamp_s = ego, View(ego.camera, np.eye(4)), 0.0
         self._mean = self._recent = np.empty((0, 0, 3), np.uint8)
         self._known = np.empty((0, 0), np.uint8)  # 255 where the mean is known
         self._threshold, self._nearness = _MIN_CONTRAST, 1 / _ROOM_M
 
-    @property
-    def is_known(self) -> bool:
-        """Whether anything was learned."""
-        return self._anchor is not None
-
     def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
         """(h, w) probability that a pixel of a box is not the background, as `Background.evidence`; 0 where none is
         known."""
-        over, known = self._beyond(_smooth(image, box), self._mean, view, box)
+        over, known = self._beyond(smoothed(image, box), self._mean, view, box)
         share = np.minimum(over * np.float32(0.5 / self._threshold), 1)
         return np.asarray(np.where(known & (share > 0.25), share, 0), np.float32)
 
     def differs(self, image: Image, view: View, box: Box) -> Mask:
         """(h, w) which pixels of a region are not the background; all, where none is known."""
-        return self._differs(_smooth(image, box), view, box)
+        return self._differs(smoothed(image, box), view, box)
 
     def differs_in(self, part: Image, view: View, box: Box) -> Mask:
         """`differs` of an image of which `part` is that box."""
@@ -69,15 +63,15 @@ class MovingBackground:
         """Begin with what an eye at rest learned: (H, W, 3), below 0 where it is unknown."""
         self._mean = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
         self._recent, self._known = self._mean, (mean[..., 0] >= 0).view(np.uint8) * np.uint8(255)
-        self._anchor, self._stamp_s = view, stamp_s
+        self._anchor, self._stamp_s, self.is_known = view, stamp_s, True
 
     def forget(self) -> None:
         """Begin anew."""
-        self._anchor = None
+        self.is_known = False
 
     def learn(self, image: Image, view: View, stamp_s: float, object_px: BoxPx | None) -> None:
         """Take an image in, except around the box of what is tracked."""
-        if self._anchor is None or stamp_s - self._stamp_s > _PERIOD_S - 1e-6:
+        if not self.is_known or stamp_s - self._stamp_s > _PERIOD_S - 1e-6:
             self._take(image, view, stamp_s, object_px, None)
 
     def absorb(self, image: Image, view: View, stamp_s: float, mask: Mask, box: Box) -> None:
@@ -95,13 +89,14 @@ class MovingBackground:
             max(int(x - _KEPT * w), 0) : max(int(x + (1 + _KEPT) * w), 0),
         ]
         whole = (0, 0, width, height)
-        now = _smooth(image, whole)
-        if self._anchor is None or stamp_s - self._stamp_s > 2 * _PERIOD_S:
+        now = smoothed(image, whole)
+        if not self.is_known or stamp_s - self._stamp_s > 2 * _PERIOD_S:
             mean, known = now.copy(), np.full((height, width), 255, np.uint8)
             known[kept] = 0
         else:
             mean, known = self._renewed(image, now, view, kept, empty)
-        self._mean, self._recent, self._known, self._anchor, self._stamp_s = mean, now, known, view, stamp_s
+        self._mean, self._recent, self._known = mean, now, known
+        self._anchor, self._stamp_s, self.is_known = view, stamp_s, True
 
     def _renewed(
         self, image: Image, now: Pixels, view: View, kept: tuple[slice, slice], empty: tuple[Mask, Box] | None
@@ -133,18 +128,15 @@ class MovingBackground:
     def _fit_distance(self, now: Pixels, view: View) -> None:
         """Take the distance at which the anchor's image fits best, if it does so better than at the present one."""
         rows, columns = np.mgrid[_STEP // 2 : now.shape[0] : _STEP, _STEP // 2 : now.shape[1] : _STEP].reshape(2, -1)
-        rays, here = view.rays(np.stack([columns, rows], axis=-1).astype(float)), now[rows, columns].astype(np.float32)
-        off = [self._misfit(here, rays, view, nearness) for nearness in (self._nearness, *_NEARNESS)]
-        best = int(np.argmin(off))
-        if off[best] < _MUCH_BETTER * off[0]:
+        rays = view.rays(np.stack([columns, rows], axis=-1).astype(float))
+        colors = now[rows, columns].astype(np.float32)
+        differences = [
+            color_difference(colors, view.center + rays / max(nearness, 1e-3), self._recent, self._anchor)
+            for nearness in (self._nearness, *_NEARNESS)
+        ]
+        best = int(np.argmin(differences))
+        if differences[best] < _MUCH_BETTER * differences[0]:
             self._nearness = float(_NEARNESS[best - 1])
-
-    def _misfit(self, here: NDArray[np.float32], rays: Array, view: View, nearness: float) -> float:
-        """Mean absolute difference of colours (n, 3) seen along rays (n, 3) and of the anchor's image there."""
-        assert self._anchor is not None
-        there = self._anchor.project(view.center + rays / max(nearness, 1e-3)).astype(np.float32)
-        seen = cv2.remap(self._recent, there[None], np.empty(0, np.float32), cv2.INTER_LINEAR)[0]
-        return float(np.abs(seen - here).mean())
 
     def _differs(self, now: Pixels, view: View, box: Box) -> Mask:
         over, known = self._beyond(now, self._mean, view, box)
@@ -160,7 +152,7 @@ class MovingBackground:
         The gaps that the tolerance leaves along the edges of `then` are closed.  `seen` is the box of it, if it is at
         hand.
         """
-        if self._anchor is None:
+        if not self.is_known:
             return np.zeros(now.shape[:2], np.uint8), np.zeros(now.shape[:2], bool)
         spread_px = _ROOM_STD * self._ego.parallax_px_m(self._anchor, view)
         m = min(_LEAST_PX + int(np.ceil(spread_px)), _MOST_PX)
@@ -178,7 +170,6 @@ class MovingBackground:
 
     def _warped(self, image: NDArray[np.uint8], view: View, box: Box) -> NDArray[np.uint8]:
         """The box of an image of the anchor as seen from a view."""
-        assert self._anchor is not None
         return self._ego.warp(image, self._anchor, view, self._nearness, box)
 
 
@@ -194,8 +185,8 @@ def _drop_empty_places(image: Image, mean: Pixels, moved: NDArray[np.uint8]) -> 
                 moved[y : y + h, x : x + w][mask] = 0
 
 
-def _smooth(image: Image, box: Box) -> Pixels:
-    """The box of an image, smoothed over 3×3 px."""
+def smoothed(image: Image, box: Box) -> Pixels:
+    """(h, w, 3) the box of an image, smoothed over 3×3 px."""
     x0, y0, x1, y1 = box
     left, top, right, bottom = max(x0 - 1, 0), max(y0 - 1, 0), min(x1 + 1, image.shape[1]), min(y1 + 1, len(image))
     smooth = np.asarray(cv2.blur(image[top:bottom, left:right], (3, 3)), np.uint8)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import Camera, View
+from pps_vision.geometry.camera import Camera, View, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 
@@ -98,11 +98,7 @@ class Reference:
         return Misalignment(*fit[:3])
 
     def _reduced(self, image: Image) -> Grey:
-        k, camera = self._scale, self._camera
-        if k > 1:
-            whole = image[: k * camera.height, : k * camera.width]
-            image = np.asarray(cv2.resize(whole, (camera.width, camera.height), interpolation=cv2.INTER_AREA), np.uint8)
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+        return np.asarray(cv2.cvtColor(reduced_image(image, self._scale), cv2.COLOR_RGB2GRAY), np.uint8)
 
     def _found_again(
         self, grey: Grey, points: NDArray[np.float32], start: NDArray[np.float32]

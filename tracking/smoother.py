@@ -77,12 +77,11 @@ def smooth(passages: Sequence[Passage]) -> list[Belief]:
 def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
     """Yield a tracker's steps (`params` its filter's) with their tracks smoothed where they are known.
 
-    The correlated error that the track adds to the filter's covariance stays.  A step comes, without its regions, once
-    `LAG` more are there or its track has ended; how many are held does not depend on how many there are.
+    The correlated error that the track adds to the filter's covariance stays.  A step comes once `LAG` more
+    are there or its track has ended; how many are held does not depend on how many there are.
     """
     run: _Run | None = None
     for step in steps:
-        step = replace(step, regions=([], []))  # masks take 8 kB and more
         if run is None or not run.continues_with(step):
             if run is not None:
                 yield from run.pop(len(run.steps))

@@ -9,19 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pps_vision.errors import InputError
-from pps_vision.geometry.camera import StereoRig, StereoView
+from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import Mode, frame_checks, kalman
-from tracking.acquisition import (
-    Acquisition,
-    AcquisitionParams,
-    Candidate,
-    OwnBody,
-    Regions,
-    SearchCounts,
-    Stages,
-)
+from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.frame_checks import Fingerprints, Stamps
@@ -36,9 +28,9 @@ Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
 _MAX_SIZE_CHANGE = 1.5  # of an object's radius
-_LOOK_EVERY, _LOOK_FOR = 10, 6  # frames: how often it is asked whether a part is followed, and the whole looked for
-_SURELY_PART = 2  # answers in a row
-_MAX_REFUSED = 6  # pairs in a row, from which the two cameras follow different things
+_CHECK_EVERY, _SEARCH_FOR = 10, 6  # frames: period of the check whether only a part is followed; of it, with a search
+_SURELY_PART = 2  # checks in a row that say so, from which the whole is searched
+_MAX_REFUSED = 6  # pairs of detections in a row that are no one object: the cameras follow different things
 _NOTHING: Detections = (None, None)
 _NO_MODELS = (None, None)
 
@@ -49,12 +41,14 @@ class TrackerParams:
 
     mode: Mode = "generic"
     """Track any moving object, or a marker of known hue."""
+    reduction: int = 1
+    """Each block of so many pixels a side is averaged to one before anything is looked for: less time, more error."""
     confirm_frames: int = 3
     """An object is tracked once both cameras detected it in this many frames in a row."""
     lost_after_s: float = 0.5
     """A track that was not updated for this long is deleted."""
     stamp_error_s: float = 0.02
-    """Standard deviation of the time by which joints are late, before the images tell it; 0: they are not."""
+    """Prior standard deviation of the delay of the joints behind the images; 0: there is none."""
     background_memory_s: float = 0.3
     """What an eye at rest sees unchanged for this long becomes its background."""
     acquisition: AcquisitionParams = field(default_factory=AcquisitionParams)
@@ -71,6 +65,8 @@ class TrackerParams:
     def __post_init__(self) -> None:
         if self.mode not in ("generic", "marker"):
             raise InputError("tracker", f"mode {self.mode!r}; expected 'generic' or 'marker'")
+        if self.reduction < 1:
+            raise InputError("tracker", f"reduction {self.reduction}; expected 1 or more pixels")
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
             raise InputError(
                 "tracker",
@@ -80,22 +76,19 @@ class TrackerParams:
 
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
-    """Result of one frame.
-
-    The track; the detections and the observation behind it; while searching the moving regions of the left and the
-    right image; and the point (3,) midway between the cameras, root frame.
-    """
+    """Result of one frame: the track, the detections and the observation behind it, and the point (3,) midway between
+    the cameras, m, root frame."""
 
     track: Track3D
     detections: tuple[Detection2D, ...]
     observation: Observation3D | None
-    regions: Regions
     head: Array
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerState:
-    """Everything that the tracker carries from frame to frame, but for the images that the motion trigger keeps."""
+    """What the tracker carries from frame to frame, beside the backgrounds, the cameras' motion and the images that the
+    motion trigger keeps."""
 
     association: Association
     kalman: KalmanParams
@@ -110,11 +103,13 @@ class TrackerState:
     hits: int = 0
     """Frames in which the object was observed."""
     observed_s: float = -math.inf
+    """Stamp of the last observation."""
     part: int = 0
-    """How often in a row it looked like a part of something."""
+    """Checks in a row that say that only a part of the object is followed."""
     refused: int = 0
     """Frames in a row in which both cameras detected something, but not one object."""
     stamps_s: Stamps = (-math.inf, -math.inf)
+    """Of the last frame, as are `images` and `view`."""
     images: Fingerprints | None = None
     view: StereoView | None = None
 
@@ -134,6 +129,7 @@ class Tracker:
         stages: Stages = lambda _: nullcontext(),
     ) -> None:
         self.params, self.rig, self.stages = params, rig, stages
+        self.searched_rig = rig = rig if params.reduction == 1 else rig.reduced(params.reduction)
         self._optics = Optics(rig.left), Optics(rig.right)
         marker = params.marker if params.mode == "marker" else None
         self._cameras = (
@@ -142,7 +138,10 @@ class Tracker:
         )
         self.search_counts: SearchCounts = Counter()
         self._poses = PoseEstimator(rig, params.stamp_error_s)
-        self._acquisition = Acquisition(params.acquisition, self._optics, own_body, stages, self.search_counts)
+        backgrounds = self._cameras[0].background, self._cameras[1].background
+        self._acquisition = Acquisition(
+            params.acquisition, self._optics, backgrounds, own_body, stages, self.search_counts
+        )
         untrained = Association.untrained(params.stereo, rig.left.width)
         self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
         self.state = self._initial
@@ -163,15 +162,23 @@ class Tracker:
 
         Args:
             frame: The next stereo frame.
-            found: The object's outlines in the left and the right image, if they were found beforehand (`batch`).
+            found: The object's outlines in the left and the right image as searched, if they were found beforehand
+                (`batch`).
 
         Raises:
             InputError: A stamp that is not after the last one, or images or joints that are not the rig's; nothing
                 has changed then.
         """
         frame_checks.check(frame, self.rig, self.state.stamps_s)
-        self.state, result = self._advance(self.state, frame, found)
-        return result
+        self.state, result = self._advance(self.state, self.searched(frame), found)
+        return result if self.params.reduction == 1 else _enlarged(result, self.params.reduction)
+
+    def searched(self, frame: StereoFrame) -> StereoFrame:
+        """The frame with its images reduced, as they are searched."""
+        k = self.params.reduction
+        if k == 1:
+            return frame
+        return replace(frame, left=reduced_image(frame.left, k), right=reduced_image(frame.right, k))
 
     def _advance(
         self, state: TrackerState, frame: StereoFrame, found: tuple[Found, Found]
@@ -183,7 +190,7 @@ class Tracker:
         view, blind = poses.view, blind or not poses.is_known
         cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
-        state, predicted, detections, regions = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
+        state, predicted, detections = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
         with self.stages("triangulation"):
             state, observation = self._associate(state, predicted, cameras, poses, stamp_s, detections)
         with self.stages("filter"):
@@ -194,7 +201,7 @@ class Tracker:
         state = replace(state, stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
         parts = zip(self._cameras, cameras, detections, strict=True)
         messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
-        return state, TrackerStep(track, messages, observation, regions, _middle(view))
+        return state, TrackerStep(track, messages, observation, _middle(view))
 
     def _detect(
         self,
@@ -205,52 +212,46 @@ class Tracker:
         stamp_s: float,
         *,
         blind: bool,
-    ) -> tuple[TrackerState, Belief | None, Detections, Regions]:
+    ) -> tuple[TrackerState, Belief | None, Detections]:
         """The object in both images: near the prediction, else anywhere.
 
         An object that is found elsewhere passes the re-identification gate; what was known of its motion is void then,
         and it is confirmed anew.
         """
-        regions: Regions = ([], [])
         if blind:
-            return state, predicted, _NOTHING, regions
+            return state, predicted, _NOTHING
         if predicted is None:
-            state, detections, regions = self._acquire(state, cameras, view, stamp_s)
-            return state, None, detections, regions
+            state, detections = self._acquire(state, cameras, view, stamp_s)
+            return state, None, detections
         with self.stages("image"):
             state, detections = self._follow(state, predicted, cameras)
             if any(CameraTracker.is_empty(one) for one in state.cameras):
                 for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
                     if one is not None:
                         tracker.absorb(camera, one)
-                return replace(self._initial, association=state.association), None, _NOTHING, regions
+                return replace(self._initial, association=state.association), None, _NOTHING
         if None not in detections and self.params.mode == "generic":
-            state = self._with_suspicion(state, cameras, detections)
-            if state.part >= _SURELY_PART and state.hits % _LOOK_EVERY < _LOOK_FOR:
-                acquired, whole, regions = self._acquire(state, cameras, view, stamp_s)
+            state = self._checked_for_part(state, cameras, detections)
+            if state.part >= _SURELY_PART and state.hits % _CHECK_EVERY < _SEARCH_FOR:
+                acquired, whole = self._acquire(state, cameras, view, stamp_s)
                 if _is_whole_of(whole, detections):
-                    return replace(acquired, hits=0, part=0), None, whole, regions
+                    return replace(acquired, hits=0, part=0), None, whole
         passing = any(one.target is not None and one.target.touched for one in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
-            acquired, elsewhere, regions = self._acquire(state, cameras, view, stamp_s, predicted)
+            acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
-                return replace(acquired, hits=0), None, elsewhere, regions
-        return state, predicted, detections, regions
+                return replace(acquired, hits=0), None, elsewhere
+        return state, predicted, detections
 
-    def _with_suspicion(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
-        """The state with the suspicion that a part of the object is followed (one of several stripes)."""
-        if state.hits % _LOOK_EVERY:
+    def _checked_for_part(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
+        """The state after a check, if one is due, whether only a part of the object is followed (one of stripes)."""
+        if state.hits % _CHECK_EVERY:
             return state
         each = zip(self._cameras, state.cameras, cameras, detections, strict=True)
         is_part = all(tracker.is_part(known, camera, one) for tracker, known, camera, one in each if one is not None)
         return replace(state, part=state.part + 1 if is_part else 0)
 
-    def _follow(
-        self,
-        state: TrackerState,
-        predicted: Belief,
-        cameras: CameraFrames,
-    ) -> tuple[TrackerState, Detections]:
+    def _follow(self, state: TrackerState, predicted: Belief, cameras: CameraFrames) -> tuple[TrackerState, Detections]:
         """The object near where the track predicts it."""
         last = state.belief or predicted
         (a, left), (b, right) = (
@@ -266,32 +267,28 @@ class Tracker:
         view: StereoView,
         stamp_s: float,
         predicted: Belief | None = None,
-    ) -> tuple[TrackerState, Detections, Regions]:
-        """An object anywhere in both images; while one is tracked, that one only."""
-        association = state.association
-        backgrounds = self._cameras[0].background, self._cameras[1].background
+    ) -> tuple[TrackerState, Detections]:
+        """Search both images for an object; with a `predicted` belief, only for the one that is tracked."""
         if self.params.mode == "marker":
             if state.view is None:  # whether anything has moved is known from the second frame on
-                return state, _NOTHING, ([], [])
+                return state, _NOTHING
             with self.stages("image"):
-                marker = self._acquisition.find_marker(
-                    self.params.marker, cameras, view, stamp_s, backgrounds, association
-                )
+                marker = self._acquisition.find_marker(self.params.marker, cameras, view, stamp_s, state.association)
             if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
-                return state, _NOTHING, ([], [])
+                return state, _NOTHING
             targets = []
             for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
                 tracker.background.forget_around(camera.image, camera.view, blob.box_px)
                 targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
             left, right = (known._replace(target=one) for known, one in zip(state.cameras, targets, strict=True))
-            return replace(state, cameras=(left, right)), _detections(*marker), ([], [])
-        pair, regions = self._acquisition.step(cameras, view, stamp_s, backgrounds, association)
+            return replace(state, cameras=(left, right)), _detections(*marker)
+        pair = self._acquisition.step(cameras, view, stamp_s, state.association)
         if pair is None:
-            return state, _NOTHING, regions
+            return state, _NOTHING
         outlines = pair[0].outline, pair[1].outline
         models = pair[0].model, pair[1].model
         if not self._passes_gate(state, predicted, view, outlines, stamp_s, models):
-            return state, _NOTHING, regions
+            return state, _NOTHING
         by_color = pair[0].by_color and pair[1].by_color
         period_s = cameras[0].stamp_s - state.stamps_s[0]
         targets = []
@@ -308,7 +305,7 @@ class Tracker:
             one._replace(target=target, by_background=not by_color, emptiness=0.0)
             for one, target in zip(state.cameras, targets, strict=True)
         )
-        return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines), regions
+        return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines)
 
     def _passes_gate(
         self,
@@ -338,10 +335,9 @@ class Tracker:
         stamp_s: float,
         detections: Detections,
     ) -> tuple[TrackerState, Observation3D | None]:
-        """Triangulate what both cameras detected.
+        """Triangulate what both cameras detected, after learning the calibration's error from it.
 
-        The first outline, grown from a moving region, is too rough to learn the calibration's error from.  A pair's own
-        differences count for it too.
+        The first outline, grown from a motion region, is too rough to learn from.
         """
         left, right = detections
         if left is None or right is None:
@@ -427,11 +423,7 @@ class Tracker:
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
     def _learn(
-        self,
-        state: TrackerState,
-        cameras: CameraFrames,
-        detections: Detections,
-        observation: Observation3D | None,
+        self, state: TrackerState, cameras: CameraFrames, detections: Detections, observation: Observation3D | None
     ) -> TrackerState:
         """Remember how each camera sees the object, its colours once it is confirmed, and the scene without it."""
         each = list(zip(self._cameras, cameras, detections, strict=True))
@@ -453,8 +445,19 @@ class Tracker:
         return replace(state, cameras=(left, right), appearance=appearance)
 
 
+def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
+    """The step with what was seen in pixels of images reduced `k` times, in pixels of the images themselves."""
+    detections = []
+    for one in step.detections:
+        x, y, w, h = one.box_px
+        center_px, box_px = k * (one.center_px + 0.5) - 0.5, (k * x, k * y, k * w, k * h)
+        detections.append(replace(one, center_px=center_px, cov_px=k**2 * one.cov_px, box_px=box_px))
+    observation = step.observation and replace(step.observation, residual_px=k * step.observation.residual_px)
+    return replace(step, detections=tuple(detections), observation=observation)
+
+
 def _is_whole_of(whole: Detections, parts: Detections) -> bool:
-    """Whether in both images the one holds the other, and is clearly larger."""
+    """Whether in both images the one is `WHOLE` times as large as the other, whose centre its box holds."""
     for one, part in zip(whole, parts, strict=True):
         if one is None or part is None or one.outline.area_px < WHOLE * part.outline.area_px:
             return False

@@ -6,10 +6,11 @@
 #SBATCH --time=04:00:00
 # sbatch slurm.sh 'recs/*' --calib camchain.yaml --out results     (the words of `pps-vision batch`)
 # Recordings and results lie on a file system that all nodes share.  Submitted again, it does what is left to do.
+# The job's exit code is that of `batch`: 0 all recordings done, 1 some failed, 2 none done or the words are wrong.
 set -eu
 export OMP_NUM_THREADS=1
 file=$(mktemp -d "$PWD/.dask-XXXXXX")/scheduler.json
-trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$(dirname "$file")"' EXIT
+trap 'kill $(jobs -p) 2>/dev/null || true; rm -rf "$(dirname "$file")"' EXIT
 dask scheduler --scheduler-file "$file" --port 0 --no-dashboard &
 scheduler=$!
 srun dask worker --scheduler-file "$file" --nthreads 1 --no-nanny --no-dashboard &

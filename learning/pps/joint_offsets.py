@@ -29,9 +29,9 @@ class JointOffsetParams:
     """Prior and noise of the calibration, as standard deviations."""
 
     joint_rad: float = np.deg2rad(1.5)
-    """Of an encoder's offset: with errors of links and cameras, which it must explain too, R's several centimetres."""
+    """Prior of an encoder's offset, which must explain errors of links and cameras too: R's several centimetres."""
     taxel_m: float = 0.005
-    """Of a taxel's own position and of the triangulated one, each axis (`pps_compensation` assumes 4 mm)."""
+    """Noise of a taxel's own position and of the triangulated one, each axis (`pps_compensation` assumes 4 mm)."""
     outlier_sigmas: float = 3.0
     """A touch with a larger residual gets less weight (Cauchy)."""
 

@@ -67,7 +67,9 @@ class PPSMemory:
     counts: Counts
     """(n, D bins, TTC bins, 2) positive and negative samples."""
     params: MemoryParams
-    """Of the counts."""
+    """Bins and smoothing of the counts."""
+    written_by: str = ""
+    """Version of this package that wrote the file it was read from."""
 
     def __post_init__(self) -> None:
         n = len(self.taxel_ids)
@@ -256,6 +258,7 @@ def load_memory(path: Path) -> PPSMemory:
         (d0, d1), (t0, t1) = np.asarray(data["ranges"], dtype=float).tolist()
         params = MemoryParams((d0, d1), (t0, t1), (counts.shape[1], counts.shape[2]), float(data["sigma_bins"]))
         taxel_ids = tuple(str(name) for name in data["taxel_ids"])
-        return PPSMemory(taxel_ids, data["part_index"].astype(np.intp, casting="same_kind"), counts, params)
+        part_index = data["part_index"].astype(np.intp, casting="same_kind")
+        return PPSMemory(taxel_ids, part_index, counts, params, str(data["written_by"]))
     except (ValueError, TypeError, IndexError) as error:
         raise InputError(path, f"{_KIND} that does not fit together: {error}") from error

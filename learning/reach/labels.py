@@ -56,11 +56,11 @@ class Labels:
         return np.isfinite(self.error_m)
 
     def only(self, where: Mask) -> "Labels":
-        """Only those."""
+        """The labels at `where` (n,)."""
         return Labels(*(getattr(self, f.name)[where] for f in fields(self)))
 
     def joined(self, more: "Labels") -> "Labels":
-        """These and more."""
+        """These labels and `more`, in this order."""
         return Labels(*(np.concatenate([getattr(self, f.name), getattr(more, f.name)]) for f in fields(self)))
 
 
@@ -81,7 +81,7 @@ class HandModel:
 
     @classmethod
     def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":
-        """Of joints → root frame, with the robot's own head."""
+        """A forward model in the root frame, with the gaze kinematics of the robot's own head."""
         return cls(forward, partial(fixation_points, robot), partial(gaze_for_points, robot))
 
 

@@ -79,5 +79,5 @@ class MapParams:
 
     @property
     def test_postures(self) -> int:
-        """Number of gaze postures of a test: enough that a third of the errors allowed passes as a rule."""
+        """Number of gaze postures of a test: enough that a map with a third of the errors allowed usually passes."""
         return self.n_test or (int(np.ceil(10 / self.max_error)) if self.max_error else 0)

@@ -17,10 +17,10 @@ class TrackReachability:
         self.gaze_model = GazeModel(robot)
 
     def __call__(self, q_rad: Array, track: Track3D) -> Reachability:
-        """Of a track in the root frame with the robot at configuration `q_rad` (n_joints,).
+        """Reachability of a track in the root frame, with the robot at configuration `q_rad` (n_joints,).
 
-        The torso carries eyes and arms alike, so that only where the object is relative to it counts; how head and
-        arms stand does not.
+        The torso carries eyes and arms alike, so only the object's place relative to it counts; the posture of head
+        and arms does not.
         """
         if not track.is_known:
             return Reachability.without_answer(track.stamp_s, ReachStatus.UNKNOWN)

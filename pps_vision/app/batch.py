@@ -7,6 +7,8 @@ that was killed is continued by running it again.
 import csv
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 import time
@@ -14,6 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from glob import glob
+from itertools import takewhile
 from pathlib import Path
 from typing import Literal
 
@@ -21,10 +24,11 @@ from tqdm import tqdm
 
 from pps_vision.__main__ import ENDS_WITH_STDIN
 from pps_vision.errors import InputError, first_line
+from pps_vision.files import read_bytes
 from pps_vision.recordings.outputs import BUSY, locked_folder, whole_file
 from pps_vision.recordings.parquet import require_pyarrow, write_parquet
 from pps_vision.recordings.tables import write_table
-from pps_vision.recordings.text import read_lines
+from pps_vision.recordings.text import finite, read_lines
 
 TRACK_TABLE: Mapping[str, type] = {
     **{"name": str, "status": str, "pairs": int, "frames": int, "tracked_share": float},
@@ -36,7 +40,10 @@ LEARN_TABLE: Mapping[str, type] = {
 }
 SETTINGS = "settings.json"
 MEMORY = "memory.npz"
-_OWN = (SETTINGS, MEMORY, "batch.csv", "batch.parquet", "report.html")
+SUMMARY = "summary.json"
+_OWN = (SETTINGS, MEMORY, SUMMARY, "batch.csv", "batch.parquet", "report.html")
+_POSITIVE = "a positive number"
+_NUMBERS = {"fps": _POSITIVE, "unit_m": _POSITIVE, "max_skew_s": "a number of at least 0"}  # columns of a manifest
 _BUSY_S = 0.5  # between two looks at a recording that another run is tracking
 
 
@@ -45,9 +52,18 @@ class Job:
     """One recording: the name of its result, and what `pps-vision track` or `learn` is given for it."""
 
     name: str
-    words: tuple[str, ...]
+    rec: tuple[str, ...]
+    options: tuple[str, ...]
+    """Its own, which go before those for all."""
     folder: Path
     """Where relative paths begin."""
+    row: str = ""
+    """FILE:LINE of a manifest that lists it."""
+
+    @property
+    def source(self) -> str:
+        """What has asked for it: a row of a manifest, or its path."""
+        return self.row or self.rec[0]
 
 
 @dataclass(frozen=True)
@@ -76,15 +92,14 @@ class Task:
         """The row of a recording; `reason` why it failed, or ""."""
         row: dict[str, object] = dict.fromkeys(self.table) | {"name": job.name}
         if reason:
-            return row | {"status": "failed", "reason": reason}
+            return row | {"status": "failed", "reason": f"{job.row}: {reason}" if job.row else reason}
         if self.command == "learn":
-            from learning.archive import written_by
             from learning.pps.memory import load_memory
 
-            memory = self.result(job)
-            positive = load_memory(memory).counts.sum(axis=(1, 2))
-            counted = {"samples": int(positive.sum()), "touched_taxels": int((positive[:, 0] > 0).sum())}
-            return row | {"status": "done", "version": written_by(memory)} | counted
+            memory = load_memory(self.result(job))
+            samples = memory.counts.sum(axis=(1, 2))
+            counted = {"samples": int(samples.sum()), "touched_taxels": int((samples[:, 0] > 0).sum())}
+            return row | {"status": "done", "version": memory.written_by} | counted
         summary = json.loads((self.result(job) / "summary.json").read_text())
         return row | {
             "status": "done",
@@ -112,34 +127,51 @@ def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
         matched = sorted(glob(source, recursive=True))
         if not matched:
             raise InputError(source, "matches no recording; expected folders, videos, a pattern, or a manifest .csv")
-        jobs += [Job(Path(path).resolve().name, (path,), Path.cwd()) for path in matched]
-    seen: dict[str, Job] = {}
+        jobs += [Job(Path(path).resolve().name, (path,), (), Path.cwd()) for path in matched]
+    seen: dict[str, str] = {}
     for job in jobs:
         if job.name in seen:
-            both = f"{' '.join(seen[job.name].words)} and {' '.join(job.words)}"
-            raise InputError(job.name, f"is the name of {both}; expected a manifest with distinct names")
-        seen[job.name] = job
+            expected = "distinct names, which a manifest can give"
+            raise InputError(job.source, f"name {job.name!r} is that of {seen[job.name]} too; expected {expected}")
+        seen[job.name] = job.source
     return jobs
 
 
 def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
-    expected = f"columns name and some of {', '.join(columns)}"
-    reader = csv.DictReader(read_lines(file, expected))
+    expected = f"the columns name and some of {', '.join(columns)}, separated by commas"
+    reader = csv.reader(read_lines(file, expected))
     try:
-        rows = [(reader.line_num, row) for row in reader]
+        rows = [(reader.line_num, [field.strip() for field in row]) for row in reader if row]
     except csv.Error as error:
-        line = reader.reader.line_num  # its own is that of the last row that was read
-        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", line) from error
-    header = reader.fieldnames or []
-    if "name" not in header or not set(header) <= {"name", *columns}:
-        raise InputError(file, f"columns {','.join(map(str, header))}; expected {expected}", 1)
-    for line, row in rows:
-        name = row["name"] or ""
-        if None in row or not name or Path(name).name != name or name.startswith("."):
-            raise InputError(file, f"row {row}; expected {expected}, the name being that of a new folder", line)
-        options = [(key, (row[key] or "").split(";")) for key in columns if row.get(key)]
-        words = [word for key, given in options for word in (given if key == "rec" else (_flag(key), *given))]
-        yield Job(name, tuple(words), file.resolve().parent)
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", reader.line_num) from error
+    header = rows[0][1] if rows else []
+    if wrong := [key for key in header if key not in ("name", *columns) or header.count(key) > 1]:
+        raise InputError(file, f"column {wrong[0]!r}; expected {expected}, each once", 1)
+    if "name" not in header:
+        raise InputError(file, f"no column name; expected {expected}", 1)
+    for line, fields in rows[1:]:
+        if len(fields) != len(header):
+            found = f"{len(fields)} fields under {len(header)} columns"
+            raise InputError(file, f"{found}; expected a field for each column", line)
+        row = dict(zip(header, fields, strict=True))
+        name, rec = row.pop("name"), row.pop("rec", "")
+        if not name or Path(name).name != name or name.startswith("."):
+            raise InputError(file, f"name {name!r}; expected the name of a new folder", line)
+        given = {key: value for key, value in row.items() if value}
+        for key, text in given.items():
+            if key in _NUMBERS and not _is_number(text, _NUMBERS[key] == _POSITIVE):
+                raise InputError(file, f"{key} {text!r}; expected {_NUMBERS[key]}", line)
+        options = [word for key, value in given.items() for word in (_flag(key), *value.split(";"))]
+        recs = tuple(rec.split(";")) if rec else ()
+        yield Job(name, recs, tuple(options), file.resolve().parent, f"{file}:{line}")
+
+
+def _is_number(text: str, positive: bool) -> bool:
+    """Whether a text spells a finite number that is positive, or at least not negative."""
+    try:
+        return finite(text) > 0 if positive else finite(text) >= 0
+    except ValueError:
+        return False
 
 
 def _flag(key: str) -> str:
@@ -171,21 +203,17 @@ def run_batch(
         raise InputError("batch", f"{workers} workers; expected at least 1")
     for job in jobs:
         if (name := task.result(job).name) in _OWN:
-            raise InputError("batch", f"a result called {name}; expected none of {', '.join(_OWN)}")
+            raise InputError(job.source, f"a result called {name}; expected none of {', '.join(_OWN)}")
     task, out = replace(task, out=task.out.resolve()), task.out
     with locked_folder(out):
         if parquet:
             require_pyarrow()  # before hours of work
         settings = out / SETTINGS
-        begun_with = json.dumps([task.command, *task.options]) + "\n"
         if not settings.exists():
             with whole_file(settings) as partial:
-                partial.write_text(begun_with)
-        elif settings.read_text() != begun_with:
-            found = f"is not {begun_with.strip()}"
-            raise InputError(
-                settings, f"{found}; expected the options that this folder was begun with, or another folder"
-            )
+                partial.write_text(json.dumps([task.command, *task.options]) + "\n")
+        elif difference := _difference(_read_settings(settings), [task.command, *task.options]):
+            raise InputError(out, f"was begun {difference}; expected the same options, or another folder")
 
         with tqdm(total=len(jobs), desc="batch", unit="recording", disable=None) as bar:
             if scheduler:
@@ -206,6 +234,27 @@ def run_batch(
             with whole_file(out / "batch.parquet") as partial:
                 write_parquet(partial, task.table, rows)
     return rows
+
+
+def _read_settings(file: Path) -> list[str]:
+    """Command and options that a batch was begun with."""
+    try:
+        return [str(word) for word in json.loads(read_bytes(file, "the settings of a batch"))]
+    except (ValueError, TypeError) as error:
+        raise InputError(file, f"{first_line(error)}; expected the settings of a batch, or another folder") from error
+
+
+def _difference(begun: Sequence[str], asked: Sequence[str]) -> str:
+    """How the options of two batches differ: "with --order 4", "without --smooth"; "" if they are the same."""
+    if begun[:1] != asked[:1]:
+        return f"{'with' if begun[:1] == ['learn'] else 'without'} --learn"
+    one, other = (
+        re.split(" (?=--)", re.sub(r"(--[\w-]+)=", r"\1 ", shlex.join(words[1:]))) for words in (begun, asked)
+    )
+    if given := [option for option in one if option not in other]:
+        return f"with {' '.join(given)}"
+    added = [option for option in other if option not in one]
+    return f"without {' '.join(added)}" if added else ""
 
 
 def _add_up(memories: Sequence[Path], out: Path) -> None:
@@ -256,16 +305,16 @@ def _do(job: Job, task: Task) -> str:
 def _do_once(job: Job, task: Task) -> str:
     if task.is_done(job):
         return ""
-    words = [task.command, *job.words, *task.options, "--out", str(task.result(job))]
+    words = [task.command, *job.rec, *task.options, *job.options, "--out", str(task.result(job))]
     ours_is_open, ours = os.pipe()
     try:
         done = subprocess.run(
             [sys.executable, "-m", "pps_vision", *words],
             cwd=job.folder,
-            env={**os.environ, "OMP_NUM_THREADS": "1", ENDS_WITH_STDIN: "1"},
+            env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8", ENDS_WITH_STDIN: "1"},
             stdin=ours_is_open,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             errors="replace",
         )
     finally:
@@ -275,6 +324,13 @@ def _do_once(job: Job, task: Task) -> str:
         return f"ended by signal {-done.returncode}"
     if done.returncode == 0:
         return ""
-    said = [line.strip(" |+-") for line in done.stderr.splitlines()]  # which frame a group of tracebacks
-    last = next((line for line in reversed(said) if line), f"ended with exit code {done.returncode}")
-    return last.removeprefix("pps-vision: ")
+    return _reason(done.stderr) or f"ended with exit code {done.returncode}"
+
+
+def _reason(said: str) -> str:
+    """What a command that failed has said last: a line, or the first paragraph in tyro's frame."""
+    _, frame, framed = said.partition("╭")
+    if frame:
+        return " ".join(takewhile(bool, (line.strip(" │─╰╯") for line in framed.splitlines()[1:])))
+    lines = [line.strip(" |+-") for line in said.splitlines()]  # which frame a group of tracebacks
+    return next(filter(None, reversed(lines)), "").removeprefix("pps-vision: ")

@@ -7,13 +7,13 @@ its covariance, times the ratio of true to reported error that `pps-vision bench
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from time import process_time
 
 import numpy as np
 from scipy.special import chdtri
 
 from pps_vision.errors import InputError
 from pps_vision.types import Observation3D, Status, StereoFrame
-from tracking.image_tracker import ImageTrackerParams
 from tracking.kalman import KalmanParams, gate, predict, scaled, start, update
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
@@ -21,6 +21,7 @@ _PROBE_PAIRS = 60  # tracked from the first detection on
 _SEARCH_PAIRS = 600  # searched for the first detection
 _WARM_UP = 10  # pairs after the first detection until the covariance has converged
 _MIN_TRACKED = 0.9  # smallest share of tracked pairs
+_NARROWEST_PX = 160  # of a reduced image: in smaller ones few objects have enough pixels
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,6 @@ class Configuration:
 
     name: str
     params: TrackerParams
-    ms_per_pair: float
-    """Time of a stereo pair."""
     true_over_reported: float
     """Ratio of the true 3D RMS error to that of the covariance, in the worst scene."""
 
@@ -41,6 +40,7 @@ class Probe:
 
     name: str
     ms_per_pair: float
+    """Median processor time of a stereo pair."""
     tracked_share: float
     """Share of pairs tracked from the first detection on."""
     expected_mm: float
@@ -73,15 +73,18 @@ class Choice:
         }
 
 
-def _particles(count: int) -> TrackerParams:
-    return TrackerParams(image=ImageTrackerParams(particles=count))
-
-
-CONFIGURATIONS = (  # ratios: the worst kind of scene of `bench budget` that is tracked in 90 % of the frames, two seeds
-    Configuration("marker", TrackerParams(mode="marker"), 0.27, 1.0),
-    Configuration("30 particles", _particles(30), 1.3, 3.5),  # 0.8 to 1.5 for balls and markers; a cube's is worst
-    Configuration("120 particles", _particles(120), 1.4, 3.5),
+CONFIGURATIONS = (  # ratios: the worst kind of scene of `bench budget` that is tracked in 90 % of the frames
+    Configuration("marker", TrackerParams(mode="marker"), 1.5),
+    Configuration("pixels 4 × 4", TrackerParams(reduction=4), 2.0),
+    Configuration("pixels 2 × 2", TrackerParams(reduction=2), 2.0),
+    Configuration("all pixels", TrackerParams(), 2.0),
 )
+"""From the fastest to the most accurate."""
+
+
+def configurations(width_px: int) -> tuple[Configuration, ...]:
+    """Those of `CONFIGURATIONS` that leave an image so wide at least `_NARROWEST_PX` wide."""
+    return tuple(c for c in CONFIGURATIONS if c.params.reduction in range(1, max(2, width_px // _NARROWEST_PX + 1)))
 
 
 def cheapest(
@@ -90,30 +93,30 @@ def cheapest(
     tracker_for: Callable[[TrackerParams], Tracker],
     configurations: Sequence[Configuration] = CONFIGURATIONS,
 ) -> Choice:
-    """The fastest configuration whose expected 3D RMS error is within `max_error_mm`, or else the most accurate one.
+    """The first configuration whose expected 3D RMS error is within `max_error_mm`, or else the most accurate one.
 
-    `frames` are iterated once for each configuration that is tried.
+    `configurations` stand from the fastest to the slowest; `frames` are iterated once for each that is tried.
     """
     if not max_error_mm > 0:
         raise InputError("track", f"--max-error-mm {max_error_mm}; expected a positive number of millimetres")
     probes: list[Probe] = []
     ordered: list[Configuration] = []
-    by_cost = sorted(configurations, key=lambda c: c.ms_per_pair)
-    for configuration in by_cost:
-        steps = _follow(frames, tracker_for(configuration.params))
-        probes.append(probe := _probe(configuration, steps))
+    count = len(configurations)
+    for configuration in configurations:
+        steps, ms = _follow(frames, tracker_for(configuration.params))
+        probes.append(probe := _probe(configuration, steps, ms))
         ordered.append(_with_order(configuration, steps))
         if probe.tracked_share >= _MIN_TRACKED and probe.expected_mm <= max_error_mm:
             reason = (
-                f"the fastest of {len(by_cost)} that tracks the object and whose expected error, "
+                f"the fastest of {count} that tracks the object and whose expected error, "
                 f"{probe.expected_mm:.2g} mm, is within {max_error_mm:g} mm"
             )
             return Choice(max_error_mm, ordered[-1], True, reason, tuple(probes))
     k = int(np.nanargmin([_regret(probe) for probe in probes]))
-    reason = f"none of {len(by_cost)} is within {max_error_mm:g} mm; the most accurate of those that track the object"
+    reason = f"none of {count} is within {max_error_mm:g} mm; the most accurate of those that track the object"
     if not probes[k].tracked_share >= _MIN_TRACKED:
-        reason = f"none of {len(by_cost)} tracks the object in the first seconds; the default"
-        k = next(i for i, c in enumerate(by_cost) if c.params == TrackerParams())
+        reason = f"none of {count} tracks the object in the first seconds; the default"
+        k = next(i for i, c in enumerate(configurations) if c.params == TrackerParams())
     return Choice(max_error_mm, ordered[k], False, reason, tuple(probes))
 
 
@@ -121,31 +124,34 @@ def _regret(probe: Probe) -> float:
     return probe.expected_mm if probe.tracked_share >= _MIN_TRACKED and np.isfinite(probe.expected_mm) else 1e9
 
 
-def _follow(frames: Iterable[StereoFrame], tracker: Tracker) -> list[TrackerStep]:
-    """The tracker's steps from the first detection on."""
+def _follow(frames: Iterable[StereoFrame], tracker: Tracker) -> tuple[list[TrackerStep], list[float]]:
+    """The tracker's steps from the first detection on, and their processor times (ms)."""
     steps: list[TrackerStep] = []
+    ms: list[float] = []
     for frame in itertools.islice(frames, _SEARCH_PAIRS):
+        begun = process_time()
         step = tracker.step(frame)
         if steps or step.track.is_known:
             steps.append(step)
+            ms.append(1000 * (process_time() - begun))
         if len(steps) == _PROBE_PAIRS:
             break
-    return steps
+    return steps, ms
 
 
-def _probe(configuration: Configuration, steps: Sequence[TrackerStep]) -> Probe:
+def _probe(configuration: Configuration, steps: Sequence[TrackerStep], ms: Sequence[float]) -> Probe:
     settled = [step.track for step in steps[_WARM_UP:]]
     variances = [float(np.trace(t.cov[:3, :3])) for t in settled if t.status == Status.TRACKING]
     share = len(variances) / len(settled) if settled else 0.0
     expected = configuration.true_over_reported * 1000 * float(np.sqrt(np.mean(variances))) if variances else np.nan
-    return Probe(configuration.name, configuration.ms_per_pair, share, expected)
+    return Probe(configuration.name, float(np.median(ms)) if ms else np.nan, share, expected)
 
 
 def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> Configuration:
-    """The same with the lowest order of filter, from 2 (the skin needs a velocity), whose innovations are no larger
-    than it expects: the mean of n squared Mahalanobis distances below the upper end of their 95 % band about 3."""
+    """The configuration with the lowest order of filter, from 2 (the skin needs a velocity), whose innovations are no
+    larger than expected (the mean of n squared Mahalanobis distances is below the upper end of its 95 % band about 3);
+    unchanged where none is."""
     seen = [step.observation for step in steps if step.observation is not None]
-    default = configuration.params.kalman
     if len(seen) <= _WARM_UP:
         return configuration
     distance_m = float(np.linalg.norm(seen[0].p_root - steps[0].head))
@@ -154,7 +160,7 @@ def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> C
         nis = _innovations(scaled(kalman, distance_m), seen)[_WARM_UP:]
         if np.mean(nis) <= chdtri(3 * len(nis), 0.025) / len(nis):
             return replace(configuration, params=replace(configuration.params, kalman=kalman))
-    return replace(configuration, params=replace(configuration.params, kalman=default))
+    return configuration
 
 
 def _innovations(params: KalmanParams, seen: Sequence[Observation3D]) -> list[float]:

@@ -26,6 +26,9 @@ _CLEARLY = 0.4  # of the misfit as they are; exchanging correct images makes it 
 _OFFSET_PX = 8.0  # of one camera against the other: poor calibrations have so much (baseball: 5–8 px)
 _CONTINUES = 4.0  # times the usual step between columns; 0.4–3.1 within 80 images, 5.7–32 between stereo images
 _IN_COMMON = 0.08  # of the features; 0.02–0.04 in the halves of one image, 0.2 and more in stereo images of boards
+_EXPLAINED = 0.8  # of the change of most pixels remains where a shift explains it: 0.1–0.5; 1 or more where none does
+_UNITS_M = (0.001, 0.01, 0.0254, 1.0)  # mm, cm, inch and m, in which boards are measured
+_USUAL_BASELINE_M = (0.02, 1.0)  # within which a unit is proposed
 _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
 
 
@@ -87,15 +90,35 @@ def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) 
         baseline = float(np.linalg.norm(view.right.center - view.left.center))
         yield from exchanged(frames, recording.rig)
         if not _BASELINE_M[0] <= baseline <= _BASELINE_M[1]:
-            yield f"another calibration or --unit-m: the cameras are {baseline:.3g} m apart"
+            units = _units(recording, baseline)
+            yield f"another calibration or --unit-m: the cameras are {length(baseline)} apart{units}"
     if turn_deg[0] > 0:
         yield (
             f"cameras that rest, or a recording with joints: the cameras move although declared fixed, by up to "
             f"{turn_deg[0]:.2g}° at {turn_deg[1]:.2g}°/s; only their rotation is compensated"
         )
+    elif (shift_px := _image_shift_px(recording)) > 0:
+        yield (
+            f"cameras that rest, or a recording with joints: the images shift by {shift_px:.1f} px a frame: "
+            "do the cameras move?"
+        )
     joints = [q for frame in frames for q in (frame.joints_left_rad, frame.joints_right_rad) if q is not None]
     if joints and np.max(np.abs(np.rad2deg(joints))) <= _RADIANS:
         yield "joints in degrees: no joint in the logs is beyond ±3.14, as if they were in radians"
+
+
+def length(metres: float) -> str:
+    """A length in words, in m or mm, without an exponent."""
+    value, unit = (metres, "m") if metres >= 1 else (1000 * metres, "mm")
+    return f"{np.format_float_positional(value, 4, fractional=False, trim='-')} {unit}"
+
+
+def _units(recording: Recording, baseline_m: float) -> str:
+    """The units of the calibration by which the cameras would be as far apart as usual."""
+    apart_m = {unit: baseline_m / recording.unit_m * unit for unit in _UNITS_M}
+    low, high = _USUAL_BASELINE_M
+    usual = [f"--unit-m {unit:g} makes it {length(m)}" for unit, m in apart_m.items() if low <= m <= high]
+    return "".join(f"; {one}" for one in usual)
 
 
 def exchanged(frames: Sequence[StereoFrame], rig: StereoRig) -> Iterator[str]:
@@ -176,7 +199,8 @@ def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> I
     elif mode == "marker" and not (left and right):
         yield "--mode generic: no blob of the marker's green is in both images"
     elif mode == "generic" and not counts.get("motion_left"):
-        yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
+        if not _image_shift_px(recording):  # else it was not searched, and the cameras' motion is a fault
+            yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
     elif mode == "generic" and not counts.get("motion_right"):
         yield "the calibration and the order of the images: what moves in the left image does not in the right one"
     rejected = _rejections(counts)
@@ -196,15 +220,39 @@ def _rejections(counts: Mapping[str, int]) -> dict[str, int]:
     return {what: count for what, count in counts.items() if what.startswith("rejected by ")}
 
 
-def _some_frames(recording: Recording, step: int = 0) -> list[StereoFrame]:
-    """A few frames, spread over the recording, or those `step` after them."""
-    wanted = np.linspace(0, max(0, len(recording) - 1 - step), _LOOKED_AT).astype(int) + step
-    chosen = tuple(recording.pairs[k] for k in np.unique(np.minimum(wanted, len(recording) - 1)))
-    return list(replace(recording, pairs=chosen))
+def _some_frames(recording: Recording) -> list[StereoFrame]:
+    """A few frames, spread over the recording."""
+    chosen = np.unique(np.linspace(0, len(recording) - 1, _LOOKED_AT).astype(int))
+    return list(replace(recording, pairs=tuple(recording.pairs[k] for k in chosen)))
+
+
+def _in_a_row(recording: Recording) -> list[tuple[StereoFrame, StereoFrame]]:
+    """A few frames, spread over the recording, each with the next one."""
+    starts = np.unique(np.linspace(0, max(0, len(recording) - 2), _LOOKED_AT).astype(int))
+    both = [list(replace(recording, pairs=recording.pairs[k : k + 2])) for k in starts]
+    return [(two[0], two[1]) for two in both if len(two) == 2]
+
+
+def _image_shift_px(recording: Recording) -> float:
+    """How far the left images of fixed cameras shift from a frame to the next, where they do in two frames of those
+    that are looked at; 0 below half a pixel, where that does not explain how most pixels change, and with joints.
+
+    Phase correlation (Kuglin and Hines 1975).
+    """
+    if recording.robot is not None:
+        return 0.0
+    shifts_px = [0.0, 0.0]
+    for frames in _in_a_row(recording):
+        then, now = (np.mean(frame.left, axis=2, dtype=np.float32) for frame in frames)
+        window = cv2.createHanningWindow((then.shape[1], then.shape[0]), cv2.CV_32F)
+        (x, y), _ = cv2.phaseCorrelate(window * then, window * now)  # given the window, it would change both images
+        moved = np.roll(then, (round(y), round(x)), axis=(0, 1))
+        if np.median(np.abs(now - moved)) < _EXPLAINED * np.median(np.abs(now - then)):
+            shifts_px.append(float(np.hypot(x, y)))
+    return sorted(shifts_px)[-2]
 
 
 def _change(recording: Recording) -> float:
     """Median change of the left image's pixels from a frame to the next, grey levels of 255."""
-    pairs = zip(_some_frames(recording), _some_frames(recording, 1), strict=False)
-    changes = [np.median(np.abs(now.left.astype(float) - then.left)) for then, now in pairs]
+    changes = [np.median(np.abs(now.left.astype(float) - then.left)) for then, now in _in_a_row(recording)]
     return float(np.median(changes)) if changes else 0.0

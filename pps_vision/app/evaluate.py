@@ -10,15 +10,14 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.tables import read_table
-from pps_vision.recordings.text import finite, first_row, read_lines
-from pps_vision.types import Array, Mask, Track3D, Truth
+from pps_vision.recordings.tables import COVARIANCE, covariances, numbers, read_table
+from pps_vision.recordings.text import first_row, read_lines
+from pps_vision.types import Array, Mask, Status, Track3D, Truth
 
 _BRIDGED = 1.5  # times the median interval: a longer one is a gap, across which nothing is interpolated
 _LAG_S = 0.5  # largest lag that is looked for
 _LAG_STEP_S = 0.005
 _FEWEST = 3  # positions to compare
-_COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
 
 
 @dataclass(frozen=True)
@@ -30,12 +29,14 @@ class Path3D:
         stamps_s: (n,) increasing.
         position: (n, 3) m.
         cov: (n, 3, 3) m², NaN where none is stated.
+        missing: Lines of the file's rows without a position, but for those with a status that says so.
     """
 
     name: str
     stamps_s: Array
     position: Array
     cov: Array
+    missing: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -65,17 +66,25 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
     """Read trajectory.csv, truth.csv, another CSV with stamp_s, x_m, y_m and z_m, TUM's form, or Anipose's table of one
     point (in m), whose frames come at `fps` from 0 s on.
 
-    Rows without a position are left out.  InputError for one that cannot be read, or stamps that do not increase.
+    Rows without a position are left out.  InputError for one that cannot be read or has no stamp, or stamps that do not
+    increase.
     """
     header = first_row(file).split(",")
     anipose = [name.removesuffix("_x") for name in header if name.endswith("_x")] if "fnum" in header else []
+    searching: set[int] = set()
     if "stamp_s" in header:
-        names = ["stamp_s", "x_m", "y_m", "z_m", *(_COVARIANCE if set(_COVARIANCE) <= set(header) else ())]
+        names = ["stamp_s", "x_m", "y_m", "z_m", *(COVARIANCE if set(COVARIANCE) <= set(header) else ())]
         rows = read_table(file, names)
+        if "status" in header:
+            status = read_table(file, ["status"])
+            searching = {line for line, (one,) in status if one in (Status.SEARCHING, Status.LOST)}
     elif anipose:
-        if len(anipose) > 1 or not fps or not 0 < fps < np.inf:
-            found = f"points {', '.join(anipose)}, fps {fps}"
-            raise InputError(file, f"{found}; expected Anipose's table of one point, and --fps", 1)
+        if len(anipose) > 1:
+            raise InputError(file, f"has the points {', '.join(anipose)}; expected one point", 1)
+        if fps is None:
+            raise InputError(file, "has numbers of frames, no stamps; expected --fps, the frames per second", 1)
+        if not 0 < fps < np.inf:
+            raise InputError("evaluate", f"--fps {fps}; expected a positive number of frames per second")
         rows = read_table(file, ["fnum", *(f"{anipose[0]}_{axis}" for axis in "xyz")])
     else:
         expected = "rows of stamp x y z (TUM), or a CSV with the columns stamp_s, x_m, y_m, z_m"
@@ -83,19 +92,19 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
         rows = [(line, row.split()[:4]) for line, row in lines if row.strip() and not row.lstrip().startswith("#")]
         if short := [line for line, row in rows if len(row) < 4]:
             raise InputError(file, f"fewer than four numbers; expected {expected}", short[0])
-    values = [(line, _numbers(file, line, row)) for line, row in rows]
+    values = [(line, numbers(file, line, row)) for line, row in rows]
     if anipose and fps:
         values = [(line, [row[0] / fps, *row[1:]]) for line, row in values]
-    known = [(line, row) for line, row in values if np.all(np.isfinite(row[:4]))]
+    if unstamped := [line for line, row in values if not np.isfinite(row[0])]:
+        raise InputError(file, "has no stamp; expected one in every row", unstamped[0])
+    known = [(line, row) for line, row in values if np.all(np.isfinite(row[1:4]))]
+    missing = {line for line, _ in values} - {line for line, _ in known} - searching
     for (_, before), (line, row) in pairwise(known):
         if not row[0] > before[0]:
             raise InputError(file, f"stamp {row[0]} after {before[0]}; expected stamps that increase", line)
     table = np.array([row for _, row in known]).reshape(len(known), -1) if known else np.zeros((0, 4))
-    cov = np.full((len(table), 3, 3), np.nan)
-    if table.shape[1] == 10:
-        upper = np.triu_indices(3)
-        cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = table[:, 4:]
-    return Path3D(str(file), table[:, 0], table[:, 1:4], cov)
+    cov = covariances(table[:, 4:]) if table.shape[1] == 10 else np.full((len(table), 3, 3), np.nan)
+    return Path3D(str(file), table[:, 0], table[:, 1:4], cov, tuple(sorted(missing)))
 
 
 def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
@@ -208,11 +217,3 @@ def _nees(error: Array, cov: Array) -> Array:
     stated = np.all(np.isfinite(cov), axis=(1, 2))
     stated[stated] = np.all(np.linalg.eigvalsh(cov[stated]) > 0, axis=1)
     return np.einsum("ni,ni->n", error[stated], np.linalg.solve(cov[stated], error[stated][..., None])[..., 0])
-
-
-def _numbers(file: Path, line: int, row: list[str]) -> list[float]:
-    """The numbers of a row, NaN for an empty field."""
-    try:
-        return [finite(word) if word and word.lower() != "nan" else np.nan for word in row]
-    except ValueError as error:
-        raise InputError(file, f"{error}; expected finite numbers", line) from None

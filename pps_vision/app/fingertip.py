@@ -20,7 +20,7 @@ class FingertipTracker:
     """
 
     def __init__(self, robot: Robot, frame: str = "", radius_m: float = FINGERTIP_RADIUS_M) -> None:
-        """Of the `frame` of a fingertip, by default the right index finger's."""
+        """Follow the `frame` of a fingertip, by default the right index finger's."""
         self._robot, self._frame, self._radius_m = robot, frame or robot.names.index_tips[1], radius_m
         self._last: tuple[float, Array] | None = None
 
@@ -34,4 +34,4 @@ class FingertipTracker:
             mean = np.array([tip, (tip - last[1]) / (frame.stamp_s - last[0]), np.zeros(3), np.zeros(3)])
             std = _JOINTS_STD_M * np.repeat([1.0, 10.0, 0.0, 0.0], 3)
             track = Track3D(frame.stamp_s, mean, np.diag(std**2), self._radius_m, 1e-8, Status.TRACKING)
-        return TrackerStep(track, (), None, ([], []), np.zeros(3))
+        return TrackerStep(track, (), None, np.zeros(3))

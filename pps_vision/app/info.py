@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pps_vision.app.diagnosis import faults_of
+from pps_vision.app.diagnosis import faults_of, length
 from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
 
@@ -43,6 +43,8 @@ class Info:
     touches: int
     truth_rows: int
     skipped: dict[str, int]
+    calibration_at: str
+    """Where a calibration is expected; empty with one."""
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -51,18 +53,21 @@ class Info:
             f"{self.source}: {self.pairs} pairs of {width}×{height} pixels, {self.duration_s:.2f} s at "
             f"{self.pairs_per_s:.4g} pairs/s",
             f"intervals: longest {1000 * self.longest_interval_s:.1f} ms, {self.gaps} gaps",
-            f"right minus left stamp: median {self.skew_median_ms:+.2f} ms, largest {self.skew_largest_ms:.2f} ms",
+            f"right minus left stamp: median {self.skew_median_ms:+.2f} ms, largest {self.skew_largest_ms:.2f} ms "
+            "(only stamps are compared: whether left and right images show the same moment is for you to see)",
         ]
         if np.isfinite(self.baseline_m):
             rows.append(
-                f"cameras: {1000 * self.baseline_m:.4g} mm apart (measure it), focal length {self.focal_px:.1f} px, "
-                f"field of view {self.field_of_view_deg:.0f}°"
+                f"cameras: {length(self.baseline_m)} apart (measure it: all lengths scale with it), "
+                f"focal length {self.focal_px:.1f} px, field of view {self.field_of_view_deg:.0f}°"
             )
+        else:
+            rows.append(f"missing: calibration; expected {self.calibration_at}")
         turn = self.cameras_turn_deg
         moved = f"with joints, by which the left camera turns up to {turn:.2f}°" if self.robot else "declared fixed"
         rows += [f"motion of the cameras: {moved}", f"touches: {self.touches}; rows of truth: {self.truth_rows}"]
         rows += [f"skipped: {n} {kind}" for kind, n in self.skipped.items() if n]
-        return "\n".join([*rows, *(f"warning: try {warning}" for warning in self.warnings)])
+        return "\n".join([*rows, *(f"warning: {warning}" for warning in self.warnings)])
 
 
 def info(recording: Recording) -> Info:
@@ -77,6 +82,7 @@ def info(recording: Recording) -> Info:
         camera = recording.rig.left
         focal_px, field_deg = camera.fx, float(np.rad2deg(2 * np.arctan(camera.width / (2 * camera.fx))))
     gaps = int(np.sum(steps > _GAP * usual_s))
+    advice = tuple(_advice(recording, float(np.median(skews_ms)), usual_s, gaps))
     return Info(
         source=recording.name,
         pairs=len(recording),
@@ -95,13 +101,13 @@ def info(recording: Recording) -> Info:
         touches=sum(bool(touch.taxel_ids) for touch in recording.touches),
         truth_rows=len(recording.truth),
         skipped=count_by_kind(recording.problems),
-        warnings=tuple(_warnings(recording, float(np.median(skews_ms)), usual_s, gaps)),
+        calibration_at="" if recording.rig else recording.calibration_at,
+        warnings=(*recording.warnings, *(f"try {one}" for one in advice)),
     )
 
 
-def _warnings(recording: Recording, skew_ms: float, usual_s: float, gaps: int) -> Iterator[str]:
-    if recording.rig is None:
-        yield "--calib icubEyes.ini: there is no calibration"
+def _advice(recording: Recording, skew_ms: float, usual_s: float, gaps: int) -> Iterator[str]:
+    """What to try."""
     if not np.isfinite(usual_s):
         yield "a longer recording: there is a single pair"
     elif abs(skew_ms) > 250 * usual_s:  # a quarter of an interval

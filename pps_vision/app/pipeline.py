@@ -72,7 +72,7 @@ class PipelineParams:
 
     @classmethod
     def of(cls, setup: RobotSetup, side: Literal["left", "right"] | None = None) -> "PipelineParams":
-        """Of any robot: the arm of a `side` avoids, by default its first."""
+        """Parameters for any robot, whose arm of a `side` avoids; by default its first arm."""
         side = side or setup.side
         return cls(avoidance=AvoidanceParams(setup.home_arm(side), side))
 
@@ -113,7 +113,7 @@ class PipelineStep:
 
     @property
     def response(self) -> avoidance.Response:
-        """That of the arm of `PipelineParams.avoidance`; that of the other arm, if it responds, is the second."""
+        """Response of the arm of `PipelineParams.avoidance`; the second of `responses` is the other arm's, if any."""
         return self.responses[0]
 
 
@@ -370,8 +370,8 @@ class TrackActivation:
         self._last: tuple[float, Array] | None = None
 
     def __call__(self, q_rad: Array, track: Track3D) -> tuple[Activation, Array]:
-        """Of a track in the root frame with the robot at configuration `q_rad` (n_joints,); frames come in the order of
-        time.  Also returns the taxels' positions (n, 3) in the root frame."""
+        """Activation by a track, and the taxels' positions (n, 3), in the root frame with the robot at configuration
+        `q_rad` (n_joints,); frames come in the order of time."""
         taxels, normals = self.skin.at(self.robot.at(q_rad))
         moving, self._last = _velocity(self._last, track.stamp_s, taxels), (track.stamp_s, taxels)
         field = PipelineParams.receptive_field

@@ -287,6 +287,10 @@ def make_episode(
         rng: Random numbers of the path.
         speed_m_s: Speed of the object.
         reach_m: Default: a touch.
+
+    Raises:
+        InputError: The skin has no such taxel, no such episode stays in view, or the object is within `reach_m` at the
+            start already.
     """
     if kind == "own_arm":
         return Episode("own arm moving", stimulus, None, 4.0, "arm")
@@ -345,7 +349,7 @@ def at_taxel(skin: Skin, posture: Posture, index: int, reach_m: float) -> Target
 def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) -> Array:
     """(3,) where a centre that moves straight from `start` to `target` comes within `reach_m` of a taxel.
 
-    Taxels within `reach_m` of `start` are ignored.
+    Taxels within `reach_m` of `start` are ignored; InputError if that leaves none.
     """
     way = target - start
     u = way / float(np.linalg.norm(way))
@@ -353,6 +357,9 @@ def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) ->
     aside2 = np.sum((taxels - start) ** 2, axis=1) - along**2
     hit = aside2 < reach_m**2
     travelled = along[hit] - np.sqrt(reach_m**2 - aside2[hit])
+    if not (travelled > 0).any():
+        found = f"the object's centre starts {np.linalg.norm(way):.3g} m from a taxel, to stop {reach_m:.3g} m from it"
+        raise InputError("approach", f"{found}; expected a smaller object or reach")
     return start + float(travelled[travelled > 0].min()) * u
 
 

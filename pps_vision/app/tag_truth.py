@@ -38,8 +38,7 @@ def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, 
     Raises:
         InputError: There is no calibration or no such dictionary, or no pair shows the tag.
     """
-    if recording.rig is None:
-        raise InputError(recording.name, "holds no calibration; expected one there or by --calib")
+    rig = recording.calibrated()
     if not hasattr(cv2.aruco, f"DICT_{dictionary}"):
         raise InputError("truth", f"dictionary {dictionary!r}; expected one of OpenCV's, such as 4X4_50")
     if not 0 < side_m < np.inf:
@@ -52,7 +51,7 @@ def tag_path(recording: Recording, number: int, side_m: float, offset_m: Array, 
     stamps, positions, sides = [], [], []
     for frame in recording:
         corners = [_corners(detector, image, number) for image in (frame.left, frame.right)]
-        points = _points(recording.rig.view_of(frame), *corners)
+        points = _points(rig.view_of(frame), *corners)
         if points is None:
             continue
         R, t = rigid_alignment(square, points)

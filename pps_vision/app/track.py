@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.app.budget import Choice, cheapest
+from pps_vision.app.budget import Choice, cheapest, configurations
 from pps_vision.app.device import torch_device
 from pps_vision.app.diagnosis import Diagnosis, diagnose
 from pps_vision.app.stopwatch import Stopwatch
@@ -133,6 +133,7 @@ class TrackedRecording:
         summary: dict[str, object] = {
             "source": self.recording.name,
             "mode": self.params.mode,
+            "reduction": self.params.reduction,
             "device": self.device,
             "seed": self.seed,
             "pairs": len(self),
@@ -141,7 +142,10 @@ class TrackedRecording:
             "ms_per_pair": self.stopwatch.summary(),
             "cameras": self._cameras.summary(),
             "skipped": count_by_kind(self.recording.problems),
+            "warnings": self.recording.warnings,
         }
+        if path.tracked_share:
+            summary["object"] = path.diameter()
         if self.choice:
             summary["max_error"] = self.choice.summary()
         if diagnosis:
@@ -159,7 +163,10 @@ class TrackedRecording:
             rms_mm, all_mm = errors["position_rms_mm"], errors["position_rms_all_mm"]
             if np.isfinite(all_mm):
                 line += f", 3D RMS {rms_mm:.2f} mm where tracked, {all_mm:.2f} mm with predicted positions"
-        skipped = len(self.recording.problems)
+        if tracked:
+            size = {key: f"{1000 * value:.3g}" for key, value in path.diameter().items()}
+            line += f", object {size['diameter_m']} mm across (95 %: {size['low_95_m']}–{size['high_95_m']})"
+        skipped = self.recording.skipped
         return line + (f", {skipped} problems skipped" if skipped else "")
 
     def arrays(self, smooth: bool = False) -> TrackArrays:
@@ -201,7 +208,7 @@ class _CameraNumbers:
 
 
 class PathNumbers:
-    """Counts and errors of a path; `add` takes its tracks one by one and keeps 16 bytes of each that has a truth.
+    """Counts and errors of a path, and the object's size; `add` takes its tracks one by one and keeps 32 bytes of each.
 
     Attributes:
         frames: How many there were.
@@ -213,6 +220,7 @@ class PathNumbers:
         self._truth = sorted(truth, key=lambda row: row.stamp_s)
         self._stamps = np.array([row.stamp_s for row in self._truth])
         self._tracked, self._predicted = array("d"), array("d")  # errors of position and velocity in turn
+        self._radii = array("d")  # radius and its standard deviation in turn, where tracked
 
     @property
     def tracked_share(self) -> float:
@@ -223,6 +231,8 @@ class PathNumbers:
         """Take the next track."""
         self.frames += 1
         self.status[track.status] += 1
+        if track.status == Status.TRACKING:
+            self._radii.extend((track.radius_m, track.radius_var_m2**0.5))
         if not self._truth or self.frames <= _WARM_UP or not track.is_known:
             return
         after = int(np.searchsorted(self._stamps, track.stamp_s))
@@ -233,6 +243,15 @@ class PathNumbers:
             errors = self._tracked if track.status == Status.TRACKING else self._predicted
             both = track.position - at, track.velocity - row.velocity
             errors.extend(float(np.linalg.norm(error)) for error in both)
+
+    def diameter(self) -> dict[str, float]:
+        """Median diameter of the object where it is tracked, and its 95 % interval, m.
+
+        The errors of a size have their cause in common (the outline, the calibration): a median's is that of one.
+        """
+        radius_m, std_m = np.median(np.reshape(self._radii, (-1, 2)), axis=0)
+        low_m, high_m = max(radius_m - 1.96 * std_m, 0.0), radius_m + 1.96 * std_m
+        return {"diameter_m": 2 * float(radius_m), "low_95_m": 2 * float(low_m), "high_95_m": 2 * float(high_m)}
 
     def errors(self) -> dict[str, float]:
         """Share tracked, RMS and median error of the position, RMS error of the velocity, after the first ten frames.
@@ -256,6 +275,7 @@ def track(
     mode: Mode = "generic",
     order: int = DEFAULT_ORDER,
     *,
+    reduction: int = 1,
     params: TrackerParams | None = None,
     max_error_mm: float | None = None,
     device: str | None = None,
@@ -270,9 +290,10 @@ def track(
         recording: A recording, or the folder of an iCub's recording.
         mode: "generic" tracks whatever moves, "marker" a green marker.
         order: Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk.
-        params: All parameters of the tracker, instead of `mode` and `order`.
+        reduction: Average each block of so many pixels a side to one before looking.
+        params: All parameters of the tracker, instead of `mode`, `order` and `reduction`.
         max_error_mm: Choose the fastest configuration whose 3D RMS error is expected to be below this, instead of
-            `mode` and `order`.
+            `mode`, `order` and `reduction`.
         device: Process batches of frames with torch on this device (cpu, cuda, cuda:1); None: frame by frame, without
             torch.
         seed: Seed of the particles.
@@ -282,12 +303,13 @@ def track(
     """
     if not isinstance(recording, Recording):
         recording = open_recording(recording)
-    params = params or TrackerParams(mode=mode, kalman=KalmanParams.of_order(order))
+    params = params or TrackerParams(mode, reduction, kalman=KalmanParams.of_order(order))
     if max_error_mm is not None and params != TrackerParams():
-        raise InputError("track", "max_error_mm chooses mode and order itself; expected no mode, no order")
+        raise InputError("track", "max_error_mm chooses mode, order and reduction itself; expected none of them")
     if max_error_mm is None:
         return TrackedRecording(recording, params, seed, device)
-    choice = cheapest(recording, max_error_mm, lambda tried: tracker_for(recording, tried, seed))
+    tried = configurations(recording.rig.left.width if recording.rig else 0)
+    choice = cheapest(recording, max_error_mm, lambda params: tracker_for(recording, params, seed), tried)
     return TrackedRecording(recording, choice.configuration.params, seed, device, choice)
 
 
@@ -297,15 +319,14 @@ def tracker_for(recording: Recording, params: TrackerParams, seed: int, stages: 
     Raises:
         InputError: The recording has no calibration.
     """
-    if recording.rig is None:
-        raise InputError(recording.name, "holds no icubEyes.ini; expected a calibration there or by --calib")
+    rig = recording.calibrated()
     own_body = None
     if recording.robot:
         from pps_vision.robot.silhouette import Silhouette  # loads the kinematics
 
         own_body = Silhouette(recording.robot)
     timed = {} if stages is None else {"stages": stages}
-    return Tracker(params, recording.rig, np.random.default_rng(seed), own_body, **timed)
+    return Tracker(params, rig, np.random.default_rng(seed), own_body, **timed)
 
 
 def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:

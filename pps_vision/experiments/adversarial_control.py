@@ -130,7 +130,7 @@ class AdversarialTracker:
 
     def step(self, frame: StereoFrame) -> TrackerStep:
         """Return the track."""
-        return TrackerStep(self.track, (), None, ([], []), np.zeros(3))
+        return TrackerStep(self.track, (), None, np.zeros(3))
 
 
 def attack(steps: int, seed: int, episode_steps: int = 400, first: int = 0) -> Outcome:

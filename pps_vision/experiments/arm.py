@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from control import limits
-from control.arm import ArmParams, MovingPoint, arm_velocity
+from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
 from control.limits import LimitParams
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.damped_least_squares import damped_least_squares
@@ -55,7 +55,8 @@ class Task:
 
 def _quadratic(posture: Posture, task: Task, bodies: SelfCollision) -> Array:
     points = [MovingPoint(task.frame, task.point, task.velocity)]
-    return arm_velocity(_PARAMS, posture, task.side, points, _REST, hold_s=_DT_S, self_collision=bodies)
+    constraints = arm_constraints(_PARAMS, posture, task.side, _REST, hold_s=_DT_S, self_collision=bodies)
+    return arm_velocity(_PARAMS, posture, constraints, points)
 
 
 def _damped(posture: Posture, task: Task, bodies: SelfCollision) -> Array:

@@ -13,7 +13,7 @@ from pps_vision.app.device import torch_device
 from pps_vision.app.track import chunks
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.scenarios import Recording, moving, tracker_params
-from pps_vision.experiments.study import Method, Metric, SampledStudy, Values, compare, mean, rms
+from pps_vision.experiments.study import TURNS, Method, Metric, SampledStudy, Values, compare, mean, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array
 from tracking.batch import BatchTracker
@@ -55,7 +55,7 @@ class Batches(SampledStudy):
             for method in methods.values():
                 method(make(self.seed), self.seed)
         seeds = self.seeds
-        return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, seeds, reference=ALONE)}
+        return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, seeds, ALONE, TURNS)}
 
     def _pairs(self, stimulus: str, seed: int) -> Pairs:
         recording = moving(stimulus, "circle", seed, self.seconds)

@@ -1,4 +1,4 @@
-"""What README.md claims, beside its goal: read from the results of the other studies, so that no number is typed."""
+"""What README.md claims, beside its goal, and what was measured at all: read from the results of the other studies."""
 
 import json
 import math
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import Study, catalogue
 from pps_vision.experiments.tables import Table
 
 Cells = Mapping[str, Any]
@@ -83,7 +83,7 @@ CLAIMS = (
     Claim("a stereo pair with a ball; with a marker; beside two CSRT", "≤ 4.5; 0.8 ms", "pipeline", _pipeline),
     Claim("false alarms a minute, head turning before photographs; idle image", "< 1; ≤ 1 ms", "trigger", _trigger),
     Claim("IoU on `vot_ball1` (real; choices were made on it)", "≥ 0.80", "imagetracker", _real_ball),
-    Claim("touched with / without avoidance; moved by what recedes, rests, own arm", "0 / all; 0", "loop", _loop),
+    Claim("touched by what stops at the skin, avoidance on / off; moved without cause", "0 / all; 0", "loop", _loop),
     Claim("contact on a real robot, quarters of 37 trials (base rate)", "not above", "pps_real_trials", _contact),
     Claim("misjudged gaze postures, against true / learned kinematics", "≤ 0.2 %", "reach_whole_paper", _map),
 )
@@ -100,31 +100,47 @@ def _without_null(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Claims(Study):
-    """What README.md claims beside its goals, from the results that are there; run it after the other studies."""
+    """What README.md claims beside its goals, and every study with seed, commit and time, from the results that are
+    there; run it after the other studies."""
 
     results: Path = Path("docs/results")
     """Folder of the results."""
 
     def run(self) -> dict[str, Any]:
-        """Return for each claim its text, goal, study, what was measured, and commit and seed of the measurement."""
-        rows = []
-        for claim in CLAIMS:
-            file = self.results / f"{claim.study}.json"
-            if file.exists():
-                numbers = _without_null(json.loads(file.read_text()))
-                rows.append(
-                    {
-                        "what": claim.what,
-                        "goal": claim.goal,
-                        "study": claim.study,
-                        "measured": claim.measured(numbers),
-                        "commit": numbers["machine"]["commit"],
-                        "seed": numbers["parameters"].get("seed"),
-                    }
-                )
-        return {"claims": rows}
+        """Return for each claim its text, goal, study and what was measured; for each study how it was run."""
+        known, found = catalogue(), {}
+        for file in sorted(self.results.glob("*.json")):
+            if file.stem in known and "results" not in known[file.stem].fields:
+                found[file.stem] = _without_null(json.loads(file.read_text()))
+        claims = [
+            {
+                "what": claim.what,
+                "goal": claim.goal,
+                "study": claim.study,
+                "measured": claim.measured(found[claim.study]),
+            }
+            for claim in CLAIMS
+            if claim.study in found
+        ]
+        studies = [{"study": name, "what": known[name].summary, **_run_as(numbers)} for name, numbers in found.items()]
+        return {"claims": claims, "studies": studies}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return one row a claim."""
+        """Return one row a claim; one row a study."""
         rows = [[c["what"], c["goal"], c["measured"], f"`{c['study']}`"] for c in numbers["claims"]]
-        return {"": Table(["what", "goal", "measured", "`bench`"], rows)}
+        studies, minutes = [], [s["processor_min"] for s in numbers["studies"]]
+        for s in numbers["studies"]:
+            seed, n = ("–" if s[key] is None else str(s[key]) for key in ("seed", "n"))
+            studies.append([f"`{s['study']}`", s["what"], seed, n, s["commit"], f"{s['processor_min']:.2g}"])
+        studies.append(["all", "", "", "", "", f"{sum(minutes):.0f}"])
+        return {
+            "": Table(["what", "goal", "measured", "`bench`"], rows),
+            "studies": Table(["`bench`", "what it measures", "seed", "n", "commit", "processor minutes"], studies),
+        }
+
+
+def _run_as(numbers: Cells) -> dict[str, Any]:
+    """Seed, number of units, commit and time of a result."""
+    told = numbers["parameters"]
+    commit, minutes = numbers["machine"]["commit"], numbers.get("processor_min", math.nan)
+    return {"seed": told.get("seed"), "n": told.get("n"), "commit": commit, "processor_min": minutes}

@@ -41,8 +41,8 @@ _DISTANCE_ONLY = "distance only"
 
 @dataclass(frozen=True)
 class EncountersSessions(SeededStudy):
-    """R's sessions of avoidance and reaching with ours, the wrist at rest, and of avoidance with distance only (Figs
-    10, 11, S1, S2, Tables 6, 7): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
+    """R's sessions of avoidance and reaching with ours, the wrist at rest (Figs 10, 11, Tables 6, 7), and of avoidance
+    with distance only (after S2 Fig): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
 
     avoidance_min: float = 20.0
     """Length of the session of avoidance, and of the one with distance only."""
@@ -93,7 +93,11 @@ class EncountersSessions(SeededStudy):
         }
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Draw the panels of R Figs 10, 11 and S2: distance and speed above, activation and touch below."""
+        """Draw the panels of R Figs 10, 11 and S2: distance and speed above, activation and touch below.
+
+        The activations are those of distance and time to contact; with distance only, others move the arm (R's S2 Fig
+        shows these).
+        """
         figures = {}
         for name in ("avoidance", "reaching", "distance only"):
             figure, axes = panels(4, 2, height=2.6)

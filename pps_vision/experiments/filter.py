@@ -17,7 +17,18 @@ from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
 from pps_vision.experiments.charts import panels, speed_error
 from pps_vision.experiments.scenarios import KINDS, Recording, of_kind
 from pps_vision.experiments.score import steps_of
-from pps_vision.experiments.study import DATA, Method, Metric, SceneSource, TrackingStudy, Values, compare, median, rms
+from pps_vision.experiments.study import (
+    DATA,
+    TURNS,
+    Method,
+    Metric,
+    SceneSource,
+    TrackingStudy,
+    Values,
+    compare,
+    median,
+    rms,
+)
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
@@ -98,7 +109,7 @@ class Filter(TrackingStudy):
         scenarios: dict[str, Callable[[int], Any]] = {
             source: partial(self._measured, source) for source in self.sources
         }
-        cells = compare(scenarios, methods(), _METRICS, range(len(KINDS) * self.n), reference="cv2")
+        cells = compare(scenarios, methods(), _METRICS, range(len(KINDS) * self.n), "cv2", TURNS)
         folder = self.data / "tt3d"
         if not folder.exists():
             return {"cells": cells, "skipped": f"tt3d: no {folder}"}
@@ -106,8 +117,7 @@ class Filter(TrackingStudy):
         ballistic = {"flight": partial(_per_update, _flight), "flight, RTS": partial(_per_update, _smoothed_flight)}
         throws = methods() | ballistic
         return {
-            "cells": cells
-            | compare({"tt3d": thrown.__getitem__}, throws, _METRICS, range(len(thrown)), reference="cv2")
+            "cells": cells | compare({"tt3d": thrown.__getitem__}, throws, _METRICS, range(len(thrown)), "cv2", TURNS)
         }
 
     def _measured(self, source: SceneSource, number: int) -> Measurements:

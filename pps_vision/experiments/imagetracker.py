@@ -24,6 +24,7 @@ from pps_vision.experiments.scenarios import HUES_DEG, moving
 from pps_vision.experiments.score import timed_steps
 from pps_vision.experiments.study import (
     DATA,
+    TURNS,
     Method,
     Metric,
     SceneSource,
@@ -87,10 +88,10 @@ class ImageTracker(TrackingStudy):
     def run(self) -> dict[str, Any]:
         """Return by kind of sequence and tracker: lost overlap, frames with the object, centre error, time."""
         scenarios = self.scenarios(self._film, ("slow", "fast")) | {"composite": self._composite}
-        cells = compare(scenarios, methods(), _METRICS, self.seeds, reference="CSRT")
+        cells = compare(scenarios, methods(), _METRICS, self.seeds, "CSRT", TURNS)
         there = {name: read for name, read in REAL.items() if (self.data / name).exists()}
         films = {name: lambda _, name=name: REAL[name](self.data / name) for name in there}
-        real = compare(films, methods(), _METRICS, (self.seed,), reference="CSRT")
+        real = compare(films, methods(), _METRICS, (self.seed,), "CSRT", TURNS)
         skipped = [f"{name}: no {self.data / name}" for name in REAL if name not in there]
         return {"cells": cells | real} | ({"skipped": "; ".join(skipped)} if skipped else {})
 

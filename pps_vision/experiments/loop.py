@@ -1,7 +1,7 @@
 """The closed loop, many times: who is touched, and who moves without cause."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from tqdm import tqdm
@@ -21,6 +21,7 @@ from pps_vision.app.simulation import (
     train,
 )
 from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.tables import Table
 from pps_vision.robot.skin import INNER_FOREARM
 
 Case = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
@@ -56,6 +57,16 @@ class Loop(SampledStudy):
                 for case in CASES
             }
         return {"seed": self.seed, "n": self.n, **{case: _counts(of_case) for case, of_case in logs.items()}}
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return one row a case."""
+        rows = []
+        for case in CASES:
+            counts = numbers[case]
+            gaps = [gap for gap in counts["smallest_gap_mm"] if gap is not None]
+            shares = (f"{counts[key]} of {counts['episodes']}" for key in ("touched", "commanded"))
+            rows.append([case, *shares, f"{np.median(gaps):.0f}" if gaps else "–", f"{min(gaps):.0f}" if gaps else "–"])
+        return {"": Table(["case", "touched", "arm commanded", "smallest gap (mm), median", "smallest"], rows)}
 
     def episode(self, world: World, memory: PPSMemory, case: Case, number: int) -> EpisodeLog:
         """One episode; approaches of the same number are the same with avoidance on and off."""

@@ -11,7 +11,7 @@ from pps_vision.experiments.baselines.stereo_pipelines import StereoPipelineName
 from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.scenarios import Recording, moving
 from pps_vision.experiments.score import METRICS, baseline_tracks, judge, steps_of
-from pps_vision.experiments.study import Metric, SceneSource, TrackingStudy, Values, compare, median
+from pps_vision.experiments.study import TURNS, Metric, SceneSource, TrackingStudy, Values, compare, median
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Track3D
 
@@ -39,7 +39,7 @@ class Pipeline(TrackingStudy):
         methods = {name: partial(_ours, mode) for name, mode in OURS.items()}
         methods |= {name: partial(_baseline, name) for name in BASELINES}
         scenarios = self.scenarios(self._film, ("ball", "marker"))
-        return {"cells": compare(scenarios, methods, _METRICS, self.seeds, reference="two CSRT")}
+        return {"cells": compare(scenarios, methods, _METRICS, self.seeds, "two CSRT", TURNS)}
 
     def _film(self, stimulus: str, source: SceneSource, seed: int) -> Recording:
         speeds = np.geomspace(*_SPEEDS_M_S, self.n) if self.n > 1 else np.array([0.15])

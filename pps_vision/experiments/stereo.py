@@ -16,6 +16,7 @@ from pps_vision.experiments.scenarios import EYES_M, Recording, film, follow, wa
 from pps_vision.experiments.score import steps_of, timed_steps
 from pps_vision.experiments.study import (
     NOISE_SIGMA,
+    TURNS,
     Axis,
     Break,
     Method,
@@ -75,7 +76,7 @@ class Stereo(TrackingStudy):
             for name, make in kinds.items()
         }
         return {
-            "cells": compare(near, methods(), _METRICS, self.seeds, reference="midpoint"),
+            "cells": compare(near, methods(), _METRICS, self.seeds, "midpoint", TURNS),
             "distance": over,
         }
 

@@ -46,6 +46,8 @@ Values = Mapping[str, ArrayLike]
 Method = Callable[[Any, int], Values]
 """A method takes a recording and a seed."""
 
+TURNS = 3
+"""How many times by turns methods are timed on a recording, where their times are compared."""
 _RESAMPLED = 1000
 _LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
 
@@ -58,6 +60,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
     "fixation": {"axes": ()},
+    "growth": {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)},
     "independent": {"only": "head moves"},
     "loop": {"training_trials": 2},
     "pps_compensation": {"n_single": 1},
@@ -193,20 +196,28 @@ def percent(values: Array) -> float:
 
 
 def measure(
-    scenarios: Mapping[str, Callable[[int], Any]], methods: Mapping[str, Method], seeds: Sequence[int]
+    scenarios: Mapping[str, Callable[[int], Any]],
+    methods: Mapping[str, Method],
+    seeds: Sequence[int],
+    repeated: int = 1,
 ) -> dict[str, dict[str, list[Values]]]:
     """Run every method on every recording in turn; return each one's values by scenario and method, one per seed.
 
     `scenarios` make a recording from a seed. A method that does not return its own "ms" (one value a frame) gets the
-    processor time of the whole run.
+    processor time of the whole run. With `repeated` above 1 all methods run on a recording so many times by turns; the
+    times are those of all runs.
     """
     measured: dict[str, dict[str, list[Values]]] = {}
     for scenario, make in scenarios.items():
         of_scenario: dict[str, list[Values]] = {method: [] for method in methods}
         for seed in tqdm(seeds, desc=scenario, unit="recording", disable=None):
             recording = make(seed)
-            for method, run in methods.items():
-                of_scenario[method].append(measure_one(run, recording, seed))
+            turns = [
+                {name: measure_one(run, recording, seed) for name, run in methods.items()} for _ in range(repeated)
+            ]
+            for method, values in turns[0].items():
+                ms = np.concatenate([np.atleast_1d(turn[method]["ms"]) for turn in turns])
+                of_scenario[method].append({**values, "ms": ms})
         measured[scenario] = of_scenario
     return measured
 
@@ -268,9 +279,10 @@ def compare(
     metrics: Mapping[str, Metric],
     seeds: Sequence[int],
     reference: str | None = None,
+    repeated: int = 1,
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """Measure and summarize every method on every scenario: numbers[scenario][method][metric] = [value, low, high]."""
-    measured = measure(scenarios, methods, seeds)
+    measured = measure(scenarios, methods, seeds, repeated)
     return {scenario: summarize(cells, metrics, reference) for scenario, cells in measured.items()}
 
 

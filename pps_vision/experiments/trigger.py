@@ -16,7 +16,7 @@ from pps_vision.experiments.charts import bars, panels, speed_error
 from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, film, from_film, turning, watching
 from pps_vision.experiments.sensor_chain import SensorChain
-from pps_vision.experiments.study import DATA, NOISE_SIGMA, Method, Metric, SampledStudy, Values, compare, mean
+from pps_vision.experiments.study import DATA, NOISE_SIGMA, TURNS, Method, Metric, SampledStudy, Values, compare, mean
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -78,7 +78,7 @@ class Trigger(SampledStudy):
         for setting in HEADS_DEG_S:
             calm = self._recording(setting, "nothing", self.seed + 10_000)
             scenarios = {name: partial(self._recording, setting, name) for name in OBJECTS}
-            cells[setting] = compare(scenarios, methods(calm), _METRICS, seeds, reference="DIS ultrafast − ego")
+            cells[setting] = compare(scenarios, methods(calm), _METRICS, seeds, "DIS ultrafast − ego", TURNS)
         quiet = {"nothing": partial(self._recording, "independent", "nothing")}
         further = range(self.seed + 20_000, self.seed + 20_000 + self.watched)
         for name, cell in compare(quiet, ours(), _METRICS, further)["nothing"].items():

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from pps_vision.geometry.compiled import Lens, Linearised, Pose, Vector, projected, projected_from, projected_points
 from pps_vision.geometry.se3 import inverse, move_points
-from pps_vision.types import Array, StereoFrame
+from pps_vision.types import Array, Image, StereoFrame
 
 _GRID = 17  # pixels a side at which `is_usable` tests a lens
 _INVERTED_PX = 1.0  # largest error of distorting an undistorted pixel
@@ -136,6 +136,14 @@ class Camera:
         return bool(m <= u <= self.width - 1 - m and m <= v <= self.height - 1 - m)
 
 
+def reduced_image(image: Image, k: int) -> Image:
+    """An image (h, w) or (h, w, 3) as `Camera.reduced(k)` takes it: the mean of each block of k × k pixels."""
+    if k == 1:
+        return image
+    height, width = (side // k for side in image.shape[:2])
+    return np.asarray(cv2.resize(image[: k * height, : k * width], (width, height), interpolation=cv2.INTER_AREA))
+
+
 @dataclass(frozen=True)
 class View:
     """A camera at a pose: projects root-frame points and casts root-frame rays."""
@@ -214,6 +222,10 @@ class StereoRig:
         """A rig that does not move; the root frame is the left camera's."""
         poses = (np.eye(4), np.asarray(T_left_right, dtype=float))
         return cls(left, right, lambda _: poses)
+
+    def reduced(self, k: int) -> "StereoRig":
+        """The same rig with pixels `k` times as large."""
+        return StereoRig(self.left.reduced(k), self.right.reduced(k), self.eye_poses)
 
     def view(self, joints_left: Array | None = None, joints_right: Array | None = None) -> StereoView:
         """Both cameras, each at its own joints (`joints_right` defaults to `joints_left`)."""

@@ -5,6 +5,7 @@ A format is a module of `pps_vision.recordings.formats` with `FORMAT`, what it i
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 def open_recording(
     folder: Path | str | None = None,
     *,
-    left: Sequence[str] = (),
-    right: Sequence[str] = (),
-    calib: Sequence[Path | str] = (),
+    left: Sequence[Path | str] | Path | str = (),
+    right: Sequence[Path | str] | Path | str = (),
+    calib: Sequence[Path | str] | Path | str = (),
     times: Path | str | None = None,
     fps: float | None = None,
     unit_m: float = 1.0,
@@ -40,11 +41,11 @@ def open_recording(
     Args:
         folder: Folder of an iCub's recording in yarpdatadumper layout, as `render` writes it; an EuRoC or KITTI folder;
             a ROS bag; or a video with the left image in its left half.
-        left: Instead of `folder`: left images as a folder, patterns such as "seq/left*.png" or file names; or a video.
+        left: Instead of `folder`: left images as a folder, a pattern such as "seq/left*.png", or several; or a video.
             With a ROS bag: the topic of the left images.
         right: Right images, paired with the left ones by stamp, or with `fps` by the last number in their names.
-        calib: Calibration of `left` and `right` of OpenCV, Kalibr, ROS, KITTI, EuRoC or aniposelib; with `folder`
-            instead of its own.
+        calib: Calibration of `left` and `right` of OpenCV, Kalibr, ROS, KITTI, EuRoC or aniposelib, a file or several;
+            with `folder` instead of its own.  Without any the recording has no `rig` and cannot be tracked.
         times: Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns.
         fps: Frames per second, where neither files nor names hold stamps, or instead of these.
         unit_m: Metres per length unit of the calibration.
@@ -60,9 +61,9 @@ def open_recording(
         raise InputError("recording", "expected either REC, or left and right images or videos with calib")
     source = Source(
         folder=None if folder is None else Path(folder),
-        left=tuple(left),
-        right=tuple(right),
-        calib=tuple(map(Path, calib)),
+        left=_several(left),
+        right=_several(right),
+        calib=tuple(map(Path, _several(calib))),
         times=Path(times) if times else None,
         fps=fps,
         unit_m=unit_m,
@@ -72,7 +73,7 @@ def open_recording(
         robot=robot,
     )
     if source.folder is not None and not source.folder.exists():
-        raise InputError(source.folder, "no such folder; expected a recording, or a side-by-side video")
+        raise InputError(source.folder, "no such file or folder; expected a recording, or a side-by-side video")
     names = sorted(module.name for module in iter_modules(formats.__path__))
     known = [import_module(f"{formats.__name__}.{name}") for name in names]
     module = next((module for module in known if module.recognises(source)), None)
@@ -81,4 +82,9 @@ def open_recording(
     if module is None:
         raise InputError(str(source.folder), f"expected {'; or '.join(module.FORMAT for module in known)}")
     recording: Recording = module.open_source(source)
-    return recording
+    return replace(recording, unit_m=source.unit_m)
+
+
+def _several(given: Sequence[Path | str] | Path | str) -> tuple[str, ...]:
+    """One name, or several."""
+    return (str(given),) if isinstance(given, Path | str) else tuple(map(str, given))

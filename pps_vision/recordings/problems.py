@@ -22,18 +22,22 @@ class ProblemKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that was skipped while the rest was read: which file and line, and why."""
+    """One thing, or several in a row, that was skipped while the rest was read: which file and line, and why."""
 
     kind: ProblemKind
     file: Path
     line: int | None
     message: str
+    count: int = 1
+    """How many were skipped, the first of which is named."""
 
     def __str__(self) -> str:
         return cite(self.file, self.line, self.message)
 
 
 def count_by_kind(problems: Iterable[Problem]) -> dict[str, int]:
-    """How many problems there are of every kind, zeros included."""
-    counts = Counter(problem.kind for problem in problems)
+    """How many things were skipped of every kind, zeros included."""
+    counts = Counter[ProblemKind]()
+    for problem in problems:
+        counts[problem.kind] += problem.count
     return {kind.value: counts[kind] for kind in ProblemKind}

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -22,6 +23,7 @@ Pair = tuple[ImageFile, ImageFile]
 FileT = TypeVar("FileT", bound=ImageFile)
 
 _SIZED = 10  # readable images whose sizes are compared
+_SAME_RATE = 0.01  # by which 29.97 and 30 frames a second differ, and more
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,9 @@ class Recording:
 
     `len` counts the pairs, those included whose image turns out to be unreadable: they are
     skipped and added to `problems`, which holds all that was skipped so far.  `name` is the
-    source as it was given; `robot` whose joints the frames carry, and `rig` its cameras, where known.
+    source as it was given; `robot` whose joints the frames carry, and `rig` its cameras, where known, else
+    `calibration_at` says where a calibration is expected.  `warnings` say what was read but is probably not what was
+    meant; `unit_m` is the unit of the calibration as it was given.
     """
 
     name: str
@@ -66,11 +70,25 @@ class Recording:
     rig: StereoRig | None = None
     touches: tuple[Touch, ...] = ()
     truth: tuple[Truth, ...] = ()
+    warnings: tuple[str, ...] = ()
+    unit_m: float = 1.0
+    calibration_at: str = "one by --calib"
     _noted: set[Problem] = field(default_factory=set, repr=False, compare=False)
     """Images that are in `problems` already."""
 
     def __len__(self) -> int:
         return len(self.pairs)
+
+    @property
+    def skipped(self) -> int:
+        """How many things were skipped so far."""
+        return sum(problem.count for problem in self.problems)
+
+    def calibrated(self) -> StereoRig:
+        """The cameras; InputError without a calibration."""
+        if self.rig is None:
+            raise InputError(self.name, f"holds no calibration; expected {self.calibration_at}")
+        return self.rig
 
     @property
     def fps(self) -> float:
@@ -101,22 +119,35 @@ class Recording:
 
 def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Problem]) -> tuple[int, int]:
     """(width, height) that most of the first readable images have; InputError, with the first problem, if no pair is
-    readable."""
-    sizes: Counter[tuple[int, int]] = Counter()
+    readable, and if left and right images differ."""
+    sizes = Counter[tuple[int, int]](), Counter[tuple[int, int]]()  # of left and right images
     bad = problems[:1]
     for pair in pairs:
         images = [decode(file) for file in pair]
         read = [image for image in images if not isinstance(image, Problem)]
         if len(read) == len(pair):
-            sizes.update((image.shape[1], image.shape[0]) for image in read)
+            for counts, image in zip(sizes, read, strict=True):
+                counts[image.shape[1], image.shape[0]] += 1
         else:
             bad += [image for image in images if isinstance(image, Problem)]
-        if sizes.total() >= _SIZED:
+        if sizes[0].total() >= _SIZED / 2:
             break
-    if not sizes:
+    if not sizes[0]:
         why = f"; {bad[0]}" if bad else ""
         raise InputError(source, f"no usable frame; expected at least one readable pair of left and right images{why}")
-    return sizes.most_common(1)[0][0]
+    usual = (sizes[0] + sizes[1]).most_common(1)[0][0]
+    for side, other in ((0, "right"), (1, "left")):
+        if usual not in sizes[side]:
+            file, (width, height) = pairs[0][side], sizes[side].most_common(1)[0][0]
+            found = f"{width}×{height} pixels; {other} images are {usual[0]}×{usual[1]}"
+            raise InputError(file.cited, found, file.line)
+    return usual
+
+
+def replaced_rate(fps: float, stamps_s: Sequence[float]) -> tuple[str, ...]:
+    """A warning where a rate is given instead of the files' own stamps, and differs from these."""
+    own = 1 / float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else fps
+    return (f"--fps {fps:g} replaces the files' own {own:.2f}",) if abs(fps / own - 1) > _SAME_RATE else ()
 
 
 def pair_by_stamp(
@@ -149,12 +180,13 @@ def distinct_stamps(files: Iterable[FileT], problems: list[Problem]) -> list[Fil
 
 
 def note_unpaired(files: Sequence[ImageFile], paired: set[int], wanted: str, problems: list[Problem]) -> None:
-    """A problem for every file whose place is not in `paired`."""
-    problems += [
-        Problem(ProblemKind.UNPAIRED, file.cited, file.line, f"{file.title} is unpaired; expected a {wanted}")
-        for place, file in enumerate(files)
-        if place not in paired
-    ]
+    """A problem for all files in a row whose places are not in `paired`."""
+    for is_paired, places in groupby(range(len(files)), paired.__contains__):
+        row = [files[place] for place in places]
+        if not is_paired:
+            found = f"{row[0].title} is" if len(row) == 1 else f"{row[0].title} to {row[-1].title} ({len(row)}) are"
+            message = f"{found} unpaired; expected a {wanted}"
+            problems.append(Problem(ProblemKind.UNPAIRED, row[0].cited, row[0].line, message, len(row)))
 
 
 Chain = tuple[int, int, "Chain"] | None  # the last pair (places in left and right), and those before it

@@ -44,7 +44,11 @@ Entry = tuple[Path, Array]
 
 
 def read_stereo_calibration(
-    paths: Sequence[Path], image_size: tuple[int, int], unit_m: float = 1.0, kitti: tuple[int, int] = (0, 1)
+    paths: Sequence[Path],
+    image_size: tuple[int, int],
+    unit_m: float = 1.0,
+    kitti: tuple[int, int] = (0, 1),
+    warnings: list[str] | None = None,
 ) -> tuple[Camera, Camera, Array]:
     """Left camera, right camera and `T_left_right` of a calibration; the root frame is the left camera's.
 
@@ -53,15 +57,19 @@ def read_stereo_calibration(
         image_size: Width and height of the images, to which the cameras are scaled.
         unit_m: Metres per length unit of the calibration.
         kitti: Which of KITTI's cameras are left and right.
+        warnings: Here is noted that the cameras are scaled.
 
     Raises:
         InputError: A file cannot be read, or a matrix is missing or invalid.
     """
-    return cameras_of([(path, _read(path, kitti)) for path in paths], image_size, unit_m)
+    return cameras_of([(path, _read(path, kitti)) for path in paths], image_size, unit_m, warnings)
 
 
 def cameras_of(
-    files: Sequence[tuple[Path, Mapping[str, Array]]], image_size: tuple[int, int], unit_m: float = 1.0
+    files: Sequence[tuple[Path, Mapping[str, Array]]],
+    image_size: tuple[int, int],
+    unit_m: float = 1.0,
+    warnings: list[str] | None = None,
 ) -> tuple[Camera, Camera, Array]:
     """The same of matrices that have been read, with the file that each is from."""
     if not 0 < unit_m < float("inf"):
@@ -76,7 +84,7 @@ def cameras_of(
             found = {key + side * (key in _OF_ONE_CAMERA): value for key, value in found.items()}
         entries |= {key: (path, value) for key, value in found.items()}
     names = ", ".join(dict.fromkeys(str(path) for path, _ in files))
-    left, right = (_camera(names, entries, side, image_size) for side in ("1", "2"))
+    left, right = (_camera(names, entries, side, image_size, warnings) for side in ("1", "2"))
     if "pose1" in entries and "pose2" in entries:
         T_right_left = entries["pose2"][1] @ inverse(entries["pose1"][1])
         file = entries["pose2"][0]
@@ -131,7 +139,9 @@ def _required(names: str, entries: Mapping[str, Entry], key: str, shape: tuple[i
     return file, matrix.reshape(shape)
 
 
-def _camera(names: str, entries: Mapping[str, Entry], side: str, image_size: tuple[int, int]) -> Camera:
+def _camera(
+    names: str, entries: Mapping[str, Entry], side: str, image_size: tuple[int, int], warnings: list[str] | None
+) -> Camera:
     """One camera, scaled to the images; without D its lens has no distortion."""
     file, K = _required(names, entries, f"K{side}", (3, 3))
     fx, fy, cx, cy = (float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
@@ -152,4 +162,9 @@ def _camera(names: str, entries: Mapping[str, Entry], side: str, image_size: tup
     if not all(1 <= size <= LARGEST_SIDE_PX and float(size).is_integer() for size in (width, height)):
         found = f"image_width {width}, image_height {height}"
         raise InputError(file, f"{found}; expected whole numbers of pixels, at most {LARGEST_SIDE_PX}")
-    return fit_to_images(Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3)), image_size, file)
+    camera = Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    fitted = fit_to_images(camera, image_size, file)
+    found = f"{file} is for {camera.width}×{camera.height} pixels, scaled to images of {fitted.width}×{fitted.height}"
+    if warnings is not None and fitted is not camera and found not in warnings:
+        warnings.append(found)
+    return fitted

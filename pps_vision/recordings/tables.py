@@ -21,9 +21,9 @@ Box = tuple[float, float, float, float]
 """x, y of the top-left corner, width, height, px."""
 
 DETECTIONS = ("frame", "stamp_s", "camera", "u_px", "v_px", "cov_uu_px2", "cov_uv_px2", "cov_vv_px2", "score", "status")
+COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
 TRAJECTORY = (
-    *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"),
-    *("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2", "radius_m", "status"),
+    *("stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, "radius_m", "status"),
     *("sigma_x_m", "sigma_y_m", "sigma_z_m", "radius_95_m"),
 )
 REACHABILITY = (
@@ -84,6 +84,20 @@ def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
             found = f"{len(row)} fields under {len(header)} columns"
             raise InputError(file, f"{found}; expected a field for each column, and points in numbers", line)
     return [(line, [row[k] if k < len(row) else "" for k in places]) for line, row in rows[1:] if row]
+
+
+def numbers(file: Path, line: int, row: Sequence[str]) -> list[float]:
+    """The numbers of a row's fields, NaN for an empty one; InputError for another that is no finite number."""
+    try:
+        return [finite(field) if field and field.lower() != "nan" else np.nan for field in row]
+    except ValueError as error:
+        raise InputError(file, f"{error}; expected finite numbers", line) from None
+
+
+def covariances(fields: Array) -> Array:
+    """(n, 3, 3) symmetric matrices of the fields (n, 6) of `COVARIANCE`."""
+    cov: Array = fields[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    return cov
 
 
 def detection_row(frame: int, detection: Detection2D, status: Status) -> tuple[object, ...]:

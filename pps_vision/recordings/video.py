@@ -31,6 +31,7 @@ class Video:
         image_size: Width and height.
         pts: The frames' stamps in order, in units of `time_base_s`; without `has_stamps` they are counted instead.
         time_base_s: Seconds per unit of `pts`.
+        stated_s: Its duration by the header, where this is known to be that of the images; else 0.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,8 +45,13 @@ class Video:
                 pts = [packet.pts for packet in container.demux(stream) if packet.size and not packet.is_discard]
                 self.image_size = stream.codec_context.width, stream.codec_context.height
                 self.time_base_s = float(stream.time_base or 0)
+                # What Matroska's header says; the others' may be that of the sound, or estimated.
+                states_it = "matroska" in container.format.name and len(container.streams) == 1
+                self.stated_s = (container.duration or 0) / 1e6 if states_it else 0.0
         except (av.error.FFmpegError, IndexError, ValueError, MemoryError) as error:
-            raise InputError(path, f"cannot be read: {first_line(error)}; expected a video") from error
+            damaged = isinstance(error, av.error.InvalidDataError)
+            found = "it is damaged, cut off or no video" if damaged else first_line(error)
+            raise InputError(path, f"cannot be read: {found}; expected a whole video") from error
         if not pts or min(self.image_size) < 1 or self.image_size[0] * self.image_size[1] > MOST_PIXELS:
             width, height = self.image_size
             found = f"{len(pts)} frames of {width}×{height} pixels"

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import move_points
 from pps_vision.robot.chain import Chain
-from pps_vision.robot.model import Posture, Robot
+from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 
 _DEG = np.pi / 180
@@ -45,17 +45,6 @@ class GazeLimits:
     def upper(self) -> Array:
         """(3,) rad."""
         return np.array([self.yaw_rad[1], self.pitch_rad[1], self.vergence_rad[1]])
-
-
-def fixation_point(posture: Posture) -> Array | None:
-    """(3,) midpoint of the shortest segment between the optical axes, root frame, m.
-
-    None where they do not meet in front of the eyes.
-    """
-    names = posture.robot.names
-    left, right = posture.T_root(names.left_eye), posture.T_root(names.right_eye)
-    meeting = _meeting_points(left[None, :3, 3], left[None, :3, 2], right[None, :3, 3], right[None, :3, 2])[0]
-    return None if np.isnan(meeting[0]) else meeting
 
 
 def fixation_points(robot: Robot, gaze_rad: ArrayLike) -> Array:

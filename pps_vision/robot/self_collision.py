@@ -27,7 +27,7 @@ class SelfCollision:
     """
 
     def __init__(self, robot: Robot, ignored: tuple[str, ...] = ()) -> None:
-        """Of `robot.bodies` but for those named in `ignored`."""
+        """Compare all `robot.bodies` but those named in `ignored`."""
         self._model, self._data, self._bodies = robot.model, robot.model.createData(), robot.bodies
         self._geometry = robot.geometry.copy()
         self._geometry.removeAllCollisionPairs()

@@ -23,6 +23,18 @@ def calib(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
+def fails_in_part():
+    """Runs a batch of which some recordings must fail, and some not."""
+
+    def run(*args: object) -> None:
+        with pytest.raises(SystemExit) as end:
+            main(["batch", *map(str, args)])
+        assert end.value.code == 1
+
+    return run
+
+
+@pytest.fixture
 def refused_with(capsys: pytest.CaptureFixture[str]):
     """Runs a command line that must end with exit code 2; returns what it wrote to the error stream."""
 

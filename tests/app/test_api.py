@@ -90,14 +90,18 @@ def test_what_is_left_out_means_the_same_in_functions_and_commands() -> None:
         return {one.name: one.default for one in dataclasses.fields(command)}
 
     defaults = [
-        (of_function(pv.track), of_command(Track), {"mode", "order", "max_error_mm", "device", "seed"}),
+        (of_function(pv.track), of_command(Track), {"mode", "order", "reduction", "max_error_mm", "device", "seed"}),
         (of_function(pv.learn), of_command(Learn), {"mode", "seed", "into"}),
         (
             of_function(pv.open_recording),
             of_command(Track),
             {"fps", "unit_m", "max_skew_s", "calib", "times", "joints"},
         ),
-        (of_command(Batch), of_command(Track), {"calib", "fps", "unit_m", "mode", "order", "smooth", "also", "report"}),
+        (
+            of_command(Batch),
+            of_command(Track),
+            {"calib", "fps", "unit_m", "max_skew_s", "mode", "order", "smooth", "also", "report"},
+        ),
     ]
     for ours, theirs, names in defaults:
         assert {name: ours[name] for name in names} == {name: theirs[name] for name in names}

@@ -45,7 +45,7 @@ def test_neither_or_both_kinds_of_input(refused, tmp_path: Path) -> None:
     assert "REC" in refused("track", "--out", tmp_path / "out")
     assert "REC" in refused("track", tmp_path, "--left", "a*", "--right", "b*", "--out", tmp_path / "out")
     images = ("--left", "a*", "--right", "b*")
-    assert "calib" in refused("track", *images, "--out", tmp_path / "out")
+    assert "--left a* without --right; expected both" in refused("track", *images[:2], "--out", tmp_path / "out")
     assert "matches no file" in refused("track", *images, "--calib", "c.yml", "--out", tmp_path / "out")
 
 

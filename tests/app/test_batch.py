@@ -42,13 +42,13 @@ def is_there(group: int) -> bool:
     return False
 
 
-def test_a_batch(tmp_path: Path, calib: Path, refused, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys: pytest.CaptureFixture[str]) -> None:
     for name, n in (("a.mp4", 6), ("c.mp4", 8)):
         write_video(tmp_path / name, [k / 20 for k in range(n)])
     (tmp_path / "b.mp4").write_bytes(b"no video")
     args = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--out"]
     one, two = tmp_path / "one", tmp_path / "two"
-    main([*args, str(one)])
+    fails_in_part(*args[1:], one)
     assert "failed: b.mp4: " in (said := capsys.readouterr().out)
     assert "2 of 3 recordings tracked" in said
     rows = table(one)
@@ -64,7 +64,44 @@ def test_a_batch(tmp_path: Path, calib: Path, refused, capsys: pytest.CaptureFix
     assert (one / "a.mp4" / "summary.json").stat().st_mtime_ns == before
     main([*args, str(two), "--workers", "2"])
     assert results(two) == results(one)
-    assert "expected the options" in refused(*args, one, "--seed", 3)
+
+
+@pytest.mark.parametrize(
+    ("begun", "asked", "said"),
+    [
+        ("--order=4", "--order=2", "with --order 4"),
+        ("--max-skew-s=0.1", "", "with --max-skew-s 0.1"),
+        ("", "--smooth", "without --smooth"),
+        ("--also tum mot", "--also tum", "with --also tum mot"),
+        ("--smooth", "--smooth", ""),
+    ],
+)
+def test_a_folder_begun_with_other_options(begun: str, asked: str, said: str, tmp_path: Path, refused_with) -> None:
+    (tmp_path / "a.mp4").touch()
+    words = ["batch", tmp_path / "a.mp4", "--out", tmp_path / "out"]
+    refused_with(*words, *begun.split())
+    line = refused_with(*words, *asked.split())[-1]
+    expected = (
+        f"out: was begun {said}; expected the same options, or another folder" if said else "none of 1 recordings"
+    )
+    assert expected in line
+
+
+def test_settings_that_are_none(tmp_path: Path, refused) -> None:
+    (tmp_path / "a.mp4").touch()
+    for content in ("{", "1", ""):
+        (tmp_path / "settings.json").write_text(content)
+        line = refused("batch", tmp_path / "a.mp4", "--out", tmp_path)
+        assert re.search("settings.json: .*; expected the settings of a batch", line)
+
+
+def test_the_skew_of_pairs_is_that_of_all_or_of_a_row(tmp_path: Path, calib: Path) -> None:
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+    (tmp_path / "list.csv").write_text("name,rec,max_skew_s\na,a.mp4,0.01\nb,a.mp4,\n")
+    words = ["--calib", str(calib), "--max-skew-s", "0.05", "--out", str(tmp_path / "out")]
+    main(["batch", str(tmp_path / "list.csv"), *words])
+    a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
+    assert ("--max-skew-s 0.01" in a, "--max-skew-s 0.05" in b) == (True, True)
 
 
 def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
@@ -74,16 +111,60 @@ def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
     main(["batch", str(tmp_path / "list.csv"), "--out", str(tmp_path / "out")])
     with (tmp_path / "out" / "first" / "trajectory.csv").open() as file:
         assert [float(row["stamp_s"]) for row in csv.DictReader(file)] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
-    for rows in ("rec\na\n", "name,rec\n../a,x\n", "name,colour\na,red\n", "name,rec\na,x,y\n"):
-        (tmp_path / "list.csv").write_text(rows)
-        assert "expected columns name" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
-    (tmp_path / "list.csv").write_text(f"name,rec\na,{'x' * 200_000}\n")  # longer than a field may be
-    assert "list.csv:2: cannot be read" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", ":1: no column name; expected the columns name and some of rec, left"),
+        ("rec\na\n", ":1: no column name; expected"),
+        ("name,colour\na,red\n", ":1: column 'colour'; expected the columns name and some of rec, left"),
+        ("name;rec\na;b\n", ":1: column 'name;rec'; expected .* separated by commas"),
+        ("name,rec,rec\na,b,c\n", ":1: column 'rec'; expected .* each once"),
+        ("name,rec\n../a,x\n", ":2: name '../a'; expected the name of a new folder"),
+        ("name,rec\na,x\n\n,y\n", ":4: name ''; expected the name of a new folder"),
+        ("name,rec\na,x\na,y\n", ":3: name 'a' is that of .*list.csv:2 too; expected distinct names"),
+        ("name,rec\nsettings.json,x\n", ":2: a result called settings.json; expected none of"),
+        ("name,rec,fps\na,x\n", ":2: 2 fields under 3 columns; expected a field for each column"),
+        ("name,rec\na,x,y\n", ":2: 3 fields under 2 columns; expected a field for each column"),
+        (f"name,rec\na,{'x' * 200_000}\n", ":2: cannot be read: "),  # longer than a field may be
+        ("name,rec,fps\na,x,30\nb,x,fast\n", ":3: fps 'fast'; expected a positive number"),
+        ("name,rec,fps\na,x,0\n", ":2: fps '0'; expected a positive number"),
+        ("name,rec,unit_m\na,x,1;2\n", ":2: unit_m '1;2'; expected a positive number"),
+        ("name,rec,max_skew_s\na,x,-0.1\n", ":2: max_skew_s '-0.1'; expected a number of at least 0"),
+    ],
+)
+def test_a_manifest_is_refused_before_anything_starts(content: str, said: str, tmp_path: Path, refused) -> None:
+    (tmp_path / "list.csv").write_text(content)
+    line = refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
+    assert re.match(re.escape(f"pps-vision: {tmp_path / 'list.csv'}") + said, line), line
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_to_do(tmp_path: Path, refused) -> None:
     (tmp_path / "list.csv").write_text("name,rec\n")
-    assert "no recording given" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
-    (tmp_path / "list.csv").write_text("name,rec\na,x\na,y\n")
-    assert "distinct names" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "other")
-    assert "matches no recording" in refused("batch", tmp_path / "gone*", "--out", tmp_path / "other")
+    assert "no recording given" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
+    assert "matches no recording" in refused("batch", tmp_path / "gone*", "--out", tmp_path / "out")
+
+
+def test_a_row_s_own_options_go_before_those_for_all(tmp_path: Path, calib: Path) -> None:
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+    (tmp_path / "other.yml").write_bytes(calib.read_bytes())
+    (tmp_path / "list.csv").write_text("name,rec,calib,fps,unit_m\na,a.mp4,other.yml,10,0.01\nb,a.mp4,,,\n")
+    words = ["--calib", str(calib), "--fps", "5", "--unit-m", "2", "--out", str(tmp_path / "out")]
+    main(["batch", str(tmp_path / "list.csv"), *words])
+    a, b = (json.loads((tmp_path / "out" / name / "summary.json").read_text())["command"] for name in "ab")
+    assert re.search(r"track a.mp4 --calib other.yml --fps 10.0 --unit-m 0.01", a)
+    assert re.search(r"track a.mp4 --calib \S*calib.yml --fps 5.0 --unit-m 2.0", b)
+
+
+def test_why_a_row_failed_begins_with_its_place(tmp_path: Path, calib: Path, refused_with) -> None:
+    file = tmp_path / "list.csv"
+    file.write_text("name,left,right,calib\na,gone.mp4,r.mp4,calib.yml\n\nb,-l.mp4,r.mp4,calib.yml\n")
+    refused_with("batch", file, "--out", tmp_path / "out")
+    reasons = [row["reason"] for row in table(tmp_path / "out").values()]
+    assert re.match(re.escape(f"{file}:2: ") + "gone.mp4: .*expected ", reasons[0])
+    assert reasons[1] == f"{file}:4: Unrecognized options: -l.mp4"  # tyro's words without its frame
 
 
 def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
@@ -111,16 +192,24 @@ def test_killed_and_continued(tmp_path: Path, calib: Path) -> None:
     assert all(json.loads((folder / "summary.json").read_text())["frames"] == 5 for folder in finished)
     main(words)
     assert [row["status"] for row in table(out).values()] == ["done"] * 2
-    assert sorted(path.name for path in out.iterdir()) == ["0.mp4", "1.mp4", "batch.csv", "settings.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "0.mp4",
+        "1.mp4",
+        "batch.csv",
+        "settings.json",
+        "summary.json",
+    ]
 
 
-def test_learning_from_many_is_learning_from_each(approach: Path, tmp_path: Path, refused, capsys) -> None:
+def test_learning_from_many_is_learning_from_each(
+    approach: Path, tmp_path: Path, refused, fails_in_part, capsys
+) -> None:
     """Bit for bit the memory that one `learn` in the order of the recordings gives, with two workers."""
     for name in ("a", "b"):
         shutil.copytree(approach, tmp_path / name)
     (tmp_path / "c").mkdir()
     out, words = tmp_path / "out", [str(tmp_path / "[abc]"), "--learn", "--workers", "2"]
-    main(["batch", *words, "--parquet", "--out", str(out)])
+    fails_in_part(*words, "--parquet", "--out", out)
     assert "2 of 3 recordings learned" in capsys.readouterr().out
     main(["learn", str(tmp_path / "a"), "--into", str(out / "b.npz"), "--out", str(tmp_path / "both.npz")])
     together, each = load_memory(tmp_path / "both.npz"), load_memory(out / "b.npz")
@@ -136,15 +225,17 @@ def test_learning_from_many_is_learning_from_each(approach: Path, tmp_path: Path
     assert read["name"].tolist() == ["a", "b", "c"]
     assert read["samples"].tolist()[:2] == [each.counts.sum()] * 2
     assert read["samples"].isna().tolist() == [False, False, True]
-    assert "expected the options" in refused("batch", *words[:1], "--out", out)
+    assert "was begun with --learn; expected the same options" in refused("batch", *words[:1], "--out", out)
     assert "--learn with --smooth" in refused("batch", *words, "--smooth", "--out", tmp_path / "other")
 
 
-def test_parquet_holds_the_table_with_its_types(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
+def test_parquet_holds_the_table_with_its_types(
+    tmp_path: Path, calib: Path, refused, fails_in_part, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_video(tmp_path / "a.mp4", [k / 20 for k in range(6)])
     (tmp_path / "b.mp4").write_bytes(b"no video")
     words = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--parquet", "--out"]
-    main([*words, str(tmp_path / "out")])
+    fails_in_part(*words[1:], tmp_path / "out")
     read, rows = pandas.read_parquet(tmp_path / "out" / "batch.parquet"), table(tmp_path / "out")
     assert list(read.columns) == list(rows["a.mp4"])
     assert (read["pairs"][0], read["ms_per_pair"][0]) == (6, float(rows["a.mp4"]["ms_per_pair"]))
@@ -172,13 +263,19 @@ def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib:
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
-    assert (full.returncode, full.stderr.count("Traceback")) == (0, 0), full.stderr
+    assert (full.returncode, full.stderr.count("Traceback")) == (1, 0), full.stderr
     rows = table(out)
     assert [row["status"] for row in rows.values()] == ["done", "failed", "failed"]
     assert re.fullmatch(r".*b\.mp4: cannot be written: .*; expected free space", rows["b.mp4"]["reason"])
     assert "is no folder" in rows["c.mp4"]["reason"]
     assert (out / "c.mp4").read_bytes() == b"mine"
-    assert sorted(path.name for path in out.iterdir()) == ["a.mp4", "batch.csv", "c.mp4", "settings.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "a.mp4",
+        "batch.csv",
+        "c.mp4",
+        "settings.json",
+        "summary.json",
+    ]
 
 
 def test_a_disk_that_fills_up_at_the_end(tmp_path: Path, calib: Path, refused, monkeypatch) -> None:
@@ -199,8 +296,9 @@ def test_where_nothing_can_be_written(tmp_path: Path, calib: Path, refused) -> N
     words = ("batch", tmp_path / "a.mp4", "--calib", calib, "--out")
     assert "expected a writable place" in refused(*words, tmp_path / "file" / "out")
     assert "expected a writable place" in refused(*words, "/proc/out")
-    (tmp_path / "list.csv").write_text("name,rec\nsettings.json,a.mp4\n")
-    assert "called settings.json" in refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
+    (tmp_path / "settings.json").touch()
+    said = refused("batch", tmp_path / "settings.json", "--calib", calib, "--out", tmp_path / "out")
+    assert "settings.json: a result called settings.json" in said
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
 from videos import write_video
 
-from pps_vision.app.calibrate import Board, board_pairs, find_views
+from pps_vision.app.calibrate import Board, View, board_pairs, calibrate, find_views
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
@@ -111,6 +111,30 @@ def test_too_few_views(tmp_path: Path, refused_with) -> None:
     assert "no board found" in lines[0]
     assert "a2.png cannot be decoded" in lines[1]
     assert "in 0 pairs; expected at least 3" in lines[-1]
+
+
+def corners_seen(tilt_deg: float, turned: tuple[float, float, float], rng: np.random.Generator) -> list[View]:
+    """Corners, within 0.1 px, of 8 boards turned alike, each then tilted about an axis of its own and moved."""
+    board, views = np.array([[0.03 * x, 0.03 * y, 0.0] for y in range(5) for x in range(8)]), []
+    for k in range(8):
+        axis = (np.cos(np.pi * k / 4), np.sin(np.pi * k / 4), 0.0)
+        tilt, in_plane = np.deg2rad(tilt_deg) * np.array(axis), [0.0, 0.0, rng.uniform(-0.3, 0.3)]
+        pose = Rotation.from_rotvec(turned) * Rotation.from_rotvec(tilt) * Rotation.from_rotvec(in_plane)
+        left = pose.apply(board - board.mean(axis=0)) + rng.uniform((-0.03, -0.03, 0.4), (0.13, 0.13, 0.7))
+        both = [(points @ camera.T) for points, camera in zip((left, left @ R.T + T), K, strict=True)]
+        left_px, right_px = (p[:, :2] / p[:, 2:] + 0.1 * rng.normal(size=(len(p), 2)) for p in both)
+        views.append(View(str(k), board.astype(np.float32), np.float32(left_px), np.float32(right_px)))
+    return views
+
+
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (0.5, 0.2, 0.0)])
+def test_boards_that_all_face_the_same_way_are_refused(turned: tuple[float, float, float]) -> None:
+    """Parallel boards leave the focal lengths open (Zhang 2000), however far apart and turned in their plane."""
+    rng = np.random.default_rng(SEED)
+    with pytest.raises(InputError, match=r"same direction in all 8 views .*; expected some tilted by 20° or more"):
+        calibrate(SIZE, corners_seen(0.0, turned, rng))
+    found = calibrate(SIZE, corners_seen(20.0, turned, rng))
+    np.testing.assert_allclose(found.K[:, 0, 0], [520, 498], rtol=0.03)
 
 
 def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> None:

@@ -144,9 +144,17 @@ def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert found["counts"]["frames"] >= 18  # of 20; where the cameras' poses are in doubt nothing is searched
 
 
-def test_what_is_tracked_needs_no_diagnosis(rendered: Path, tmp_path: Path) -> None:
+def test_what_is_tracked_needs_no_diagnosis_and_has_a_size(
+    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     main(["track", str(rendered), "--out", str(tmp_path / "out")])
-    assert "diagnosis" not in json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert "diagnosis" not in summary
+    radius_m = np.genfromtxt(rendered / "truth.csv", delimiter=",", names=True)["radius_m"][0]
+    size = summary["object"]
+    assert size["low_95_m"] < 2 * radius_m < size["high_95_m"]
+    assert size["diameter_m"] == pytest.approx(2 * radius_m, rel=0.1)
+    assert f"object {1000 * size['diameter_m']:.3g} mm across (95 %: " in capsys.readouterr().out
 
 
 def drawn(
@@ -172,6 +180,11 @@ def still(k: int) -> np.ndarray:
     return texture()[:, :320]
 
 
+def plain(k: int) -> np.ndarray:
+    noise = np.random.default_rng(k).normal(0, 3, (240, 320, 3))
+    return (90 + noise).astype(np.uint8)
+
+
 def turning(k: int) -> np.ndarray:
     return texture()[:, 6 * k : 6 * k + 320]
 
@@ -181,7 +194,7 @@ def turning(k: int) -> np.ndarray:
     [
         (-0.1, -40.0, still, 14, "--left and --right exchanged"),  # the ball is seen behind the cameras
         (-100.0, 40.0, still, 14, "another calibration or --unit-m: the cameras are 100 m apart"),
-        (-0.0001, 40.0, still, 14, "another calibration or --unit-m: the cameras are 0.0001 m apart"),
+        (-0.0001, 40.0, still, 14, "another calibration or --unit-m: the cameras are 0.1 mm apart"),
         (-0.1, 40.0, turning, 1, "the whole image changes from frame to frame"),
     ],
 )
@@ -273,12 +286,34 @@ def test_the_counts_of_the_search_name_one_thing_to_try(
     mode: str, counts: dict[str, int], advice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 0.0)
+    monkeypatch.setattr(diagnosis_module, "_image_shift_px", lambda recording: 0.0)
     fixed = SimpleNamespace(robot=None)
     assert [one[: len(advice)] for one in _by_counts(fixed, mode, counts)] == [advice]  # type: ignore[arg-type]
     monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 7.0)
     assert next(iter(_by_counts(fixed, mode, counts))).startswith("cameras that rest")  # type: ignore[arg-type]
     with_joints = SimpleNamespace(robot=object())
     assert next(iter(_by_counts(with_joints, mode, counts))).startswith(advice)  # type: ignore[arg-type]
+
+
+def test_cameras_that_move_are_not_called_a_scene_in_which_nothing_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis_module, "_change", lambda recording: 0.0)
+    monkeypatch.setattr(diagnosis_module, "_image_shift_px", lambda recording: 6.0)
+    assert not list(_by_counts(SimpleNamespace(robot=None), "generic", FRAMES))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("wall", "shift_px"), [(still, None), (plain, None), (turning, 6.0)])
+def test_cameras_that_move_are_seen_in_a_few_images(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wall: Callable[[int], np.ndarray], shift_px: float | None
+) -> None:
+    words = drawn(tmp_path, 40.0, wall)
+    (tmp_path / "c.yml").write_text(CALIBRATION.format(baseline=-0.1))
+    main(["info", *map(str, words), "--json"])
+    found = [one for one in json.loads(capsys.readouterr().out)["warnings"] if "px a frame" in one]
+    assert len(found) == (shift_px is not None)
+    if shift_px:
+        said = float(found[0].split("shift by ")[1].split()[0])
+        assert said == pytest.approx(shift_px, abs=0.1)
+        assert found[0].endswith("px a frame: do the cameras move?")
 
 
 def test_a_wide_video_of_one_camera_is_not_taken_for_two(
@@ -309,7 +344,7 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(
         (13, 0.1, None, None),
         (11, 0.1, None, "more light or exposure: the mean grey level is 11.0"),
         (90, 0.006, None, None),
-        (90, 0.004, None, "the cameras are 0.004 m apart"),
+        (90, 0.004, None, "the cameras are 4 mm apart"),
         (90, 1.9, None, None),
         (90, 2.1, None, "the cameras are 2.1 m apart"),
         (90, 0.1, 3.3, None),

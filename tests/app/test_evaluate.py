@@ -168,8 +168,14 @@ def test_anipose_tables_are_read(tmp_path: Path) -> None:
     read = read_path(tmp_path / "trajectory_anipose.csv", fps=20)
     np.testing.assert_allclose(read.stamps_s, np.arange(1, 401) / 20)
     np.testing.assert_array_equal(read.position, [track.position for track in tracks()[1:]])
-    with pytest.raises(InputError, match="and --fps"):
-        read_path(tmp_path / "trajectory_anipose.csv")
+    file = tmp_path / "trajectory_anipose.csv"
+    with pytest.raises(InputError, match=r"csv:1: has numbers of frames, no stamps; expected --fps, the frames per"):
+        read_path(file)
+    with pytest.raises(InputError, match=r"--fps 0; expected a positive number"):
+        read_path(file, fps=0)
+    file.write_text("a_x,a_y,a_z,b_x,b_y,b_z,fnum\n")
+    with pytest.raises(InputError, match=r"csv:1: has the points a, b; expected one point"):
+        read_path(file, fps=20)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -187,6 +193,24 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [12, 12, 12]
 
 
+def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """But not those that say so: while the tracker searches, there is none."""
+    rows = [[str(0.1 * k), "0.1", "0.2", "0.3", "tracking"] for k in range(6)]
+    rows[0][1:] = "", "", "", "searching"
+    rows[4][2] = "nan"
+    for name, columns in (("a.csv", 5), ("truth.csv", 4)):
+        lines = ["stamp_s,x_m,y_m,z_m,status", *map(",".join, rows)]
+        (tmp_path / name).write_text("".join(",".join(line.split(",")[:columns]) + "\n" for line in lines))
+    files = [str(tmp_path / name) for name in ("a.csv", "truth.csv")]
+    main(["evaluate", *files, "--json"])
+    said = capsys.readouterr()
+    assert said.err.splitlines() == [
+        f"1 row of {files[0]} without a position (line 6)",
+        f"2 rows of {files[1]} without a position (from line 2)",
+    ]
+    assert json.loads(said.out)[0]["compared"] == 4
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -194,6 +218,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         ("stamp_s,x_m,y_m\n1,2,3\n", "no column z_m"),
         ("1 2 3\n", "a.csv:1: fewer than four"),
         ("1 2 3 x\n", "a.csv:1: "),
+        ("stamp_s,x_m,y_m,z_m\n0,1,2,3\n\nnan,1,2,3\n", "a.csv:4: has no stamp; expected one in every row"),
+        ("1 2 3 4\nNaN 2 3 4\n", "a.csv:2: has no stamp"),
+        ("stamp_s,x_m,y_m,z_m\n,1,2,3\n", "a.csv:2: has no stamp"),
         ("1 2 3 4\n1 2 3 4\n", "a.csv:2: stamp 1.0 after 1.0"),
     ],
 )

@@ -36,3 +36,4 @@ def test_help_loads_no_heavy_package() -> None:
         assert "tyro" in modules
     assert done.stdout.count("--help") >= len(HELPS)
     assert done.stdout.count("usage: pps-vision") == len(HELPS)
+    assert "pps-vision --version" in done.stdout

@@ -62,7 +62,8 @@ def test_videos(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
 def test_an_implausible_unit(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     main(["info", *videos])
     out = capsys.readouterr().out
-    assert "--unit-m: the cameras are 12 m apart" in out
+    proposed = "--unit-m 0.01 makes it 120 mm; --unit-m 0.0254 makes it 304.8 mm"
+    assert f"--unit-m: the cameras are 12 m apart; {proposed}\n" in out
     assert out.splitlines()[-1].startswith("pps-vision track --left")
 
 
@@ -78,7 +79,7 @@ def test_a_robot(approach: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_what_is_no_recording(refused, tmp_path: Path) -> None:
     assert "expected" in refused("info", tmp_path)
-    assert "no such folder" in refused("info", tmp_path / "gone")
+    assert "no such file or folder" in refused("info", tmp_path / "gone")
 
 
 def test_a_laboratorys_own_test(approach: Path) -> None:
@@ -144,7 +145,29 @@ def test_what_a_single_pair_without_a_calibration_lacks(approach: Path, tmp_path
     found = info(open_recording(bare))
     assert (found.pairs, found.gaps, found.cameras_turn_deg) == (1, 0, 0.0)
     assert np.isnan([found.pairs_per_s, found.longest_interval_s, found.baseline_m, found.focal_px]).all()
-    assert found.warnings[:2] == (
-        "--calib icubEyes.ini: there is no calibration",
-        "a longer recording: there is a single pair",
-    )
+    assert found.calibration_at == "icubEyes.ini there or by --calib"
+    assert found.warnings[0] == "try a longer recording: there is a single pair"
+
+
+def test_without_a_calibration_the_facts_are_told_and_the_command_has_a_place_for_it(
+    videos: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["info", *videos[:4]])
+    rows = capsys.readouterr().out.splitlines()
+    assert "20 pairs of 160×120 pixels, 1.10 s at 20 pairs/s" in rows[0]
+    assert "missing: calibration; expected one by --calib" in rows
+    assert rows[-1].endswith(" --calib FILE --out path")
+
+
+def test_a_calibration_for_another_size_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calib = tmp_path / "calib.yml"
+    storage = cv2.FileStorage(str(calib), cv2.FILE_STORAGE_WRITE)
+    K = np.array([[40.0, 0, 40], [0, 40, 30], [0, 0, 1]])
+    for key, value in {"K1": K, "K2": K, "R": np.eye(3), "T": np.array([-0.1, 0, 0])}.items():
+        storage.write(key, value)
+    storage.write("image_width", 80)
+    storage.write("image_height", 60)
+    storage.release()
+    write_video(tmp_path / "both.mp4", [0.0, 0.05, 0.1], size=(320, 120))
+    main(["info", str(tmp_path / "both.mp4"), "--calib", str(calib)])
+    assert f"warning: {calib} is for 80×60 pixels, scaled to images of 160×120\n" in capsys.readouterr().out

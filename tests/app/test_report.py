@@ -1,6 +1,10 @@
 """The report of a tracked recording and of a batch: made from files alone, complete, and whole in one page."""
 
+import html
 import re
+import shlex
+import warnings
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +17,13 @@ from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
 from pps_vision.app.report import page
 from pps_vision.app.report.tracking import read_tracked, report_folder, warnings_of
+from pps_vision.errors import InputError
 from pps_vision.recordings.tables import write_table
 
 
 def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     folder = write_results(tmp_path / "results")
-    assert report_folder(folder) == 1
+    assert report_folder(folder) == "37 of 40 stereo pairs measured"
     text = (folder / "report.html").read_text()
     warned = text.index("lost 1 times")
     assert warned < text.index("<img") < text.index("<canvas")
@@ -79,11 +84,59 @@ def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert page.index("b&lt;c&gt; failed: cannot be read") < page.index("a: lost 1 times") < page.index("<table")
     assert 'href="a/report.html"' in page
     assert (tmp_path / "a" / "report.html").is_file()
-    assert "1 recordings →" in capsys.readouterr().out
+    assert capsys.readouterr().out.startswith("1 of 2 recordings tracked → ")
+    assert "<td>0.2.0</td>" in page
+    assert page.count('src="data:image/png') == 1
+
+
+def test_the_report_of_a_batch_says_how_to_repeat_it(tmp_path: Path, calib: Path, fails_in_part, refused) -> None:
+    write_video(tmp_path / "a.mp4", [k / 20 for k in range(4)])
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    out = tmp_path / "out"
+    words = (str(tmp_path / "*.mp4"), "--out", str(out), "--calib", str(calib), "--order", "3", "--report")
+    fails_in_part(*words)
+    page = (out / "report.html").read_text()
+    found = re.search("<pre>(.*?)</pre>", page)
+    assert found
+    assert shlex.split(html.unescape(found[1])) == ["pps-vision", "batch", *words]
+    rows = dict(re.findall("<tr><td>([^<]*)</td><td>([^<]*)</td></tr>", page))
+    assert (rows["order"], rows["max_skew_s"], rows["numpy"]) == ("3", "0.02", np.__version__)
+    assert datetime.now(UTC) - datetime.fromisoformat(rows["started"]) < timedelta(minutes=10)
+    assert 0 < float(rows["seconds"]) < 600
+    (out / "summary.json").write_text("{}")
+    assert "summary.json: 'settings'; expected the summary of a batch" in refused("report", out)
+
+
+def test_a_batch_is_drawn_with_a_mark_for_every_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(page, "image", lambda figure: figures.append(figure) or "")
+    for name in "ac":
+        write_results(tmp_path / name)
+    rows = [
+        ("a", "done", 40, 40, 0.925, "", 1.5, "0.2.0", ""),
+        ("b", "failed", "", "", "", "", "", "", "cannot be read"),
+        ("c", "done", 40, 40, 0.5, "", 2.5, "0.2.0", ""),
+    ]
+    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows)
+    report_folder(tmp_path)
+    share, time_ms = figures[-1].axes
+    drawn = [[line.get_xydata().tolist() for line in axis.lines] for axis in (share, time_ms)]
+    assert drawn == [[[[92.5, 0], [50, 2]], [[0, 1]]], [[[1.5, 0], [2.5, 2]], [[0, 1]]]]
+    assert [label.get_text() for label in share.get_yticklabels()] == ["a", "b", "c"]
+    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows[:1])
+    report_folder(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of a figure without room
+        figures[-1].savefig(tmp_path / "one.png")
+    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), [("a", "done", 40, 40, "much", "", 1.5, "0.2.0", "")])
+    with pytest.raises(InputError, match=r"batch.csv:2: .*'much'; expected finite numbers"):
+        report_folder(tmp_path)
 
 
 def test_what_holds_no_results(tmp_path: Path, refused) -> None:
-    assert "summary.json" in refused("report", tmp_path)
+    line = refused("report", tmp_path)
+    assert "summary.json" in line
+    assert line.count("expected") == 1
     (tmp_path / "summary.json").write_text("{}")
     assert "of another command" in refused("report", tmp_path)
     (tmp_path / "summary.json").write_text("{")
@@ -101,6 +154,9 @@ def test_what_has_to_be_known_first() -> None:
         "cameras that are said to be fixed turned by 1.3°",
     ]
     assert warnings_of({"frames": 40, "status": {"tracking": 20}, "cameras": {"rotation_deg": 1.0}}) == []
+    assert warnings_of({"frames": 2, "status": {"tracking": 2}, "warnings": ["l.mp4 ends early"]}) == [
+        "l.mp4 ends early"
+    ]
     assert warnings_of({"frames": 0, "status": {}}) == ["measured in 0 % of 1 pairs only"]
 
 

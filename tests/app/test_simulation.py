@@ -15,11 +15,13 @@ from pps_vision.app.simulation import (
     TrainingParams,
     World,
     first_contact,
+    make_episode,
     open_world,
     own_rate,
     simulate,
     train,
 )
+from pps_vision.errors import InputError
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
@@ -85,6 +87,11 @@ def test_first_contact_is_where_the_reach_is_met() -> None:
         way = np.linspace(0, 1, 500)[:, None]
         before = start + way * (end - start)
         assert np.linalg.norm(before[:, None] - taxels, axis=2).min() >= reach - 1e-9
+
+
+def test_a_reach_beyond_the_start_of_an_approach_is_refused(world: World) -> None:
+    with pytest.raises(InputError, match=r"to stop 1\.5\d* m from it; expected a smaller object or reach"):
+        make_episode("approach", world, "left_forearm:3", "ball", np.random.default_rng(SEED), 0.1, reach_m=1.5)
 
 
 def test_a_training_episode_ends_0_7_s_after_the_touch(world: World, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,12 +27,12 @@ def step(k: int) -> TrackerStep:
     """Lost in the third frame; otherwise approaching the origin at 0.5 m/s, seen by the left eye."""
     stamp_s = START_S + 0.05 * k
     if k == 2:
-        return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, ((), ()), np.zeros(3))
+        return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, np.zeros(3))
     mean, cov = np.zeros((4, 3)), np.eye(12)
     mean[0], mean[1] = position(k), -0.5 * position(k) / np.linalg.norm(position(k))
     cov[:3, :3] = COV
     seen = Detection2D(stamp_s, "left", np.array([10.5 + k, 20.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))
-    return TrackerStep(Track3D(stamp_s, mean, cov, 0.03, 1e-6, Status.TRACKING), (seen,), None, ((), ()), np.zeros(3))
+    return TrackerStep(Track3D(stamp_s, mean, cov, 0.03, 1e-6, Status.TRACKING), (seen,), None, np.zeros(3))
 
 
 @pytest.fixture

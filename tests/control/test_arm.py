@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.arm import ArmParams, KeepIn, MovingPoint, arm_velocity
+from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from pps_vision.robot.icub import HOME_ARM_DEG, home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -13,6 +13,14 @@ DEG = np.pi / 180
 DT = 0.05
 PARAMS = ArmParams()
 REST = np.deg2rad(HOME_ARM_DEG)
+
+
+def rates(
+    robot: Robot, q: Array, point: MovingPoint, *constraints: object, side: str = "left", params: ArmParams = PARAMS
+) -> Array:
+    """Joint rates that move a point of an arm whose rest posture is home."""
+    posture = robot.at(q)
+    return arm_velocity(params, posture, arm_constraints(params, posture, side, REST, *constraints), [point])
 
 
 def posture_inside(robot: Robot, rng: np.random.Generator) -> Array:
@@ -30,7 +38,7 @@ def test_a_point_moves_as_asked_and_only_its_arm_with_it(
     for _ in range(40):
         q, direction = posture_inside(robot, rng), rng.normal(size=3)
         velocity = 0.02 * direction / np.linalg.norm(direction)
-        dq = arm_velocity(PARAMS, robot.at(q), side, [MovingPoint(frame, point, velocity)], REST)
+        dq = rates(robot, q, MovingPoint(frame, point, velocity), side=side)
         assert np.abs(dq).max() <= 60 * DEG + 1e-6
         assert not np.any(np.delete(dq, arm))
         moved = (robot.at(q + h * dq).point(frame, point) - robot.at(q).point(frame, point)) / h
@@ -43,7 +51,7 @@ def test_a_point_moves_as_asked_and_only_its_arm_with_it(
 def test_joints_that_rest_leave_the_motion_to_the_others(robot: Robot) -> None:
     q, velocity, h = home(robot), np.array([0.0, 0.03, 0.0]), 1e-5
     arm = robot.indices(robot.names.arm("left"))
-    dq = arm_velocity(ArmParams(resting=3), robot.at(q), "left", [MovingPoint("left_palm", (0, 0, 0), velocity)], REST)
+    dq = rates(robot, q, MovingPoint("left_palm", (0, 0, 0), velocity), params=ArmParams(resting=3))
     np.testing.assert_array_equal(dq[arm[-3:]], 0.0)
     moved = (robot.at(q + h * dq).point("left_palm") - robot.at(q).point("left_palm")) / h
     np.testing.assert_allclose(moved, velocity, atol=1e-3)
@@ -55,9 +63,7 @@ def test_what_the_task_leaves_free_goes_to_the_rest_posture(robot: Robot) -> Non
     wrist = robot.indices(("left_wrist_pitch", "left_wrist_yaw"))
     q[wrist] = (-30 * DEG, 15 * DEG)
     for _ in range(100):
-        q = q + DT * arm_velocity(
-            PARAMS, robot.at(q), "left", [MovingPoint("left_lower_arm", (0, 0, 0), np.zeros(3))], REST
-        )
+        q = q + DT * rates(robot, q, MovingPoint("left_lower_arm", (0, 0, 0), np.zeros(3)))
     np.testing.assert_allclose(q[wrist], 0.0, atol=1 * DEG)
 
 
@@ -68,7 +74,7 @@ def test_a_push_at_the_limits_never_passes_them_and_never_breaks(robot: Robot, r
         arm = robot.indices(robot.names.arm("left"))
         q[arm] = np.deg2rad([-30, 20, 0, 5.5, 0, 0, 0])  # elbow at its end: the arm is stretched
         for _ in range(200):
-            dq = arm_velocity(PARAMS, robot.at(q), "left", [MovingPoint("left_palm", (0, 0, 0), 0.1 * direction)], REST)
+            dq = rates(robot, q, MovingPoint("left_palm", (0, 0, 0), 0.1 * direction))
             assert np.all(np.isfinite(dq))
             q = q + DT * dq
             assert np.all((q >= robot.lower_rad - 1e-8) & (q <= robot.upper_rad + 1e-8))
@@ -79,7 +85,7 @@ def test_rates_may_be_held_for_half_a_second(robot: Robot) -> None:
     elbow = robot.indices(("left_elbow",))
     q[elbow] = robot.upper_rad[elbow] - 0.02
     forearm = robot.at(q).jacobian("left_palm")[:3, elbow[0]]
-    dq = arm_velocity(PARAMS, robot.at(q), "left", [MovingPoint("left_palm", (0, 0, 0), forearm)], REST)
+    dq = rates(robot, q, MovingPoint("left_palm", (0, 0, 0), forearm))
     assert 0.8 * 0.02 < 0.5 * dq[elbow[0]] <= 0.02 + 1e-6
 
 
@@ -91,9 +97,7 @@ def test_the_palm_slides_along_its_sphere(robot: Robot) -> None:
     out, side = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
     for _ in range(60):
         velocity = 0.1 * (out + 0.5 * side)
-        q = q + DT * arm_velocity(
-            PARAMS, robot.at(q), "left", [MovingPoint("left_palm", (0, 0, 0), velocity)], REST, keep_in
-        )
+        q = q + DT * rates(robot, q, MovingPoint("left_palm", (0, 0, 0), velocity), keep_in)
         assert np.linalg.norm(robot.at(q).point("left_palm") - center) < 0.051
     offset = robot.at(q).point("left_palm") - center
     assert np.linalg.norm(offset) > 0.048
@@ -105,9 +109,7 @@ def test_a_palm_outside_its_sphere_is_brought_back(robot: Robot) -> None:
     center = robot.at(q).point("left_palm") + np.array([0.0, 0.0, 0.08])
     for _ in range(40):
         keep_in = KeepIn("left_palm", center, 0.05)
-        q = q + DT * arm_velocity(
-            PARAMS, robot.at(q), "left", [MovingPoint("left_forearm", (0, 0, 0), np.zeros(3))], REST, keep_in
-        )
+        q = q + DT * rates(robot, q, MovingPoint("left_forearm", (0, 0, 0), np.zeros(3)), keep_in)
     assert np.linalg.norm(robot.at(q).point("left_palm") - center) < 0.0505
 
 
@@ -119,15 +121,7 @@ def test_the_palm_slides_along_the_trunk(robot: Robot) -> None:
         q = home(robot)
         begun = robot.at(q).point(palm)
         for _ in range(60):
-            q = q + DT * arm_velocity(
-                PARAMS,
-                robot.at(q),
-                "left",
-                [MovingPoint(palm, (0, 0, 0), velocity)],
-                REST,
-                hold_s=DT,
-                self_collision=avoided,
-            )
+            q = q + DT * rates(robot, q, MovingPoint(palm, (0, 0, 0), velocity), None, DT, avoided)
             gaps.setdefault(avoided, []).append(bodies.distance_m(q))
         if avoided:
             assert abs((robot.at(q).point(palm) - begun)[1]) > 0.05
@@ -147,9 +141,7 @@ def test_from_any_start_also_outside_limits_there_are_rates_that_lead_back(
         q[arm] += rng.choice([-0.3, 0.0, 0.3], len(arm))
         keep_in = KeepIn("left_palm", rng.uniform(-0.3, 0.3, 3), 0.05)
         velocity = rng.normal(size=3)
-        dq = arm_velocity(
-            PARAMS, robot.at(q), "left", [MovingPoint("left_palm", (0, 0, 0), velocity)], REST, keep_in, DT, bodies
-        )
+        dq = rates(robot, q, MovingPoint("left_palm", (0, 0, 0), velocity), keep_in, DT, bodies)
         assert np.all(np.abs(dq) <= 60 * DEG + 1e-6)
         beyond = [np.maximum(np.maximum(p - robot.upper_rad, robot.lower_rad - p), 0.0) for p in (q, q + DT * dq)]
         assert np.all(beyond[1][arm] <= np.maximum(beyond[0][arm] - DT * 60 * DEG, 0.0) + 1e-6)
@@ -158,4 +150,4 @@ def test_from_any_start_also_outside_limits_there_are_rates_that_lead_back(
 @pytest.mark.parametrize("velocity", [(np.nan, 0, 0), (0, np.inf, 0), (0.1, 0)])
 def test_a_velocity_that_is_not_finite_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="expected three finite numbers"):
-        arm_velocity(PARAMS, robot.at(home(robot)), "left", [MovingPoint("left_palm", (0, 0, 0), velocity)], REST)
+        rates(robot, home(robot), MovingPoint("left_palm", (0, 0, 0), velocity))

@@ -1,17 +1,20 @@
 """R eq. 6 by hand, and a ball that never touches the arm (pure kinematics, 20 Hz)."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from control.avoidance import AvoidanceParams, AvoidanceState, Response, control_points, step
+from control.limits import MAX_HOLD_S, LimitParams, limit
+from control.reaching import first_to_touch
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_DEG, home
 from pps_vision.robot.model import Robot
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
-from pps_vision.types import Array, Status, Track3D
+from pps_vision.types import Array, JointVelocity, Status, Track3D
 
 DEG = np.pi / 180
 DT = 0.05
@@ -347,6 +350,80 @@ def test_the_part_that_began_to_reach_touches_and_no_other(robot: Robot) -> None
         gaps = np.linalg.norm(skin.at(robot.at(q))[0] - at, axis=1) - BALL_M - TOUCH_RADIUS_M
         least = np.minimum(least, [gaps[on_forearm].min(), gaps[on_palm].min()])
     assert least[0] < 0 < least[1]
+
+
+@pytest.mark.parametrize("taxel", ["left_forearm:3", "left_palm:101"])
+@pytest.mark.parametrize("active", ["left_forearm_3", "left_palm_101"])
+def test_the_part_reaches_that_the_path_ends_at_whatever_is_active(robot: Robot, taxel: str, active: str) -> None:
+    """A ball at 5 cm/s, 4 s from the taxel that it moves straight to."""
+    skin = icub_skin(("left_forearm", "left_palm"))
+    posture = robot.at(home(robot))
+    points, normals = skin.at(posture)
+    k = skin.index(taxel)
+    params = replace(AT_ONCE, behaviour="reach", come_m=0.0)
+    track = track_at(points[k] + 0.20 * normals[k], -0.05 * normals[k])
+    state, _, _ = step(
+        params, AvoidanceState(), posture, skin, activations_of(skin, **{active: 0.9}), 0.0, may_reach=True, track=track
+    )
+    assert state.mode == "reach"
+    assert state.points[0].frame == taxel.partition(":")[0]
+
+
+# Joints (degrees) of a robot whose right forearm is 3.6 cm from its chest, and where a ball ends that comes to it.
+BESIDE_CHEST_DEG = (0, 6, -1, 0, 15, 0, 20, 0, 0, 0, -40, -7, 22, -35, 4, -4, -37, 9, -13, 58, -41, -1, 14)
+BALL_ENDS, BALL_CAME = np.array([-0.157, 0.031, -0.046]), np.array([-0.021, 0.181, 0.179])
+
+
+@pytest.mark.parametrize(("damping_m", "touches"), [(AvoidanceParams.reach_damping_m, True), (0.003, False)])
+def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot: Robot, damping_m: float, touches: bool) -> None:
+    """Through the last stage, 0.7 s of approach and 2 s of waiting; with little damping alone the arm is too slow."""
+    skin, bodies = icub_skin(("right_forearm", "right_palm")), SelfCollision(robot)
+    q, state, last, last_q, gaps = np.deg2rad(BESIDE_CHEST_DEG), AvoidanceState(), None, None, []
+    at_home = tuple(q[robot.indices(robot.names.arm("right"))])
+    params = AvoidanceParams(at_home, "right", "reach", come_m=0.0, reach_damping_m=damping_m)
+    for i in range(54):
+        t, coming = i * DT, i < 14
+        at = BALL_ENDS - max(0.7 - t, 0.0) * BALL_CAME
+        a = activations_of(skin, right_forearm_159=0.9 * coming)
+        seen = replace(track_at(at, BALL_CAME * coming), stamp_s=t)
+        state, command, _ = step(
+            params, state, robot.at(q), skin, a, t, may_reach=True, self_collision=bodies, track=seen
+        )
+        wanted = JointVelocity(t, command.dq_rad_s, MAX_HOLD_S)
+        last, last_q = limit(LimitParams(), bodies, robot.at(q), wanted, last, last_q), q
+        q = q + DT * last.dq_rad_s
+        assert bodies.distance_m(q) > LimitParams().clearance_m
+        gaps.append(np.linalg.norm(skin.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)
+    assert (min(gaps) < TOUCH_RADIUS_M) == touches
+
+
+def always(dq: Array) -> Callable[[object], Array]:
+    return lambda _: dq
+
+
+def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot: Robot, rng: np.random.Generator) -> None:
+    """Gaps by the speeds at which they close, by finite differences; all taxels are moved by the same joint rates."""
+    skin, q = icub_skin(("left_forearm", "left_palm")), home(robot)
+    posture, aimed_at = robot.at(q), skin.index("left_forearm:3")
+    positions, normals = skin.at(posture)
+    side = [i for i in np.flatnonzero(skin.part_index == 0) if normals[i] @ normals[aimed_at] > 0]
+    others = 0
+    for _ in range(20):
+        at = positions[aimed_at] + 0.1 * normals[aimed_at] + rng.uniform(-0.03, 0.03, 3)
+        dq = np.zeros(robot.n_joints)
+        dq[robot.indices(robot.names.arm("left"))] = rng.uniform(-0.3, 0.3, 7)
+        gaps, later = (
+            np.linalg.norm(skin.at(robot.at(q + s * dq))[0][side] - at, axis=1) - BALL_M - TOUCH_RADIUS_M
+            for s in (0.0, 1e-6)
+        )
+        closing = (gaps - later) / 1e-6
+        if closing.max() < 1e-3:
+            continue
+        best = side[int(np.where(closing > 0, gaps / closing, np.inf).argmin())]
+        way = first_to_touch(0.1, aimed_at, posture, skin, track_at(at, np.zeros(3)), always(dq))
+        np.testing.assert_allclose(posture.point(way.point.frame, way.point.point), positions[best], atol=1e-9)
+        others += best != side[int(gaps.argmin())]
+    assert others > 3
 
 
 def track_at(position: Array, velocity: Array, radius_m: float = BALL_M, status: Status = Status.TRACKING) -> Track3D:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from control import fixation, lean, search
-from control.arm import ArmParams, MovingPoint, arm_velocity
+from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
 from control.avoidance import AvoidanceParams, AvoidanceState
 from control.avoidance import step as avoid
 from control.head import gaze_of
@@ -234,7 +234,8 @@ def test_a_command_that_has_ended_is_not_braked_from(robot: Robot, bodies: SelfC
 def towards_the_chest(robot: Robot, q: Array) -> Array:
     """Rates of the left arm that take the forearm inwards at 10 cm/s."""
     point = MovingPoint("left_forearm", (0, -0.07, 0), (0.05, 0.1, 0))
-    return arm_velocity(ArmParams(), robot.at(q), "left", [point], HOME_ARM_RAD)
+    constraints = arm_constraints(ArmParams(), robot.at(q), "left", HOME_ARM_RAD)
+    return arm_velocity(ArmParams(), robot.at(q), constraints, [point])
 
 
 def test_an_arm_pressed_against_the_chest_stops_20_mm_before_it(robot: Robot, bodies: SelfCollision) -> None:

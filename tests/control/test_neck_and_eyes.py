@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from eyes import fixation_point
 
 from control import limits, neck_and_eyes
 from control.fixation import fixation_error, gaze_at
 from control.head import carried_velocity
 from control.limits import LimitParams
 from control.neck_and_eyes import NeckAndEyesParams, joints
-from pps_vision.robot.gaze import fixation_point
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from control.arm import ArmParams, MovingPoint, arm_velocity
+from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
 from control.avoidance import AvoidanceParams, AvoidanceState, step
 from control.path_clearance import direction_off_path, predicted_distances
 from pps_vision.robot.icub import HOME_ARM_RAD, home
@@ -61,6 +61,7 @@ def test_a_joint_at_its_limit_is_predicted_to_stay(robot: Robot) -> None:
 def withdrawing(robot: Robot, taxel: int) -> Callable[[Array | None], Array]:
     """Rates of an arm whose taxel moves at 10 cm/s in a direction, or against its normal."""
     posture, params = robot.at(home(robot)), ArmParams()
+    constraints = arm_constraints(params, posture, "left", HOME_ARM_RAD)
     part_k = int(SKIN.part_index[taxel])
     part, k = SKIN.parts[part_k], taxel - int(np.flatnonzero(SKIN.part_index == part_k)[0])
     normal = SKIN.at(posture)[1][taxel]
@@ -68,7 +69,7 @@ def withdrawing(robot: Robot, taxel: int) -> Callable[[Array | None], Array]:
     def rates_towards(direction: Array | None) -> Array:
         velocity = 0.1 * (-normal if direction is None else direction)
         point = MovingPoint(part.frame, part.positions_m[k], velocity, free_across=True)
-        return arm_velocity(params, posture, "left", [point], HOME_ARM_RAD)[arm_of(robot)]
+        return arm_velocity(params, posture, constraints, [point])[arm_of(robot)]
 
     return rates_towards
 

@@ -1,6 +1,7 @@
 """The README's table says what the result files say."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -20,12 +21,28 @@ def test_every_claim_is_measured_by_a_study() -> None:
 def test_a_claim_is_read_from_its_study_and_absent_ones_are_left_out(tmp_path: Path) -> None:
     counts = {"avoidance on": 1, "avoidance off": 19, "receding": 0, "static": 2, "own arm": 3}
     numbers = {case: {"touched": count, "commanded": count} for case, count in counts.items()}
-    (tmp_path / "loop.json").write_text(json.dumps({**MACHINE, "n": 20, **numbers}))
+    (tmp_path / "loop.json").write_text(json.dumps({**MACHINE, "processor_min": 2.5, "n": 20, **numbers}))
     study = Claims(tmp_path)
-    (row,) = study.run()["claims"]
+    numbers = study.run()
+    (row,), (run,) = numbers["claims"], numbers["studies"]
     assert row["measured"] == "1 / 19 of 20; 0, 2, 3 of 20"
-    assert (row["commit"], row["seed"], row["study"]) == ("abc1234", 7, "loop")
-    assert study.tables({"claims": [row]})[""].rows[0][2] == row["measured"]
+    assert (run["commit"], run["seed"], run["n"], run["study"]) == ("abc1234", 7, None, "loop")
+    tables = study.tables(numbers)
+    assert tables[""].rows[0][2] == row["measured"]
+    assert [list(line)[-1] for line in tables["studies"].rows] == ["2.5", "2"]  # of the study, and of all
+
+
+def test_the_pages_named_for_the_studies_show_them() -> None:
+    docs = RESULTS.parent
+    rows = [line for line in (docs / "measured.md").read_text().splitlines() if line.startswith("| [")]
+    named = set()
+    for row in rows:
+        pages = "".join((docs / page).read_text() for page in re.findall(r"\((\w+\.md)\)", row))
+        studies = re.findall(r"`(\w+?_?)…?`", row)
+        assert all(study in pages for study in studies), row
+        named |= set(studies)
+    groups = tuple(study for study in named if study.endswith("_"))
+    assert set(catalogue()) - {"claims"} == {one for one in catalogue() if one in named or one.startswith(groups)}
 
 
 @pytest.mark.parametrize("claim", MEASURED, ids=lambda claim: claim.study)

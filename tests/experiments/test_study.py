@@ -54,6 +54,23 @@ def test_times_are_processor_times_and_their_ratio_is_of_one_recording() -> None
     assert cells["own clock"]["ms"] == [2, 3, 4]
 
 
+def test_methods_are_timed_by_turns_and_judged_once() -> None:
+    order = []
+
+    def method(name: str, ms: float):
+        def run(_: int, __: int) -> dict[str, list[float]]:
+            order.append(name)
+            return {"error": [float(len(order))], "ms": [ms + order.count(name)]}
+
+        return run
+
+    cells = compare({"a": int}, {"ours": method("ours", 10), "other": method("other", 20)}, METRICS, (1,), "other", 3)
+    assert order == ["ours", "other"] * 3
+    assert cells["a"]["ours"]["ms"] == pytest.approx([11.5, 12, 12.5])
+    assert cells["a"]["ours"]["ratio"][0] == pytest.approx(12 / 22)
+    assert cells["a"]["ours"]["rms"][0] == 1  # the first turn's
+
+
 def test_intervals_are_of_independent_units() -> None:
     """100 copies of a value within a recording add nothing; 40 recordings give the normal interval of their mean."""
     rng = np.random.default_rng(1)

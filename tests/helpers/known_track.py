@@ -27,7 +27,7 @@ class KnownTrack:
         if now is not None:
             mean = np.array([*now, np.zeros(3), np.zeros(3)])
             track = Track3D(frame.stamp_s, mean, self.cov, 0.02, 1e-8, Status.TRACKING)
-        return TrackerStep(track, (), None, ((), ()), np.zeros(3))
+        return TrackerStep(track, (), None, np.zeros(3))
 
 
 def frame_at(stamp_s: float, q_left: Array, q_right: Array | None = None) -> StereoFrame:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning.archive import read_archive, write_archive, written_by
+from learning.archive import read_archive, write_archive
 from pps_vision.errors import InputError
 
 
@@ -17,7 +17,7 @@ def test_what_is_written_is_read_and_nothing_else_is_left(tmp_path: Path) -> Non
     assert found["x"].tolist() == [0, 1, 2]
     assert found["names"].tolist() == ["a", "b"]
     assert list(tmp_path.iterdir()) == [file]
-    assert written_by(file) == version("pps-vision")
+    assert found["written_by"] == version("pps-vision")
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

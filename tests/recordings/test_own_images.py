@@ -59,6 +59,14 @@ def test_folders_of_stamps_pair_by_them(tmp_path: Path) -> None:
     assert [(p.kind, p.file.name) for p in recording.problems] == [(ProblemKind.UNPAIRED, left[1])]
 
 
+def test_a_rate_that_replaces_stamps_in_names_is_told(tmp_path: Path) -> None:
+    sides = [[str(tmp_path / side)] for side in ("left", "right")]
+    for (folder,) in sides:
+        write(Path(folder), [f"{t}.png" for t in NS])
+    assert open_stereo_images(*sides, fps=20).warnings == ()
+    assert open_stereo_images(*sides, fps=30).warnings == ("--fps 30 replaces the files' own 20.00",)
+
+
 def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"0001\.png: its name is no stamp; expected --fps, --times, or"):
         own(tmp_path, ["0001.png"], ["0001.png"])
@@ -118,6 +126,10 @@ def test_euroc(tmp_path: Path, place: str) -> None:
     assert recording.rig is not None
     np.testing.assert_allclose(recording.rig.view().right.center, [0.11, 0, 0], atol=1e-12)
     assert [p.file.name for p in recording.problems] == [f"{NS[1]}.png"]
+    sensor = tmp_path / place / "cam1" / "sensor.yaml"
+    sensor.unlink()
+    bare = open_recording(tmp_path)
+    assert (bare.rig, len(bare), bare.calibration_at) == (None, 4, f"{sensor}, or two by --calib")
 
 
 @pytest.mark.parametrize("colour", [False, True])
@@ -136,6 +148,9 @@ def test_kitti(tmp_path: Path, colour: bool) -> None:
     with pytest.raises(InputError, match=r"times\.txt: cannot be read"):
         open_recording(tmp_path)
     np.testing.assert_allclose([f.stamp_left_s for f in open_recording(tmp_path, fps=10)], [0, 0.1])
+    (tmp_path / "calib.txt").unlink()
+    bare = open_recording(tmp_path, fps=10)
+    assert (bare.rig, bare.calibration_at) == (None, f"{tmp_path / 'calib.txt'}, or one by --calib")
 
 
 def test_euroc_without_names_of_images_is_refused(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
-from pps_vision.recordings.problems import Problem, ProblemKind
+from pps_vision.recordings.problems import Problem, ProblemKind, count_by_kind
 from pps_vision.recordings.recording import Recording, distinct_stamps, pair_by_stamp, usual_size
 
 
@@ -31,22 +31,23 @@ def test_the_unpaired_are_named_by_file_and_line() -> None:
     assert pairs == [(0.0, 0.005)]
     assert {problem.kind for problem in problems} == {ProblemKind.UNPAIRED}
     assert [str(problem) for problem in problems] == [
-        "left/data.log:2: 2.ppm is unpaired; expected a right image within 20 ms",
-        "left/data.log:3: 3.ppm is unpaired; expected a right image within 20 ms",
+        "left/data.log:2: 2.ppm to 3.ppm (2) are unpaired; expected a right image within 20 ms",
         "right/data.log:2: 2.ppm is unpaired; expected a left image within 20 ms",
     ]
+
+    assert count_by_kind(problems)["unpaired_frame"] == 3
 
 
 def test_one_eye_without_images_pairs_nothing() -> None:
     pairs, problems = pair([], [0.0, 0.1])
     assert pairs == []
-    assert len(problems) == 2
+    assert [problem.count for problem in problems] == [2]
 
 
 def test_two_images_of_one_stamp_make_one_pair() -> None:
     pairs, problems = pair([1.0, 1.0, 2.0], [1.0, 2.0, 2.0, 2.0])
     assert pairs == [(1.0, 1.0), (2.0, 2.0)]
-    assert len(problems) == 3
+    assert sum(problem.count for problem in problems) == 3
 
 
 @pytest.mark.parametrize("skew", [-0.1, float("nan"), float("inf")])
@@ -61,7 +62,7 @@ stamps = st.lists(st.integers(0, 400).map(lambda n: n / 1000), max_size=12)
 @given(left=stamps, right=stamps)
 def test_pairs_are_one_to_one_close_and_in_order(left: list[float], right: list[float]) -> None:
     pairs, problems = pair(left, right)
-    assert len(left) + len(right) == 2 * len(pairs) + len(problems)
+    assert len(left) + len(right) == 2 * len(pairs) + sum(problem.count for problem in problems)
     assert all(abs(a - b) <= 0.02 + 1e-12 for a, b in pairs)
     for eye in range(2):
         chosen = [p[eye] for p in pairs]

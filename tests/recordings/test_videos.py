@@ -64,6 +64,7 @@ def test_two_videos_pair_by_stamp(tmp_path: Path, calib: Path) -> None:
 
 def test_a_frame_rate_overrides_the_stamps(tmp_path: Path, calib: Path) -> None:
     recording = two(tmp_path, calib, UNEVEN, UNEVEN, fps=10)
+    assert recording.warnings == ("--fps 10 replaces the files' own 20.00",)
     np.testing.assert_allclose([f.stamp_s for f in recording], np.arange(6) / 10)
 
 
@@ -80,6 +81,47 @@ def test_a_file_of_stamps_overrides_them_too(tmp_path: Path, calib: Path) -> Non
         open_recording(file, calib=[calib], times=tmp_path / "times.txt")
 
 
+def test_one_name_is_enough_for_each_option(tmp_path: Path, calib: Path) -> None:
+    left, right = (write_video(tmp_path / f"{side}.mp4", UNEVEN) for side in "lr")
+    for given in (open_recording(left=str(left), right=right, calib=str(calib)), two(tmp_path, calib, UNEVEN, UNEVEN)):
+        assert (len(given), given.name, given.rig is None) == (6, str(left), False)
+    with pytest.raises(InputError, match=r"--right .*r\.mp4 without --left; expected both"):
+        open_recording(right=right, calib=calib)
+
+
+@pytest.mark.parametrize(("more", "warned"), [(2, False), (33, True)])
+def test_a_video_that_ends_early_is_the_one_that_is_named(tmp_path: Path, calib: Path, more: int, warned: bool) -> None:
+    recording = two(tmp_path, calib, [k / 25 for k in range(17)], [k / 25 for k in range(17 + more)])
+    left, right = tmp_path / "l.mp4", tmp_path / "r.mp4"
+    said = f"{left} ends early (17 frames, 0.64 s); {right} has {more} more"
+    assert recording.warnings == ((said,) if warned else ())
+    (row,) = map(str, recording.problems)
+    assert row.startswith(f"{right}: frame 17 to frame {16 + more} ({more}) are unpaired")
+    assert recording.skipped == more
+
+
+@pytest.mark.parametrize(("suffix", "share", "said"), [("mkv", 0.5, "its header states 1.96 s"), ("mkv", 1.0, "")])
+def test_a_video_without_its_end(tmp_path: Path, calib: Path, suffix: str, share: float, said: str) -> None:
+    file = write_video(tmp_path / f"v.{suffix}", [k / 25 for k in range(50)], size=(320, 120))
+    file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+    found = "".join(open_recording(file, calib=calib).warnings)
+    assert (f"{file} ends early (" in found, said in found) == (bool(said), True)
+
+
+def test_a_video_that_was_cut_before_its_index_is_refused_in_words(tmp_path: Path) -> None:
+    file = write_video(tmp_path / "v.mp4", UNEVEN)
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(InputError, match=r"v\.mp4: cannot be read: it is damaged, cut off or no video; expected a"):
+        open_recording(file)
+
+
+def test_left_and_right_images_of_different_sizes_are_refused(tmp_path: Path, calib: Path) -> None:
+    write_video(tmp_path / "l.mp4", UNEVEN)
+    write_video(tmp_path / "r.mp4", UNEVEN, size=(80, 60))
+    with pytest.raises(InputError, match=r"r\.mp4: 80×60 pixels; left images are 160×120"):
+        open_recording(left=tmp_path / "l.mp4", right=tmp_path / "r.mp4", calib=calib)
+
+
 def test_side_by_side(tmp_path: Path, calib: Path) -> None:
     recording = open_recording(write_video(tmp_path / "both.mp4", UNEVEN, size=(320, 120)), calib=[calib])
     for _ in range(2):  # it iterates more than once
@@ -87,8 +129,10 @@ def test_side_by_side(tmp_path: Path, calib: Path) -> None:
         np.testing.assert_allclose([f.stamp_s for f in frames], UNEVEN, atol=1e-9)
         assert {f.left.shape for f in frames} | {f.right.shape for f in frames} == {(120, 160, 3)}
         np.testing.assert_allclose([np.mean(f.right) - np.mean(f.left) for f in frames], 100, atol=2)
-    with pytest.raises(InputError, match="holds no calibration"):
-        open_recording(tmp_path / "both.mp4")
+    bare = open_recording(tmp_path / "both.mp4")
+    assert (bare.rig, len(bare)) == (None, len(UNEVEN))
+    with pytest.raises(InputError, match=r"both\.mp4: holds no calibration; expected one by --calib"):
+        list(track(bare))
     with pytest.raises(InputError, match="no usable frame; expected at least one readable stereo pair"):
         list(track(recording).path([]))
     odd = write_video(tmp_path / "odd.avi", [0.0, 0.05], "mjpeg", size=(161, 120))

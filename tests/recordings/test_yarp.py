@@ -267,7 +267,7 @@ def test_a_folder_of_no_known_format_is_named(tmp_path: Path) -> None:
 
 
 def test_a_missing_folder_and_a_port_found_twice_are_named(rec: Written) -> None:
-    with pytest.raises(InputError, match="none: no such folder"):
+    with pytest.raises(InputError, match="none: no such file or folder"):
         open_recording(rec.folder / "none")
     shutil.copytree(rec.folder / "head", rec.folder / "old" / "head")
     with pytest.raises(InputError, match=r"a second log for head; expected one, and .*head/data\.log is there"):

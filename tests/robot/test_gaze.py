@@ -4,16 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from eyes import fixation_point
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_squares
-from pps_vision.robot.gaze import GazeLimits, GazeModel, fixation_point, fixation_points, gaze_for_points
+from pps_vision.geometry.triangulation import midpoint
+from pps_vision.robot.gaze import GazeLimits, GazeModel, _meeting_points, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub, set_gaze
 from pps_vision.robot.model import FrameNames, Robot
 
 ROBOT = load_icub()
 MODEL = GazeModel(ROBOT)
-DEG = np.pi / 180
 ZERO = np.zeros(ROBOT.n_joints)
 
 
@@ -38,22 +39,21 @@ def test_batch_and_posture_agree_and_both_eyes_look_there():
             assert z > 0
 
 
-def test_skew_optical_axes_give_the_midpoint_between_them():
-    """With the left eye turned about its own axis of sight's normal the rays are skew: the midpoint is
-    as far from one ray as from the other, and no point is nearer to both."""
-    posture = ROBOT.at(set_gaze(ROBOT, ZERO + 0.1, version=0.2, vergence=0.3))
-    point = fixation_point(posture)
-    away = []
-    for eye in ("left_eye", "right_eye"):
-        T = posture.T_root(eye)
-        away.append(np.linalg.norm(np.cross(point - T[:3, 3], T[:3, 2])))
-    assert away[0] == pytest.approx(away[1], abs=1e-12)
+def test_axes_meet_where_triangulation_says():
+    """Random axes, skew, and some that are nearest behind one origin or both."""
+    rng = np.random.default_rng(0)
+    (c_left, a_left), (c_right, a_right) = rng.normal(size=(2, 2, 200, 3))
+    for a in (a_left, a_right):
+        a /= np.linalg.norm(a, axis=1, keepdims=True)
+    found = _meeting_points(c_left, a_left, c_right, a_right)
+    expected = [midpoint(*axes) for axes in zip(c_left, a_left, c_right, a_right, strict=True)]
+    assert {point is None for point in expected} == {True, False}
+    np.testing.assert_allclose(found, [np.full(3, np.nan) if one is None else one for one in expected], atol=1e-9)
 
 
 @pytest.mark.parametrize("vergence_deg", [0.0, -10.0])
 def test_eyes_that_do_not_converge_fixate_nothing(vergence_deg):
     vergence = np.deg2rad(vergence_deg)
-    assert fixation_point(ROBOT.at(set_gaze(ROBOT, ZERO, vergence=vergence))) is None
     assert np.isnan(fixation_points(ROBOT, [[0, 0, vergence]])).all()
 
 
@@ -65,16 +65,6 @@ def test_axes_that_are_nearly_parallel(vergence, meets):
         np.testing.assert_allclose(-point[0], 0.068 / vergence, rtol=1e-3)
     else:
         assert np.isnan(point).all()
-
-
-@pytest.mark.parametrize("pans_deg", [(100, 5), (-5, -100)])
-def test_axes_that_cross_behind_one_eye_only_fixate_nothing(pans_deg):
-    """Eyes turned farther than the robot's can be: before one, behind the other."""
-    q = np.array(ZERO)
-    q[ROBOT.indices(("left_eye_pan", "right_eye_pan"))] = np.deg2rad(pans_deg)
-    assert fixation_point(ROBOT.at(q)) is None
-    q[ROBOT.indices(("left_eye_pan", "right_eye_pan"))] = 10 * DEG, -10 * DEG
-    assert fixation_point(ROBOT.at(q)) is not None
 
 
 @pytest.mark.parametrize("limits", [GazeLimits(), GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))])

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from eyes import fixation_point
 
 from pps_vision.robot import icub
-from pps_vision.robot.gaze import fixation_point
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 

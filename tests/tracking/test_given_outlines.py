@@ -47,7 +47,7 @@ def steps(shapes: list[Pair], params: TrackerParams | None = None, right_later_s
         images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(tracker, "_follow", lambda state, *_, detected=detected, **__: (state, detected))
-            patch.setattr(tracker, "_acquire", lambda state, *_, detected=detected, **__: (state, detected, ([], [])))
+            patch.setattr(tracker, "_acquire", lambda state, *_, detected=detected, **__: (state, detected))
             steps.append(tracker.step(StereoFrame(*images, DT * k, DT * k + right_later_s)))
     return steps
 
@@ -99,7 +99,7 @@ def test_a_place_that_turns_out_to_be_empty_is_background_and_no_object(monkeypa
     tracker = Tracker(TrackerParams(), RIG, rng)
     detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in both())
     monkeypatch.setattr(CameraTracker, "absorb", lambda self, camera, found: absorbed.append((self.name, found)))
-    monkeypatch.setattr(tracker, "_acquire", lambda state, *_, **__: (state, detected, ([], [])))
+    monkeypatch.setattr(tracker, "_acquire", lambda state, *_, **__: (state, detected))
     status = []
     for k in range(9):
         cameras = tuple(CameraState(emptiness=1.0 * (k == 6 and eye == 1)) for eye in (0, 1))

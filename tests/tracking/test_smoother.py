@@ -117,7 +117,7 @@ def _steps(rng: np.random.Generator) -> tuple[list[TrackerStep], list[np.ndarray
         if k == 39:
             track = Track3D.unknown(t, Status.LOST)
         one = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
-        steps.append(TrackerStep(track, (), one, ([], []), np.zeros(3)))
+        steps.append(TrackerStep(track, (), one, np.zeros(3)))
         truth.append(true)
     return steps, truth
 
@@ -184,7 +184,7 @@ def _long(params: KalmanParams, n: int, rng: np.random.Generator) -> Iterator[Tr
             params = scaled(params, float(np.linalg.norm(z)))
         belief, track = _tracked(params, belief, t, z, cov)
         one = None if z is None else Observation3D(t, z, cov, 0.03, 1e-6, 0.1)
-        yield TrackerStep(track, (), one, ([], []), np.zeros(3))
+        yield TrackerStep(track, (), one, np.zeros(3))
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])

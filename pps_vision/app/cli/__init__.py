@@ -17,7 +17,7 @@ COMMANDS = (
     *("render", "info", "calibrate", "track", "track2d", "batch", "evaluate", "truth", "learn", "joints", "trials"),
     *("report", "show", "convert-taxels", "reach", "demo", "bench"),
 )
-_WHAT = "Stereo vision for robots that feel what is about to touch them."
+_WHAT = "Stereo vision for robots that feel what is about to touch them. `pps-vision --version` says which version."
 
 
 class Command(Protocol):

@@ -1,11 +1,15 @@
 """`pps-vision batch`: track many recordings, or learn from them."""
 
+import shlex
+import sys
+import time
 from dataclasses import dataclass, fields
+from datetime import UTC, datetime
 from pathlib import Path
 
 from tyro.conf import Positional
 
-from pps_vision.app.cli.options import SourceOptions
+from pps_vision.app.cli.options import SourceOptions, command_line
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from tracking import DEFAULT_ORDER, Mode
@@ -21,7 +25,7 @@ class Batch:
     Run again, it does what is left to do: finished recordings are kept, failed ones tried again.  A manifest is a CSV
     file with a column `name`, and of the columns rec, left, right, calib, times, fps, unit_m, joints, max_skew_s (with
     --learn of rec, calib, taxels, joints, max_skew_s, robot, urdf, skin) those that are needed (several files in a
-    field separated by ';', paths from the manifest's folder).
+    field separated by ';', paths from the manifest's folder); a row's values go before the options for all.
     """
 
     recordings: Positional[tuple[str, ...]]
@@ -39,6 +43,8 @@ class Batch:
     """Frames per second of all, as for `track`."""
     unit_m: float = 1.0
     """Metres per length unit of the calibration."""
+    max_skew_s: float = SourceOptions.max_skew_s
+    """Left and right images further apart in time are no pair."""
     mode: Mode = "generic"
     """generic: whatever moves; marker: a green marker."""
     order: int = DEFAULT_ORDER
@@ -57,9 +63,12 @@ class Batch:
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Do what is left to do, and print what failed; exit code 2 if all failed."""
-        from pps_vision.app.batch import Task, jobs_of, run_batch
+        """Do what is left to do, and print what failed; exit code 1 if some failed, 2 if all did."""
+        from pps_vision.app.batch import SUMMARY, Task, jobs_of, run_batch
+        from pps_vision.app.versions import versions
+        from pps_vision.recordings.outputs import whole_file, write_json
 
+        started, begun_s = datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic()
         jobs = jobs_of(
             self.recordings, LEARN_COLUMNS if self.learn else [field.name for field in fields(SourceOptions)]
         )
@@ -67,21 +76,36 @@ class Batch:
             raise InputError("batch", "no recording given; expected one or more")
         task = Task("learn" if self.learn else "track", tuple(self._options()), self.out)
         rows = run_batch(jobs, task, self.workers, self.scheduler, self.parquet)
+        failed = [row for row in rows if row["status"] == "failed"]
+        rest = command_line("batch", self, fields(self)[1:]).removeprefix("pps-vision batch ")
+        summary = {
+            "command": f"pps-vision batch {shlex.join(self.recordings)} {rest}",
+            "settings": {field.name: getattr(self, field.name) for field in fields(self)[2:]},
+            "recordings": len(rows),
+            "failed": len(failed),
+            "started": started,
+            "seconds": round(time.monotonic() - begun_s, 1),
+            "versions": versions(),
+        }
+        with whole_file(self.out / SUMMARY) as partial:
+            write_json(partial, summary)
         if self.report:
             from pps_vision.app.report.tracking import write_batch_report
 
             write_batch_report(self.out)
-        failed = [row for row in rows if row["status"] == "failed"]
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")
         done = "learned" if self.learn else "tracked"
         print(f"{len(rows) - len(failed)} of {len(rows)} recordings {done} → {self.out / 'batch.csv'}")
         if len(failed) == len(rows):
             raise InputError("batch", f"none of {len(rows)} recordings could be {done}")
+        if failed:
+            sys.exit(1)
 
     def _options(self) -> list[str]:
         """What the command is given for every recording."""
         words = [f"--mode={self.mode}", f"--seed={self.seed}"]
+        words += [f"--max-skew-s={self.max_skew_s}"] if self.max_skew_s != SourceOptions.max_skew_s else []
         calib = ["--calib", *(str(file.resolve()) for file in self.calib)] if self.calib else []
         if self.learn:
             tracking = ("fps", "unit_m", "order", "smooth", "also", "report")

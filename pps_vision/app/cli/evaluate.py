@@ -1,5 +1,6 @@
 """`pps-vision evaluate`: the errors of one or several trackers against the truth."""
 
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -83,6 +84,10 @@ class Evaluate:
         from pps_vision.app.evaluate import evaluate, read_path
 
         *paths, true_path = (read_path(file, self.fps) for file in self.files)
+        for path in (*paths, true_path):
+            if n := len(path.missing):
+                lines = f"{'from ' * (n > 1)}line {path.missing[0]}"
+                print(f"{n} row{'s' * (n > 1)} of {path.name} without a position ({lines})", file=sys.stderr)
         scores = [evaluate(path, true_path, self.lag, self.align) for path in paths]
         rows = [asdict(score) for score in scores]
         if not drawn:

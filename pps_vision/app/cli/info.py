@@ -25,14 +25,15 @@ class Info(SourceOptions):
 
         recording = self.open()
         found = info(recording)
+        command = self.command(with_calib=recording.rig is None)
         if self.json:
-            numbers = asdict(found) | {"command": self.command(), "versions": versions()}
+            numbers = asdict(found) | {"command": command, "versions": versions()}
             print(json.dumps(plain(numbers), indent=2, ensure_ascii=False))
             return
         print_skipped(recording.problems)
         print(found)
-        print(self.command())
+        print(command)
 
-    def command(self) -> str:
-        """The command that tracks this recording."""
-        return command_line("track", self, fields(SourceOptions)) + " --out path"
+    def command(self, with_calib: bool) -> str:
+        """The command that tracks this recording; with a place for the calibration that it lacks."""
+        return command_line("track", self, fields(SourceOptions)) + " --calib FILE" * with_calib + " --out path"

@@ -36,7 +36,7 @@ class Learn(RobotOptions, RecordingOptions):
             memory = learned.memory
             rejected = ", ".join(f"{n} {what}" for what, n in learned.rejected.items() if n)
             print(
-                f"{recording.name}: {learned.samples} samples learned, {len(recording.problems)} problems skipped"
+                f"{recording.name}: {learned.samples} samples learned, {recording.skipped} problems skipped"
                 + (f"; rejected: {rejected}" if rejected else "")
             )
 

@@ -145,7 +145,7 @@ class RecordingOptions:
                 try:
                     use(recording)
                 finally:
-                    print_skipped(recording.problems)
+                    print_skipped(recording.problems, recording.warnings)
             except (InputError, OSError) as error:
                 skipped.append(error)
                 if len(self.recordings) > 1:
@@ -174,7 +174,9 @@ class Used:
             raise ExceptionGroup("bugs of pps-vision; the recordings are left out", self.bugs)
 
 
-def print_skipped(problems: Iterable[object]) -> None:
-    """Print what was skipped on the error stream."""
+def print_skipped(problems: Iterable[object], warnings: Iterable[str] = ()) -> None:
+    """Print what was skipped, and what is suspicious, on the error stream."""
     for problem in problems:
         print(f"skipped: {problem}", file=sys.stderr)
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)

@@ -20,5 +20,4 @@ class Report:
         """Read the results and write the page."""
         from pps_vision.app.report.tracking import REPORT, report_folder
 
-        n = report_folder(self.folder)
-        print(f"{n} recordings → {self.folder / REPORT}")
+        print(report_folder(self.folder), "→", self.folder / REPORT)

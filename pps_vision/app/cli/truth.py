@@ -44,7 +44,7 @@ class Truth(SourceOptions):
                 recording, self.aruco, self.tag_mm / 1000, np.array(self.offset_mm) / 1000, self.dictionary
             )
             write_tum_rows(partial, found.stamps_s, found.position)
-        print_skipped(recording.problems)
+        print_skipped(recording.problems, recording.warnings)
         side_mm = 1000 * float(np.median(found.sides_m))
         if abs(side_mm / self.tag_mm - 1) > _SIDE_OFF:
             print(f"warning: the tag measures {side_mm:.1f} mm, not {self.tag_mm:g}: wrong unit?", file=sys.stderr)

@@ -11,23 +11,23 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from pps_vision.app.batch import SUMMARY, TRACK_TABLE
 from pps_vision.app.report import page
 from pps_vision.app.report.approach import distance_and_ttc
 from pps_vision.app.report.path3d import path3d
 from pps_vision.app.report.shade import shade
-from pps_vision.errors import InputError
+from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.tables import ACTIVATION, read_table
-from pps_vision.recordings.text import finite
+from pps_vision.recordings.tables import ACTIVATION, COVARIANCE, covariances, numbers, read_table
 from pps_vision.types import Array, Status
 
 REPORT = "report.html"
 KEY_FRAMES = "keyframes"
 _COLORS = {Status.TRACKING: "#2a9d4a", Status.COASTING: "#e0a020", Status.LOST: "#d33", Status.SEARCHING: "#999"}
 _FEW_TRACKED = 0.5  # share of pairs, below which the report says so first
+_MOST_NAMES = 80  # recordings of a batch that are named in its figure
 _LARGEST_VIDEO = 20 * 2**20
-_COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
 
 
 @dataclass(frozen=True)
@@ -65,16 +65,17 @@ def write_report(folder: Path) -> None:
         partial.write_text(report(read_tracked(folder)), encoding="utf-8", errors="backslashreplace")
 
 
-def report_folder(folder: Path) -> int:
-    """Write the report of a tracked recording, or of a batch and all its recordings; return how many these are."""
+def report_folder(folder: Path) -> str:
+    """Write the report of a tracked recording, or of a batch and all its recordings; return how much was tracked."""
     if not (folder / "batch.csv").is_file():
         write_report(folder)
-        return 1
-    done = [row[0] for _, row in read_table(folder / "batch.csv", ["name", "status"]) if row[1] == "done"]
+        return _measured(read_summary(folder))
+    rows = [row for _, row in read_table(folder / "batch.csv", ["name", "status"])]
+    done = [name for name, status in rows if status == "done"]
     for name in done:
         write_report(folder / name)
     write_batch_report(folder)
-    return len(done)
+    return f"{len(done)} of {len(rows)} recordings tracked"
 
 
 def write_batch_report(folder: Path) -> None:
@@ -88,11 +89,10 @@ def read_tracked(folder: Path) -> Tracked:
     summary = read_summary(folder)
     file = folder / "trajectory.csv"
     with_map = ["reach_degree"] if "reach_degree" in _header(file) else []
-    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *_COVARIANCE, *with_map]
+    columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map]
     rows = read_table(file, [*columns, "status"])
     values = _numbers(file, [(line, row[:-1]) for line, row in rows], len(columns))
-    upper, cov = np.triu_indices(3), np.full((len(rows), 3, 3), np.nan)
-    cov[:, upper[0], upper[1]] = cov[:, upper[1], upper[0]] = values[:, 7:13]
+    cov = covariances(values[:, 7:13])
     true = Path(str(summary.get("source", ""))) / "truth.csv"
     truth: Array = np.zeros((0, 4))
     if true.is_file():
@@ -122,8 +122,9 @@ def _activation(file: Path, n: int) -> dict[str, Array]:
 def read_summary(folder: Path) -> dict[str, Any]:
     """Return what summary.json of a tracked recording holds."""
     file = folder / "summary.json"
+    content = read_bytes(file, "the summary of a tracked recording")
     try:
-        summary = json.loads(read_bytes(file, "the summary of a tracked recording"))
+        summary = json.loads(content)
     except ValueError as error:
         raise InputError(file, f"{error}; expected the summary of a tracked recording") from error
     if not isinstance(summary, dict) or not {"frames", "status", "ms_per_pair"} <= summary.keys():
@@ -133,7 +134,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 def warnings_of(summary: Mapping[str, Any]) -> list[str]:
     """What whoever uses the results has to know first."""
-    found = []
+    found = list(summary.get("warnings", ()))
     frames = max(1, int(summary["frames"]))
     share = summary["status"].get("tracking", 0) / frames
     if share < _FEW_TRACKED:
@@ -185,9 +186,15 @@ def report(tracked: Tracked) -> str:
     ]
     warned = "".join(f"<li>{html.escape(text)}</li>" for text in warnings_of(summary))
     opening = f'<ul class="warnings">{warned}</ul>' if warned else "<p>No warnings.</p>"
-    frames = summary["frames"]
-    lead = f"{summary['status'].get('tracking', 0)} of {frames} stereo pairs measured, {len(tracked.stamps_s)} rows"
+    lead = f"{_measured(summary)}, {len(tracked.stamps_s)} rows"
+    if size := summary.get("object"):
+        interval = f"{1000 * size['low_95_m']:.3g}–{1000 * size['high_95_m']:.3g}"
+        lead += f", object {1000 * size['diameter_m']:.3g} mm across (95 %: {interval})"
     return page.page(str(summary.get("source", tracked.folder)), lead, opening, sections)
+
+
+def _measured(summary: Mapping[str, Any]) -> str:
+    return f"{summary['status'].get('tracking', 0)} of {summary['frames']} stereo pairs measured"
 
 
 def _images(folder: Path) -> str:
@@ -303,8 +310,11 @@ def _repeat(summary: Mapping[str, Any]) -> str:
 def batch_report(folder: Path) -> str:
     """The page of a batch: what failed, and a row for every recording; InputError if the folder holds no batch."""
     file = folder / "batch.csv"
-    columns = ("name", "status", "pairs", "frames", "tracked_share", "position_rms_mm", "ms_per_pair", "reason")
-    rows = [dict(zip(columns, row, strict=True)) for _, row in read_table(file, columns)]
+    columns = tuple(TRACK_TABLE)
+    rows = []
+    for line, fields in read_table(file, columns):
+        rows.append(dict(zip(columns, fields, strict=True)))
+        numbers(file, line, [rows[-1][column] for column in columns if TRACK_TABLE[column] is not str])  # or InputError
     failed = [row for row in rows if row["status"] == "failed"]
     warned = [f"{row['name']} failed: {row['reason']}" for row in failed]
     for row in rows:
@@ -312,8 +322,47 @@ def batch_report(folder: Path) -> str:
             warned += [f"{row['name']}: {text}" for text in warnings_of(read_summary(folder / row["name"]))]
     items = "".join(f"<li>{html.escape(text)}</li>" for text in warned)
     opening = f'<ul class="warnings">{items}</ul>' if items else "<p>No warnings.</p>"
-    sections = [page.Section("Recordings", "", _batch_table(folder, rows, columns))]
+    sections = [
+        page.Section("Recordings", "", _batch_table(folder, rows, columns)),
+        page.Section(
+            "Tracked share and time",
+            "One dot for each recording, the first on top; a cross: it failed.",
+            page.image(_batch_figure(rows)),
+        ),
+    ]
+    if (folder / SUMMARY).is_file():
+        sections.append(page.Section("To repeat it", "", _repeat_batch(folder / SUMMARY)))
     return page.page(f"Batch {folder.name}", f"{len(rows) - len(failed)} of {len(rows)} tracked", opening, sections)
+
+
+def _repeat_batch(file: Path) -> str:
+    """Command, settings, time and versions of the last run of a batch."""
+    expected = "the summary of a batch"
+    try:
+        summary = json.loads(read_bytes(file, expected))
+        known = [*summary["settings"].items(), *((key, summary[key]) for key in ("started", "seconds"))]
+        rows = [[key, _text(value)] for key, value in (*known, *summary["versions"].items()) if value not in (None, [])]
+        command = html.escape(summary["command"])
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(file, f"{first_line(error)}; expected {expected}") from error
+    return f"<pre>{command}</pre>" + page.table(["setting or package", "value"], rows)
+
+
+def _batch_figure(rows: Sequence[Mapping[str, str]]) -> Figure:
+    """Tracked share and time a pair of every recording."""
+    figure = Figure(figsize=(9, 1.2 + 0.22 * min(len(rows), _MOST_NAMES)), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    for axis, column, scale in zip(axes, ("tracked_share", "ms_per_pair"), (100, 1), strict=True):
+        known = [(scale * float(row[column]), k) for k, row in enumerate(rows) if row[column]]
+        axis.plot(*np.reshape(known, (-1, 2)).T, "o", ms=4, color="tab:blue")
+        if failed := [k for k, row in enumerate(rows) if row["status"] == "failed"]:
+            axis.plot(np.zeros(len(failed)), failed, "x", ms=5, color=_COLORS[Status.LOST], clip_on=False)
+        axis.grid(alpha=0.25)
+    axes[0].set(xlabel="pairs tracked (%)", xlim=(0, 103), ylim=(len(rows) - 0.5, -0.5))
+    axes[1].set(xlabel="time a pair (ms)", xlim=(0, None))
+    if len(rows) <= _MOST_NAMES:
+        axes[0].set_yticks(range(len(rows)), [row["name"] for row in rows], fontsize=8, parse_math=False)
+    return figure
 
 
 def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> str:
@@ -322,10 +371,8 @@ def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Seque
         there = (folder / row["name"] / REPORT).is_file()
         yield f'<a href="{html.escape(row["name"], quote=True)}/{REPORT}">{name}</a>' if there else name
         for column in columns[1:]:
-            try:
-                yield f"{float(row[column]):.4g}"
-            except ValueError:
-                yield html.escape(row[column])
+            is_number = TRACK_TABLE[column] is not str and row[column]
+            yield f"{float(row[column]):.4g}" if is_number else html.escape(row[column])
 
     head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
     lines = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells(row)) + "</tr>" for row in rows)
@@ -334,13 +381,7 @@ def _batch_table(folder: Path, rows: Sequence[Mapping[str, str]], columns: Seque
 
 def _numbers(file: Path, rows: Sequence[tuple[int, list[str]]], n: int) -> Array:
     """(rows, n), NaN for an empty field."""
-    values = np.full((len(rows), n), np.nan)
-    for k, (line, row) in enumerate(rows):
-        try:
-            values[k] = [finite(field) if field else np.nan for field in row]
-        except ValueError as error:
-            raise InputError(file, f"{error}; expected finite numbers", line) from None
-    return values
+    return np.reshape([numbers(file, line, row) for line, row in rows], (len(rows), n))
 
 
 def _text(value: object) -> str:

@@ -79,7 +79,7 @@ class Frame(NamedTuple):
     distance_m: Array
     """(n,) from the object's surface to the taxels' centres."""
     activations: Array
-    """(n,)."""
+    """(n,) of D and TTC, also where a map of D alone moves the arm."""
     speed_m_s: float
     """Largest speed of a taxel."""
     touching: bool

@@ -119,7 +119,8 @@ def _render_to(movement: Movement, file: Path) -> None:
 
 
 def _read(movement: Movement, file: Path) -> TouchTrial:
-    tracked = {name: array.astype(float) for name, array in read_archive(file, _KIND, _VERSION, _TRACKED).items()}
+    stored = read_archive(file, _KIND, _VERSION, _TRACKED)
+    tracked = {name: stored[name].astype(float) for name in _TRACKED}
     return replace(movement.trial, **tracked)
 
 

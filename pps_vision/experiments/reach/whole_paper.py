@@ -75,7 +75,7 @@ class WholePaper(SeededStudy):
         }  # fmt: skip
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Draw gaze space (J Figs 4, 7), slices of it (J Figs 3, 5, 8) and the box of locations (J Figs 6, 9)."""
+        """Draw gaze space (J Figs 4, 7), and R on slices of it (J Fig 8) and in the box of locations (J Fig 9)."""
         drawn = numbers["drawn"]
         return {
             "space": paper_figures.space(numbers["space"]),

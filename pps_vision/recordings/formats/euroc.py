@@ -26,7 +26,12 @@ def open_source(source: Source) -> Recording:
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(folder, pairs, problems)
     calib = source.calib or [camera / "sensor.yaml" for camera in cameras]
-    return Recording(str(folder), pairs, size, problems, rig=fixed_rig(calib, size, source.unit_m))
+    missing = [file for file in calib if not (source.calib or file.exists())]
+    if missing:
+        return Recording(str(folder), pairs, size, problems, calibration_at=f"{missing[0]}, or two by --calib")
+    warnings: list[str] = []
+    rig = fixed_rig(calib, size, source.unit_m, warnings=warnings)
+    return Recording(str(folder), pairs, size, problems, rig=rig, warnings=tuple(warnings))
 
 
 def _cameras(folder: Path) -> list[Path]:

@@ -24,8 +24,12 @@ def open_source(source: Source) -> Recording:
     left, right = ([str(folder / f"image_{camera}")] for camera in cameras)
     times = None if source.fps else read_times(source.times or folder / "times.txt")
     recording = open_stereo_images(left, right, source.fps, times, source.max_skew_s)
-    rig = fixed_rig(source.calib or [folder / "calib.txt"], recording.image_size, source.unit_m, cameras)
-    return replace(recording, name=str(folder), rig=rig)
+    recording, own = replace(recording, name=str(folder)), folder / "calib.txt"
+    if not (source.calib or own.exists()):
+        return replace(recording, calibration_at=f"{own}, or one by --calib")
+    warnings = list(recording.warnings)
+    rig = fixed_rig(source.calib or [own], recording.image_size, source.unit_m, cameras, warnings)
+    return replace(recording, rig=rig, warnings=tuple(warnings))
 
 
 def _pair(folder: Path) -> tuple[int, int] | None:

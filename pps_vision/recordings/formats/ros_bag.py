@@ -3,7 +3,7 @@
 import re
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,19 +69,26 @@ def open_source(source: Source) -> Recording:
     left, right = (distinct_stamps(bag.images(topic), problems) for topic in topics)
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(file, pairs, problems)
+    rig, calibration_at, warnings = None, "", list[str]()
     if source.calib:
-        rig = fixed_rig(source.calib, size, source.unit_m)
+        rig = fixed_rig(source.calib, size, source.unit_m, warnings=warnings)
+    elif missing := [topic for topic in topics if bag.info_topic(topic) is None]:
+        calibration_at = f"{missing[0].rsplit('/', 1)[0]}/camera_info, or one by --calib"
     else:
-        rig = rig_of(cameras_of([(file, bag.camera_info(topic)) for topic in topics], size), file)
+        infos = [(file, bag.camera_info(topic)) for topic in topics]
+        rig = rig_of(cameras_of(infos, size, warnings=warnings), file)
+    recording = Recording(
+        str(file), pairs, size, problems, rig=rig, warnings=tuple(warnings), calibration_at=calibration_at
+    )
     if source.robot is None:
-        return Recording(str(file), pairs, size, problems, rig=rig)
+        return recording
     joints, setup = bag.joints(source.robot), source.robot
     offsets_rad = read_joint_offsets(source.joints, setup.robot.joint_names) if source.joints else 0.0
     posed = with_joints(pairs, joints, problems, setup, offsets_rad)
     if not posed:
         raise InputError(file, f"no pair has joints; {problems[-1]}")
-    moving = StereoRig(rig.left, rig.right, setup.robot.eye_poses)
-    return Recording(str(file), posed, size, problems, robot=setup.robot, rig=moving)
+    moving = StereoRig(rig.left, rig.right, setup.robot.eye_poses) if rig else None
+    return replace(recording, pairs=posed, robot=setup.robot, rig=moving)
 
 
 class Bag:
@@ -126,14 +133,15 @@ class Bag:
                 stamps.append(seconds + 1e-9 * nanoseconds)
         return [BagImage(self.file, stamp_s, messages=messages, index=index) for index, stamp_s in enumerate(stamps)]
 
-    def camera_info(self, topic: str) -> Matrices:
-        """The calibration in the CameraInfo beside an image topic."""
+    def info_topic(self, topic: str) -> Any | None:
+        """The connection with the CameraInfo beside an image topic."""
         places = [topic.rsplit("/", up)[0] + "/camera_info" for up in (1, 2)]  # …/image_raw and …/image_raw/compressed
         infos = self.topics(("sensor_msgs/msg/CameraInfo",))
-        found = [infos[place] for place in places if place in infos]
-        if not found:
-            raise InputError(self.file, f"no {places[0]}; expected a calibration there or by --calib")
-        message = self.first(found[0])
+        return next((infos[place] for place in places if place in infos), None)
+
+    def camera_info(self, topic: str) -> Matrices:
+        """The calibration in the CameraInfo beside an image topic, which is there."""
+        message = self.first(self.info_topic(topic))
         K, D, R, P = (
             np.asarray(getattr(message, key if self.reader.is2 else key.upper()), dtype=float) for key in "kdrp"
         )

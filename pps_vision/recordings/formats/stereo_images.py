@@ -21,6 +21,7 @@ from pps_vision.recordings.recording import (
     distinct_stamps,
     note_unpaired,
     pair_by_stamp,
+    replaced_rate,
     usual_size,
 )
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
@@ -42,7 +43,9 @@ def open_source(source: Source) -> Recording:
     check_options(source)
     times = read_times(source.times) if source.times else None
     recording = open_stereo_images(source.left, source.right, source.fps, times, source.max_skew_s)
-    return replace(recording, rig=fixed_rig(source.calib, recording.image_size, source.unit_m))
+    warnings = list(recording.warnings)
+    rig = fixed_rig(source.calib, recording.image_size, source.unit_m, warnings=warnings) if source.calib else None
+    return replace(recording, rig=rig, warnings=tuple(warnings))
 
 
 def refuse_robot_options(source: Source) -> None:
@@ -54,10 +57,10 @@ def refuse_robot_options(source: Source) -> None:
 def check_options(source: Source) -> None:
     """Raise InputError for options that contradict each other or are missing."""
     refuse_robot_options(source)
-    if source.folder is None and not (source.left and source.right and source.calib):
-        raise InputError("recording", "left, right and calib go together; one is missing")
-    if not source.calib:
-        raise InputError(str(source.folder), "holds no calibration; expected one by --calib")
+    if source.folder is None and not (source.left and source.right):
+        given, missing = ("left", "right") if source.left else ("right", "left")
+        name = (source.left or source.right)[0]
+        raise InputError("recording", f"--{given} {name} without --{missing}; expected both")
     if source.fps is not None and source.times:
         raise InputError("recording", "fps and times; expected one of them")
     if source.fps is not None and not 0 < source.fps < float("inf"):
@@ -65,10 +68,17 @@ def check_options(source: Source) -> None:
 
 
 def fixed_rig(
-    calib: Sequence[Path], image_size: tuple[int, int], unit_m: float, kitti: tuple[int, int] = (0, 1)
+    calib: Sequence[Path],
+    image_size: tuple[int, int],
+    unit_m: float,
+    kitti: tuple[int, int] = (0, 1),
+    warnings: list[str] | None = None,
 ) -> StereoRig:
-    """Two cameras that do not move against each other; InputError for a calibration that cannot be one."""
-    return rig_of(read_stereo_calibration(calib, image_size, unit_m, kitti), calib[-1])
+    """Two cameras that do not move against each other; InputError for a calibration that cannot be one.
+
+    A calibration for images of another size is noted in `warnings`.
+    """
+    return rig_of(read_stereo_calibration(calib, image_size, unit_m, kitti, warnings), calib[-1])
 
 
 def rig_of(cameras: tuple[Camera, Camera, Array], file: Path) -> StereoRig:
@@ -97,10 +107,12 @@ def open_stereo_images(
     name = _briefly(left_globs)
     if fps is None:
         sides = [_stamped(_matched(patterns), times, problems) for patterns in (left_globs, right_globs)]
-        pairs = pair_by_stamp(sides[0], sides[1], max_skew_s, problems)
+        pairs, warnings = pair_by_stamp(sides[0], sides[1], max_skew_s, problems), tuple[str, ...]()
     else:
         pairs = _by_frame(left_globs, right_globs, fps, problems)
-    return Recording(name, pairs, usual_size(name, pairs, problems), problems)
+        stamps_s = [stamp_in(left.path) for left, _ in pairs]
+        warnings = replaced_rate(fps, sorted(filter(None, stamps_s))) if None not in stamps_s else ()
+    return Recording(name, pairs, usual_size(name, pairs, problems), problems, warnings=warnings)
 
 
 def _stamped(paths: Sequence[Path], times: Times | None, problems: list[Problem]) -> list[ImageFile]:

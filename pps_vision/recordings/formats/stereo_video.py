@@ -1,15 +1,19 @@
 """Two videos of a stereo camera, or one with both images side by side."""
 
+from collections.abc import Iterator
 from pathlib import Path
+
+import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.formats.stereo_images import check_options, fixed_rig
 from pps_vision.recordings.problems import Problem
-from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, usual_size
+from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, replaced_rate, usual_size
 from pps_vision.recordings.times import read_times
-from pps_vision.recordings.video import is_video, open_halves, open_video
+from pps_vision.recordings.video import VideoFrame, is_video, open_halves, open_video
 
 FORMAT = "two videos, or one of both images side by side, with calib"
+_MORE = 2  # frames by which cameras that are stopped one after the other may differ
 
 
 def recognises(source: Source) -> bool:
@@ -31,6 +35,31 @@ def open_source(source: Source) -> Recording:
         name = source.left[0]
         left, right = (open_video(Path(side[0]), source.fps, times) for side in (source.left, source.right))
     problems: list[Problem] = []
+    warnings = list(_ends_early(left, right, source.max_skew_s))
+    own, step_s = left[0].video.pts, left[0].video.time_base_s
+    if source.fps and left[0].video.has_stamps:
+        warnings += replaced_rate(source.fps, [step_s * pts for pts in own])
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(name, pairs, problems)
-    return Recording(name, pairs, size, problems, rig=fixed_rig(source.calib, size, source.unit_m))
+    rig = fixed_rig(source.calib, size, source.unit_m, warnings=warnings) if source.calib else None
+    return Recording(name, pairs, size, problems, rig=rig, warnings=tuple(warnings))
+
+
+def _ends_early(left: list[VideoFrame], right: list[VideoFrame], max_skew_s: float) -> Iterator[str]:
+    """That one of the videos ends well before the other, or before the end that its header states."""
+    short, long = sorted((left, right), key=lambda side: side[-1].stamp_s)
+    end_s = short[-1].stamp_s
+    more = sum(frame.stamp_s > end_s + max_skew_s for frame in long)
+    if more > _MORE:
+        yield f"{_ended(short)}; {long[0].path} has {more} more"
+        return
+    for side in {frames[0].path: frames for frames in (left, right)}.values():
+        video = side[0].video
+        end_s = video.time_base_s * video.pts[-1] if video.has_stamps else np.inf
+        if video.stated_s > end_s * (1 + (1 + _MORE) / len(side)):
+            yield f"{_ended(side)}; its header states {video.stated_s:.2f} s"
+
+
+def _ended(side: list[VideoFrame]) -> str:
+    lasted_s = side[-1].stamp_s - side[0].stamp_s
+    return f"{side[0].path} ends early ({len(side)} frames, {lasted_s:.2f} s)"

@@ -78,6 +78,7 @@ def open_source(source: Source) -> Recording:
         rig=StereoRig(*read_icub_eyes(eyes_file, image_size), robot.eye_poses) if eyes_file else None,
         touches=touches,
         truth=read_truth(truth, problems) if truth.exists() else (),
+        calibration_at="icubEyes.ini there or by --calib",
     )
 
 

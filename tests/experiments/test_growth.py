@@ -1,0 +1,36 @@
+"""The study of cost as it grows."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pps_vision as pv
+from pps_vision.experiments.growth import exponent, to_and_fro
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
+def test_the_exponent_of_a_power_law(power: float) -> None:
+    sizes = [10, 100, 1000]
+    ms = [[3.0 * size**power, 0.0, np.inf] for size in sizes]
+    assert exponent(sizes, ms) == pytest.approx(power)
+    assert exponent(sizes, [[100.0, 0, 0], *ms[1:]]) == pytest.approx(
+        power
+    )  # what costs the same anyway does not count
+    assert np.isnan(exponent(sizes[:1], ms[:1]))
+
+
+def test_a_recording_played_to_and_fro_is_one(tmp_path: Path) -> None:
+    short = pv.render("ball", "circle", tmp_path / "short", seconds=0.5)
+    n = len(short.pairs)
+    to_and_fro(tmp_path / "short", tmp_path / "long", 2 * n + 3)
+    long = pv.open_recording(tmp_path / "long")
+    assert len(long.pairs) == 2 * n + 3
+    assert not long.problems
+    stamps_s = np.array([pair[0].stamp_s for pair in long.pairs])
+    assert np.diff(stamps_s) == pytest.approx(np.median(np.diff(stamps_s)), rel=0.05)
+    first, back, again = (list(long)[k] for k in (2, 2 * n - 3, 2 * n + 2))
+    for one in (back, again):
+        assert np.array_equal(one.left, first.left)
+        assert np.array_equal(one.right, first.right)
+        assert one.joints_left_rad == pytest.approx(first.joints_left_rad)

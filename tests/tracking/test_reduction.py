@@ -1,0 +1,63 @@
+"""Tracking in reduced images, which are seen and reported in pixels of the images themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.types import Status
+from tracking.batch import BatchTracker
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
+
+
+@pytest.fixture(scope="module")
+def film() -> Film:
+    """A red ball on a circle, in images whose sides are no multiples of 4."""
+    return Film(IndependentScene(width=642, height=483, seconds=1.5, start="moving"), SEED)
+
+
+def track(film: Film, reduction: int) -> list[TrackerStep]:
+    tracker = Tracker(TrackerParams(reduction=reduction), film.rig, np.random.default_rng(SEED))
+    return [tracker.step(frame) for frame in film]
+
+
+@pytest.mark.parametrize("reduction", [2, 4])
+def test_positions_and_pixels_are_those_of_the_whole_images(film: Film, reduction: int) -> None:
+    later = list(zip(track(film, reduction), film.truth, strict=True))[20:]
+    assert all(step.track.status == Status.TRACKING for step, _ in later)
+    offs_m = [np.linalg.norm(step.track.position - truth.position) for step, truth in later]
+    assert np.median(offs_m) < 0.0015 * reduction
+    off_px = []
+    for step, truth in later:
+        for seen, there in zip(step.detections, (truth.left_px, truth.right_px), strict=True):
+            off_px.append(seen.center_px - there)
+            x, y, w, h = seen.box_px
+            assert x < there[0] < x + w
+            assert y < there[1] < y + h
+            across_px = 2 * film.rig.left.focal_px * np.tan(seen.angular_radius_rad)
+            assert across_px == pytest.approx(0.5 * (w + h), rel=0.15)
+    assert np.sqrt(np.mean(np.square(off_px))) < 0.3 * reduction
+    mean_px = np.mean(off_px, axis=0)
+    assert np.abs(mean_px).max() < 0.12 * reduction  # corners taken for centres would be half of `reduction`
+
+
+def test_batches_reduce_alike(film: Film) -> None:
+    import torch
+
+    tracker = Tracker(TrackerParams(reduction=2), film.rig, np.random.default_rng(SEED))
+    batched = BatchTracker(tracker, torch.device("cpu")).steps(list(film))
+    for one, other in list(zip(track(film, 2), batched, strict=True))[20:]:
+        for seen, again in zip(one.detections, other.detections, strict=True):
+            assert np.abs(seen.center_px - again.center_px).max() < 0.1
+
+
+def test_what_cannot_be_averaged_is_refused(film: Film) -> None:
+    with pytest.raises(ValueError, match="reduction 0; expected 1 or more"):
+        TrackerParams(reduction=0)
+    tracker = Tracker(TrackerParams(reduction=2), film.rig, np.random.default_rng(SEED))
+    frame = next(iter(film))
+    small = replace(frame, left=frame.left[::2, ::2])
+    with pytest.raises(ValueError, match=r"left image \(242, 321, 3\).*expected \(483, 642, 3\)"):
+        tracker.step(small)
