@@ -243,20 +243,30 @@ class Acquisition:
 
 def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
     """The blobs of the marker's hue, but for those that look like the background, are long, or are cut by the image's
-    border: what is seen in part may be of any size."""
+    border: what is seen in part may be of any size.  If there is none, what differs from the background within them: a
+    marker before something of its hue."""
     height, width = camera.image.shape[:2]
+    refused: list[Box] = []
+
+    def is_compact(x: int, y: int, w: int, h: int) -> bool:
+        return x > 0 and y > 0 and x + w < width and y + h < height and max(w, h) <= _LONG * min(w, h)
 
     def may_be(x: int, y: int, w: int, h: int) -> bool:
-        whole = x > 0 and y > 0 and x + w < width and y + h < height
-        compact = max(w, h) <= _LONG * min(w, h)
-        return whole and compact and background.has_changed(camera.image, camera.view, x, y, w, h)
+        moved = is_compact(x, y, w, h) and background.has_changed(camera.image, camera.view, x, y, w, h)
+        if not moved:
+            refused.append((x, y, x + w, y + h))
+        return moved
 
     if camera.found is None:
         found = find_markers(params, camera.image, optics, is_candidate=may_be)
     else:
         found = [one for one in camera.found if may_be(*(round(value) for value in one.box_px))]
     vivid = find_vivid_markers(params, camera.image, optics, is_candidate=may_be)
-    return [one for one in found if not any(_holds(one, other) for other in vivid)] + vivid
+    found = [one for one in found if not any(_holds(one, other) for other in vivid)] + vivid
+    if not found and refused and background.is_known(camera.view):
+        differs = partial(background.differs, camera.image, camera.view)
+        found = find_markers(params, camera.image, optics, is_candidate=is_compact, differs=differs)
+    return found
 
 
 def _is_nearer_than_surroundings(

@@ -296,11 +296,12 @@ class Tracker:
             for tracker, camera, one in zip(self._cameras, cameras, pair, strict=True):
                 flow = one.flow
                 shift_px = None if flow is None else (flow.now_px - flow.then_px) / flow.interval_s * period_s
-                x, y, w, h = one.outline.box_px
+                _, _, w, h = one.outline.box_px
                 fill = None if by_color and not one.outline.is_partial else one.outline.area_px / (w * h)
                 if by_color:
                     tracker.background.forget(camera.image, camera.view, one.mask, one.box)
-                targets.append(tracker.image_tracker.start(camera.image, (x, y, w, h), one.model, shift_px, fill))
+                box = _whole_box(one.outline) if one.outline.is_partial else one.outline.box_px
+                targets.append(tracker.image_tracker.start(camera.image, box, one.model, shift_px, fill))
         left, right = (
             one._replace(target=target, by_background=not by_color, emptiness=0.0)
             for one, target in zip(state.cameras, targets, strict=True)
@@ -454,6 +455,16 @@ def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
         detections.append(replace(one, center_px=center_px, cov_px=k**2 * one.cov_px, box_px=box_px))
     observation = step.observation and replace(step.observation, residual_px=k * step.observation.residual_px)
     return replace(step, detections=tuple(detections), observation=observation)
+
+
+def _whole_box(outline: Outline) -> tuple[float, float, float, float]:
+    """The box of an object that the image's border cuts, as far as it reaches beyond the border if it is as long as
+    wide."""
+    x, y, w, h = outline.box_px
+    side = max(w, h)
+    left = x + w - side if x <= 0 else x
+    top = y + h - side if y <= 0 else y
+    return (left, y, side, h) if w < h else (x, top, w, side)
 
 
 def _is_whole_of(whole: Detections, parts: Detections) -> bool:
