@@ -72,13 +72,14 @@ class Growth(SampledStudy):
 
     def run(self) -> dict[str, Any]:
         """Return for each axis the sizes, and by series median and quartiles of the times at each."""
-        return {
+        axes = {
             "image (pixels)": self._over([w * h for w, h in self.images], self._image, self.images),
             "object (pixels across)": self._over(OBJECTS_PX, self._object, OBJECTS_PX),
             "recording (pairs)": self._recording(),
             "skin (taxels)": self._over(TAXELS, self._skin, TAXELS),
             "map (labels)": self._over(self.labels, self._map, self.labels),
         }
+        return {"axes": axes}
 
     def _over(
         self, sizes: Sequence[int], make: Callable[[Any], dict[str, Callable[[], Times]]], of: Sequence[Any]
@@ -153,8 +154,8 @@ class Growth(SampledStudy):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw one panel for each of what grows; the exponent stands beside each name."""
-        figure, axes = panels(len(numbers), 3)
-        for (label, cell), axis in zip(numbers.items(), axes, strict=True):
+        figure, axes = panels(len(numbers["axes"]), 3)
+        for (label, cell), axis in zip(numbers["axes"].items(), axes, strict=True):
             named = {f"{name}: {exponent(cell['sizes'], ms):.2f}": ms for name, ms in cell["ms"].items()}
             curves(axis, cell["sizes"], named, label, "processor time (ms)")
             axis.set(xscale="log", yscale="log")
@@ -164,7 +165,7 @@ class Growth(SampledStudy):
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return for every series the times at the smallest and the largest size, and the exponent."""
         rows = []
-        for label, cell in numbers.items():
+        for label, cell in numbers["axes"].items():
             sizes = cell["sizes"]
             for name, ms in cell["ms"].items():
                 row = [f"{label}: {name}", str(sizes[0]), estimate(ms[0]), str(sizes[-1]), estimate(ms[-1])]

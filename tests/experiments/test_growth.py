@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pps_vision as pv
-from pps_vision.experiments.growth import exponent, to_and_fro
+from pps_vision.experiments.growth import Growth, exponent, to_and_fro
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
@@ -18,6 +18,18 @@ def test_the_exponent_of_a_power_law(power: float) -> None:
         power
     )  # what costs the same anyway does not count
     assert np.isnan(exponent(sizes[:1], ms[:1]))
+
+
+def test_what_grows_is_drawn_and_tabled_beside_what_a_result_file_holds_else() -> None:
+    cell = {"sizes": [10, 100], "ms": {"slow": [[2.0, 1.0, 3.0], [20.0, 10.0, 30.0]]}, "memory_mb": [50.0, 60.0]}
+    numbers = {"study": "growth", "parameters": {"n": 3}, "processor_min": 1.0, "axes": {"taxels": cell}}
+    table = Growth().tables(numbers)[""]
+    assert [list(row) for row in table.rows] == [
+        ["taxels: slow", "10", "2 (1–3)", "100", "20 (10–30)", "1.00"],
+        ["taxels: memory in use", "10", "50 MB", "100", "60 MB", "–"],
+    ]
+    (axis,) = Growth().chart(numbers).axes
+    assert axis.get_xscale() == axis.get_yscale() == "log"
 
 
 def test_a_recording_played_to_and_fro_is_one(tmp_path: Path) -> None:
