@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pps_vision.experiments.study import Study, catalogue
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.tables import Table, estimate
 
 Cells = Mapping[str, Any]
 
@@ -128,11 +128,12 @@ class Claims(Study):
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one row a claim; one row a study."""
         rows = [[c["what"], c["goal"], c["measured"], f"`{c['study']}`"] for c in numbers["claims"]]
-        studies, minutes = [], [s["processor_min"] for s in numbers["studies"]]
+        studies = []
         for s in numbers["studies"]:
-            seed, n = ("–" if s[key] is None else str(s[key]) for key in ("seed", "n"))
-            studies.append([f"`{s['study']}`", s["what"], seed, n, s["commit"], f"{s['processor_min']:.2g}"])
-        studies.append(["all", "", "", "", "", f"{sum(minutes):.0f}"])
+            told = ("–" if s[key] is None else str(s[key]) for key in ("seed", "n", "commit"))
+            studies.append([f"`{s['study']}`", s["what"], *told, estimate([s["processor_min"]], 2)])
+        minutes = sum(s["processor_min"] or 0.0 for s in numbers["studies"])
+        studies.append(["all of which the time is known", "", "", "", "", f"{minutes:.0f}"])
         return {
             "": Table(["what", "goal", "measured", "`bench`"], rows),
             "studies": Table(["`bench`", "what it measures", "seed", "n", "commit", "processor minutes"], studies),
@@ -142,5 +143,5 @@ class Claims(Study):
 def _run_as(numbers: Cells) -> dict[str, Any]:
     """Seed, number of units, commit and time of a result."""
     told = numbers["parameters"]
-    commit, minutes = numbers["machine"]["commit"], numbers.get("processor_min", math.nan)
+    commit, minutes = numbers["machine"]["commit"], numbers.get("processor_min")
     return {"seed": told.get("seed"), "n": told.get("n"), "commit": commit, "processor_min": minutes}

@@ -30,6 +30,9 @@ def test_a_claim_is_read_from_its_study_and_absent_ones_are_left_out(tmp_path: P
     tables = study.tables(numbers)
     assert tables[""].rows[0][2] == row["measured"]
     assert [list(line)[-1] for line in tables["studies"].rows] == ["2.5", "2"]  # of the study, and of all
+    del run["processor_min"]
+    later = study.tables({**numbers, "studies": [{**run, "processor_min": None}]})["studies"].rows
+    assert [list(line)[-1] for line in later] == ["–", "0"]  # measured before times were kept
 
 
 def test_the_pages_named_for_the_studies_show_them() -> None:
