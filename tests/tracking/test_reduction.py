@@ -1,6 +1,7 @@
 """Tracking in reduced images, which are seen and reported in pixels of the images themselves."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 @pytest.fixture(scope="module")
 def film() -> Film:
-    """A red ball on a circle, in images whose sides are no multiples of 4."""
-    return Film(IndependentScene(width=642, height=483, seconds=1.5, start="moving"), SEED)
+    """A red ball on a circle, in images whose sides are no multiples of 4, before procedural textures."""
+    scene = IndependentScene(width=642, height=483, seconds=1.5, start="moving", background=2)
+    return Film(scene, SEED, Path("no photographs"))
 
 
 def track(film: Film, reduction: int) -> list[TrackerStep]:
@@ -28,7 +30,7 @@ def test_positions_and_pixels_are_those_of_the_whole_images(film: Film, reductio
     later = list(zip(track(film, reduction), film.truth, strict=True))[20:]
     assert all(step.track.status == Status.TRACKING for step, _ in later)
     offs_m = [np.linalg.norm(step.track.position - truth.position) for step, truth in later]
-    assert np.median(offs_m) < 0.0015 * reduction
+    assert np.median(offs_m) < 0.003 * reduction
     off_px = []
     for step, truth in later:
         for seen, there in zip(step.detections, (truth.left_px, truth.right_px), strict=True):
@@ -37,10 +39,10 @@ def test_positions_and_pixels_are_those_of_the_whole_images(film: Film, reductio
             assert x < there[0] < x + w
             assert y < there[1] < y + h
             across_px = 2 * film.rig.left.focal_px * np.tan(seen.angular_radius_rad)
-            assert across_px == pytest.approx(0.5 * (w + h), rel=0.15)
-    assert np.sqrt(np.mean(np.square(off_px))) < 0.3 * reduction
+            assert across_px == pytest.approx(0.5 * (w + h), rel=0.25)
+    assert np.sqrt(np.mean(np.square(off_px))) < 0.4 * reduction
     mean_px = np.mean(off_px, axis=0)
-    assert np.abs(mean_px).max() < 0.12 * reduction  # corners taken for centres would be half of `reduction`
+    assert np.abs(mean_px).max() < 0.2 * reduction  # corners taken for centres would be half of `reduction`
 
 
 def test_batches_reduce_alike(film: Film) -> None:
