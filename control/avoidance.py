@@ -197,34 +197,34 @@ def step(
     a = np.asarray(activations, dtype=float)
     found = control_points(params.threshold, posture, skin, a, params.weighting, each=params.each_taxel)
     seen = _seen(params, state, stamp_s, track)
+    known = track if track is not None and track.is_known else None
     came = False
-    if track is not None and track.is_known and skin.parts:
-        came, comes = _comes(params, posture, skin, track, seen)
+    if known is not None and skin.parts:
+        came, comes = _comes(params, posture, skin, known, seen)
         found = found if comes or state.mode != "idle" else []
     came = came and bool(found)  # what threatens links without taxels has to last
     near: list[Near] = []
     if params.behaviour == "reach":
         found = sorted(found, key=lambda one: -one.likeliest)[:1]
-    elif bare_links is not None and track is not None and track.is_known:
-        near, threatened = _near(params, bare_links, posture, track)
+    elif bare_links is not None and known is not None:
+        near, threatened = _near(params, bare_links, posture, known)
         found = found or [_of_link(one) for one in threatened]
     allowed = may_reach or params.behaviour == "avoid"
     before = state
     state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track, came)
-    if state.mode == "reach" and track is not None and track.is_known:
-        state = replace(
-            state, points=tuple(reaching.aimed(params.speed_m_s, one, posture, track) for one in state.points)
-        )
-    if state.mode == "reach" and track is not None and track.is_known and params.each_taxel:
-        state = _with_side_to_touch(params, before, state, posture, skin, track, seen)
+    if state.mode == "reach" and known is not None:
+        aimed = (reaching.aimed(params.speed_m_s, one, posture, known) for one in state.points)
+        state = replace(state, points=tuple(aimed))
+        if params.each_taxel:
+            state = _with_side_to_touch(params, before, state, posture, skin, known, seen)
     so_far = before.aside if before.mode == state.mode == "avoid" else None
     state = replace(state, stamp_s=stamp_s, seen=seen, aside=so_far)
     if state.mode in ("avoid", "reach"):
-        if state.mode == "reach" and track is not None and track.is_known:
-            near = reaching.other_parts(posture, skin, state.points[0].frame, track)
+        if state.mode == "reach" and known is not None:
+            near = reaching.other_parts(posture, skin, state.points[0].frame, known)
         rows = _kept_clear(params, posture, near, hold_s)
         follows = state.mode == "reach" or state.since_s == stamp_s
-        of = track if follows and track is not None and track.is_known else None
+        of = known if follows else None
         state, dq = _respond(params, state, posture, hold_s, self_collision, rows, skin, of)
         first = state.points[0]
         response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))

@@ -243,7 +243,7 @@ class Acquisition:
 
 def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
     """The blobs of the marker's hue, but for those that look like the background, are long, or are cut by the image's
-    border: what is seen in part may be of any size.  If there is none, what differs from the background within them: a
+    border: the whole of these may be of any size.  If there is none, what differs from the background within them: a
     marker before something of its hue."""
     height, width = camera.image.shape[:2]
     refused: list[Box] = []

@@ -1,7 +1,7 @@
 """What J shows of the maps: both in gaze space (Figs 4, 7); the Enhanced one on slices of it, with babbled postures and
 points C and D of Fig 3 (Fig 8), and on planes through a box of locations (Fig 9).
 
-Figs 5 and 6, the same of the Basic map, are not drawn: R above 0.5 stands for its verdict.
+Figs 5 and 6, the same of the Basic map, are not drawn: R above 0.5 means reachable.
 """
 
 from collections.abc import Mapping
