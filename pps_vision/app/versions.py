@@ -26,13 +26,13 @@ def machine(commit_name: str) -> dict[str, str]:
 
 
 def commit() -> str:
-    """The last commit that changed code, "-dirty" where code differs from it; unknown where this is no checkout."""
+    """The last commit that changed code (not tests), "-dirty" where it differs from it; unknown without a checkout."""
     root = Path(__file__).parents[2]
     try:
-        git = ["git", "-C", str(root)]
-        log = [*git, "log", "-1", "--format=%h", "--", "*.py"]
+        git, code = ["git", "-C", str(root)], ["--", "*.py", ":!tests"]
+        log = [*git, "log", "-1", "--format=%h", *code]
         last = subprocess.check_output(log, text=True, stderr=subprocess.DEVNULL)
-        changed = subprocess.check_output([*git, "status", "--porcelain", "--", "*.py"], text=True)
+        changed = subprocess.check_output([*git, "status", "--porcelain", *code], text=True)
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
     return last.strip() + ("-dirty" if changed else "")

@@ -187,6 +187,11 @@ def test_the_commit_is_marked_where_code_differs_from_it(tmp_path: Path, monkeyp
     assert len(clean) >= 7
     assert "dirty" not in clean
     (tmp_path / "notes.md").write_text("documents are not code")
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "test_code.py").write_text("nor are tests")
+    assert versions.commit() == clean
+    for words in (["add", "."], ["commit", "-qm", "notes and tests"]):
+        subprocess.run([*git, *words], check=True)
     assert versions.commit() == clean
     code.write_text("x = 2\n")
     assert versions.commit() == f"{clean}-dirty"
