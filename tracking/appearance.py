@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask, Observation3D
 
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (FACTS §4)
@@ -36,9 +37,18 @@ def _bin_table() -> NDArray[np.uint8]:
 
 def color_bins(image: Image) -> NDArray[np.uint8]:
     """(h, w) histogram bin of every pixel of an RGB image (h, w, 3)."""
-    r, g, b = cv2.split(image >> 2)
-    index = (r.astype(np.int32) << 12) + (g.astype(np.int32) << 6) + b
-    return _bin_table()[index]
+    return _looked_up(image, _bin_table())
+
+
+@njit(cache=True, error_model="numpy")
+def _looked_up(image: Image, table: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w) entry of the table (262144,) for every pixel's colour (h, w, 3)."""
+    bins = np.empty(image.shape[:2], np.uint8)
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            red, green, blue = np.int32(image[y, x, 0]), np.int32(image[y, x, 1]), np.int32(image[y, x, 2])
+            bins[y, x] = table[(red >> 2 << 12) + (green >> 2 << 6) + (blue >> 2)]
+    return bins
 
 
 def histogram(bins: NDArray[np.uint8], weights: NDArray[np.float32] | None = None) -> Array:

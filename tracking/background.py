@@ -1,5 +1,7 @@
 """The background of an eye at rest: the mean image without what moves."""
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +12,15 @@ from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.background_edge import ASIDE_PX, LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
 from tracking.ego_motion import Box, EgoMotion
-from tracking.moving_background import MovingBackground, smoothed
+from tracking.moving_background import MovingBackground, beyond, most, smoothed
 
 CHANGED = 0.3  # of an object's image, what must differ from the background: a static patch does not
-_BANDS = 4  # an image is learned in so many bands of rows, one a frame
+_PERIOD_S = 0.2  # in which all rows of the images are learned once, some in each image
 _RATE = 0.1  # of the running mean
 _NOISE_FACTOR, _MIN_CONTRAST = 5.0, 3.5  # a pixel has changed from so many standard deviations, and grey levels, on
-_STEP = 16  # px between the samples of gain and noise
-_LIT = 20.0  # grey levels: darker pixels do not tell the gain
+_SAMPLES = 20  # along a row and a column, from which gain and noise are measured
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
+_LIT = 20.0  # grey levels: darker pixels do not tell the gain
 _UNKNOWN = -1e4  # of what has not been seen yet, since the object hides it: no pixel is like it
 
 Pixels = NDArray[np.float32]  # (h, w, 3)
@@ -35,11 +37,12 @@ class Background:
         self.ego, self.memory_s, self.moving = ego, memory_s, MovingBackground(ego)
         self._view: View | None = None
         self._last: View | None = None
-        self._mean = self._recent = np.empty((0, 0, 3), np.float32)
+        self._mean, self._recent = np.empty((0, 0, 3), np.float32), np.empty((0, 0, 3), np.uint8)
         self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
         self._rests = np.empty((0, 0), bool)  # what stays the same but differs from the background
         self._measured: Image | None = None
-        self._gain, self._threshold, self._band = 1.0, _MIN_CONTRAST, 0
+        self._gain, self._noise, self._threshold = 1.0, 0.0, _MIN_CONTRAST
+        self._row, self._learned_s = 0, 0.0  # the next row to learn; when the last ones were
 
     def is_known(self, view: View) -> bool:
         """Whether there is a background for an eye at this pose."""
@@ -67,16 +70,20 @@ class Background:
         different: Mask = self._difference(image, box, self._threshold) > self._threshold
         return different
 
-    def _difference(self, image: Image, box: Box, least: float) -> NDArray[np.float32]:
+    def _difference(self, image: Image, box: Box, least: float) -> NDArray[np.uint8]:
         """(h, w) grey levels, the most of the three channels, by which a pixel is beyond the range of its neighbours in
-        the background, 0 if `least` or less from itself there; infinite beside what is unknown, where there is nothing
-        to compare with."""
+        the background, 0 if `least` or less from itself there; 255 beside what is unknown, where there is nothing to
+        compare with."""
         x0, y0, x1, y1 = box
         left, top = max(x0 - 1, 0), max(y0 - 1, 0)
         around, inside = self._mean[top : y1 + 1, left : x1 + 1], np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
-        low, high = (np.asarray(f(around, _NEIGHBOURS), np.float32) for f in (cv2.erode, cv2.dilate))
-        now, gain = smoothed(image, box), np.float32(self._gain_of(image))
-        return _beyond(now, around[inside], low[inside], high[inside], gain, np.float32(least))
+        seen, now = cv2.convertScaleAbs(around, alpha=self._gain_of(image)), smoothed(image, box)
+        over = beyond(now, cv2.erode(seen, _NEIGHBOURS)[inside], cv2.dilate(seen, _NEIGHBOURS)[inside])
+        unknown = (around[:, :, 0] < 0).view(np.uint8)
+        if unknown.any():
+            over[cv2.dilate(unknown, _NEIGHBOURS)[inside] > 0] = 255
+        own = np.asarray(most(cv2.absdiff(now, seen[inside])) > least).view(np.uint8) | unknown[inside]
+        return np.asarray(cv2.copyTo(over, own), np.uint8)
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
         """Whether a box (px) shows something else than the background, or no background is known."""
@@ -114,8 +121,10 @@ class Background:
         if not self.is_known(view):
             self._view = view if self.ego.is_still(last, view) else None
             if self._view is not None:
-                self._mean = cv2.blur(image, (3, 3)).astype(np.float32)
-                self._recent, self._since_s = self._mean.copy(), np.full(image.shape[:2], stamp_s)
+                self._row, self._learned_s = 0, stamp_s
+                self._recent = np.asarray(cv2.blur(image, (3, 3)), np.uint8)
+                self._mean = self._recent.astype(np.float32)
+                self._since_s = np.full(image.shape[:2], stamp_s)
                 self._rests = np.zeros(image.shape[:2], bool)
                 box = max(int(x), 0), max(int(y), 0), max(int(x + w), 0), max(int(y + h), 0)
                 self._mean[box[1] : box[3], box[0] : box[2]] = self._behind(view, box, image)
@@ -123,18 +132,16 @@ class Background:
             else:
                 self.moving.learn(image, view, stamp_s, object_px)
             return
-        height = len(image)
-        top, bottom = height * self._band // _BANDS, height * (self._band + 1) // _BANDS
-        self._band = (self._band + 1) % _BANDS
-        now = np.asarray(cv2.blur(image[top:bottom], (3, 3)), np.uint8)
-        rows = np.s_[top:bottom]
-        gain = self._gain_of(image)
-        noise = np.median(np.abs(now[::_STEP, ::_STEP] - gain * self._mean[rows][::_STEP, ::_STEP]))
-        self._threshold = max(_NOISE_FACTOR * 1.4826 * float(noise), _MIN_CONTRAST)
+        height, top = len(image), self._row
+        bottom = min(top + math.ceil(height * (stamp_s - self._learned_s) / _PERIOD_S), height)
+        self._row, self._learned_s = bottom % height, stamp_s
+        gain, rows = self._gain_of(image), np.s_[top:bottom]
+        self._threshold = max(_NOISE_FACTOR * 1.4826 * self._noise, _MIN_CONTRAST)
+        now = smoothed(image, (0, top, image.shape[1], bottom))
         kept = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
         layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
         _learn(now, *layers, gain, self._threshold, stamp_s, self.memory_s, kept)
-        if self._band == 0 and self._rests.any():
+        if bottom == height:
             self._absorb_empty_places(image, view, stamp_s)
 
     def _behind(self, view: View, box: Box, image: Image) -> Pixels | float:
@@ -148,12 +155,18 @@ class Background:
 
     def _absorb_empty_places(self, image: Image, view: View, stamp_s: float) -> None:
         """Where something was learned as background and has left."""
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(self._rests.view(np.uint8))
+        rests = self._rests.view(np.uint8)
+        left, top, width, height = cv2.boundingRect(rests)
+        if not width:
+            return
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(rests[top : top + height, left : left + width])
         for k in range(1, count):
             x, y, w, h, area = (int(value) for value in stats[k])
             if area >= LEAST_PLACE_PX:
+                mask = np.pad(np.asarray(labels[y : y + h, x : x + w] == k), 2)
+                x, y = x + left, y + top
                 box = max(x - 2, 0), max(y - 2, 0), min(x + w + 2, image.shape[1]), min(y + h + 2, len(image))
-                mask = np.asarray(labels[box[1] : box[3], box[0] : box[2]] == k)
+                mask = mask[box[1] - y + 2 : box[3] - y + 2, box[0] - x + 2 : box[2] - x + 2]
                 edge = edge_of_background(image, self._mean, self._gain_of(image), mask, box)
                 if edge is not None and edge > SURELY_EMPTY:
                     self.absorb(image, view, stamp_s, masks.dilated(mask, 2), box)
@@ -179,38 +192,38 @@ class Background:
     def _gain_of(self, image: Image) -> float:
         """How much brighter an image is than the background."""
         if image is not self._measured:
-            whole, known = image[::_STEP, ::_STEP], self._mean[::_STEP, ::_STEP]
-            lit = known > _LIT
-            self._measured, self._gain = image, float(np.median(whole[lit] / known[lit])) if lit.any() else 1.0
+            self._measured, (self._gain, self._noise) = image, _gain_and_noise(image, self._mean)
         return self._gain
 
 
 @njit(cache=True, error_model="numpy")
-def _beyond(
-    now: NDArray[np.uint8], mean: Pixels, low: Pixels, high: Pixels, gain: np.float32, least: np.float32
-) -> NDArray[np.float32]:
-    """`Background._difference` of the pixels `now` (h, w, 3) from their `mean` and the `low`est and `high`est of their
-    neighbours in the background (h, w, 3)."""
-    over = np.zeros(now.shape[:2], np.float32)
-    brightest = np.float32(255)
-    for y in range(now.shape[0]):
-        for x in range(now.shape[1]):
-            beyond, differs = np.float32(0), False
+def _gain_and_noise(image: Image, mean: Pixels) -> tuple[float, float]:
+    """How much brighter an image (h, w, 3) is than a background (h, w, 3), and the median absolute difference of the
+    image, smoothed over 3×3 px, from the background of that brightness: medians of samples of lit, of known pixels."""
+    levels, known = np.empty(3 * _SAMPLES**2), np.empty(3 * _SAMPLES**2)
+    n, height, width = 0, image.shape[0] - 2, image.shape[1] - 2
+    for i in range(_SAMPLES):
+        y = (2 * i + 1) * height // (2 * _SAMPLES) + 1
+        for j in range(_SAMPLES):
+            x = (2 * j + 1) * width // (2 * _SAMPLES) + 1
             for channel in range(3):
-                level = np.float32(now[y, x, channel])
-                differs = differs or abs(level - min(gain * mean[y, x, channel], brightest)) > least
-                below = min(gain * low[y, x, channel], brightest) - level
-                beyond = max(beyond, below, level - min(gain * high[y, x, channel], brightest))
-            if differs:
-                over[y, x] = np.float32(np.inf) if low[y, x, 0] < 0 else beyond
-    return over
+                if mean[y, x, channel] >= 0:
+                    total = 0
+                    for k in range(9):
+                        total += image[y + k // 3 - 1, x + k % 3 - 1, channel]
+                    levels[n], known[n] = total / 9, mean[y, x, channel]
+                    n += 1
+    levels, known = levels[:n], known[:n]
+    lit = known > _LIT
+    gain = np.median(levels[lit] / known[lit]) if lit.any() else 1.0
+    return gain, np.median(np.abs(levels - gain * known)) if n else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _learn(
     now: NDArray[np.uint8],
     mean: Pixels,
-    recent: Pixels,
+    recent: NDArray[np.uint8],
     since_s: NDArray[np.float64],
     rests: Mask,
     gain: float,
@@ -223,12 +236,18 @@ def _learn(
     `kept`."""
     rows, columns = since_s.shape
     scale, rate, limit = np.float32(1 / gain), np.float32(_RATE), np.float32(threshold)
+    half, brightest = np.float32(0.5), np.float32(255)
     for y in range(rows):
         for x in range(columns):
-            red, green, blue = scale * now[y, x, 0], scale * now[y, x, 1], scale * now[y, x, 2]
+            red, green, blue = (
+                min(scale * now[y, x, 0], brightest),
+                min(scale * now[y, x, 1], brightest),
+                min(scale * now[y, x, 2], brightest),
+            )
             r, g, b = mean[y, x, 0], mean[y, x, 1], mean[y, x, 2]
             if max(abs(red - recent[y, x, 0]), abs(green - recent[y, x, 1]), abs(blue - recent[y, x, 2])) > limit:
-                recent[y, x, 0], recent[y, x, 1], recent[y, x, 2], since_s[y, x] = red, green, blue, stamp_s
+                recent[y, x, 0], recent[y, x, 1], recent[y, x, 2] = red + half, green + half, blue + half
+                since_s[y, x] = stamp_s
             rests[y, x] = False
             if kept[0] <= x < kept[2] and kept[1] <= y < kept[3]:
                 continue

@@ -145,11 +145,13 @@ class ImageTracker:
 
         def likelihood_in(roi: Box) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
             bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
-            colors = s.model.table()[bins]
+            colors = np.take(s.model.table(), bins)
             if evidence is None:
                 return bins, colors
             changed = evidence(roi)
-            return bins, np.where(changed > 0.5, colors, 0) if by_color else np.asarray(changed, np.float32)
+            if not by_color:
+                return bins, np.asarray(changed, np.float32)
+            return bins, np.asarray(cv2.copyTo(colors, np.asarray(changed > 0.5).view(np.uint8)), np.float32)
 
         if prior:
             s = replace(s, size=s.size * prior.growth)

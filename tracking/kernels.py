@@ -25,7 +25,6 @@ _EDGE, _INNER, _OUTER = 0, 1, 2
 Map = NDArray[np.float32]
 Color = tuple[float, float, float]
 Upper = tuple[float, float, float, float, float, float, float, float, float, float]
-Box = tuple[int, int, int, int]  # top, bottom, left, right
 
 
 @njit(cache=True, error_model="numpy")
@@ -42,17 +41,31 @@ def covered(patch: Image, mask: Mask, band: int) -> tuple[Map, Map]:
     """
     height, width = mask.shape
     kind = _kinds(mask, band)
-    sums = _color_sums(patch, kind)
     alpha, variance = np.zeros((height, width), np.float32), np.zeros((height, width), np.float32)
-    reach, within = 2 * band + 2, np.empty(8, np.int32)
+    reach, every = 2 * band + 2, np.zeros((width, 8), np.int32)
     for y in range(height):
+        _add_colors(every, patch[y], kind[y], 1)
+    whole = every.sum(axis=0).astype(np.int32)
+    columns, sums, within = np.zeros((width, 8), np.int32), np.zeros((width + 1, 8), np.int32), np.empty(8, np.int32)
+    for y in range(-reach, height):
+        if y + reach < height:
+            _add_colors(columns, patch[y + reach], kind[y + reach], 1)
+        if y > reach:
+            _add_colors(columns, patch[y - reach - 1], kind[y - reach - 1], -1)
+        if y < 0:
+            continue
+        for x in range(width):
+            for channel in range(8):
+                sums[x + 1, channel] = sums[x, channel] + columns[x, channel]
         for x in range(width):
             if kind[y, x] == _INNER:
                 alpha[y, x] = 1
             elif kind[y, x] == _EDGE:
-                box = max(y - reach, 0), min(y + reach + 1, height), max(x - reach, 0), min(x + reach + 1, width)
+                left, right = max(x - reach, 0), min(x + reach + 1, width)
+                for channel in range(8):
+                    within[channel] = sums[right, channel] - sums[left, channel]
                 color = float(patch[y, x, 0]), float(patch[y, x, 1]), float(patch[y, x, 2])
-                inner, outer = _means(sums, box, within)
+                inner, outer = _mean(within if within[3] else whole, 0), _mean(within if within[7] else whole, 4)
                 a, b, rest, contrast = _unmixed(color, inner, outer)
                 noise, known = rest / 3 + _LEVEL_VAR, _MASK_VAR * contrast
                 weight = known / (noise + known)
@@ -100,39 +113,16 @@ def _kinds(mask: Mask, band: int) -> NDArray[np.uint8]:
 
 
 @njit(cache=True, error_model="numpy")
-def _color_sums(patch: Image, kind: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """(h + 1, w + 1, 8) integral images: red, green, blue and the number of the inner pixels, and the same of the
-    outer ones; for at most 8 million pixels."""
-    height, width = kind.shape
-    sums = np.zeros((height + 1, width + 1, 8), np.int32)
-    row = np.empty(8, np.int32)
-    for y in range(height):
-        for channel in range(8):
-            row[channel] = 0
-        for x in range(width):
-            if kind[y, x] != _EDGE:
-                first = 0 if kind[y, x] == _INNER else 4
-                for channel in range(3):
-                    row[first + channel] += patch[y, x, channel]
-                row[first + 3] += 1
-            above, here = sums[y, x + 1], sums[y + 1, x + 1]
-            for channel in range(8):
-                here[channel] = above[channel] + row[channel]
-    return sums
-
-
-@njit(cache=True, error_model="numpy")
-def _means(sums: NDArray[np.int32], box: Box, within: NDArray[np.int32]) -> tuple[Color, Color]:
-    """Mean colours of the inner and of the outer pixels in a box, or in the whole patch where the box has none.
-
-    `within` (8,) is a buffer.
-    """
-    top, bottom, left, right = box
-    a, b, c, d = sums[bottom, right], sums[top, right], sums[bottom, left], sums[top, left]
-    for channel in range(8):
-        within[channel] = a[channel] - b[channel] - c[channel] + d[channel]
-    every = sums[-1, -1]
-    return _mean(within if within[3] else every, 0), _mean(within if within[7] else every, 4)
+def _add_colors(columns: NDArray[np.int32], row: Image, kind: NDArray[np.uint8], times: int) -> None:
+    """Add a row (w, 3) of pixels to the sums of the `columns` (w, 8), in place: red, green, blue and the number of the
+    inner pixels, and the same of the outer ones."""
+    for x in range(len(row)):
+        if kind[x] != _EDGE:
+            first = 0 if kind[x] == _INNER else 4
+            columns[x, first] += times * row[x, 0]
+            columns[x, first + 1] += times * row[x, 1]
+            columns[x, first + 2] += times * row[x, 2]
+            columns[x, first + 3] += times
 
 
 @njit(cache=True, error_model="numpy")

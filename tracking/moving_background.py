@@ -1,5 +1,7 @@
 """The background of an eye that moves: what an older image showed, seen from where the eye is now."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -164,9 +166,8 @@ class MovingBackground:
         known = cv2.erode(self._warped(self._known, view, wide), kernel) == 255
         inside = np.s_[top : top + y1 - y0, left : left + x1 - x0]
         low, high = cv2.erode(seen, kernel)[inside], cv2.dilate(seen, kernel)[inside]
-        red, green, blue = cv2.split(cv2.max(cv2.subtract(now, high), cv2.subtract(low, now)))
-        most = cv2.morphologyEx(cv2.max(cv2.max(red, green), blue), cv2.MORPH_CLOSE, masks.square(m + 1))
-        return np.asarray(most, np.uint8), np.asarray(known[inside], bool)
+        over = cv2.morphologyEx(beyond(now, low, high), cv2.MORPH_CLOSE, masks.square(m + 1))
+        return np.asarray(over, np.uint8), np.asarray(known[inside], bool)
 
     def _warped(self, image: NDArray[np.uint8], view: View, box: Box) -> NDArray[np.uint8]:
         """The box of an image of the anchor as seen from a view."""
@@ -183,6 +184,17 @@ def _drop_empty_places(image: Image, mean: Pixels, moved: NDArray[np.uint8]) -> 
             edge = edge_of_background(image, mean, 1.0, mask, (x, y, x + w, y + h))
             if edge is not None and edge > SURELY_EMPTY:
                 moved[y : y + h, x : x + w][mask] = 0
+
+
+def beyond(now: Pixels, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.uint8]:
+    """(h, w) grey levels, the most of the three channels, by which pixels are below `low` or above `high`."""
+    return most(cv2.max(cv2.subtract(now, high), cv2.subtract(low, now)))
+
+
+def most(levels: NDArray[Any]) -> NDArray[np.uint8]:
+    """(h, w) the largest of the three channels."""
+    red, green, blue = cv2.split(levels)
+    return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
 
 
 def smoothed(image: Image, box: Box) -> Pixels:

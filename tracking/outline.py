@@ -194,9 +194,15 @@ def cover(image: Image, mask: Mask, box: Box) -> Coverage:
     is near 1 but not bound to it, since the light on a round object falls off towards its rim.  The misfit gives the
     variance.
     """
-    x0, y0, x1, y1 = box
     band = _BAND_PX if np.count_nonzero(mask) > _SMALL_PX else 1
-    return Coverage(*covered(image[y0:y1, x0:x1].copy(), mask.copy(), band), box)
+    x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
+    beside = 3 * band + 3  # as far as the colours beside an edge are looked for
+    left, top = max(x - beside, 0), max(y - beside, 0)
+    part = np.s_[top : y + h + beside, left : x + w + beside]
+    patch = image[box[1] : box[3], box[0] : box[2]][part].copy()
+    corner = box[0] + left, box[1] + top
+    around = (*corner, corner[0] + patch.shape[1], corner[1] + patch.shape[0])
+    return Coverage(*covered(patch, mask[part].copy(), band), around)
 
 
 def outline(coverage: Coverage, optics: Optics) -> Outline | None:

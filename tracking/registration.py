@@ -64,9 +64,8 @@ class Reference:
         """Whether most corners are where they were: a fraction of the time of `misalignment`."""
         if not self.has_corners:
             return False
-        shift = (self._solve @ (image[self._pixels].mean(axis=2) - self._before)[:, :, None])[:, :, 0]
-        middle = np.abs(np.median(shift, axis=0)).max()
-        return bool(middle < _STILL_PX and np.median(np.hypot(shift[:, 0], shift[:, 1])) < _STILL_SPREAD_PX)
+        across, down, length = _median_shift(image, *self._pixels, self._before, self._solve)
+        return max(abs(across), abs(down)) < _STILL_PX and length < _STILL_SPREAD_PX
 
     def misalignment(self, image: Image, view: View, room_m: float, guess: Array) -> Misalignment | None:
         """Return by how much the pose of an image is off, if that of the reference is right; None where too few corners
@@ -160,6 +159,23 @@ class Reference:
             one[sharp, 1:-1, 1:-1].reshape(-1, slopes.shape[2]) for one in (rows, columns, grey)
         )
         self._pixels = rows, columns
+
+
+@njit(cache=True, error_model="numpy")
+def _median_shift(
+    image: Image, rows: NDArray[np.int64], columns: NDArray[np.int64], before: Array, solve: Array
+) -> tuple[float, float, float]:
+    """Medians over corners of the shift along x and y and of its length, px, as `Reference._keep_sharp` names them."""
+    n, m = rows.shape
+    shift = np.zeros((3, n))
+    for i in range(n):
+        for j in range(m):
+            y, x = rows[i, j], columns[i, j]
+            brighter = (float(image[y, x, 0]) + float(image[y, x, 1]) + float(image[y, x, 2])) / 3 - before[i, j]
+            shift[0, i] += solve[i, 0, j] * brighter
+            shift[1, i] += solve[i, 1, j] * brighter
+        shift[2, i] = math.hypot(shift[0, i], shift[1, i])
+    return np.median(shift[0]), np.median(shift[1]), np.median(shift[2])
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -85,8 +86,7 @@ class TrackerStep:
     head: Array
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerState:
+class TrackerState(NamedTuple):
     """What the tracker carries from frame to frame, beside the backgrounds, the cameras' motion and the images that the
     motion trigger keeps."""
 
@@ -198,7 +198,7 @@ class Tracker:
             state, track = self._manage(state, belief, observation if updated else None, poses, stamp_s, blind=blind)
         if not blind:
             state = self._learn(state, cameras, detections, observation)
-        state = replace(state, stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
+        state = state._replace(stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
         parts = zip(self._cameras, cameras, detections, strict=True)
         messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
         return state, TrackerStep(track, messages, observation, _middle(view))
@@ -229,18 +229,18 @@ class Tracker:
                 for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
                     if one is not None:
                         tracker.absorb(camera, one)
-                return replace(self._initial, association=state.association), None, _NOTHING
+                return self._initial._replace(association=state.association), None, _NOTHING
         if None not in detections and self.params.mode == "generic":
             state = self._checked_for_part(state, cameras, detections)
             if state.part >= _SURELY_PART and state.hits % _CHECK_EVERY < _SEARCH_FOR:
                 acquired, whole = self._acquire(state, cameras, view, stamp_s)
                 if _is_whole_of(whole, detections):
-                    return replace(acquired, hits=0, part=0), None, whole
+                    return acquired._replace(hits=0, part=0), None, whole
         passing = any(one.target is not None and one.target.touched for one in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
             acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
-                return replace(acquired, hits=0), None, elsewhere
+                return acquired._replace(hits=0), None, elsewhere
         return state, predicted, detections
 
     def _checked_for_part(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
@@ -249,7 +249,7 @@ class Tracker:
             return state
         each = zip(self._cameras, state.cameras, cameras, detections, strict=True)
         is_part = all(tracker.is_part(known, camera, one) for tracker, known, camera, one in each if one is not None)
-        return replace(state, part=state.part + 1 if is_part else 0)
+        return state._replace(part=state.part + 1 if is_part else 0)
 
     def _follow(self, state: TrackerState, predicted: Belief, cameras: CameraFrames) -> tuple[TrackerState, Detections]:
         """The object near where the track predicts it."""
@@ -258,7 +258,7 @@ class Tracker:
             tracker.find(one, camera, tracker.predict(one, camera, last, predicted))
             for tracker, one, camera in zip(self._cameras, state.cameras, cameras, strict=True)
         )
-        return replace(state, cameras=(a, b)), (left, right)
+        return state._replace(cameras=(a, b)), (left, right)
 
     def _acquire(
         self,
@@ -281,7 +281,7 @@ class Tracker:
                 tracker.background.forget_around(camera.image, camera.view, blob.box_px)
                 targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
             left, right = (known._replace(target=one) for known, one in zip(state.cameras, targets, strict=True))
-            return replace(state, cameras=(left, right)), _detections(*marker)
+            return state._replace(cameras=(left, right)), _detections(*marker)
         pair = self._acquisition.step(cameras, view, stamp_s, state.association)
         if pair is None:
             return state, _NOTHING
@@ -306,7 +306,7 @@ class Tracker:
             one._replace(target=target, by_background=not by_color, emptiness=0.0)
             for one, target in zip(state.cameras, targets, strict=True)
         )
-        return replace(state, cameras=(left, right), acquired=pair), _detections(*outlines)
+        return state._replace(cameras=(left, right), acquired=pair), _detections(*outlines)
 
     def _passes_gate(
         self,
@@ -342,7 +342,7 @@ class Tracker:
         """
         left, right = detections
         if left is None or right is None:
-            return replace(state, refused=0), None
+            return state._replace(refused=0), None
         shift, view = None, poses.view
         if predicted is not None and state.kalman.order > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
             p, v = predicted.mean[0], predicted.mean[1]
@@ -352,11 +352,11 @@ class Tracker:
             shift = shift_left, shift_right
         observation = state.association.observe(view, left.outline, right.outline, stamp_s, shift)
         if observation is None or not self._has_its_size(state, observation):
-            return replace(state, refused=state.refused + 1), None
-        state = replace(state, refused=0)
+            return state._replace(refused=state.refused + 1), None
+        state = state._replace(refused=0)
         if predicted is not None:
             learned = state.association.learned(poses.view, observation, left.outline, right.outline)
-            state = replace(state, association=learned)
+            state = state._replace(association=learned)
             observation = learned.observe(poses.view, left.outline, right.outline, stamp_s, shift) or observation
         if poses.stamp_error_s > 0 and state.view is not None:
             dt_s = stamp_s - 0.5 * sum(state.stamps_s)
@@ -393,7 +393,7 @@ class Tracker:
         belief = kalman.start(
             *(params, stamp_s, observation.p_root, observation.cov_root, *measured, observation.correlated_cov_root)
         )
-        return replace(state, kalman=params), belief, True
+        return state._replace(kalman=params), belief, True
 
     def _manage(
         self,
@@ -406,12 +406,12 @@ class Tracker:
         blind: bool,
     ) -> tuple[TrackerState, Track3D]:
         """Confirm, coast or delete the track; a frame in which a camera is blind does not break a confirmation."""
-        state = replace(state, belief=belief)
+        state = state._replace(belief=belief)
         if belief is None:
             return state, Track3D.unknown(stamp_s)
         confirmed = state.hits >= self.params.confirm_frames
         if observation is not None:
-            state = _with_radius(replace(state, hits=state.hits + 1, observed_s=stamp_s), observation)
+            state = _with_radius(state._replace(hits=state.hits + 1, observed_s=stamp_s), observation)
         elif stamp_s - state.observed_s > self.params.lost_after_s or state.refused >= _MAX_REFUSED:
             return self._initial, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING)
         elif not confirmed and not blind:
@@ -443,7 +443,7 @@ class Tracker:
         appearance = state.appearance
         if appearance is None and state.hits >= self.params.confirm_frames and left.target and right.target:
             appearance = left.target.model, right.target.model
-        return replace(state, cameras=(left, right), appearance=appearance)
+        return state._replace(cameras=(left, right), appearance=appearance)
 
 
 def _enlarged(step: TrackerStep, k: int) -> TrackerStep:
@@ -494,8 +494,8 @@ def _with_radius(state: TrackerState, observation: Observation3D) -> TrackerStat
     frame."""
     weight = 1 / min(state.hits, _RADIUS_MEMORY)
     radius = observation.radius_m if state.hits == 1 else state.radius_m
-    return replace(
-        state, radius_m=radius + weight * (observation.radius_m - radius), radius_var_m2=observation.radius_var_m2
+    return state._replace(
+        radius_m=radius + weight * (observation.radius_m - radius), radius_var_m2=observation.radius_var_m2
     )
 
 
