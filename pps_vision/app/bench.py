@@ -1,10 +1,8 @@
 """Run studies and write their numbers, charts and tables: what `pps-vision bench` does."""
 
 import json
-import multiprocessing
 import resource
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
@@ -18,6 +16,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.study import Entry, Study, catalogue, load, short_parameters
 from pps_vision.experiments.tables import filled, markdown, names
 from pps_vision.recordings.outputs import plain, whole_file
+from pps_vision.worker_pool import worker_pool
 
 _DOCUMENTS = Path("docs")
 _GROUPS = ("pps", "reach")
@@ -98,8 +97,7 @@ def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bo
         for name, study in studies.items():
             _measure(name, study, commit, out, again)
         return
-    new = multiprocessing.get_context("spawn")  # OpenGL and threads do not survive a fork
-    with ProcessPoolExecutor(workers, new, max_tasks_per_child=1) as pool:
+    with worker_pool(workers, max_tasks_per_child=1) as pool:
         done = [pool.submit(_measure, name, study, commit, out, again) for name, study in studies.items()]
     if errors := [error for future in done if (error := future.exception())]:
         for error in errors[1:]:

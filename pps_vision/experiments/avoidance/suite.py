@@ -2,9 +2,7 @@
 
 import shutil
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -20,6 +18,7 @@ from pps_vision.experiments.avoidance.registry import NONE, REACHING, TRUE, new_
 from pps_vision.experiments.avoidance.tracks import track_of, true_track_of
 from pps_vision.experiments.avoidance.training import Memories, learn
 from pps_vision.experiments.study import Study, kept_folder, part
+from pps_vision.worker_pool import worker_pool
 
 Rows = list[dict[str, Any]]
 _PART = 6  # encounters that are kept when a run is interrupted
@@ -72,7 +71,7 @@ def run_suite(
     if workers == 1:
         parts = list(tqdm(map(_run, tasks, files), **show))
     else:
-        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        with worker_pool(workers) as pool:
             parts = list(tqdm(pool.map(_run, tasks, files), **show))
     shutil.rmtree(kept)
     _memories.cache_clear()

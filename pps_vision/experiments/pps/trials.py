@@ -1,10 +1,8 @@
 """The trials that learning starts from: movements known exactly, or rendered, tracked and followed by the eyes."""
 
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +22,7 @@ from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, Track3D
+from pps_vision.worker_pool import worker_pool
 from rendering.eyes import Eyes
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
@@ -77,7 +76,7 @@ def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLD
     files = [folder / f"{movement.stimulus}_{_digest(movement, _code())}.npz" for movement in made]
     todo = [(movement, file) for movement, file in zip(made, files, strict=True) if not file.exists()]
     if todo:
-        with ProcessPoolExecutor(min(_PROCESSES, len(todo)), get_context("spawn")) as pool:
+        with worker_pool(min(_PROCESSES, len(todo))) as pool:
             done = pool.map(_render_to, *zip(*todo, strict=True))
             for _ in tqdm(done, "rendering", len(todo), unit="trial", disable=None):
                 pass

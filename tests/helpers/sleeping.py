@@ -1,0 +1,11 @@
+"""What a worker does that has to be ended."""
+
+import os
+import time
+from pathlib import Path
+
+
+def sleep(file: str) -> None:
+    """Write the process's number into a file, and sleep."""
+    Path(file).write_text(str(os.getpid()))
+    time.sleep(300)
