@@ -60,30 +60,31 @@ class Background:
         and if none is known."""
         if not self.is_known(view):
             return np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
-        over = self._difference(image, box, 0.5 * self._threshold)
-        return np.asarray(np.minimum(over * np.float32(0.5 / self._threshold), 1), np.float32)
+        share = np.arange(256, dtype=np.float32) / np.float32(2 * self._threshold)
+        share[share <= 0.25] = 0
+        return np.take(np.minimum(share, 1), self._difference(image, box))
 
     def differs(self, image: Image, view: View, box: Box) -> Mask:
         """(h, w) which pixels of a region are not the background; all, where none is known."""
         if not self.is_known(view):
             return np.ones((box[3] - box[1], box[2] - box[0]), bool)
-        different: Mask = self._difference(image, box, self._threshold) > self._threshold
+        different: Mask = self._difference(image, box) > int(self._threshold)
         return different
 
-    def _difference(self, image: Image, box: Box, least: float) -> NDArray[np.uint8]:
+    def _difference(self, image: Image, box: Box) -> NDArray[np.uint8]:
         """(h, w) grey levels, the most of the three channels, by which a pixel is beyond the range of its neighbours in
-        the background, 0 if `least` or less from itself there; 255 beside what is unknown, where there is nothing to
-        compare with."""
+        the background; 255 beside what is unknown, where there is nothing to compare with, but for what looks as the
+        background does there."""
         x0, y0, x1, y1 = box
         left, top = max(x0 - 1, 0), max(y0 - 1, 0)
         around, inside = self._mean[top : y1 + 1, left : x1 + 1], np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
         seen, now = cv2.convertScaleAbs(around, alpha=self._gain_of(image)), smoothed(image, box)
         over = beyond(now, cv2.erode(seen, _NEIGHBOURS)[inside], cv2.dilate(seen, _NEIGHBOURS)[inside])
-        unknown = (around[:, :, 0] < 0).view(np.uint8)
+        unknown = around[:, :, 0] < 0
         if unknown.any():
-            over[cv2.dilate(unknown, _NEIGHBOURS)[inside] > 0] = 255
-        own = np.asarray(most(cv2.absdiff(now, seen[inside])) > least).view(np.uint8) | unknown[inside]
-        return np.asarray(cv2.copyTo(over, own), np.uint8)
+            beside = masks.dilated(unknown, 1)[inside]
+            over[beside & (unknown[inside] | (most(cv2.absdiff(now, seen[inside])) > self._threshold))] = 255
+        return over
 
     def has_changed(self, image: Image, view: View, x: int, y: int, w: int, h: int) -> bool:
         """Whether a box (px) shows something else than the background, or no background is known."""

@@ -72,6 +72,19 @@ def test_what_rests_for_long_enough_becomes_background(rng: np.random.Generator)
     assert stays < 0.2  # ½ is the noise's edge
 
 
+@pytest.mark.parametrize("fps", [3, 10, 120])
+def test_it_becomes_background_as_soon_at_any_rate_of_images(fps: int, rng: np.random.Generator) -> None:
+    background = Background(EgoMotion(LEFT_EYE), 0.3)
+    changed_s, images = 2.0, range(int(4.0 * fps))
+    for k in images:
+        background.learn(draw(rng, (60.0, 50.0, 70.0) if k / fps >= changed_s else None), VIEW, k / fps, None)
+        evidence = background.evidence(draw(rng, (60.0, 50.0, 70.0)), VIEW, WHOLE)[INNER]
+        if changed_s <= k / fps < changed_s + 0.3 - 1 / fps:
+            assert evidence.min() == 1
+        if k / fps > changed_s + 0.3 + 2 * 0.2 + 2 / fps:
+            assert evidence.max() < 0.5
+
+
 def test_what_keeps_changing_does_not_become_background(rng: np.random.Generator) -> None:
     background = learned(rng)
     for k in range(12, 60):
