@@ -1,5 +1,6 @@
 """Cost as it grows: with the image, the object, the recording, the skin and the map."""
 
+import math
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -73,25 +74,28 @@ class Growth(SampledStudy):
     def run(self) -> dict[str, Any]:
         """Return for each axis the sizes, and by series median and quartiles of the times at each."""
         axes = {
-            "image (pixels)": self._over([w * h for w, h in self.images], self._image, self.images),
-            "object (pixels across)": self._over(OBJECTS_PX, self._object, OBJECTS_PX),
+            "image (pixels)": self._over(self._image, self.images, math.prod),
+            "object (pixels across)": self._over(self._object, OBJECTS_PX),
             "recording (pairs)": self._recording(),
-            "skin (taxels)": self._over(TAXELS, self._skin, TAXELS),
-            "map (labels)": self._over(self.labels, self._map, self.labels),
+            "skin (taxels)": self._over(self._skin, TAXELS),
+            "map (labels)": self._over(self._map, self.labels),
         }
         return {"axes": axes}
 
     def _over(
-        self, sizes: Sequence[int], make: Callable[[Any], dict[str, Callable[[], Times]]], of: Sequence[Any]
+        self,
+        make: Callable[[Any], dict[str, Callable[[], Times]]],
+        of: Sequence[Any],
+        size: Callable[[Any], int] = lambda one: one,
     ) -> Any:
-        """Measure what `make` returns for each size, `n` times by turns."""
+        """Measure what `make` returns for each thing `of` some size, `n` times by turns."""
         ms: dict[str, list[list[float]]] = {}
         for one in tqdm(of, desc=make.__name__.strip("_"), unit="size", disable=None):
             calls = make(one)
             turns = [{name: call() for name, call in calls.items()} for _ in range(self.n)]
             for name in calls:
                 ms.setdefault(name, []).append(_quartiles([time for turn in turns for time in turn[name]]))
-        return {"sizes": list(sizes), "ms": ms}
+        return {"sizes": [size(one) for one in of], "ms": ms}
 
     def _image(self, size: tuple[int, int]) -> dict[str, Callable[[], Times]]:
         red, green, still = self._film(*size), self._film(*size, color=_GREEN), self._film(*size, motion="still")
@@ -125,8 +129,9 @@ class Growth(SampledStudy):
                 shutil.rmtree(long, ignore_errors=True)
                 to_and_fro(short, long, pairs)
                 opened.append([_ms(partial(open_recording, long)) for _ in range(self.n)])
+            recording = open_recording(long)
             begun = process_time()
-            for k, _ in enumerate(track(long, seed=self.seed), start=1):
+            for k, _ in enumerate(track(recording, seed=self.seed), start=1):
                 if k in self.pairs:
                     tracked.append([1000 * (process_time() - begun)])
                     held.append(_resident_mb())
