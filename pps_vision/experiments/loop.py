@@ -1,12 +1,14 @@
 """The closed loop, many times: who is touched, and who moves without cause."""
 
 from dataclasses import dataclass
+from time import process_time
 from typing import Any, Literal
 
 import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import PPSMemory
+from pps_vision.app.pipeline import PipelineStep
 from pps_vision.app.simulation import (
     SPEED_M_S,
     EpisodeLog,
@@ -23,6 +25,7 @@ from pps_vision.app.simulation import (
 from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.skin import INNER_FOREARM
+from pps_vision.types import Mask, StereoFrame
 
 Case = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
 CASES: dict[Case, tuple[Kind, bool]] = {
@@ -52,11 +55,12 @@ class Loop(SampledStudy):
         training = TrainingParams(self.training_trials)
         with open_world(training.noise_sigma, self.seed) as world:
             memory = train(world, training)
-            logs = {
-                case: [self.episode(world, memory, case, k) for k in tqdm(range(self.n), case, disable=None)]
-                for case in CASES
-            }
-        return {"seed": self.seed, "n": self.n, **{case: _counts(of_case) for case, of_case in logs.items()}}
+            counts: dict[str, object] = {}
+            for case in CASES:
+                ms: list[float] = []
+                logs = [self.episode(world, memory, case, k, ms) for k in tqdm(range(self.n), case, disable=None)]
+                counts[case] = _counts(logs) | {"ms": np.percentile(ms, (50, 99)).round(2).tolist()}
+        return {"seed": self.seed, "n": self.n, **counts}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one row a case."""
@@ -65,16 +69,32 @@ class Loop(SampledStudy):
             counts = numbers[case]
             gaps = [gap for gap in counts["smallest_gap_mm"] if gap is not None]
             shares = (f"{counts[key]} of {counts['episodes']}" for key in ("touched", "commanded"))
-            rows.append([case, *shares, f"{np.median(gaps):.0f}" if gaps else "–", f"{min(gaps):.0f}" if gaps else "–"])
-        return {"": Table(["case", "touched", "arm commanded", "smallest gap (mm), median", "smallest"], rows)}
+            least = (f"{np.median(gaps):.0f}", f"{min(gaps):.0f}") if gaps else ("–", "–")
+            rows.append([case, *shares, *least, *(f"{ms:.1f}" for ms in counts["ms"])])
+        gap, time = ("smallest gap (mm), median", "smallest"), ("ms a frame, median", "99th percentile")
+        return {"": Table(["case", "touched", "arm commanded", *gap, *time], rows)}
 
-    def episode(self, world: World, memory: PPSMemory, case: Case, number: int) -> EpisodeLog:
-        """One episode; approaches of the same number are the same with avoidance on and off."""
+    def episode(
+        self, world: World, memory: PPSMemory, case: Case, number: int, ms: list[float] | None = None
+    ) -> EpisodeLog:
+        """One episode; approaches of the same number are the same with avoidance on and off.
+
+        To `ms` come the processor times of the frames: perception, prediction and control, without rendering.
+        """
         kind, avoid = CASES[case]
         rng = np.random.default_rng((self.seed, number, sorted({k for k, _ in CASES.values()}).index(kind)))
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
         episode = make_episode(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
-        return log_of(world, episode, simulate(world, episode, new_pipeline(world, memory).step, avoid), avoid)
+        pipeline = new_pipeline(world, memory)
+
+        def timed(frame: StereoFrame, touched: Mask) -> PipelineStep:
+            begun = process_time()
+            step = pipeline.step(frame, touched)
+            if ms is not None:
+                ms.append(1000 * (process_time() - begun))
+            return step
+
+        return log_of(world, episode, simulate(world, episode, timed, avoid), avoid)
 
 
 def _counts(logs: list[EpisodeLog]) -> dict[str, object]:
