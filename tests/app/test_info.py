@@ -95,6 +95,19 @@ def test_a_laboratorys_own_test_needs_a_truth(videos: list[str]) -> None:
         check_error([recording], rmse_mm=1)
 
 
+def test_a_rate_for_a_robots_recording_is_told_and_not_used(
+    approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    warning = f"--fps not used: {approach} has stamps of its own"
+    main(["info", str(approach), "--fps", "30", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["pairs_per_s"] == pytest.approx(20)
+    assert warning in found["warnings"]
+    main(["track", str(approach), "--fps", "30", "--out", str(tmp_path / "out")])
+    assert f"warning: {warning}\n" in capsys.readouterr().err
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
+
+
 def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["--version"])
     assert capsys.readouterr().out.startswith("pps-vision 0.")

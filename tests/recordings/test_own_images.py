@@ -126,6 +126,9 @@ def test_euroc(tmp_path: Path, place: str) -> None:
     assert recording.rig is not None
     np.testing.assert_allclose(recording.rig.view().right.center, [0.11, 0, 0], atol=1e-12)
     assert [p.file.name for p in recording.problems] == [f"{NS[1]}.png"]
+    assert recording.warnings == ()
+    unused = open_recording(tmp_path, fps=30, times=tmp_path / "times.txt").warnings
+    assert unused == (f"--fps and --times not used: {tmp_path} has stamps of its own",)
     sensor = tmp_path / place / "cam1" / "sensor.yaml"
     sensor.unlink()
     bare = open_recording(tmp_path)
@@ -144,6 +147,9 @@ def test_kitti(tmp_path: Path, colour: bool) -> None:
     assert next(iter(recording)).right[0, 0, 0] == (150 if colour else 50)
     assert recording.rig is not None
     np.testing.assert_allclose(recording.rig.view().right.center, [0.6 if colour else 0.5, 0, 0], atol=1e-12)
+    assert open_recording(tmp_path, fps=30).warnings == (f"--fps 30 replaces the stamps of {tmp_path / 'times.txt'}",)
+    with pytest.raises(InputError, match="fps and times; expected one of them"):
+        open_recording(tmp_path, fps=10, times=tmp_path / "times.txt")
     (tmp_path / "times.txt").unlink()
     with pytest.raises(InputError, match=r"times\.txt: cannot be read"):
         open_recording(tmp_path)

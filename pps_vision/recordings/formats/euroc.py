@@ -10,6 +10,7 @@ from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, us
 from pps_vision.recordings.times import read_times
 
 FORMAT = "a EuRoC folder, mav0/cam0 and cam1 with a data.csv each"
+HAS_STAMPS = True
 
 
 def recognises(source: Source) -> bool:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from pps_vision.recordings.formats.stereo_images import fixed_rig, open_stereo_images, refuse_robot_options
+from pps_vision.recordings.formats.stereo_images import check_options, fixed_rig, open_stereo_images
 from pps_vision.recordings.recording import Recording, Source
 from pps_vision.recordings.times import read_times
 
@@ -18,13 +18,15 @@ def recognises(source: Source) -> bool:
 
 def open_source(source: Source) -> Recording:
     """Open `source.folder`, in colour where it has both; InputError if its images or its calibration cannot be used."""
-    refuse_robot_options(source)
+    check_options(source)
     folder = Path(str(source.folder))
     cameras = _pair(folder) or _PAIRS[0]
     left, right = ([str(folder / f"image_{camera}")] for camera in cameras)
-    times = None if source.fps else read_times(source.times or folder / "times.txt")
+    stamps, own = folder / "times.txt", folder / "calib.txt"
+    times = None if source.fps else read_times(source.times or stamps)
     recording = open_stereo_images(left, right, source.fps, times, source.max_skew_s)
-    recording, own = replace(recording, name=str(folder)), folder / "calib.txt"
+    replaced = (f"--fps {source.fps:g} replaces the stamps of {stamps}",) if source.fps and stamps.exists() else ()
+    recording = replace(recording, name=str(folder), warnings=(*recording.warnings, *replaced))
     if not (source.calib or own.exists()):
         return replace(recording, calibration_at=f"{own}, or one by --calib")
     warnings = list(recording.warnings)
