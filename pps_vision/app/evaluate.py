@@ -29,6 +29,7 @@ class Path3D:
         stamps_s: (n,) increasing.
         position: (n, 3) m.
         cov: (n, 3, 3) m², NaN where none is stated.
+        unknown: How many rows or frames without a position were left out.
         missing: Lines of the file's rows without a position, but for those with a status that says so.
     """
 
@@ -36,6 +37,7 @@ class Path3D:
     stamps_s: Array
     position: Array
     cov: Array
+    unknown: int = 0
     missing: tuple[int, ...] = ()
 
 
@@ -44,6 +46,10 @@ class Score:
     """How far a path is from the true one; errors are track minus truth, at the track's stamps."""
 
     name: str
+    rows: int
+    """Of the track."""
+    unknown: int
+    """Rows of the track without a position: searching, lost, or empty."""
     compared: int
     """Positions with a truth at their stamp."""
     rmse_mm: float
@@ -104,7 +110,7 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
             raise InputError(file, f"stamp {row[0]} after {before[0]}; expected stamps that increase", line)
     table = np.array([row for _, row in known]).reshape(len(known), -1) if known else np.zeros((0, 4))
     cov = covariances(table[:, 4:]) if table.shape[1] == 10 else np.full((len(table), 3, 3), np.nan)
-    return Path3D(str(file), table[:, 0], table[:, 1:4], cov, tuple(sorted(missing)))
+    return Path3D(str(file), table[:, 0], table[:, 1:4], cov, len(values) - len(known), tuple(sorted(missing)))
 
 
 def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
@@ -112,7 +118,7 @@ def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
     known = [track for track in tracks if track.is_known]
     position = np.reshape([track.position for track in known], (-1, 3))
     cov = np.reshape([track.cov[:3, :3] for track in known], (-1, 3, 3))
-    return Path3D(name, np.array([track.stamp_s for track in known]), position, cov)
+    return Path3D(name, np.array([track.stamp_s for track in known]), position, cov, len(tracks) - len(known))
 
 
 def path_of_truth(name: str, truth: Sequence[Truth]) -> Path3D:
@@ -146,6 +152,8 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
     bias = 1000 * error.mean(axis=0)
     return Score(
         track.name,
+        len(track.stamps_s) + track.unknown,
+        track.unknown,
         len(error),
         float(np.sqrt(np.mean(distance_mm**2))),
         float(np.median(distance_mm)),

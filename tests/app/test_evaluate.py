@@ -186,11 +186,12 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     main(["evaluate", *files, "--json"])
     ours, theirs = json.loads(capsys.readouterr().out)
     assert ours["rmse_mm"] == pytest.approx(2, abs=1e-3)
+    assert [(one["rows"], one["unknown"], one["compared"]) for one in (ours, theirs)] == [(401, 1, 400), (400, 0, 400)]
     assert (theirs["rmse_mm"], theirs["nees"]) == (ours["rmse_mm"], None)
     assert ours["nees"] == pytest.approx(4 / (1 - 0.2**2), rel=1e-3)  # of (2, 0, 0) mm
     main(["evaluate", *files, "--figure", str(tmp_path / "errors.pdf")])
     assert (tmp_path / "errors.pdf").stat().st_size > 5000
-    assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [12, 12, 12]
+    assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [14, 14, 14]
 
 
 def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -208,7 +209,8 @@ def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.Capt
         f"1 row of {files[0]} without a position (line 6)",
         f"2 rows of {files[1]} without a position (from line 2)",
     ]
-    assert json.loads(said.out)[0]["compared"] == 4
+    (score,) = json.loads(said.out)
+    assert (score["rows"], score["unknown"], score["compared"]) == (6, 2, 4)
 
 
 @pytest.mark.parametrize(

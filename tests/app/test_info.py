@@ -85,7 +85,9 @@ def test_what_is_no_recording(refused, tmp_path: Path) -> None:
 def test_a_laboratorys_own_test(approach: Path) -> None:
     (score,) = check_error([approach], rmse_mm=20)
     assert 0 < score.rmse_mm < 20
-    with pytest.raises(AssertionError, match=r"1 of 1 recordings: .*\n.*\(fails\)"):
+    assert (score.rows, score.rows - score.unknown) == (80, score.compared)
+    said = rf"1 of 1 recordings: .*\n.* lost, {score.unknown} of 80 pairs without a position \(fails\)"
+    with pytest.raises(AssertionError, match=said):
         check_error([approach], rmse_mm=score.rmse_mm / 2)
 
 
@@ -106,6 +108,14 @@ def test_a_rate_for_a_robots_recording_is_told_and_not_used(
     main(["track", str(approach), "--fps", "30", "--out", str(tmp_path / "out")])
     assert f"warning: {warning}\n" in capsys.readouterr().err
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
+
+
+def test_how_far_a_robots_camera_turns_is_known_without_a_calibration(approach: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(approach, bare, ignore=shutil.ignore_patterns("icubEyes.ini"))
+    found = info(open_recording(bare))
+    assert found.calibration_at
+    assert found.cameras_turn_deg == info(open_recording(approach)).cameras_turn_deg > 10
 
 
 def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
