@@ -146,6 +146,8 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
     _, error, cov = errors_of(moved, truth, align)
     if len(error) < _FEWEST:
         found = f"{len(error)} of {len(track.stamps_s)} positions have a truth at their stamp in {truth.name}"
+        if len(moved.stamps_s) and len(truth.stamps_s):
+            found += f" (stamps {_span(moved)}; of the truth {_span(truth)})"
         raise InputError(track.name, f"{found}; expected at least {_FEWEST}")
     distance_mm = 1000 * np.linalg.norm(error, axis=1)
     nees = _nees(error, cov)
@@ -166,6 +168,10 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
         nees=float(np.mean(nees)) if len(nees) else np.nan,
         lag_s=lag_s,
     )
+
+
+def _span(path: Path3D) -> str:
+    return f"{path.stamps_s[0]:.3f} to {path.stamps_s[-1]:.3f} s"
 
 
 def rigid_alignment(points: Array, onto: Array) -> tuple[Array, Array]:

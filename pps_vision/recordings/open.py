@@ -82,7 +82,9 @@ def open_recording(
     if source.folder is not None and (left or right) and not getattr(module, "TAKES_TOPICS", False):
         raise InputError("recording", "expected either REC, or left and right images or videos with calib")
     if module is None:
-        raise InputError(str(source.folder), f"expected {'; or '.join(module.FORMAT for module in known)}")
+        is_empty = source.folder is not None and source.folder.is_dir() and not any(source.folder.iterdir())
+        found = "an empty folder" if is_empty else "no recording"
+        raise InputError(str(source.folder), f"{found}; expected {'; or '.join(module.FORMAT for module in known)}")
     recording: Recording = module.open_source(source)
     unused = [f"--{name}" for name in ("fps", "times") if getattr(source, name) is not None]
     if unused and getattr(module, "HAS_STAMPS", False):

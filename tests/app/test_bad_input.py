@@ -18,7 +18,8 @@ from pps_vision.robot.skin import icub_skin
 def test_no_such_recording(refused, tmp_path: Path) -> None:
     line = refused("track", tmp_path / "nowhere", "--out", tmp_path / "out")
     assert "nowhere" in line
-    assert not (tmp_path / "out").exists()
+    assert "nowhere" in refused("track", tmp_path / "nowhere", "--out", tmp_path / "new" / "folder" / "out")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Path) -> None:

@@ -182,6 +182,16 @@ def test_without_a_calibration_the_facts_are_told_and_the_command_has_a_place_fo
     assert rows[-1].endswith(" --calib FILE --out path")
 
 
+def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(refused, tmp_path: Path) -> None:
+    calib = write_calibration(tmp_path / "calib.yml", 80.0, (79.5, 59.5), (160, 120))
+    video = write_video(tmp_path / "mono.mp4", [0.0, 0.05, 0.1])
+    line = refused("info", video, "--calib", calib)
+    assert f"mono.mp4: its whole frames are as large as the images of {calib}, not their halves; expected both" in line
+    other = write_calibration(tmp_path / "other.yml", 80.0, (79.5, 79.5), (160, 160))
+    line = refused("info", video, "--calib", other)
+    assert "other.yml: calibrated for 160×160 pixels, images are 80×120; expected the same proportions" in line
+
+
 def test_a_calibration_for_another_size_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     calib = tmp_path / "calib.yml"
     storage = cv2.FileStorage(str(calib), cv2.FILE_STORAGE_WRITE)
