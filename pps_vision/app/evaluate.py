@@ -46,10 +46,6 @@ class Score:
     """How far a path is from the true one; errors are track minus truth, at the track's stamps."""
 
     name: str
-    rows: int
-    """Of the track."""
-    unknown: int
-    """Rows of the track without a position: searching, lost, or empty."""
     compared: int
     """Positions with a truth at their stamp."""
     rmse_mm: float
@@ -66,6 +62,10 @@ class Score:
     """Mean normalised squared error; 3 for true covariances."""
     lag_s: float
     """Seconds by which the track's stamps are late; 0 unless it was estimated."""
+    rows: int
+    """Of the track."""
+    unknown: int
+    """Rows of the track without a position: searching, lost, or empty."""
 
 
 def read_path(file: Path, fps: float | None = None) -> Path3D:
@@ -154,8 +154,6 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
     bias = 1000 * error.mean(axis=0)
     return Score(
         track.name,
-        len(track.stamps_s) + track.unknown,
-        track.unknown,
         len(error),
         float(np.sqrt(np.mean(distance_mm**2))),
         float(np.median(distance_mm)),
@@ -167,6 +165,8 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
         coverage_95=float(np.mean(nees <= chdtri(3, 0.05))) if len(nees) else np.nan,
         nees=float(np.mean(nees)) if len(nees) else np.nan,
         lag_s=lag_s,
+        rows=len(track.stamps_s) + track.unknown,
+        unknown=track.unknown,
     )
 
 

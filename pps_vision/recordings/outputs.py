@@ -91,6 +91,8 @@ def locked_folder(folder: Path) -> Iterator[None]:
     InputError if another holds it, or the folder cannot be written.
     """
     lock = _resolved(folder) / ".lock"
+    if lock.parent.exists() and not lock.parent.is_dir():
+        raise InputError(folder, "is no folder; expected a folder to write to")
     try:
         lock.parent.mkdir(parents=True, exist_ok=True)
         held = _lock(lock, folder)
