@@ -1,9 +1,13 @@
-"""`python -m pps_vision`, and the command `pps-vision`: what the whole process needs before a command runs."""
+"""`python -m pps_vision`, and the command `pps-vision`: what the whole process needs before a command runs.
+
+Exit codes: 0 done; 1 some recordings of a batch failed; 2 bad input, in one line; 70 a bug, with its traceback.
+"""
 
 import io
 import os
 import signal
 import sys
+import traceback
 import warnings
 from threading import Thread
 from typing import TextIO
@@ -12,11 +16,12 @@ ENDS_WITH_STDIN = "PPS_VISION_ENDS_WITH_STDIN"
 """Environment variable of a process that ends, as by SIGTERM, when its standard input does: when the process that has
 started it and holds the other end of this pipe has died, even by SIGKILL."""
 
+_BUG = 70  # exit code; sysexits' EX_SOFTWARE
 _OURS = "pps_vision", "rendering", "tracking", "learning", "control"
 
 
 def main() -> None:
-    """Run the command line; a package or a system library that is missing is said in one line."""
+    """Run the command line; a missing package or system library is said in one line, a bug by its traceback."""
     for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(signum) is not signal.SIG_IGN:  # as under nohup
             signal.signal(signum, _end)
@@ -28,15 +33,24 @@ def main() -> None:
         from pps_vision.app.cli import main as run  # here, so that a signal or a missing library is caught
 
         run()
-    except ImportError as error:
-        missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
-        if (not missing or missing in _OURS) and ".so" not in str(error):
-            raise
-        more = (
-            "; requirements-track.txt is for tracking only, expected the whole package (make setup)" if missing else ""
-        )
-        print(f"pps-vision: {error}{more}", file=sys.stderr)
+    except Exception as error:
+        said = _what_is_missing(error)
+        if said is None:
+            traceback.print_exc()
+            sys.exit(_BUG)
+        print(f"pps-vision: {said}", file=sys.stderr)
         sys.exit(2)
+
+
+def _what_is_missing(error: Exception) -> str | None:
+    """The package or the system library that could not be imported; None for another error."""
+    if not isinstance(error, ImportError):
+        return None
+    missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    if (not missing or missing in _OURS) and ".so" not in str(error):
+        return None
+    more = "; requirements-track.txt is for tracking only, expected the whole package (make setup)" if missing else ""
+    return f"{error}{more}"
 
 
 def _end(signum: int, frame: object) -> None:

@@ -53,7 +53,8 @@ def check_error(
     failed = [score for score in scores if not (score.rmse_mm <= rmse_mm and score.lost_share <= lost_share)]
     if failed:
         rows = [
-            f"{score.name}: {score.rmse_mm:.2f} mm, {100 * score.lost_share:.1f} % lost{' (fails)' * (score in failed)}"
+            f"{score.name}: {score.rmse_mm:.2f} mm, {100 * score.lost_share:.1f} % lost, "
+            f"{score.unknown} of {score.rows} pairs without a position{' (fails)' * (score in failed)}"
             for score in scores
         ]
         limits = f"expected at most {rmse_mm} mm and {100 * lost_share:g} % lost"

@@ -29,6 +29,7 @@ _IN_COMMON = 0.08  # of the features; 0.02–0.04 in the halves of one image, 0.
 _EXPLAINED = 0.8  # of the change of most pixels remains where a shift explains it: 0.1–0.5; 1 or more where none does
 _UNITS_M = (0.001, 0.01, 0.0254, 1.0)  # mm, cm, inch and m, in which boards are measured
 _USUAL_BASELINE_M = (0.02, 1.0)  # within which a unit is proposed
+_RESIDUAL_PX = 1.0  # median reprojection error; up to 0.07 px in rendered and independent recordings, 2.1 in baseball
 _WHOLE_IMAGE = 6.0  # median change of the pixels from frame to frame, grey levels of 255: three times that of noise
 
 
@@ -56,13 +57,20 @@ def diagnose(
     counts: Mapping[str, int],
     tracked_share: float,
     turn_deg: tuple[float, float] = (0.0, 0.0),
+    residual_px: float = np.nan,
 ) -> Diagnosis | None:
     """Return the likely causes why hardly anything was tracked in this mode, from what the search met.
 
     None where more than that was tracked and the recording has none of the faults that make positions wrong.
-    `turn_deg` is by how much cameras that are said to be fixed turned (deg), and how fast (deg/s).
+    `turn_deg` is by how much cameras that are said to be fixed turned (deg), and how fast (deg/s); `residual_px` the
+    median RMS reprojection error of what was tracked, which a delay of one camera raises as a wrong calibration does.
     """
     faults = tuple(faults_of(recording, turn_deg))
+    if residual_px > _RESIDUAL_PX:
+        faults += (
+            f"another calibration, or left and right images of the same moment: what is tracked fits both cameras only "
+            f"within {residual_px:.1f} px (median)",
+        )
     if tracked_share >= _ENOUGH_TRACKED and not faults:
         return None
     if tracked_share >= _ENOUGH_TRACKED:
@@ -202,14 +210,21 @@ def _by_counts(recording: Recording, mode: Mode, counts: Mapping[str, int]) -> I
         if not _image_shift_px(recording):  # else it was not searched, and the cameras' motion is a fault
             yield "--mode marker for a green marker, or a faster object: nothing moves against the scene"
     elif mode == "generic" and not counts.get("motion_right"):
-        yield "the calibration and the order of the images: what moves in the left image does not in the right one"
+        yield (
+            "the calibration and the order of the images: what moves in the left image does not in the right one; "
+            "the two may also show different moments"
+        )
     rejected = _rejections(counts)
     if rejected:
         most = max(rejected, key=rejected.__getitem__).removeprefix("rejected by ")
         yield {
             "colour": "the same exposure and white balance for both cameras: candidates differ in colour",
             "size": "an object that both cameras see whole: candidates differ in size",
-        }.get(most, f"--left and --right exchanged, or another calibration: candidates are refused by {most}")
+        }.get(
+            most,
+            f"--left and --right exchanged, or another calibration: candidates are refused by {most}; "
+            "left and right may also show different moments",
+        )
     elif left and right:
         yield "a longer recording: candidates were found, but not in enough frames in a row"
     elif counts.get("motion_right"):

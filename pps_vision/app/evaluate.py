@@ -29,6 +29,7 @@ class Path3D:
         stamps_s: (n,) increasing.
         position: (n, 3) m.
         cov: (n, 3, 3) m², NaN where none is stated.
+        unknown: How many rows or frames without a position were left out.
         missing: Lines of the file's rows without a position, but for those with a status that says so.
     """
 
@@ -36,6 +37,7 @@ class Path3D:
     stamps_s: Array
     position: Array
     cov: Array
+    unknown: int = 0
     missing: tuple[int, ...] = ()
 
 
@@ -60,6 +62,10 @@ class Score:
     """Mean normalised squared error; 3 for true covariances."""
     lag_s: float
     """Seconds by which the track's stamps are late; 0 unless it was estimated."""
+    rows: int
+    """Of the track."""
+    unknown: int
+    """Rows of the track without a position: searching, lost, or empty."""
 
 
 def read_path(file: Path, fps: float | None = None) -> Path3D:
@@ -104,7 +110,7 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
             raise InputError(file, f"stamp {row[0]} after {before[0]}; expected stamps that increase", line)
     table = np.array([row for _, row in known]).reshape(len(known), -1) if known else np.zeros((0, 4))
     cov = covariances(table[:, 4:]) if table.shape[1] == 10 else np.full((len(table), 3, 3), np.nan)
-    return Path3D(str(file), table[:, 0], table[:, 1:4], cov, tuple(sorted(missing)))
+    return Path3D(str(file), table[:, 0], table[:, 1:4], cov, len(values) - len(known), tuple(sorted(missing)))
 
 
 def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
@@ -112,7 +118,7 @@ def path_of_tracks(name: str, tracks: Sequence[Track3D]) -> Path3D:
     known = [track for track in tracks if track.is_known]
     position = np.reshape([track.position for track in known], (-1, 3))
     cov = np.reshape([track.cov[:3, :3] for track in known], (-1, 3, 3))
-    return Path3D(name, np.array([track.stamp_s for track in known]), position, cov)
+    return Path3D(name, np.array([track.stamp_s for track in known]), position, cov, len(tracks) - len(known))
 
 
 def path_of_truth(name: str, truth: Sequence[Truth]) -> Path3D:
@@ -140,6 +146,8 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
     _, error, cov = errors_of(moved, truth, align)
     if len(error) < _FEWEST:
         found = f"{len(error)} of {len(track.stamps_s)} positions have a truth at their stamp in {truth.name}"
+        if len(moved.stamps_s) and len(truth.stamps_s):
+            found += f" (stamps {_span(moved)}; of the truth {_span(truth)})"
         raise InputError(track.name, f"{found}; expected at least {_FEWEST}")
     distance_mm = 1000 * np.linalg.norm(error, axis=1)
     nees = _nees(error, cov)
@@ -157,7 +165,13 @@ def evaluate(track: Path3D, truth: Path3D, lag: bool = False, align: bool = Fals
         coverage_95=float(np.mean(nees <= chdtri(3, 0.05))) if len(nees) else np.nan,
         nees=float(np.mean(nees)) if len(nees) else np.nan,
         lag_s=lag_s,
+        rows=len(track.stamps_s) + track.unknown,
+        unknown=track.unknown,
     )
+
+
+def _span(path: Path3D) -> str:
+    return f"{path.stamps_s[0]:.3f} to {path.stamps_s[-1]:.3f} s"
 
 
 def rigid_alignment(points: Array, onto: Array) -> tuple[Array, Array]:

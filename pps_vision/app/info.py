@@ -119,10 +119,10 @@ def _advice(recording: Recording, skew_ms: float, usual_s: float, gaps: int) -> 
 
 def _turn_deg(recording: Recording) -> float:
     """Largest turn of the left camera from its first pose."""
-    if recording.rig is None or recording.robot is None:
+    if recording.robot is None:
         return 0.0
     chosen = np.unique(np.linspace(0, len(recording) - 1, _LOOKED_AT).astype(int))
-    R = np.array([recording.rig.view(recording.pairs[k][0].joints_rad).left.T_root_camera[:3, :3] for k in chosen])
+    R = np.array([recording.robot.eye_poses(recording.pairs[k][0].joints_rad)[0][:3, :3] for k in chosen])
     cosines = (np.trace(R[0].T @ R, axis1=1, axis2=2) - 1) / 2
     turn_deg = float(np.rad2deg(np.arccos(np.clip(cosines.min(), -1, 1))))
     return turn_deg if turn_deg > _RESTING_DEG else 0.0

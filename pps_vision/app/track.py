@@ -125,8 +125,8 @@ class TrackedRecording:
     def diagnosis(self, path: "PathNumbers") -> Diagnosis | None:
         """Why hardly anything was tracked or positions are wrong, and what to try; None where neither is so."""
         cameras = self._cameras.summary()
-        turn = cameras["rotation_deg"], cameras["rotation_deg_s"]
-        return diagnose(self.recording, self.params.mode, self._search_counts, path.tracked_share, turn)
+        turn, share = (cameras["rotation_deg"], cameras["rotation_deg_s"]), path.tracked_share
+        return diagnose(self.recording, self.params.mode, self._search_counts, share, turn, path.residual_px)
 
     def summary(self, path: "PathNumbers", diagnosis: Diagnosis | None = None) -> dict[str, object]:
         """What was tracked and how, for summary.json."""
@@ -146,6 +146,7 @@ class TrackedRecording:
         }
         if path.tracked_share:
             summary["object"] = path.diameter()
+            summary["residual_px"] = path.residual_px
         if self.choice:
             summary["max_error"] = self.choice.summary()
         if diagnosis:
@@ -208,7 +209,7 @@ class _CameraNumbers:
 
 
 class PathNumbers:
-    """Counts and errors of a path, and the object's size; `add` takes its tracks one by one and keeps 32 bytes of each.
+    """Counts and errors of a path, and the object's size; `add` takes its tracks one by one and keeps 40 bytes of each.
 
     Attributes:
         frames: How many there were.
@@ -221,18 +222,26 @@ class PathNumbers:
         self._stamps = np.array([row.stamp_s for row in self._truth])
         self._tracked, self._predicted = array("d"), array("d")  # errors of position and velocity in turn
         self._radii = array("d")  # radius and its standard deviation in turn, where tracked
+        self._residuals_px = array("d")
 
     @property
     def tracked_share(self) -> float:
         """Share with the status tracking."""
         return self.status[Status.TRACKING] / max(1, self.frames)
 
-    def add(self, track: Track3D) -> None:
-        """Take the next track."""
+    @property
+    def residual_px(self) -> float:
+        """Median RMS reprojection error of the pairs that measured the position; NaN without any."""
+        return float(np.median(self._residuals_px)) if self._residuals_px else np.nan
+
+    def add(self, track: Track3D, residual_px: float = np.nan) -> None:
+        """Take the next track, and the RMS reprojection error of its pair (NaN: not measured)."""
         self.frames += 1
         self.status[track.status] += 1
         if track.status == Status.TRACKING:
             self._radii.extend((track.radius_m, track.radius_var_m2**0.5))
+        if np.isfinite(residual_px):
+            self._residuals_px.append(residual_px)
         if not self._truth or self.frames <= _WARM_UP or not track.is_known:
             return
         after = int(np.searchsorted(self._stamps, track.stamp_s))

@@ -43,7 +43,8 @@ def open_frames(folder: Path) -> ImageSequence:
     elif folder.is_dir():
         files = tuple(ImageFile(path, 0.0) for path in images_in(folder))
     else:
-        raise InputError(folder, "no such folder; expected one with the frames of a sequence, or a video")
+        found = "is no folder and no video" if folder.exists() else "no such folder"
+        raise InputError(folder, f"{found}; expected a folder with the frames of a sequence, or a video")
     first = next((image for image in map(decode, files) if not isinstance(image, Problem)), None)
     if first is None:
         raise InputError(folder, f"no usable frame among {len(files)} images; expected files such as 0001.png")

@@ -1,7 +1,8 @@
 """Open a recording, whatever its format: `pps_vision.open_recording`.
 
 A format is a module of `pps_vision.recordings.formats` with `FORMAT`, what it is in words, `recognises(source)` and
-`open_source(source)`; it is found there without being named here.
+`open_source(source)`; it is found there without being named here.  `HAS_STAMPS` says that its stamps are always its
+own, `TAKES_TOPICS` that left and right are topics.
 """
 
 from collections.abc import Sequence
@@ -47,7 +48,8 @@ def open_recording(
         calib: Calibration of `left` and `right` of OpenCV, Kalibr, ROS, KITTI, EuRoC or aniposelib, a file or several;
             with `folder` instead of its own.  Without any the recording has no `rig` and cannot be tracked.
         times: Stamps of the images, a row each: s, "stamp name" (TUM), or EuRoC's CSV in ns.
-        fps: Frames per second, where neither files nor names hold stamps, or instead of these.
+        fps: Frames per second, where neither files nor names hold stamps, or instead of these (not in the recordings of
+            an iCub, EuRoC folders and ROS bags).
         unit_m: Metres per length unit of the calibration.
         joints: Offsets to add to the encoders, as `pps-vision joints` writes them.
         taxels: The robot's taxels*.ini, for a recording of its own skin events.
@@ -80,8 +82,14 @@ def open_recording(
     if source.folder is not None and (left or right) and not getattr(module, "TAKES_TOPICS", False):
         raise InputError("recording", "expected either REC, or left and right images or videos with calib")
     if module is None:
-        raise InputError(str(source.folder), f"expected {'; or '.join(module.FORMAT for module in known)}")
+        is_empty = source.folder is not None and source.folder.is_dir() and not any(source.folder.iterdir())
+        found = "an empty folder" if is_empty else "no recording"
+        raise InputError(str(source.folder), f"{found}; expected {'; or '.join(module.FORMAT for module in known)}")
     recording: Recording = module.open_source(source)
+    unused = [f"--{name}" for name in ("fps", "times") if getattr(source, name) is not None]
+    if unused and getattr(module, "HAS_STAMPS", False):
+        warning = f"{' and '.join(unused)} not used: {source.folder} has stamps of its own"
+        recording = replace(recording, warnings=(*recording.warnings, warning))
     return replace(recording, unit_m=source.unit_m)
 
 

@@ -15,7 +15,7 @@ import re
 import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +91,8 @@ def locked_folder(folder: Path) -> Iterator[None]:
     InputError if another holds it, or the folder cannot be written.
     """
     lock = _resolved(folder) / ".lock"
+    if lock.parent.exists() and not lock.parent.is_dir():
+        raise InputError(folder, "is no folder; expected a folder to write to")
     try:
         lock.parent.mkdir(parents=True, exist_ok=True)
         held = _lock(lock, folder)
@@ -141,6 +143,7 @@ def _temporary_folder(output: Path, name: str, place: Path) -> Iterator[Path]:
     """A new hidden folder in `place` for the output of this name, which is locked until the block ends."""
     lock = place / f".{name}.lock"
     partial = place / f".{name}.{secrets.token_hex(4)}.partial"
+    new = [folder for folder in (place, *place.parents) if not folder.exists()]
     try:
         place.mkdir(parents=True, exist_ok=True)
         held = _lock(lock, output)
@@ -162,6 +165,9 @@ def _temporary_folder(output: Path, name: str, place: Path) -> Iterator[Path]:
         lock.unlink(missing_ok=True)
         _unfinished.difference_update((lock, partial))
         os.close(held)
+        with suppress(OSError):
+            for folder in new:
+                folder.rmdir()  # which fails, as it should, where there is a result
 
 
 def _is_ours(file: str, name: str) -> bool:

@@ -139,7 +139,7 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
     for side, other in ((0, "right"), (1, "left")):
         if usual not in sizes[side]:
             file, (width, height) = pairs[0][side], sizes[side].most_common(1)[0][0]
-            found = f"{width}×{height} pixels; {other} images are {usual[0]}×{usual[1]}"
+            found = f"{width}×{height} pixels; {other} images are {usual[0]}×{usual[1]}; expected one size"
             raise InputError(file.cited, found, file.line)
     return usual
 

@@ -18,7 +18,8 @@ from pps_vision.robot.skin import icub_skin
 def test_no_such_recording(refused, tmp_path: Path) -> None:
     line = refused("track", tmp_path / "nowhere", "--out", tmp_path / "out")
     assert "nowhere" in line
-    assert not (tmp_path / "out").exists()
+    assert "nowhere" in refused("track", tmp_path / "nowhere", "--out", tmp_path / "new" / "folder" / "out")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_recording_without_a_calibration(refused, approach: Path, tmp_path: Path) -> None:
@@ -60,6 +61,7 @@ def test_an_unwritable_output(refused, approach: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     assert "file" in refused("track", approach, "--out", tmp_path / "file")
     assert "file" in refused("render", "--stimulus", "ball", "--motion", "circle", "--out", tmp_path / "file")
+    assert "file: is no folder; expected" in refused("batch", approach, "--out", tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
 
@@ -98,7 +100,11 @@ def test_a_first_box_outside_the_image(refused, approach: Path, tmp_path: Path) 
 
 
 def test_a_folder_without_frames(refused, tmp_path: Path) -> None:
-    assert "no usable frame" in refused("track2d", tmp_path, "--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
+    init = ("--init", 1, 1, 9, 9, "--out", tmp_path / "b.csv")
+    assert "no usable frame" in refused("track2d", tmp_path, *init)
+    (tmp_path / "a.png").touch()
+    assert "a.png: is no folder and no video; expected a folder with" in refused("track2d", tmp_path / "a.png", *init)
+    assert "gone: no such folder" in refused("track2d", tmp_path / "gone", *init)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +15,8 @@ import pytest
 from pps_vision.app import diagnosis as diagnosis_module
 from pps_vision.app.cli import main
 from pps_vision.app.diagnosis import _by_counts, _epipolar, _misfit_px
+from pps_vision.app.track import PathNumbers, track
+from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.recordings.image_file import ImageFile
@@ -366,6 +368,44 @@ def test_what_is_implausible_and_what_only_just_is_not(
     found = list(diagnosis_module.faults_of(Recording("made up", (pair, pair), (40, 30), [], rig=rig)))
     assert len(found) == (advice is not None)
     assert (advice or "") in "".join(found)
+
+
+@pytest.fixture(scope="module")
+def crossing() -> Film:
+    """A ball that crosses the view obliquely, 30 cm/s, 60 cm away."""
+    return Film(IndependentScene(320, 240, seconds=2.0, motion="straight"), seed=11)
+
+
+@pytest.fixture(scope="module")
+def frames(crossing: Film) -> list[StereoFrame]:
+    return list(crossing)
+
+
+@pytest.mark.parametrize(("late", "off_px", "told"), [(0, 0.0, False), (6, 0.0, True), (-6, 0.0, True), (0, 8.0, True)])
+def test_left_and_right_of_different_moments_or_a_wrong_calibration(
+    crossing: Film, frames: list[StereoFrame], late: int, off_px: float, told: bool
+) -> None:
+    """One eye is 0.2 s late, or the calibration's rows are 8 px off; either is told without saying which it is."""
+    shown = zip(frames[max(late, 0) :], frames[max(-late, 0) :], strict=False)
+    pairs = tuple(
+        (
+            MadeUp(Path(f"left{k}.png"), k / 30, pixels=now.left),
+            MadeUp(Path(f"right{k}.png"), k / 30, pixels=then.right),
+        )
+        for k, (now, then) in enumerate(shown)
+    )
+    right = replace(crossing.rig.right, cy=crossing.rig.right.cy + off_px)
+    rig = StereoRig(crossing.rig.left, right, crossing.rig.eye_poses)
+    run, numbers = track(Recording("crossing", pairs, (320, 240), [], rig=rig)), PathNumbers()
+    for pair in run.tracked_pairs(run):
+        numbers.add(pair.track, pair.residual_px)
+    found = run.diagnosis(numbers)
+    assert numbers.tracked_share > 0.4
+    assert (numbers.residual_px > 1.0) == told == (found is not None)
+    assert run.summary(numbers)["residual_px"] == numbers.residual_px
+    if found:
+        (advice,) = found.advice
+        assert advice.startswith("another calibration, or left and right images of the same moment: what is tracked")
 
 
 def test_a_recording_without_a_readable_pair_is_not_judged() -> None:

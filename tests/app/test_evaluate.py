@@ -110,8 +110,9 @@ def test_what_is_lost_counts() -> None:
 
 
 def test_too_little_in_common_is_refused() -> None:
-    with pytest.raises(InputError, match="0 of 400 positions have a truth"):
-        evaluate(path(curve(STAMPS), STAMPS + 1e6), TRUTH)
+    apart = r"0 of 400 positions have a truth .* \(stamps 0\.000 to 399\.000 s; of the truth 1403636579\.750 to "
+    with pytest.raises(InputError, match=apart):
+        evaluate(path(curve(STAMPS), np.arange(400.0)), TRUTH)
     with pytest.raises(InputError, match="0 of 400 positions have a truth"):
         evaluate(path(curve(STAMPS)), path(np.empty((0, 3)), np.empty(0)))
 
@@ -186,11 +187,12 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     main(["evaluate", *files, "--json"])
     ours, theirs = json.loads(capsys.readouterr().out)
     assert ours["rmse_mm"] == pytest.approx(2, abs=1e-3)
+    assert [(one["rows"], one["unknown"], one["compared"]) for one in (ours, theirs)] == [(401, 1, 400), (400, 0, 400)]
     assert (theirs["rmse_mm"], theirs["nees"]) == (ours["rmse_mm"], None)
     assert ours["nees"] == pytest.approx(4 / (1 - 0.2**2), rel=1e-3)  # of (2, 0, 0) mm
     main(["evaluate", *files, "--figure", str(tmp_path / "errors.pdf")])
     assert (tmp_path / "errors.pdf").stat().st_size > 5000
-    assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [12, 12, 12]
+    assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [14, 14, 14]
 
 
 def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -208,7 +210,8 @@ def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.Capt
         f"1 row of {files[0]} without a position (line 6)",
         f"2 rows of {files[1]} without a position (from line 2)",
     ]
-    assert json.loads(said.out)[0]["compared"] == 4
+    (score,) = json.loads(said.out)
+    assert (score["rows"], score["unknown"], score["compared"]) == (6, 2, 4)
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,9 @@ def test_what_is_no_recording(refused, tmp_path: Path) -> None:
 def test_a_laboratorys_own_test(approach: Path) -> None:
     (score,) = check_error([approach], rmse_mm=20)
     assert 0 < score.rmse_mm < 20
-    with pytest.raises(AssertionError, match=r"1 of 1 recordings: .*\n.*\(fails\)"):
+    assert (score.rows, score.rows - score.unknown) == (80, score.compared)
+    said = rf"1 of 1 recordings: .*\n.* lost, {score.unknown} of 80 pairs without a position \(fails\)"
+    with pytest.raises(AssertionError, match=said):
         check_error([approach], rmse_mm=score.rmse_mm / 2)
 
 
@@ -93,6 +95,27 @@ def test_a_laboratorys_own_test_needs_a_truth(videos: list[str]) -> None:
     recording = open_recording(left=videos[1:2], right=videos[3:4], calib=videos[5:6])
     with pytest.raises(InputError, match=r"holds no truth\.csv; expected one there or by truth"):
         check_error([recording], rmse_mm=1)
+
+
+def test_a_rate_for_a_robots_recording_is_told_and_not_used(
+    approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    warning = f"--fps not used: {approach} has stamps of its own"
+    main(["info", str(approach), "--fps", "30", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["pairs_per_s"] == pytest.approx(20)
+    assert warning in found["warnings"]
+    main(["track", str(approach), "--fps", "30", "--out", str(tmp_path / "out")])
+    assert f"warning: {warning}\n" in capsys.readouterr().err
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == [warning]
+
+
+def test_how_far_a_robots_camera_turns_is_known_without_a_calibration(approach: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(approach, bare, ignore=shutil.ignore_patterns("icubEyes.ini"))
+    found = info(open_recording(bare))
+    assert found.calibration_at
+    assert found.cameras_turn_deg == info(open_recording(approach)).cameras_turn_deg > 10
 
 
 def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -157,6 +180,16 @@ def test_without_a_calibration_the_facts_are_told_and_the_command_has_a_place_fo
     assert "20 pairs of 160×120 pixels, 1.10 s at 20 pairs/s" in rows[0]
     assert "missing: calibration; expected one by --calib" in rows
     assert rows[-1].endswith(" --calib FILE --out path")
+
+
+def test_one_cameras_video_is_not_called_one_of_both_for_another_calibration(refused, tmp_path: Path) -> None:
+    calib = write_calibration(tmp_path / "calib.yml", 80.0, (79.5, 59.5), (160, 120))
+    video = write_video(tmp_path / "mono.mp4", [0.0, 0.05, 0.1])
+    line = refused("info", video, "--calib", calib)
+    assert f"mono.mp4: its whole frames are as large as the images of {calib}, not their halves; expected both" in line
+    other = write_calibration(tmp_path / "other.yml", 80.0, (79.5, 79.5), (160, 160))
+    line = refused("info", video, "--calib", other)
+    assert "other.yml: calibrated for 160×160 pixels, images are 80×120; expected the same proportions" in line
 
 
 def test_a_calibration_for_another_size_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

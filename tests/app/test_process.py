@@ -109,11 +109,12 @@ def test_a_missing_package_is_one_line() -> None:
     assert (said.count("\n"), process.returncode) == (1, 2)
 
 
-@pytest.mark.parametrize("bug", ["from pathlib import nothing", "import tracking.nothing"])
-def test_a_bug_in_an_import_shows_its_traceback(bug: str) -> None:
+@pytest.mark.parametrize("bug", ["from pathlib import nothing", "import tracking.nothing", "1 / 0"])
+def test_a_bug_shows_its_traceback_and_has_a_code_of_its_own(bug: str) -> None:
+    """1 is that of a batch of which some recordings failed, 2 that of bad input."""
     process = start(f"def run():\n    {bug}")
     assert process.communicate()[1].startswith("Traceback")
-    assert process.returncode == 1
+    assert process.returncode == 70
 
 
 def test_folders_whose_names_are_not_utf8(approach: Path, tmp_path: Path) -> None:

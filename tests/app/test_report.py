@@ -134,9 +134,11 @@ def test_a_batch_is_drawn_with_a_mark_for_every_recording(tmp_path: Path, monkey
 
 
 def test_what_holds_no_results(tmp_path: Path, refused) -> None:
-    line = refused("report", tmp_path)
-    assert "summary.json" in line
-    assert line.count("expected") == 1
+    (tmp_path / "file").touch()
+    for place in (tmp_path, tmp_path / "gone", tmp_path / "file"):
+        line = refused("report", place)
+        assert f"{place}: holds neither summary.json nor batch.csv; expected a folder that track or batch has" in line
+    assert not (tmp_path / "gone").exists()
     (tmp_path / "summary.json").write_text("{}")
     assert "of another command" in refused("report", tmp_path)
     (tmp_path / "summary.json").write_text("{")

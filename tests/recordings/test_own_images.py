@@ -126,6 +126,13 @@ def test_euroc(tmp_path: Path, place: str) -> None:
     assert recording.rig is not None
     np.testing.assert_allclose(recording.rig.view().right.center, [0.11, 0, 0], atol=1e-12)
     assert [p.file.name for p in recording.problems] == [f"{NS[1]}.png"]
+    assert recording.warnings == ()
+    unused = open_recording(tmp_path, fps=30, times=tmp_path / "times.txt").warnings
+    assert unused == (f"--fps and --times not used: {tmp_path} has stamps of its own",)
+    (tmp_path / place / "cam1" / "data.csv").rename(tmp_path / "rows.csv")
+    with pytest.raises(InputError, match=r"cam1: no data\.csv; expected both cameras, cam0 and cam1, with a data\.csv"):
+        open_recording(tmp_path)
+    (tmp_path / "rows.csv").rename(tmp_path / place / "cam1" / "data.csv")
     sensor = tmp_path / place / "cam1" / "sensor.yaml"
     sensor.unlink()
     bare = open_recording(tmp_path)
@@ -144,6 +151,9 @@ def test_kitti(tmp_path: Path, colour: bool) -> None:
     assert next(iter(recording)).right[0, 0, 0] == (150 if colour else 50)
     assert recording.rig is not None
     np.testing.assert_allclose(recording.rig.view().right.center, [0.6 if colour else 0.5, 0, 0], atol=1e-12)
+    assert open_recording(tmp_path, fps=30).warnings == (f"--fps 30 replaces the stamps of {tmp_path / 'times.txt'}",)
+    with pytest.raises(InputError, match="fps and times; expected one of them"):
+        open_recording(tmp_path, fps=10, times=tmp_path / "times.txt")
     (tmp_path / "times.txt").unlink()
     with pytest.raises(InputError, match=r"times\.txt: cannot be read"):
         open_recording(tmp_path)
@@ -151,6 +161,11 @@ def test_kitti(tmp_path: Path, colour: bool) -> None:
     (tmp_path / "calib.txt").unlink()
     bare = open_recording(tmp_path, fps=10)
     assert (bare.rig, bare.calibration_at) == (None, f"{tmp_path / 'calib.txt'}, or one by --calib")
+    (tmp_path / "image_1").rename(tmp_path / "other")
+    if colour:
+        (tmp_path / "image_3").rename(tmp_path / "another")
+    with pytest.raises(InputError, match="images of one camera only; expected image_2 and image_3, or image_0 and"):
+        open_recording(tmp_path)
 
 
 def test_euroc_without_names_of_images_is_refused(tmp_path: Path) -> None:

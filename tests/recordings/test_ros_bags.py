@@ -144,7 +144,8 @@ def test_a_bag_is_read(tmp_path: Path, kind: str) -> None:
             np.testing.assert_array_equal(frame.right, shown[1, k])
             assert (frame.stamp_left_s, frame.stamp_right_s) == pytest.approx((stamp(0, k), stamp(1, k)), abs=1e-6)
     np.testing.assert_array_equal(recording.pairs[1][0].load(), shown[0, 1])  # and out of order
-    assert recording.problems == []
+    assert (recording.problems, recording.warnings) == ([], ())
+    assert len(open_recording(recording.name, fps=30).warnings) == 1
     view = recording.rig.view()
     np.testing.assert_allclose(view.right.center, [0.12, 0, 0], atol=1e-12)
     assert (recording.rig.left.fx, recording.rig.left.cx) == (30, 11.5)

@@ -262,7 +262,7 @@ def test_offsets_are_added_to_the_encoders(rec: Written, tmp_path: Path) -> None
 
 
 def test_a_folder_of_no_known_format_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=f"{tmp_path}: expected a EuRoC folder, .*; or a yarpdata"):
+    with pytest.raises(InputError, match=f"{tmp_path}: an empty folder; expected a EuRoC folder, .*; or a yarpdata"):
         open_recording(tmp_path)
 
 

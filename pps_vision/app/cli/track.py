@@ -91,7 +91,7 @@ class Track(SourceOptions):
             with TrackFiles(folder, run, Extras(self.also, self.video, self.viewer, self.report, reach, felt)) as files:
                 bar = tqdm(run.numbered(), total=len(run), desc="track", unit="pair", disable=None)
                 for pair in run.tracked_pairs(run.path(files.steps(bar), self.smooth)):
-                    numbers.add(pair.track)
+                    numbers.add(pair.track, pair.residual_px)
                     files.add(pair)
             diagnosis = run.diagnosis(numbers)
             summary = run.summary(numbers, diagnosis) | {

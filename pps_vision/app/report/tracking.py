@@ -66,7 +66,14 @@ def write_report(folder: Path) -> None:
 
 
 def report_folder(folder: Path) -> str:
-    """Write the report of a tracked recording, or of a batch and all its recordings; return how much was tracked."""
+    """Write the report of a tracked recording, or of a batch and all its recordings; return how much was tracked.
+
+    Raises:
+        InputError: The folder is of neither, or one of its files cannot be read.
+    """
+    if not any((folder / name).is_file() for name in ("summary.json", "batch.csv")):
+        found = "holds neither summary.json nor batch.csv"
+        raise InputError(folder, f"{found}; expected a folder that track or batch has written")
     if not (folder / "batch.csv").is_file():
         write_report(folder)
         return _measured(read_summary(folder))

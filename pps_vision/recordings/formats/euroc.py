@@ -10,11 +10,12 @@ from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, us
 from pps_vision.recordings.times import read_times
 
 FORMAT = "a EuRoC folder, mav0/cam0 and cam1 with a data.csv each"
+HAS_STAMPS = True
 
 
 def recognises(source: Source) -> bool:
     """Return whether this is the format of a source."""
-    return source.folder is not None and all((camera / "data.csv").exists() for camera in _cameras(source.folder))
+    return source.folder is not None and any((camera / "data.csv").exists() for camera in _cameras(source.folder))
 
 
 def open_source(source: Source) -> Recording:
@@ -22,6 +23,8 @@ def open_source(source: Source) -> Recording:
     refuse_robot_options(source)
     folder, problems = Path(str(source.folder)), list[Problem]()
     cameras = _cameras(folder)
+    if lacking := [camera for camera in cameras if not (camera / "data.csv").exists()]:
+        raise InputError(lacking[0], "no data.csv; expected both cameras, cam0 and cam1, with a data.csv each")
     left, right = (_images(camera) for camera in cameras)
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(folder, pairs, problems)

@@ -3,7 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-from pps_vision.recordings.formats.stereo_images import fixed_rig, open_stereo_images, refuse_robot_options
+from pps_vision.errors import InputError
+from pps_vision.recordings.formats.stereo_images import check_options, fixed_rig, open_stereo_images
 from pps_vision.recordings.recording import Recording, Source
 from pps_vision.recordings.times import read_times
 
@@ -13,24 +14,24 @@ _PAIRS = ((2, 3), (0, 1))
 
 def recognises(source: Source) -> bool:
     """Return whether this is the format of a source."""
-    return source.folder is not None and _pair(source.folder) is not None
+    return source.folder is not None and any((source.folder / f"image_{k}").is_dir() for pair in _PAIRS for k in pair)
 
 
 def open_source(source: Source) -> Recording:
     """Open `source.folder`, in colour where it has both; InputError if its images or its calibration cannot be used."""
-    refuse_robot_options(source)
+    check_options(source)
     folder = Path(str(source.folder))
-    cameras = _pair(folder) or _PAIRS[0]
+    cameras = next((pair for pair in _PAIRS if all((folder / f"image_{k}").is_dir() for k in pair)), None)
+    if cameras is None:
+        raise InputError(folder, "images of one camera only; expected image_2 and image_3, or image_0 and image_1")
     left, right = ([str(folder / f"image_{camera}")] for camera in cameras)
-    times = None if source.fps else read_times(source.times or folder / "times.txt")
+    stamps, own = folder / "times.txt", folder / "calib.txt"
+    times = None if source.fps else read_times(source.times or stamps)
     recording = open_stereo_images(left, right, source.fps, times, source.max_skew_s)
-    recording, own = replace(recording, name=str(folder)), folder / "calib.txt"
+    replaced = (f"--fps {source.fps:g} replaces the stamps of {stamps}",) if source.fps and stamps.exists() else ()
+    recording = replace(recording, name=str(folder), warnings=(*recording.warnings, *replaced))
     if not (source.calib or own.exists()):
         return replace(recording, calibration_at=f"{own}, or one by --calib")
     warnings = list(recording.warnings)
     rig = fixed_rig(source.calib or [own], recording.image_size, source.unit_m, cameras, warnings)
     return replace(recording, rig=rig, warnings=tuple(warnings))
-
-
-def _pair(folder: Path) -> tuple[int, int] | None:
-    return next((pair for pair in _PAIRS if all((folder / f"image_{k}").is_dir() for k in pair)), None)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 FORMAT = "a ROS bag (.bag, .mcap, .db3, or a folder with metadata.yaml)"
 TAKES_TOPICS = True  # as `left` and `right`
+HAS_STAMPS = True
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 # Seconds and nanoseconds of a header, behind the sequence number of ROS 1 or the four bytes of CDR's own header.
 _STAMP = struct.Struct("<4xII")

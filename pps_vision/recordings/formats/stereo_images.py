@@ -29,7 +29,7 @@ from pps_vision.recordings.times import Times, read_times
 from pps_vision.recordings.video import is_video
 from pps_vision.types import Array
 
-FORMAT = "left and right images with calib"
+FORMAT = "images by --left and --right"
 _BASELINE_M = (1e-5, 1e4)  # of any two cameras; products of larger or smaller numbers leave the range of doubles
 
 
@@ -141,7 +141,7 @@ def _by_frame(
 
     for mine, others, which in ((left, right, "right"), (right, left, "left")):
         paired = {place for place, n in enumerate(sorted(mine)) if n in others}
-        note_unpaired(files(mine), paired, f"{which} image of the same number", problems)
+        note_unpaired(files(mine), paired, f"{which} image of the same number, by which --fps pairs", problems)
     common = left.keys() & right.keys()
     both = [files({n: paths[n] for n in common}) for paths in (left, right)]
     return tuple(zip(*both, strict=True))

@@ -12,7 +12,7 @@ from pps_vision.recordings.recording import Recording, Source, pair_by_stamp, re
 from pps_vision.recordings.times import read_times
 from pps_vision.recordings.video import VideoFrame, is_video, open_halves, open_video
 
-FORMAT = "two videos, or one of both images side by side, with calib"
+FORMAT = "two videos by --left and --right, or one with both images side by side"
 _MORE = 2  # frames by which cameras that are stopped one after the other may differ
 
 
@@ -41,8 +41,24 @@ def open_source(source: Source) -> Recording:
         warnings += replaced_rate(source.fps, [step_s * pts for pts in own])
     pairs = pair_by_stamp(left, right, source.max_skew_s, problems)
     size = usual_size(name, pairs, problems)
-    rig = fixed_rig(source.calib, size, source.unit_m, warnings=warnings) if source.calib else None
+    try:
+        rig = fixed_rig(source.calib, size, source.unit_m, warnings=warnings) if source.calib else None
+    except InputError:
+        if source.folder is not None:
+            _refuse_one_camera(source, (2 * size[0], size[1]))
+        raise
     return Recording(name, pairs, size, problems, rig=rig, warnings=tuple(warnings))
+
+
+def _refuse_one_camera(source: Source, size: tuple[int, int]) -> None:
+    """Raise InputError for a video whose calibration is for its whole frames of this size: that of one camera."""
+    try:
+        fixed_rig(source.calib, size, source.unit_m)
+    except InputError:
+        return
+    found = f"its whole frames are as large as the images of {source.calib[0]}, not their halves"
+    expected = "both images side by side, or two videos by --left and --right"
+    raise InputError(str(source.folder), f"{found}; expected {expected}")
 
 
 def _ends_early(left: list[VideoFrame], right: list[VideoFrame], max_skew_s: float) -> Iterator[str]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pps_vision.robot.setup import RobotSetup
 
 FORMAT = "a yarpdatadumper recording, folders with a data.log each"
+HAS_STAMPS = True
 MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
 MAX_BEYOND_S = 0.025  # from an image to the end of a log: a head moves on
 _IMAGE_SUFFIXES = (".ppm", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
