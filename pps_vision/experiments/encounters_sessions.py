@@ -261,7 +261,9 @@ def _paths(numbers: Mapping[str, Any]) -> Figure:
     space = figure.add_subplot(1, 3, 1, projection="3d")
     planes = {figure.add_subplot(1, 3, 2): (1, 2), figure.add_subplot(1, 3, 3): (1, 0)}
     rest = {name: np.array(points) for name, points in numbers["rest_m"].items()}
-    lines = [(points, {"color": _LINKS[name][1], "lw": 4, "alpha": 0.9}) for name, points in rest.items()]
+    lines: list[tuple[Array, dict[str, Any]]] = [
+        (points, {"color": _LINKS[name][1], "lw": 4, "alpha": 0.9}) for name, points in rest.items()
+    ]
     for session, colour in _COLOURS.items():
         paths = (np.array(path) / 1000 for of in numbers[session]["paths_mm"].values() for path in of if path)
         lines += [(path, {"color": colour, "lw": 0.5, "alpha": 0.8}) for path in paths]
