@@ -134,15 +134,17 @@ def arm_velocity(
     for one, velocity in zip(points, velocities, strict=True):
         if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
             raise InputError("arm", f"velocity {velocity} of {one.frame}; expected three finite numbers in m/s")
-    J: Array = np.empty((0, len(constraints.columns)))
-    wanted: Array = np.empty(0)
+    J: list[Array] = [np.empty((0, len(constraints.columns)))]
+    wanted: list[Array] = [np.empty(0)]
     for one, velocity in zip(points, velocities, strict=True):
         weight, speed = np.sqrt(one.weight), float(np.linalg.norm(velocity))
         moves = posture.jacobian(one.frame, one.point)[:3, constraints.columns]
         if one.free_across:
             moves, velocity = (velocity / max(speed, 1e-9))[None] @ moves, np.array([speed])
-        J, wanted = np.vstack([J, weight * moves]), np.append(wanted, weight * velocity)
+        J.append(weight * moves)
+        wanted.append(weight * velocity)
     dq = np.zeros(posture.robot.n_joints)
     columns, limits, preferred, rows, most = constraints
-    dq[columns] = solve_rates(J, wanted, preferred, params.damping_m, limits, rows, most)
+    task = np.concatenate(J), np.concatenate(wanted)
+    dq[columns] = solve_rates(*task, preferred, params.damping_m, limits, rows, most)
     return dq

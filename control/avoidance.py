@@ -425,6 +425,14 @@ def _respond(
         fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in points)
         return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
 
+    def free_share(rates: Array) -> float:
+        """The share of rates (k,) that the last stage, which proves the motion clear of the body, lets through."""
+        if self_collision is None:
+            return 1.0
+        change = np.zeros_like(posture.q_rad)
+        change[within.columns] = hold_s * rates
+        return self_collision.clear_share(posture.q_rad, change, LimitParams().clearance_m)
+
     def rates_towards(direction: Array | None) -> Array:
         return velocity(_moved(state.points, direction))[within.columns]
 
@@ -434,9 +442,7 @@ def _respond(
             way = reaching.first_to_touch(
                 params.speed_m_s, state.aimed_at, posture, skin, track, partial(velocity, arm=arm)
             )
-            free = 1.0  # the share of the rates that the last stage lets through
-            if self_collision is not None:
-                free = self_collision.clear_share(posture.q_rad, hold_s * way.dq, LimitParams().clearance_m)
+            free = free_share(way.dq[within.columns])
             ways.append(way._replace(touches_s=way.touches_s / max(free, reaching.AT_REST_M_S)))
         _, point, dq = min(ways, key=lambda way: way.touches_s)
         return replace(state, points=(point,)), dq
@@ -444,7 +450,7 @@ def _respond(
     aside = state.aside
     if track is not None and params.clear_m and state.mode == "avoid":
         on = posture, within.columns, skin, track, rates_towards, params.clear_m
-        aside = direction_off_path(*on, aside) if skin.parts else None
+        aside = direction_off_path(*on, aside, free_share) if skin.parts else None
     state = replace(state, aside=aside, points=_moved(state.points, aside))
     return state, velocity(state.points)
 

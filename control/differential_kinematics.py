@@ -50,9 +50,12 @@ def solve_rates(
     n, G = len(preferred), np.empty((0, len(preferred))) if rows is None else rows
     damping = np.broadcast_to(np.asarray(weights, dtype=float), preferred.shape) ** 2
     k, (lower, upper) = len(G), limits
-    H, g = np.diag(np.r_[damping, np.full(k, _ROUND)]), np.r_[-J.T @ wanted - damping * preferred, np.full(k, _PRICE)]
-    H[:n, :n] += J.T @ J
-    bounds = np.r_[lower, np.zeros(k)], np.r_[np.maximum(lower, upper), np.full(k, np.inf)]
+    H, g = np.zeros((n + k, n + k)), np.full(n + k, _PRICE)
+    H.ravel()[:: n + k + 1] = _ROUND
+    H[:n, :n] = J.T @ J + np.diag(damping)
+    g[:n] = -J.T @ wanted - damping * preferred
+    bounds = np.zeros(n + k), np.full(n + k, np.inf)
+    bounds[0][:n], bounds[1][:n] = lower, np.maximum(lower, upper)
     A, b = (np.hstack([G, -np.eye(k)]), np.asarray(most, dtype=float)) if k else (None, None)
     x = solve_qp(H, g, A, b, lb=bounds[0], ub=bounds[1], solver="daqp", primal_tol=_TOLERANCE)
     rates = np.zeros(n) if x is None else x[:n]

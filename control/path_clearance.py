@@ -28,6 +28,7 @@ def direction_off_path(
     rates_towards: Callable[[Array | None], Array],
     enough_m: float,
     so_far: Array | None = None,
+    free_share: Callable[[Array], float] = lambda rates: 1.0,
 ) -> Array | None:
     """The direction (3,) across the object's path in which the taxels should move; None: against their normals.
 
@@ -40,11 +41,14 @@ def direction_off_path(
             normals (None).
         enough_m: No other direction is taken while withdrawal is predicted to leave so much between object and skin.
         so_far: The direction chosen in the last frame; kept unless another leaves 1 cm more.
+        free_share: Returns the share of rates (k,) that is left where they lead near the body; asked for the best
+            motion, until one slowed by its share is the best.
     """
     speed = float(np.linalg.norm(track.velocity))
     if speed < _SLOWEST_M_S:
         return None
     withdrawing = rates_towards(None)
+    withdrawing = free_share(withdrawing) * withdrawing
     if so_far is None and predicted_distances(posture, columns, skin, withdrawing[None], track)[0] > enough_m:
         return None
     across = rotation_to(track.velocity / speed)[:, :2]
@@ -53,9 +57,16 @@ def direction_off_path(
     if so_far is not None:
         directions.append(so_far)
     rates = np.array([withdrawing, *(rates_towards(one) for one in directions[1:])])
-    left_m = predicted_distances(posture, columns, skin, rates, track)
-    left_m[0 if so_far is None else -1] += _GAIN_M
-    return directions[int(left_m.argmax())]
+    kept_m = np.zeros(len(rates))
+    kept_m[0 if so_far is None else -1] = _GAIN_M
+    left_m = kept_m + predicted_distances(posture, columns, skin, rates, track)
+    slowed = {0}
+    while (best := int(left_m.argmax())) not in slowed:
+        slowed.add(best)
+        if (share := free_share(rates[best])) < 1:
+            slower = share * rates[best]
+            left_m[best] = kept_m[best] + predicted_distances(posture, columns, skin, slower[None], track)[0]
+    return directions[best]
 
 
 def predicted_distances(posture: Posture, columns: list[int], skin: Skin, rates: Array, track: Track3D) -> Array:

@@ -22,8 +22,8 @@ from pps_vision.recordings.outputs import whole_file, write_json
 SLOW_M_S = 0.15  # up to which objects approached R's robot
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _LEAST_SELF_MM = 20.0
-_TO_REACH = 3  # one encounter of `reach` for so many of each approaching condition
 _HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
+_STOP, _OF_EACH_HARMLESS, _REACH = 0.2, 0.06, 1 / 30  # in this study, for one of press and one of through
 Row = dict[str, Any]
 
 
@@ -32,8 +32,8 @@ class Encounters(SampledStudy):
     """Objects at 5–30 cm/s that stop at the would-be contact, press on or fly through, harmless ones, and ones to reach
     for, without rendering: touched, smallest distance, lead and needless commands by controller."""
 
-    n: int = 150
-    """Encounters of each of stop, press and through; six tenths as many of each harmless kind, a third of
+    n: int = 1500
+    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a thirtieth of
     `reach`."""
     share: float = 1.0
     """Share of R's numbers of approaches (Table 5) that the memories are learned from."""
@@ -47,7 +47,10 @@ class Encounters(SampledStudy):
     def run(self) -> dict[str, Any]:
         """Return rates by condition, speed and controller, and paired differences from ours."""
         names = (*NAMES, self.controller) if self.controller else NAMES
-        rows = run_suite(self, counts(self.n), self.seed, names, self.workers, self.share)
+        rare: dict[Condition, float] = {"stop": _STOP, "reach": _REACH}
+        rare |= dict.fromkeys(HARMLESS, _OF_EACH_HARMLESS)
+        some = counts(self.n) | {c: ceil(share * self.n) for c, share in rare.items()}
+        rows = run_suite(self, some, self.seed, names, self.workers, self.share)
         if self.json is not None:
             with whole_file(self.json) as partial:
                 write_json(partial, {"encounters": rows})
@@ -71,8 +74,8 @@ class Encounters(SampledStudy):
 
 
 def counts(n: int) -> dict[Condition, int]:
-    """Return how many encounters of each condition a run has."""
-    return dict.fromkeys(HAZARDS, n) | dict.fromkeys(HARMLESS, ceil(_HARMLESS * n)) | {"reach": ceil(n / _TO_REACH)}
+    """Return how many encounters of each condition but `reach` a run of the tuning, or a rendered one, has."""
+    return dict.fromkeys(HAZARDS, n) | dict.fromkeys(HARMLESS, ceil(_HARMLESS * n))
 
 
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class EncountersRendered(SampledStudy):
             without = meet(arena, learned, encounter, OURS, new_controller(OURS), tracks)
             return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
 
-        some = [(c, k) for c, n in counts(self.n).items() if c != "reach" for k in range(n)]
+        some = [(c, k) for c, n in counts(self.n).items() for k in range(n)]
         parts = run_parts(self, {f"{c} {k}": partial(both, c, k) for c, k in some})
         return summary(list(parts.values()))
 

@@ -1,6 +1,6 @@
 """R's last sessions, simulated: an octopus approaches forearm and palm in turn, 20 min of avoidance, 10 of reaching."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
-from pps_vision.app.simulation import SPEED_M_S, Side, can_follow
+from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side, can_follow
+from pps_vision.experiments.avoidance.controllers import RADIUS_M, felt_by_distance
 from pps_vision.experiments.avoidance.encounter import Arena, Condition, Encounter, Part, draw_path
 from pps_vision.experiments.avoidance.kinematic import Frame, meet
 from pps_vision.experiments.avoidance.registry import WRIST_AT_REST, new_controller
@@ -19,7 +20,9 @@ from pps_vision.experiments.charts import panels
 from pps_vision.experiments.pps.movements import start_posture
 from pps_vision.experiments.study import SeededStudy
 from pps_vision.experiments.tables import Table
+from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM
+from pps_vision.types import Array
 from rendering.stimuli import make_stimulus
 
 THRESHOLD = 0.4  # R: only what happens while some activation exceeds it was recorded
@@ -37,12 +40,25 @@ PAPER_POSITIONS_M = {
 _PARTS: tuple[tuple[Side, Part], ...] = (("left", "inner forearm"), ("right", "palm"))
 _SHOWN = 3  # approaches drawn of each part
 _DISTANCE_ONLY = "distance only"
+_EVERY = round(0.25 / PERIOD_S)  # frame of which the palm's place is kept
+_COLOURS = {"avoidance": "tab:red", "reaching": "tab:blue"}  # as R's
+_LINKS = {
+    "torso": (("root", "lower_torso", "chest", "neck_1", "head"), "0.5"),
+    "left arm": (("chest", "left_shoulder_1", "left_upper_arm", "left_lower_arm", "left_hand", "left_palm"), "pink"),
+    "right arm": (
+        ("chest", "right_shoulder_1", "right_upper_arm", "right_lower_arm", "right_hand", "right_palm"),
+        "lightblue",
+    ),
+    "left eye": (("head", "eyes", "left_eye"), "gold"),
+    "right eye": (("head", "eyes", "right_eye"), "gold"),
+}
+"""Frames from root to tip, and colours (R S1 Fig)."""
 
 
 @dataclass(frozen=True)
 class EncountersSessions(SeededStudy):
-    """R's sessions of avoidance and reaching with ours, the wrist at rest (Figs 10, 11, Tables 6, 7), and of avoidance
-    with distance only (after S2 Fig): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
+    """R's sessions of avoidance and reaching with ours, the wrist at rest (Figs 10, 11, S1, Tables 6, 7), and of
+    avoidance with distance only (after S2 Fig): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
 
     avoidance_min: float = 20.0
     """Length of the session of avoidance, and of the one with distance only."""
@@ -52,7 +68,7 @@ class EncountersSessions(SeededStudy):
     """Share of R's numbers of approaches that the memories are learned from, and of the sessions' lengths."""
 
     def run(self) -> dict[str, Any]:
-        """Return counts and ranges of each session, and the first approaches frame by frame."""
+        """Return counts and ranges of each session, the palms' paths, and the first approaches frame by frame."""
         arena = Arena()
         memories = {side: learn(arena, side, self.seed, self.share) for side in get_args(Side)}
         sessions: dict[str, tuple[Condition, str, float]] = {
@@ -60,10 +76,11 @@ class EncountersSessions(SeededStudy):
             "reaching": ("reach", WRIST_AT_REST, self.reaching_min),
             "distance only": ("stop", _DISTANCE_ONLY, self.avoidance_min),
         }
-        return {
+        found = {
             name: self._session(arena, memories, condition, controller, 60 * self.share * minutes)
             for name, (condition, controller, minutes) in sessions.items()
         }
+        return {"rest_m": _at_rest(arena.robot), **found}
 
     def _session(
         self, arena: Arena, memories: dict[Side, Memories], condition: Condition, controller: str, seconds: float
@@ -75,10 +92,13 @@ class EncountersSessions(SeededStudy):
             side, part = _PARTS[number % 2]
             encounter = _approach(arena, condition, side, part, rng, number)
             frames: list[Frame] = []
-            new = new_controller(controller)
-            outcomes.append(
-                meet(arena, memories[side], encounter, controller, new, track_of(arena, encounter, rng), frames)
-            )
+            tracks, new = track_of(arena, encounter, rng), new_controller(controller)
+            outcomes.append(meet(arena, memories[side], encounter, controller, new, tracks, frames))
+            if controller == _DISTANCE_ONLY:  # others than those of D and TTC move this arm
+                skin, memory, q = arena.skins[side], memories[side].of_distance, encounter.q_rad
+                for k, track in enumerate(tracks):
+                    felt = felt_by_distance(skin, memory, track, arena.robot.at(q))
+                    q, frames[k] = frames[k].q_rad, frames[k]._replace(activations=felt)
             by_side[side].append([frame._replace(t_s=frame.t_s + t) for frame in frames])
             t, number = t + encounter.seconds, number + 1
         return {
@@ -89,16 +109,16 @@ class EncountersSessions(SeededStudy):
             "by the part aimed at": sum(one.touched_part == one.part for one in outcomes),
             "limits left": sum(bool(one.faults) for one in outcomes),
             "arms": {side: _ranges(arena, side, of) for side, of in by_side.items()},
+            "paths_mm": {side: [_path(arena.robot, side, of) for of in some] for side, some in by_side.items()}
+            if controller == WRIST_AT_REST
+            else {},
             "frames": {side: [_drawn(of) for of in some[:_SHOWN]] for side, some in by_side.items()},
         }
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Draw the panels of R Figs 10, 11 and S2: distance and speed above, activation and touch below.
-
-        The activations are those of distance and time to contact; with distance only, others move the arm (R's S2 Fig
-        shows these).
-        """
-        figures = {}
+        """Draw the panels of R Figs 10, 11 and S2, distance and speed above, activation and touch below; and the palms'
+        paths of S1."""
+        figures = {"paths": _paths(numbers)}
         for name in ("avoidance", "reaching", "distance only"):
             figure, axes = panels(4, 2, height=2.6)
             for k, (side, approaches) in enumerate(numbers[name]["frames"].items()):
@@ -137,8 +157,7 @@ def _approach(
 ) -> Encounter:
     """Draw the octopus's next approach to an arm that awaits it at home."""
     robot, skin = arena.robot, arena.skins[side]
-    q = start_posture(robot, "inner")
-    q[arena.arm("right")] = start_posture(robot, "palm")[arena.arm("right")]
+    q = _awaiting(robot)
     radius = make_stimulus("octopus", fineness=0).radius_m
     ids = skin.parts[1].ids if part == "palm" else INNER_FOREARM
     while True:
@@ -150,6 +169,26 @@ def _approach(
         if can_follow(robot, arena.rig, q_start, motion, until_s, 3) and arena.shows(q_start, motion, radius, until_s):
             what = side, part, taxel, "octopus", radius, speed, motion, seconds, contact_s, q_start
             return Encounter(number, condition, *what)  # type: ignore[arg-type]
+
+
+def _awaiting(robot: Robot) -> Array:
+    """Return the posture (n_joints,) that awaits the octopus."""
+    q, right = start_posture(robot, "inner"), robot.indices(robot.names.arm("right"))
+    q[right] = start_posture(robot, "palm")[right]
+    return q
+
+
+def _at_rest(robot: Robot) -> dict[str, list[list[float]]]:
+    """Return the points of each of `_LINKS` in that posture, m."""
+    posture = robot.at(_awaiting(robot))
+    return {name: [posture.point(f).round(3).tolist() for f in frames] for name, (frames, _) in _LINKS.items()}
+
+
+def _path(robot: Robot, side: Side, frames: Sequence[Frame]) -> list[list[int]]:
+    """Return where the palm is while an activation exceeds the threshold, mm, four times a second of an approach."""
+    active = [frame for frame in frames[::_EVERY] if frame.activations.max() > THRESHOLD]
+    palm = robot.names.palm(side)
+    return [np.rint(1000 * robot.at(frame.q_rad).point(palm)).astype(int).tolist() for frame in active]
 
 
 def _ranges(arena: Arena, side: Side, approaches: Sequence[Sequence[Frame]]) -> dict[str, Any]:
@@ -213,3 +252,42 @@ def _panel(above: Axes, below: Axes, approaches: Sequence[dict[str, Any]], title
     above.set(title=title, ylabel="distance to taxels (cm)", ylim=(0, 30))
     speed.set(ylabel="speed (cm/s)", ylim=(0, 20))
     below.set(xlabel="time (s)", ylabel="activation", ylim=(0, 1.02))
+
+
+def _paths(numbers: Mapping[str, Any]) -> Figure:
+    """Draw the palms' paths about the robot at rest and the spheres that they are to stay in (R S1 Fig): in
+    perspective, from behind and from above."""
+    figure = Figure((13.5, 4.6), layout="constrained")
+    space = figure.add_subplot(1, 3, 1, projection="3d")
+    planes = {figure.add_subplot(1, 3, 2): (1, 2), figure.add_subplot(1, 3, 3): (1, 0)}
+    rest = {name: np.array(points) for name, points in numbers["rest_m"].items()}
+    lines: list[tuple[Array, dict[str, Any]]] = [
+        (points, {"color": _LINKS[name][1], "lw": 4, "alpha": 0.9}) for name, points in rest.items()
+    ]
+    for session, colour in _COLOURS.items():
+        paths = (np.array(path) / 1000 for of in numbers[session]["paths_mm"].values() for path in of if path)
+        lines += [(path, {"color": colour, "lw": 0.5, "alpha": 0.8}) for path in paths]
+    for points, style in lines:
+        space.plot(*points.T, **style)
+        for plane, axes in planes.items():
+            plane.plot(*points[:, axes].T, **style)
+    around = np.linspace(0, 2 * np.pi, 60)
+    cos, sin, zero = np.cos(around), np.sin(around), np.zeros(60)
+    for center in (rest[f"{side} arm"][-1] for side in get_args(Side)):
+        for circle in ((cos, sin, zero), (zero, cos, sin), (cos, zero, sin)):
+            space.plot(*(center[:, None] + RADIUS_M * np.array(circle)), color="0.6", lw=0.6)
+        for plane, (across, up) in planes.items():
+            plane.plot(center[across] + RADIUS_M * cos, center[up] + RADIUS_M * sin, color="0.6", lw=0.8)
+    for session, colour in _COLOURS.items():
+        space.plot([], [], color=colour, label=session)
+    space.plot([], [], color="0.6", lw=0.8, label=f"{RADIUS_M:g} m from rest")
+    space.legend(fontsize=7, loc="upper left")
+    space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    space.set_aspect("equal")
+    space.locator_params(nbins=4)
+    space.view_init(elev=20, azim=-150)
+    for plane, axes, name in zip(planes, planes.values(), ("from behind", "from above"), strict=True):
+        plane.set(xlabel=f"{'xyz'[axes[0]]} (m)", ylabel=f"{'xyz'[axes[1]]} (m)", title=name, aspect="equal")
+        plane.grid(alpha=0.25)
+    list(planes)[1].invert_yaxis()  # the robot looks along −x
+    return figure

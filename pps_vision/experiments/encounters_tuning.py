@@ -39,8 +39,7 @@ class EncountersTuning(Study):
             for j, (name, baseline) in enumerate(BASELINES.items())
             for k in range(self.draws)
         }
-        some = counts(self.n) | {"reach": 0}
-        rows = run_suite(self, some, self.tuning_seed, (OURS, *numbers), self.workers, self.share, numbers)
+        rows = run_suite(self, counts(self.n), self.tuning_seed, (OURS, *numbers), self.workers, self.share, numbers)
         scores = {name: score([row for row in rows if row["controller"] == name]) for name in (OURS, *numbers)}
         best = {
             name: min((k for k in numbers if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in BASELINES

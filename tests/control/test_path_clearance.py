@@ -90,6 +90,23 @@ def test_no_direction_is_needed_for_what_misses_rests_or_is_escaped(robot: Robot
         assert direction_off_path(posture, arm_of(robot), SKIN, track, rates_towards, 0.05) is None
 
 
+def test_a_direction_in_which_the_body_slows_the_arm_is_judged_by_what_is_left(robot: Robot) -> None:
+    """A fast ball flies through a taxel; the motion that clears it farthest is slowed to nothing, then all motions."""
+    posture, taxel = robot.at(home(robot)), SKIN.index("left_forearm:27")
+    taxels, normals = SKIN.at(posture)
+    track = track_at(taxels[taxel] + 0.15 * normals[taxel], -0.3 * normals[taxel])
+    rates_towards = withdrawing(robot, taxel)
+    given = posture, arm_of(robot), SKIN, track, rates_towards, 0.05
+    freely = direction_off_path(*given)
+    assert freely is not None
+    best = rates_towards(freely)
+    other = direction_off_path(*given, free_share=lambda rates: float(not np.array_equal(rates, best)))
+    assert other is not None
+    assert not np.array_equal(other, freely)
+    assert direction_off_path(*given, free_share=lambda rates: 0.9) is not None
+    assert direction_off_path(*given, free_share=lambda rates: 0.0) is None
+
+
 def fly_through(robot: Robot, params: AvoidanceParams, taxel: int, way: Array, speed_m_s: float) -> bool:
     """Whether a ball that flies straight on through a taxel's place at home touches the arm; the taxels that it comes
     to within a second are activated.  The ball and the robot's kinematics alone decide."""

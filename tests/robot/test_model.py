@@ -57,6 +57,26 @@ def icub() -> Robot:
     return load_icub()
 
 
+def test_postures_share_nothing_while_they_live_and_leave_nothing_behind(icub: Robot) -> None:
+    """Their evaluations are used again, which no other posture notices."""
+    rng = np.random.default_rng(0)
+    some = rng.uniform(icub.lower_rad, icub.upper_rad, (6, icub.n_joints))
+    fresh = load_icub()
+    expected = [(p.T_root("left_palm"), p.jacobian("left_palm")) for p in [fresh.at(q) for q in some]]
+    for _ in range(2):
+        kept = [icub.at(q) for q in some[:3]]
+        for k in (3, 4, 5):
+            passing = icub.at(some[k])
+            np.testing.assert_array_equal(passing.T_root("left_palm"), expected[k][0])
+            np.testing.assert_array_equal(passing.jacobian("left_palm"), expected[k][1])
+        T = [posture.T_root("left_palm") for posture in kept]
+        np.testing.assert_array_equal(T, [of for of, _ in expected[:3]])
+        del kept, passing
+        icub.at(some[5])
+        np.testing.assert_array_equal(T, [of for of, _ in expected[:3]])
+    assert 0 < len(icub.spare_data) < 12
+
+
 def test_another_robot_is_used_by_naming_its_frames(tmp_path: Path) -> None:
     robot = Robot(planar_urdf(tmp_path), PLANAR_NAMES)
     q = np.zeros(robot.n_joints)

@@ -137,11 +137,15 @@ def distance_only(setting: Setting, numbers: Numbers) -> Controller:
     of_activations = paper(setting, numbers)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
-        taxels, normals = setting.skin.at(posture)
-        by_distance = felt(FIELD, setting.of_distance, track, taxels, normals, np.zeros_like(taxels))
-        return of_activations(by_distance, track, posture)
+        return of_activations(felt_by_distance(setting.skin, setting.of_distance, track, posture), track, posture)
 
     return act
+
+
+def felt_by_distance(skin: Skin, of_distance: PPSMemory, track: Track3D, posture: Posture) -> Array:
+    """Return the activations (n,) of a memory that knows D only."""
+    taxels, normals = skin.at(posture)
+    return felt(FIELD, of_distance, track, taxels, normals, np.zeros_like(taxels))
 
 
 def move_point(setting: Setting, posture: Posture, frame: str, point: Array, velocity: Array) -> Array:

@@ -114,6 +114,8 @@ class Arena:
         self.robot: Robot = load_icub()
         self.rig: StereoRig = icub_rig(self.robot)
         self.self_collision = SelfCollision(self.robot)
+        # of each body: the radius of a sphere about its middle that holds it
+        self._sizes_m = np.array([np.linalg.norm(body.size_m) for body in self.robot.bodies])
         self.skins: dict[Side, Skin] = {
             "left": icub_skin(("left_forearm", "left_palm")),
             "right": icub_skin(("right_forearm", "right_palm")),
@@ -137,15 +139,18 @@ class Arena:
     def hidden_share(self, posture: Posture, eye: Array, center: Array, radius_m: float) -> float:
         """Return the share of a ball about `center` (3,) that the robot's bodies hide from an eye at `eye` (3,).
 
-        Of its middle and of points about it: whether a body meets the straight line to the eye, by coal.
+        Of its middle and of points about it: whether a body meets the straight line to the eye, by coal. Bodies whose
+        enclosing spheres do not meet the cylinder about all lines are left out.
         """
         turn = rotation_to(center - eye)
         angles = np.arange(_RIM) * 2 * np.pi / _RIM
         rim = 0.8 * radius_m * (np.cos(angles)[:, None] * turn[:, 0] + np.sin(angles)[:, None] * turn[:, 1])
-        bodies = [
-            (shape.geometry, _pose(posture.T_root(body.frame) @ body.T_frame_body))
-            for body, shape in zip(self.robot.bodies, self.robot.geometry.geometryObjects, strict=True)
-        ]
+        poses = np.array([posture.T_root(body.frame) @ body.T_frame_body for body in self.robot.bodies])
+        d, far_m = poses[:, :3, 3] - eye, float(np.linalg.norm(center - eye))
+        ahead, reach = d @ turn[:, 2], self._sizes_m + radius_m
+        aside = np.linalg.norm(d - ahead[:, None] * turn[:, 2], axis=1)
+        near = np.flatnonzero((aside < reach) & (ahead > -reach) & (ahead < far_m + reach)).tolist()
+        bodies = [(self.robot.geometry.geometryObjects[k].geometry, _pose(poses[k])) for k in near]
         hidden = 0
         for point in (center, *(center + rim)):
             length = float(np.linalg.norm(point - eye))
@@ -157,7 +162,7 @@ class Arena:
 
     def shows(self, q_rad: Array, motion: Motion, radius_m: float, until_s: float) -> bool:
         """Return whether a posture's own bodies leave most of an object on its path visible to both fixating eyes."""
-        for t in np.linspace(0.0, until_s, _INSTANTS):
+        for t in np.linspace(0.0, until_s, _INSTANTS)[::-1]:  # near the arm most is hidden
             center = motion(float(t))[0]
             q = gaze_at(self.robot, q_rad, center)
             view, posture = self.rig.view(q), self.robot.at(q)
@@ -208,9 +213,11 @@ def draw_one(
             continue
         for _ in range(_DRAWS):
             motion, seconds, contact_s = drawn(arena, skin, q, skin.index(taxel), radius, speed_m_s, rng)
+            if contact_s <= _LEAST_S:
+                continue
             q_start, until_s = gaze_at(arena.robot, q, motion(0.0)[0]), min(seconds, contact_s)
-            seen = contact_s > _LEAST_S and can_follow(arena.robot, arena.rig, q_start, motion, until_s, 3)
-            if seen and arena.shows(q_start, motion, radius, until_s):
+            shown = arena.shows(q_start, motion, radius, until_s)
+            if shown and can_follow(arena.robot, arena.rig, q_start, motion, until_s, 3):
                 found = side, part, taxel, stimulus, radius, speed_m_s, motion, seconds, contact_s, q_start
                 return Encounter(number, condition, *found)
 

@@ -114,6 +114,17 @@ def test_what_a_body_hides_is_counted_ray_by_ray(arena: Arena) -> None:
     assert arena.hidden_share(posture, eye, behind, 0.03) >= np.mean(hits)
 
 
+def test_bodies_that_are_left_out_hide_nothing(arena: Arena, monkeypatch: pytest.MonkeyPatch) -> None:
+    posture = arena.robot.at(draw(arena, "stop", 0, 3).q_rad)
+    eye, palm = arena.head(posture.q_rad), posture.point("left_palm")
+    rng = np.random.default_rng(0)
+    centers = [palm + rng.uniform(-0.15, 0.15, 3) for _ in range(40)]
+    found = [arena.hidden_share(posture, eye, center, 0.04) for center in centers]
+    monkeypatch.setattr(arena, "_sizes_m", np.full(len(arena.robot.bodies), 10.0))
+    assert found == [arena.hidden_share(posture, eye, center, 0.04) for center in centers]
+    assert len(set(found)) > 3
+
+
 def test_an_object_behind_the_arm_is_not_drawn(arena: Arena) -> None:
     """Of the suite's encounters none is hidden; without that demand some are: most with the right outer forearm."""
     for number in (10, 16):
