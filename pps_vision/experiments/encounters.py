@@ -23,7 +23,7 @@ SLOW_M_S = 0.15  # up to which objects approached R's robot
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _LEAST_SELF_MM = 20.0
 _HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
-_STOP, _OF_EACH_HARMLESS, _REACH = 0.2, 0.06, 1 / 30  # in this study, for one of press and one of through
+_STOP, _OF_EACH_HARMLESS, _REACH = 0.2, 0.06, 0.1  # in this study, for one of press and one of through
 Row = dict[str, Any]
 
 
@@ -33,8 +33,8 @@ class Encounters(SampledStudy):
     for, without rendering: touched, smallest distance, lead and needless commands by controller."""
 
     n: int = 1500
-    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a thirtieth of
-    `reach`."""
+    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a tenth of `reach`;
+    the rate of all approaching objects at 15–30 cm/s is of equal numbers of the three."""
     share: float = 1.0
     """Share of R's numbers of approaches (Table 5) that the memories are learned from."""
     controller: str = ""
@@ -107,6 +107,8 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
     hazards = [row for row in rows if row["condition"] in HAZARDS]
     slow_stop = [row for row in hazards if row["condition"] == "stop" and row["speed_m_s"] <= SLOW_M_S]
     hard = [row for row in hazards if row["condition"] != "stop"]
+    as_many = min(sum(row["condition"] == c for row in hazards) for c in HAZARDS)
+    fast = [row for row in hazards if row["speed_m_s"] > SLOW_M_S and row["number"] < as_many]
     return {
         "stop, slow": rate(slow_stop, _untouched),
         "stop, slow, distance_mm": _quartiles([1000 * row["distance_m"] for row in slow_stop]),
@@ -115,8 +117,8 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
         "by speed": {c: [rate(some, _untouched) for some in _bands(hazards, c)] for c in HAZARDS},
         "press and through": rate(hard, _untouched),
         "press and through, beyond ours": _beyond(hard, ours),
-        "fast": rate([row for row in hazards if row["speed_m_s"] > SLOW_M_S], _untouched),
-        "fast, beyond ours": _beyond([row for row in hazards if row["speed_m_s"] > SLOW_M_S], ours),
+        "fast": rate(fast, _untouched),
+        "fast, beyond ours": _beyond(fast, ours),
         "still": {c: rate([row for row in rows if row["condition"] == c], _still) for c in HARMLESS},
         "still, all": rate([row for row in rows if row["condition"] in HARMLESS], _still),
     }
