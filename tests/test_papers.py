@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+import numpy as np
 import pytest
 from documents import ROOT
 
@@ -105,6 +106,8 @@ def of_r() -> Iterator[tuple[str, str]]:
     yield "Fig 9", f"{trials['only_theirs']} of {trials['samples']}"
     single = next(iter(result("pps_single_touch")["approaches"].values()))["centre"]
     yield "Fig 9", f"{single['8×4, σ 1 bin (R, default)']['above_at_lead_percent']} %"
+    mean = [np.mean(of) for name, of in result("pps_landscapes")["fig9"].items() if name.endswith(", 53 trials")]
+    yield "Fig 9", "{:.3f}, of its neighbour {:.3f}".format(*mean)
     ended = result("encounters_sessions")
     avoided, reached = ended["avoidance"], ended["reaching"]
     yield "Fig 10", f"{avoided['touched']} of {avoided['approaches']} approaches touch"

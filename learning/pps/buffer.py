@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pps_vision.types import Array, TaxelEvents
 
@@ -47,14 +48,29 @@ def resample(buffer: EventBuffer) -> tuple[Array, Array]:
     Interpolated between two samples that both lie in a taxel's receptive field and approach
     (D and TTC finite) and are at most `max_gap_s` apart; NaN otherwise.
     """
+    if not buffer.samples:
+        return np.empty((0, 0)), np.empty((0, 0))
+    n = len(buffer.samples[0].taxel_ids)
+    seen, *resampled = resample_seen(buffer, np.arange(n))
+    D, TTC = np.full((2, len(resampled[0]), n), np.nan)
+    D[:, seen], TTC[:, seen] = resampled
+    return D, TTC
+
+
+def resample_seen(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
+    """Those k of the `taxels` that have a sample, and D and TTC (T, k) as `resample`; ValueError without samples.
+
+    Few of a whole skin's taxels perceive one stimulus: time and memory are those of the few.
+    """
     params, samples = buffer.params, buffer.samples
     if not samples:
-        return np.empty((0, 0)), np.empty((0, 0))
+        raise ValueError("a buffer without samples; expected at least one")
     stamps = np.array([sample.stamp_s for sample in samples])
-    series = np.array([[s.distance_m, s.ttc_s] for s in samples], dtype=float)  # (samples, 2, n)
-    known = np.isfinite(series).all(axis=1)
-    seen = np.flatnonzero(known.any(axis=0))  # few of a whole skin's taxels perceive one stimulus: saves time
-    series = np.where(known[:, None, seen], series[:, :, seen], np.nan)
+    known = np.array([np.isfinite(s.distance_m[taxels]) & np.isfinite(s.ttc_s[taxels]) for s in samples])
+    at = np.flatnonzero(known.any(axis=0))
+    seen = taxels[at]
+    series = np.array([[s.distance_m[seen], s.ttc_s[seen]] for s in samples], dtype=float)  # (samples, 2, k)
+    series[~np.broadcast_to(known[:, None, at], series.shape)] = np.nan
     back = np.arange(int((stamps[-1] - stamps[0]) / params.step_s + 1e-6), -1, -1)
     times = stamps[-1] - back * params.step_s
     after = np.clip(np.searchsorted(stamps, times), min(1, len(stamps) - 1), len(stamps) - 1)
@@ -66,6 +82,4 @@ def resample(buffer: EventBuffer) -> tuple[Array, Array]:
     grid = (1 - w) * series[before] + w * series[after]
     grid[span > params.max_gap_s] = np.nan
     grid[on_before], grid[on_after] = series[before][on_before], series[after][on_after]
-    D, TTC = np.full((2, len(times), len(samples[0].taxel_ids)), np.nan)
-    D[:, seen], TTC[:, seen] = grid[:, 0], grid[:, 1]
-    return D, TTC
+    return seen, grid[:, 0], grid[:, 1]

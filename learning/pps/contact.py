@@ -1,7 +1,7 @@
 """Contact model: the probability that an approach touches a taxel, from the displacement of its path.
 
-D and TTC (R eqs 1–2) do not distinguish a path over this taxel from one over its neighbour, 2–3 cm beside it; the
-displacement u from the taxel does.  The log-odds of touch of taxel k are
+On a robot that errs by centimetres D and TTC (R eqs 1–2) do not distinguish a path over this taxel from one over its
+neighbour, 2–3 cm beside it; the displacement u from the taxel does.  The log-odds of touch of taxel k are
 
     b_k + (β + β_k)ᵀ z + g(z)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from learning.archive import read_archive, write_archive
-from learning.pps.buffer import EventBuffer, resample
+from learning.pps.buffer import EventBuffer, resample_seen
 from pps_vision.errors import InputError
 from pps_vision.jit import njit
 from pps_vision.robot.skin import Skin
@@ -103,7 +103,14 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
     """One learning iteration (R, "Data collection"): the buffer's samples count as positive for the
     `touched` (n,) taxels and as negative for the others of the same body part; nothing changes
     on a part that was not touched."""
-    return count_samples(memory, *resample(buffer), touched) if buffer.samples else memory
+    if not buffer.samples:
+        return memory
+    if touched.shape != memory.part_index.shape or len(buffer.samples[0].taxel_ids) != len(touched):
+        raise ValueError(
+            f"touched {touched.shape}: expected the memory's and the buffer's {len(memory.taxel_ids)} taxels"
+        )
+    taxels, distance_m, ttc_s = resample_seen(buffer, _learning(memory, touched))
+    return _counted(memory, taxels, distance_m, ttc_s, touched)
 
 
 def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
@@ -111,18 +118,28 @@ def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: M
 
     Without a sample that counts the memory itself is returned.
     """
-    params = memory.params
     distance_m, ttc_s = paired(memory, distance_m, ttc_s)
     if touched.shape != memory.part_index.shape:
         raise ValueError(f"touched {touched.shape}: expected the memory's {len(memory.taxel_ids)} taxels")
-    learning = np.isin(memory.part_index, memory.part_index[touched])
-    sampled = params.covers(distance_m, ttc_s) & learning
+    taxels = _learning(memory, touched)
+    return _counted(memory, taxels, distance_m[..., taxels], ttc_s[..., taxels], touched)
+
+
+def _learning(memory: PPSMemory, touched: Mask) -> NDArray[np.intp]:
+    """Indices of the taxels of the body parts that were touched."""
+    return np.flatnonzero(np.isin(memory.part_index, memory.part_index[touched]))
+
+
+def _counted(memory: PPSMemory, taxels: NDArray[np.intp], distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:
+    """As `count_samples`, with D and TTC (…, k) of these k `taxels`."""
+    params = memory.params
+    sampled = params.covers(distance_m, ttc_s)
     i_distance, at_distance = _bins(distance_m[sampled], params.distance_range_m, params.bins[0])
     i_ttc, at_ttc = _bins(ttc_s[sampled], params.ttc_range_s, params.bins[1])
     counted = at_distance & at_ttc
     if not counted.any():
         return memory
-    taxel = np.nonzero(sampled)[-1][counted]
+    taxel = taxels[np.nonzero(sampled)[-1][counted]]
     counts = memory.counts.copy()
     np.add.at(counts, (taxel, i_distance[counted], i_ttc[counted], np.where(touched[taxel], 0, 1)), 1)
     return replace(memory, counts=counts)

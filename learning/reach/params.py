@@ -34,7 +34,7 @@ class MapParams:
     n_labels: int = 6000
     """Largest number of labels."""
     round_labels: int = 1500
-    """Labels per round; the first round is uniform over all gaze postures."""
+    """Labels per round, at least a sixteenth of those so far; the first round is uniform over all gaze postures."""
     max_error: float = 0.0
     """Training ends when tests show, with `confidence`, that no larger share of gaze postures is misjudged."""
     n_test: int = 0

@@ -24,6 +24,7 @@ from pps_vision.types import Array, Mask
 
 _COARSER = 4  # steps of the lattice on which splines are evaluated far from the border; 1 takes four times as long
 _VOTERS = 8  # labels asked whether one contradicts them; matters only for wrong labels (bench reach_severity)
+_ROUNDS = 16  # a round is at least 1/16 of the labels so far: each revisits all of them, so that cost stays linear
 _CURVATURE = 0.5  # times step²: error between lattice points of a border with a radius of curvature of 0.25
 
 
@@ -66,7 +67,9 @@ def learned_from(
             "reachable-space map", f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from"
         )
     softness, expected, good_enough, risk = np.nan, 1.0, 0.5 * params.max_error, 1 - params.confidence
-    while spent + n <= params.n_labels:
+    while (left := params.n_labels - spent) >= params.round_labels:
+        n = max(params.round_labels, len(labels.gaze_rad) // _ROUNDS)
+        n = n if left >= n + params.round_labels else left
         border = GazeSpline(*_nodes(_consistent(labels), params))
         asked, share = _near_border(border, labels, n, params, rng)
         more = label(asked)
@@ -78,7 +81,8 @@ def learned_from(
         wrong = near & ((predicted > 0) != more.reachable)
         expected = share * float(wrong.sum() / max(near.sum(), 1))
         labels = labels.joined(more)
-        if expected <= good_enough and spent + n <= params.n_labels:
+        worth_testing = params.max_error > 0 and expected <= good_enough
+        if worth_testing and params.n_labels - spent >= params.round_labels:
             risk /= 2  # of this test, the other half being left for those that may follow
             learned = _on_lattice(side, labels, softness, expected, unanswered, params)
             learned = _tested(learned, verdicts, risk, params, rng)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.stats import spearmanr
 
 from learning.pps.memory import Counts
 from pps_vision.app.report.figures import landscape
@@ -16,6 +17,7 @@ from pps_vision.experiments.pps.perceived import Session, train_memory
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
 from pps_vision.experiments.pps.trials import SessionStudy, exact_trials
 from pps_vision.experiments.study import interval
+from pps_vision.robot.icub import load_icub
 
 TITLES: dict[SessionName, str] = {
     "motor": "double touch, felt (Fig 4)",
@@ -43,7 +45,7 @@ class Landscapes(SessionStudy):
         robots = [ErringRobot.draw(ErrorSources(), np.random.default_rng((self.seed, k))) for k in range(self.n)]
         sessions = {name: Session.of(name, self.seen(name)) for name in TITLES}
         found = {name: self._measure(name, session, robots) for name, session in sessions.items()}
-        return {"sessions": found, "fig9": _fig9(sessions["inner"])}
+        return {"sessions": found, "fig9": _fig9(sessions["inner"]), "wrist": _wrist(sessions["inner"])}
 
     def _measure(self, name: SessionName, session: Session, robots: list[ErringRobot]) -> dict[str, Any]:
         memory = train_memory(session.trials)
@@ -109,4 +111,22 @@ def _fig9(session: Session) -> dict[str, Any]:
         ).tolist()
         for i in pair
         for n in AFTER
+    }
+
+
+def _wrist(session: Session) -> dict[str, Any]:
+    """Do taxels near the wrist respond less (R, of Fig 9)?  Mean activation over the map of every taxel aimed at, its
+    distance from the palm with the wrist straight, and their rank correlation over the taxels (R: above 0)."""
+    memory, robot = train_memory(session.trials), load_icub()
+    straight = robot.at(robot.clamp(np.zeros(robot.n_joints)))
+    palm = straight.T_root(robot.names.palm("left"))[:3, 3]
+    T_root_part = straight.T_root(session.part.frame)
+    positions = session.part.positions_m @ T_root_part[:3, :3].T + T_root_part[:3, 3]
+    away_m = np.linalg.norm(positions - palm, axis=1)[list(session.aimed)]
+    mean = np.array([landscape(memory, taxel).mean() for taxel in session.aimed])
+    return {
+        "taxels": [session.name(taxel) for taxel in session.aimed],
+        "from_palm_cm": np.round(100 * away_m, 2).tolist(),
+        "mean_activation": np.round(mean, 3).tolist(),
+        "rank_correlation": round(float(spearmanr(away_m, mean).statistic), 3),
     }

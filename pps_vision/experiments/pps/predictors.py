@@ -34,6 +34,7 @@ _HALF_WINDOWS = MemoryParams(bins=(16, 8), sigma_bins=0.5)
 _FINE = MemoryParams(bins=(32, 16))
 _POOLED = 0.2  # weight of the samples of every other taxel in the fine map, chosen on earlier training trials
 _AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
+_NEVER_S = 100.0  # stands for an infinite TTC: trees know the order of inputs only, but are binned at their quantiles
 _FAR_M = 0.2  # gaps beyond the receptive field count as this one
 _SURFACE = ReceptiveField(distance_to="surface", min_closing_sigmas=0.0)
 _AUTHORS = MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75)  # of the authors' own code
@@ -112,7 +113,17 @@ def _shrunk(prior: float, training: Trials, test: Trials, horizon_s: float) -> A
 
 def by_trees(training: Trials, test: Trials, horizon_s: float) -> Array:
     """Predict by gradient-boosted trees (scikit-learn's defaults) of the taxel, D, TTC and the displacement from it."""
-    rows = [_rows(trials, horizon_s) for trials in (training, test)]
+    return _by_trees(training, test, horizon_s, 6)
+
+
+def by_trees_of_distance_and_ttc(training: Trials, test: Trials, horizon_s: float) -> Array:
+    """Predict as `by_trees`, of the taxel, D and TTC alone, which is what R's map has."""
+    return _by_trees(training, test, horizon_s, 3)
+
+
+def _by_trees(training: Trials, test: Trials, horizon_s: float, inputs: int) -> Array:
+    """Probabilities by trees of the first `inputs` columns of `_rows`."""
+    rows = [_rows(trials, horizon_s)[:, :inputs] for trials in (training, test)]
     touched = outcomes(training).ravel()
     if touched.all() or not touched.any():
         return by_base_rate(training, test, horizon_s)
@@ -123,6 +134,7 @@ def by_trees(training: Trials, test: Trials, horizon_s: float) -> Array:
 def _rows(trials: Trials, horizon_s: float) -> Array:
     """(trials · taxels, 6) taxel, D, TTC and the displacement at the last sample known."""
     D, TTC = at_horizon(trials, horizon_s)
+    TTC = np.minimum(TTC, _NEVER_S)
     last = [int(np.flatnonzero(known_at(trial.stamps_s, horizon_s))[-1]) for trial in trials]
     d = np.array([trial.d_m[k] for trial, k in zip(trials, last, strict=True)])
     taxel = np.broadcast_to(np.arange(D.shape[1], dtype=float), D.shape)

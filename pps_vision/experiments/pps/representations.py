@@ -26,6 +26,7 @@ from pps_vision.experiments.pps.predictors import (
     by_map,
     by_shrunk_map,
     by_trees,
+    by_trees_of_distance_and_ttc,
     in_blocks,
     outcomes,
 )
@@ -41,6 +42,7 @@ METHODS: dict[str, Predictor] = {
     "R's map, shrunk to the base rate": by_shrunk_map,
     "displacement (contact model)": by_displacement,
     "gradient-boosted trees": by_trees,
+    "gradient-boosted trees, D and TTC only": by_trees_of_distance_and_ttc,
 }
 SIZES, LATER, BLOCKS = (6, 12, 24), 13, 4
 Sessions = dict[str, list[Trials]]
@@ -89,7 +91,7 @@ class Representations(SessionStudy):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw, by source, the Brier score over the training trials, and gain and calibration over the time."""
-        sources, methods = numbers["sources"], list(METHODS)
+        sources, methods = numbers["sources"], list(numbers["ms"])
         figure = Figure(figsize=(3.6 * len(sources), 8.4), layout="constrained")
         axes = figure.subplots(3, len(sources), squeeze=False, sharex="row")
         for column, (source, of) in enumerate(sources.items()):
@@ -118,7 +120,7 @@ class Representations(SessionStudy):
         """Return the gain on the base rate and the calibration by source, and the times."""
         sources = numbers["sources"]
         rows = []
-        for name in METHODS:
+        for name in numbers["ms"]:
             cells = [
                 cell
                 for of in sources.values()

@@ -20,6 +20,7 @@ from pps_vision.experiments.pps.predictors import (
     by_map,
     by_shrunk_map,
     by_trees,
+    by_trees_of_distance_and_ttc,
     corrected,
     landing_gap,
     outcomes,
@@ -50,6 +51,22 @@ def trials() -> tuple[Trials, Trials]:
     rng = np.random.default_rng(SEED)
     made = in_taxel_frames([straight(k % 8, rng.uniform(0, 0.03), rng) for k in range(32)])
     return made[::2], made[1::2]
+
+
+@pytest.mark.filterwarnings("error")
+def test_trees_are_fitted_where_objects_stand_still(trials: tuple[Trials, Trials]) -> None:
+    """TTC is infinite there, and between infinities no quantile can be interpolated."""
+    still = [replace(trial, v_m_s=0 * trial.v_m_s) for trial in trials[0]]
+    jitter = np.random.default_rng(SEED)
+    training = [
+        replace(one, d_m=one.d_m + jitter.normal(0, 0.002, 3)) for _ in range(6) for one in (*trials[0], *still)
+    ]
+    D, TTC = at_horizon(training)
+    assert len(np.unique(D[np.isfinite(D)])) > 255  # with as few as the bins there are no quantiles
+    assert np.isinf(TTC).any()
+    for predictor in (by_trees, by_trees_of_distance_and_ttc):
+        p = predictor(training, trials[1], HORIZON_S)
+        assert np.all((p >= 0) & (p <= 1))
 
 
 def test_every_predictor_returns_probabilities_and_the_combination_beats_the_base_rate(

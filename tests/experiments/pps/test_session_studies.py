@@ -72,6 +72,12 @@ def test_landscapes_of_all_sessions() -> None:
     assert len(numbers["fig9"]) == 2 * len(landscapes.AFTER)
     pair = {FOREARM.index(title.split(",")[0]) for title in numbers["fig9"]}
     assert np.linalg.norm(np.subtract(*FOREARM.parts[0].positions_m[list(pair)])) < 0.03  # neighbours
+    wrist = numbers["wrist"]
+    assert len(wrist["taxels"]) == len(wrist["mean_activation"]) == 8
+    nearer = [of for _, of in sorted(zip(wrist["from_palm_cm"], wrist["taxels"], strict=True))]
+    along = [FOREARM.parts[0].positions_m[FOREARM.index(name)][1] for name in nearer]  # the wrist is at y = 0
+    assert np.corrcoef(along, np.arange(8))[0, 1] < -0.9
+    assert -1 <= wrist["rank_correlation"] <= 1
     assert set(charts) == {"", "ridge", "fig9"}
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
-from learning.pps.buffer import EventBuffer, push
+from learning.pps.buffer import EventBuffer, push, resample
 from learning.pps.memory import (
     MemoryParams,
     PPSMemory,
@@ -70,6 +70,20 @@ def test_learning_needs_a_touch_and_samples():
     assert learn(empty, buffer, touched()) is empty
     assert learn(empty, EventBuffer(), touched(1)) is empty
     assert learn(empty, buffer, touched(1)).counts[1].sum() == 1
+
+
+def test_learning_counts_the_resampled_buffer():
+    rng, buffer = np.random.default_rng(3), EventBuffer()
+    for stamp_s in np.cumsum(rng.choice([0.03, 0.05, 0.2], 40)):
+        D, TTC = rng.uniform(-0.2, 0.3, N), rng.uniform(-1, 4, N)
+        D[rng.random(N) < 0.4], TTC[rng.random(N) < 0.2] = np.nan, np.inf
+        buffer = push(buffer, TaxelEvents(stamp_s, FOREARMS.taxel_ids, D, TTC, touched()))
+    memory, felt = random_memory(), touched(1, 4)
+    expected = count_samples(memory, *resample(buffer), felt).counts
+    assert (expected != memory.counts).any()
+    np.testing.assert_array_equal(learn(memory, buffer, felt).counts, expected)
+    with pytest.raises(ValueError, match="expected the memory's"):
+        learn(memory, buffer, felt[:-1])
 
 
 def test_the_order_of_samples_and_taxels_does_not_matter():

@@ -45,6 +45,19 @@ def test_all_labels_are_spent_round_by_round():
     assert learned.softness == pytest.approx(0.5 * PARAMS.lattice**2, rel=0.05)  # all answers as predicted
 
 
+def test_rounds_grow_with_the_labels_and_spend_all_of_them():
+    """Each round revisits all labels, so that rounds of one size would cost with the square of the labels."""
+    rng, calls, more = np.random.default_rng(SEED), [], []
+    params = replace(PARAMS, n_labels=1003, round_labels=10)
+    first = learned_from(counted(calls), "right", rng, params)
+    assert calls[:16] == [10] * 16
+    assert calls[1:-1] == [max(10, sum(calls[:k]) // 16) for k in range(1, len(calls) - 1)]
+    assert sum(calls) == 1003
+    assert len(calls) < 60
+    learned_from(counted(more), "right", rng, replace(params, n_labels=100), into=first)
+    assert more == [1003 // 16, 100 - 1003 // 16]
+
+
 def test_training_ends_when_the_expected_error_is_small_enough():
     calls = []
     learned = learned_from(counted(calls), "right", np.random.default_rng(SEED), replace(PARAMS, max_error=0.9))
