@@ -1,6 +1,7 @@
 """Run studies and write their numbers, charts and tables: what `pps-vision bench` does."""
 
 import json
+import math
 import resource
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -87,8 +88,8 @@ def _result(name: str, out: Path) -> Path:
 
 
 def _minutes(file: Path) -> float:
-    """Processor time of a study when it was measured last; 0 where that is unknown."""
-    return float(json.loads(file.read_text()).get(_MINUTES, 0.0)) if file.exists() else 0.0
+    """Processor time of a study when it was measured last; infinite where that is unknown."""
+    return float(json.loads(file.read_text()).get(_MINUTES, math.inf)) if file.exists() else math.inf
 
 
 def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bool, workers: int) -> None:
