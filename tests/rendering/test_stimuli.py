@@ -11,7 +11,7 @@ from pps_vision.robot.model import Body
 from pps_vision.types import Array
 from rendering.carriers import carrier_parts, carrier_pose
 from rendering.names import StimulusName
-from rendering.shapes import board, body_part, disc, tube
+from rendering.shapes import board, body_part, disc, sphere, tube
 from rendering.stimuli import Stimulus, make_stimulus
 
 
@@ -244,3 +244,10 @@ def test_a_bodys_mesh_has_its_size_and_pose(shape: str) -> None:
     expected = np.array([0.1, 0.2, 0.3]) + np.outer([-1, 1], [half[1], half[0], half[2]])
     assert part.mesh.bounds == pytest.approx(expected, abs=0.001)
     assert part.color == (0.1, 0.2, 0.3)
+
+
+@pytest.mark.parametrize(("fineness", "as_fine_as"), [(4, 3), (1, 0), (0, 0)])
+def test_a_bodys_sphere_is_a_level_coarser_than_a_stimulus(fineness: int, as_fine_as: int) -> None:
+    body = Body("palm_0", "palm", "sphere", (0.05,), np.eye(4), (0.1, 0.2, 0.3))
+    own, stimulus = body_part(body, fineness).mesh, sphere(0.05, (0.1, 0.2, 0.3), fineness=as_fine_as).mesh
+    assert len(own.faces) == len(stimulus.faces) == 20 * 4**as_fine_as

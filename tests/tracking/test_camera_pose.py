@@ -44,6 +44,12 @@ TURNING = StereoRig(CAMERA, CAMERA, lambda q: posed(0.0 if q is None else float(
 NO_IMAGE = np.zeros((240, 320, 3), np.uint8)
 
 
+def test_joints_that_are_never_late_have_no_delay() -> None:
+    motion = PoseEstimator(TURNING, 0.0).motion
+    assert (motion.delay_s, motion.rate_rad_s) == (0.0, 0.0)
+    assert math.isnan(motion.delay_std_s)
+
+
 def late_after(stamps_s: list[float], angle: Callable[[float], float]) -> _LateJoints:
     """The estimator after black frames whose joints were at these angles."""
     late = _LateJoints(TURNING, PRIOR_S)

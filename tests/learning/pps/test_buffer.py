@@ -39,6 +39,12 @@ def test_does_not_bridge_a_gap():
     np.testing.assert_array_equal(np.isfinite(D[:, 0]), [1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 1, 1])
 
 
+@pytest.mark.parametrize(("gap_s", "is_bridged"), [(0.14, True), (0.2, False)])
+def test_a_gap_of_less_than_three_steps_is_bridged_and_one_of_four_is_not(gap_s: float, is_bridged: bool):
+    D, _ = resample(filled([0.0, 0.05, 0.05 + gap_s, 0.1 + gap_s]))
+    assert np.isfinite(D[2:-2, 0]).all() == is_bridged
+
+
 def test_absent_and_infinite_samples_do_not_spread():
     buffer = filled([0.0, 0.05])
     buffer = push(buffer, sample(0.10, [0.1, 0.1], [np.inf, 1.0]))
