@@ -8,8 +8,6 @@ import time
 from pathlib import Path
 
 PARENT = """
-import time
-from pathlib import Path
 from pps_vision.worker_pool import worker_pool
 from tests.helpers.sleeping import sleep
 
