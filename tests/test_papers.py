@@ -113,10 +113,11 @@ def of_r() -> Iterator[tuple[str, str]]:
     yield "Fig 10", f"{avoided['touched']} of {avoided['approaches']} approaches touch"
     yield "Fig 11", f"{reached['touched']} of {reached['approaches']}"
     yield "Fig 11", f"{reached['by the part aimed at']} by the part aimed at"
-    still = {
-        name: of["still"]["harmless_receding"][0] for name, of in result("encounters")["controllers"].items() if of
-    }
-    assert (still["distance only"], still["ours"]) == (0, 100)
+    met = result("encounters")
+    still = {name: of["still"]["harmless_receding"][0] for name, of in met["controllers"].items() if of}
+    n = met["encounters"]["harmless_receding"]
+    assert still["distance only"] == 0
+    yield "S2 Fig", f"such an arm always, ours in {round(n * (1 - still['ours'] / 100))} of {n} encounters"
     table5 = [of["ours"] for of in result("pps_table5")["sessions"].values()]
     yield "Table 5", "samples {}, {}, {}, {} and {} (".format(*(of["samples"] for of in table5))
     yield "Table 5", f"({table5[0]['minutes']}, R 31)"
