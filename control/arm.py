@@ -130,13 +130,12 @@ def arm_velocity(
     Where a constraint forbids the motion, the points slide along it, or stop.  InputError for a velocity that is not
     finite.
     """
-    velocities = [np.asarray(one.velocity_root, dtype=float) for one in points]
-    for one, velocity in zip(points, velocities, strict=True):
+    J: list[Array] = []
+    wanted: list[Array] = []
+    for one in points:
+        velocity = np.asarray(one.velocity_root, dtype=float)
         if velocity.shape != (3,) or not np.all(np.isfinite(velocity)):
             raise InputError("arm", f"velocity {velocity} of {one.frame}; expected three finite numbers in m/s")
-    J: list[Array] = [np.empty((0, len(constraints.columns)))]
-    wanted: list[Array] = [np.empty(0)]
-    for one, velocity in zip(points, velocities, strict=True):
         weight, speed = np.sqrt(one.weight), float(np.linalg.norm(velocity))
         moves = posture.jacobian(one.frame, one.point)[:3, constraints.columns]
         if one.free_across:

@@ -16,7 +16,7 @@ from control import reaching
 from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from control.path_clearance import direction_off_path
-from control.reaching import distances_ahead, radius_m
+from control.reaching import HORIZON_S, distances_ahead, radius_m
 from pps_vision.errors import InputError
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.bare_links import BareLinks, Near
@@ -26,8 +26,21 @@ from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, JointVelocity, Track3D
 
 Mode = Literal["idle", "avoid", "reach", "hold", "return"]
+_REACH_FOR_S = 3.0  # for which reaching outlasts the activation: an object that waits to be touched has no TTC
+# Positions of the object are compared over this time.
+_COME_WITHIN_S = 0.5
+_WAIT_S = 1.0  # for which the arm stays where it is when the object is lost, before it goes home
+# An object that interrupted the return must move by so much before the arm returns again: it does not swing before an
+# object at rest.
+_GONE_M = 0.05
+# Links without taxels come no nearer to the object, and respond if it is to come nearer within the lead time and no
+# taxel is active.  While the arm reaches, the taxels of its other body parts keep this distance too.
+_LINK_CLEARANCE_M, _LINK_LEAD_S = 0.03, 0.5
+_RETURN_PER_S = 3.0  # rate of the return home, of the angles left
+_EASE_IN_S = 0.3  # over which the return speeds up
+_AT_HOME_RAD = np.deg2rad(0.2)  # largest angle from home that counts as being there
+_GIVE_UP_S = 6.0  # longest return: a joint that is stuck never gets home
 _FULL_SPEED_NORMAL = 0.5  # a mean normal that is shorter (60° from all normals to it, or more) slows the response
-_HORIZON_S = 3.0  # of a path: R's longest time to contact
 
 
 @dataclass(frozen=True)
@@ -57,11 +70,9 @@ class AvoidanceParams:
     """An arm at rest responds only to what comes so near to its skin if it moves on as it has come; inf: to every
     activation (R).  D and TTC do not tell what passes from what comes."""
     come_m: float = 0.01
-    """An arm at rest responds to a tracked object only if it has come nearer to the skin by so much within
-    `come_within_s`, as the positions show, and then at once; 0: its estimated velocity decides.  That of an object that
-    stops overshoots and points back for a quarter of a second; the positions do not."""
-    come_within_s: float = 0.5
-    """Time over which positions of the object are compared."""
+    """An arm at rest responds to a tracked object only if it has come nearer to the skin by so much within half
+    a second, as the positions show, and then at once; 0: its estimated velocity decides.  That of an object that stops
+    overshoots and points back for a quarter of a second; the positions do not."""
     confirm_s: float = 0.15
     """Time above threshold before the arm responds to what is not seen to come nearer."""
     clear_m: float = 0.05
@@ -69,30 +80,10 @@ class AvoidanceParams:
     path to leave more, they move across; 0: never (R)."""
     persist_s: float = 0.3
     """Time for which avoidance outlasts the activation."""
-    reach_for_s: float = 3.0
-    """Time for which reaching does: an object that waits to be touched has no time to contact."""
     reach_damping_m: float = 0.03
     """Damping that an arm that reaches tries beside that of `arm`: with little damping joints turn fast against each
     other, and the last stage, which proves the whole motion clear of the body, slows them all; with more the arm stops
     at singular postures."""
-    wait_s: float = 1.0
-    """Time for which the arm stays where it is when the object is lost, before it goes home."""
-    gone_m: float = 0.05
-    """An object that interrupted the return must move by so much before the arm returns again: it does not swing
-    before an object at rest."""
-    link_clearance_m: float = 0.03
-    """Links without taxels come no nearer to the object, and respond if it is to come nearer within `link_lead_s` and
-    no taxel is active; nor do, while the arm reaches, the taxels of other body parts than the one that is to touch."""
-    link_lead_s: float = 0.5
-    """Time before an object comes near a link without taxels in which the arm responds."""
-    return_per_s: float = 3.0
-    """Rate of the return home, of the angles left."""
-    ease_in_s: float = 0.3
-    """Time over which the return speeds up."""
-    at_home_rad: float = np.deg2rad(0.2)
-    """Largest angle from home that counts as being there."""
-    give_up_s: float = 6.0
-    """Longest return; a joint that is stuck never gets home."""
     arm: ArmParams = field(default_factory=ArmParams)
     """Limits and damping of the arm."""
 
@@ -110,30 +101,9 @@ class AvoidanceParams:
             )
         if not self.home_arm_rad or not np.isfinite(self.home_arm_rad).all():
             raise ValueError(f"home_arm_rad {self.home_arm_rad}; expected an angle for each joint")
-        times = (
-            self.confirm_s,
-            self.persist_s,
-            self.reach_for_s,
-            self.ease_in_s,
-            self.wait_s,
-            self.link_lead_s,
-            self.link_clearance_m,
-            self.come_m,
-            self.clear_m,
-        )
-        above_0 = (
-            self.threshold,
-            self.path_m,
-            self.speed_m_s,
-            self.radius_m,
-            self.return_per_s,
-            self.at_home_rad,
-            self.give_up_s,
-            self.gone_m,
-            self.reach_damping_m,
-            self.come_within_s,
-        )
-        if not (all(time >= 0 for time in times) and all(value > 0 for value in above_0) and self.threshold <= 1):
+        least_0 = self.confirm_s, self.persist_s, self.come_m, self.clear_m
+        above_0 = self.threshold, self.path_m, self.speed_m_s, self.radius_m, self.reach_damping_m
+        if not (all(v >= 0 for v in least_0) and all(v > 0 for v in above_0) and self.threshold <= 1):
             raise ValueError(f"{self}; expected no time below 0, the rest above, a threshold of at most 1")
 
 
@@ -155,7 +125,7 @@ class AvoidanceState:
     aside: Array | None = None
     """(3,) direction across the object's path in which the control points move; None: against the normals."""
     seen: tuple[tuple[float, Array], ...] = ()
-    """Stamps and positions (3,) m of the object in the last `come_within_s`."""
+    """Stamps and positions (3,) m of the object in the last `_COME_WITHIN_S`."""
     stamp_s: float = -np.inf
     """Stamp of the last step."""
 
@@ -285,8 +255,8 @@ def control_points(
 def _seen(
     params: AvoidanceParams, state: AvoidanceState, stamp_s: float, track: Track3D | None
 ) -> tuple[tuple[float, Array], ...]:
-    """Where the object was in the last `come_within_s`, and is."""
-    kept = tuple(one for one in state.seen if one[0] >= stamp_s - params.come_within_s - 1e-9)
+    """Where the object was in the last `_COME_WITHIN_S`, and is."""
+    kept = tuple(one for one in state.seen if one[0] >= stamp_s - _COME_WITHIN_S - 1e-9)
     return (*kept, (stamp_s, track.position)) if track is not None and track.is_known else kept
 
 
@@ -301,7 +271,7 @@ def _comes(
     k = int(distance.argmax())
     came = bool(times[-1] > times[k] and 0 < params.come_m <= distance[k] - distance[-1])
     velocity = (places[-1] - places[k]) / (times[-1] - times[k]) if came else track.velocity
-    nearest_m = distances_ahead(taxels, track.position, velocity, _HORIZON_S).min() - radius_m(track)
+    nearest_m = distances_ahead(taxels, track.position, velocity, HORIZON_S).min() - radius_m(track)
     return came, bool((came or params.come_m == 0) and nearest_m < params.path_m)
 
 
@@ -327,12 +297,12 @@ def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Tr
     radius = radius_m(track)
     near, *later = (
         links.near(posture, track.position + after_s * track.velocity, radius)
-        for after_s in (0.0, 0.5 * params.link_lead_s, params.link_lead_s)
+        for after_s in (0.0, 0.5 * _LINK_LEAD_S, _LINK_LEAD_S)
     )
     nearest = np.min([[one.distance_m for one in then] for then in later], axis=0)
-    nearer_m = 0.1 * params.speed_m_s * params.link_lead_s  # by the noise of its velocity what is at rest comes nearer
+    nearer_m = 0.1 * params.speed_m_s * _LINK_LEAD_S  # by the noise of its velocity what is at rest comes nearer
     comes = [
-        distance < min(one.distance_m - nearer_m, params.link_clearance_m)
+        distance < min(one.distance_m - nearer_m, _LINK_CLEARANCE_M)
         for one, distance in zip(near, nearest, strict=True)
     ]
     return near, [one for one, it_comes in zip(near, comes, strict=True) if it_comes]
@@ -369,17 +339,17 @@ def _next(
         return AvoidanceState(params.behaviour, stamp_s, active_since_s, points, by)
     blocked = False
     if blocked_by is not None and position is not None:
-        blocked = float(np.linalg.norm(position - blocked_by)) < params.gone_m
+        blocked = float(np.linalg.norm(position - blocked_by)) < _GONE_M
     lost = track is not None and position is None
-    lasts_s = params.reach_for_s if mode == "reach" else params.persist_s
+    lasts_s = _REACH_FOR_S if mode == "reach" else params.persist_s
     ended = responding and (lost or not allowed or since_s > lasts_s)
     if ended and (lost or blocked):
         return AvoidanceState("hold", stamp_s, blocked_by=blocked_by)
-    if ended or (mode == "hold" and not blocked and (not lost or since_s > params.wait_s)):
+    if ended or (mode == "hold" and not blocked and (not lost or since_s > _WAIT_S)):
         return AvoidanceState("return", stamp_s, active_since_s)
     if mode == "return":
-        at_home = np.abs(_angles_from_home(params, posture)).max() < params.at_home_rad
-        if at_home or since_s > params.give_up_s:
+        at_home = np.abs(_angles_from_home(params, posture)).max() < _AT_HOME_RAD
+        if at_home or since_s > _GIVE_UP_S:
             return AvoidanceState("idle", stamp_s, active_since_s)
     return replace(state, active_since_s=active_since_s)
 
@@ -469,17 +439,17 @@ def _kept_clear(params: AvoidanceParams, posture: Posture, near: list[Near], hol
     for k, one in enumerate(near):
         point = move_points(inverse(posture.T_root(one.frame)), one.point_root)
         rows[k] = one.normal @ posture.jacobian(one.frame, point)[:3]
-    return rows, np.array([max(one.distance_m - params.link_clearance_m, 0.0) / hold_s for one in near])
+    return rows, np.array([max(one.distance_m - _LINK_CLEARANCE_M, 0.0) / hold_s for one in near])
 
 
 def _return(params: AvoidanceParams, posture: Posture, elapsed_s: float, rows: tuple[Array, Array]) -> Array:
     """Joint rates towards home: eased in and out, the palm no faster than the control point of a response, and no
     faster than the `rows` of links near the object allow."""
     dq = np.zeros_like(posture.q_rad)
-    dq[_columns(params, posture)] = -params.return_per_s * _angles_from_home(params, posture)
+    dq[_columns(params, posture)] = -_RETURN_PER_S * _angles_from_home(params, posture)
     palm_speed = np.linalg.norm(posture.jacobian(_palm(params, posture))[:3] @ dq)
     excess = max(palm_speed / params.speed_m_s, np.abs(dq).max() / params.arm.max_rate_rad_s, 1.0)
-    eased = elapsed_s / params.ease_in_s if elapsed_s < params.ease_in_s else 1.0
+    eased = elapsed_s / _EASE_IN_S if elapsed_s < _EASE_IN_S else 1.0
     dq *= eased / excess
     towards = rows[0] @ dq
     return dq * np.min(rows[1][towards > 0] / towards[towards > 0], initial=1.0)

@@ -7,9 +7,9 @@ from qpsolvers import solve_qp
 from pps_vision.types import Array
 
 _PRICE = 100.0  # of leaving a row, per unit; the multipliers of tasks are below 1 (m/s)
-# Of the rows' slack in the Hessian, which must be positive definite; with 1e-6 DAQP now and then finds no solution.
 _TOLERANCE = 1e-5  # of a row or bound; with DAQP's 1e-6 one command of a million has no solution (adversarial_control)
-_ROUND = 1e-4
+# Of the rows' slack in the Hessian, which must be positive definite; with 1e-6 DAQP now and then finds no solution.
+_SLACK_WEIGHT = 1e-4
 
 
 def rate_limits(
@@ -51,12 +51,12 @@ def solve_rates(
     damping = np.broadcast_to(np.asarray(weights, dtype=float), preferred.shape) ** 2
     k, (lower, upper) = len(G), limits
     H, g = np.zeros((n + k, n + k)), np.full(n + k, _PRICE)
-    H.ravel()[:: n + k + 1] = _ROUND
+    H.ravel()[:: n + k + 1] = _SLACK_WEIGHT
     H[:n, :n] = J.T @ J + np.diag(damping)
     g[:n] = -J.T @ wanted - damping * preferred
-    bounds = np.zeros(n + k), np.full(n + k, np.inf)
-    bounds[0][:n], bounds[1][:n] = lower, np.maximum(lower, upper)
+    upper = np.maximum(lower, upper)
+    least, largest = np.append(lower, np.zeros(k)), np.append(upper, np.full(k, np.inf))
     A, b = (np.hstack([G, -np.eye(k)]), np.asarray(most, dtype=float)) if k else (None, None)
-    x = solve_qp(H, g, A, b, lb=bounds[0], ub=bounds[1], solver="daqp", primal_tol=_TOLERANCE)
+    x = solve_qp(H, g, A, b, lb=least, ub=largest, solver="daqp", primal_tol=_TOLERANCE)
     rates = np.zeros(n) if x is None else x[:n]
-    return np.clip(rates, *(bound[:n] for bound in bounds))
+    return np.clip(rates, lower, upper)

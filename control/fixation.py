@@ -1,6 +1,6 @@
 """Fixate a point with both eyes (J IV.1); the eyes' tilt continues where the neck's pitch ends."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,9 @@ class FixationParams:
     """Rate at which the tilt returns to zero as the neck takes over."""
     limits: HeadLimits = field(default_factory=HeadLimits)
     """Range and speed of the head."""
+
+
+_WHOLE_STEP = FixationParams(0.8, 0.5, HeadLimits(neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6))  # of `gaze_at`
 
 
 def step(
@@ -101,17 +104,14 @@ def fixation_error(posture: Posture, p_root: ArrayLike) -> float:
     return float(max(errors))
 
 
-def gaze_at(robot: Robot, q_rad: ArrayLike, p_root: ArrayLike, params: FixationParams | None = None) -> Array:
+def gaze_at(robot: Robot, q_rad: ArrayLike, p_root: ArrayLike) -> Array:
     """The configuration (n_joints,) whose eyes fixate a point, or come as near as their limits allow.
 
     The same control law, iterated from `q_rad` until it rests; of fixed cameras `q_rad` itself.
     """
-    params = params or FixationParams()
-    slow = replace(params.limits, neck_rad_s=np.pi / 6, eyes_rad_s=np.pi / 6)
-    whole_step = replace(params, gain_per_s=0.8, tilt_return_per_s=0.5, limits=slow)
     q, p = np.array(q_rad, dtype=float), np.asarray(p_root, dtype=float)
     for _ in range(60 if robot.names.gaze_joints else 0):
-        dq = _rates(whole_step, robot.at(q), p, np.zeros(3), 1.0)
+        dq = _rates(_WHOLE_STEP, robot.at(q), p, np.zeros(3), 1.0)
         q += dq
         if np.abs(dq).max() < 1e-9:
             break

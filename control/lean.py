@@ -66,13 +66,13 @@ def step(
     q = np.tile(posture.q_rad, (len(torso), 1))
     q[:, index] = torso
     within = reachable(model.gaze(model.to_upright(q, p_root), limits))
-    if within[0]:
-        return "within reach", _turn(params, posture, here, dt_s, stamp_s)
-    if not within.any():
-        return "out of reach", _turn(params, posture, here, dt_s, stamp_s)
-    found = torso[within]
-    nearest = found[np.linalg.norm(found - here, axis=1).argmin()]
-    return "leaning", _turn(params, posture, nearest, dt_s, stamp_s)
+    status: LeanStatus = "out of reach"
+    goal = here
+    if within.any():
+        found = torso[within]
+        goal = found[np.linalg.norm(found - here, axis=1).argmin()]
+        status = "within reach" if within[0] else "leaning"
+    return status, _turn(params, posture, goal, dt_s, stamp_s)
 
 
 def upright(

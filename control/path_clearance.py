@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from control.reaching import HORIZON_S, radius_m
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.model import Posture
 from pps_vision.robot.skin import Skin
@@ -15,7 +16,6 @@ from pps_vision.types import Array, Track3D
 _DIRECTIONS = 8  # across the path
 _INSTANTS = 12  # of the prediction
 _BEYOND_M = 0.05  # how far the object is followed beyond the last taxel that it passes
-_HORIZON_S = 3.0  # R's longest time to contact
 _SLOWEST_M_S = 0.01  # what is slower has no path
 _GAIN_M = 0.01  # by which another direction must be better than the one taken so far
 
@@ -82,10 +82,9 @@ def predicted_distances(posture: Posture, columns: list[int], skin: Skin, rates:
     taxels, J = skin.at(posture)[0], skin.jacobians(posture, columns)
     speed = float(np.linalg.norm(track.velocity))
     last_m = float(((taxels - track.position) @ track.velocity).max()) / speed + _BEYOND_M
-    times = np.linspace(0.0, np.clip(last_m / speed, 0.1, _HORIZON_S), _INSTANTS + 1)[1:]
+    times = np.linspace(0.0, np.clip(last_m / speed, 0.1, HORIZON_S), _INSTANTS + 1)[1:]
     q, robot = posture.q_rad[columns], posture.robot
     lower, upper = np.minimum(robot.lower_rad[columns], q), np.maximum(robot.upper_rad[columns], q)
     turned = np.clip(q + times[:, None] * rates[:, None], lower, upper) - q
     d = np.einsum("ndk,mtk->mtnd", J, turned) + taxels - (track.position + times[:, None] * track.velocity)[:, None]
-    radius_m = track.radius_m if np.isfinite(track.radius_m) else 0.0
-    return np.asarray(np.sqrt(np.sum(d * d, axis=3).min(axis=(1, 2))) - radius_m)
+    return np.asarray(np.sqrt(np.sum(d * d, axis=3).min(axis=(1, 2))) - radius_m(track))

@@ -15,7 +15,9 @@ from pps_vision.types import Array, Track3D
 
 AT_REST_M_S = 1e-6
 """A slower control point never arrives."""
-_HORIZON_S = 10.0  # of the object's path: at 5 cm/s, R's slowest, it comes from half a metre
+HORIZON_S = 3.0
+"""How long an object is expected to go on as it goes: R's longest time to contact."""
+_FAR_AHEAD_S = 10.0  # of the object's path: at 5 cm/s, R's slowest, it comes from half a metre
 
 
 class Way(NamedTuple):
@@ -56,7 +58,7 @@ def taxel_to_touch(skin: Skin, home: Posture, track: Track3D, seen: Sequence[tup
     taxels, _ = skin.at(home)
     (first_s, first), (last_s, last) = seen[0], seen[-1]
     velocity = (last - first) / (last_s - first_s) if last_s > first_s else track.velocity
-    return int(distances_ahead(taxels, track.position, velocity, _HORIZON_S).argmin())
+    return int(distances_ahead(taxels, track.position, velocity, _FAR_AHEAD_S).argmin())
 
 
 def first_to_touch(
@@ -78,7 +80,7 @@ def first_to_touch(
     for k, point in enumerate(move_points(inverse(posture.T_root(frame)), taxels)):
         one = aimed(speed_m_s, MovingPoint(frame, point, np.zeros(3)), posture, track)
         dq = velocity((one,))
-        towards_m_s = float(d[k] @ posture.jacobian(frame, point)[:3] @ dq) / distances[k]
+        towards_m_s = float(d[k] @ posture.jacobian(frame, point)[:3] @ dq) / max(distances[k], 1e-9)
         gap = max(distances[k] - radius_m(track) - TOUCH_RADIUS_M, 0.0)
         ways.append(Way(gap / max(towards_m_s, AT_REST_M_S), one, dq))
     return min(ways, key=lambda way: way.touches_s)

@@ -1,5 +1,5 @@
 """Activation and reachability of very many cases at once on a torch device; `memory.activation` and
-`ReachableMap.query` compute the same with NumPy."""
+`ReachableMap.query` compute single ones."""
 
 from typing import TYPE_CHECKING
 

@@ -25,8 +25,8 @@ class Eyes:
     """Renderer of both eyes of a robot; holds one scene, of which only the poses change.
 
     `props` are further objects that a `SceneState` poses: a distractor, an occluding board.  `fidelity` sets the
-    fineness of robot and carrier; stimulus and props keep theirs.  Bodies of the robot's frames `undrawn` are left
-    out.  A context manager: leaving it frees the graphics memory.
+    fineness of robot and carrier; stimulus and props keep theirs.  A context manager: leaving it frees the graphics
+    memory.
     """
 
     def __init__(
@@ -38,7 +38,6 @@ class Eyes:
         sensor: Sensor | None = None,
         props: tuple[tuple[Part, ...], ...] = (),
         fidelity: Fidelity | None = None,
-        undrawn: tuple[str, ...] = (),
     ) -> None:
         self._robot, self._rig, self._stimulus = robot, rig, stimulus
         self._sensor, self._fidelity = sensor or Sensor(), fidelity or Fidelity()
@@ -46,7 +45,7 @@ class Eyes:
         self._pinholes = pinholes(self._lenses, self._fidelity.scale)
         self._maps = [lens.map_to(pinhole) for lens, pinhole in zip(self._lenses, self._pinholes, strict=True)]
         self._renderer = shared_renderer()
-        self._stage = Stage(robot, stimulus, carrier, props, self._renderer.room, self._fidelity.fineness, undrawn)
+        self._stage = Stage(robot, stimulus, carrier, props, self._renderer.room, self._fidelity.fineness)
         self._release = weakref.finalize(self, self._renderer.release, self._stage.held)
 
     def __enter__(self) -> Self:

@@ -17,9 +17,8 @@ from rendering.names import MotionName
 START_M = (0.25, 0.30)  # distance from the taxel at which an approach starts (FACTS §3)
 START_ANGLE = np.deg2rad(45.0)  # largest angle to the taxel's normal there (FACTS §3)
 EXTENT_M = (0.05, 0.08)  # amplitude of a motion about a centre
-_BOW = (
-    0.15  # standard deviation per axis of a reach's control point; the path deviates by half of it; share of its length
-)
+# Standard deviation per axis of a reach's control point, as a share of its length; the path deviates by half of it.
+_BOW = 0.15
 _OVERSHOOT = 8 / 7  # planned length of a reach, as a share of its length to contact
 _ARRIVES = float(brentq(lambda tau: _OVERSHOOT * tau**3 * (10 - 15 * tau + 6 * tau**2) - 1, 0, 1))
 

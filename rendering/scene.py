@@ -76,10 +76,9 @@ class Stage:
         props: tuple[tuple[Part, ...], ...],
         room: Node,
         fineness: int,
-        undrawn: tuple[str, ...] = (),
     ) -> None:
         self._robot, self._carrier_name, self._room, self._fineness = robot, carrier, room, fineness
-        frames = dict.fromkeys(body.frame for body in robot.bodies if body.frame not in undrawn)
+        frames = dict.fromkeys(body.frame for body in robot.bodies)
         self._bodies = {
             frame: Node(surface_of(body_part(b, fineness) for b in robot.bodies if b.frame == frame))
             for frame in frames

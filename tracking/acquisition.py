@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -41,35 +41,22 @@ SearchCounts = Counter[str]
 
 # Saturation of each colour bin, squared; the bins without a hue count as a tenth saturated.
 _VIVIDNESS = np.concatenate([np.tile((np.arange(10) + 0.5) / 10, 10), np.full(10, 0.1)]).astype(np.float32) ** 2
+_MARGIN = 1.0  # searched around a motion region, relative to its size
+_MAX_LIKENESS = 0.8  # Bhattacharyya coefficient of a region's and its surroundings' colours above which none stand out
+_ROUNDS = 4  # at most so often colours and extent are estimated in turn
+_MIN_AREA_PX = 16  # of an object
+_MIN_FILL = 0.35  # least share of its box that an object covers
+_MAX_SHARE = 0.25  # largest share of the image that an object covers
+_MIN_LIKENESS = 0.7  # least Bhattacharyya coefficient of one object's colours in both eyes
+_MAX_RATIO = 1.2  # largest ratio of one object's angular radii in both eyes
 _LONG = 2.0  # ratio of a marker's sides
-_APART, _RING_POINTS = 1.3, 300  # of its size, from which on its surroundings are compared; so many points of them
-_FARTHER, _DISTANCES, _BETTER = 0.8, 16, 0.7  # nearness of these beside the marker's; number; how much better they fit
+_APART = 1.3  # of a marker's size, from which on its surroundings are compared
+_RING_POINTS = 300  # of its surroundings
+_FARTHER = 0.8  # nearness of its surroundings beside its own
+_DISTANCES = 16  # at which its surroundings are looked for
+_BETTER = 0.7  # ratio of differences from which on another distance fits better
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
-
-
-@dataclass(frozen=True)
-class AcquisitionParams:
-    """What counts as an object, and as the same object in both eyes."""
-
-    margin: float = 1.0
-    """Searched around a motion region, relative to its size."""
-    max_likeness: float = 0.8
-    """Bhattacharyya coefficient of a region's colours and its surroundings', above which nothing stands out."""
-    rounds: int = 4
-    """At most so often colours and extent are estimated in turn."""
-    min_area_px: int = 16
-    """Smallest object."""
-    min_fill: float = 0.35
-    """Least share of its box that an object covers."""
-    max_share: float = 0.25
-    """Largest share of the image that an object covers."""
-    min_likeness: float = 0.7
-    """Least Bhattacharyya coefficient of one object's colours in both eyes."""
-    max_ratio: float = 1.2
-    """Largest ratio of one object's angular radii in both eyes."""
-    trigger: TriggerParams = field(default_factory=TriggerParams)
-    """Motion trigger of either eye."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,16 +82,16 @@ class Acquisition:
 
     def __init__(
         self,
-        params: AcquisitionParams,
+        trigger: TriggerParams,
         optics: tuple[Optics, Optics],
         backgrounds: Backgrounds,
         own_body: OwnBody | None,
         stages: Stages,
         counts: SearchCounts,
     ) -> None:
-        self.params, self.own_body, self.stages, self._counts = params, own_body, stages, counts
+        self.own_body, self.stages, self._counts = own_body, stages, counts
         self._optics, self._backgrounds = optics, backgrounds
-        self._triggers = tuple(MotionTrigger(params.trigger, one.camera) for one in optics)
+        self._triggers = tuple(MotionTrigger(trigger, one.camera) for one in optics)
 
     def step(
         self, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
@@ -143,7 +130,7 @@ class Acquisition:
         pairs = []
         for a, b in itertools.product(lefts, rights):
             ratio = a.angular_radius_rad / b.angular_radius_rad
-            if max(ratio, 1 / ratio) > self.params.max_ratio:
+            if max(ratio, 1 / ratio) > _MAX_RATIO:
                 self._counts["rejected by size"] += 1
             elif association.observe(view, a, b, stamp_s):
                 pairs.append((a, b))
@@ -187,9 +174,9 @@ class Acquisition:
         elif then is None and background.behind_moving_eye(camera.view, camera.stamp_s) is not None:
             before = partial(trigger.seen_before, camera.view, camera.stamp_s)
             change = ChangeOfMovingEye(background, camera.view, before, camera.image)
-        found = (segment(self.params, camera.image, one, self._optics[eye], change) for one in regions)
+        found = (segment(camera.image, one, self._optics[eye], change) for one in regions)
         parts = [candidate for candidate in found if candidate is not None]
-        parts += joined(self.params, camera.image, parts, self._optics[eye])
+        parts += joined(camera.image, parts, self._optics[eye])
         if then is None and eye == 0:  # the eye moves: flow tells whether what has a motion region's colours moves too
             parts = [one for one in parts if not one.by_color or trigger.moves(one.mask, one.box)]
         return parts
@@ -207,7 +194,7 @@ class Acquisition:
         best, most = None, 0.0
         for a, b in itertools.product(left, right):
             likeness = a.model.similarity(b.model.object)
-            if likeness < self.params.min_likeness:
+            if likeness < _MIN_LIKENESS:
                 self._counts["rejected by colour"] += 1
                 continue
             one, other = self._whole_outline(0, cameras, a, b), self._whole_outline(1, cameras, b, a)
@@ -216,7 +203,7 @@ class Acquisition:
                 continue
             ratio = one.angular_radius_rad / other.angular_radius_rad
             evidence = likeness * float(np.sqrt(a.evidence * b.evidence))
-            if max(ratio, 1 / ratio) > self.params.max_ratio:
+            if max(ratio, 1 / ratio) > _MAX_RATIO:
                 self._counts["rejected by size"] += 1
             elif evidence > most and association.observe(view, one, other, stamp_s):
                 best, most = (replace(a, outline=one), replace(b, outline=other)), evidence
@@ -229,7 +216,7 @@ class Acquisition:
         one that fits; else the candidate's own, None if it emerges, since a part of it may be hidden."""
         own = None if one.emerges else one.outline
         ratio = other.outline.angular_radius_rad / one.outline.angular_radius_rad
-        if ratio < (1.0 if one.outline.is_partial or one.emerges else self.params.max_ratio):
+        if ratio < (1.0 if one.outline.is_partial or one.emerges else _MAX_RATIO):
             return one.outline
         if not other.outline.is_disc:
             return own
@@ -300,9 +287,7 @@ def _holds(one: Outline, other: Outline) -> bool:
     return bool(x <= u < x + w and y <= v < y + h)
 
 
-def segment(
-    params: AcquisitionParams, image: Image, region: Region2D, optics: Optics, change: Change | None = None
-) -> Candidate | None:
+def segment(image: Image, region: Region2D, optics: Optics, change: Change | None = None) -> Candidate | None:
     """Return the object whose edge or body moved in `region`; None where nothing stands out there.
 
     Its colours show it, or the `change` before the eye's background.  Several colours that move as one solid thing are
@@ -310,13 +295,13 @@ def segment(
     """
     x, y, w, h = region.box_px
     height, width = image.shape[:2]
-    reach = int(params.margin * max(w, h)) + 6
+    reach = int(_MARGIN * max(w, h)) + 6
     box = max(x - reach, 0), max(y - reach, 0), min(x + w + reach, width), min(y + h + reach, height)
     crop = np.s_[box[1] : box[3], box[0] : box[2]]
     seed = np.zeros((box[3] - box[1], box[2] - box[0]), bool)
     seed[y - box[1] : y - box[1] + h, x - box[0] : x - box[0] + w] = region.mask
     bins = color_bins(image[crop])
-    mask, model = _grow(params, bins, seed)
+    mask, model = _grow(bins, seed)
     if mask is not None and masks.is_cut(mask, box, image):
         mask = model = None
     by_color, emerges = model is not None, False
@@ -331,16 +316,16 @@ def segment(
             mask, model, by_color = moved, _model(bins, moved), False
         elif not by_color:
             return None
-    if mask is None or model is None or np.count_nonzero(mask) < params.min_area_px:
+    if mask is None or model is None or np.count_nonzero(mask) < _MIN_AREA_PX:
         return None
-    shape = _object_outline(params, image, mask, box, optics)
+    shape = _object_outline(image, mask, box, optics)
     if shape is None:
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
     return Candidate(shape, model, evidence, region.flow, by_color, mask, box, emerges)
 
 
-def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], optics: Optics) -> list[Candidate]:
+def joined(image: Image, parts: Sequence[Candidate], optics: Optics) -> list[Candidate]:
     """Candidates that touch, as one object of several colours; each comes from a motion region of its own."""
     colored = [one for one in parts if one.by_color]
     if len(colored) < 2:
@@ -361,9 +346,9 @@ def joined(params: AcquisitionParams, image: Image, parts: Sequence[Candidate], 
         if len(group) < 2:
             continue
         mask = masks.filled(np.asarray(labels == label))
-        model, shape = _model(bins, mask), _object_outline(params, image, mask, box, optics)
+        model, shape = _model(bins, mask), _object_outline(image, mask, box, optics)
         likeness = model.similarity(model.background)
-        if shape is not None and likeness <= params.max_likeness:
+        if shape is not None and likeness <= _MAX_LIKENESS:
             evidence = sum(one.evidence for one in group)
             flow = next((one.flow for one in group if one.flow is not None), None)
             found.append(Candidate(shape, model, evidence, flow, True, mask, box))
@@ -375,21 +360,21 @@ def _sine(a: Array, b: Array) -> float:
     return float(np.linalg.norm(np.cross(a, b)) / np.linalg.norm(a) / np.linalg.norm(b))
 
 
-def _object_outline(params: AcquisitionParams, image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
+def _object_outline(image: Image, mask: Mask, box: Box, optics: Optics) -> Outline | None:
     """The mask's outline, unless it is too large or too ragged for an object."""
     shape = fit_outline(image, mask, box, optics)
-    if shape is None or shape.area_px > params.max_share * image.shape[0] * image.shape[1]:
+    if shape is None or shape.area_px > _MAX_SHARE * image.shape[0] * image.shape[1]:
         return None
-    return shape if shape.area_px >= params.min_fill * shape.box_px[2] * shape.box_px[3] else None
+    return shape if shape.area_px >= _MIN_FILL * shape.box_px[2] * shape.box_px[3] else None
 
 
-def _grow(params: AcquisitionParams, bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
+def _grow(bins: NDArray[np.uint8], seed: Mask) -> tuple[Mask | None, ColorModel | None]:
     """The object's mask (h, w) and colours from a seed (h, w) in the image's colour bins (h, w), None where nothing
     stands out: estimated in turn.  Background in the seed drops out, because it is around as well."""
     mask: Mask = seed
-    for _ in range(params.rounds):
+    for _ in range(_ROUNDS):
         model = _model(bins, mask)
-        if model.similarity(model.background) > params.max_likeness:
+        if model.similarity(model.background) > _MAX_LIKENESS:
             return None, None
         hard: Mask = np.asarray(cv2.GaussianBlur(model.table()[bins], (3, 3), 0)) > 0.5
         grown = masks.closed_component(hard, seed, model.backdrop()[bins])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pps_vision.jit import njit
-from pps_vision.types import Array, Image, Mask, Observation3D
+from pps_vision.types import Array, Image, Mask
 
 N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (FACTS §4)
 _GREY_SATURATION, _DARK_VALUE = 40, 25  # below either the hue is noise (of 255)
@@ -91,7 +91,7 @@ def is_same_object(
     known: Sequence[ColorModel | None],
     radius_m: float,
     found: Sequence[ColorModel | None],
-    observation: Observation3D | None,
+    found_radius_m: float,
 ) -> bool:
     """Re-identification gate: does a new detection show the object that was tracked before?
 
@@ -99,12 +99,10 @@ def is_same_object(
         known: The object's colours in each eye, where they are known.
         radius_m: Its radius.
         found: The detection's colours in each eye.
-        observation: The detection's triangulation.
+        found_radius_m: The detection's radius.
     """
     for before, now in zip(known, found, strict=True):
         if before and now and before.similarity(now.object) < _SAME_SIMILARITY:
             return False
-    if observation is None:
-        return False
-    ratio = observation.radius_m / radius_m
+    ratio = found_radius_m / radius_m
     return max(ratio, 1 / ratio) <= _SAME_RADIUS_RATIO

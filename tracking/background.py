@@ -41,7 +41,7 @@ class Background:
         self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
         self._rests = np.empty((0, 0), bool)  # what stays the same but differs from the background
         self._measured: Image | None = None
-        self._gain, self._noise, self._threshold = 1.0, 0.0, _MIN_CONTRAST
+        self._gain_and_noise, self._threshold = (1.0, 0.0), _MIN_CONTRAST
         self._row, self._learned_s = 0, 0.0  # the next row to learn; when the last ones were
 
     def is_known(self, view: View) -> bool:
@@ -123,7 +123,7 @@ class Background:
             self._view = view if self.ego.is_still(last, view) else None
             if self._view is not None:
                 self._row, self._learned_s = 0, stamp_s
-                self._recent = np.asarray(cv2.blur(image, (3, 3)), np.uint8)
+                self._recent = smoothed(image, (0, 0, image.shape[1], len(image)))
                 self._mean = self._recent.astype(np.float32)
                 self._since_s = np.full(image.shape[:2], stamp_s)
                 self._rests = np.zeros(image.shape[:2], bool)
@@ -136,8 +136,8 @@ class Background:
         height, top = len(image), self._row
         bottom = min(top + math.ceil(height * (stamp_s - self._learned_s) / _PERIOD_S), height)
         self._row, self._learned_s = bottom % height, stamp_s
-        gain, rows = self._gain_of(image), np.s_[top:bottom]
-        self._threshold = max(_NOISE_FACTOR * 1.4826 * self._noise, _MIN_CONTRAST)
+        (gain, noise), rows = self._gain_and_noise_of(image), np.s_[top:bottom]
+        self._threshold = max(_NOISE_FACTOR * 1.4826 * noise, _MIN_CONTRAST)
         now = smoothed(image, (0, top, image.shape[1], bottom))
         kept = (int(x - 0.3 * w), int(y - 0.3 * h) - top, int(x + 1.3 * w), int(y + 1.3 * h) - top)
         layers = self._mean[rows], self._recent[rows], self._since_s[rows], self._rests[rows]
@@ -191,10 +191,14 @@ class Background:
         self._mean[box[1] : box[3], box[0] : box[2]][doubtful] = _UNKNOWN
 
     def _gain_of(self, image: Image) -> float:
-        """How much brighter an image is than the background."""
+        """How many times as bright as the background an image is."""
+        return self._gain_and_noise_of(image)[0]
+
+    def _gain_and_noise_of(self, image: Image) -> tuple[float, float]:
+        """As `_gain_and_noise`, measured once in an image."""
         if image is not self._measured:
-            self._measured, (self._gain, self._noise) = image, _gain_and_noise(image, self._mean)
-        return self._gain
+            self._measured, self._gain_and_noise = image, _gain_and_noise(image, self._mean)
+        return self._gain_and_noise
 
 
 @njit(cache=True, error_model="numpy")

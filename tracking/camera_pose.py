@@ -11,15 +11,15 @@ import numpy as np
 from pps_vision.geometry.camera import StereoRig, StereoView, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image, StereoFrame
+from tracking.ego_motion import ROOM_M
 from tracking.registration import Misalignment, Reference
 
-_ROOM_M = 1.2  # distance of most static things, as `TriggerParams.room_m`
 _ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
 _REST_PX, _SAME_PX = 0.1, 0.5  # a smaller rotation is none; both eyes' rotations may differ by so much
 _JITTER_MEMORY_S = 1.0  # over which a rotation's rate, and the jitter of joints, are averaged
-# A mean is taken for the told pose as far as twice its standard error is below the jitter.  Simulated rigs that shake
-# (1-12 Hz), sway (0.1-0.5 Hz), do both, drift or are knocked: the ellipse of 95 % covers 86-100 % after 0.5-4 s; with 1
-# instead of 4, 4 % where both sway and shake.
+# A mean is taken for the nominal pose as far as twice its standard error is below the jitter.  Simulated rigs that
+# shake (1-12 Hz), sway (0.1-0.5 Hz), do both, drift or are knocked: the ellipse of 95 % covers 86-100 % after 0.5-4 s;
+# with 1 instead of 4, 4 % where both sway and shake.
 _UNSURE = 4.0
 _RENEWED_S = 0.5  # a reference in which nothing is found again for so long is replaced
 _APART_S = 0.12  # time between the images that tell a delay
@@ -29,7 +29,6 @@ _NOISE_PX = 0.05  # of a rotation between two images, per axis
 _SCATTER_PRIOR = 6.0  # number of measured angles that the assumed noise counts for
 _SURE_PX = 0.03  # a delay whose error shifts the image by less is measured once in `_SELDOM_S`
 _SELDOM_S = 1.0
-_SLOW_RAD_S = 1e-3  # slower changes of the angular velocity tell no delay
 
 Joints = tuple[Array, Array]  # (n,) rad, at the left and the right image
 
@@ -49,9 +48,9 @@ class CameraPoses(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CameraMotion:
-    """Error of the told poses, as the images show it: the rotation (3,) rad since the first frame of a rig that is said
-    to be fixed, root frame, and its rate (rad/s, mean of the last second); the time by which joints are late, and its
-    standard deviation."""
+    """Error of the nominal poses, as the images show it: the rotation (3,) rad since the first frame of a rig that is
+    said to be fixed, root frame, and its rate (rad/s, mean of the last second); the time by which joints are late, and
+    its standard deviation."""
 
     rotation_rad: Array
     rate_rad_s: float = 0.0
@@ -63,7 +62,7 @@ class PoseEstimator:
     """Estimates the poses of the cameras; `step` takes frames in the order of their stamps.
 
     Args:
-        rig: The cameras, and their poses as they are told.
+        rig: The cameras, and their nominal poses.
         stamp_error_s: Standard deviation of the time by which joints are late, before any image; 0: never.
     """
 
@@ -74,19 +73,19 @@ class PoseEstimator:
 
     def step(self, frame: StereoFrame) -> CameraPoses:
         """The poses at which the images of a frame were taken."""
-        told = self._rig.view_of(frame)
+        nominal = self._rig.view_of(frame)
         left, right = frame.joints_left_rad, frame.joints_right_rad
         if left is None or right is None:
-            return self._fixed.step(frame, told)
-        return self._late.step(frame, told, (left, right)) if self._late else CameraPoses(told)
+            return self._fixed.step(frame, nominal)
+        return self._late.step(frame, nominal, (left, right)) if self._late else CameraPoses(nominal)
 
-    def told(self, frame: StereoFrame) -> CameraPoses:
-        """The told poses, for a frame whose images show nothing."""
+    def nominal(self, frame: StereoFrame) -> CameraPoses:
+        """The nominal poses, for a frame whose images show nothing."""
         return CameraPoses(self._rig.view_of(frame))
 
     @property
     def motion(self) -> CameraMotion:
-        """Error of the told poses at the last frame."""
+        """Error of the nominal poses at the last frame."""
         delay = (self._late.delay_s, self._late.std_s) if self._late else (0.0, math.nan)
         return CameraMotion(self._fixed.rotation.copy(), self._fixed.rate_rad_s, *delay)
 
@@ -94,7 +93,7 @@ class PoseEstimator:
 class _FixedRig:
     """Rotation of a rig that is said to be fixed, from its first image on.
 
-    The first image is taken from the told pose, but for the jitter that it has as all others (`Jitter`).  Both eyes
+    The first image is taken from the nominal pose, but for the jitter that it has as all others (`Jitter`).  Both eyes
     must turn alike.  The first image stays the reference as long as half of its corners are in view, so that a rig that
     swings back does not drift; else the last one that replaced it.
     """
@@ -107,15 +106,15 @@ class _FixedRig:
         self._error_rad2, self._known_s = 0.0, -math.inf
         self._references: list[tuple[Reference, Reference]] = []
 
-    def step(self, frame: StereoFrame, told: StereoView) -> CameraPoses:
+    def step(self, frame: StereoFrame, nominal: StereoView) -> CameraPoses:
         images, stamp_s = (frame.left, frame.right), frame.stamp_s
         if not self._references:
-            self._renew(images, told, stamp_s)
-        rotation = self._measured(images, told)
+            self._renew(images, nominal, stamp_s)
+        rotation = self._measured(images, nominal)
         if rotation is None:
             if stamp_s - self._known_s > _RENEWED_S:
-                self._renew(images, told, stamp_s)
-            return CameraPoses(self._corrected(told), is_known=False)
+                self._renew(images, nominal, stamp_s)
+            return CameraPoses(self._corrected(nominal), is_known=False)
         dt_s = stamp_s - self._known_s
         if dt_s > 0:
             share = min(dt_s / _JITTER_MEMORY_S, 1.0)
@@ -124,11 +123,11 @@ class _FixedRig:
         self._jitter.add(rotation)
         if rotation.any():  # a rig that rests has one pose
             self._first_rad, self._first_var = self._jitter.first()
-        return CameraPoses(self._corrected(told), rotation_std_rad=math.sqrt(self._first_var + self._error_rad2))
+        return CameraPoses(self._corrected(nominal), rotation_std_rad=math.sqrt(self._first_var + self._error_rad2))
 
-    def _renew(self, images: tuple[Image, Image], told: StereoView, stamp_s: float) -> None:
+    def _renew(self, images: tuple[Image, Image], nominal: StereoView, stamp_s: float) -> None:
         """Take the present images for the last reference."""
-        view = _turned(told, self.rotation)
+        view = _turned(nominal, self.rotation)
         left, right = (
             Reference(eye.camera, image.copy(), eye.T_root_camera)
             for eye, image in zip((view.left, view.right), images, strict=True)
@@ -136,7 +135,7 @@ class _FixedRig:
         self._references[1:] = [(left, right)]
         self._known_s = stamp_s
 
-    def _measured(self, images: tuple[Image, Image], told: StereoView) -> Array | None:
+    def _measured(self, images: tuple[Image, Image], nominal: StereoView) -> Array | None:
         """The rotation (3,) rad, root frame; None if it is unknown."""
         first = [(one, image) for one, image in zip(self._references[0], images, strict=True) if one.has_corners]
         if all(one.is_still(image) for one, image in first):
@@ -144,40 +143,40 @@ class _FixedRig:
             return np.zeros(3)
         for references in self._references:
             found, error_rad2 = [], 0.0
-            for reference, image, eye in zip(references, images, (told.left, told.right), strict=True):
+            for reference, image, eye in zip(references, images, (nominal.left, nominal.right), strict=True):
                 R = eye.T_root_camera[:3, :3]
-                one = reference.misalignment(image, eye, _ROOM_M, R.T @ self.rotation)
+                one = reference.misalignment(image, eye, ROOM_M, R.T @ self.rotation)
                 if one is not None:
                     found.append(R @ one.rotation)
                     error_rad2 += float(np.trace(one.cov)) / 3
-            same_rad, least_rad = _SAME_PX / told.left.camera.focal_px, _REST_PX / told.left.camera.focal_px
+            same_rad, least_rad = _SAME_PX / nominal.left.camera.focal_px, _REST_PX / nominal.left.camera.focal_px
             if found and math.dist(found[0], found[-1]) < same_rad:
                 rotation: Array = np.mean(found, axis=0)
                 self._error_rad2 = error_rad2 / len(found) ** 2
                 return rotation if math.hypot(*rotation) > least_rad else np.zeros(3)
         return None
 
-    def _corrected(self, told: StereoView) -> StereoView:
-        """The told view, turned as the rig is now."""
-        return _turned(told, self.rotation + self._first_rad)
+    def _corrected(self, nominal: StereoView) -> StereoView:
+        """The nominal view, turned as the rig is now."""
+        return _turned(nominal, self.rotation + self._first_rad)
 
 
-def _turned(told: StereoView, rotation: Array) -> StereoView:
+def _turned(nominal: StereoView, rotation: Array) -> StereoView:
     """The view turned by a rotation vector (3,) about the middle between the cameras."""
     if not rotation.any():
-        return told
-    R, middle = np.asarray(cv2.Rodrigues(rotation)[0], float), 0.5 * (told.left.center + told.right.center)
+        return nominal
+    R, middle = np.asarray(cv2.Rodrigues(rotation)[0], float), nominal.midpoint
     T = transform(R, middle - R @ middle)
-    return StereoView(*(View(one.camera, T @ one.T_root_camera) for one in (told.left, told.right)))
+    return StereoView(*(View(one.camera, T @ one.T_root_camera) for one in (nominal.left, nominal.right)))
 
 
 class Jitter:
     """By how much the first of a series of poses was off, from the rotations since then.
 
     Half the mean square change from one image to the next is the variance J of the jitter, and so of the first image.
-    What jitters about the told pose has its mean there, so that the first image was off by the mean's opposite.  The
+    What jitters about the nominal pose has its mean there, so that the first image was off by the mean's opposite.  The
     variance V of that mean is the largest that means of 1, 2, 4, … rotations tell (Flyvbjerg and Petersen 1989): a
-    slow turn, which may have begun at the told pose, makes it large.
+    slow turn, which may have begun at the nominal pose, makes it large.
     """
 
     def __init__(self) -> None:
@@ -200,7 +199,7 @@ class Jitter:
             mean, level = pair, level + 1
 
     def first(self) -> tuple[Array, float]:
-        """Rotation (3,) rad of the first image from the told pose, and its variance about each axis, rad²."""
+        """Rotation (3,) rad of the first image from the nominal pose, and its variance about each axis, rad²."""
         n = self._levels[0].n if self._levels else 0
         if n < 2:
             return np.zeros(3), 0.0
@@ -238,7 +237,7 @@ class _Means:
 class _LateJoints:
     """By how much joints are late; the frame's are extrapolated by it.
 
-    A delay τ puts the told rotation off by τ·ω.  Between two images of an eye the background shows how that error
+    A delay τ puts the nominal rotation off by τ·ω.  Between two images of an eye the background shows how that error
     changes; its inverse distance is estimated beside it (recursive least squares).  The scatter of these measurements
     scales its variance.  Joints are exact or late, each with probability ½ before any image; the delay and its
     variance are the mean and the variance of both.
@@ -254,14 +253,14 @@ class _LateJoints:
         self._eye, self._taken_s = 0, -math.inf
         self.delay_s, self.std_s = 0.0, prior_std_s
 
-    def step(self, frame: StereoFrame, told: StereoView, joints: Joints) -> CameraPoses:
+    def step(self, frame: StereoFrame, nominal: StereoView, joints: Joints) -> CameraPoses:
         if self._past and frame.stamp_s - self._past[-1][0] > _GAP_S:
             self._past.clear()
             self._reference = None
-        self._past.append((frame.stamp_s, told, joints))
+        self._past.append((frame.stamp_s, nominal, joints))
         if len(self._past) < 3:
-            return CameraPoses(told, self.std_s, self._rotation_std_rad)
-        self._measure(frame, told)
+            return CameraPoses(nominal, self.std_s, self._rotation_std_rad)
+        self._measure(frame, nominal)
         left, right = (self._extrapolated([joints[eye] for _, _, joints in self._past]) for eye in (0, 1))
         return CameraPoses(self._rig.view(left, right), self.std_s, self._rotation_std_rad)
 
@@ -283,23 +282,23 @@ class _LateJoints:
         return ahead
 
     def _rate(self, eye: int) -> Array:
-        """(3,) rad/s: told angular velocity of an eye in its own frame, at the last frame."""
+        """(3,) rad/s: nominal angular velocity of an eye in its own frame, at the last frame."""
         h, k = self._times()
         a, b, c = ((view.left, view.right)[eye].T_root_camera[:3, :3] for _, view, _ in self._past)
         before, now = cv2.Rodrigues(a.T @ b)[0].ravel() / h, cv2.Rodrigues(b.T @ c)[0].ravel() / k
         return np.asarray(now + (now - before) / (h + k) * k, float)
 
-    def _measure(self, frame: StereoFrame, told: StereoView) -> None:
+    def _measure(self, frame: StereoFrame, nominal: StereoView) -> None:
         """Compare an image with one a moment before, of either eye in turn."""
         stamp_s = frame.stamp_s
-        view, image = ((told.left, frame.left), (told.right, frame.right))[self._eye]
+        view, image = ((nominal.left, frame.left), (nominal.right, frame.right))[self._eye]
         if self._reference is not None:
             reference, rate_then, then_s = self._reference
             if stamp_s - then_s < _APART_S - 1e-6:
                 return
             turned = view.T_camera_root[:3, :3] @ reference.T_root_camera[:3, :3]
             change = self._rate(self._eye) - turned @ rate_then
-            one = reference.misalignment(image, view, _ROOM_M, self.delay_s * change)
+            one = reference.misalignment(image, view, ROOM_M, self.delay_s * change)
             if one is not None:
                 self._take(one, change, stamp_s)
             self._reference, self._eye = None, 1 - self._eye

@@ -135,7 +135,7 @@ class ChangeOfMovingEye:
         return None if edge is not None and edge > LEARNED_EDGE else mask
 
     def emerging(self, seed: Mask, box: Box) -> Mask | None:
-        """None: what emerges is only told by an eye at rest."""
+        """None: what emerges shows only to an eye at rest."""
         return None
 
 

@@ -1,4 +1,4 @@
-"""Seeing an older image through the eye where it is now: the head's own motion, known from the joints."""
+"""Warp an older image to the camera's present pose: the head's own motion, known from the joints."""
 
 from functools import cached_property
 
@@ -10,6 +10,8 @@ from pps_vision.geometry.camera import Camera, View
 from pps_vision.types import Array
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1: pixels x0 … x1 − 1
+ROOM_M = 1.2
+"""Distance of most static things."""
 _NO_MAP = np.empty(0, np.float32)  # remap's second map, when the first holds both coordinates
 _STEP = 8  # px between the nodes at which the warp is computed; between them it is smooth
 _FAR_PX = np.float32(-1e4)  # where what cannot be seen is put

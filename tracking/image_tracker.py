@@ -3,55 +3,37 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.geometry.camera import View
-from pps_vision.geometry.compiled import Vector
-from pps_vision.jit import njit
-from pps_vision.types import Array, CameraName, Detection2D, Image, Mask
+from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
-from tracking.background import Background
-from tracking.background_edge import LEARNED_EDGE
-from tracking.ego_motion import Box, EgoMotion
-from tracking.kalman import Belief
-from tracking.marker import MarkerParams, find_markers
-from tracking.moving_background import MovingBackground
+from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
 from tracking.particle_filter import SHARPNESS, Cloud, Prior, propagate, resample, spawn, weigh
-from tracking.stereo import CameraFrame
 
 Evidence = Callable[[Box], NDArray[np.float32] | Mask]
 """(h, w) probability that each pixel of a box is not the background, or whether it differs from it."""
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-_SEPARABLE = 0.8  # Bhattacharyya coefficient of an object's and its surroundings' colours up to which they tell it
 _WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
-_WIDE_SEARCH = 1.2  # of the object's size: within two of it 1 m/s may reverse from one image to the next
 _GAP = 0.05  # of the object's size: gaps up to twice as wide are closed in what differs from the background
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
-_SAME_SIZE = 0.03  # from one frame to the next the size of a wholly visible object is predicted this well
-_MIN_SCORE = 0.4  # below which the object counts as not seen
-_LARGER_BLOB = 1.25  # ratio of a marker's areas in two images in a row, above which its hue does not separate it
-_LEARN_RATE, _BACKGROUND_RATE = 0.03, 0.2  # at which the colours of the object and its surroundings follow the image
+MIN_SCORE = 0.4  # below which the object counts as not seen
+_LEARN_RATE = 0.03  # at which the colours of the object follow the image
+_BACKGROUND_RATE = 0.2  # at which those of its surroundings do
 _SIZE_RATE = 0.3  # the same for its size and proportions
 _MIN_AREA_PX = 10  # smallest image of an object
-_CORE = (
-    0.75  # share of a mask left without its thin parts, below which they are the object's own (octopus 0.6, leaks 0.9)
-)
+# Share of a mask left without its thin parts, below which they are the object's own (octopus 0.6, leaks 0.9).
+_CORE = 0.75
 _REACH = 1.25  # largest mask, as a multiple of the expected size
-_RESTS_PX, _FAR_M = 1.0, 1.2  # shift from one image to the next of what rests; distance of most static things
-_EMPTY, _SURE = 0.25, -3.0  # sum of `learned_edge` beyond `LEARNED_EDGE` that makes a place empty; and least sum
 # Chosen on independent films of two equal balls and of fast reversals, seeds 4107 and 4129-4141.
 _TOUCHING = 0.25  # of the object's area, what is joined with it beyond its reach if another thing touches it
 _PASSING = 5  # images for which the two may hide each other then
 _BESIDE = 0.05  # of its size, by which it may then be off the prediction beside its standard deviation
-_MIN_STD_PX, _MAX_STD_PX = 0.7, 40.0  # of a prior
-WHOLE = 1.5  # times the area of what is followed, from which another region is the whole of which that is a part
 
 
 @dataclass(frozen=True)
@@ -190,7 +172,7 @@ class ImageTracker:
         ratio = outline.area_px / expected_area
         score = s.model.similarity(histogram(bins[mask])) if by_color else float(likelihood[mask].mean())
         score *= min(ratio, 1 / ratio)
-        if score < _MIN_SCORE:
+        if score < MIN_SCORE:
             return s, None
         return self._learn(s, bins, mask, outline, score, ratio)
 
@@ -316,214 +298,3 @@ def _box_mean(values: NDArray[np.float32], width: float, height: float) -> NDArr
 
 def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.asarray(cv2.integral(values, sdepth=cv2.CV_64F), dtype=np.float64)
-
-
-class CameraState(NamedTuple):
-    """What one camera's tracker knows of the object."""
-
-    target: Target | None = None
-    """Of the image tracker; None before an object is found."""
-    offset_px: tuple[float, float] = (0.0, 0.0)
-    """From the track's projection to the outline's centre: calibration error."""
-    size_px: float = 0.0
-    """Apparent diameter."""
-    by_background: bool = False
-    """Whether it is followed by what differs from the background, since colours do not separate it."""
-    emptiness: float = 0.0
-    """Evidence that it is the empty place of something that was learned as background: the sum over images of
-    `learned_edge` beyond `LEARNED_EDGE` where it rests."""
-    view: View | None = None
-    """Last pose of the camera."""
-
-
-class CameraTracker:
-    """One camera's tracker: where the track predicts the object, and where it is.  Holds no state but the
-    background."""
-
-    def __init__(
-        self,
-        name: CameraName,
-        optics: Optics,
-        params: ImageTrackerParams,
-        marker: MarkerParams | None,
-        background_memory_s: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self.name, self.optics, self.marker = name, optics, marker
-        self.image_tracker = ImageTracker(params, optics, rng)
-        self.background = Background(EgoMotion(optics.camera), background_memory_s)
-
-    def predict(self, state: CameraState, camera: CameraFrame, last: Belief, now: Belief) -> Prior | None:
-        """Where the belief says that this camera sees the object; None outside the image."""
-        x, y, z = _position_at(now, camera.stamp_s)
-        u, v, of_u, of_v = camera.view.project_linearised(x, y, z)
-        center = u + state.offset_px[0], v + state.offset_px[1]
-        if not self.optics.camera.contains(center, margin_px=-0.5 * state.size_px):
-            return None
-        eye = camera.view.place
-        growth = math.dist(last.mean[0].tolist(), eye) / math.dist((x, y, z), eye)
-        std_px = min(max(_std_px(now.cov, of_u, of_v), _MIN_STD_PX), _MAX_STD_PX)
-        return Prior(np.array(center), std_px, min(max(growth, 0.8), 1.25))
-
-    def find(
-        self, state: CameraState, camera: CameraFrame, prior: Prior | None
-    ) -> tuple[CameraState, ImageDetection | None]:
-        """The object near its prior, None where it is not found: one of `camera.found` (`batch`), else searched."""
-        if prior is None:
-            return state, None
-        given = None if state.by_background else self._given(state, camera.found or [], prior)
-        if given is None and self.marker is not None:
-            given, is_hue_there = self._find_marker(self.marker, state, camera, prior)
-            if given is None and not is_hue_there:
-                return state, None
-        if given is not None:
-            target = state.target and self.image_tracker.follow(state.target, given.outline)
-            return state._replace(target=target), given
-        if state.target is None:
-            return state, None
-        before, background, different = state.target, self._known_background(camera), None
-        if background is not None:
-            of_pixels = background.evidence if state.by_background else background.differs
-            different = partial(of_pixels, camera.image, camera.view)
-        elif state.by_background:  # colours must do
-            if before.model.similarity(before.model.background) > _SEPARABLE:
-                return state, None
-            state = state._replace(by_background=False)
-        # before a moving eye colours alone do better where they separate the object
-        evidence = different if state.by_background or background is self.background else None
-        search = partial(self.image_tracker.step, before, camera.image, by_color=not state.by_background)
-        target, found_object = search(prior, evidence, if_joined=different)
-        if found_object is None and evidence is None and different is not None:
-            evidence = different
-            target, found_object = search(prior, evidence)
-        if found_object is None and evidence is not None and not before.touched:  # it has turned abruptly
-            last_px = before.cloud.now[:, :2].mean(axis=0)
-            target, found_object = search(Prior(last_px, _WIDE_SEARCH * before.size, prior.growth), evidence)
-        if self.marker is not None and found_object is not None and found_object.outline.is_partial:
-            return state, None  # what hides it may have its hue
-        if found_object is not None and state.by_background:
-            emptiness = self._emptiness(state, camera, before, found_object)
-            state = state._replace(emptiness=emptiness)
-        return state._replace(target=target, view=camera.view), found_object
-
-    def _emptiness(self, state: CameraState, camera: CameraFrame, before: Target, found: ImageDetection) -> float:
-        """The state's `emptiness` after another image."""
-        place = self._changed_place(camera, found)
-        share = None if place is None else self.background.learned_edge(camera.image, camera.view, *place)
-        if share is None:
-            return state.emptiness
-        was_px = before.cloud.now[:, :2].mean(axis=0)
-        if state.view is not None and state.view is not camera.view:
-            was_px = camera.view.project(state.view.center + _FAR_M * state.view.rays(was_px))
-        rests = math.dist(was_px.tolist(), found.outline.center_px.tolist()) < _RESTS_PX
-        change = share - LEARNED_EDGE
-        return max(state.emptiness + (change if rests else min(change, 0.0)), _SURE)
-
-    def _known_background(self, camera: CameraFrame) -> Background | MovingBackground | None:
-        """The background of the eye, at rest or moving; None where it is unknown, or the eye moves and follows a
-        marker, which needs none."""
-        if self.background.is_known(camera.view):
-            return self.background
-        return None if self.marker else self.background.behind_moving_eye(camera.view, camera.stamp_s)
-
-    def _changed_place(self, camera: CameraFrame, found: ImageDetection) -> tuple[Mask, Box] | None:
-        """What differs from the background where an object was found: a mask (h, w) of a box; None if nothing does."""
-        background = self._known_background(camera)
-        if background is None:
-            return None
-        _, _, w, h = found.outline.box_px
-        box = self.image_tracker.region(found.outline.center_px, 0.5 * w + 4, 0.5 * h + 4)
-        differs = background.differs(camera.image, camera.view, box)
-        mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
-        return None if mask is None else (mask, box)
-
-    def is_part(self, state: CameraState, camera: CameraFrame, found: ImageDetection) -> bool:
-        """Whether the object, followed by its colours, is a part of a larger solid region that differs from the
-        background; not if it is a disc, since a disc is whole."""
-        outline = found.outline
-        background = None if outline.is_disc or state.by_background else self._known_background(camera)
-        if background is None:
-            return False
-        half = 2.0 * max(outline.box_px[2:])
-        box = self.image_tracker.region(outline.center_px, half, half)
-        evidence = background.evidence(camera.image, camera.view, box)
-        around = masks.ellipse(box, outline.center_px, *outline.box_px[2:])
-        whole = masks.component(np.asarray(evidence > 0.5), around)
-        if whole is None or np.count_nonzero(whole) < WHOLE * outline.area_px:
-            return False
-        return not masks.is_cut(whole, box, camera.image) and masks.solidity(whole) > masks.SOLID
-
-    def absorb(self, camera: CameraFrame, found: ImageDetection) -> None:
-        """Learn what an object's place shows as background."""
-        place = self._changed_place(camera, found)
-        if place is not None:
-            mask, box = place
-            self.background.absorb(camera.image, camera.view, camera.stamp_s, masks.dilated(mask, 2), box)
-
-    def _find_marker(
-        self, marker: MarkerParams, state: CameraState, camera: CameraFrame, prior: Prior
-    ) -> tuple[ImageDetection | None, bool]:
-        """The blob nearest to the prior, unless its area is quite another: its hue does not separate it then; and
-        whether there is any blob."""
-        x, y = prior.center_px.tolist()
-        near, area_px = (x, y, state.size_px + 4 * prior.std_px + 3), math.pi / 4 * (prior.growth * state.size_px) ** 2
-        differs = partial(self.background.differs, camera.image, camera.view)
-        found = find_markers(marker, camera.image, self.optics, near, differs=differs, expected_area_px=area_px)
-        nearest = min(found, key=lambda one: math.dist(one.center_px.tolist(), (x, y)), default=None)
-        if nearest is None:
-            return None, False
-        ratio = (self._size_px(nearest) / (prior.growth * state.size_px)) ** 2
-        if not _MIN_SCORE <= ratio <= _LARGER_BLOB:
-            return None, True
-        return ImageDetection(nearest, nearest.box_px, min(ratio, 1 / ratio)), True
-
-    def _given(self, state: CameraState, found: list[Outline], prior: Prior) -> ImageDetection | None:
-        """The one of the outlines `found` beforehand that lies near the prior and is as large as predicted."""
-        half, expected_px = 0.5 * state.size_px + 2 * prior.std_px + 4, prior.growth * state.size_px
-        for one in found:
-            near = float(np.abs(one.center_px - prior.center_px).max()) < half
-            if near and abs(self._size_px(one) / expected_px - 1) < _SAME_SIZE:
-                return ImageDetection(one, one.box_px, 1.0)
-        return None
-
-    @staticmethod
-    def is_empty(state: CameraState) -> bool:
-        """Whether what is followed is the empty place of something that was learned as background."""
-        return state.emptiness > _EMPTY
-
-    def remember(self, state: CameraState, camera: CameraFrame, outline: Outline, belief: Belief) -> CameraState:
-        """The state with the object's offset from the track and its size."""
-        u, v, _, _ = camera.view.project_linearised(*_position_at(belief, camera.stamp_s))
-        x, y = outline.center_px.tolist()
-        return state._replace(offset_px=(x - u, y - v), size_px=self._size_px(outline))
-
-    def detection(self, camera: CameraFrame, found: ImageDetection) -> Detection2D:
-        """The message of an image detection."""
-        shape = found.outline
-        return Detection2D(
-            *(camera.stamp_s, self.name, shape.center_px, shape.cov_px),
-            *(found.score, shape.angular_radius_rad, found.box_px),
-        )
-
-    def _size_px(self, outline: Outline) -> float:
-        return 2 * outline.angular_radius_rad * self.optics.camera.focal_px
-
-
-def _position_at(belief: Belief, stamp_s: float) -> Vector:
-    """The object's position when a camera's image was taken, which may differ from the belief's stamp."""
-    (x, y, z), *rates = belief.mean.tolist()
-    if not rates:
-        return x, y, z
-    dt, (vx, vy, vz) = stamp_s - belief.stamp_s, rates[0]
-    return x + vx * dt, y + vy * dt, z + vz * dt
-
-
-@njit(cache=True, error_model="numpy")
-def _std_px(cov: Array, of_u: Vector, of_v: Vector) -> float:
-    """Standard deviation (px) of the image of a point: `cov`'s first three rows and columns are its covariance (m²),
-    `of_u` and `of_v` the derivatives of the pixel by it (px/m)."""
-    var = 0.0
-    for i in range(3):
-        for j in range(3):
-            var += cov[i, j] * (of_u[i] * of_u[j] + of_v[i] * of_v[j])
-    return math.sqrt(var)

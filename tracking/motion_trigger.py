@@ -7,7 +7,7 @@ regions and measures their image velocity (`optical_flow`).
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 from pps_vision.geometry.camera import Camera, View, reduced_image
 from pps_vision.types import Image, Mask
 from tracking import masks
-from tracking.ego_motion import Box, EgoMotion
+from tracking.ego_motion import ROOM_M, Box, EgoMotion
+from tracking.moving_background import most
 from tracking.optical_flow import JITTER_S, Flow2D, GreyImage, Match, match
 
 Pixels = NDArray[np.uint8]  # (h, w) or (h, w, 3)
+_FLOW_INTERVAL_S = 0.05  # age of the image from which flow is measured
 _COARSE = 2  # side of the coarse comparison's pixels, px
 _COLOR_MARGIN_PX = 24  # around a coarse residual, in which all pixels and colours are compared
 _WIDER_THAN_A_STRIP = np.ones((2, 2), np.uint8)
@@ -38,8 +40,6 @@ class TriggerParams:
     """Age of the image that the others are compared with: for slow or approaching objects."""
     near_m: float = 0.22
     """Distance of the nearest static thing: the robot's own arms."""
-    room_m: float = 1.2
-    """Distance of most static things."""
     max_parallax_px: float = 5.0
     """A younger image is compared while the eye translates so fast that things at `near_m` shift by more."""
     tolerance_px: float = 1.0
@@ -58,8 +58,6 @@ class TriggerParams:
     """Only so many regions are reported, the strongest."""
     flow: bool = True
     """Whether optical flow confirms and measures the regions."""
-    flow_interval_s: float = 0.05
-    """Age of the image from which flow is measured."""
     min_moving: float = 0.25
     """Share of a region's matched points that must move alike; if fewer than that of all have a match, it moves too."""
 
@@ -70,7 +68,6 @@ class TriggerParams:
             and self.min_area_px >= 1
             and 0 < self.central <= 1
             and self.max_regions >= 1
-            and self.flow_interval_s > 0
             and 0 < self.min_moving <= 1
         ):
             raise ValueError(
@@ -155,21 +152,21 @@ class MotionTrigger:
 
     def image_before(self, view: View, stamp_s: float) -> Image | None:
         """Return the oldest image since `interval_s` before, of an eye that has not moved; None if there is none."""
-        for one in self._past:
-            if 0 < stamp_s - one.stamp_s <= self.params.interval_s + 1e-6 and self._ego.is_still(one.view, view):
-                return one.image
-        return None
+        still = (one.image for one in self._within_interval(stamp_s) if self._ego.is_still(one.view, view))
+        return next(still, None)
 
     def seen_before(self, view: View, stamp_s: float, box: Box) -> Image | None:
         """Return a box of the oldest image since `interval_s` before as seen from `view`; None if there is none."""
-        for one in self._past:
-            if 0 < stamp_s - one.stamp_s <= self.params.interval_s + 1e-6:
-                return self._ego.warp(one.image, one.view, view, 1 / self.params.room_m, box)
-        return None
+        one = next(self._within_interval(stamp_s), None)
+        return None if one is None else self._ego.warp(one.image, one.view, view, 1 / ROOM_M, box)
+
+    def _within_interval(self, stamp_s: float) -> Iterator[_Past]:
+        """The images since `interval_s` before, oldest first."""
+        return (one for one in self._past if 0 < stamp_s - one.stamp_s <= self.params.interval_s + 1e-6)
 
     def moves(self, mask: Mask, box: Box) -> bool:
         """Whether flow, unless it is off, shows that more points of a mask (h, w) of a box of the last image move by
-        themselves than rest: since `flow_interval_s`, or since the image that the last one was compared with."""
+        themselves than rest: since `_FLOW_INTERVAL_S`, or since the image that the last one was compared with."""
         if not self.params.flow:
             return True
         now, p = self._past[-1], self.params
@@ -177,7 +174,7 @@ class MotionTrigger:
         region = (box[0] + x, box[1] + y, w, h), mask[y : y + h, x : x + w]
         for then in (self._newest(now), self._reference(now)):
             if then is not None and then is not now:
-                (found,) = match(self._ego, then.grey, now.grey, p.room_m, p.tolerance_px, [region])
+                (found,) = match(self._ego, then.grey, now.grey, ROOM_M, p.tolerance_px, [region])
                 if found.moving > 1 - found.unmatched - found.moving:
                     return True
         return False
@@ -190,8 +187,8 @@ class MotionTrigger:
         return _Past(image.copy(), view, stamp_s, own)
 
     def _newest(self, now: _Past) -> _Past | None:
-        """The newest image that is `flow_interval_s` old."""
-        least_s = self.params.flow_interval_s - JITTER_S
+        """The newest image that is `_FLOW_INTERVAL_S` old."""
+        least_s = _FLOW_INTERVAL_S - JITTER_S
         return next((one for one in reversed(self._past) if now.stamp_s - one.stamp_s > least_s), None)
 
     def _reference(self, now: _Past) -> _Past | None:
@@ -223,7 +220,7 @@ class MotionTrigger:
     def _confirmed(self, then: _Past, now: _Past, regions: list[Region2D], confirm: bool) -> list[Region2D]:
         """The regions that move according to flow, with their flow; all of them, if it need not `confirm`.
 
-        Flow is measured since the newest image that is `flow_interval_s` old; of what is too slow to move since then,
+        Flow is measured since the newest image that is `_FLOW_INTERVAL_S` old; of what is too slow to move since then,
         since the image of the residual.  Only in the former does a missing match mean motion: in the latter, what has
         been uncovered in between has none either.
         """
@@ -248,7 +245,7 @@ class MotionTrigger:
 
     def _matches(self, then: _Past, now: _Past, regions: list[Region2D]) -> list[Match]:
         boxes = [(region.box_px, region.mask) for region in regions]
-        return match(self._ego, then.grey, now.grey, self.params.room_m, self.params.tolerance_px, boxes)
+        return match(self._ego, then.grey, now.grey, ROOM_M, self.params.tolerance_px, boxes)
 
     def _split(self, box: Box, residual: Pixels) -> list[Region2D]:
         """The connected regions of a residual in `box`, without strips one pixel wide: what an error of the pose beyond
@@ -301,7 +298,7 @@ class Residual:
         p = self._params
         spread_px = 0.0 if self._is_still else self._ego.parallax_px_m(self._then.view, self._now.view) / p.near_m
         steps = int(np.ceil(spread_px / (2 * self._tolerance_px)))
-        return [1 / p.room_m, *(np.linspace(1 / p.near_m, 0, steps + 1) if steps else [])]
+        return [1 / ROOM_M, *(np.linspace(1 / p.near_m, 0, steps + 1) if steps else [])]
 
     def _at(self, old: Pixels, new: Pixels, inverse_distance: float, box: Box) -> Pixels:
         """(h, w) grey levels by which each pixel of the box is brighter or darker than the older image can be at that
@@ -313,10 +310,7 @@ class Residual:
             now = np.clip(now - np.float32(exposure), 0, 255).astype(np.uint8)
         beyond = cv2.max(cv2.subtract(now, high), cv2.subtract(low, now))
         residual = np.asarray(cv2.threshold(beyond, threshold, 0, cv2.THRESH_TOZERO)[1], dtype=np.uint8)
-        if residual.ndim == 2:
-            return residual
-        red, green, blue = cv2.split(residual)
-        return np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
+        return residual if residual.ndim == 2 else most(residual)
 
     def _range(self, old: Pixels, inverse_distance: float, box: Box) -> tuple[Pixels, Pixels, Pixels]:
         """The older image at each pixel of the box, and its darkest and brightest level within the tolerance; all
@@ -356,7 +350,7 @@ class Residual:
         if self._now.body is not None:
             residual[_cut(self._now.body[step], box)] = 0
         if self._then.body is not None and self._then.body.any():
-            was = self._warped(self._then.body[step].view(np.uint8), 1 / self._params.room_m, box)
+            was = self._warped(self._then.body[step].view(np.uint8), 1 / ROOM_M, box)
             residual[was.view(bool)] = 0
         return residual
 

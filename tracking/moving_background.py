@@ -10,11 +10,11 @@ from pps_vision.geometry.camera import View
 from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.background_edge import LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
-from tracking.ego_motion import Box, EgoMotion, color_difference
+from tracking.ego_motion import ROOM_M, Box, EgoMotion, color_difference
 
 # Chosen on independent films of seeds 7000-7005 (a grey ball before moving eyes).
 _PERIOD_S = 0.5  # what looks the same in two images so far apart is background
-_ROOM_M, _ROOM_STD = 1.2, 0.1  # distance of most static things at first; 1/m by which they differ from the fitted one
+_ROOM_STD = 0.1  # 1/m by which most static things differ from the fitted distance, `ROOM_M` at first
 _NEARNESS, _MUCH_BETTER = np.linspace(0, 2, 11), 0.95  # 1/m that are tried; fit beside the present one's
 _LEAST_PX, _MOST_PX = 1, 3  # error of the pose and of the distance that is tolerated
 _NOISE_FACTOR, _MIN_CONTRAST, _MAX_CONTRAST = 5.0, 6.0, 15.0  # as `TriggerParams`; and grey levels at most
@@ -38,7 +38,7 @@ class MovingBackground:
         self._ego, self._anchor, self._stamp_s = ego, View(ego.camera, np.eye(4)), 0.0
         self._mean = self._recent = np.empty((0, 0, 3), np.uint8)
         self._known = np.empty((0, 0), np.uint8)  # 255 where the mean is known
-        self._threshold, self._nearness = _MIN_CONTRAST, 1 / _ROOM_M
+        self._threshold, self._nearness = _MIN_CONTRAST, 1 / ROOM_M
 
     def evidence(self, image: Image, view: View, box: Box) -> NDArray[np.float32]:
         """(h, w) probability that a pixel of a box is not the background, as `Background.evidence`; 0 where none is

@@ -10,6 +10,7 @@ from pps_vision.types import Array
 
 # Of the motion model x ← 2x₁ − x₂ + noise, a second-order autoregression; `bench imagetracker` shows what they reach.
 _STD_POSITION = 0.25  # of the object's size: standard deviation of the position's noise
+_LEAST_STD_POSITION = 0.05  # of the object's size, where the position is predicted
 _STD_SCALE = 0.04  # relative standard deviation of the scale's noise
 SHARPNESS = 12.0
 """Factor of the log-likelihood."""
@@ -30,15 +31,6 @@ class Cloud:
 
     now: Array
     before: Array
-
-
-@dataclass(frozen=True, slots=True)
-class _Step:
-    """Where to all particles go before each gets its own noise, of `std_px` or of its size."""
-
-    shift_px: Array
-    growth: float
-    std_px: float | None
 
 
 def spawn(
@@ -63,17 +55,14 @@ def spawn(
 def propagate(cloud: Cloud, prior: Prior | None, rng: np.random.Generator) -> Cloud:
     """One frame on.  Where the place is known from elsewhere (the 3D track, with the head's motion in
     it), the cloud is carried there; otherwise it goes on as it went."""
-    middle = cloud.now[:, :2].mean(axis=0)
-    shift = middle - cloud.before[:, :2].mean(axis=0) if prior is None else prior.center_px - middle
-    step = _Step(shift, 1.0, None) if prior is None else _Step(shift, prior.growth, prior.std_px)
-    return _moved(cloud, step, rng)
-
-
-def _moved(cloud: Cloud, step: _Step, rng: np.random.Generator) -> Cloud:
-    now = cloud.now.copy()
-    now[:, :2] += step.shift_px
-    now[:, 2] *= step.growth
-    std = _STD_POSITION * now[:, 2:] if step.std_px is None else np.maximum(0.05 * now[:, 2:], step.std_px)
+    now, middle = cloud.now.copy(), cloud.now[:, :2].mean(axis=0)
+    if prior is None:
+        now[:, :2] += middle - cloud.before[:, :2].mean(axis=0)
+        std = _STD_POSITION * now[:, 2:]
+    else:
+        now[:, :2] += prior.center_px - middle
+        now[:, 2] *= prior.growth
+        std = np.maximum(_LEAST_STD_POSITION * now[:, 2:], prior.std_px)
     now[:, :2] += std * rng.standard_normal((len(now), 2))
     now[:, 2] *= np.exp(_STD_SCALE * rng.standard_normal(len(now)))
     return Cloud(now, cloud.now)

@@ -1,8 +1,8 @@
-"""Rotation of a camera that its told pose lacks, measured on the background.
+"""Rotation error of a camera's nominal pose, measured on the background.
 
 Corners of a reference image are found again in the present one by pyramidal Lucas–Kanade (Bouguet 2001), and compared
-with where the told poses put them.  The rotation that most of them share (iteratively reweighted least squares) is the
-error of the told pose; what moves by itself is an outlier.
+with where the nominal poses put them.  The rotation that most of them share (iteratively reweighted least squares) is
+the error of the nominal pose; what moves by itself is an outlier.
 """
 
 import math
@@ -73,14 +73,14 @@ class Reference:
 
         Args:
             image: RGB.
-            view: From where it is told to have been taken.
+            view: Its nominal pose.
             room_m: Distance of most of the background.
             guess: (3,) about the rotation that will be found, rad.
         """
         T = view.T_camera_root @ self.T_root_camera
-        told = self._bearings @ T[:3, :3].T + T[:3, 3] / room_m
-        told /= np.linalg.norm(told, axis=1, keepdims=True)
-        start = self._camera.project(told @ np.asarray(cv2.Rodrigues(guess)[0]))
+        nominal = self._bearings @ T[:3, :3].T + T[:3, 3] / room_m
+        nominal /= np.linalg.norm(nominal, axis=1, keepdims=True)
+        start = self._camera.project(nominal @ np.asarray(cv2.Rodrigues(guess)[0]))
         seen = self._in_view(start)
         if np.count_nonzero(seen) < max(_MIN_POINTS, _MIN_SHARE * len(seen)):
             return None
@@ -90,7 +90,7 @@ class Reference:
             return None
         measured = self._camera.bearings(there[matched])
         cut = _CUT_PX[0] / self._camera.focal_px, _CUT_PX[1] / self._camera.focal_px
-        fit = _fitted_rotation(told[seen][matched], measured, guess, T[:3, 3].copy(), cut)
+        fit = _fitted_rotation(nominal[seen][matched], measured, guess, T[:3, 3].copy(), cut)
         agreeing = fit[3]
         if agreeing < max(_MIN_POINTS, _MIN_SHARE * np.count_nonzero(seen)):
             return None

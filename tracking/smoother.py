@@ -102,7 +102,7 @@ class _Run:
         self.steps = [first]
         self._begin: Belief | None = None
         if first.observation is not None:
-            self._params = scaled(params, float(np.linalg.norm(first.observation.p_root - first.head)))
+            self._params = scaled(params, float(np.linalg.norm(first.observation.p_root - first.midpoint_root)))
             self._begin = start(
                 *(self._params, first.track.stamp_s, first.observation.p_root, first.observation.cov_root),
                 correlated=first.observation.correlated_cov_root,

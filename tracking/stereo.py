@@ -138,7 +138,7 @@ class Association:
         faces two eyes meet R²/Z behind its centre; if it is oblique by β, they pass R²/Z·tan β beside it.
         All between ball and disc is equally likely, which makes it a third of the square, and tan β is ½.
         """
-        ahead = p_root - 0.5 * (view.left.center + view.right.center)
+        ahead = p_root - view.midpoint
         focal2, far2 = view.left.camera.focal_px**2, float(ahead @ ahead)
         angle2 = max(self.shared_var_px2, 0.0) / focal2
         blurred = _BLURRED / (left.angular_radius_rad * right.angular_radius_rad * focal2)

@@ -14,13 +14,15 @@ from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
 from tracking import Mode, frame_checks, kalman
-from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, OwnBody, SearchCounts, Stages
+from tracking.acquisition import Acquisition, Candidate, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
+from tracking.camera_tracker import WHOLE, CameraState, CameraTracker
 from tracking.frame_checks import Fingerprints, Stamps
-from tracking.image_tracker import WHOLE, CameraState, CameraTracker, ImageDetection, ImageTrackerParams
+from tracking.image_tracker import ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
+from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
 from tracking.stereo import Association, CameraFrames, Found, StereoParams, camera_frames, with_pose_error
@@ -52,8 +54,8 @@ class TrackerParams:
     """Prior standard deviation of the delay of the joints behind the images; 0: there is none."""
     background_memory_s: float = 0.3
     """What an eye at rest sees unchanged for this long becomes its background."""
-    acquisition: AcquisitionParams = field(default_factory=AcquisitionParams)
-    """Motion trigger and acquisition."""
+    trigger: TriggerParams = field(default_factory=TriggerParams)
+    """Motion trigger of each camera."""
     image: ImageTrackerParams = field(default_factory=ImageTrackerParams)
     """Image tracker of each camera."""
     marker: MarkerParams = field(default_factory=MarkerParams)
@@ -83,7 +85,7 @@ class TrackerStep:
     track: Track3D
     detections: tuple[Detection2D, ...]
     observation: Observation3D | None
-    head: Array
+    midpoint_root: Array
 
 
 class TrackerState(NamedTuple):
@@ -139,9 +141,7 @@ class Tracker:
         self.search_counts: SearchCounts = Counter()
         self._poses = PoseEstimator(rig, params.stamp_error_s)
         backgrounds = self._cameras[0].background, self._cameras[1].background
-        self._acquisition = Acquisition(
-            params.acquisition, self._optics, backgrounds, own_body, stages, self.search_counts
-        )
+        self._acquisition = Acquisition(params.trigger, self._optics, backgrounds, own_body, stages, self.search_counts)
         untrained = Association.untrained(params.stereo, rig.left.width)
         self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
         self.state = self._initial
@@ -154,7 +154,7 @@ class Tracker:
 
     @property
     def camera_motion(self) -> CameraMotion:
-        """What the told poses of the cameras lacked at the last frame."""
+        """Error of the cameras' nominal poses at the last frame."""
         return self._poses.motion
 
     def step(self, frame: StereoFrame, found: tuple[Found, Found] = (None, None)) -> TrackerStep:
@@ -186,7 +186,7 @@ class Tracker:
         """Detect, associate, update, initiate or delete."""
         images = frame_checks.fingerprints(frame)
         blind = frame_checks.is_blind(images, state.images)
-        poses = self._poses.told(frame) if blind else self._poses.step(frame)
+        poses = self._poses.nominal(frame) if blind else self._poses.step(frame)
         view, blind = poses.view, blind or not poses.is_known
         cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
@@ -201,7 +201,7 @@ class Tracker:
         state = state._replace(stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
         parts = zip(self._cameras, cameras, detections, strict=True)
         messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
-        return state, TrackerStep(track, messages, observation, _middle(view))
+        return state, TrackerStep(track, messages, observation, view.midpoint)
 
     def _detect(
         self,
@@ -225,7 +225,7 @@ class Tracker:
             return state, None, detections
         with self.stages("image"):
             state, detections = self._follow(state, predicted, cameras)
-            if any(CameraTracker.is_empty(one) for one in state.cameras):
+            if any(one.is_empty for one in state.cameras):
                 for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
                     if one is not None:
                         tracker.absorb(camera, one)
@@ -322,7 +322,7 @@ class Tracker:
             return True
         known = [one.target.model if one.target else None for one in state.cameras]
         observation = state.association.observe(view, *outlines, stamp_s)
-        if observation is None or not is_same_object(known, state.radius_m, models, observation):
+        if observation is None or not is_same_object(known, state.radius_m, models, observation.radius_m):
             return False
         measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
         return kalman.gate(state.kalman, predicted, *measurement) is not None
@@ -386,7 +386,7 @@ class Tracker:
             measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
             belief = kalman.update(state.kalman, predicted, *measurement)
             return state, belief, belief.rejections == 0
-        params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, _middle(view)))
+        params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
         flows = (state.acquired[0].flow, state.acquired[1].flow) if state.acquired else (None, None)
         position_px = math.sqrt(params.white_share) * state.association.error_px
         measured = velocity(flows, view, observation.p_root, params.prior_std[:2], position_px) or (None, None)
@@ -419,7 +419,7 @@ class Tracker:
         if state.hits < self.params.confirm_frames:
             return state, Track3D.unknown(stamp_s)
         status = Status.COASTING if observation is None else Status.TRACKING
-        ahead = belief.mean[0] - _middle(poses.view)
+        ahead = belief.mean[0] - poses.view.midpoint
         mean, cov = _full_state(*(belief.mean, belief.cov, belief.correlated_cov), ahead, poses.rotation_std_rad)
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
@@ -476,12 +476,6 @@ def _is_whole_of(whole: Detections, parts: Detections) -> bool:
         if not (x <= u < x + w and y <= v < y + h):
             return False
     return True
-
-
-def _middle(view: StereoView) -> Array:
-    """(3,) midway between the cameras."""
-    middle: Array = 0.5 * (view.left.center + view.right.center)
-    return middle
 
 
 def _detections(left: Outline, right: Outline) -> Detections:

@@ -31,48 +31,19 @@ _CENTRES = 16  # paths at which the smooth function g is represented
 _LENGTH = 1.6  # length scale of g in standard deviations of the paths
 _RIDGE = 1e-3  # added to the covariance of g at the centres, so that paths that coincide do not make it singular
 _LEAST_SPREAD_M = 0.003  # of paths: what repeats more exactly than this is no measure of the robot
-_FEW_TRIALS = 5.0  # so many trials of another session halve what their spread is found to exceed the first one's by
+_FEW_TRIALS = 5.0  # of another session, after which half of what its spread exceeds the first one's by is believed
+# Chosen on simulated sessions where no source is given (docs/peripersonal_space.md, "A real robot").
+_SAMPLES = 3  # number of last known samples whose displacements are averaged
+_REACH_M = 0.20  # greatest distance of a sample from the taxel (R's receptive field)
+_MAX_AGE_S = 0.3  # a path whose last known sample is older is lost: in 0.3 s an object at 10 cm/s passes a taxel
+# A taxel's rate among paths in reach, far away or lost borrows, at most, so many trials from the others.
+_PRIOR_TRIALS = 20.0
+_OFFSET_M = 0.012  # standard deviation, each axis, of another session's offset (R Fig 8: mean offsets of 1.2–2.1 cm)
+_FREEDOM = 12.0  # degrees of freedom of the t distribution of displacements: those in its tails have less weight
+_BLOCKS = 4  # of consecutive trials that are predicted from the others, to weigh the hypotheses
+_BASE_RATE_PRIOR = 0.8  # prior probability that paths say nothing
+_LEVEL = 0.9  # probability that the credible interval holds
 _LOGISTIC = np.pi / 8  # the mean of expit(x), x ~ N(m, v), is about expit(m / √(1 + π v / 8))
-
-
-@dataclass(frozen=True)
-class ContactParams:
-    """What a prediction uses, and the priors.
-
-    Where no source is given, the value was chosen on simulated sessions (docs/peripersonal_space.md, "A real robot").
-    """
-
-    horizon_s: float = 0.15
-    """Samples up to this time before a trial's end are known (the goal of the study `pps_calibration`)."""
-    samples: int = 3
-    """Number of last known samples whose displacements are averaged."""
-    reach_m: float = 0.20
-    """Greatest distance of a sample from the taxel (R's receptive field)."""
-    max_age_s: float = 0.3
-    """A path whose last known sample is older counts as lost: in 0.3 s an object at 10 cm/s passes a taxel."""
-    prior_trials: float = 20.0
-    """Number of trials that a taxel's rate among paths in reach, far away or lost borrows, at most, from the others."""
-    offset_m: float = 0.012
-    """Standard deviation, each axis, of another session's offset (R Fig 8: mean offsets of 1.2–2.1 cm)."""
-    freedom: float = 12.0
-    """Degrees of freedom of the t distribution of the displacements: those in its tails have less weight."""
-    blocks: int = 4
-    """Blocks of consecutive trials that are predicted from the others, to weigh the hypotheses."""
-    base_rate_prior: float = 0.8
-    """Prior probability that paths say nothing."""
-    level: float = 0.9
-    """Probability that the credible interval holds."""
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.horizon_s) and self.horizon_s >= 0):
-            raise InputError("contact", f"a horizon of {self.horizon_s} s: expected 0 or more")
-        positive = min(self.samples, self.max_age_s, self.prior_trials, self.offset_m, self.freedom)
-        if not (positive > 0 and 2 <= self.blocks <= 6 and 0 < self.base_rate_prior < 1 and 0 < self.level < 1):
-            raise InputError(
-                "contact",
-                f"{self}: expected samples, times, trials, an offset and degrees of freedom above 0, "
-                "2 to 6 blocks, a prior and a level between 0 and 1",
-            )
 
 
 class Paths(NamedTuple):
@@ -189,66 +160,71 @@ class ContactPrediction:
     """Whether nothing was known of the path shortly before the horizon."""
 
 
-def displacements(params: ContactParams, trials: tuple[Trial, ...]) -> Paths:
-    """Where the paths of trials pass the taxels."""
-    found = [[_last(params, trial, d) for d in trial.d_m.swapaxes(0, 1)] for trial in trials]
+def displacements(horizon_s: float, trials: tuple[Trial, ...]) -> Paths:
+    """Where the paths of trials pass the taxels, by the samples up to `horizon_s` before a trial's end.
+
+    InputError for a horizon that is not 0 or more.
+    """
+    if not (np.isfinite(horizon_s) and horizon_s >= 0):
+        raise InputError("contact", f"a horizon of {horizon_s} s: expected 0 or more")
+    found = [[_last(horizon_s, trial, d) for d in trial.d_m.swapaxes(0, 1)] for trial in trials]
     u = np.array([[mean for mean, _ in row] for row in found])
     return Paths(u, np.array([[lost for _, lost in row] for row in found]))
 
 
-def _last(params: ContactParams, trial: Trial, d: Array) -> tuple[Array, bool]:
+def _last(horizon_s: float, trial: Trial, d: Array) -> tuple[Array, bool]:
     """Mean displacement (3,), NaN where the path is not in reach, and whether it is lost."""
-    until_s = trial.stamps_s[-1] - params.horizon_s + 1e-9
+    until_s = trial.stamps_s[-1] - horizon_s + 1e-9
     known = (trial.stamps_s <= until_s) & np.isfinite(d).all(axis=1)
     nothing = np.full(3, np.nan)
-    if not known.any() or until_s - trial.stamps_s[known][-1] > params.max_age_s:
+    if not known.any() or until_s - trial.stamps_s[known][-1] > _MAX_AGE_S:
         return nothing, True
-    last = d[known][-params.samples :]
-    near = np.einsum("ij,ij->i", last, last) <= params.reach_m**2
+    last = d[known][-_SAMPLES:]
+    near = np.einsum("ij,ij->i", last, last) <= _REACH_M**2
     return (last[near].mean(axis=0) if near[-1] else nothing), False
 
 
-def learn_contact(params: ContactParams, trials: tuple[Trial, ...]) -> ContactModel:
+def learn_contact(horizon_s: float, trials: tuple[Trial, ...]) -> ContactModel:
     """The contact model of the trials of one session, in the order of time."""
-    paths, touched = displacements(params, trials), np.array([trial.touched for trial in trials])
-    counts, prior = _counts(params, paths, touched)
+    paths, touched = displacements(horizon_s, trials), np.array([trial.touched for trial in trials])
+    counts, prior = _counts(paths, touched)
     seen: Mask = np.asarray(paths.in_reach.any(axis=0))
     if not seen.any():
         return ContactModel(seen, counts + prior, None, (), np.ones(1), None)
     trial, taxel = np.nonzero(paths.in_reach)
     u_m, y = paths.u_m[trial, taxel], touched[trial, taxel].astype(float)
-    features = _features(params, u_m, taxel, touched.shape[1])
-    posteriors, weights = _weigh(params, features, features.of(u_m, taxel), y, trial, prior[0])
-    return ContactModel(seen, counts + prior, features, posteriors, weights, _session(params, paths))
+    features = _features(u_m, taxel, touched.shape[1])
+    posteriors, weights = _weigh(features, features.of(u_m, taxel), y, trial, prior[0])
+    return ContactModel(seen, counts + prior, features, posteriors, weights, _session(paths))
 
 
-def _counts(params: ContactParams, paths: Paths, touched: Mask) -> tuple[Array, Array]:
+def _counts(paths: Paths, touched: Mask) -> tuple[Array, Array]:
     """(3, 2, n) numbers of touches and of misses by paths in reach, far away and lost, and their priors: Jeffreys', and
-    up to `prior_trials` borrowed from the other kinds of path."""
+    up to `_PRIOR_TRIALS` borrowed from the other kinds of path."""
     kinds = np.stack([paths.in_reach, ~paths.in_reach & ~paths.lost, paths.lost])
     counts = np.stack([(kinds & touched).sum(axis=1), (kinds & ~touched).sum(axis=1)], axis=1).astype(float)
     others = counts.sum(axis=0) - counts
     n_others = others.sum(axis=1, keepdims=True)
-    return counts, 0.5 + others * np.minimum(n_others, params.prior_trials) / np.maximum(n_others, 1)
+    return counts, 0.5 + others * np.minimum(n_others, _PRIOR_TRIALS) / np.maximum(n_others, 1)
 
 
-def _features(params: ContactParams, u_m: Array, taxel: NDArray[np.intp], n: int) -> Features:
+def _features(u_m: Array, taxel: NDArray[np.intp], n: int) -> Features:
     middle = np.array([np.median(u_m[taxel == k], axis=0) if np.any(taxel == k) else np.zeros(3) for k in range(n)])
     common = np.median(u_m, axis=0)
     spread = 1.4826 * np.median(np.abs(u_m - middle[taxel]), axis=0)
     none = np.zeros((0, 3)), np.zeros((0, 0)), np.zeros(0)
-    features = Features(middle, common, np.maximum(spread, _LEAST_SPREAD_M), params.freedom, *none)
+    features = Features(middle, common, np.maximum(spread, _LEAST_SPREAD_M), _FREEDOM, *none)
     chosen = np.unique(np.linspace(0, len(u_m) - 1, _CENTRES).round().astype(np.intp))
     centres = features._standardised(u_m[chosen] - common)
     apart = np.sum((centres[:, None] - centres) ** 2, axis=2)
     whitening = np.linalg.inv(np.linalg.cholesky(np.exp(-0.5 * apart / _LENGTH**2) + _RIDGE * np.eye(len(centres)))).T
-    rest = features.middle_m, common, features.spread_m, params.freedom, centres, whitening
+    rest = features.middle_m, common, features.spread_m, _FREEDOM, centres, whitening
     smooth = Features(*rest, np.zeros(len(centres))).of(u_m, taxel)[:, -len(centres) :]
     return Features(*rest, smooth.mean(axis=0))
 
 
 def _weigh(
-    params: ContactParams, features: Features, X: Array, y: Array, trial: NDArray[np.intp], prior: Array
+    features: Features, X: Array, y: Array, trial: NDArray[np.intp], prior: Array
 ) -> tuple[tuple[Posterior, ...], Array]:
     """The posterior under each hypothesis, and the hypotheses' weights.
 
@@ -259,20 +235,20 @@ def _weigh(
     X, y = np.vstack([X, usual]), np.concatenate([y, np.repeat([1.0, 0.0], n)])
     count = np.concatenate([np.ones(len(trial)), prior.ravel()])
     in_order = np.unique(trial, return_inverse=True)[1]
-    block = np.concatenate([in_order * params.blocks // (in_order.max() + 1), np.full(2 * n, -1)])
-    posteriors, log_p = [], np.empty((params.blocks, len(_HYPOTHESES)))
+    block = np.concatenate([in_order * _BLOCKS // (in_order.max() + 1), np.full(2 * n, -1)])
+    posteriors, log_p = [], np.empty((_BLOCKS, len(_HYPOTHESES)))
     for h, hypothesis in enumerate(_HYPOTHESES):
         variances = features.prior_variances(hypothesis)
         posteriors.append(whole := _laplace(X, y, count, variances))
-        for b in range(params.blocks):
+        for b in range(_BLOCKS):
             out = block == b
             mean, _, by_path = _log_odds(_laplace(X[~out], y[~out], count[~out], variances, whole.mean), X[out], n)
             log_odds = mean / np.sqrt(1 + _LOGISTIC * by_path)
             log_p[b, h] = log_expit(np.where(y[out] > 0, log_odds, -log_odds)).sum()
-    others = (1 - params.base_rate_prior) / (len(_HYPOTHESES) - 1)
-    log_prior = np.log([params.base_rate_prior] + [others] * (len(_HYPOTHESES) - 1))
-    draws = product(range(params.blocks), repeat=params.blocks)  # with replacement, every one of them
-    resampled = np.array([np.bincount(draw, minlength=params.blocks) for draw in draws])
+    others = (1 - _BASE_RATE_PRIOR) / (len(_HYPOTHESES) - 1)
+    log_prior = np.log([_BASE_RATE_PRIOR] + [others] * (len(_HYPOTHESES) - 1))
+    draws = product(range(_BLOCKS), repeat=_BLOCKS)  # with replacement, every one of them
+    resampled = np.array([np.bincount(draw, minlength=_BLOCKS) for draw in draws])
     log_weights = log_prior + resampled @ log_p
     weights = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
     return tuple(posteriors), (weights / weights.sum(axis=1, keepdims=True)).mean(axis=0)
@@ -303,12 +279,12 @@ def _log_odds(posterior: Posterior, X: Array, n: int) -> tuple[Array, Array, Arr
     return x @ posterior.mean, variance, np.maximum(variance - of_intercept, 0.0)
 
 
-def _session(params: ContactParams, paths: Paths) -> SessionPaths | None:
+def _session(paths: Paths) -> SessionPaths | None:
     of_trials = paths.u_m[paths.in_reach.all(axis=1)].mean(axis=1)
     n = len(of_trials)
     if n < 2:
         return None
-    blocks = np.array_split(of_trials, max(min(params.blocks, n // 2), 1))
+    blocks = np.array_split(of_trials, max(min(_BLOCKS, n // 2), 1))
     means = np.array([block.mean(axis=0) for block in blocks])
     within = sum((len(b) * b.var(axis=0) for b in blocks), start=np.zeros(3)) / (n - len(blocks))
     between = means.var(axis=0, ddof=1) if len(blocks) > 1 else np.zeros(3)
@@ -316,36 +292,36 @@ def _session(params: ContactParams, paths: Paths) -> SessionPaths | None:
     return SessionPaths(of_trials.mean(axis=0), within, wander, n)
 
 
-def predict_contact(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
+def predict_contact(horizon_s: float, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
     """Predict the touches of trials of the same session."""
-    paths = displacements(params, trials)
-    return _predict(params, learned, paths, np.zeros((len(trials), 3)))
+    paths = displacements(horizon_s, trials)
+    return _predict(learned, paths, np.zeros((len(trials), 3)))
 
 
-def predict_session(params: ContactParams, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
+def predict_session(horizon_s: float, learned: ContactModel, trials: tuple[Trial, ...]) -> ContactPrediction:
     """Predict the touches of another session, trial by trial in their order.
 
-    Its kinematics and cameras have another offset, prior N(0, offset_m²).  Its posterior mean is estimated from the
+    Its kinematics and cameras have another offset, prior N(0, `_OFFSET_M`²).  Its posterior mean is estimated from the
     paths of this and earlier trials, as far as those of the first session stay where they are.  What remains unknown,
     and the spread of the paths beyond that of the first session, draws predictions towards even odds.
     """
-    paths = displacements(params, trials)
-    offset, variance = _offsets(params, learned, paths)
+    paths = displacements(horizon_s, trials)
+    offset, variance = _offsets(learned, paths)
     moved = paths._replace(u_m=paths.u_m - offset[:, None])
-    return _predict(params, learned, moved, variance)
+    return _predict(learned, moved, variance)
 
 
-def _offsets(params: ContactParams, learned: ContactModel, paths: Paths) -> tuple[Array, Array]:
+def _offsets(learned: ContactModel, paths: Paths) -> tuple[Array, Array]:
     """(trials, 3) posterior mean in m of the session's offset at each of its trials, and the variance in m² of where
     a path is: that of the offset, and by how much the paths spread more than those of the first session."""
-    prior = params.offset_m**2
+    prior = _OFFSET_M**2
     if learned.session is None:
         return np.zeros((len(paths.u_m), 3)), np.full((len(paths.u_m), 3), prior)
     usual, in_reach = learned.session, np.asarray(paths.in_reach.all(axis=1))
     apart = np.where(in_reach[:, None], paths.u_m.mean(axis=1) - usual.mean_m, 0.0)
     n = np.cumsum(in_reach)[:, None]
     known = np.maximum(n, 1)
-    noise = usual.var_m2 * (1 / known + 1 / usual.trials) + usual.wander_m2 * (1 + 1 / params.blocks)
+    noise = usual.var_m2 * (1 / known + 1 / usual.trials) + usual.wander_m2 * (1 + 1 / _BLOCKS)
     share = np.where(n > 0, prior / (prior + noise), 0.0)
     mean = np.cumsum(apart, axis=0) / known
     squares = np.cumsum(np.where(in_reach[:, None], apart**2, 0.0), axis=0) - known * mean**2
@@ -353,7 +329,7 @@ def _offsets(params: ContactParams, learned: ContactModel, paths: Paths) -> tupl
     return share * mean, prior * (1 - share) + np.maximum(more, 0.0)
 
 
-def _predict(params: ContactParams, learned: ContactModel, paths: Paths, var_m2: Array) -> ContactPrediction:
+def _predict(learned: ContactModel, paths: Paths, var_m2: Array) -> ContactPrediction:
     """The prediction for paths known with a variance of (trials, 3) in m²."""
     in_reach: Mask = np.asarray(paths.in_reach & learned.seen)
     kind = np.where(paths.lost, 2, np.where(paths.in_reach, 0, 1))
@@ -365,7 +341,7 @@ def _predict(params: ContactParams, learned: ContactModel, paths: Paths, var_m2:
         trial, taxel = np.nonzero(in_reach)
         p, worth = _of_paths(learned, learned.features, paths.u_m[trial, taxel], taxel, var_m2[trial])
         probability[trial, taxel], trials[trial, taxel] = p, worth
-    tails = 0.5 * (1 - params.level), 0.5 * (1 + params.level)
+    tails = 0.5 * (1 - _LEVEL), 0.5 * (1 + _LEVEL)
     lower, upper = (betaincinv(trials * probability, trials * (1 - probability), tail) for tail in tails)
     return ContactPrediction(probability, lower, upper, in_reach, paths.lost)
 

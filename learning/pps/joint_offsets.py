@@ -20,24 +20,13 @@ from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart
 from pps_vision.types import Array, Mask
 
+# Standard deviations: prior of an encoder's offset, which must explain errors of links and cameras too (R's several
+# centimetres), and noise of a taxel's own position and of the triangulated one, each axis.
+_JOINT_RAD = np.deg2rad(1.5)
+_TAXEL_M = 0.005
+_OUTLIER_SIGMAS = 3.0  # a touch with a larger residual gets less weight (Cauchy)
 _NO_POINT_M = 10.0  # residual of each axis where two lines of sight do not meet: larger than any room
 _GRID = 24  # positions along each axis: about 5 mm apart, as a taxel's own error
-
-
-@dataclass(frozen=True)
-class JointOffsetParams:
-    """Prior and noise of the calibration, as standard deviations."""
-
-    joint_rad: float = np.deg2rad(1.5)
-    """Prior of an encoder's offset, which must explain errors of links and cameras too: R's several centimetres."""
-    taxel_m: float = 0.005
-    """Noise of a taxel's own position and of the triangulated one, each axis (`pps_compensation` assumes 4 mm)."""
-    outlier_sigmas: float = 3.0
-    """A touch with a larger residual gets less weight (Cauchy)."""
-
-    def __post_init__(self) -> None:
-        if not all(sigma > 0 for sigma in (self.joint_rad, self.taxel_m, self.outlier_sigmas)):  # NaN is not
-            raise ValueError(f"{self}: expected standard deviations above 0")
 
 
 @dataclass(frozen=True)
@@ -65,9 +54,7 @@ class _Sighting:
     cov: Array
 
 
-def joint_offsets(
-    params: JointOffsetParams, robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[TouchTrial]
-) -> JointOffsets:
+def joint_offsets(robot: Robot, rig: StereoRig, skin: Skin, trials: Iterable[TouchTrial]) -> JointOffsets:
     """The most probable offsets given the ends of the `trials`, whose `touched` are of `skin`; 0 for joints that
     touches do not constrain (all, where no touch was seen).
 
@@ -75,7 +62,7 @@ def joint_offsets(
     in the same way.
     """
     sightings = [sighting for trial in trials for sighting in _sightings(rig, skin, trial)]
-    covs = np.array([sighting.cov for sighting in sightings]).reshape(-1, 3, 3) + params.taxel_m**2 * np.eye(3)
+    covs = np.array([sighting.cov for sighting in sightings]).reshape(-1, 3, 3) + _TAXEL_M**2 * np.eye(3)
     whitening = np.linalg.inv(np.linalg.cholesky(covs))
 
     def errors_m(offsets: Array) -> Array:
@@ -83,7 +70,7 @@ def joint_offsets(
 
     def residuals(offsets: Array) -> Array:
         sigmas = np.einsum("kij,kj->ki", whitening, errors_m(offsets))
-        return np.concatenate([offsets / params.joint_rad, _robust(sigmas, params.outlier_sigmas).ravel()])
+        return np.concatenate([offsets / _JOINT_RAD, _robust(sigmas, _OUTLIER_SIGMAS).ravel()])
 
     none = np.zeros(robot.n_joints)
     found: Array = least_squares(residuals, none, xtol=1e-4, ftol=1e-4).x

@@ -4,17 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from learning.pps.buffer import EventBuffer, push
+from learning.pps.buffer import LENGTH_S, EventBuffer, push
 from learning.pps.memory import PPSMemory, learn
 from pps_vision.types import Mask, TaxelEvents
 
-
-@dataclass(frozen=True)
-class LearnerParams:
-    """When a contact ends."""
-
-    contact_s: float = 0.6
-    """How long after its first touch a contact may reach further taxels: our choice."""
+_CONTACT_S = 0.6  # how long after its first touch a contact may reach further taxels: our choice
 
 
 @dataclass(frozen=True)
@@ -45,24 +39,24 @@ class LearnerState:
     """Contacts without a perceived sample before them, from which nothing was learned."""
 
 
-def step(params: LearnerParams, state: LearnerState, events: TaxelEvents) -> LearnerState:
-    """Add one sample; the memory changes once for every contact, when it ends or is `contact_s` old.
+def step(state: LearnerState, events: TaxelEvents) -> LearnerState:
+    """Add one sample; the memory changes once for every contact, when it ends or is `_CONTACT_S` old.
 
     A stamp that goes back by more than the buffer's length means that the clock was reset: the buffer is emptied.
     """
     samples = state.buffer.samples
     ahead_s = events.stamp_s - samples[-1].stamp_s if samples else np.inf
-    if not np.isfinite(events.stamp_s) or -state.buffer.params.length_s <= ahead_s <= 0:
+    if not np.isfinite(events.stamp_s) or -LENGTH_S <= ahead_s <= 0:
         return replace(state, stale=state.stale + 1)
     if ahead_s < 0:
-        state = replace(state, buffer=EventBuffer(state.buffer.params), contact=None)
+        state = replace(state, buffer=EventBuffer(), contact=None)
     touching = bool(np.any(events.touched))
     if state.contact is None:
         contact = Contact(events.stamp_s, events.touched) if touching else None
         return replace(state, buffer=push(state.buffer, events), contact=contact)
     contact = replace(state.contact, touched=state.contact.touched | events.touched)
     state = replace(state, contact=contact)
-    if not touching or events.stamp_s - contact.since_s >= params.contact_s:
+    if not touching or events.stamp_s - contact.since_s >= _CONTACT_S:
         state = finish(state)
     return state if touching else replace(state, contact=None)
 
@@ -75,7 +69,7 @@ def finish(state: LearnerState) -> LearnerState:
     return replace(
         state,
         memory=memory,
-        buffer=EventBuffer(state.buffer.params),
+        buffer=EventBuffer(),
         contact=replace(state.contact, learned=True),
         unseen=state.unseen + (memory is state.memory),
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from learning.archive import read_archive, write_archive
-from learning.pps.buffer import EventBuffer, resample_seen
+from learning.pps.buffer import EventBuffer, resample
 from pps_vision.errors import InputError
 from pps_vision.jit import njit
 from pps_vision.robot.skin import Skin
@@ -105,11 +105,9 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
     on a part that was not touched."""
     if not buffer.samples:
         return memory
-    if touched.shape != memory.part_index.shape or len(buffer.samples[0].taxel_ids) != len(touched):
-        raise ValueError(
-            f"touched {touched.shape}: expected the memory's and the buffer's {len(memory.taxel_ids)} taxels"
-        )
-    taxels, distance_m, ttc_s = resample_seen(buffer, _learning(memory, touched))
+    if buffer.samples[0].taxel_ids != memory.taxel_ids:
+        raise ValueError(f"a buffer of {len(buffer.samples[0].taxel_ids)} taxels: expected those of the memory")
+    taxels, distance_m, ttc_s = resample(buffer, _learning(memory, touched))
     return _counted(memory, taxels, distance_m, ttc_s, touched)
 
 
@@ -119,14 +117,14 @@ def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: M
     Without a sample that counts the memory itself is returned.
     """
     distance_m, ttc_s = paired(memory, distance_m, ttc_s)
-    if touched.shape != memory.part_index.shape:
-        raise ValueError(f"touched {touched.shape}: expected the memory's {len(memory.taxel_ids)} taxels")
     taxels = _learning(memory, touched)
     return _counted(memory, taxels, distance_m[..., taxels], ttc_s[..., taxels], touched)
 
 
 def _learning(memory: PPSMemory, touched: Mask) -> NDArray[np.intp]:
-    """Indices of the taxels of the body parts that were touched."""
+    """Indices of the taxels of the body parts that were touched; ValueError unless `touched` is (n,)."""
+    if touched.shape != memory.part_index.shape:
+        raise ValueError(f"touched {touched.shape}: expected the memory's {len(memory.taxel_ids)} taxels")
     return np.flatnonzero(np.isin(memory.part_index, memory.part_index[touched]))
 
 

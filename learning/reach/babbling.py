@@ -48,8 +48,6 @@ def random_arms(n: int, rng: np.random.Generator, limits: ArmLimits | None = Non
 def gaze_at_hand(robot: Robot, side: str, arm_rad: Array, limits: GazeLimits | None = None) -> Array:
     """(N, 3) rad: the gaze postures that by kinematics fixate the hand of arm postures (N, 4); NaN where the limits
     forbid it.  ValueError for an unknown side."""
-    if side not in ("left", "right"):
-        raise ValueError(f"side {side!r}: expected left or right")
     palm = robot.names.palm(side)
     hands = Chain.of(robot, robot.names.arm(side)[: arm_rad.shape[1]], palm).positions(arm_rad)[0]
     return gaze_for_points(robot, hands, limits)

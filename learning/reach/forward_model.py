@@ -19,6 +19,8 @@ from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 from pps_vision.types import Array
 
 _LINEAR_ROUNDS, _FIXED_ROUNDS, _FREE_ROUNDS = 20, 10, 4  # iterations of each kind until they converge
+_N_JOINTS = 4  # of the arm (J)
+_EYES_APART_M = 0.068
 _NO_ERROR = 1e-9  # residuals below this count as this
 _PRIOR_STD = 1.0  # eye distances, of every coefficient; 0.5 to 2 measured on 20 simulated arms with other end points
 _WIDE = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.01, 2.5))
@@ -40,11 +42,11 @@ class _Fit(NamedTuple):
 class RevoluteArm:
     """Learns the position of the hand from arm postures (N, k) in rad and the gaze postures (N, 3) that fixate it.
 
-    Positions are seen from the neck and measured in eye distances; `eyes_apart_m` scales them to metres.  `corrected`:
+    Positions are seen from the neck and measured in eye distances; `_EYES_APART_M` scales them to metres.  `corrected`:
     with the process, where there is evidence for it."""
 
-    def __init__(self, n_joints: int = 4, eyes_apart_m: float = 0.068, corrected: bool = True) -> None:
-        self.n_joints, self.eyes_apart_m, self.corrected = n_joints, eyes_apart_m, corrected
+    def __init__(self, corrected: bool = True) -> None:
+        self.corrected = corrected
         self._samples: list[tuple[Array, Array]] = []
         self._known: _Fit | None = None
 
@@ -74,9 +76,9 @@ class RevoluteArm:
     def forward(self, arm_rad: Array) -> tuple[Array, Array]:
         """Positions of the hand (N, 3) m, and their Jacobians by the joints (N, 3, k)."""
         known, bases = self._fitted(), self._bases(arm_rad)
-        W = self.eyes_apart_m * known.W
+        W = _EYES_APART_M * known.W
         slopes = [np.stack([0 * b[:, 0], -b[:, 2], b[:, 1]], axis=1) for b in bases]
-        half = self.n_joints // 2
+        half = _N_JOINTS // 2
         first, second = _products(bases[:half]), _products(bases[half:])
         W = W.reshape(first.shape[1], -1)
 
@@ -85,7 +87,7 @@ class RevoluteArm:
             return there
 
         columns = []
-        for k in range(self.n_joints):
+        for k in range(_N_JOINTS):
             turned = [*bases[:k], slopes[k], *bases[k + 1 :]]
             columns.append(
                 place(_products(turned[:half]), second) if k < half else place(first, _products(turned[half:]))
@@ -94,17 +96,17 @@ class RevoluteArm:
         if known.residual is None:
             return position, J
         value, slope = known.residual(arm_rad)
-        return position + self.eyes_apart_m * value, J + self.eyes_apart_m * slope
+        return position + _EYES_APART_M * value, J + _EYES_APART_M * slope
 
     def points(self, gaze_rad: Array) -> Array:
         """(N, 3) m: the points that gaze postures (N, 3) fixate."""
         known = self._fitted()
         seen = gaze_rad[:, known.order]
-        return self.eyes_apart_m * (crossing(seen) + _carried(seen) @ known.o)
+        return _EYES_APART_M * (crossing(seen) + _carried(seen) @ known.o)
 
     def gaze(self, points: Array, limits: GazeLimits = _WIDE) -> Array:
         """(N, 3) rad: the gaze postures that fixate points (N, 3); NaN where the limits forbid it."""
-        known, eyes = self._fitted(), self.eyes_apart_m
+        known, eyes = self._fitted(), _EYES_APART_M
 
         def forward(gaze: Array) -> tuple[Array, Array]:
             place, slope = _fixated(gaze, known.o)
@@ -121,8 +123,8 @@ class RevoluteArm:
 
     def _bases(self, arm_rad: Array) -> list[Array]:
         """(N, 3) of each joint: 1, cos, sin."""
-        if arm_rad.ndim != 2 or arm_rad.shape[1] != self.n_joints:
-            raise ValueError(f"arm postures of shape {arm_rad.shape}: expected (N, {self.n_joints})")
+        if arm_rad.ndim != 2 or arm_rad.shape[1] != _N_JOINTS:
+            raise ValueError(f"arm postures of shape {arm_rad.shape}: expected (N, {_N_JOINTS})")
         return [np.stack([np.ones_like(q), np.cos(q), np.sin(q)], axis=1) for q in arm_rad.T]
 
 

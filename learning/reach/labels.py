@@ -5,7 +5,6 @@ Where it cannot, the nearest point that it does reach lies on the border of the 
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,7 +12,7 @@ from scipy.spatial import cKDTree
 from learning.reach.params import N_NEAR, MapParams
 from pps_vision.errors import InputError
 from pps_vision.robot.chain import Chain
-from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
+from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_motion import DirectionCoverage, FarFromLimits, covered_directions
@@ -82,7 +81,8 @@ class HandModel:
     @classmethod
     def of(cls, robot: Robot, forward: ForwardModel) -> "HandModel":
         """A forward model in the root frame, with the gaze kinematics of the robot's own head."""
-        return cls(forward, partial(fixation_points, robot), partial(gaze_for_points, robot))
+        model = GazeModel(robot)
+        return cls(forward, model.points, model.gaze)
 
 
 class ReachOracle:

@@ -4,7 +4,6 @@ A recording is finished when its result is there, since `track` and `learn` writ
 that was killed is continued by running it again.
 """
 
-import csv
 import json
 import os
 import re
@@ -25,10 +24,11 @@ from tqdm import tqdm
 from pps_vision.__main__ import ENDS_WITH_STDIN
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
+from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.outputs import BUSY, locked_folder, whole_file
 from pps_vision.recordings.parquet import require_pyarrow, write_parquet
-from pps_vision.recordings.tables import write_table
-from pps_vision.recordings.text import finite, read_lines
+from pps_vision.recordings.tables import csv_rows, write_table
+from pps_vision.recordings.text import finite
 
 TRACK_TABLE: Mapping[str, type] = {
     **{"name": str, "status": str, "pairs": int, "frames": int, "tracked_share": float},
@@ -40,8 +40,7 @@ LEARN_TABLE: Mapping[str, type] = {
 }
 SETTINGS = "settings.json"
 MEMORY = "memory.npz"
-SUMMARY = "summary.json"
-_OWN = (SETTINGS, MEMORY, SUMMARY, "batch.csv", "batch.parquet", "report.html")
+_OWN = (SETTINGS, MEMORY, SUMMARY, BATCH, "batch.parquet", REPORT)
 _POSITIVE = "a positive number"
 _NUMBERS = {"fps": _POSITIVE, "unit_m": _POSITIVE, "max_skew_s": "a number of at least 0"}  # columns of a manifest
 _BUSY_S = 0.5  # between two looks at a recording that another run is tracking
@@ -86,7 +85,7 @@ class Task:
     def is_done(self, job: Job) -> bool:
         """Whether a recording is finished."""
         result = self.result(job)
-        return (result / "summary.json").exists() if self.command == "track" else result.exists()
+        return (result / SUMMARY).exists() if self.command == "track" else result.exists()
 
     def row(self, job: Job, reason: str) -> dict[str, object]:
         """The row of a recording; `reason` why it failed, or ""."""
@@ -100,7 +99,7 @@ class Task:
             samples = memory.counts.sum(axis=(1, 2))
             counted = {"samples": int(samples.sum()), "touched_taxels": int((samples[:, 0] > 0).sum())}
             return row | {"status": "done", "version": memory.written_by} | counted
-        summary = json.loads((self.result(job) / "summary.json").read_text())
+        summary = json.loads((self.result(job) / SUMMARY).read_text())
         return row | {
             "status": "done",
             "pairs": summary["pairs"],
@@ -139,11 +138,7 @@ def jobs_of(sources: Sequence[str], columns: Sequence[str]) -> list[Job]:
 
 def _manifest(file: Path, columns: Sequence[str]) -> Iterator[Job]:
     expected = f"the columns name and some of {', '.join(columns)}, separated by commas"
-    reader = csv.reader(read_lines(file, expected))
-    try:
-        rows = [(reader.line_num, [field.strip() for field in row]) for row in reader if row]
-    except csv.Error as error:
-        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", reader.line_num) from error
+    rows = [(line, row) for line, row in csv_rows(file, expected) if row]
     header = rows[0][1] if rows else []
     if wrong := [key for key in header if key not in ("name", *columns) or header.count(key) > 1]:
         raise InputError(file, f"column {wrong[0]!r}; expected {expected}, each once", 1)
@@ -227,7 +222,7 @@ def run_batch(
         rows = [task.row(job, reason) for job, reason in zip(jobs, reasons, strict=True)]
         if task.command == "learn":
             _add_up([task.result(job) for job, row in zip(jobs, rows, strict=True) if row["status"] == "done"], out)
-        with whole_file(out / "batch.csv") as partial:
+        with whole_file(out / BATCH) as partial:
             filled = (["" if value is None else value for value in row.values()] for row in rows)
             write_table(partial, tuple(task.table), filled)
         if parquet:

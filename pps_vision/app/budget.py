@@ -154,7 +154,7 @@ def _with_order(configuration: Configuration, steps: Sequence[TrackerStep]) -> C
     seen = [step.observation for step in steps if step.observation is not None]
     if len(seen) <= _WARM_UP:
         return configuration
-    distance_m = float(np.linalg.norm(seen[0].p_root - steps[0].head))
+    distance_m = float(np.linalg.norm(seen[0].p_root - steps[0].midpoint_root))
     for order in (2, 3, 4):
         kalman = KalmanParams.of_order(order)
         nis = _innovations(scaled(kalman, distance_m), seen)[_WARM_UP:]

@@ -53,9 +53,7 @@ def to_maps(memory: PPSMemory, like: Sequence[PartMap], source: Path, model: Pat
         InputError: The form cannot hold the memory, or a taxel that was learned is not in `like`.
     """
     if not np.array_equal(memory.counts, np.round(memory.counts)):
-        raise InputError(
-            source, "has fractions of samples, since it forgets; expected whole numbers, which the .ini holds"
-        )
+        raise InputError(source, "has fractions of samples; expected whole numbers, which the .ini holds")
     params = memory.params
     knows_ttc = np.all(np.isfinite(params.ttc_range_s))
     extent = (*params.distance_range_m, *(params.ttc_range_s if knows_ttc else ()))

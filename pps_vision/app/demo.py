@@ -23,7 +23,6 @@ from pps_vision.app.simulation import (
     EpisodeLog,
     Kind,
     SimulationStep,
-    TrainingParams,
     World,
     log_of,
     make_episode,
@@ -33,6 +32,7 @@ from pps_vision.app.simulation import (
     train,
 )
 from pps_vision.app.stopwatch import Stopwatch
+from pps_vision.recordings import REPORT, SUMMARY
 from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD
@@ -63,7 +63,7 @@ _COLUMNS = {
 def demo(out: Path, trials: int, noise: float, seed: int) -> None:
     """Train, run the episodes, and write the report; arguments as of `pps-vision demo`."""
     with whole_folder(out) as folder, open_world(noise, seed) as world:
-        memory = train(world, TrainingParams(trials, noise))
+        memory = train(world, trials)
         save_memory(folder / "memory.npz", memory)
         with tqdm(total=1, desc="reachable space", unit="map", disable=None) as bar:
             map_params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
@@ -74,9 +74,9 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
         logs = _run_episodes(world, memory, reachable_map, folder, stopwatch, seed)
         numbers = {log.title: _numbers(log) for log in logs}
         given = {"versions": versions.versions(), "seed": seed, "trials": trials, "noise_grey_levels": noise}
-        write_json(folder / "summary.json", {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
+        write_json(folder / SUMMARY, {**given, "ms_per_pair": stopwatch.summary(), "episodes": numbers})
         text = _page(world, trials, noise, seed, folder, memory, logs, numbers, stopwatch)
-        (folder / "report.html").write_text(text, encoding="utf-8")
+        (folder / REPORT).write_text(text, encoding="utf-8")
     for log in logs:
         touched, moved = "touched" if log.was_touched else "not touched", "moved" if log.was_commanded else "still"
         print(f"{log.title:42s} {touched:12s} arm {moved}")

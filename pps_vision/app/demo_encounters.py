@@ -16,6 +16,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.rendered import open_encounter
 from pps_vision.experiments.avoidance.training import learn
+from pps_vision.recordings import REPORT, SUMMARY
 from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
@@ -75,8 +76,8 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
             met.append(Met(_title(encounter), (off, on), video))
         rows = [{"encounter": one.title, "touched": one.is_touched, "left_mm": 1000 * one.left_m} for one in met]
         given = {"versions": versions(), "seed": seed, "noise_grey_levels": noise}
-        write_json(folder / "summary.json", {**given, "encounters": rows})
-        (folder / "report.html").write_text(_page(met, noise, seed), encoding="utf-8")
+        write_json(folder / SUMMARY, {**given, "encounters": rows})
+        (folder / REPORT).write_text(_page(met, noise, seed), encoding="utf-8")
     print(f"{sum(one.is_touched for one in met)} of {n} touched → {out / 'report.html'}")
 
 

@@ -71,11 +71,11 @@ def diagnose(
             f"another calibration, or left and right images of the same moment: what is tracked fits both cameras only "
             f"within {residual_px:.1f} px (median)",
         )
-    if tracked_share >= _ENOUGH_TRACKED and not faults:
+    if tracked_share < _ENOUGH_TRACKED:
+        faults += tuple(_by_counts(recording, mode, counts))
+    elif not faults:
         return None
-    if tracked_share >= _ENOUGH_TRACKED:
-        return Diagnosis(dict(counts), faults)
-    return Diagnosis(dict(counts), (*faults, *_by_counts(recording, mode, counts)))
+    return Diagnosis(dict(counts), faults)
 
 
 def faults_of(recording: Recording, turn_deg: tuple[float, float] = (0.0, 0.0)) -> Iterator[str]:

@@ -10,8 +10,8 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.tables import COVARIANCE, covariances, numbers, read_table
-from pps_vision.recordings.text import first_row, read_lines
+from pps_vision.recordings.tables import COVARIANCE, column_names, covariances, numbers, read_table
+from pps_vision.recordings.text import read_lines
 from pps_vision.types import Array, Mask, Status, Track3D, Truth
 
 _BRIDGED = 1.5  # times the median interval: a longer one is a gap, across which nothing is interpolated
@@ -75,7 +75,7 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
     Rows without a position are left out.  InputError for one that cannot be read or has no stamp, or stamps that do not
     increase.
     """
-    header = first_row(file).split(",")
+    header = column_names(file)
     anipose = [name.removesuffix("_x") for name in header if name.endswith("_x")] if "fnum" in header else []
     searching: set[int] = set()
     if "stamp_s" in header:

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.tables import BOXES, read_table
-from pps_vision.recordings.text import first_row, number, read_lines
+from pps_vision.recordings.tables import BOXES, column_names, read_table
+from pps_vision.recordings.text import number, read_lines
 from pps_vision.types import Array
 
 OVERLAPS = np.linspace(0, 1, 21)
@@ -70,7 +70,7 @@ def read_boxes(file: Path, first_px: int | None = None) -> Boxes:
             rows of four numbers (OTB and LaSOT were annotated in Matlab), 0 for polygons (VOT's TraX protocol).
     """
     frames: dict[int, dict[int, Array]] = defaultdict(dict)
-    if first_row(file).split(",") == list(BOXES):
+    if column_names(file) == list(BOXES):
         rows = [(line, [*fields[:1], "1", *fields[1:5]]) for line, fields in read_table(file, BOXES)]
         first_px = 0
     else:

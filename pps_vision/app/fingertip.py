@@ -13,25 +13,25 @@ _JOINTS_STD_M = 1e-3  # of a fingertip located by the joints; of its velocity, m
 
 
 class FingertipTracker:
-    """Stands in for `Tracker` in a `Pipeline`: position and velocity of a fingertip follow from each frame's joints.
+    """Stands in for `Tracker` in a `Pipeline`: the joints of each frame give position and velocity of the right index
+    finger's tip.
 
     The images are not looked at.  The skin so learns from the robot's touches of itself, and the arm avoids its own
     finger, by joints and skin alone.
     """
 
-    def __init__(self, robot: Robot, frame: str = "", radius_m: float = FINGERTIP_RADIUS_M) -> None:
-        """Follow the `frame` of a fingertip, by default the right index finger's."""
-        self._robot, self._frame, self._radius_m = robot, frame or robot.names.index_tips[1], radius_m
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
         self._last: tuple[float, Array] | None = None
 
     def step(self, frame: StereoFrame) -> TrackerStep:
         """Return the fingertip's track, its velocity from the last frame; unknown in the first frame and after a gap of
         0.5 s."""
-        tip = np.asarray(self._robot.at(joints_of(frame)).point(self._frame))
+        tip = np.asarray(self._robot.at(joints_of(frame)).point(self._robot.names.index_tips[1]))
         last, self._last = self._last, (frame.stamp_s, tip)
         track = Track3D.unknown(frame.stamp_s)
         if last is not None and 0 < frame.stamp_s - last[0] <= MAX_HOLD_S:
             mean = np.array([tip, (tip - last[1]) / (frame.stamp_s - last[0]), np.zeros(3), np.zeros(3)])
             std = _JOINTS_STD_M * np.repeat([1.0, 10.0, 0.0, 0.0], 3)
-            track = Track3D(frame.stamp_s, mean, np.diag(std**2), self._radius_m, 1e-8, Status.TRACKING)
+            track = Track3D(frame.stamp_s, mean, np.diag(std**2), FINGERTIP_RADIUS_M, 1e-8, Status.TRACKING)
         return TrackerStep(track, (), None, np.zeros(3))

@@ -20,7 +20,7 @@ from control.neck_and_eyes import NeckAndEyesParams
 from control.search import SearchParams, SearchState
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
-from learning.pps.learner import LearnerParams, LearnerState
+from learning.pps.learner import LearnerState
 from learning.pps.memory import PPSMemory, activation
 from learning.pps.receptive_field import ReceptiveField, likely_velocities, perceive
 from learning.reach.map import ReachableMap
@@ -55,8 +55,6 @@ class PipelineParams:
     receptive_field: ReceptiveField = ReceptiveField(distance_to="surface")
     """Region in which a taxel perceives the object (R, "Receptive field"); with R's D, to the object's centre, the
     activation at the touch would depend on the object's size (`bench pps_single_touch`)."""
-    learning: LearnerParams = LearnerParams()
-    """When a contact is learned."""
     fixation: FixationParams | NeckAndEyesParams = FixationParams()
     """Gaze control of a tracked object: J IV.1, or six joints."""
     search: SearchParams = SearchParams()
@@ -190,7 +188,7 @@ class Pipeline:
         check_track(track)
         moving = _velocity(state.last_taxels, stamp_s, taxels)
         events = self._perceive(track, taxels, normals, moving, touched)
-        learned = learner.step(params.learning, state.learning, events)
+        learned = learner.step(state.learning, events)
         field = params.receptive_field
         active = Activation(stamp_s, self.skin.taxel_ids, felt(field, learned.memory, track, taxels, normals, moving))
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
@@ -292,7 +290,7 @@ class Pipeline:
         The map is asked: what it calls reachable may still be touched by a part before the hand is there.
         """
         params, arm, found, leaning = self.params.lean, self._arms[0], self._reachability, state.leaning
-        still = JointVelocity(track.stamp_s, np.zeros(self.robot.n_joints), self.params.hold_s)
+        still = self._still(track.stamp_s)
         torso = self.robot.indices(self.robot.names.torso)
         if params is None or found is None or not torso or arm.params.behaviour != "reach":
             return None, still
@@ -335,7 +333,7 @@ class Pipeline:
         always do."""
         params, stamp_s = self.params, track.stamp_s
         if not self.robot.names.gaze_joints:
-            return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints), params.hold_s)
+            return None, self._still(stamp_s)
         if track.is_known:
             p, v = kalman.ahead(KalmanParams(), track, params.latency_s, self._since_last(stamp_s))
             v = v - self._carried(posture, p, stamp_s)
@@ -346,7 +344,10 @@ class Pipeline:
         if stamp_s - state.last_known_s < params.search_for_s:
             searching = state.searching or SearchState(gaze_of(posture))
             return search.step(params.search, searching, posture, params.hold_s, self._rng, stamp_s)
-        return None, JointVelocity(stamp_s, np.zeros(self.robot.n_joints), params.hold_s)
+        return None, self._still(stamp_s)
+
+    def _still(self, stamp_s: float) -> JointVelocity:
+        return JointVelocity(stamp_s, np.zeros(self.robot.n_joints), self.params.hold_s)
 
     def _carried(self, posture: Posture, p_root: Array, stamp_s: float) -> Array:
         """(3,) m/s velocity of a point that moves with the trunk, as that has turned since the last frame."""

@@ -100,9 +100,10 @@ def _begin(options: RenderParams, setup: RobotSetup, rng: np.random.Generator, r
     robot, rig, q_home, skin = setup.robot, setup.rig, setup.home_rad, setup.skin
     if options.robot and options.center is None and options.motion not in REACH_M:
         raise InputError("render", f"--motion {options.motion} without --center; expected one, before the cameras")
-    taxels, _ = skin.at(robot.at(q_home))
-    target = skin.index(options.target)
-    aim = at_taxel(skin, robot.at(q_home), target, radius_m + REACH_M.get(options.motion, 0.0))
+    at_home, aim = robot.at(q_home), None
+    taxels, _ = skin.at(at_home)
+    if options.motion in REACH_M or options.target != RenderParams.target:
+        aim = at_taxel(skin, at_home, skin.index(options.target), radius_m + REACH_M.get(options.motion, 0.0))
     for _ in range(200):
         speed = rng.uniform(0.05, 0.15) if options.speed is None else options.speed
         center = _before_the_eyes(rng) if options.center is None else np.array(options.center)

@@ -46,6 +46,7 @@ Policy = Callable[[StereoFrame, Mask], PipelineStep]
 PERIOD_S = 0.05
 SPEED_M_S = (0.05, 0.15)
 """Range of the speeds of training approaches."""
+_TRAINED_WITH: tuple[StimulusName, ...] = ("ball", "cube")
 REACH_M = {"approach": TOUCH_RADIUS_M - 0.003, "recede": TOUCH_RADIUS_M + 0.010}
 """Smallest distance from the object's surface to the nearest taxel's centre: an approach touches, a receding object
 does not."""
@@ -67,20 +68,6 @@ class Episode:
     motion: Motion | None
     seconds: float
     own_motion: OwnMotion = ""
-
-
-@dataclass(frozen=True)
-class TrainingParams:
-    """Parameters of `train`."""
-
-    trials: int = 24
-    """Approaches that end in a touch."""
-    noise_sigma: float = 2.0
-    """Standard deviation of the pixel noise, grey levels of 255."""
-    objects: tuple[StimulusName, ...] = ("ball", "cube")
-    """Objects that touch, in turn."""
-    taxels: tuple[str, ...] = tuple(f"left_forearm:{i}" for i in INNER_FOREARM)
-    """Taxels that are touched, in turn."""
 
 
 @dataclass(frozen=True)
@@ -245,15 +232,14 @@ def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoi
     )
 
 
-def train(world: World, params: TrainingParams) -> PPSMemory:
-    """The memory after approaches to the taxels in turn, with the objects in turn."""
-    if params.trials < 1 or not params.objects or not params.taxels:
-        found = f"{params.trials} trials, {len(params.objects)} objects, {len(params.taxels)} taxels"
-        raise InputError("training", f"{found}; expected at least one of each")
+def train(world: World, trials: int) -> PPSMemory:
+    """The memory after `trials` approaches that end in a touch, to taxels and with objects in turn."""
+    if trials < 1:
+        raise InputError("training", f"{trials} trials; expected at least one")
     memory = PPSMemory.empty(world.skin)
-    for trial in tqdm(range(params.trials), desc="training", unit="approach", disable=None):
-        taxel = params.taxels[trial % len(params.taxels)]
-        stimulus = params.objects[trial % len(params.objects)]
+    for trial in tqdm(range(trials), desc="training", unit="approach", disable=None):
+        taxel = f"left_forearm:{INNER_FOREARM[trial % len(INNER_FOREARM)]}"
+        stimulus = _TRAINED_WITH[trial % len(_TRAINED_WITH)]
         speed = world.rng.uniform(*SPEED_M_S)
         episode = make_episode("approach", world, taxel, stimulus, world.rng, speed, reach_m=0.0)
         pipeline = new_pipeline(world, memory)

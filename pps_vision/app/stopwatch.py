@@ -1,4 +1,4 @@
-"""How long each stage takes; the only place, with the demo's progress, where a clock is read."""
+"""How long each stage takes."""
 
 import time
 from array import array

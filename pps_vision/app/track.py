@@ -185,7 +185,7 @@ class TrackedRecording:
 
 
 class _CameraNumbers:
-    """What the told poses lacked, over a recording."""
+    """Largest errors of the cameras' nominal poses over a recording."""
 
     def __init__(self) -> None:
         self._rotation_rad, self._rate_rad_s = 0.0, 0.0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_session
+from learning.pps.contact import ContactPrediction, learn_contact, predict_session
 from learning.pps.scores import auroc, brier, brier_gain
 from learning.pps.trials import Trial, load_trials, touch_rates
 from pps_vision.errors import InputError
@@ -20,11 +20,10 @@ def trials(train_path: Path, test_path: Path, out: Path, horizon_s: float) -> No
     """Learn, predict, write, and say how good it was; the arguments are those of `pps-vision trials`."""
     if train_path.exists() and test_path.exists() and train_path.samefile(test_path):
         raise InputError(test_path, "is also TRAIN; expected other trials than those learned from")
-    params = ContactParams(horizon_s=horizon_s)
     with whole_file(out, [train_path, test_path]) as partial:
         train, test = load_trials(train_path), load_trials(test_path)
         _refuse_what_teaches_nothing(train_path, train, test_path, test)
-        predicted = predict_session(params, learn_contact(params, train), test)
+        predicted = predict_session(horizon_s, learn_contact(horizon_s, train), test)
         touched = np.array([trial.touched for trial in test])
         write_table(partial, COLUMNS, _rows(predicted, touched))
     for path, session in ((train_path, train), (test_path, test)):

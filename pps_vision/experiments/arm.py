@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from time import process_time
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -15,6 +15,7 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.damped_least_squares import damped_least_squares
 from pps_vision.experiments.study import SampledStudy, interval, mean, rms
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision
@@ -162,9 +163,8 @@ def _move(robot: Robot, bodies: SelfCollision, solver: Solver, task: Task, limit
         velocity = (_SPEED_M_S if k < 30 else -_SPEED_M_S) * task.direction
         posture = robot.at(q)
         now = Task(task.side, task.frame, task.point, task.direction, task.start_rad, velocity)
-        begun = process_time()
-        dq = solver(posture, now, bodies)
-        ms.append(1000 * (process_time() - begun))
+        dq, spent = timed(partial(solver, posture, now, bodies))
+        ms.append(spent)
         if limited:
             command = limits.limit(LimitParams(), bodies, posture, JointVelocity(k * _DT_S, dq, _DT_S), last, last_q)
             last, last_q, dq = command, q, command.dq_rad_s

@@ -15,7 +15,7 @@ from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.experiments.independent_scenes import Color
 from pps_vision.experiments.real_ball import baseball
 from pps_vision.experiments.scenarios import Recording, from_film, moving
-from pps_vision.experiments.score import METRICS, judge, timed_steps
+from pps_vision.experiments.score import METRICS, judge
 from pps_vision.experiments.study import (
     DATA,
     TURNS,
@@ -29,6 +29,7 @@ from pps_vision.experiments.study import (
     median,
 )
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed_steps
 from pps_vision.types import Status
 from tracking.tracker import Tracker, TrackerParams
 

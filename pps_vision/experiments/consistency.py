@@ -177,7 +177,7 @@ def nis_of(steps: Sequence[TrackerStep], usual: Any) -> list[float]:
         if seen is None:
             continue
         if belief is None:
-            params = kalman.scaled(params, float(np.linalg.norm(seen.p_root - step.head)))
+            params = kalman.scaled(params, float(np.linalg.norm(seen.p_root - step.midpoint_root)))
             measured = params, seen.stamp_s, seen.p_root, seen.cov_root
             belief = kalman.start(*measured, correlated=seen.correlated_cov_root)
             continue

@@ -159,11 +159,10 @@ def module_constants() -> dict[str, Any]:
         compiled = {name for function in tree.body if _is_compiled(function) for name in _names(function)}
         for node in tree.body:
             targets = [node.target] if isinstance(node, ast.AnnAssign) else getattr(node, "targets", [])
-            for target in targets:
-                if isinstance(target, ast.Name) and target.id.isupper() and target.id not in compiled:
-                    value = vars(module)[target.id]
-                    if _is_number(value) or (isinstance(value, tuple) and value and all(map(_is_number, value))):
-                        found[f"{module.__name__.removeprefix('tracking.')}.{target.id}"] = value
+            for name in sorted(set().union(*map(_names, targets)) - compiled):
+                value = vars(module).get(name) if name.isupper() else None
+                if _is_number(value) or (isinstance(value, tuple) and value and all(map(_is_number, value))):
+                    found[f"{module.__name__.removeprefix('tracking.')}.{name}"] = value
     return {name: value for name, value in found.items() if name not in _LAYOUT}
 
 

@@ -22,8 +22,13 @@ from pps_vision.recordings.outputs import whole_file, write_json
 SLOW_M_S = 0.15  # up to which objects approached R's robot
 _BANDS_M_S = np.linspace(*SPEED_M_S, 6)
 _LEAST_SELF_MM = 20.0
-_HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition
-_STOP, _OF_EACH_HARMLESS, _REACH = 0.2, 0.06, 0.1  # in this study, for one of press and one of through
+_HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition, except in this study:
+_SHARES: dict[Condition, float] = {
+    **dict.fromkeys(HAZARDS, 1.0),
+    **dict.fromkeys(HARMLESS, 0.06),
+    "stop": 0.2,
+    "reach": 0.1,
+}
 Row = dict[str, Any]
 
 
@@ -47,9 +52,7 @@ class Encounters(SampledStudy):
     def run(self) -> dict[str, Any]:
         """Return rates by condition, speed and controller, and paired differences from ours."""
         names = (*NAMES, self.controller) if self.controller else NAMES
-        rare: dict[Condition, float] = {"stop": _STOP, "reach": _REACH}
-        rare |= dict.fromkeys(HARMLESS, _OF_EACH_HARMLESS)
-        some = counts(self.n) | {c: ceil(share * self.n) for c, share in rare.items()}
+        some = {condition: ceil(share * self.n) for condition, share in _SHARES.items()}
         rows = run_suite(self, some, self.seed, names, self.workers, self.share)
         if self.json is not None:
             with whole_file(self.json) as partial:

@@ -26,41 +26,13 @@ from pps_vision.experiments.sound_inputs import READERS, Reader
 
 PROGRAM = (sys.executable, "-m", "pps_vision.experiments.fuzz_readers")
 MOST_SECONDS = 10.0  # for one mutant, whose sound form takes milliseconds
+_MOST_SECONDS_TO_START = 300.0  # of imports, and of the sound form
 MOST_BYTES = 800 * 2**20  # of resident memory that one mutant may add; an image of 2^25 pixels takes 100 MB
 
 _TOKENS = (
     *(b"nan", b"inf", b"-1", b"0", b"1e300", b"1e-300", b"1e999", b"9" * 40, b"1,5", b"1_000", b"\x00"),
-    *(
-        b"\xef\xbb\xbf",
-        b"\xff\xfe",
-        b"(",
-        b")",
-        b"[",
-        b"]",
-        b"{",
-        b"}",
-        b"<a>",
-        b"</",
-        b'"',
-        b"\n",
-        b"\r\n",
-        b"\t",
-        b",",
-        b":",
-        b"#",
-    ),
-    *(
-        b"//",
-        b"- ",
-        b"%",
-        b"&amp;",
-        b"../",
-        b"/etc/passwd",
-        "é".encode(),
-        b"\xf0\x9f\x92\xa5",
-        b"[l_hand]\n",
-        b"((((((((",
-    ),
+    *(b"\xef\xbb\xbf", b"\xff\xfe", *b"( ) [ ] { } <a> </".split(), b'"', b"\n", b"\r\n", b"\t", b",", b":", b"#"),
+    *(b"//", b"- ", b"%", b"&amp;", b"../", b"/etc/passwd", "é".encode(), b"\xf0\x9f\x92\xa5", b"[l_hand]\n", b"(" * 8),
 )
 
 
@@ -199,7 +171,8 @@ def fuzz(name: str, seed: int, n: int, program: Sequence[str] = PROGRAM) -> Outc
     while k < n:
         command = [*program, name, str(seed), str(k), str(n - k)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as worker:
-            watchdog = Timer(0, lambda: None)
+            watchdog = Timer(_MOST_SECONDS_TO_START, worker.kill)
+            watchdog.start()
             for line in worker.stdout or ():
                 watchdog.cancel()
                 k, ended = json.loads(line)

@@ -27,6 +27,7 @@ from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.experiments.pps.whole_skin import activations, buffer_at_touch, make_body
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, SampledStudy
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.open import open_recording
 from pps_vision.robot.icub import load_icub
@@ -94,7 +95,7 @@ class Growth(SampledStudy):
             calls = make(one)
             turns = [{name: call() for name, call in calls.items()} for _ in range(self.n)]
             for name in calls:
-                ms.setdefault(name, []).append(_quartiles([time for turn in turns for time in turn[name]]))
+                ms.setdefault(name, []).append(quartiles([time for turn in turns for time in turn[name]]))
         return {"sizes": [size(one) for one in of], "ms": ms}
 
     def _image(self, size: tuple[int, int]) -> dict[str, Callable[[], Times]]:
@@ -128,22 +129,22 @@ class Growth(SampledStudy):
             for pairs in tqdm(self.pairs, desc="recording", unit="size", disable=None):
                 shutil.rmtree(long, ignore_errors=True)
                 to_and_fro(short, long, pairs)
-                opened.append([_ms(partial(open_recording, long)) for _ in range(self.n)])
+                opened.append([timed(partial(open_recording, long))[1] for _ in range(self.n)])
             recording = open_recording(long)
             begun = process_time()
             for k, _ in enumerate(track(recording, seed=self.seed), start=1):
                 if k in self.pairs:
                     tracked.append([1000 * (process_time() - begun)])
                     held.append(_resident_mb())
-        ms = {"opening": [_quartiles(times) for times in opened], "tracking": [_quartiles(times) for times in tracked]}
+        ms = {"opening": [quartiles(times) for times in opened], "tracking": [quartiles(times) for times in tracked]}
         return {"sizes": list(self.pairs), "ms": ms, "memory_mb": held}
 
     def _skin(self, taxels: int) -> dict[str, Callable[[], Times]]:
         body = make_body(taxels, np.random.default_rng(self.seed))
         felt = np.arange(taxels) == 0
         return {
-            "one stimulus": partial(_runs, partial(activations, body)),
-            "3 s learned": partial(_runs, partial(learn, body.memory, buffer_at_touch(body), felt)),
+            "one stimulus": partial(timed_runs, partial(activations, body), _RUNS),
+            "3 s learned": partial(timed_runs, partial(learn, body.memory, buffer_at_touch(body), felt), _RUNS),
         }
 
     def _map(self, labels: int) -> dict[str, Callable[[], Times]]:
@@ -153,8 +154,8 @@ class Growth(SampledStudy):
         )
         learned = train_reachable_map(robot, "right", rng, params)
         return {
-            "training": lambda: [_ms(partial(train_reachable_map, robot, "right", rng, params))],
-            "one query": partial(_runs, partial(learned.query, learned.labels.gaze_rad[:1])),
+            "training": lambda: [timed(partial(train_reachable_map, robot, "right", rng, params))[1]],
+            "one query": partial(timed_runs, partial(learned.query, learned.labels.gaze_rad[:1]), _RUNS),
         }
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
@@ -190,27 +191,11 @@ def exponent(sizes: Sequence[float], ms: Sequence[Sequence[float]]) -> float:
     return float(np.log(ms[-1][0] / ms[-2][0]) / np.log(sizes[-1] / sizes[-2]))
 
 
-def _ms(call: Callable[[], object]) -> float:
-    """Processor time of a call."""
-    begun = process_time()
-    call()
-    return 1000 * (process_time() - begun)
-
-
-def _runs(call: Callable[[], object]) -> Times:
-    """Processor times of some calls; the first, which fills caches, does not count."""
-    return [_ms(call) for _ in range(1 + _RUNS)][1:]
-
-
 def _per_pair(rig: StereoRig, frames: Sequence[StereoFrame], params: TrackerParams) -> Times:
     """Processor times of the pairs of a film from when the object is found on."""
     tracker = Tracker(params, rig, np.random.default_rng(0))
-    ms = [_ms(partial(tracker.step, frame)) for frame in frames]
+    _, ms = timed_steps(tracker.step, frames)
     return [one for one, frame in zip(ms, frames, strict=True) if frame.stamp_s >= _FOUND_S]
-
-
-def _quartiles(ms: Times) -> list[float]:
-    return [round(float(q), 5) for q in np.percentile(ms, (50, 25, 75))]
 
 
 def _resident_mb() -> float:

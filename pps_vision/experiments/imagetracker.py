@@ -21,7 +21,6 @@ from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.composites import DIFFICULTIES, composite
 from pps_vision.experiments.independent_scenes import PHOTOS
 from pps_vision.experiments.scenarios import HUES_DEG, moving
-from pps_vision.experiments.score import timed_steps
 from pps_vision.experiments.study import (
     DATA,
     TURNS,
@@ -36,6 +35,7 @@ from pps_vision.experiments.study import (
     percent,
 )
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed_steps
 from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName

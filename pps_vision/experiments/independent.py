@@ -13,9 +13,9 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film
 from pps_vision.experiments.independent_scenes import PHOTOS
-from pps_vision.experiments.score import timed_steps
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed_steps
 from pps_vision.types import Array, Mask, Status, StereoFrame, Track3D, Truth
 from tracking.tracker import Tracker, TrackerParams
 

@@ -72,7 +72,6 @@ class IndependentEyes:
         sensor: Sensor | None = None,
         props: tuple[tuple[Part, ...], ...] = (),
         fidelity: object = None,
-        undrawn: tuple[str, ...] = (),
         room: Room = _ROOM,
         data: Path = DATA,
     ) -> None:

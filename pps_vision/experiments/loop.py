@@ -1,7 +1,7 @@
 """The closed loop, many times: who is touched, and who moves without cause."""
 
 from dataclasses import dataclass
-from time import process_time
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -13,7 +13,6 @@ from pps_vision.app.simulation import (
     SPEED_M_S,
     EpisodeLog,
     Kind,
-    TrainingParams,
     World,
     log_of,
     make_episode,
@@ -22,8 +21,9 @@ from pps_vision.app.simulation import (
     simulate,
     train,
 )
-from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy
 from pps_vision.experiments.tables import Table
+from pps_vision.experiments.timing import timed
 from pps_vision.robot.skin import INNER_FOREARM
 from pps_vision.types import Mask, StereoFrame
 
@@ -52,9 +52,8 @@ class Loop(SampledStudy):
 
     def run(self) -> dict[str, object]:
         """Counts by case, with what the tracker was worth meanwhile."""
-        training = TrainingParams(self.training_trials)
-        with open_world(training.noise_sigma, self.seed) as world:
-            memory = train(world, training)
+        with open_world(NOISE_SIGMA, self.seed) as world:
+            memory = train(world, self.training_trials)
             counts: dict[str, object] = {}
             for case in CASES:
                 ms: list[float] = []
@@ -87,14 +86,13 @@ class Loop(SampledStudy):
         episode = make_episode(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
         pipeline = new_pipeline(world, memory)
 
-        def timed(frame: StereoFrame, touched: Mask) -> PipelineStep:
-            begun = process_time()
-            step = pipeline.step(frame, touched)
+        def step(frame: StereoFrame, touched: Mask) -> PipelineStep:
+            result, spent = timed(partial(pipeline.step, frame, touched))
             if ms is not None:
-                ms.append(1000 * (process_time() - begun))
-            return step
+                ms.append(spent)
+            return result
 
-        return log_of(world, episode, simulate(world, episode, timed, avoid), avoid)
+        return log_of(world, episode, simulate(world, episode, step, avoid), avoid)
 
 
 def _counts(logs: list[EpisodeLog]) -> dict[str, object]:

@@ -1,19 +1,16 @@
 """Run trackers on recordings and judge their tracks against the truth."""
 
-from collections.abc import Callable, Iterable, Sequence
-from time import process_time
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 
 from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, stereo_pipeline
 from pps_vision.experiments.scenarios import EYES_M, Recording, tracker_params
 from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
+from pps_vision.experiments.timing import timed_steps
 from pps_vision.types import Array, Track3D
 from tracking.tracker import Tracker, TrackerStep
 
-F = TypeVar("F")
-T = TypeVar("T")
 NEAR = 1 / 6
 """Share of its distance within which a track is near the object."""
 SETTLE_S = 0.5
@@ -32,16 +29,6 @@ def steps_of(recording: Recording, seed: int, mode: str | None = None) -> tuple[
     rng = np.random.default_rng(seed)
     tracker = Tracker(tracker_params(recording, mode), recording.rig, rng, own_body=recording.own_body)
     return timed_steps(tracker.step, recording.frames)
-
-
-def timed_steps(step: Callable[[F], T], frames: Iterable[F]) -> tuple[list[T], list[float]]:
-    """Return the results of a step on every frame and their processor times (ms)."""
-    found, ms = [], []
-    for frame in frames:
-        begun = process_time()
-        found.append(step(frame))
-        ms.append(1000 * (process_time() - begun))
-    return found, ms
 
 
 def tracker(mode: str | None = None, settle_s: float = SETTLE_S) -> Method:

@@ -13,7 +13,7 @@ import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import gettempdir
@@ -394,9 +394,19 @@ def part(file: Path, do: Callable[[], Any]) -> Any:
 
 
 def kept_folder(study: Study) -> Path:
-    """Return the folder, among the system's temporary ones, of a study's parameters and of all code."""
-    root, digest = Path(__file__).parents[2], hashlib.sha256(repr(study).encode())
-    for package in ("pps_vision", "rendering", "tracking", "learning", "control"):
-        for file in sorted((root / package).rglob("*.py")):
-            digest.update(file.read_bytes())
+    """Return the folder, among the system's temporary ones, of the parameters on which a study's numbers depend and of
+    all code."""
+    params = {name: value for name, value in vars(study).items() if name not in ("workers", "json")}
+    digest = hashlib.sha256(f"{type(study).__name__} {params}".encode() + code_digest())
     return Path(gettempdir()) / f"pps-vision-{digest.hexdigest()[:16]}"
+
+
+@cache
+def code_digest() -> bytes:
+    """Return a digest of all code, and of the data that comes with it."""
+    root, digest = Path(__file__).parents[2], hashlib.sha256()
+    for package in ("pps_vision", "rendering", "tracking", "learning", "control"):
+        for file in sorted((root / package).rglob("*")):
+            if file.is_file() and "__pycache__" not in file.parts:
+                digest.update(file.read_bytes())
+    return digest.digest()

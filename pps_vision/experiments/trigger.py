@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, film, from_
 from pps_vision.experiments.sensor_chain import SensorChain
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, TURNS, Method, Metric, SampledStudy, Values, compare, mean
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import Array, Image
@@ -216,9 +216,8 @@ def watch(make: Callable[[Camera, Recording], Watcher], recording: Recording, se
         for frame in recording.frames:
             view = getattr(recording.rig.view_of(frame), eye)
             joints = getattr(frame, f"joints_{eye}_rad")
-            begun = thread_time()
-            boxes = look(getattr(frame, eye), view, frame.stamp_s, joints)
-            ms.append(1000 * (thread_time() - begun))
+            boxes, spent = timed(partial(look, getattr(frame, eye), view, frame.stamp_s, joints))
+            ms.append(spent)
             own = None if joints is None else recording.own_body(joints, view)
             found.append([box for box in boxes if own is None or not _is_own(box, own)])
         if moves:

@@ -80,10 +80,6 @@ class Camera:
         """Pixel u, v of one point and the gradients of u and v by its coordinates (px/m); NaN if it cannot be seen."""
         return projected(self.numbers, X, Y, Z)
 
-    def project_jacobian(self, point: ArrayLike) -> Array:
-        """∂(u, v)/∂(X, Y, Z) (2, 3) in px/m at a point (3,) in camera coordinates; NaN where it cannot be seen."""
-        return np.array(self.project_linearised(*np.asarray(point, dtype=float).tolist())[2:])
-
     def bearings(self, pixels: ArrayLike) -> Array:
         """Unit viewing directions (…, 3) in camera coordinates of pixels (…, 2)."""
         px = np.asarray(pixels, dtype=float)
@@ -120,7 +116,7 @@ class Camera:
         return bool(error_px < _INVERTED_PX and min(across_rad, down_rad) > _NARROWEST_RAD)  # False for NaN
 
     def reduced(self, k: int) -> "Camera":
-        """The same camera with pixels `k` times as large: where the first `k` ended, the first one ends."""
+        """The same camera with pixels `k` times as large: the first covers the `k` × `k` at the top left."""
         cx, cy = (self.cx + 0.5) / k - 0.5, (self.cy + 0.5) / k - 0.5
         return Camera(self.width // k, self.height // k, self.fx / k, self.fy / k, cx, cy, self.distortion)
 
@@ -204,6 +200,12 @@ class StereoView:
 
     left: View
     right: View
+
+    @property
+    def midpoint(self) -> Array:
+        """(3,) m, midway between the cameras."""
+        middle: Array = 0.5 * (self.left.center + self.right.center)
+        return middle
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,10 @@ This module holds the names that a user chooses from; importing them loads nothi
 
 from typing import Literal
 
+SUMMARY, BATCH, REPORT = "summary.json", "batch.csv", "report.html"
+"""Files of a tracked recording or of a batch, whose table is `BATCH`."""
+MAX_SKEW_S = 0.02
+"""Left and right images further apart in time are no pair, unless the user says otherwise."""
 Form = Literal["tum", "anipose", "mot", "coco", "ros2"]
 """Forms of other tools in which tracks and detections are written; `pps_vision.recordings.exchange` says what is in
 them."""

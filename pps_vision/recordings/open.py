@@ -13,7 +13,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
 from pps_vision.errors import InputError
-from pps_vision.recordings import formats
+from pps_vision.recordings import MAX_SKEW_S, formats
 from pps_vision.recordings.recording import Recording, Source
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def open_recording(
     unit_m: float = 1.0,
     joints: Path | str | None = None,
     taxels: Path | str | None = None,
-    max_skew_s: float = 0.02,
+    max_skew_s: float = MAX_SKEW_S,
     robot: "RobotSetup | None" = None,
 ) -> Recording:
     """Open the recording of an iCub, an EuRoC or KITTI folder, videos, or any stereo images with a calibration.

@@ -17,7 +17,7 @@
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Never
 
@@ -51,8 +51,8 @@ def robot_setup(file: Path | None = None, urdf: Path | None = None, skin: Path |
         return read_robot(file, urdf, skin)
     if urdf is not None:
         raise InputError("robot", f"--urdf {urdf}; expected --robot robot.toml too, which says what its joints are")
-    robot = icub_setup().robot
-    return icub_setup(None if skin is None else read_skin((skin,), robot))
+    setup = icub_setup()
+    return setup if skin is None else replace(setup, skin=read_skin((skin,), setup.robot))
 
 
 def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -> RobotSetup:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pps_vision.errors import InputError, first_line
 from pps_vision.recordings.problems import Problem, ProblemKind
-from pps_vision.recordings.text import finite, number, read_lines
+from pps_vision.recordings.text import finite, first_row, number, read_lines
 from pps_vision.types import Array, Detection2D, Reachability, Status, Track3D, Truth
 
 Box = tuple[float, float, float, float]
@@ -38,7 +38,7 @@ TRUTH = (
 JOINT_OFFSETS = ("joint", "offset_deg")
 GAZE = ("yaw_deg", "pitch_deg", "vergence_deg")
 
-_CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
+CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
 _MAX_OFFSET_DEG = 90.0  # an encoder that is further off is a typing error
 
 
@@ -67,12 +67,7 @@ def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
         InputError: The file cannot be read, a column is missing or comes twice, or a row has more fields than the
             header, as decimal commas make.
     """
-    reader = csv.reader(read_lines(file, f"a table of {columns[0]} …"))
-    try:
-        rows = [(reader.line_num, [field.strip() for field in row]) for row in reader]
-    except csv.Error as error:
-        found = f"cannot be read: {first_line(error)}; expected a table of {columns[0]} …"
-        raise InputError(file, found, reader.line_num) from error
+    rows = csv_rows(file, f"a table of {columns[0]} …")
     header = rows[0][1] if rows else []
     if missing := [name for name in columns if name not in header]:
         raise InputError(file, f"no column {', '.join(missing)}; expected {','.join(columns)}", 1)
@@ -84,6 +79,21 @@ def read_table(file: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]
             found = f"{len(row)} fields under {len(header)} columns"
             raise InputError(file, f"{found}; expected a field for each column, and points in numbers", line)
     return [(line, [row[k] if k < len(row) else "" for k in places]) for line, row in rows[1:] if row]
+
+
+def csv_rows(file: Path, expected: str) -> list[tuple[int, list[str]]]:
+    """The number of its last line and the stripped fields of each row; InputError, which says what was `expected`,
+    where a file cannot be read."""
+    reader = csv.reader(read_lines(file, expected))
+    try:
+        return [(reader.line_num, [field.strip() for field in row]) for row in reader]
+    except csv.Error as error:
+        raise InputError(file, f"cannot be read: {first_line(error)}; expected {expected}", reader.line_num) from error
+
+
+def column_names(file: Path) -> list[str]:
+    """The fields of a file's first row, the columns' names if it is a table; none where it cannot be read."""
+    return [name.strip() for name in next(csv.reader([first_row(file)]), [])]
 
 
 def numbers(file: Path, line: int, row: Sequence[str]) -> list[float]:
@@ -112,7 +122,7 @@ def trajectory_row(track: Track3D, reach: Reachability | None = None) -> tuple[o
     radius_95_m is half the longest axis of the ellipsoid that holds the position with 95 %.
     """
     cov = track.cov[:3, :3]
-    radius_95 = np.sqrt(_CHI2_95 * np.linalg.eigvalsh(cov)[-1]) if np.isfinite(cov).all() else np.nan
+    radius_95 = np.sqrt(CHI2_95 * np.linalg.eigvalsh(cov)[-1]) if np.isfinite(cov).all() else np.nan
     row = (
         *(track.stamp_s, *track.position, *track.velocity, *cov[np.triu_indices(3)], track.radius_m, track.status),
         *(*np.sqrt(np.diag(cov)), radius_95),

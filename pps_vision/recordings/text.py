@@ -22,7 +22,7 @@ def first_row(file: Path) -> str:
             return ""
         with file.open(encoding="utf-8-sig", errors="replace") as stream:
             return stream.readline(10_000).strip()
-    except OSError:  # whoever reads the whole file says so
+    except OSError:  # reported where the whole file is read
         return ""
 
 

@@ -59,7 +59,9 @@ class FrameNames:
 
     def palm(self, side: str) -> str:
         """The palm's link of the "left" or "right" arm; ValueError for any other."""
-        return self.palms[("left", "right").index(side)]
+        if side not in ("left", "right"):
+            raise ValueError(f"side {side!r}: expected left or right")
+        return self.palms[side == "right"]
 
 
 @dataclass(frozen=True)

@@ -144,6 +144,20 @@ def test_files_say_the_same(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rows[:, 0], STAMPS)
 
 
+@pytest.mark.parametrize("separator", ['","', ", "])
+def test_names_of_columns_may_be_quoted_or_stand_after_a_space(separator: str, tmp_path: Path) -> None:
+    file = tmp_path / "trajectory.csv"
+    write_table(file, TRAJECTORY, map(trajectory_row, tracks()))
+    expected = read_path(file)
+    header, rows = file.read_text().split("\n", 1)
+    quote = separator[0].strip(",")
+    file.write_text(quote + header.replace(",", separator) + quote + "\n" + rows)
+    read = read_path(file)
+    np.testing.assert_array_equal(read.position, expected.position)
+    np.testing.assert_array_equal(read.cov, expected.cov)
+    assert read.missing == expected.missing
+
+
 def test_evo_gives_the_same_errors(tmp_path: Path) -> None:
     truth = path(curve(STAMPS))
     bent = path(curve(STAMPS) + 0.01 * np.sin(curve(STAMPS)[:, ::-1] * 30))

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from pps_vision.app.cli import main
+from pps_vision.errors import InputError
+from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.tables import read_joint_offsets
 from pps_vision.robot.icub import load_icub
 
@@ -71,3 +73,5 @@ def test_offsets_are_for_recordings_of_a_robot(tmp_path: Path, refused) -> None:
     images = ("--left", "a*.png", "--right", "b*.png", "--calib", "c.yml")
     line = refused("track", *images, "--joints", "joints.csv", "--out", tmp_path / "out")
     assert "joints.csv without a robot" in line
+    with pytest.raises(InputError, match=r"taxels t\.ini without skin; expected it with an iCub's folder REC"):
+        open_recording(left="a*.png", right="b*.png", calib="c.yml", taxels="t.ini")

@@ -55,6 +55,12 @@ def test_activations_of_another_run(tmp_path: Path, refused) -> None:
     assert "activation.csv: 1 rows; expected the 40" in refused("report", folder)
 
 
+def test_a_table_without_rows(tmp_path: Path, refused) -> None:
+    file = write_results(tmp_path / "results") / "trajectory.csv"
+    file.write_text(file.read_text().partition("\n")[0] + "\n")
+    assert "trajectory.csv: has no rows; expected one for each pair of images" in refused("report", file.parent)
+
+
 def test_a_table_in_which_a_number_is_a_word(tmp_path: Path, refused) -> None:
     file = write_results(tmp_path / "results") / "trajectory.csv"
     lines = file.read_text().split("\n")

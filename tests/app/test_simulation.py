@@ -12,7 +12,6 @@ from pps_vision.app import simulation
 from pps_vision.app.simulation import (
     Episode,
     OwnMotion,
-    TrainingParams,
     World,
     first_contact,
     make_episode,
@@ -36,7 +35,7 @@ def world() -> Iterator[World]:
 
 @pytest.fixture(scope="module")
 def memory(world: World) -> PPSMemory:
-    return train(world, TrainingParams(trials=3))
+    return train(world, trials=3)
 
 
 def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
@@ -106,7 +105,7 @@ def test_a_training_episode_ends_0_7_s_after_the_touch(world: World, monkeypatch
     monkeypatch.setattr(simulation, "simulate", simulated)
     pipeline = SimpleNamespace(step=None, finish=lambda: empty)
     monkeypatch.setattr(simulation, "new_pipeline", lambda *_: pipeline)
-    assert train(world, TrainingParams(trials=1)) is empty
+    assert train(world, trials=1) is empty
     assert frames == list(range(50 + 14))
 
 

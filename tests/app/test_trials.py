@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from trials_made_up import approach, session, write
 
-from learning.pps.contact import ContactParams, learn_contact, predict_session
+from learning.pps.contact import learn_contact, predict_session
 from learning.pps.scores import auroc, brier
 from pps_vision.app.cli import main
 
@@ -35,7 +35,7 @@ def test_a_row_for_every_trial_and_taxel(files, tmp_path, capsys) -> None:
     rows = rows_of(tmp_path / "p.csv")
     assert list(rows[0]) == ["trial", "taxel", "activation", "lower", "upper", "outcome"]
     assert [(int(row["trial"]), int(row["taxel"])) for row in rows] == list(np.ndindex(9, 3))
-    found = predict_session(ContactParams(), learn_contact(ContactParams(), train), test)
+    found = predict_session(0.15, learn_contact(0.15, train), test)
     for name, expected in (("activation", found.probability), ("lower", found.lower), ("upper", found.upper)):
         np.testing.assert_array_equal([float(row[name]) for row in rows], expected.ravel())
     touched = np.array([trial.touched for trial in test])

@@ -6,7 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from control.avoidance import AvoidanceParams, AvoidanceState, Response, control_points, step
+from control.avoidance import (
+    _EASE_IN_S,
+    _WAIT_S,
+    AvoidanceParams,
+    AvoidanceState,
+    Response,
+    control_points,
+    step,
+)
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import first_to_touch
 from pps_vision.robot.bare_links import BareLinks
@@ -140,7 +148,7 @@ def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot: Ro
     homeward = palm[12 + n_persist :]
     assert np.linalg.norm(np.diff(homeward, axis=0), axis=1).max() < 0.1 * DT * 1.05
     assert np.linalg.norm(np.diff(homeward, 2, axis=0), axis=1).max() < 0.1 * DT / 3  # no jump of speed
-    eased = 0.1 * DT * np.arange(6) * DT / AT_ONCE.ease_in_s  # from rest to full speed in six steps
+    eased = 0.1 * DT * np.arange(6) * DT / _EASE_IN_S  # from rest to full speed in six steps
     assert np.all(np.linalg.norm(np.diff(homeward, axis=0), axis=1)[:6] <= eased * 1.05 + 1e-9)
     assert np.linalg.norm(palm[-1] - palm[0]) < 0.003
 
@@ -554,7 +562,7 @@ def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) 
         modes.append(response.mode)
         q = q + DT * command.dq_rad_s
     assert modes[:10] == ["avoid"] * 10
-    assert DT * modes.count("hold") == pytest.approx(AT_ONCE.wait_s, abs=2 * DT)
+    assert DT * modes.count("hold") == pytest.approx(_WAIT_S, abs=2 * DT)
     assert modes == sorted(modes, key=["avoid", "hold", "return", "idle"].index)
     np.testing.assert_allclose(q, home(robot), atol=0.3 * DEG)
 

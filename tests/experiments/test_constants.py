@@ -39,7 +39,7 @@ def test_parameters_of_parts_are_changed_alone() -> None:
     changed = with_parameter(params, "kalman.gate_chi2", 0.7)
     assert changed.kalman.gate_chi2 == pytest.approx(0.7 * params.kalman.gate_chi2)
     assert replace(changed, kalman=params.kalman) == params
-    assert {"confirm_frames", "acquisition.trigger.interval_s"} <= set(parameters(params))
+    assert {"confirm_frames", "trigger.interval_s"} <= set(parameters(params))
 
 
 def test_a_constant_without_which_nothing_is_tracked_matters(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, stare_at, tracker_params, turning, watching
-from pps_vision.experiments.score import METRICS, judge, timed_steps
+from pps_vision.experiments.score import METRICS, judge
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.types import Status, StereoFrame, Track3D
 
@@ -128,15 +128,6 @@ def test_markers_are_tracked_as_markers_of_their_hue_unless_told_otherwise(recor
     assert (tracker_params(marker).mode, tracker_params(marker).marker.hue_deg) == ("marker", 120.0)
     assert tracker_params(marker, "generic").mode == "generic"
     assert tracker_params(recording, "marker").marker.hue_deg == 0.0
-
-
-def test_every_step_is_timed_in_turn() -> None:
-    seen: list[int] = []
-    found, ms = timed_steps(lambda k: seen.append(k) or sum(range(200_000 * k)), (1, 3))
-    assert seen == [1, 3]
-    assert found == [sum(range(200_000)), sum(range(600_000))]
-    assert ms[1] / ms[0] == pytest.approx(3, rel=0.5)
-    assert 0.5 < ms[0] < 100
 
 
 def test_a_turning_head_keeps_to_its_speed_and_comes_near_it() -> None:

@@ -240,6 +240,10 @@ def test_what_a_bag_lacks(tmp_path: Path) -> None:
     bag = write(tmp_path, "ros1.bag")
     with pytest.raises(InputError, match="no JointState with all joints of head"):
         open_recording(bag, robot=icub_setup())
+    with pytest.raises(InputError, match=r"joints j\.csv without a robot"):
+        open_recording(bag, joints="j.csv")
+    with pytest.raises(InputError, match=r"taxels t\.ini without skin"):
+        open_recording(bag, taxels="t.ini")
     with pytest.raises(InputError, match="either REC, or left and right"):
         open_recording(tmp_path, left=["a"], right=["b"], calib=["c"])
 

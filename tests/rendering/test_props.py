@@ -57,20 +57,6 @@ def test_props_that_are_not_placed_are_not_there(robot: Robot, rig: StereoRig, q
             eyes.render(SceneState(q, PLACE, props=(None, None)), 0.0)
 
 
-def test_what_is_not_to_be_drawn_is_all_that_is_missing(robot: Robot, rig: StereoRig, q: Array) -> None:
-    """The hand: what changes is where the palm frame projects, and no farther from it than the fingers are long."""
-    with Eyes(robot, rig, make_stimulus("ball")) as eyes:
-        whole = eyes.render(SceneState(q), 0.0).left.astype(int)
-    with Eyes(robot, rig, make_stimulus("ball"), undrawn=("left_palm",)) as eyes:
-        changed = np.argwhere(np.abs(eyes.render(SceneState(q), 0.0).left - whole).max(axis=2) > 0)[:, ::-1]
-    palm, eye = robot.at(q).point("left_palm"), rig.view(q).left
-    rays = eye.rays(changed.astype(float))
-    way = palm - eye.center
-    miss_m = np.linalg.norm(way - (rays @ way)[:, None] * rays, axis=1)
-    assert len(changed) > 300
-    assert miss_m.max() < 0.11  # box and fingers end 9 cm from the frame's origin
-
-
 def test_a_patch_is_as_large_as_it_is_turned(robot: Robot, rig: StereoRig, q: Array) -> None:
     """Seen face on its pixels span the solid angle of a disc; at 60° half of it; from its edge next to none."""
     eye = rig.view(q).left

@@ -36,6 +36,12 @@ def memory(tmp_path_factory: pytest.TempPathFactory) -> PPSMemory:
     return load_memory(out / "memory.npz")
 
 
+def test_a_motion_that_is_not_aimed_at_a_taxel_needs_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = "--stimulus ball --motion circle --center 0.45 0 0.3 --seconds 0.1"
+    main(["render", *scene.split(), "--robot", str(ARM7), "--out", str(tmp_path / "rec")])
+    assert "2 pairs" in capsys.readouterr().out
+
+
 def test_a_touch_is_learned_by_the_taxels_that_felt_it(memory: PPSMemory) -> None:
     positive = memory.counts[..., 0].sum(axis=(1, 2))
     assert memory.taxel_ids == SETUP.skin.taxel_ids
@@ -275,3 +281,5 @@ def test_a_camera_may_be_a_link_of_the_model(tmp_path: Path) -> None:
         read_robot(tmp_path / "robot.toml")
     with pytest.raises(ValueError, match="side 'middle': expected left or right"):
         robot.names.arm("middle")
+    with pytest.raises(ValueError, match="side 'middle': expected left or right"):
+        robot.names.palm("middle")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
-from learning.pps.learner import LearnerParams, LearnerState
+from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc_variance, perceive
 from pps_vision.robot.skin import icub_skin
@@ -127,7 +127,7 @@ def run(stamps, tracks, touched_at=()):
     for k, (stamp, track) in enumerate(zip(stamps, tracks, strict=True)):
         D, TTC = (np.full(4, np.nan),) * 2 if track is None else sees(*track)
         touched = (np.arange(4) == 1) & (k in touched_at)
-        state = learner.step(LearnerParams(), state, TaxelEvents(stamp, SKIN.taxel_ids, D, TTC, touched))
+        state = learner.step(state, TaxelEvents(stamp, SKIN.taxel_ids, D, TTC, touched))
     return learner.finish(state)
 
 

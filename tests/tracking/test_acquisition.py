@@ -12,7 +12,7 @@ from pps_vision.geometry.camera import StereoRig, StereoView, View
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Image, StereoFrame
-from tracking.acquisition import Acquisition, AcquisitionParams, Candidate, SearchCounts, joined, segment
+from tracking.acquisition import Acquisition, Candidate, SearchCounts, joined, segment
 from tracking.background import Background
 from tracking.change import ChangeOfMovingEye, ChangeOfRestingEye
 from tracking.ego_motion import EgoMotion
@@ -32,7 +32,7 @@ class Search:
         optics = Optics(rig.left), Optics(rig.right)
         self._backgrounds = Background(EgoMotion(rig.left), 0.3), Background(EgoMotion(rig.right), 0.3)
         self._acquisition = Acquisition(
-            AcquisitionParams(), optics, self._backgrounds, None, lambda _: nullcontext(), self.counts
+            TriggerParams(), optics, self._backgrounds, None, lambda _: nullcontext(), self.counts
         )
         self._association = Association.untrained(StereoParams(), rig.left.width)
 
@@ -253,26 +253,26 @@ def test_parts_of_two_colours_that_touch_are_one_object(
     image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
     image[80:100, 140:180] = (120, 20, 220)
     image[100 + apart_px : 120 + apart_px, 140:180] = (240, 120, 10)
-    params, optics = AcquisitionParams(), Optics(rig.left)
+    optics = Optics(rig.left)
     regions = [Region2D((150, y, 20, 6), np.ones((6, 20), bool), 1.0) for y in (84, 106 + apart_px)]
-    parts = [segment(params, image, region, optics) for region in regions]
+    parts = [segment(image, region, optics) for region in regions]
     violet, orange = (part for part in parts if part is not None)
-    found = joined(params, image, [violet, orange], optics)
+    found = joined(image, [violet, orange], optics)
     assert bool(found) == is_one
     if is_one:
         assert found[0].outline.center_px == pytest.approx([159.5, 99.5], abs=0.5)
         assert found[0].evidence == violet.evidence + orange.evidence
 
 
-@pytest.mark.parametrize(("least_px", "is_one"), [(90, True), (110, False)])
+@pytest.mark.parametrize(("side_px", "is_one"), [(5, True), (3, False)])
 def test_what_is_smaller_than_the_least_area_is_no_object(
-    least_px: int, is_one: bool, rng: np.random.Generator, rig: StereoRig
+    side_px: int, is_one: bool, rng: np.random.Generator, rig: StereoRig
 ) -> None:
-    """A violet square of 100 px."""
+    """A violet square."""
     image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
-    image[100:110, 150:160] = (120, 20, 220)
-    region = Region2D((150, 100, 10, 10), np.ones((10, 10), bool), 1.0)
-    found = segment(AcquisitionParams(min_area_px=least_px), image, region, Optics(rig.left))
+    image[100 : 100 + side_px, 150 : 150 + side_px] = (120, 20, 220)
+    region = Region2D((150, 100, side_px, side_px), np.ones((side_px, side_px), bool), 1.0)
+    found = segment(image, region, Optics(rig.left))
     assert (found is not None) == is_one
 
 
@@ -291,13 +291,13 @@ def test_what_has_not_changed_is_no_part_of_an_object_of_its_colour(
 
     background = learned_from(lambda: picture(100), view)
     now, region = picture(124), Region2D((120, 100, 25, 30), np.ones((30, 25), bool), 1.0)
-    params, optics = AcquisitionParams(), Optics(rig.left)
-    alone = segment(params, now, region, optics)
+    optics = Optics(rig.left)
+    alone = segment(now, region, optics)
     assert alone is not None
     assert alone.outline.box_px[3] > 55  # nothing but colour: the bar belongs to it
-    assert segment(params, now, region, optics, ChangeOfRestingEye(background, view, picture(116), now)) is None
+    assert segment(now, region, optics, ChangeOfRestingEye(background, view, picture(116), now)) is None
     moved, place = picture(180), Region2D((170, 100, 25, 30), np.ones((30, 25), bool), 1.0)
-    free = segment(params, moved, place, optics, ChangeOfRestingEye(background, view, picture(172), moved))
+    free = segment(moved, place, optics, ChangeOfRestingEye(background, view, picture(172), moved))
     assert free is not None  # away from the bar
     assert free.by_color
     assert free.outline.center_px == pytest.approx([180, 120], abs=0.5)
@@ -356,7 +356,7 @@ def test_what_fills_more_than_a_quarter_of_the_image_is_no_object(side: int, is_
     """A square of 23 %, or of 26 %."""
     image = violet((90, 50, 90 + side, 50 + side))
     region = Region2D((90, 50, side, side), np.ones((side, side), bool), 1.0)
-    assert (segment(AcquisitionParams(), image, region, Optics(rig.left)) is not None) == is_one
+    assert (segment(image, region, Optics(rig.left)) is not None) == is_one
 
 
 @pytest.mark.parametrize(("thick", "is_one"), [(14, True), (9, False)])
@@ -365,7 +365,7 @@ def test_what_hardly_fills_its_box_is_no_object(thick: int, is_one: bool, rig: S
     image = violet((130, 90, 190, 150), hole=(130 + thick, 90, 190, 150 - thick))
     mask = np.ones((60, 60), bool)
     mask[: 60 - thick, thick:] = False
-    found = segment(AcquisitionParams(), image, Region2D((130, 90, 60, 60), mask, 1.0), Optics(rig.left))
+    found = segment(image, Region2D((130, 90, 60, 60), mask, 1.0), Optics(rig.left))
     assert (found is not None) == is_one
 
 

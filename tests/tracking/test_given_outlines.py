@@ -6,7 +6,8 @@ import pytest
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array, Status, StereoFrame, Track3D
-from tracking.image_tracker import CameraState, CameraTracker, ImageDetection
+from tracking.camera_tracker import CameraState, CameraTracker
+from tracking.image_tracker import ImageDetection
 from tracking.outline import Outline
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 

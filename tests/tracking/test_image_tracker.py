@@ -12,14 +12,9 @@ from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.robot.icub import LEFT_EYE, home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
-from tracking.acquisition import AcquisitionParams, segment
-from tracking.image_tracker import (
-    CameraState,
-    CameraTracker,
-    ImageDetection,
-    ImageTracker,
-    ImageTrackerParams,
-)
+from tracking.acquisition import segment
+from tracking.camera_tracker import CameraState, CameraTracker
+from tracking.image_tracker import ImageDetection, ImageTracker, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams, predict
 from tracking.marker import MarkerParams
 from tracking.motion_trigger import Region2D
@@ -170,7 +165,7 @@ def test_where_an_object_has_the_colours_of_what_is_around_none_is_taken_up(rng:
     for around in (0.0, 0.25, 0.6):
         blue = rng.random(disc.shape) < np.where(disc, 0.9, around)
         image = np.where(blue[..., None], BLUE, RED).astype(np.uint8)
-        taken.append(segment(AcquisitionParams(), image, _moved_at((138, 98, 25, 25)), optics) is not None)
+        taken.append(segment(image, _moved_at((138, 98, 25, 25)), optics) is not None)
     assert taken == [True, True, False]
 
 
@@ -182,7 +177,7 @@ def test_what_fills_little_of_its_box_is_no_object(rng: np.random.Generator) -> 
         image = np.full((LEFT_EYE.height, LEFT_EYE.width, 3), 120.0)
         image[(abs(v - 110 - slope * (u - 150)) < 4 * np.hypot(1, slope)) & (abs(u - 150) < 30)] = BLUE
         image = np.clip(image + 2 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
-        assert (segment(AcquisitionParams(), image, _moved_at((140, 104, 21, 13)), optics) is not None) == taken
+        assert (segment(image, _moved_at((140, 104, 21, 13)), optics) is not None) == taken
 
 
 def test_an_outline_that_was_found_beforehand_moves_the_particles(rng: np.random.Generator) -> None:
@@ -283,7 +278,7 @@ def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_b
         assert found is not None
         assert np.linalg.norm(found.outline.center_px - [150, 110]) < 2
         evidence.append(state.emptiness)
-    assert tracker.is_empty(state) == was_learned
+    assert state.is_empty == was_learned
     steps = np.diff([0.0, *evidence])
     np.testing.assert_allclose(steps, 0.4 if was_learned else -0.6, atol=0.05)  # all of the edge, or none, less 0.6
     for k in range(16, 40):

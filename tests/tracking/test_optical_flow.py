@@ -9,7 +9,6 @@ from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
-from tracking.acquisition import AcquisitionParams
 from tracking.ego_motion import EgoMotion
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import Flow2D, GreyImage, Match, match, velocity
@@ -231,7 +230,7 @@ def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Rob
     tracks = {}
     for name, trigger in (("flow", TriggerParams()), ("none", TriggerParams(flow=False))):
         tracker = Tracker(
-            TrackerParams(confirm_frames=1, acquisition=AcquisitionParams(trigger=trigger)),
+            TrackerParams(confirm_frames=1, trigger=trigger),
             rig,
             np.random.default_rng(1),
         )

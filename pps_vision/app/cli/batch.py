@@ -64,8 +64,9 @@ class Batch:
 
     def run(self) -> None:
         """Do what is left to do, and print what failed; exit code 1 if some failed, 2 if all did."""
-        from pps_vision.app.batch import SUMMARY, Task, jobs_of, run_batch
+        from pps_vision.app.batch import Task, jobs_of, run_batch
         from pps_vision.app.versions import versions
+        from pps_vision.recordings import SUMMARY
         from pps_vision.recordings.outputs import whole_file, write_json
 
         started, begun_s = datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic()

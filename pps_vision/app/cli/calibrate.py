@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pps_vision.app.cli.options import print_skipped
+from pps_vision.recordings import MAX_SKEW_S, SUMMARY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +31,7 @@ class Calibrate:
     """Dictionary of a charuco board's markers, as OpenCV calls it without DICT_."""
     fps: float | None = None
     """Frames per second of videos without stamps of their own."""
-    max_skew_s: float = 0.02
+    max_skew_s: float = MAX_SKEW_S
     """Frames of two videos further apart in time are no pair."""
 
     def run(self) -> None:
@@ -52,7 +53,7 @@ class Calibrate:
             found = calibrate(size, views)
             found.write(folder / "calibration.yml")
             found.figure().savefig(folder / "reprojection.png", dpi=130)
-            write_json(folder / "summary.json", found.summary() | {"skipped": skipped, "versions": versions()})
+            write_json(folder / SUMMARY, found.summary() | {"skipped": skipped, "versions": versions()})
         print(
             f"{len(views)} of {len(pairs)} pairs; RMS left {found.rms_of(0):.3f}, right {found.rms_of(1):.3f}, stereo "
             f"{found.rms_px:.3f} px; baseline {1000 * float((found.T @ found.T) ** 0.5):.2f} mm, focal lengths "

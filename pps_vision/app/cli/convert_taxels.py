@@ -13,8 +13,8 @@ class ConvertTaxels:
     """Convert between our memory (.npz) and the robot's map (taxels*.ini); the suffixes say which way.
 
     Counts, ranges, bins and taxels are carried exactly.  The .ini has no place for the width of the Parzen
-    window and for forgetting: the robot has its own, and a memory read from it gets the paper's.  Both
-    take D to the surface of what they track.
+    window: the robot has its own, and a memory read from it gets the paper's.  Both take D to the surface of
+    what they track.
     """
 
     input: Positional[Path]

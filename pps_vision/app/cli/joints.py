@@ -17,7 +17,7 @@ class Joints(RecordingOptions):
         """Learn from the touches of all recordings."""
         import numpy as np
 
-        from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
+        from learning.pps.joint_offsets import joint_offsets
         from learning.pps.trials import TouchTrial
         from pps_vision.app.learn import tracked_touches
         from pps_vision.errors import InputError
@@ -30,7 +30,7 @@ class Joints(RecordingOptions):
         touches: list[TouchTrial] = []
         with whole_file(self.out, self.inputs) as partial:
             used = self.use_each("joints", lambda one: touches.extend(tracked_touches(one, skin, self.mode, self.seed)))
-            learned = joint_offsets(JointOffsetParams(), robot, icub_rig(robot), skin, touches)
+            learned = joint_offsets(robot, icub_rig(robot), skin, touches)
             n = len(learned.before_m)
             if not n:
                 names = ", ".join(map(str, self.recordings))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tyro.conf import Positional
 
 from pps_vision.errors import InputError
+from pps_vision.recordings import MAX_SKEW_S
 from tracking import Mode
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class SourceOptions:
     """Metres per length unit of the calibration (0.01 if its board was measured in cm)."""
     joints: Path | None = None
     """What to add to the encoders of REC, as `pps-vision joints` writes it."""
-    max_skew_s: float = 0.02
+    max_skew_s: float = MAX_SKEW_S
     """Left and right images further apart in time are no pair."""
 
     def open(self) -> "Recording":
@@ -101,7 +102,7 @@ class RecordingOptions:
     """The robot's taxels*.ini, for recordings of its own skin events: which virtual taxel each physical one is of."""
     mode: Mode = "generic"
     """How the object is tracked: generic (whatever moves) or marker (a green marker)."""
-    max_skew_s: float = 0.02
+    max_skew_s: float = MAX_SKEW_S
     """Largest difference of the stamps of a pair of left and right image."""
     seed: int = 0
     """Seed of the particle filter."""

@@ -18,6 +18,7 @@ class Report:
 
     def run(self) -> None:
         """Read the results and write the page."""
-        from pps_vision.app.report.tracking import REPORT, report_folder
+        from pps_vision.app.report.tracking import report_folder
+        from pps_vision.recordings import REPORT
 
         print(report_folder(self.folder), "→", self.folder / REPORT)

@@ -8,7 +8,7 @@ from tyro import MISSING
 
 from pps_vision.app.cli.options import SourceOptions, command_line, print_skipped
 from pps_vision.errors import InputError
-from pps_vision.recordings import Form
+from pps_vision.recordings import SUMMARY, Form
 from tracking import DEFAULT_ORDER, Mode
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class Track(SourceOptions):
             if reach:
                 counts = {status.value: files.reached[status] for status in ReachStatus}
                 summary["reach"] = {"max_fp": self.max_fp, **counts}
-            write_json(folder / "summary.json", summary)
+            write_json(folder / SUMMARY, summary)
             if self.report:
                 write_report(folder)
         print_skipped(recording.problems, recording.warnings)

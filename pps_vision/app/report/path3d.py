@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pps_vision.recordings.tables import CHI2_95
 from pps_vision.types import Array
 
 if TYPE_CHECKING:  # tracking alone needs no robot
     from pps_vision.robot.model import Posture
 
-_CHI2_95 = 7.814727903251179  # 95 % of the chi-square distribution with 3 degrees of freedom
 _MOST_POINTS = 4000  # of a line; every k-th of a longer one is drawn
 _MOST_ELLIPSOIDS = 40
 
 _SCRIPT = """
 (function(){
-const data=JSON.parse(document.getElementById("ID-data").textContent),canvas=document.getElementById("ID");
+const data=JSON.parse(document.getElementById("path-data").textContent),canvas=document.getElementById("path");
 const c=canvas.getContext("2d");let yaw=0.6,pitch=0.5,zoom=1,drag=null;
 function turn(p){const a=Math.cos(yaw),b=Math.sin(yaw),e=Math.cos(pitch),f=Math.sin(pitch);
 const x=a*p[0]-b*p[1],y=b*p[0]+a*p[1];return [x,-(e*p[2]-f*y)];}
@@ -46,14 +46,13 @@ draw();})();
 """
 
 
-def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array, name: str = "path") -> str:
+def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
     """Return lines (color, points (n, 3) in m; NaN is a gap) and the 95 % ellipsoids of positions, as HTML.
 
     Args:
         lines: The lines; the first is drawn thicker.
         at: (m, 3) positions with a covariance.
         cov: (m, 3, 3) m².
-        name: Distinguishes the fragments of a page.
     """
     shown = [(color, points[:: -(-len(points) // _MOST_POINTS) or 1]) for color, points in lines]
     known = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown] or [np.zeros((0, 3))])
@@ -86,9 +85,9 @@ def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array, name: str 
         "ellipsoids": [{"at": at[k].tolist(), "axes": _axes(cov[k])} for k in chosen],
     }
     return (
-        f'<canvas id="{name}" width="900" height="560" style="width:100%;touch-action:none;cursor:grab"></canvas>'
-        f'<script type="application/json" id="{name}-data">{json.dumps(data, allow_nan=False)}</script>'
-        f"<script>{_SCRIPT.replace('ID', name)}</script>"
+        f'<canvas id="path" width="900" height="560" style="width:100%;touch-action:none;cursor:grab"></canvas>'
+        f'<script type="application/json" id="path-data">{json.dumps(data, allow_nan=False)}</script>'
+        f"<script>{_SCRIPT}</script>"
     )
 
 
@@ -119,7 +118,7 @@ def ellipsoid_95(cov: Array) -> tuple[Array, Array]:
     covariance (3, 3) in m²."""
     values, vectors = np.linalg.eigh(cov)
     vectors[:, 0] *= np.sign(np.linalg.det(vectors))  # no reflection
-    return np.sqrt(_CHI2_95 * np.clip(values, 0, None)), vectors
+    return np.sqrt(CHI2_95 * np.clip(values, 0, None)), vectors
 
 
 def _axes(cov: Array) -> list[list[float]]:

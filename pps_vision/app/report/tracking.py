@@ -11,18 +11,25 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.app.batch import SUMMARY, TRACK_TABLE
+from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.report import page
 from pps_vision.app.report.approach import distance_and_ttc
 from pps_vision.app.report.path3d import path3d
 from pps_vision.app.report.shade import shade
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
+from pps_vision.recordings import BATCH, REPORT, SUMMARY
 from pps_vision.recordings.outputs import whole_file
-from pps_vision.recordings.tables import ACTIVATION, COVARIANCE, covariances, numbers, read_table
+from pps_vision.recordings.tables import (
+    ACTIVATION,
+    COVARIANCE,
+    column_names,
+    covariances,
+    numbers,
+    read_table,
+)
 from pps_vision.types import Array, Status
 
-REPORT = "report.html"
 KEY_FRAMES = "keyframes"
 _COLORS = {Status.TRACKING: "#2a9d4a", Status.COASTING: "#e0a020", Status.LOST: "#d33", Status.SEARCHING: "#999"}
 _FEW_TRACKED = 0.5  # share of pairs, below which the report says so first
@@ -71,13 +78,13 @@ def report_folder(folder: Path) -> str:
     Raises:
         InputError: The folder is of neither, or one of its files cannot be read.
     """
-    if not any((folder / name).is_file() for name in ("summary.json", "batch.csv")):
+    if not any((folder / name).is_file() for name in (SUMMARY, BATCH)):
         found = "holds neither summary.json nor batch.csv"
         raise InputError(folder, f"{found}; expected a folder that track or batch has written")
-    if not (folder / "batch.csv").is_file():
+    if not (folder / BATCH).is_file():
         write_report(folder)
         return _measured(read_summary(folder))
-    rows = [row for _, row in read_table(folder / "batch.csv", ["name", "status"])]
+    rows = [row for _, row in read_table(folder / BATCH, ["name", "status"])]
     done = [name for name, status in rows if status == "done"]
     for name in done:
         write_report(folder / name)
@@ -95,9 +102,11 @@ def read_tracked(folder: Path) -> Tracked:
     """Read what `track` has written."""
     summary = read_summary(folder)
     file = folder / "trajectory.csv"
-    with_map = ["reach_degree"] if "reach_degree" in _header(file) else []
+    with_map = ["reach_degree"] if "reach_degree" in column_names(file) else []
     columns = ["stamp_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", *COVARIANCE, *with_map]
     rows = read_table(file, [*columns, "status"])
+    if not rows:
+        raise InputError(file, "has no rows; expected one for each pair of images")
     values = _numbers(file, [(line, row[:-1]) for line, row in rows], len(columns))
     cov = covariances(values[:, 7:13])
     true = Path(str(summary.get("source", ""))) / "truth.csv"
@@ -111,15 +120,11 @@ def read_tracked(folder: Path) -> Tracked:
     return Tracked(folder, summary, values[:, 0], values[:, 1:4], values[:, 4:7], cov, status, reach, felt, truth)
 
 
-def _header(file: Path) -> list[str]:
-    return read_bytes(file, "a table of track").split(b"\n", 1)[0].decode(errors="replace").strip().split(",")
-
-
 def _activation(file: Path, n: int) -> dict[str, Array]:
     """Activation (n,) of every taxel of activation.csv, where there is one."""
     if not file.is_file():
         return {}
-    taxels = _header(file)[1:]
+    taxels = column_names(file)[1:]
     rows = read_table(file, taxels)
     if len(rows) != n:
         raise InputError(file, f"{len(rows)} rows; expected the {n} of trajectory.csv")
@@ -128,7 +133,7 @@ def _activation(file: Path, n: int) -> dict[str, Array]:
 
 def read_summary(folder: Path) -> dict[str, Any]:
     """Return what summary.json of a tracked recording holds."""
-    file = folder / "summary.json"
+    file = folder / SUMMARY
     content = read_bytes(file, "the summary of a tracked recording")
     try:
         summary = json.loads(content)
@@ -316,7 +321,7 @@ def _repeat(summary: Mapping[str, Any]) -> str:
 
 def batch_report(folder: Path) -> str:
     """The page of a batch: what failed, and a row for every recording; InputError if the folder holds no batch."""
-    file = folder / "batch.csv"
+    file = folder / BATCH
     columns = tuple(TRACK_TABLE)
     rows = []
     for line, fields in read_table(file, columns):

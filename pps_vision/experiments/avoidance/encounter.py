@@ -127,8 +127,7 @@ class Arena:
 
     def head(self, q_rad: Array) -> Array:
         """Return the point (3,) midway between the eyes."""
-        view = self.rig.view(q_rad)
-        return np.asarray((view.left.center + view.right.center) / 2)
+        return self.rig.view(q_rad).midpoint
 
     def may_swing(self, q_rad: Array, side: Side) -> bool:
         """Return whether an arm that swings by itself keeps clear of the body."""

@@ -60,7 +60,7 @@ def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, seed: 
                 known.append(track.is_known)
                 seen = now.step.tracking.observation
                 observed.append(np.full(3, np.nan) if seen is None else seen.p_root - now.position)
-                lines.append(now.position - now.step.tracking.head)
+                lines.append(now.position - now.step.tracking.midpoint_root)
                 if track.is_known:
                     first_s = min(first_s, t)
                     errors.append(float(np.sum((track.position - now.position) ** 2)))

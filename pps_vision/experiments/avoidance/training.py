@@ -7,7 +7,7 @@ import numpy as np
 
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
-from learning.pps.learner import LearnerParams, LearnerState
+from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
@@ -51,7 +51,7 @@ def learn(arena: Arena, side: Side, seed: int, share: float = 1.0) -> Memories:
             touching = draw_one(arena, "press", side, part, OBJECTS[k % _LEARNED_OBJECTS], speed, rng, k, _TOUCH)
             states = [LearnerState(state.memory, EventBuffer()) for state in states]
             for events in _events(arena, touching, rng):
-                states = [learner.step(LearnerParams(), state, events) for state in states]
+                states = [learner.step(state, events) for state in states]
             states = [learner.finish(state) for state in states]
     return Memories(states[0].memory, states[1].memory)
 

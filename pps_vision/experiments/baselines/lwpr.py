@@ -51,13 +51,6 @@ class LWPRParams:
     metric: MetricParams = MetricParams()
     regression: RegressionParams = RegressionParams()
 
-    def __post_init__(self) -> None:
-        if not self.init_D > 0 or not 0 < self.cutoff < self.w_gen < self.w_prune:
-            raise ValueError(
-                f"init_D {self.init_D}, cutoff {self.cutoff}, w_gen {self.w_gen}, w_prune {self.w_prune}: "
-                "expected init_D above 0 and 0 < cutoff < w_gen < w_prune"
-            )
-
 
 class LWPR:
     """A model of `n_outputs` functions of `n_inputs`, each with fields of its own."""

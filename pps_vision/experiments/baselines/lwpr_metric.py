@@ -40,12 +40,6 @@ class MetricParams:
     full: bool = False
     meta_rate: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not min(self.rate, self.penalty, self.meta_rate) >= 0:
-            raise ValueError(
-                f"rate {self.rate}, penalty {self.penalty}, meta_rate {self.meta_rate}: expected none below 0"
-            )
-
 
 @njit(cache=True, error_model="numpy")
 def adapt_metric(row: Groups, x: Array, w: float, fit: Fit, penalty: float, full: bool, meta_rate: float) -> None:

@@ -46,13 +46,6 @@ class RegressionParams:
     add_threshold: float = 0.5
     first_projections: int = 2
 
-    def __post_init__(self) -> None:
-        factors = self.first_forgetting, self.last_forgetting, self.forgetting_pace
-        if not all(0 < factor < 1 for factor in factors):
-            raise ValueError(f"forgetting {factors}: expected all between 0 and 1")
-        if self.first_projections < 1:
-            raise ValueError(f"first_projections {self.first_projections}: expected at least 1")
-
 
 class Fit(NamedTuple):
     """What one sample did to a field that it activates: scores s (inputs,) and s over their weighted sum of squares,

@@ -47,15 +47,6 @@ class Simulation:
     length_s: float = 3.0
     """Time before the landing that is kept (R's buffer)."""
 
-    def __post_init__(self) -> None:
-        (r0, r1), (v0, v1) = self.start_distance_m, self.speed_m_s
-        if not (0 < r0 <= r1 and 0 < v0 <= v1 and 0 <= self.start_half_angle_rad < np.pi / 2):
-            raise ValueError(f"{self}: expected distances and speeds above 0 from low to high, an angle of 0–90°")
-        if not (self.landing_sigma_m > 0 and self.touch_radius_m > 0 and 0 < self.step_s <= self.length_s):
-            raise ValueError(f"{self}: expected a landing sigma, a touch radius and a time step above 0")
-        if min(self.position_noise_m, self.velocity_noise_m_s) < 0 or not self.taxels_m:
-            raise ValueError(f"{self}: expected noise of at least 0 and at least one taxel")
-
 
 @dataclass(frozen=True)
 class Paths:

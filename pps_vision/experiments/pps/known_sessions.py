@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.special import expit
 from tqdm import tqdm
 
-from learning.pps.contact import ContactParams, learn_contact, predict_session
+from learning.pps.contact import learn_contact, predict_session
 from learning.pps.trials import Trial, touch_rates
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.perceived import HORIZON_S
@@ -139,9 +139,9 @@ class KnownSessions(SampledStudy):
 
     def _robot(self, kind: Kind, rng: np.random.Generator) -> Mapping[str, float]:
         """Expected Brier scores given the known probability, and the share of the intervals that hold it (%)."""
-        robot, params = Robot.draw(kind, rng), ContactParams(horizon_s=HORIZON_S)
+        robot = Robot.draw(kind, rng)
         (training, _), (test, known) = robot.session(self.trials, rng), robot.session(self.trials, rng, second=True)
-        p = predict_session(params, learn_contact(params, training), test)
+        p = predict_session(HORIZON_S, learn_contact(HORIZON_S, training), test)
         best = float(np.mean(known * (1 - known)))
         return {
             "ours": best + float(np.mean((p.probability - known) ** 2)),

@@ -14,7 +14,7 @@ from scipy.special import expit, logit
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.isotonic import IsotonicRegression
 
-from learning.pps.contact import ContactParams, learn_contact, predict_contact, predict_session
+from learning.pps.contact import learn_contact, predict_contact, predict_session
 from learning.pps.memory import MemoryParams, activation, windows
 from learning.pps.receptive_field import ReceptiveField
 from learning.pps.scores import auroc, brier
@@ -34,7 +34,7 @@ _HALF_WINDOWS = MemoryParams(bins=(16, 8), sigma_bins=0.5)
 _FINE = MemoryParams(bins=(32, 16))
 _POOLED = 0.2  # weight of the samples of every other taxel in the fine map, chosen on earlier training trials
 _AHEAD_S = np.arange(0.0, 0.6, 0.01)  # how far a path is continued
-_NEVER_S = 100.0  # stands for an infinite TTC: trees know the order of inputs only, but are binned at their quantiles
+_NEVER_S = 100.0  # in place of an infinite TTC: trees know the order of inputs only, but are binned at their quantiles
 _FAR_M = 0.2  # gaps beyond the receptive field count as this one
 _SURFACE = ReceptiveField(distance_to="surface", min_closing_sigmas=0.0)
 _AUTHORS = MemoryParams(ttc_range_s=(0.0, 1.2), sigma_bins=0.75)  # of the authors' own code
@@ -143,14 +143,12 @@ def _rows(trials: Trials, horizon_s: float) -> Array:
 
 def by_displacement(training: Trials, test: Trials, horizon_s: float) -> Array:
     """Predict from where the path passes each taxel (`learning/pps/contact.py`)."""
-    params = ContactParams(horizon_s=horizon_s)
-    return predict_contact(params, learn_contact(params, tuple(training)), tuple(test)).probability
+    return predict_contact(horizon_s, learn_contact(horizon_s, tuple(training)), tuple(test)).probability
 
 
 def by_displacement_of_session(training: Trials, test: Trials, horizon_s: float) -> Array:
     """Predict as `by_displacement`, the test trials taken for another session with an offset of its own."""
-    params = ContactParams(horizon_s=horizon_s)
-    return predict_session(params, learn_contact(params, tuple(training)), tuple(test)).probability
+    return predict_session(horizon_s, learn_contact(horizon_s, tuple(training)), tuple(test)).probability
 
 
 def by_displacement_along_skin(training: Trials, test: Trials, horizon_s: float) -> Array:

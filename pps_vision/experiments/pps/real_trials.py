@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from learning.pps.contact import ContactParams, ContactPrediction, learn_contact, predict_contact, predict_session
+from learning.pps.contact import ContactPrediction, learn_contact, predict_contact, predict_session
 from learning.pps.scores import auroc, brier, brier_gain
 from learning.pps.trials import Trial, load_trials
 from pps_vision.experiments import charts
@@ -45,7 +45,7 @@ METHODS: dict[str, Predictor] = {
     OURS: by_displacement,
     "displacement, as another session": by_displacement_of_session,
 }
-Predict = Callable[[ContactParams, Any, tuple[Trial, ...]], ContactPrediction]
+Predict = Callable[[float, Any, tuple[Trial, ...]], ContactPrediction]
 OTHER_SESSION: dict[str, Predict] = {
     "offset ignored": predict_contact,
     "offset learned from the paths": predict_session,
@@ -70,17 +70,16 @@ class RealTrials(SeededStudy):
         rng = np.random.default_rng(self.seed)
         every = np.arange(len(trials))
         third = [(np.setdiff1d(every, test), test) for test in np.array_split(every, 3)]
-        params = ContactParams(horizon_s=HORIZON_S)
         return {
             "trials": len(trials),
             "touched": outcomes(trials).sum(axis=0).tolist(),
-            "evidence": 1 - float(learn_contact(params, trials).weights[0]),
+            "evidence": 1 - float(learn_contact(HORIZON_S, trials).weights[0]),
             "methods": {name: _scores(method, trials) for name, method in METHODS.items()},
             "horizons": {
                 name: [brier(outcomes(trials), in_blocks(method, trials, h, BLOCKS)) for h in HORIZONS_S]
                 for name, method in METHODS.items()
             },
-            "grouped": _grouped(params, trials),
+            "grouped": _grouped(trials),
             "other_session": {name: displaced(predict, trials, third) for name, predict in OTHER_SESSION.items()},
             "permuted": _permuted(trials, self.permutations, rng),
         }
@@ -146,14 +145,12 @@ def _scores(method: Predictor, trials: tuple[Trial, ...]) -> dict[str, Any]:
     return found
 
 
-def _grouped(params: ContactParams, trials: tuple[Trial, ...]) -> list[dict[str, Any]]:
+def _grouped(trials: tuple[Trial, ...]) -> list[dict[str, Any]]:
     """Predictions by quarters of the session in groups of like probability: the mean stated, the mean interval, and the
     share touched with its 95 % interval by resampling trials."""
     parts, every = np.array_split(np.arange(len(trials)), BLOCKS), np.arange(len(trials))
-    blocks = [
-        predict_contact(params, learn_contact(params, _take(trials, np.setdiff1d(every, part))), _take(trials, part))
-        for part in parts
-    ]
+    models = [learn_contact(HORIZON_S, _take(trials, np.setdiff1d(every, part))) for part in parts]
+    blocks = [predict_contact(HORIZON_S, of, _take(trials, part)) for of, part in zip(models, parts, strict=True)]
     p, low, high = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("probability", "lower", "upper"))
     group, touched, found = np.digitize(p, GROUPS), outcomes(trials), []
     for g in range(len(GROUPS) + 1):
@@ -180,14 +177,14 @@ def displaced(
     predict: Predict, trials: tuple[Trial, ...], splits: Sequence[tuple[NDArray[np.intp], NDArray[np.intp]]]
 ) -> list[dict[str, float]]:
     """Return scores on test trials displaced as by another calibration, means over splits and six directions."""
-    found, params = [], ContactParams(horizon_s=HORIZON_S)
-    models = [learn_contact(params, _take(trials, train)) for train, _ in splits]
+    found = []
+    models = [learn_contact(HORIZON_S, _take(trials, train)) for train, _ in splits]
     for offset_m in OFFSETS_M:
         rows = []
         for shift in offset_m * np.concatenate([np.eye(3), -np.eye(3)]):
             for (train, test), learned in zip(splits, models, strict=True):
                 moved = tuple(replace(trial, d_m=trial.d_m + shift) for trial in _take(trials, test))
-                touched, p = outcomes(moved), predict(params, learned, moved).probability
+                touched, p = outcomes(moved), predict(HORIZON_S, learned, moved).probability
                 base_rate = by_base_rate(_take(trials, train), moved, HORIZON_S)
                 rows.append((auroc(touched, p), brier(touched, p), brier(touched, base_rate)))
         means = map(float, np.mean(rows, axis=0))

@@ -4,10 +4,9 @@ Every method learns from the same trials of a session and predicts later ones, o
 base rate learns from these trials too.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import numpy as np
@@ -34,6 +33,7 @@ from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
 from pps_vision.experiments.pps.trials import SessionStudy, exact_trials
 from pps_vision.experiments.study import DATA
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
 
 METHODS: dict[str, Predictor] = {
     "base rate": by_base_rate,
@@ -132,6 +132,7 @@ class Representations(SessionStudy):
         return {"": Table(["Brier score, by quarters", *head, "learn 40 trials (ms)", "predict one (ms)"], rows)}
 
 
+_TIMED = 5
 _LABELS = ("Brier score of the last 13 trials", "Brier score below the base rate's", "expected calibration error")
 
 
@@ -160,13 +161,8 @@ def _milliseconds(method: Predictor, trials: Trials) -> dict[str, float]:
     """Median processor time to learn from all but the last 13 trials, and to predict one more."""
     first, test = trials[:-LATER] or trials, trials[-LATER:]
 
-    def median(run: Callable[[], object], n: int = 5) -> float:
-        times = []
-        for _ in range(n):
-            start = process_time()
-            run()
-            times.append(process_time() - start)
-        return 1000 * float(np.median(times))
-
-    one, many = median(lambda: method(first, test[:1], HORIZON_S)), median(lambda: method(first, test, HORIZON_S))
+    one, many = (
+        float(np.median([timed(partial(method, first, some, HORIZON_S))[1] for _ in range(_TIMED)]))
+        for some in (test[:1], test)
+    )
     return {"learn": one, "predict": max((many - one) / max(len(test) - 1, 1), 1e-3)}

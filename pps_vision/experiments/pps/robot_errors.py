@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from learning.pps.joint_offsets import JointOffsetParams, joint_offsets
+from learning.pps.joint_offsets import joint_offsets
 from learning.pps.trials import TouchTrial
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import inverse, move_points
@@ -102,7 +102,7 @@ class ErringRobot:
 
     def calibrated(self, observed: Iterable[TouchTrial]) -> "ErringRobot":
         """Return the robot that adds to its encoders the offsets estimated from touches that it observed."""
-        found = joint_offsets(JointOffsetParams(), self.model, self.rig, self.skin, observed)
+        found = joint_offsets(self.model, self.rig, self.skin, observed)
         return replace(self, joint_offsets_rad=self.joint_offsets_rad + found.offsets_rad)
 
     def _triangulate(self, points: Array, q_true: Array, q: Array) -> Array:

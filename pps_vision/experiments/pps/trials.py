@@ -1,23 +1,18 @@
 """The trials that learning starts from: movements known exactly, or rendered, tracked and followed by the eyes."""
 
 from dataclasses import dataclass, replace
-from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-import rendering
-import tracking
-from control import differential_kinematics, fixation, head
 from learning.archive import read_archive, write_archive
 from learning.pps.memory import PPSMemory
 from learning.pps.trials import TouchTrial
-from pps_vision import geometry, robot
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.movements import STEP_S, TRIALS, Movement, SessionName, gaze_mask, movements
-from pps_vision.experiments.study import NOISE_SIGMA, SeededStudy
+from pps_vision.experiments.study import NOISE_SIGMA, SeededStudy, code_digest
 from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.robot.skin import icub_skin
@@ -73,7 +68,7 @@ def rendered_trials(session: SessionName, n: int, seed: int, folder: Path = FOLD
         raise ValueError("rendered motor trials; expected visual, inner, outer or palm: a motor double touch is felt")
     made = movements(session, n, seed)
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / f"{movement.stimulus}_{_digest(movement, _code())}.npz" for movement in made]
+    files = [folder / f"{movement.stimulus}_{_digest(movement, code_digest())}.npz" for movement in made]
     todo = [(movement, file) for movement, file in zip(made, files, strict=True) if not file.exists()]
     if todo:
         with worker_pool(min(_PROCESSES, len(todo))) as pool:
@@ -124,19 +119,9 @@ def _read(movement: Movement, file: Path) -> TouchTrial:
 
 
 def _digest(movement: Movement, code: bytes = b"") -> str:
-    """Hexadecimal digest of a movement, and of the `code` that renders and tracks it."""
+    """Hexadecimal digest of a movement, and of the `code`."""
     digest = sha256(code)
     digest.update(f"{movement.stimulus} {NOISE_SIGMA}".encode())
     for array in (movement.rotation, movement.trial.stamps_s, movement.trial.joints_rad, movement.trial.positions):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:24]
-
-
-@cache
-def _code() -> bytes:
-    """All code that decides how a movement is rendered, tracked and followed."""
-    folders = [Path(str(package.__file__)).parent for package in (rendering, tracking, geometry)]
-    files = [file for folder in folders for file in folder.rglob("*") if file.suffix == ".py"]
-    files += [Path(str(module.__file__)) for module in (fixation, head, differential_kinematics)]
-    files += [*Path(str(robot.__file__)).parent.glob("*.urdf"), Path(__file__)]
-    return b"".join(file.read_bytes() for file in sorted(files))

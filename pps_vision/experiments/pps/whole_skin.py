@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from time import process_time_ns
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from learning.pps.receptive_field import ReceptiveField, perceive
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table
+from pps_vision.experiments.timing import quartiles, timed_runs
 from pps_vision.types import Array, TaxelEvents
 
 TAXELS = (32, 125, 500, 1000, 2000, 4000, 8000, 16000)
@@ -58,10 +58,10 @@ class WholeSkin(SampledStudy):
             first = np.broadcast_to(body.positions[0], shape), np.broadcast_to(body.normals[0], shape)
             in_all = replace(body, positions=first[0], normals=first[1])
             learning = partial(learn, body.memory, buffer_at_touch(body), np.arange(n) == 0)
-            found["one stimulus"].append(_cpu_ms(partial(activations, body), self.n))
-            found["one stimulus, worst case"].append(_cpu_ms(partial(activations, in_all), self.n))
-            found["worst case, NumPy"].append(_cpu_ms(partial(activations_by_arrays, in_all), self.n))
-            found["3 s learned"].append(_cpu_ms(learning, self.n // 5))
+            found["one stimulus"].append(_quartiles(partial(activations, body), self.n))
+            found["one stimulus, worst case"].append(_quartiles(partial(activations, in_all), self.n))
+            found["worst case, NumPy"].append(_quartiles(partial(activations_by_arrays, in_all), self.n))
+            found["3 s learned"].append(_quartiles(learning, self.n // 5))
         return {"taxels": TAXELS, "ms": found}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
@@ -83,15 +83,9 @@ class WholeSkin(SampledStudy):
         return {"": Table(header, [*rows, ["NumPy / compiled, worst case", f"{ratio:.2g}", "", ""]])}
 
 
-def _cpu_ms(call: Callable[[], object], runs: int) -> list[float]:
-    """Median and quartiles of the processor time of a call in ms; the first, which fills caches, does not count."""
-    call()
-    ms = np.empty(max(runs, 5))
-    for k in range(len(ms)):
-        begun = process_time_ns()
-        call()
-        ms[k] = (process_time_ns() - begun) / 1e6
-    return [round(float(q), 4) for q in np.percentile(ms, (50, 25, 75))]
+def _quartiles(call: Callable[[], object], runs: int) -> list[float]:
+    """Median and quartiles of the processor time of a call (ms)."""
+    return quartiles(timed_runs(call, max(runs, 5)))
 
 
 def make_body(n: int, rng: np.random.Generator) -> Body:

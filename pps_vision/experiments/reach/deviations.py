@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from time import process_time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from pps_vision.experiments.baselines.regressors import ArmToGaze, gaussian_proc
 from pps_vision.experiments.reach.map_truth import first, gaze_rmse_deg
 from pps_vision.experiments.study import SampledStudy, interval
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.icub import load_icub
@@ -105,11 +106,9 @@ METHODS: dict[str, Callable[[], RevoluteArm | ArmToGaze]] = {
 def judge(method: str, train: Babbled, test: Babbled) -> dict[str, float]:
     """Return the RMSE over gaze angles (°), and the processor time of learning (s)."""
     model = METHODS[method]()
-    begun = process_time()
-    model.learn(train.arm_rad, train.gaze_rad)
-    model(test.arm_rad[:1])
-    seconds = process_time() - begun
-    return {"rmse_deg": gaze_rmse_deg(model, test)[0], "seconds": seconds}
+    _, learning_ms = timed(partial(model.learn, train.arm_rad, train.gaze_rad))
+    _, fitting_ms = timed(partial(model, test.arm_rad[:1]))
+    return {"rmse_deg": gaze_rmse_deg(model, test)[0], "seconds": (learning_ms + fitting_ms) / 1000}
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import process_time
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,6 +23,7 @@ from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import first, gaze_rmse_deg
 from pps_vision.experiments.study import SeededStudy
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array
 
@@ -63,16 +64,11 @@ def learn_and_time(model: Model, sets: list[Babbled], test: Babbled) -> list[dic
     """
     rows = []
     for new in sets:
-        begun = process_time()
-        model.learn(new.arm_rad, new.gaze_rad)
-        model(test.arm_rad[:1])  # a model that is fitted when first asked is fitted here
-        update_ms = 1000 * (process_time() - begun) / len(new.arm_rad)
+        _, learning_ms = timed(partial(model.learn, new.arm_rad, new.gaze_rad))
+        _, fitting_ms = timed(partial(model, test.arm_rad[:1]))  # of a model that is fitted when first asked
+        update_ms = (learning_ms + fitting_ms) / len(new.arm_rad)
         error_deg, unanswered = gaze_rmse_deg(model, test)
-        ms = []
-        for arm in test.arm_rad[:_N_SINGLE, None]:
-            begun = process_time()
-            model(arm)
-            ms.append(1000 * (process_time() - begun))
+        _, ms = timed_steps(model, test.arm_rad[:_N_SINGLE, None])
         rows.append({"rmse_deg": error_deg, "unanswered_percent": 100 * unanswered, "update_ms": update_ms,
                      "ms": np.percentile(ms, (25, 50, 75)).tolist()})  # fmt: skip
     return rows

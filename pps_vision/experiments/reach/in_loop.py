@@ -5,7 +5,7 @@ truth is closed-form inverse kinematics at the ball's true position.
 """
 
 from dataclasses import dataclass
-from time import thread_time_ns
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from pps_vision.experiments.baselines.inverse_kinematics import gaze_by_least_sq
 from pps_vision.experiments.reach.map_truth import closed_form, random_gaze
 from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy, Values, interval, percent
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.model import Robot
 from pps_vision.types import ReachStatus, Status, Track3D
@@ -115,8 +116,6 @@ def frame_ms(robot: Robot, learned: ReachableMap, max_fp: float, rng: np.random.
     q[robot.indices(robot.names.torso)] = 0.2
     for point in GazeModel(robot).points(rng.uniform(_LIMITS.lower, _LIMITS.upper, (_N_TIMED, 3))):
         track = Track3D(0.0, np.vstack([point, np.zeros((3, 3))]), np.eye(12), 0.03, 1e-4, Status.TRACKING)
-        begun = thread_time_ns()
-        reach(q, track)
-        ms.append((thread_time_ns() - begun) / 1e6)
+        ms.append(timed(partial(reach, q, track))[1])
     quartiles: list[float] = np.percentile(ms, (25, 50, 75)).tolist()
     return quartiles

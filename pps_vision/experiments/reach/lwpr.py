@@ -1,7 +1,6 @@
 """LWPR on the cross function: receptive fields, error and update time beside the authors' C library."""
 
 from dataclasses import dataclass, replace
-from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.types import Array
 
 _GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
@@ -56,19 +56,18 @@ def train(setting: Setting, rng: np.random.Generator, share: float = 1.0) -> tup
     x = rng.uniform(-1, 1, (round(share * setting.n_points), 2))
     y = cross(x) + (rng.normal(0, 0.1, len(x)) if setting.gaussian else rng.uniform(-0.05, 0.05, len(x)))
     model = LWPR(2, 1, setting.params)
-    begun = process_time()
-    for _ in range(setting.n_epochs):
-        for k in rng.permutation(len(x)):
-            model.update(x[k], y[k : k + 1])
-    return model, 1e6 * (process_time() - begun) / (setting.n_epochs * len(x))
+
+    def epochs() -> None:
+        for _ in range(setting.n_epochs):
+            for k in rng.permutation(len(x)):
+                model.update(x[k], y[k : k + 1])
+
+    return model, 1e3 * timed(epochs)[1] / (setting.n_epochs * len(x))
 
 
 def judge(model: LWPR) -> dict[str, float]:
     """Return receptive fields, normalised mean squared error on a 41×41 grid, and processor time per query (µs)."""
-    begun = process_time()
-    for x in _GRID[::4]:
-        model.predict(x[None])
-    query_us = 1e6 * (process_time() - begun) / len(_GRID[::4])
+    query_us = 1e3 * float(np.mean(timed_steps(model.predict, _GRID[::4, None])[1]))
     truth = cross(_GRID)
     error = np.mean((model.predict(_GRID)[:, 0] - truth) ** 2) / truth.var()
     return {"fields": int(model.n_fields[0]), "nmse": float(error), "query_us": query_us}

@@ -1,8 +1,8 @@
 """Reachable-space map: error over the inverse-kinematics solutions spent, thresholds and calibration (J Figs 4–9)."""
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import MapTruth, rates
 from pps_vision.experiments.study import SeededStudy
 from pps_vision.experiments.tables import Table
+from pps_vision.experiments.timing import timed
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Mask
 
@@ -65,11 +66,10 @@ class Maps(SeededStudy):
         ours: list[dict[str, float]] = []
         others: dict[str, list[dict[str, float]]] = {name: [] for name in BASELINES}
         for n in tqdm(self.labels, desc="labels", disable=None):
-            begun = time.process_time()
             params = replace(MapParams(), n_labels=n, round_labels=min(MapParams().round_labels, n // 2))
-            learned = train_reachable_map(robot, "right", np.random.default_rng(self.seed), params)
-            seconds = time.process_time() - begun
-            ours.append({"labels": n, **truth.judge(learned.query, learned.max_error_m), "processor_s": seconds})
+            rng = np.random.default_rng(self.seed)
+            learned, ms = timed(partial(train_reachable_map, robot, "right", rng, params))
+            ours.append({"labels": n, **truth.judge(learned.query, learned.max_error_m), "processor_s": ms / 1000})
             for name, baseline in BASELINES.items():
                 verdict, spent = baseline(oracle, n, np.random.default_rng(self.seed))
                 others[name].append({"labels": spent, **rates(verdict(truth.gaze_rad), truth.reachable)})

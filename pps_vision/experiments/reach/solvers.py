@@ -7,7 +7,6 @@ and of the next fifteen the one most unlike it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from time import process_time
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from pps_vision.experiments.baselines.inverse_kinematics import Solver, two_stag
 from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import SampledStudy, rms
 from pps_vision.experiments.tables import Table
+from pps_vision.experiments.timing import timed
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
@@ -59,9 +59,8 @@ class Solvers(SampledStudy):
         for name, solve in solvers(oracle).items():
             n = self.n if name in _BATCHED else self.n_single
             solve(points[:1], starts[:, :1])  # loads and compiles
-            begun = process_time()
-            found = solve(points[:n], starts[:, :n])
-            rows[name] = {"ms": 1000 * (process_time() - begun) / n, "problems": n, **_judge(found, effort[:n])}
+            found, ms = timed(partial(solve, points[:n], starts[:, :n]))
+            rows[name] = {"ms": ms / n, "problems": n, **_judge(found, effort[:n])}
         for row in rows.values():
             row["ipopt_over_this"] = rows["IPOPT, 1 start"]["ms"] / row["ms"]
         return {"solvers": rows}

@@ -13,7 +13,7 @@ import numpy as np
 from pps_vision.errors import InputError, first_line
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.calibration_files import Matrices, ros_matrices
-from pps_vision.recordings.formats.stereo_images import fixed_rig, rig_of
+from pps_vision.recordings.formats.stereo_images import fixed_rig, refuse_robot_options, rig_of
 from pps_vision.recordings.formats.yarp import with_joints
 from pps_vision.recordings.image_file import MOST_PIXELS, ImageFile, decode_bytes
 from pps_vision.recordings.problems import Problem
@@ -82,7 +82,10 @@ def open_source(source: Source) -> Recording:
         str(file), pairs, size, problems, rig=rig, warnings=tuple(warnings), calibration_at=calibration_at
     )
     if source.robot is None:
+        refuse_robot_options(source)
         return recording
+    if source.taxels:
+        raise InputError("recording", f"taxels {source.taxels} with a ROS bag; expected it with an iCub's folder REC")
     joints, setup = bag.joints(source.robot), source.robot
     offsets_rad = read_joint_offsets(source.joints, setup.robot.joint_names) if source.joints else 0.0
     posed = with_joints(pairs, joints, problems, setup, offsets_rad)

@@ -11,6 +11,7 @@ import numpy as np
 
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.recordings import MAX_SKEW_S
 from pps_vision.recordings.image_file import ImageFile, number_in, stamp_in
 from pps_vision.recordings.image_sequence import images_in, natural_order
 from pps_vision.recordings.problems import Problem, ProblemKind
@@ -52,6 +53,8 @@ def refuse_robot_options(source: Source) -> None:
     """Raise InputError for options that go with a robot's recording only."""
     if source.joints:
         raise InputError("recording", f"joints {source.joints} without a robot; expected it with an iCub's folder REC")
+    if source.taxels:
+        raise InputError("recording", f"taxels {source.taxels} without skin; expected it with an iCub's folder REC")
 
 
 def check_options(source: Source) -> None:
@@ -94,7 +97,7 @@ def open_stereo_images(
     right_globs: Sequence[str],
     fps: float | None = None,
     times: Times | None = None,
-    max_skew_s: float = 0.02,
+    max_skew_s: float = MAX_SKEW_S,
 ) -> Recording:
     """Two sequences of one stereo camera.
 

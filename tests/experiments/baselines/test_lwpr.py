@@ -164,15 +164,6 @@ def test_bad_input_is_named():
             LWPR(2, 1).update(x, y)
     with pytest.raises(ValueError, match=r"expected \(N, 2\)"):
         LWPR(2, 1).predict([0.0, 0.0])
-    for wrong in ({"init_D": 0}, {"cutoff": 0.2}, {"w_gen": 2.0}, {"w_prune": 0.05}):
-        with pytest.raises(ValueError, match="expected init_D above 0 and 0 < cutoff"):
-            replace(LWPRParams(), **wrong)
-    with pytest.raises(ValueError, match="rate -1"):
-        MetricParams(rate=-1)
-    with pytest.raises(ValueError, match="forgetting"):
-        RegressionParams(first_forgetting=1.1)
-    with pytest.raises(ValueError, match="first_projections 0"):
-        RegressionParams(first_projections=0)
 
 
 def test_its_slope_is_that_of_its_answers():

@@ -117,21 +117,3 @@ def test_memory_in_use_does_not_grow_with_the_objects():
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.2 * peaks[0]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"start_distance_m": (0.3, 0.25)}, "from low to high"),
-        ({"speed_m_s": (0.0, 0.1)}, "speeds above 0"),
-        ({"start_half_angle_rad": 2.0}, "angle of 0–90°"),
-        ({"landing_sigma_m": 0.0}, "a landing sigma"),
-        ({"touch_radius_m": -0.01}, "touch radius"),
-        ({"step_s": 0.0}, "time step above 0"),
-        ({"position_noise_m": -0.001}, "noise of at least 0"),
-        ({"taxels_m": ()}, "at least one taxel"),
-    ],
-)
-def test_an_impossible_simulation_is_refused(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        Simulation(**wrong)

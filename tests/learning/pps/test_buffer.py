@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from learning.pps.buffer import BufferParams, EventBuffer, push, resample
+from learning.pps.buffer import EventBuffer, push, resample
 from pps_vision.types import TaxelEvents
 
 
@@ -18,6 +18,14 @@ def filled(stamps, distance=lambda t: 0.2 - 0.05 * t, ttc=lambda t: 4 - t):
     return buffer
 
 
+def series(buffer: EventBuffer) -> tuple[np.ndarray, np.ndarray]:
+    """D and TTC (T, 2) of both taxels, NaN of one without a sample."""
+    seen, *found = resample(buffer, np.arange(2))
+    D, TTC = np.full((2, len(found[0]), 2), np.nan)
+    D[:, seen], TTC[:, seen] = found
+    return D, TTC
+
+
 def test_keeps_three_seconds():
     buffer = filled(np.arange(0, 10, 0.1))
     assert buffer.samples[0].stamp_s == pytest.approx(6.9)
@@ -27,7 +35,7 @@ def test_keeps_three_seconds():
 @pytest.mark.parametrize("step_s", [0.05, 1 / 30, 0.04, 0.1])
 def test_grid_of_50_ms_back_from_the_last_sample(step_s):
     stamps = np.arange(0, 2.01, step_s)
-    D, TTC = resample(filled(stamps))
+    D, TTC = series(filled(stamps))
     times = stamps[-1] - 0.05 * np.arange(int(stamps[-1] / 0.05 + 1e-6), -1, -1)
     np.testing.assert_allclose(D[:, 0], 0.2 - 0.05 * times, atol=1e-9)  # linear in time: interpolation is exact
     np.testing.assert_allclose(TTC[:, 0], 4 - times, atol=1e-9)
@@ -35,13 +43,13 @@ def test_grid_of_50_ms_back_from_the_last_sample(step_s):
 
 
 def test_does_not_bridge_a_gap():
-    D, _ = resample(filled([0.0, 0.05, 0.10, 0.50, 0.55]))
+    D, _ = series(filled([0.0, 0.05, 0.10, 0.50, 0.55]))
     np.testing.assert_array_equal(np.isfinite(D[:, 0]), [1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 1, 1])
 
 
 @pytest.mark.parametrize(("gap_s", "is_bridged"), [(0.14, True), (0.2, False)])
 def test_a_gap_of_less_than_three_steps_is_bridged_and_one_of_four_is_not(gap_s: float, is_bridged: bool):
-    D, _ = resample(filled([0.0, 0.05, 0.05 + gap_s, 0.1 + gap_s]))
+    D, _ = series(filled([0.0, 0.05, 0.05 + gap_s, 0.1 + gap_s]))
     assert np.isfinite(D[2:-2, 0]).all() == is_bridged
 
 
@@ -49,16 +57,17 @@ def test_absent_and_infinite_samples_do_not_spread():
     buffer = filled([0.0, 0.05])
     buffer = push(buffer, sample(0.10, [0.1, 0.1], [np.inf, 1.0]))
     buffer = push(buffer, sample(0.15, [0.1, 0.1], [1.0, 1.0]))
-    D, TTC = resample(buffer)
+    D, TTC = series(buffer)
     np.testing.assert_array_equal(np.isfinite(D), [[1, 0], [1, 0], [0, 1], [1, 1]])
     np.testing.assert_array_equal(np.isfinite(TTC), np.isfinite(D))
 
 
 def test_one_sample_and_none():
-    D, TTC = resample(filled([1.0]))
+    D, TTC = series(filled([1.0]))
     assert D.shape == TTC.shape == (1, 2)
     assert D[0, 0] == pytest.approx(0.15)
-    assert resample(EventBuffer(BufferParams()))[0].size == 0
+    with pytest.raises(ValueError, match="a buffer without samples"):
+        resample(EventBuffer(), np.arange(2))
 
 
 def test_refuses_a_stamp_that_does_not_advance_and_other_taxels():

@@ -7,7 +7,7 @@ import pytest
 from data import SEED
 
 from control.fixation import gaze_at
-from learning.pps.joint_offsets import JointOffsetParams, felt_position, joint_offsets
+from learning.pps.joint_offsets import felt_position, joint_offsets
 from learning.pps.trials import TouchTrial
 from pps_vision.experiments.pps.robot_errors import ErringRobot, only
 from pps_vision.geometry.se3 import inverse, move_points
@@ -96,7 +96,7 @@ def test_an_error_of_the_vergence_is_not_attributed_to_the_arm() -> None:
     offsets[pans] = np.deg2rad([2.0, -2.0])
     off = robot_off_by(offsets)
     touches = seen(off, lying(30, SEED))
-    found = np.rad2deg(joint_offsets(JointOffsetParams(), off.model, off.rig, off.skin, touches).offsets_rad)
+    found = np.rad2deg(joint_offsets(off.model, off.rig, off.skin, touches).offsets_rad)
     assert found[pans[0]] - found[pans[1]] == pytest.approx(4.0, abs=1.2)
     assert np.abs(np.delete(found, pans)).max() < 2.0
 
@@ -118,7 +118,7 @@ def test_without_errors_little_is_estimated_and_without_touches_nothing() -> Non
     unseen = [replace(trial, positions=np.full((1, 3), np.nan)) for trial in trials]
     of_no_size = [replace(trial, radius_m=np.full(1, np.nan)) for trial in trials]
     for nothing in ([], untouched, unseen, of_no_size):
-        found = joint_offsets(JointOffsetParams(), ROBOT, icub_rig(ROBOT), SKIN, nothing)
+        found = joint_offsets(ROBOT, icub_rig(ROBOT), SKIN, nothing)
         np.testing.assert_array_equal(found.offsets_rad, 0)
         assert len(found.before_m) == len(found.after_m) == 0
 
@@ -128,9 +128,3 @@ def test_two_touches_reduce_the_error() -> None:
     others = lying(24, SEED + 1)
     for n in (2, 4):
         assert miss_mm(off.calibrated(seen(off, lying(n, SEED))), others) < miss_mm(off, others)
-
-
-@pytest.mark.parametrize("wrong", [{"joint_rad": 0.0}, {"taxel_m": -0.01}, {"outlier_sigmas": np.nan}])
-def test_standard_deviations_of_0_or_less_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="standard deviations above 0"):
-        JointOffsetParams(**wrong)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from learning.pps.buffer import EventBuffer
-from learning.pps.learner import LearnerParams, LearnerState, finish, step
+from learning.pps.learner import LearnerState, finish, step
 from learning.pps.memory import PPSMemory
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import TaxelEvents
@@ -19,7 +19,7 @@ def run(touches, state=None, start=0.0):
     for i, taxels in enumerate(touches):
         touched = np.isin(np.arange(4), taxels)
         events = TaxelEvents(start + 0.05 * i, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), touched)
-        state = step(LearnerParams(), state, events)
+        state = step(state, events)
     return state
 
 
@@ -62,7 +62,7 @@ def test_a_stale_sample_is_rejected_and_counted():
     events += [replace(events[0], stamp_s=t) for t in (np.nan, np.inf, -np.inf)]
     state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())
     for sample in events:
-        state = step(LearnerParams(), state, sample)
+        state = step(state, sample)
     assert (len(state.buffer.samples), state.stale, state.unseen) == (1, 6, 0)
 
 
@@ -78,7 +78,7 @@ def test_a_touch_by_an_unseen_object_teaches_nothing_and_is_counted():
     nothing = np.full(4, np.nan)
     for k in range(20):
         touched = np.arange(4) == (2 if k == 15 else -1)
-        state = step(LearnerParams(), state, TaxelEvents(0.05 * k, SKIN.taxel_ids, nothing, nothing, touched))
+        state = step(state, TaxelEvents(0.05 * k, SKIN.taxel_ids, nothing, nothing, touched))
     assert samples(state) == [[0, 0]] * 4
     assert (state.stale, state.unseen) == (0, 1)
 

@@ -79,7 +79,8 @@ def test_learning_counts_the_resampled_buffer():
         D[rng.random(N) < 0.4], TTC[rng.random(N) < 0.2] = np.nan, np.inf
         buffer = push(buffer, TaxelEvents(stamp_s, FOREARMS.taxel_ids, D, TTC, touched()))
     memory, felt = random_memory(), touched(1, 4)
-    expected = count_samples(memory, *resample(buffer), felt).counts
+    _, *series = resample(buffer, np.arange(N))
+    expected = count_samples(memory, *series, felt).counts
     assert (expected != memory.counts).any()
     np.testing.assert_array_equal(learn(memory, buffer, felt).counts, expected)
     with pytest.raises(ValueError, match="expected the memory's"):
