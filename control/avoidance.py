@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from control import reaching
-from control.arm import ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
+from control.arm import ArmConstraints, ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
 from control.limits import MAX_HOLD_S, LimitParams, check_times
 from control.path_clearance import direction_off_path
 from control.reaching import HORIZON_S, distances_ahead, radius_m
@@ -164,45 +164,26 @@ def step(
     if there is not one per taxel, or if the stamp is not finite or before the last one.
     """
     check_times("avoidance", stamp_s, hold_s, state.stamp_s)
-    a = np.asarray(activations, dtype=float)
-    found = control_points(params.threshold, posture, skin, a, params.weighting, each=params.each_taxel)
-    seen = _seen(params, state, stamp_s, track)
+    last, a = state, np.asarray(activations, dtype=float)
+    seen = _seen(params, last, stamp_s, track)
     known = track if track is not None and track.is_known else None
-    came = False
-    if known is not None and skin.parts:
-        came, comes = _comes(params, posture, skin, known, seen)
-        found = found if comes or state.mode != "idle" else []
-    came = came and bool(found)  # what threatens links without taxels has to last
-    near: list[Near] = []
-    if params.behaviour == "reach":
-        found = sorted(found, key=lambda one: -one.likeliest)[:1]
-    elif bare_links is not None and known is not None:
-        near, threatened = _near(params, bare_links, posture, known)
-        found = found or [_of_link(one) for one in threatened]
+    found, came, near = _candidates(params, last, posture, skin, a, known, seen, bare_links)
     allowed = may_reach or params.behaviour == "avoid"
-    before = state
-    state = _next(params, state, posture, found if allowed else [], stamp_s, allowed, track, came)
+    state = _next(params, last, posture, found if allowed else [], stamp_s, allowed, track, came)
     if state.mode == "reach" and known is not None:
-        aimed = (reaching.aimed(params.speed_m_s, one, posture, known) for one in state.points)
-        state = replace(state, points=tuple(aimed))
-        if params.each_taxel:
-            state = _with_side_to_touch(params, before, state, posture, skin, known, seen)
-    so_far = before.aside if before.mode == state.mode == "avoid" else None
+        state = _aimed(params, last, state, posture, skin, known, seen)
+        near = reaching.other_parts(posture, skin, state.points[0].frame, known)
+    so_far = last.aside if last.mode == state.mode == "avoid" else None
     state = replace(state, stamp_s=stamp_s, seen=seen, aside=so_far)
+    dq, response = 0 * posture.q_rad, Response(state.mode, np.zeros(3), np.full(3, np.nan))
     if state.mode in ("avoid", "reach"):
-        if state.mode == "reach" and known is not None:
-            near = reaching.other_parts(posture, skin, state.points[0].frame, known)
-        rows = _kept_clear(params, posture, near, hold_s)
         follows = state.mode == "reach" or state.since_s == stamp_s
-        of = known if follows else None
-        state, dq = _respond(params, state, posture, hold_s, self_collision, rows, skin, of)
+        arm = _Arm.of(params, posture, hold_s, self_collision, _kept_clear(posture, near, hold_s))
+        state, dq = _respond(arm, state, skin, known if follows else None)
         first = state.points[0]
         response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
-    else:
-        dq = 0 * posture.q_rad
-        if state.mode == "return":
-            dq = _return(params, posture, stamp_s - state.since_s, _kept_clear(params, posture, near, hold_s))
-        response = Response(state.mode, np.zeros(3), np.full(3, np.nan))
+    elif state.mode == "return":
+        dq = _return(params, posture, stamp_s - state.since_s, _kept_clear(posture, near, hold_s))
     return state, JointVelocity(stamp_s, dq, hold_s), response
 
 
@@ -252,6 +233,32 @@ def control_points(
     return sorted(found, key=lambda one: -one.weight)
 
 
+def _candidates(
+    params: AvoidanceParams,
+    state: AvoidanceState,
+    posture: Posture,
+    skin: Skin,
+    activations: Array,
+    track: Track3D | None,
+    seen: tuple[tuple[float, Array], ...],
+    bare_links: BareLinks | None,
+) -> tuple[list[ControlPoint], bool, list[Near]]:
+    """Control points that the arm may respond with, whether the object of a `track` has come nearer to one of the skin,
+    and the nearest points of links without taxels."""
+    found = control_points(params.threshold, posture, skin, activations, params.weighting, each=params.each_taxel)
+    came = False
+    if track is not None and skin.parts:
+        came, comes = _comes(params, posture, skin, track, seen)
+        found = found if comes or state.mode != "idle" else []
+    came = came and bool(found)  # what threatens links without taxels has to last
+    if params.behaviour == "reach":
+        return sorted(found, key=lambda one: -one.likeliest)[:1], came, []
+    if bare_links is None or track is None:
+        return found, came, []
+    near, threatened = _near(params, bare_links, posture, track)
+    return found or [_of_link(one) for one in threatened], came, near
+
+
 def _seen(
     params: AvoidanceParams, state: AvoidanceState, stamp_s: float, track: Track3D | None
 ) -> tuple[tuple[float, Array], ...]:
@@ -275,18 +282,22 @@ def _comes(
     return came, bool((came or params.come_m == 0) and nearest_m < params.path_m)
 
 
-def _with_side_to_touch(
+def _aimed(
     params: AvoidanceParams,
-    before: AvoidanceState,
+    last: AvoidanceState,
     state: AvoidanceState,
     posture: Posture,
     skin: Skin,
     track: Track3D,
     seen: tuple[tuple[float, Array], ...],
 ) -> AvoidanceState:
-    """The state of an arm that reaches, with the taxel that the object comes to; the last one once none is active."""
-    aimed_at = before.aimed_at if before.mode == "reach" else None
-    if aimed_at is None or state.since_s > before.since_s:
+    """The state of an arm that reaches for an object, with its control points moving to it, and the taxel that the
+    object comes to; the last one once none is active."""
+    state = replace(state, points=tuple(reaching.aimed(params.speed_m_s, one, posture, track) for one in state.points))
+    if not params.each_taxel:
+        return state
+    aimed_at = last.aimed_at if last.mode == "reach" else None
+    if aimed_at is None or state.since_s > last.since_s:
         aimed_at = reaching.taxel_to_touch(skin, _at_home(params, posture), track, seen)
     frame = skin.parts[skin.part_index[aimed_at]].frame
     return replace(state, aimed_at=aimed_at, points=(state.points[0]._replace(frame=frame),))
@@ -370,59 +381,80 @@ def _moving(params: AvoidanceParams, posture: Posture, found: list[ControlPoint]
     )
 
 
-def _respond(
-    params: AvoidanceParams,
-    state: AvoidanceState,
-    posture: Posture,
-    hold_s: float,
-    self_collision: SelfCollision | None,
-    rows: tuple[Array, Array],
-    skin: Skin,
-    track: Track3D | None,
-) -> tuple[AvoidanceState, Array]:
-    """Joint rates that move the control points as commanded, the palm within its sphere, within the `rows`; taxels,
-    which may move across, move no faster in all, and off the path of the object of a `track`; to reach it, the taxel
-    and the damping are chosen that touch it first."""
-    palm = _palm(params, posture)
-    keep_in = KeepIn(palm, _at_home(params, posture).point(palm), params.radius_m)
-    of_arm = posture, params.side, params.home_arm_rad, keep_in, hold_s, self_collision, rows
-    within = arm_constraints(params.arm, *of_arm)
-    if not params.each_taxel:
-        return state, arm_velocity(params.arm, posture, within, state.points)
+@dataclass(frozen=True)
+class _Arm:
+    """An arm, and what its joint rates obey in one frame."""
 
-    def velocity(points: tuple[MovingPoint, ...], arm: ArmParams = params.arm) -> Array:
-        dq = arm_velocity(arm, posture, within, points)
-        fastest = max(float(np.linalg.norm(posture.jacobian(one.frame, one.point)[:3] @ dq)) for one in points)
-        return dq * min(1.0, params.speed_m_s / max(fastest, 1e-9))
+    params: AvoidanceParams
+    posture: Posture
+    within: ArmConstraints
+    hold_s: float
+    self_collision: SelfCollision | None
 
-    def free_share(rates: Array) -> float:
+    @classmethod
+    def of(
+        cls,
+        params: AvoidanceParams,
+        posture: Posture,
+        hold_s: float,
+        self_collision: SelfCollision | None,
+        rows: tuple[Array, Array],
+    ) -> "_Arm":
+        """The palm stays within its sphere, the rates within the `rows`."""
+        palm = _palm(params, posture)
+        keep_in = KeepIn(palm, _at_home(params, posture).point(palm), params.radius_m)
+        of_arm = posture, params.side, params.home_arm_rad, keep_in, hold_s, self_collision, rows
+        return cls(params, posture, arm_constraints(params.arm, *of_arm), hold_s, self_collision)
+
+    def velocity(self, points: tuple[MovingPoint, ...], params: ArmParams | None = None) -> Array:
+        """Joint rates (n_joints,) that move control points as commanded, none of them faster than `speed_m_s`."""
+        dq = arm_velocity(params or self.params.arm, self.posture, self.within, points)
+        jacobians = (self.posture.jacobian(one.frame, one.point)[:3] for one in points)
+        fastest = max(float(np.linalg.norm(jacobian @ dq)) for jacobian in jacobians)
+        return dq * min(1.0, self.params.speed_m_s / max(fastest, 1e-9))
+
+    def free_share(self, rates: Array) -> float:
         """The share of rates (k,) that the last stage, which proves the motion clear of the body, lets through."""
-        if self_collision is None:
+        if self.self_collision is None:
             return 1.0
-        change = np.zeros_like(posture.q_rad)
-        change[within.columns] = hold_s * rates
-        return self_collision.clear_share(posture.q_rad, change, LimitParams().clearance_m)
+        change = np.zeros_like(self.posture.q_rad)
+        change[self.within.columns] = self.hold_s * rates
+        return self.self_collision.clear_share(self.posture.q_rad, change, LimitParams().clearance_m)
+
+
+def _respond(arm: _Arm, state: AvoidanceState, skin: Skin, track: Track3D | None) -> tuple[AvoidanceState, Array]:
+    """Joint rates that reach for the object of a `track`, or withdraw from it."""
+    if not arm.params.each_taxel:
+        return state, arm_velocity(arm.params.arm, arm.posture, arm.within, state.points)
+    if state.mode == "reach" and track is not None and state.aimed_at is not None:
+        return _reach(arm, state, state.aimed_at, skin, track)
+    return _withdraw(arm, state, skin, track)
+
+
+def _reach(arm: _Arm, state: AvoidanceState, aimed_at: int, skin: Skin, track: Track3D) -> tuple[AvoidanceState, Array]:
+    """With the taxel and the damping that touch the object first."""
+    ways = []
+    for params in (replace(arm.params.arm, damping_m=arm.params.reach_damping_m), arm.params.arm):
+        velocity = partial(arm.velocity, params=params)
+        way = reaching.first_to_touch(arm.params.speed_m_s, aimed_at, arm.posture, skin, track, velocity)
+        free = arm.free_share(way.dq[arm.within.columns])
+        ways.append(way._replace(touches_s=way.touches_s / max(free, reaching.AT_REST_M_S)))
+    _, point, dq = min(ways, key=lambda way: way.touches_s)
+    return replace(state, points=(point,)), dq
+
+
+def _withdraw(arm: _Arm, state: AvoidanceState, skin: Skin, track: Track3D | None) -> tuple[AvoidanceState, Array]:
+    """Against the taxels' normals, or off the path of the object."""
+    columns, aside = arm.within.columns, state.aside
 
     def rates_towards(direction: Array | None) -> Array:
-        return velocity(_moved(state.points, direction))[within.columns]
+        return arm.velocity(_moved(state.points, direction))[columns]
 
-    if state.mode == "reach" and track is not None and state.aimed_at is not None:
-        ways = []
-        for arm in (replace(params.arm, damping_m=params.reach_damping_m), params.arm):
-            way = reaching.first_to_touch(
-                params.speed_m_s, state.aimed_at, posture, skin, track, partial(velocity, arm=arm)
-            )
-            free = free_share(way.dq[within.columns])
-            ways.append(way._replace(touches_s=way.touches_s / max(free, reaching.AT_REST_M_S)))
-        _, point, dq = min(ways, key=lambda way: way.touches_s)
-        return replace(state, points=(point,)), dq
-
-    aside = state.aside
-    if track is not None and params.clear_m and state.mode == "avoid":
-        on = posture, within.columns, skin, track, rates_towards, params.clear_m
-        aside = direction_off_path(*on, aside, free_share) if skin.parts else None
+    if track is not None and arm.params.clear_m and state.mode == "avoid":
+        on = arm.posture, columns, skin, track, rates_towards, arm.params.clear_m
+        aside = direction_off_path(*on, aside, arm.free_share) if skin.parts else None
     state = replace(state, aside=aside, points=_moved(state.points, aside))
-    return state, velocity(state.points)
+    return state, arm.velocity(state.points)
 
 
 def _moved(points: tuple[MovingPoint, ...], direction: Array | None) -> tuple[MovingPoint, ...]:
@@ -432,7 +464,7 @@ def _moved(points: tuple[MovingPoint, ...], direction: Array | None) -> tuple[Mo
     return tuple(one._replace(velocity_root=float(np.linalg.norm(one.velocity_root)) * direction) for one in points)
 
 
-def _kept_clear(params: AvoidanceParams, posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array]:
+def _kept_clear(posture: Posture, near: list[Near], hold_s: float) -> tuple[Array, Array]:
     """Speeds (m, n_joints) of links without taxels towards the object per joint rate, and their largest values (m,)."""
     near = [one for one in near if np.isfinite(one.distance_m)]
     rows = np.empty((len(near), posture.robot.n_joints))
