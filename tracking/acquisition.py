@@ -1,12 +1,10 @@
 """Acquisition of an object while none is tracked (R Fig 13, left half).
 
 A motion region grows to the whole object, by its colours; what moves in both eyes and has the same colours and size is
-the object.  A marker is searched by its hue, and must have moved; before moving eyes the only one need not, if it is
-nearer than what surrounds it.
+the object.  A marker is searched by its hue (`marker_acquisition`).
 """
 
 import itertools
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -24,8 +22,9 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.background import Background
 from tracking.change import Change, ChangeOfMovingEye, ChangeOfRestingEye
-from tracking.ego_motion import Box, color_difference
-from tracking.marker import MarkerParams, find_markers, find_vivid_markers
+from tracking.ego_motion import Box
+from tracking.marker import MarkerParams
+from tracking.marker_acquisition import is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.optical_flow import Flow2D
 from tracking.outline import Optics, Outline, fit_outline
@@ -49,12 +48,6 @@ _MIN_FILL = 0.35  # least share of its box that an object covers
 _MAX_SHARE = 0.25  # largest share of the image that an object covers
 _MIN_LIKENESS = 0.7  # least Bhattacharyya coefficient of one object's colours in both eyes
 _MAX_RATIO = 1.2  # largest ratio of one object's angular radii in both eyes
-_LONG = 2.0  # ratio of a marker's sides
-_APART = 1.3  # of a marker's size, from which on its surroundings are compared
-_RING_POINTS = 300  # of its surroundings
-_FARTHER = 0.8  # nearness of its surroundings beside its own
-_DISTANCES = 16  # at which its surroundings are looked for
-_BETTER = 0.7  # ratio of differences from which on another distance fits better
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
 _LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
 
@@ -123,7 +116,7 @@ class Acquisition:
         """
         self._remember(0, cameras[0])
         lefts, rights = (
-            _moved_markers(marker, camera, one, background)
+            moved_markers(marker, camera, one, background)
             for camera, one, background in zip(cameras, self._optics, self._backgrounds, strict=True)
         )
         self._counts.update(frames=1, candidates_left=len(lefts), candidates_right=len(rights))
@@ -140,7 +133,7 @@ class Acquisition:
             return pairs[0]
         moving, is_only = {id(a): self._moves(a) for a, _ in pairs}, len(lefts) == len(rights) == 1
         for a, b in pairs:
-            if moving[id(a)] or (is_only and _is_nearer_than_surroundings(association, cameras, view, a, b)):
+            if moving[id(a)] or (is_only and is_nearer_than_surroundings(association, cameras, view, a, b)):
                 return a, b
         self._counts.update({"rejected since it did not move": len(pairs)})
         return None
@@ -226,65 +219,6 @@ class Acquisition:
         nearer = sine / _sine(baseline, other_view.rays(other.outline.center_px))  # by the law of sines
         area_px = one.outline.area_px * (nearer * ratio) ** 2
         return fit_outline(cameras[eye].image, one.mask, one.box, self._optics[eye], area_px) or own
-
-
-def _moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, background: Background) -> list[Outline]:
-    """The blobs of the marker's hue, but for those that look like the background, are long, or are cut by the image's
-    border: the whole of these may be of any size.  If there is none, what differs from the background within them: a
-    marker before something of its hue."""
-    height, width = camera.image.shape[:2]
-    refused: list[Box] = []
-
-    def is_compact(x: int, y: int, w: int, h: int) -> bool:
-        return x > 0 and y > 0 and x + w < width and y + h < height and max(w, h) <= _LONG * min(w, h)
-
-    def may_be(x: int, y: int, w: int, h: int) -> bool:
-        moved = is_compact(x, y, w, h) and background.has_changed(camera.image, camera.view, x, y, w, h)
-        if not moved:
-            refused.append((x, y, x + w, y + h))
-        return moved
-
-    if camera.found is None:
-        found = find_markers(params, camera.image, optics, is_candidate=may_be)
-    else:
-        found = [one for one in camera.found if may_be(*(round(value) for value in one.box_px))]
-    vivid = find_vivid_markers(params, camera.image, optics, is_candidate=may_be)
-    found = [one for one in found if not any(_holds(one, other) for other in vivid)] + vivid
-    if not found and refused and background.is_known(camera.view):
-        differs = partial(background.differs, camera.image, camera.view)
-        found = find_markers(params, camera.image, optics, is_candidate=is_compact, differs=differs)
-    return found
-
-
-def _is_nearer_than_surroundings(
-    association: Association, cameras: CameraFrames, view: StereoView, left: Outline, right: Outline
-) -> bool:
-    """Whether an object is nearer than what surrounds it: the surroundings in the left image match the right image much
-    better at some larger distance than at the object's."""
-    observation = association.observe(view, left, right, cameras[0].stamp_s)
-    if observation is None:
-        return False
-    (x, y, w, h), camera = left.box_px, view.left.camera
-    box = (
-        *(max(int(x - w), 0), max(int(y - h), 0)),
-        *(min(int(x + 2 * w) + 1, camera.width), min(int(y + 2 * h) + 1, camera.height)),
-    )
-    rows, columns = np.nonzero(~masks.ellipse(box, left.center_px, _APART * w, _APART * h))
-    step = len(rows) // _RING_POINTS + 1
-    rows, columns = rows[::step] + box[1], columns[::step] + box[0]
-    rays = view.left.rays(np.stack([columns, rows], axis=-1).astype(float))
-    far_m, colors = math.dist(observation.p_root, view.left.place), cameras[0].image[rows, columns].astype(np.float32)
-    differences = [
-        color_difference(colors, view.left.center + far_m / nearness * rays, cameras[1].image, view.right)
-        for nearness in (1.0, *np.linspace(_FARTHER, 0.05, _DISTANCES))
-    ]
-    return min(differences[1:]) < _BETTER * differences[0]
-
-
-def _holds(one: Outline, other: Outline) -> bool:
-    """Whether another outline's centre lies in the box of an outline."""
-    (x, y, w, h), (u, v) = one.box_px, other.center_px
-    return bool(x <= u < x + w and y <= v < y + h)
 
 
 def segment(image: Image, region: Region2D, optics: Optics, change: Change | None = None) -> Candidate | None:

@@ -270,18 +270,7 @@ class Tracker:
     ) -> tuple[TrackerState, Detections]:
         """Search both images for an object; with a `predicted` belief, only for the one that is tracked."""
         if self.params.mode == "marker":
-            if state.view is None:  # whether anything has moved is known from the second frame on
-                return state, _NOTHING
-            with self.stages("image"):
-                marker = self._acquisition.find_marker(self.params.marker, cameras, view, stamp_s, state.association)
-            if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
-                return state, _NOTHING
-            targets = []
-            for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
-                tracker.background.forget_around(camera.image, camera.view, blob.box_px)
-                targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
-            left, right = (known._replace(target=one) for known, one in zip(state.cameras, targets, strict=True))
-            return state._replace(cameras=(left, right)), _detections(*marker)
+            return self._acquire_marker(state, cameras, view, stamp_s, predicted)
         pair = self._acquisition.step(cameras, view, stamp_s, state.association)
         if pair is None:
             return state, _NOTHING
@@ -307,6 +296,23 @@ class Tracker:
             for one, target in zip(state.cameras, targets, strict=True)
         )
         return state._replace(cameras=(left, right), acquired=pair), _detections(*outlines)
+
+    def _acquire_marker(
+        self, state: TrackerState, cameras: CameraFrames, view: StereoView, stamp_s: float, predicted: Belief | None
+    ) -> tuple[TrackerState, Detections]:
+        """As `_acquire`, a marker."""
+        if state.view is None:  # whether anything has moved is known from the second frame on
+            return state, _NOTHING
+        with self.stages("image"):
+            marker = self._acquisition.find_marker(self.params.marker, cameras, view, stamp_s, state.association)
+        if marker is None or not self._passes_gate(state, predicted, view, marker, stamp_s, _NO_MODELS):
+            return state, _NOTHING
+        targets = []
+        for tracker, camera, blob in zip(self._cameras, cameras, marker, strict=True):
+            tracker.background.forget_around(camera.image, camera.view, blob.box_px)
+            targets.append(tracker.image_tracker.start(camera.image, blob.box_px))
+        left, right = (one._replace(target=target) for one, target in zip(state.cameras, targets, strict=True))
+        return state._replace(cameras=(left, right)), _detections(*marker)
 
     def _passes_gate(
         self,
