@@ -45,7 +45,7 @@ _FULL_SPEED_NORMAL = 0.5  # a mean normal that is shorter (60° from all normals
 
 @dataclass(frozen=True)
 class AvoidanceParams:
-    """Response of one arm to its skin (R, "Avoidance and reaching"; FACTS §3)."""
+    """Response of one arm to its skin (R, "Avoidance and reaching")."""
 
     home_arm_rad: tuple[float, ...]
     """(k,) the arm's joints at home."""

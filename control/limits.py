@@ -24,9 +24,9 @@ class LimitParams:
     """What the robot can do, whatever a controller asks for."""
 
     joint_rad_s: float = 60 * _DEG
-    """Rate limit of arms, torso and neck (FACTS §5)."""
+    """Rate limit of arms, torso and neck (neither paper states one)."""
     eyes_rad_s: float = 180 * _DEG
-    """Rate limit of the eyes (FACTS §5)."""
+    """Rate limit of the eyes (neither paper states one)."""
     speed_up_s: float = 0.1
     """Time from rest to the rate limit; the acceleration limit is the rate limit divided by it."""
     clearance_m: float = 0.02

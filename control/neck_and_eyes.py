@@ -1,6 +1,6 @@
 """Fixate a point with six joints: the eyes converge fast, the neck follows, and the eyes turn back as it does.
 
-The structure and the gains of the eyes are those of the iCub's own controller (Roncone et al., RSS 2016; FACTS §5).
+The structure and the gains of the eyes are those of the iCub's own controller (Roncone et al., RSS 2016).
 """
 
 from dataclasses import dataclass, field
@@ -25,7 +25,8 @@ class NeckAndEyesParams:
     """Gains and limits."""
 
     eyes_per_s: float = 12.5
-    """Rate at which the eyes reduce the fixation error (FACTS §5); stable below 2 by the time between two commands."""
+    """Rate at which the eyes reduce the fixation error (the iCub's own controller's); stable below 2 by the time
+    between two commands."""
     neck_per_s: float = 8.0
     """Rate at which the neck turns to where the eyes would look straight ahead (`bench fixation`)."""
     limits: LimitParams = field(default_factory=LimitParams)

@@ -1,8 +1,8 @@
 """Search for a target that is not in view: over the whole field of view in bounded time, or at random (J IV.B).
 
 The covering search visits the points of a grid, always the nearest that is left.  Its `spacing_rad` leaves half of it
-to either side of a point: 20° and 15° of the 33° and 25° that both of the iCub's eyes see to every side of their axes
-(FACTS §1), so that what is as near as 0.25 m, where the eyes' directions differ by 8° from the head's, is seen too.
+to either side of a point: 20° and 15° of the 33° and 25° that both of the iCub's eyes see to every side of their axes,
+so that what is as near as 0.25 m, where the eyes' directions differ by 8° from the head's, is seen too.
 """
 
 from dataclasses import dataclass, field

@@ -14,8 +14,8 @@ from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array
 from rendering.names import MotionName
 
-START_M = (0.25, 0.30)  # distance from the taxel at which an approach starts (FACTS §3)
-START_ANGLE = np.deg2rad(45.0)  # largest angle to the taxel's normal there (FACTS §3)
+START_M = (0.25, 0.30)  # distance from the taxel at which an approach starts (R)
+START_ANGLE = np.deg2rad(45.0)  # largest angle to the taxel's normal there (R)
 EXTENT_M = (0.05, 0.08)  # amplitude of a motion about a centre
 # Standard deviation per axis of a reach's control point, as a share of its length; the path deviates by half of it.
 _BOW = 0.15

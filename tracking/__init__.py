@@ -7,4 +7,4 @@ from typing import Literal
 
 Mode = Literal["generic", "marker"]
 
-DEFAULT_ORDER = 4  # of the Kalman filter: position, velocity, acceleration and jerk (R, FACTS §4)
+DEFAULT_ORDER = 4  # of the Kalman filter: position, velocity, acceleration and jerk (R)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 
-N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (FACTS §4)
+N_BINS = 110  # 10 hues × 10 saturations, then 10 values for pixels without a colour (R's histogram)
 _GREY_SATURATION, _DARK_VALUE = 40, 25  # below either the hue is noise (of 255)
 _BITS = 6  # of each channel that tell colours apart; the others are about the pixel noise
 _SAME_SIMILARITY = 0.85  # least Bhattacharyya coefficient of the colours of one object before and after a gap

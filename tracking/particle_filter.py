@@ -1,4 +1,4 @@
-"""A particle filter over an object's place and scale in one image (R, "3D particle filter"; FACTS §4)."""
+"""A particle filter over an object's place and scale in one image (R, "3D particle filter")."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

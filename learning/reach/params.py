@@ -17,7 +17,7 @@ N_NEAR = 16  # babbled postures nearest to a point, among which inverse kinemati
 
 @dataclass(frozen=True)
 class ArmLimits:
-    """J's limits of the first four arm joints in the order of the chain (shoulder rows 3–5, elbow)."""
+    """J's limits of the first four arm joints in the order of the chain (shoulder, elbow)."""
 
     lower_rad: tuple[float, ...] = (-95 * _DEG, 0.0, -20 * _DEG, 15 * _DEG)
     upper_rad: tuple[float, ...] = (10 * _DEG, 160 * _DEG, 80 * _DEG, 105 * _DEG)

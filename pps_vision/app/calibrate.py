@@ -91,7 +91,7 @@ class Board:
 
 
 @dataclass(frozen=True)
-class View:
+class BoardView:
     """A board in one pair of images: its corners (n, 3) m, and their pixels (n, 2) in both."""
 
     name: str
@@ -123,7 +123,7 @@ class StereoCalibration:
     T: Array
     rms_px: float
     focal_std_px: Array
-    views: tuple[View, ...]
+    views: tuple[BoardView, ...]
     residuals_px: tuple[tuple[Array, Array], ...]
 
     def rms_of(self, side: int) -> float:
@@ -179,7 +179,7 @@ class StereoCalibration:
         figure.suptitle(f"stereo RMS {self.rms_px:.3f} px, {len(self.views)} views, baseline {baseline_mm:.2f} mm")
         return figure
 
-    def _both(self) -> Iterable[tuple[View, tuple[Array, Array]]]:
+    def _both(self) -> Iterable[tuple[BoardView, tuple[Array, Array]]]:
         return zip(self.views, self.residuals_px, strict=True)
 
 
@@ -202,10 +202,10 @@ def board_pairs(
     return tuple(pairs[k] for k in chosen)
 
 
-def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], list[View], list[str]]:
+def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], list[BoardView], list[str]]:
     """Return the images' width and height, the views of the board, and why other pairs have none."""
     size = usual_size("calibrate", tuple(pairs), [])
-    views: list[View] = []
+    views: list[BoardView] = []
     skipped: list[str] = []
     for pair in pairs:
         images = [decode(file, size) for file in pair]
@@ -225,11 +225,11 @@ def find_views(board: Board, pairs: Sequence[Pair]) -> tuple[tuple[int, int], li
         left_px, right_px = (np.array([corners[k] for k in common], np.float32) for corners in found)
         if board.marker_m is None and (left_px[-1] - left_px[0]) @ (right_px[-1] - right_px[0]) < 0:
             right_px = right_px[::-1].copy()  # a board with as many dark as light corners looks the same upside down
-        views.append(View(pair[0].title, board.corners[common], left_px, right_px))
+        views.append(BoardView(pair[0].title, board.corners[common], left_px, right_px))
     return size, views, skipped
 
 
-def calibrate(image_size: tuple[int, int], views: Sequence[View]) -> StereoCalibration:
+def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> StereoCalibration:
     """Calibrate each camera by itself (Zhang 2000), then both together with OpenCV's stereoCalibrate.
 
     Raises:

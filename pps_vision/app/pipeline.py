@@ -190,7 +190,8 @@ class Pipeline:
         events = self._perceive(track, taxels, normals, moving, touched)
         learned = learner.step(state.learning, events)
         field = params.receptive_field
-        active = Activation(stamp_s, self.skin.taxel_ids, felt(field, learned.memory, track, taxels, normals, moving))
+        probability = activation_by(field, learned.memory, track, taxels, normals, moving)
+        active = Activation(stamp_s, self.skin.taxel_ids, probability)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
         may_reach = reachability is not None and reachability.is_reachable
         leaning, torso_command = self._lean(state, then, active, may_reach, track, touched)
@@ -295,8 +296,8 @@ class Pipeline:
         if params is None or found is None or not torso or arm.params.behaviour != "reach":
             return None, still
         if leaning is None:
-            is_felt = bool(np.any(active.probability[arm.on_arm] > arm.params.threshold))
-            if may_reach or not is_felt or not track.is_known:
+            is_active = bool(np.any(active.probability[arm.on_arm] > arm.params.threshold))
+            if may_reach or not is_active or not track.is_known:
                 return None, still
             leaning = _Leaning(posture.q_rad[torso])
         elif not leaning.back and (not track.is_known or touched[arm.on_arm].any()):
@@ -376,7 +377,7 @@ class TrackActivation:
         taxels, normals = self.skin.at(self.robot.at(q_rad))
         moving, self._last = _velocity(self._last, track.stamp_s, taxels), (track.stamp_s, taxels)
         field = PipelineParams.receptive_field
-        probability = felt(field, self.memory, track, taxels, normals, moving)
+        probability = activation_by(field, self.memory, track, taxels, normals, moving)
         return Activation(track.stamp_s, self.skin.taxel_ids, probability), taxels
 
 
@@ -410,7 +411,7 @@ def joints_of(frame: StereoFrame) -> Array:
     return joints
 
 
-def felt(
+def activation_by(
     field: ReceptiveField, memory: PPSMemory, track: Track3D, taxels: Array, normals: Array, taxel_velocity: Array
 ) -> Array:
     """(n,) activation of every taxel, its mean over the velocities that the track may have; 0 without a track.

@@ -46,7 +46,7 @@ class Extras:
     """Eight pictures for the report."""
     reach: "TrackReachability | None" = None
     """Columns of reachability in trajectory.csv."""
-    felt: "TrackActivation | None" = None
+    activation: "TrackActivation | None" = None
     """activation.csv, and taxels in the pictures."""
 
 
@@ -71,8 +71,8 @@ class TrackFiles:
             columns = TRAJECTORY + REACHABILITY if extras.reach else TRAJECTORY
             self._write_track = files.enter_context(open_table(folder / "trajectory.csv", columns))
             self._write_forms = files.enter_context(open_forms(folder, extras.also, recording.image_size))
-            if extras.felt:
-                taxels = ("stamp_s", *extras.felt.skin.taxel_ids)
+            if extras.activation:
+                taxels = ("stamp_s", *extras.activation.skin.taxel_ids)
                 self._write_activation = files.enter_context(open_table(folder / ACTIVATION, taxels))
             self._view = None
             if extras.viewer:
@@ -116,16 +116,16 @@ class TrackFiles:
 
     def _touched(self, frame: StereoFrame, step: TrackerStep) -> tuple[Activation, Array] | None:
         """The activation, which is written, and the positions of the taxels; the joints are kept for `add`."""
-        if not (self._extras.reach or self._extras.felt):
+        if not (self._extras.reach or self._extras.activation):
             return None
         from pps_vision.app.pipeline import joints_of
 
         joints = joints_of(frame)
         if self._extras.reach:
             self._joints.append(joints)
-        if not self._extras.felt:
+        if not self._extras.activation:
             return None
-        activation, taxels = self._extras.felt(joints, step.track)
+        activation, taxels = self._extras.activation(joints, step.track)
         self._write_activation((activation.stamp_s, *activation.probability))
         return activation, taxels
 

@@ -1,7 +1,7 @@
 """Independent scene source: what is filmed, from where, and the truth.
 
-Motions, rig and head kinematics are this file's own (FACTS §1's table of the iCub); only what the tracker is told is
-made of the project's types.
+Motions, rig and head kinematics are this file's own (from the iCub's Denavit–Hartenberg tables in iKin); only what the
+tracker is told is made of the project's types.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -38,7 +38,7 @@ SEEN_SHARE = 0.5  # of its image an eye must see to be said to see the object
 CARDBOARD: Color = (140.0, 107.0, 71.0)
 
 # The iCub's head, standard Denavit–Hartenberg: joint, A (m), D (m), α (deg), offset (deg); the sign of the eye's D is
-# minus for the left eye, plus for the right (FACTS §1).
+# minus for the left eye, plus for the right (iKin).
 _H0 = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 _HEAD = (
     ("torso_pitch", 0.032, 0.0, 90.0, 0.0),

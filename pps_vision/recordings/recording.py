@@ -189,7 +189,7 @@ def note_unpaired(files: Sequence[ImageFile], paired: set[int], wanted: str, pro
             problems.append(Problem(ProblemKind.UNPAIRED, row[0].cited, row[0].line, message, len(row)))
 
 
-Chain = tuple[int, int, "Chain"] | None  # the last pair (places in left and right), and those before it
+_Pairing = tuple[int, int, "_Pairing"] | None  # the last pair (places in left and right), and those before it
 
 
 def _match(left: list[float], right: list[float], max_skew_s: float) -> list[tuple[int, int]]:
@@ -201,11 +201,11 @@ def _match(left: list[float], right: list[float], max_skew_s: float) -> list[tup
     first = np.searchsorted(right, np.subtract(left, max_skew_s), "left")
     end = np.searchsorted(right, np.add(left, max_skew_s), "right")
     saved_by_pair = 2 * max_skew_s + 1e-9  # two images are no longer unpaired; a tie goes to the pair
-    best: list[tuple[float, Chain]] = [(0.0, None)]  # saving and chain with the first j right images only
+    best: list[tuple[float, _Pairing]] = [(0.0, None)]  # saving and chain with the first j right images only
     for i, stamp_s in enumerate(left):
         best += [best[-1]] * (int(end[i]) + 1 - len(best))
         within = range(int(first[i]), int(end[i]))
-        longer: list[tuple[float, Chain]] = [
+        longer: list[tuple[float, _Pairing]] = [
             (best[j][0] + saved_by_pair - abs(stamp_s - right[j]), (i, j, best[j][1])) for j in within
         ]
         for j, chain in zip(within, longer, strict=True):

@@ -11,7 +11,7 @@ from pps_vision.robot.setup import RobotSetup
 from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Array
 
-# Eye calibration at 320×240 of the robot behind R (FACTS §1).
+# Eye calibration at 320×240 of the robot behind R (its icubEyes.ini).
 LEFT_EYE = Camera(320, 240, 219.057, 219.028, 174.742, 102.874, (-0.374173, 0.205428, 0.00282356, 0.00270998, 0.0))
 RIGHT_EYE = Camera(320, 240, 225.904, 227.041, 157.858, 113.51, (-0.377318, 0.155149, -0.000726514, 0.000317338, 0.0))
 
@@ -24,7 +24,7 @@ PORTS = {
     "right_arm": (*_ARM("right"), *("-",) * 9),
 }
 
-# Left arm at home (rows 3–9): the palm is at (−.30, −.20, .05) m and the inner forearm in view.
+# Left arm at home (shoulder to wrist): the palm is at (−.30, −.20, .05) m and the inner forearm in view.
 HOME_ARM_DEG = (-30.3, 22.9, -8.5, 50.7, -45.9, 0.0, 0.0)
 HOME_ARM_RAD = tuple(float(a) for a in np.deg2rad(HOME_ARM_DEG))
 

@@ -119,7 +119,7 @@ def icub_skin(
         "right_palm",
     ),
 ) -> Skin:
-    """The virtual taxels of FACTS §2."""
+    """The virtual taxels of R, one per triangular module."""
     return Skin(tuple(_icub_part(name) for name in parts))
 
 
@@ -140,7 +140,7 @@ def _icub_part(name: str) -> SkinPart:
 
 
 def taxel_frame(position: ArrayLike, normal: ArrayLike) -> Array:
-    """`T_part_taxel`: z along the outward normal, y ∝ (−nz/nx, 0, 1), x = −(z × y) (FACTS §2)."""
+    """`T_part_taxel`: z along the outward normal, y ∝ (−nz/nx, 0, 1), x = −(z × y) (R)."""
     z = np.asarray(normal, dtype=float)
     z = z / np.linalg.norm(z)
     nx = z[0] if z[0] != 0 else 1e-8
@@ -154,6 +154,6 @@ def taxel_frame(position: ArrayLike, normal: ArrayLike) -> Array:
 
 def touched_taxels(positions_root: Array, center_root: ArrayLike, radius_m: float) -> Mask:
     """(n,) which taxels a ball of `radius_m` about `center_root` touches: its surface comes
-    within 20 mm of the taxel's centre (FACTS §2)."""
+    within 20 mm of the taxel's centre (R)."""
     gap = np.linalg.norm(positions_root - np.asarray(center_root, dtype=float), axis=1) - radius_m
     return np.asarray(gap <= TOUCH_RADIUS_M)

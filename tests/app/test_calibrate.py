@@ -11,7 +11,7 @@ from flat_patterns import SIZE, K, R, T, seen
 from scipy.spatial.transform import Rotation
 from videos import write_video
 
-from pps_vision.app.calibrate import Board, View, board_pairs, calibrate, find_views
+from pps_vision.app.calibrate import Board, BoardView, board_pairs, calibrate, find_views
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
@@ -113,7 +113,7 @@ def test_too_few_views(tmp_path: Path, refused_with) -> None:
     assert "in 0 pairs; expected at least 3" in lines[-1]
 
 
-def corners_seen(tilt_deg: float, turned: tuple[float, float, float], rng: np.random.Generator) -> list[View]:
+def corners_seen(tilt_deg: float, turned: tuple[float, float, float], rng: np.random.Generator) -> list[BoardView]:
     """Corners, within 0.1 px, of 8 boards turned alike, each then tilted about an axis of its own and moved."""
     board, views = np.array([[0.03 * x, 0.03 * y, 0.0] for y in range(5) for x in range(8)]), []
     for k in range(8):
@@ -123,7 +123,7 @@ def corners_seen(tilt_deg: float, turned: tuple[float, float, float], rng: np.ra
         left = pose.apply(board - board.mean(axis=0)) + rng.uniform((-0.03, -0.03, 0.4), (0.13, 0.13, 0.7))
         both = [(points @ camera.T) for points, camera in zip((left, left @ R.T + T), K, strict=True)]
         left_px, right_px = (p[:, :2] / p[:, 2:] + 0.1 * rng.normal(size=(len(p), 2)) for p in both)
-        views.append(View(str(k), board.astype(np.float32), np.float32(left_px), np.float32(right_px)))
+        views.append(BoardView(str(k), board.astype(np.float32), np.float32(left_px), np.float32(right_px)))
     return views
 
 

@@ -56,7 +56,7 @@ def test_features_are_js_pixels_near_the_axis(robot: Robot, rng: np.random.Gener
 
 
 def test_the_interaction_matrix_is_the_published_one(robot: Robot) -> None:
-    """At 0.4 m and f = 220: −220 (disparity by vergence), +248 (u by yaw), +249 (v by pitch) px/rad (FACTS §5)."""
+    """At 0.4 m and f = 220: −220 (disparity by vergence), +248 (u by yaw), +249 (v by pitch) px/rad."""
     q = set_gaze(robot, np.zeros(robot.n_joints), vergence=2 * np.arctan(0.034 / 0.4))
     p = fixation_point(robot.at(q))
     assert p is not None
@@ -127,7 +127,7 @@ def test_triangulated_pixels_are_fixated(robot: Robot) -> None:
 
 @pytest.mark.parametrize("frame", ["left_palm", "left_forearm"])
 def test_the_arm_at_home_is_fixated_with_the_eyes_tilt(robot: Robot, frame: str) -> None:
-    """Beyond the neck's −40° (FACTS §5: −51° for the hand, further for the forearm)."""
+    """Beyond the neck's −40° (−51° for the hand, further for the forearm)."""
     p = robot.at(home(robot)).point(frame)
     q = gaze_at(robot, home(robot), p)
     _, pitch, tilt, _ = gaze_of(robot.at(q))

@@ -172,7 +172,7 @@ def test_sensor_stages_do_what_they_are_named_after() -> None:
 
 
 def test_the_head_is_the_icub_s() -> None:
-    """Heights and fixation point of FACTS, and the project's own model in a random posture."""
+    """Heights and fixation point by iKin's tables, and the project's own model in a random posture."""
     left, right = head_pose({}, "left"), head_pose({}, "right")
     assert left[2, 3] == pytest.approx(0.3408, abs=1e-6)
     np.testing.assert_allclose(right[:3, 3] - left[:3, 3], [0, 0.068, 0], atol=1e-9)

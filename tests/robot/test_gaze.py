@@ -158,7 +158,7 @@ def test_beyond_the_limits_is_nan_and_wider_limits_help():
     assert np.isnan(gaze_for_points(ROBOT, points)).all()
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
     gaze = gaze_for_points(ROBOT, points, wide)
-    assert np.rad2deg(gaze[0, 1]) == pytest.approx(-51, abs=1)  # FACTS §5: the home hand
+    assert np.rad2deg(gaze[0, 1]) == pytest.approx(-51, abs=1)  # the home hand
     np.testing.assert_allclose(fixation_points(ROBOT, gaze[:1])[0], points[0], atol=1e-6)
     assert np.isnan(gaze[1:]).all()
 

@@ -1,4 +1,4 @@
-"""The iCub's URDF against its published Denavit–Hartenberg tables (retyped here) and checks (FACTS §1)."""
+"""The iCub's URDF against its published Denavit–Hartenberg tables (retyped here) and checks."""
 
 import numpy as np
 import pytest

@@ -32,7 +32,7 @@ def test_parts_hold_the_published_taxels() -> None:
 
 
 def test_the_right_forearm_mirrors_the_left_one() -> None:
-    """In y and z (FACTS §2), positions and normals."""
+    """In y and z (R), positions and normals."""
     left, right = icub_skin(("left_forearm", "right_forearm")).parts
     assert left.ids == right.ids
     np.testing.assert_allclose(right.positions_m[0], [-0.031, 0.097, -0.014])
@@ -61,7 +61,7 @@ def test_taxels_are_where_the_robots_own_calibration_puts_them(part: str, file: 
 
 
 def test_the_inner_left_forearm_faces_the_robots_eyes_at_home() -> None:
-    """Seen from between the eyes, the inner taxels face us (135 edgewise), the outer ones face away (FACTS §5)."""
+    """Seen from between the eyes, the inner taxels face us (135 edgewise), the outer ones face away."""
     robot = load_icub()
     posture = robot.at(home(robot))
     skin = icub_skin(("left_forearm",))

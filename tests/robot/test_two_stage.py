@@ -37,7 +37,7 @@ def test_the_batch_against_the_closed_form():
     reachable = np.isfinite(effort)
     assert 0.2 < reachable.mean() < 0.8
     assert not (found.reachable & ~reachable)[sure(points)].any()
-    assert (found.reachable == reachable).mean() >= 0.97, "six random starts (FACTS §6: 96.8–99.2 % with 2–4)"
+    assert (found.reachable == reachable).mean() >= 0.97, "six random starts (96.8–99.2 % with 2–4)"
     off = np.linalg.norm(CHAIN.positions(found.q_rad)[0] - points, axis=1)
     assert (off[found.reachable] <= 1e-4).all()
     np.testing.assert_allclose(off[~found.reachable], found.error[~found.reachable], atol=1e-9)

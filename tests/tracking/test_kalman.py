@@ -43,7 +43,7 @@ def test_without_decay_it_is_white_noise_on_the_next_derivative(order: int) -> N
     F, Q = discretise(order, 0.37, (math.inf, math.inf))
     np.testing.assert_allclose(Q, Q_continuous_white_noise(order, 0.37), rtol=1e-12)
     powers = [0.37**k / math.factorial(k) for k in range(order)]
-    np.testing.assert_allclose(F[0], powers, rtol=1e-12)  # FACTS §4: A_ij = dt^(j−i)/(j−i)!
+    np.testing.assert_allclose(F[0], powers, rtol=1e-12)  # R: A_ij = dt^(j−i)/(j−i)!
     np.testing.assert_allclose(F, [[0.0] * i + powers[: order - i] for i in range(order)], rtol=1e-12)
 
 

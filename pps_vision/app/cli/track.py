@@ -86,9 +86,10 @@ class Track(SourceOptions):
             self._refuse_without(recording.robot is not None, "without a robot; expected it with an iCub's REC")
             params = TrackerParams(self.mode, self.reduction, kalman=KalmanParams.of_order(self.order))
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
-            reach, felt = self._reach(recording), self._felt(recording)
+            reach, activation = self._reach(recording), self._activation(recording)
             numbers = PathNumbers(recording.truth)
-            with TrackFiles(folder, run, Extras(self.also, self.video, self.viewer, self.report, reach, felt)) as files:
+            extras = Extras(self.also, self.video, self.viewer, self.report, reach, activation)
+            with TrackFiles(folder, run, extras) as files:
                 bar = tqdm(run.numbered(), total=len(run), desc="track", unit="pair", disable=None)
                 for pair in run.tracked_pairs(run.path(files.steps(bar), self.smooth)):
                     numbers.add(pair.track, pair.residual_px)
@@ -128,7 +129,7 @@ class Track(SourceOptions):
 
         return TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
 
-    def _felt(self, recording: "Recording") -> "TrackActivation | None":
+    def _activation(self, recording: "Recording") -> "TrackActivation | None":
         """What --memory answers."""
         if not (self.memory and recording.robot):
             return None

@@ -7,7 +7,7 @@ from pps_vision.types import Array
 _SLOWEST_M_S = 0.01  # slower approaches have no time to contact
 
 
-def distance_and_ttc(position: Array, velocity: Array) -> tuple[Array, Array]:
+def distance_and_ttc_of_origin(position: Array, velocity: Array) -> tuple[Array, Array]:
     """Distance (…) in m from the root frame's origin, and the time (…) in s until the object at `position` would be
     there at its present speed of approach, from its `velocity`, both (…, 3); NaN where it does not approach."""
     distance = np.linalg.norm(position, axis=-1)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.report import page
-from pps_vision.app.report.approach import distance_and_ttc
+from pps_vision.app.report.approach import distance_and_ttc_of_origin
 from pps_vision.app.report.path3d import path3d
 from pps_vision.app.report.shade import shade
 from pps_vision.errors import InputError, first_line
@@ -116,8 +116,8 @@ def read_tracked(folder: Path) -> Tracked:
         truth = _numbers(true, read_table(true, names), 4)
     reach = values[:, 13] if with_map else None
     status = tuple(row[-1] for _, row in rows)
-    felt = _activation(folder / ACTIVATION, len(rows))
-    return Tracked(folder, summary, values[:, 0], values[:, 1:4], values[:, 4:7], cov, status, reach, felt, truth)
+    activation = _activation(folder / ACTIVATION, len(rows))
+    return Tracked(folder, summary, values[:, 0], values[:, 1:4], values[:, 4:7], cov, status, reach, activation, truth)
 
 
 def _activation(file: Path, n: int) -> dict[str, Array]:
@@ -245,7 +245,7 @@ def _with_covariance(tracked: Tracked) -> tuple[Array, Array]:
 
 def _over_time(tracked: Tracked) -> Figure:
     t = tracked.stamps_s - tracked.stamps_s[0]
-    distance, ttc = distance_and_ttc(tracked.position, tracked.velocity)
+    distance, ttc = distance_and_ttc_of_origin(tracked.position, tracked.velocity)
     more = tracked.reach is not None
     figure = Figure(figsize=(9, 9 + 1.6 * more), layout="constrained")
     axes = figure.subplots(5 + more, 1, sharex=True)
@@ -281,8 +281,8 @@ def _over_the_body(tracked: Tracked) -> Figure:
     figure = Figure(figsize=(9, 1.5 + 0.12 * min(len(parts), 60)), layout="constrained")
     axis = figure.subplots()
     t = tracked.stamps_s - tracked.stamps_s[0]
-    felt = np.stack(list(tracked.activation.values()))
-    shown = axis.pcolormesh(t, np.arange(len(parts)), felt, vmin=0, vmax=1, cmap="magma", shading="nearest")
+    activation = np.stack(list(tracked.activation.values()))
+    shown = axis.pcolormesh(t, np.arange(len(parts)), activation, vmin=0, vmax=1, cmap="magma", shading="nearest")
     first = [k for k, part in enumerate(parts) if k == 0 or part != parts[k - 1]]
     axis.set_yticks(first, [parts[k] for k in first])
     axis.hlines([k - 0.5 for k in first], *axis.get_xlim(), color="w", lw=0.5)

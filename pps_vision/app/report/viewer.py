@@ -15,7 +15,7 @@ from types import TracebackType
 
 from scipy.spatial.transform import Rotation
 
-from pps_vision.app.report.approach import distance_and_ttc
+from pps_vision.app.report.approach import distance_and_ttc_of_origin
 from pps_vision.app.report.path3d import ellipsoid_95
 from pps_vision.errors import InputError
 from pps_vision.types import Array, StereoFrame, Truth
@@ -59,7 +59,7 @@ class ViewFile:
         turn = Rotation.from_matrix(rotation).as_quat()
         ellipsoid = rr.Ellipsoids3D(centers=[track.position], half_sizes=[lengths], quaternions=[turn], colors=_GREEN)
         log("track", ellipsoid)
-        distance, ttc = distance_and_ttc(track.position, track.velocity)
+        distance, ttc = distance_and_ttc_of_origin(track.position, track.velocity)
         log("distance", rr.Scalars(float(distance)))
         log("time_to_contact", rr.Scalars(float(ttc)))
 

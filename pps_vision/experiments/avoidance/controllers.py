@@ -18,7 +18,7 @@ from control.avoidance import AvoidanceParams, AvoidanceState
 from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
 from learning.pps.memory import PPSMemory
-from pps_vision.app.pipeline import felt
+from pps_vision.app.pipeline import activation_by
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.training import FIELD
 from pps_vision.robot.bare_links import BareLinks
@@ -145,7 +145,7 @@ def distance_only(setting: Setting, numbers: Numbers) -> Controller:
 def felt_by_distance(skin: Skin, of_distance: PPSMemory, track: Track3D, posture: Posture) -> Array:
     """Return the activations (n,) of a memory that knows D only."""
     taxels, normals = skin.at(posture)
-    return felt(FIELD, of_distance, track, taxels, normals, np.zeros_like(taxels))
+    return activation_by(FIELD, of_distance, track, taxels, normals, np.zeros_like(taxels))
 
 
 def move_point(setting: Setting, posture: Posture, frame: str, point: Array, velocity: Array) -> Array:

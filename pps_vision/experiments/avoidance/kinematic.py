@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from control.limits import MAX_HOLD_S, LimitParams, limit
-from pps_vision.app.pipeline import felt
+from pps_vision.app.pipeline import activation_by
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.experiments.avoidance.controllers import RADIUS_M, Controller, Setting
 from pps_vision.experiments.avoidance.encounter import Arena, Encounter
@@ -167,7 +167,7 @@ def meet(
     watch.posture(q)
     for track in tracks:
         t = track.stamp_s
-        activations = felt(FIELD, memories.of_both, track, taxels, normals, velocities)
+        activations = activation_by(FIELD, memories.of_both, track, taxels, normals, velocities)
         wanted = act(activations, track, posture)
         command: JointVelocity | None = None
         if np.any(wanted) or (last is not None and np.any(last.dq_rad_s)):

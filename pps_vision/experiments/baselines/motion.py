@@ -21,7 +21,7 @@ Flow = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.float32]]  # 
 
 ROOM_M = 1.2  # how far away the flow of a moving eye is expected from
 _CENTRAL, _MIN_AREA_PX, _JOIN_PX = 0.92, 16, 4
-_STEP, _WINDOW, _LEVELS, _CENTRAL_R = 6, 15, 5, 0.75  # of R's grid (FACTS §4)
+_STEP, _WINDOW, _LEVELS, _CENTRAL_R = 6, 15, 5, 0.75  # of R's grid (its motionCUT module)
 _MIN_NEIGHBOURS, _MIN_NODES = 4, 10
 
 

@@ -44,7 +44,7 @@ def rng():
 
 
 def test_the_cross_function(rng):
-    """20 000 samples leave .019–.022 with 54–58 fields, .058–.065 without adapting (FACTS §6; all of it in
+    """20 000 samples leave .019–.022 with 54–58 fields, .058–.065 without adapting (the C library; all of it in
     `bench reach_lwpr`); 4000 are on the way there, and already better than any number without adapting."""
     x, y = samples(rng, 4000)
     model = taught(CROSS, x, y[:, None])
@@ -53,7 +53,7 @@ def test_the_cross_function(rng):
 
 
 def test_rates_that_adapt_and_full_metrics(rng):
-    """500 points over and over (FACTS §6: .032–.043 after 20 epochs)."""
+    """500 points over and over (the C library: .032–.043 after 20 epochs)."""
     x, y = samples(rng, 500)
     order = np.concatenate([rng.permutation(500) for _ in range(5)])
     metric = MetricParams(rate=250, full=True, meta_rate=250)

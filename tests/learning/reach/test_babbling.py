@@ -24,7 +24,7 @@ def test_what_is_fixated_is_the_hand(babbled):
 
 
 def test_limits_decide_what_can_be_fixated(babbled):
-    """FACTS §6: 28 % of the postures can be fixated; none is beyond a limit; narrower limits leave fewer."""
+    """28 % of the postures can be fixated; none is beyond a limit; narrower limits leave fewer."""
     assert babbled.n_tried == 6000
     assert len(babbled.arm_rad) / babbled.n_tried == pytest.approx(0.28, abs=0.03)
     limits, arm = GazeLimits(), ArmLimits()

@@ -49,7 +49,7 @@ def babbled():
     q = np.random.default_rng(5).uniform(LOWER, UPPER, (12_000, 4))
     gaze = gaze_for_points(ROBOT, ARM.positions(q)[0])
     seen = np.isfinite(gaze[:, 0])
-    assert seen.mean() == pytest.approx(0.28, abs=0.02)  # FACTS §6
+    assert seen.mean() == pytest.approx(0.28, abs=0.02)  # by an independent sampling of the same tables
     return q[seen], gaze[seen]
 
 
@@ -61,7 +61,7 @@ def rates(judged, truth):
 def test_judges_random_gaze_postures(learned, fresh):
     je, fn, fp = rates(learned.query(fresh.gaze_rad).reachable, fresh.reachable)
     print(f"gaze space: JE {100 * je:.2f} %, FN {100 * fn:.2f} %, FP {100 * fp:.2f} %")
-    assert fresh.reachable.mean() == pytest.approx(0.19, abs=0.02)  # FACTS §6
+    assert fresh.reachable.mean() == pytest.approx(0.19, abs=0.02)  # by an independent sampling of the same tables
     assert je <= 0.005
     assert fn <= 0.01
     assert fp <= 0.005
@@ -95,7 +95,7 @@ def test_nothing_beyond_arms_length_is_reachable(learned, fresh):
 
 
 def test_the_farthest_reachable_point(babbled):
-    """J Fig 3 with the values of our tables (FACTS §6): least vergence with the arm outstretched."""
+    """J Fig 3 with the values of our tables: least vergence with the arm outstretched."""
     q, gaze = babbled
     far = gaze[:, 2].argmin()
     assert np.rad2deg(gaze[far, 2]) == pytest.approx(10.4, abs=0.5)
@@ -120,7 +120,7 @@ def test_probability_means_what_it_says(learned, fresh):
 
 
 def test_degree(learned, fresh):
-    """R of J IV.6 (as FACTS §6 corrects it) and IV.7 from the fresh answers."""
+    """R of J IV.6 (the printed one leaves [0, 1]) and IV.7 from the fresh answers."""
     expected = np.where(
         fresh.reachable, (1 + fresh.optimality) / 2, (1 - fresh.error_m / learned.max_error_m) / 2
     )  # fmt: skip
@@ -156,7 +156,7 @@ def test_outside_the_limits_is_said_so(learned):
 
 
 def test_a_wider_gaze_and_fewer_labels():
-    """With the eyes' tilt the gaze goes down to −80°, where the home hand is (FACTS §5)."""
+    """With the eyes' tilt the gaze goes down to −80°, where the home hand is."""
     wide = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))
     params = MapParams(gaze_limits=wide, n_labels=1200, round_labels=400, n_babble=20_000, lattice=0.08)
     learned = train_reachable_map(ROBOT, "left", np.random.default_rng(1), params)
