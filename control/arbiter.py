@@ -20,7 +20,7 @@ def combine(commands: Sequence[JointVelocity]) -> JointVelocity:
     Raises:
         InputError: two commands move one joint, their stamps, validities or lengths differ, or a rate is not finite.
     """
-    times, shapes = {(c.stamp_s, c.valid_s) for c in commands}, {c.dq_rad_s.shape for c in commands}
+    times, shapes = {(c.stamp_s, c.hold_s) for c in commands}, {c.dq_rad_s.shape for c in commands}
     if len(times) != 1 or len(shapes) != 1:
         found = f"commands of stamps and validities {sorted(times)} s and shapes {sorted(shapes)}"
         raise InputError("arbiter", f"{found}; expected one of each")
@@ -30,5 +30,5 @@ def combine(commands: Sequence[JointVelocity]) -> JointVelocity:
     shared = np.flatnonzero(np.count_nonzero(rates, axis=0) > 1)
     if shared.size:
         raise InputError("arbiter", f"joints {shared.tolist()} are commanded twice; expected disjoint sets of joints")
-    stamp_s, valid_s = times.pop()
-    return JointVelocity(stamp_s, rates.sum(axis=0), valid_s)
+    stamp_s, hold_s = times.pop()
+    return JointVelocity(stamp_s, rates.sum(axis=0), hold_s)

@@ -37,18 +37,18 @@ def step(
     posture: Posture,
     p_root: ArrayLike,
     v_root: ArrayLike = (0.0, 0.0, 0.0),
-    dt_s: float = MAX_HOLD_S,
+    hold_s: float = MAX_HOLD_S,
     stamp_s: float = 0.0,
 ) -> JointVelocity:
     """Head and eye rates q̇ = −G x towards fixation of a point (J IV.1).
 
     x is [a_L − a_R, mean a, mean b] of the azimuth a and elevation b (rad) under which each eye sees the point: J's
     pixel features without the lens, linear in the joints far off axis too.  `p_root` (3,) m is the target's position
-    at `stamp_s`, `v_root` (3,) m/s its velocity, fed forward.  The rates may be held for `dt_s`: no joint leaves its
-    limits meanwhile.  InputError for a target that is not finite, a stamp that is not, or `dt_s` out of (0, 0.5].
+    at `stamp_s`, `v_root` (3,) m/s its velocity, fed forward.  The rates may be held for `hold_s`: no joint leaves its
+    limits meanwhile.  InputError for a target that is not finite, a stamp that is not, or `hold_s` out of (0, 0.5].
     """
-    check_times("fixation", stamp_s, dt_s)
-    return JointVelocity(stamp_s, _rates(params, posture, *checked_target(p_root, v_root), dt_s), dt_s)
+    check_times("fixation", stamp_s, hold_s)
+    return JointVelocity(stamp_s, _rates(params, posture, *checked_target(p_root, v_root), hold_s), hold_s)
 
 
 def checked_target(p_root: ArrayLike, v_root: ArrayLike) -> tuple[Array, Array]:

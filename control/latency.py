@@ -16,7 +16,7 @@ def posture_after(
     q = q_rad
     for k, command in enumerate(commands):
         begin = command.stamp_s + latency_s
-        end = begin + command.valid_s
+        end = begin + command.hold_s
         if k + 1 < len(commands):
             end = min(end, commands[k + 1].stamp_s + latency_s)
         obeyed_s = min(end, until_s) - max(begin, from_s)

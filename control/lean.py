@@ -37,7 +37,7 @@ def step(
     reachable: Callable[[Array], Mask],
     posture: Posture,
     p_root: Array,
-    dt_s: float = 0.05,
+    hold_s: float = 0.05,
     stamp_s: float = 0.0,
 ) -> tuple[LeanStatus, JointVelocity]:
     """Turn the torso straight to the nearest posture from which the object is reachable; rest where it already is.
@@ -49,14 +49,14 @@ def step(
         reachable: the map's verdict (N,) on gaze postures (N, 3); False for NaN.
         posture: the robot now.
         p_root: (3,) position of the object, root frame, m.
-        dt_s: duration of the command, at most 0.5 s.
+        hold_s: duration of the command, at most 0.5 s.
         stamp_s: stamp of the command.
 
     Returns:
         Whether the object is within reach, will be, or cannot be; and the rates of the torso's joints.
 
     Raises:
-        InputError: the stamp is not finite, or `dt_s` out of (0, 0.5].
+        InputError: the stamp is not finite, or `hold_s` out of (0, 0.5].
     """
     robot = posture.robot
     index = robot.indices(robot.names.torso)
@@ -72,22 +72,22 @@ def step(
         found = torso[within]
         goal = found[np.linalg.norm(found - here, axis=1).argmin()]
         status = "within reach" if within[0] else "leaning"
-    return status, _turn(params, posture, goal, dt_s, stamp_s)
+    return status, _turn(params, posture, goal, hold_s, stamp_s)
 
 
 def upright(
-    params: LeanParams, posture: Posture, torso_rad: Array, dt_s: float = 0.05, stamp_s: float = 0.0
+    params: LeanParams, posture: Posture, torso_rad: Array, hold_s: float = 0.05, stamp_s: float = 0.0
 ) -> JointVelocity:
     """Turn the torso straight back to the joints (2,) that it had before it leaned; at rest once it is there."""
     here = posture.q_rad[posture.robot.indices(posture.robot.names.torso)]
     is_there = np.linalg.norm(torso_rad - here) <= _UPRIGHT_RAD
-    return _turn(params, posture, here if is_there else torso_rad, dt_s, stamp_s)
+    return _turn(params, posture, here if is_there else torso_rad, hold_s, stamp_s)
 
 
-def _turn(params: LeanParams, posture: Posture, torso_rad: Array, dt_s: float, stamp_s: float) -> JointVelocity:
+def _turn(params: LeanParams, posture: Posture, torso_rad: Array, hold_s: float, stamp_s: float) -> JointVelocity:
     """Turn the torso straight to the joints (2,), and not past them while the command is held."""
-    check_times("lean", stamp_s, dt_s)
+    check_times("lean", stamp_s, hold_s)
     index, dq = posture.robot.indices(posture.robot.names.torso), np.zeros(posture.robot.n_joints)
     turn = torso_rad - posture.q_rad[index]
-    dq[index] = turn / max(dt_s, float(np.linalg.norm(turn)) / params.torso_rad_s)
-    return JointVelocity(stamp_s, dq, dt_s)
+    dq[index] = turn / max(hold_s, float(np.linalg.norm(turn)) / params.torso_rad_s)
+    return JointVelocity(stamp_s, dq, hold_s)

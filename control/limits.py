@@ -75,11 +75,11 @@ def limit(
         InputError: a rate or stamp is not finite, the stamp is before that of the last command, or the command is
             valid for less than 0 or more than `MAX_HOLD_S`.
     """
-    check_times("command", wanted.stamp_s, wanted.valid_s, -np.inf if last is None else last.stamp_s)
+    check_times("command", wanted.stamp_s, wanted.hold_s, -np.inf if last is None else last.stamp_s)
     robot, moves_bodies = posture.robot, self_collision.moving
     if wanted.dq_rad_s.shape != (robot.n_joints,) or not np.isfinite(wanted.dq_rad_s).all():
         raise InputError("command", f"rates {wanted.dq_rad_s}; expected {robot.n_joints} finite numbers in rad/s")
-    lower, upper = _rate_range(params, posture, wanted.valid_s)
+    lower, upper = _rate_range(params, posture, wanted.hold_s)
     before, brake, change = _braking(params, robot, wanted, last)
     brake = np.clip(brake, lower, upper)
     dq = np.clip(wanted.dq_rad_s, lower, upper)
@@ -90,13 +90,13 @@ def limit(
         share = _largest_share(brake[group], dq[group], lower[group], upper[group])
         dq[group] = brake[group] + share * (dq[group] - brake[group])
     dq = np.clip(dq, lower, upper)  # against rounding
-    share = self_collision.clear_share(posture.q_rad, wanted.valid_s * dq, params.clearance_m)
+    share = self_collision.clear_share(posture.q_rad, wanted.hold_s * dq, params.clearance_m)
     free = np.where(moves_bodies, share * dq, dq)
     if np.any((free < lower) | (free > upper)):  # too sudden a stop: brake along the last command
         if not _as_predicted(posture, wanted, last, last_q_rad):
-            brake = brake * self_collision.clear_share(posture.q_rad, wanted.valid_s * brake, params.clearance_m)
+            brake = brake * self_collision.clear_share(posture.q_rad, wanted.hold_s * brake, params.clearance_m)
         free = np.where(moves_bodies, brake, dq)
-    return JointVelocity(wanted.stamp_s, free, wanted.valid_s)
+    return JointVelocity(wanted.stamp_s, free, wanted.hold_s)
 
 
 def _as_predicted(posture: Posture, wanted: JointVelocity, last: JointVelocity | None, last_q: Array | None) -> bool:
@@ -123,14 +123,14 @@ def _braking(
     before, change = change_limits(params, robot, wanted.stamp_s, last)
     if last is None or not before.any():
         return before, before, change
-    left = min(1.0, (last.valid_s - (wanted.stamp_s - last.stamp_s)) / wanted.valid_s)
+    left = min(1.0, (last.hold_s - (wanted.stamp_s - last.stamp_s)) / wanted.hold_s)
     return before, left * before, change
 
 
 def change_limits(params: LimitParams, robot: Robot, stamp_s: float, last: JointVelocity | None) -> tuple[Array, Array]:
     """Rates (n_joints,) at a stamp after the last command, and by how much the acceleration limit lets them change."""
     elapsed_s = MAX_HOLD_S if last is None else stamp_s - last.stamp_s
-    before = last.dq_rad_s if last is not None and elapsed_s < last.valid_s else np.zeros(robot.n_joints)
+    before = last.dq_rad_s if last is not None and elapsed_s < last.hold_s else np.zeros(robot.n_joints)
     return before, fastest(params, robot) / params.speed_up_s * elapsed_s
 
 

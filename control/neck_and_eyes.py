@@ -38,7 +38,7 @@ def step(
     posture: Posture,
     p_root: ArrayLike,
     v_root: ArrayLike = (0.0, 0.0, 0.0),
-    dt_s: float = MAX_HOLD_S,
+    hold_s: float = MAX_HOLD_S,
     stamp_s: float = 0.0,
     last: JointVelocity | None = None,
 ) -> JointVelocity:
@@ -48,14 +48,14 @@ def step(
     tilt, version and the neck's roll at zero: this restoring posture resolves the redundancy.  Together they null x of
     `fixation.features`, J q̇ = −k x − ∂x/∂p v, so that the eyes turn back as the neck comes, at rates near the neck's.
     `p_root` (3,) m is the target at `stamp_s` and `v_root` (3,) m/s its velocity, less that of a point which the trunk
-    carries (`head.carried_velocity`: the vestibulo-ocular reflex).  Rates may be held for `dt_s`; their change from the
-    `last` command keeps the acceleration limits.  InputError as in `fixation.step`.
+    carries (`head.carried_velocity`: the vestibulo-ocular reflex).  Rates may be held for `hold_s`; their change from
+    the `last` command keeps the acceleration limits.  InputError as in `fixation.step`.
     """
-    check_times("neck and eyes", stamp_s, dt_s)
+    check_times("neck and eyes", stamp_s, hold_s)
     p, v = checked_target(p_root, v_root)
     robot = posture.robot
     neck, eyes = joints(robot)
-    lower, upper = _range(params.limits, posture, dt_s, stamp_s, last)
+    lower, upper = _range(params.limits, posture, hold_s, stamp_s, last)
     preferred, weights = np.zeros(robot.n_joints), np.full(robot.n_joints, _WEIGHT)
     middle = 0.5 * (posture.point(robot.names.left_eye) + posture.point(robot.names.right_eye))
     if np.linalg.norm(p - middle) < _NEAREST_M:
@@ -66,12 +66,12 @@ def step(
     left, right = eyes[1:]
     converging = np.zeros((1, robot.n_joints))  # the optical axes do not diverge
     converging[0, left], converging[0, right] = -1.0, 1.0
-    most = [(posture.q_rad[left] - posture.q_rad[right]) / dt_s]
+    most = [(posture.q_rad[left] - posture.q_rad[right]) / hold_s]
     head, dq = neck + eyes, np.zeros(robot.n_joints)
     limits = lower[head], upper[head]
     task = dx_dq[:, head], -params.eyes_per_s * x - dx_dp @ v
     dq[head] = solve_rates(*task, preferred[head], weights[head], limits, converging[:, head], most)
-    return JointVelocity(stamp_s, dq, dt_s)
+    return JointVelocity(stamp_s, dq, hold_s)
 
 
 def joints(robot: Robot) -> tuple[list[int], list[int]]:

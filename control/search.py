@@ -61,16 +61,16 @@ def step(
     params: SearchParams,
     state: SearchState,
     posture: Posture,
-    dt_s: float,
+    hold_s: float,
     rng: np.random.Generator,
     stamp_s: float = 0.0,
 ) -> tuple[SearchState, JointVelocity]:
     """Head rates towards a goal within the limits, the next one as each is reached.
 
-    The rates may be held for `dt_s`: no joint leaves its limits meanwhile.  InputError for a stamp that is not finite
-    or a `dt_s` out of (0, 0.5].
+    The rates may be held for `hold_s`: no joint leaves its limits meanwhile.  InputError for a stamp that is not finite
+    or a `hold_s` out of (0, 0.5].
     """
-    check_times("search", stamp_s, dt_s)
+    check_times("search", stamp_s, hold_s)
     gaze = gaze_of(posture)
     lower, upper = gaze_range(params.limits.gaze, posture)
     goal, left = state.goal, state.left
@@ -81,9 +81,9 @@ def step(
             left = left if len(left) else _grid(params, gaze[VERGENCE], lower, upper)
             nearest = int(np.argmin(np.abs(left - gaze).max(axis=1)))
             goal, left = left[nearest], np.delete(left, nearest, axis=0)
-    slowest, fastest = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / dt_s)
+    slowest, fastest = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / hold_s)
     rates = np.clip(params.gain_per_s * (goal - gaze), slowest, fastest)
-    return SearchState(state.center, goal, left), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, dt_s)
+    return SearchState(state.center, goal, left), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, hold_s)
 
 
 def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:

@@ -236,12 +236,12 @@ class Reachability:
 class JointVelocity:
     """A velocity command for the whole robot, `dq_rad_s` (n_joints,) rad/s in the model's joint order.
 
-    It may be held for `valid_s` from its stamp; then the robot has to stop.
+    It may be held for `hold_s` from its stamp; then the robot has to stop.
     """
 
     stamp_s: float
     dq_rad_s: Array
-    valid_s: float
+    hold_s: float
 
     def __post_init__(self) -> None:
         _read_only(self, "dq_rad_s")

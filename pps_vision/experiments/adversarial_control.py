@@ -241,15 +241,15 @@ class _Episode:
 
     def _obey(self, until_s: float) -> None:
         """Move for as long as the command is valid, and check the distance on the way."""
-        held_s = min(until_s - self.command.stamp_s, self.command.valid_s)
-        before_s = min(self.stamp_s - self.command.stamp_s, self.command.valid_s)
+        held_s = min(until_s - self.command.stamp_s, self.command.hold_s)
+        before_s = min(self.stamp_s - self.command.stamp_s, self.command.hold_s)
         self.q = self.q + (held_s - before_s) * self.command.dq_rad_s
         self.stamp_s = until_s
 
     def _check(self, command: JointVelocity, as_predicted: bool) -> None:
         """Check a command over the whole time for which it may be held."""
         robot, q, dq = self.robot, self.q, command.dq_rad_s
-        end = q + command.valid_s * dq
+        end = q + command.hold_s * dq
         excess = [np.maximum(np.maximum(p - robot.upper_rad, robot.lower_rad - p), 0.0) for p in (q, end)]
         if np.any(excess[1] > excess[0]):
             self._fault(f"joint limits left by {np.max(excess[1] - excess[0]):.3g} rad")
@@ -258,7 +258,7 @@ class _Episode:
         if np.any(np.abs(dq) > fastest + _TOLERANCE):
             self._fault(f"rate {np.max(np.abs(dq) / fastest):.6g} times its limit")
         elapsed_s = command.stamp_s - self.command.stamp_s
-        if elapsed_s < self.command.valid_s:
+        if elapsed_s < self.command.hold_s:
             change = np.abs(dq - self.command.dq_rad_s)
             sudden = change > fastest / _LIMITS.speed_up_s * elapsed_s + _TOLERANCE
             if np.any(sudden & (np.abs(dq) > np.abs(self.command.dq_rad_s) + _TOLERANCE)):
@@ -273,7 +273,7 @@ class _Episode:
             self._watch()
             self.clear_m = max(self.clear_m, last_m)  # what was gained is not given up
         shares = np.append(self.rng.random(2), 1.0)
-        distance_m = min(self.self_collision.distance_m(q + s * command.valid_s * dq) for s in shares)
+        distance_m = min(self.self_collision.distance_m(q + s * command.hold_s * dq) for s in shares)
         if distance_m < self.clear_m - _DISTANCE_TOLERANCE_M:
             self._fault(f"self-collision distance {1000 * distance_m:.4f} of {1000 * self.clear_m:.4f} mm")
         if self.clear_m == _LIMITS.clearance_m:

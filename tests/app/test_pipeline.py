@@ -296,7 +296,7 @@ def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None
         q[wrist] = ROBOT.upper_rad[wrist] - 1e-3
         for k in range(20):
             step = pipeline.step(frame_at(DT * k, q))
-            assert step.command.valid_s == hold_s
+            assert step.command.hold_s == hold_s
             end = q + hold_s * step.command.dq_rad_s
             assert np.all((end >= ROBOT.lower_rad) & (end <= ROBOT.upper_rad))
             q = q + min(DT, hold_s) * step.command.dq_rad_s

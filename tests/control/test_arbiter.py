@@ -7,14 +7,14 @@ from control.arbiter import combine
 from pps_vision.types import JointVelocity
 
 
-def command(*rates: float, stamp_s: float = 0.5, valid_s: float = 0.4) -> JointVelocity:
-    return JointVelocity(stamp_s, np.array(rates), valid_s)
+def command(*rates: float, stamp_s: float = 0.5, hold_s: float = 0.4) -> JointVelocity:
+    return JointVelocity(stamp_s, np.array(rates), hold_s)
 
 
 def test_disjoint_commands_are_added() -> None:
     combined = combine([command(0.1, 0.0, -0.2), command(0.0, 0.3, 0.0)])
     np.testing.assert_array_equal(combined.dq_rad_s, [0.1, 0.3, -0.2])
-    assert (combined.stamp_s, combined.valid_s) == (0.5, 0.4)
+    assert (combined.stamp_s, combined.hold_s) == (0.5, 0.4)
 
 
 def test_one_command_stays_as_it_is() -> None:
@@ -26,7 +26,7 @@ def test_one_command_stays_as_it_is() -> None:
     [
         ([command(0.1, 0.2), command(0.0, -0.2)], r"joints \[1\] are commanded twice"),
         ([command(0.1, 0.0), command(0.0, 0.2, stamp_s=0.6)], r"validities \[\(0.5, 0.4\), \(0.6, 0.4\)\]"),
-        ([command(0.1, 0.0), command(0.0, 0.2, valid_s=0.3)], r"validities \[\(0.5, 0.3\), \(0.5, 0.4\)\]"),
+        ([command(0.1, 0.0), command(0.0, 0.2, hold_s=0.3)], r"validities \[\(0.5, 0.3\), \(0.5, 0.4\)\]"),
         ([command(0.1, 0.0), command(0.0)], r"shapes \[\(1,\), \(2,\)\]"),
         ([command(0.1, np.nan)], "expected finite"),
         ([], r"expected one of each"),

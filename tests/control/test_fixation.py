@@ -78,7 +78,7 @@ def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot: Robot, r
         errors = []
         for _ in range(40):
             errors.append(fixation_error(robot.at(q), p))
-            q = move(robot, q, step(PARAMS, robot.at(q), p, dt_s=DT).dq_rad_s)
+            q = move(robot, q, step(PARAMS, robot.at(q), p, hold_s=DT).dq_rad_s)
         within = np.array(errors) < 0.5 * DEG
         assert np.all(within[30:]), "not within 0.5° from 1.5 s on"
         settled.append(DT * (len(errors) - np.argmin(within[::-1])) if not within.all() else 0.0)
@@ -105,7 +105,7 @@ def test_a_moving_point_is_held_although_it_is_seen_one_frame_late(robot: Robot,
             t = k * DT
             seen = path(t - DT)
             v = (path(t - DT + 1e-4) - path(t - DT - 1e-4)) / 2e-4
-            dq = step(PARAMS, robot.at(q), seen + DT * v, v, dt_s=DT).dq_rad_s
+            dq = step(PARAMS, robot.at(q), seen + DT * v, v, hold_s=DT).dq_rad_s
             q_next = move(robot, q, dq)
             for part in (0.5, 1.0):
                 worst = max(worst, fixation_error(robot.at(q + part * (q_next - q)), path(t + part * DT)))
@@ -121,7 +121,7 @@ def test_triangulated_pixels_are_fixated(robot: Robot) -> None:
         view = rig.view(q)
         seen = triangulate(view, view.left.project(p), view.right.project(p), np.eye(2), np.eye(2))
         assert seen is not None
-        q = move(robot, q, step(PARAMS, robot.at(q), seen.p_root, dt_s=DT).dq_rad_s)
+        q = move(robot, q, step(PARAMS, robot.at(q), seen.p_root, hold_s=DT).dq_rad_s)
     assert fixation_error(robot.at(q), p) < 0.5 * DEG
 
 
@@ -140,7 +140,7 @@ def test_the_tilt_goes_back_as_the_neck_takes_over(robot: Robot) -> None:
     low, high = robot.at(home(robot)).point("left_forearm"), np.array([-0.4, 0.0, 0.3])
     q = gaze_at(robot, home(robot), low)
     for _ in range(60):
-        q = move(robot, q, step(PARAMS, robot.at(q), high, dt_s=DT).dq_rad_s)
+        q = move(robot, q, step(PARAMS, robot.at(q), high, hold_s=DT).dq_rad_s)
     assert fixation_error(robot.at(q), high) < 0.2 * DEG
     assert abs(gaze_of(robot.at(q))[2]) < 0.5 * DEG
 
@@ -150,7 +150,7 @@ def test_what_cannot_be_fixated_leaves_the_head_within_its_limits(robot: Robot, 
     """Behind the head, straight below, between the eyes, far away."""
     q = home(robot)
     for _ in range(60):
-        q = move(robot, q, step(PARAMS, robot.at(q), p, dt_s=DT).dq_rad_s)
+        q = move(robot, q, step(PARAMS, robot.at(q), p, hold_s=DT).dq_rad_s)
     assert gaze_of(robot.at(q))[3] >= 5 * DEG - 1e-6
 
 
@@ -169,14 +169,14 @@ def test_gaze_at_ends_on_the_point(robot: Robot) -> None:
 
 def test_a_joint_may_reach_its_limit_in_one_step(robot: Robot) -> None:
     q = set_gaze(robot, home(robot), pitch=-39 * DEG, vergence=10 * DEG)
-    q = move(robot, q, step(PARAMS, robot.at(q), (-0.2, 0.0, -0.2), dt_s=DT).dq_rad_s)
+    q = move(robot, q, step(PARAMS, robot.at(q), (-0.2, 0.0, -0.2), hold_s=DT).dq_rad_s)
     assert gaze_of(robot.at(q))[1] == pytest.approx(-40 * DEG, abs=1e-6)
 
 
 def test_a_gaze_outside_its_range_is_led_back(robot: Robot) -> None:
     q = set_gaze(robot, home(robot), vergence=0.0)
     for _ in range(10):
-        q = move(robot, q, step(PARAMS, robot.at(q), (-0.4, 0.0, 0.3), dt_s=DT).dq_rad_s)
+        q = move(robot, q, step(PARAMS, robot.at(q), (-0.4, 0.0, 0.3), hold_s=DT).dq_rad_s)
     assert gaze_of(robot.at(q))[3] > 5 * DEG
 
 

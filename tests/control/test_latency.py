@@ -15,7 +15,7 @@ def test_the_commands_on_the_way_are_obeyed_in_turn(rng: np.random.Generator, la
     expected, ticks = q0.copy(), np.arange(from_s, until_s, 1e-4)
     for t in ticks:
         begun = [c for c in commands if c.stamp_s + latency_s <= t]
-        if begun and t < begun[-1].stamp_s + latency_s + begun[-1].valid_s:
+        if begun and t < begun[-1].stamp_s + latency_s + begun[-1].hold_s:
             expected += 1e-4 * begun[-1].dq_rad_s
     np.testing.assert_allclose(posture_after(q0, commands, from_s, until_s, latency_s), expected, atol=2e-3)
 

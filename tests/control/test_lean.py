@@ -25,8 +25,8 @@ def in_ball(gaze):
     return off < RADIUS
 
 
-def step(q, point, dt_s=DT, params=PARAMS):
-    return lean.step(params, MODEL, LIMITS, in_ball, ROBOT.at(q), point, dt_s, 3.0)
+def step(q, point, hold_s=DT, params=PARAMS):
+    return lean.step(params, MODEL, LIMITS, in_ball, ROBOT.at(q), point, hold_s, 3.0)
 
 
 def upright(q, point):
@@ -60,7 +60,7 @@ def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
         if np.linalg.norm(upright(q_there, ASIDE) - CENTER) < RADIUS:
             smallest = min(smallest, float(np.linalg.norm(torso - START[TORSO])))
     assert smallest - np.deg2rad(1.5) <= turned <= smallest + PARAMS.spacing_rad
-    goal = 0.5 * step(START, ASIDE, dt_s=0.5, params=AT_ONCE)[1].dq_rad_s
+    goal = 0.5 * step(START, ASIDE, hold_s=0.5, params=AT_ONCE)[1].dq_rad_s
     assert np.linalg.norm(goal) <= smallest + PARAMS.spacing_rad
 
 
@@ -82,8 +82,8 @@ def test_the_limits_themselves_are_tried():
 
 def test_the_last_step_does_not_pass_the_goal():
     """However fast the torso, held to its end the command ends where the object is reachable, within the limits."""
-    status, command = step(START, ASIDE, dt_s=0.5, params=AT_ONCE)
-    q = START + command.valid_s * command.dq_rad_s
+    status, command = step(START, ASIDE, hold_s=0.5, params=AT_ONCE)
+    q = START + command.hold_s * command.dq_rad_s
     assert status == "leaning"
     assert step(q, ASIDE)[0] == "within reach"
     np.testing.assert_array_equal(ROBOT.clamp(q), q)

@@ -41,14 +41,14 @@ def excess(robot: Robot, q: Array) -> Array:
 
 
 def smallest_distance(bodies: SelfCollision, q: Array, held: JointVelocity) -> float:
-    return min(bodies.distance_m(q + s * held.valid_s * held.dq_rad_s) for s in np.linspace(0, 1, 41))
+    return min(bodies.distance_m(q + s * held.hold_s * held.dq_rad_s) for s in np.linspace(0, 1, 41))
 
 
 @pytest.mark.parametrize("dt_s", [-0.05, 0.0, np.nan, 0.51, np.inf])
 def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot: Robot, dt_s: float) -> None:
     posture, model, rng = robot.at(home(robot)), GazeModel(robot), np.random.default_rng(0)
     with pytest.raises(InputError, match="command held for"):
-        fixation.step(fixation.FixationParams(), posture, (-0.3, 0.0, 0.2), dt_s=dt_s)
+        fixation.step(fixation.FixationParams(), posture, (-0.3, 0.0, 0.2), hold_s=dt_s)
     with pytest.raises(InputError, match="command held for"):
         search.step(search.SearchParams(), search.SearchState(gaze_of(posture)), posture, dt_s, rng)
     with pytest.raises(InputError, match="command held for"):

@@ -82,7 +82,7 @@ def test_held_for_half_a_second_no_joint_leaves_its_limits(robot: Robot) -> None
         state, rng = SearchState(gaze_of(robot.at(q))), np.random.default_rng(seed)
         _, command = step(RANDOM, state, robot.at(q), 0.5, rng)
         ends.append(q + 0.5 * command.dq_rad_s)
-        assert command.valid_s == 0.5
+        assert command.hold_s == 0.5
     assert np.all((np.array(ends) >= robot.lower_rad - 1e-9) & (np.array(ends) <= robot.upper_rad + 1e-9))
     assert np.max(ends, axis=0)[robot.indices(("neck_yaw",))] == pytest.approx(55 * DEG)
 
