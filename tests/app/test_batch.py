@@ -247,7 +247,7 @@ def test_parquet_holds_the_table_with_its_types(
 
 def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib: Path) -> None:
     """A long recording's tables exceed the largest file that may be written; a file stands where a folder should."""
-    for name, n in (("a.mp4", 4), ("b.mp4", 60), ("c.mp4", 4)):
+    for name, n in (("a.mp4", 4), ("b.mp4", 200), ("c.mp4", 4)):
         write_video(tmp_path / name, [k / 20 for k in range(n)])
     words = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--out"]
     main(["batch", str(tmp_path / "b.mp4"), *words[2:], str(tmp_path / "whole")])  # also compiles, which writes files
