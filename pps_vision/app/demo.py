@@ -80,7 +80,7 @@ def demo(out: Path, trials: int, noise: float, seed: int) -> None:
     for log in logs:
         touched, moved = "touched" if log.was_touched else "not touched", "moved" if log.was_commanded else "still"
         print(f"{log.title:42s} {touched:12s} arm {moved}")
-    print(f"→ {out / 'report.html'}")
+    print(f"→ {out / REPORT}")
 
 
 def _run_episodes(

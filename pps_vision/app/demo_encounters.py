@@ -78,7 +78,7 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
         given = {"versions": versions(), "seed": seed, "noise_grey_levels": noise}
         write_json(folder / SUMMARY, {**given, "encounters": rows})
         (folder / REPORT).write_text(_page(met, noise, seed), encoding="utf-8")
-    print(f"{sum(one.is_touched for one in met)} of {n} touched → {out / 'report.html'}")
+    print(f"{sum(one.is_touched for one in met)} of {n} touched → {out / REPORT}")
 
 
 def _title(encounter: Encounter) -> str:

@@ -53,15 +53,18 @@ class FrameNames:
 
     def arm(self, side: str) -> tuple[str, ...]:
         """The joint names of the "left" or "right" arm, shoulder first; ValueError for any other."""
-        if side not in ("left", "right"):
-            raise ValueError(f"side {side!r}: expected left or right")
-        return self.left_arm if side == "left" else self.right_arm
+        return (self.left_arm, self.right_arm)[_number_of(side)]
 
     def palm(self, side: str) -> str:
         """The palm's link of the "left" or "right" arm; ValueError for any other."""
-        if side not in ("left", "right"):
-            raise ValueError(f"side {side!r}: expected left or right")
-        return self.palms[side == "right"]
+        return self.palms[_number_of(side)]
+
+
+def _number_of(side: str) -> int:
+    """0 for "left", 1 for "right"; ValueError for any other."""
+    if side not in ("left", "right"):
+        raise ValueError(f"side {side!r}: expected left or right")
+    return int(side == "right")
 
 
 @dataclass(frozen=True)

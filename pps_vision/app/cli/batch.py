@@ -66,7 +66,7 @@ class Batch:
         """Do what is left to do, and print what failed; exit code 1 if some failed, 2 if all did."""
         from pps_vision.app.batch import Task, jobs_of, run_batch
         from pps_vision.app.versions import versions
-        from pps_vision.recordings import SUMMARY
+        from pps_vision.recordings import BATCH, SUMMARY
         from pps_vision.recordings.outputs import whole_file, write_json
 
         started, begun_s = datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic()
@@ -97,7 +97,7 @@ class Batch:
         for row in failed:
             print(f"failed: {row['name']}: {row['reason']}")
         done = "learned" if self.learn else "tracked"
-        print(f"{len(rows) - len(failed)} of {len(rows)} recordings {done} → {self.out / 'batch.csv'}")
+        print(f"{len(rows) - len(failed)} of {len(rows)} recordings {done} → {self.out / BATCH}")
         if len(failed) == len(rows):
             raise InputError("batch", f"none of {len(rows)} recordings could be {done}")
         if failed:
