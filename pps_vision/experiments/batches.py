@@ -52,10 +52,10 @@ class Batches(SampledStudy):
             methods |= {f"{device}, {size} pairs": partial(_run, device, size) for size in SIZES}
         scenarios = {stimulus: partial(self._pairs, stimulus) for stimulus in ("marker", "ball")}
         for make in scenarios.values():  # loads and compiles what each way needs
+            pairs = make(self.seed)
             for method in methods.values():
-                method(make(self.seed), self.seed)
-        seeds = self.seeds
-        return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, seeds, ALONE, TURNS)}
+                method(pairs, self.seed)
+        return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, self.seeds, ALONE, TURNS)}
 
     def _pairs(self, stimulus: str, seed: int) -> Pairs:
         recording = moving(stimulus, "circle", seed, self.seconds)

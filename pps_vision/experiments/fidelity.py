@@ -35,7 +35,6 @@ SHARP = {
     "scale 1.5": Drawn(scale=1.5),
     "scale 2": Drawn(scale=2.0),
     "scale 1, lights": Drawn(lighting="lights"),
-    "scale 1, shadows": Drawn(lighting="shadows"),
 }
 BLURRED = {f"{step:g} px": Drawn(blur_step_px=step) for step in (1.0, 1.7, 2.5, 5.0)}
 DEFAULT, DEFAULT_BLUR = "scale 1", "2.5 px"

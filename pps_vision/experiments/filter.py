@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import cv2
@@ -30,6 +29,7 @@ from pps_vision.experiments.study import (
     rms,
 )
 from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import triangulate
@@ -190,9 +190,8 @@ def methods() -> dict[str, Method]:
 
 def _per_update(run: Method, data: Measurements, seed: int) -> Values:
     """Return a filter's values with its processor time per update."""
-    begun = process_time()
-    values = run(data, seed)
-    return {**values, "ms": [1000 * (process_time() - begun) / len(data.stamps_s)]}
+    values, ms = timed(partial(run, data, seed))
+    return {**values, "ms": [ms / len(data.stamps_s)]}
 
 
 class _Ours:

@@ -17,7 +17,6 @@ from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import gettempdir
-from time import process_time
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +24,7 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from pps_vision.errors import InputError
+from pps_vision.experiments.timing import timed
 from pps_vision.recordings.outputs import whole_file, write_json
 from pps_vision.types import Array
 
@@ -224,9 +224,7 @@ def measure(
 
 def measure_one(run: Method, recording: Any, seed: int) -> Values:
     """Return a method's values on one recording, with "ms" of processor time if it does not measure its own."""
-    begun = process_time()
-    values = run(recording, seed)
-    ms = 1000 * (process_time() - begun)
+    values, ms = timed(partial(run, recording, seed))
     return values if "ms" in values else {**values, "ms": [ms]}
 
 

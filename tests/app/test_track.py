@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tracks import track_at
 
 from pps_vision.app.track import PathNumbers, chunks, errors_against
 from pps_vision.types import Status, Track3D, Truth
@@ -13,9 +14,7 @@ FRAMES = 10
 
 
 def track(stamp_s: float, x_m: float, status: Status = Status.TRACKING) -> Track3D:
-    mean = np.zeros((4, 3))
-    mean[0, 0] = x_m
-    return Track3D(stamp_s, mean, np.eye(12), 0.03, 1e-6, status)
+    return track_at((x_m, 0, 0), stamp_s=stamp_s, status=status)
 
 
 def truth(stamp_s: float, x_m: float = 0.0, speed_m_s: float = 0.0) -> Truth:

@@ -10,7 +10,7 @@ from pps_vision.experiments.budget import Budget
 
 def test_fewer_pixels_cost_less_and_err_more_and_what_is_promised_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(budget, "ASKED_MM", (0.3, 10.0))
-    monkeypatch.setattr(budget, "TURNS", 5)
+    monkeypatch.setattr(budget, "TURNS", 3)
     study = Budget(n=1, seconds=2.0, only="independent, ball, 640")
     numbers = json.loads(json.dumps(study.run()))
     ball = numbers["cells"]["independent, ball, 640×480"]

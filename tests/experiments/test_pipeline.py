@@ -4,6 +4,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from tracks import track_at
 
 from pps_vision.experiments.baselines.image_trackers import sphere_box
 from pps_vision.experiments.baselines.stereo_pipelines import (
@@ -67,9 +68,7 @@ def test_true_boxes_meet_in_the_ball(film: Recording) -> None:
 
 
 def test_time_to_contact_error_is_relative() -> None:
-    mean = np.zeros((4, 3))
-    mean[0], mean[1] = (0.06, 0.0, 0.0), (-0.1, 0.05, 0.0)  # 0.6 s from the origin along −x
-    track = Track3D(0.0, mean, np.eye(12), 0.03, 1e-6, Status.TRACKING)
+    track = track_at((0.06, 0.0, 0.0), (-0.1, 0.05, 0.0))  # 0.6 s from the origin along −x
     way, end = np.array([-1.0, 0.0, 0.0]), np.zeros(3)
     assert ttc_error(track, end, way, 0.5) == pytest.approx(0.2)
     assert ttc_error(track, end, -way, 0.5) == 1.0  # it goes away

@@ -5,11 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tracks import track_at
 
 from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, stare_at, tracker_params, turning, watching
 from pps_vision.experiments.score import METRICS, judge
 from pps_vision.robot.icub import icub_rig, load_icub
-from pps_vision.types import Status, StereoFrame, Track3D
+from pps_vision.types import StereoFrame, Track3D
 
 N, AT_M = 40, 0.3
 BLACK = np.zeros((240, 320, 3), np.uint8)
@@ -28,11 +29,9 @@ def recording() -> Recording:
 
 def track(recording: Recording, k: int, off_m: float, std_m: float = 0.001) -> Track3D:
     """A track beside the truth of a frame, across the line of sight; its largest standard deviation along z."""
-    mean = np.zeros((4, 3))
-    mean[0] = recording.position[k] + [0, off_m, 0]
     cov = 1e-12 * np.eye(12)
     cov[2, 2] = std_m**2
-    return Track3D(recording.frames[k].stamp_s, mean, cov, 0.03, 0.0, Status.TRACKING)
+    return track_at(recording.position[k] + [0, off_m, 0], stamp_s=recording.frames[k].stamp_s, cov=cov)
 
 
 def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Recording) -> None:
