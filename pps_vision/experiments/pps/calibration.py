@@ -28,6 +28,7 @@ from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask
 
 HELD_OUT, BINS = 40, 10
+AUROC_GOAL, ERROR_GOAL = 0.95, 0.05
 COMBINATION = "fine map, displacement, landing, corrected"
 METHODS: dict[str, Predictor] = {
     "base rate": by_base_rate,
@@ -66,11 +67,19 @@ class Calibration(SessionStudy):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the scores, and how far each Brier score is above the combination's."""
-        keys = ("auroc", "brier", "calibration_error", "above_combination")
-        rows = [[method, *(estimate(of["scores"][key]) for key in keys)] for method, of in numbers["methods"].items()]
-        return {
-            "": Table(["", "AUROC", "Brier score", "calibration error", "Brier score above the combination's"], rows)
-        }
+        keys, rows = ("auroc", "brier", "calibration_error", "above_combination"), []
+        for method, of in numbers["methods"].items():
+            scores = of["scores"]
+            meets = scores["auroc"][0] >= AUROC_GOAL and scores["calibration_error"][0] <= ERROR_GOAL
+            rows.append([method, *(estimate(scores[key]) for key in keys), "yes" if meets else "no"])
+        header = [
+            "AUROC",
+            "Brier score",
+            "calibration error",
+            "Brier score above the combination's",
+            "meets both goals",
+        ]
+        return {"": Table(["", *header], rows)}
 
 
 def evaluate(training: Trials, test: Trials) -> dict[str, dict[str, Any]]:

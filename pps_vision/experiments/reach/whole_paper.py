@@ -21,8 +21,9 @@ from pps_vision.experiments.reach.map_truth import MapTruth, exact_map, first, g
 from pps_vision.experiments.study import SampledStudy, interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
+from pps_vision.robot.model import Robot
 
-_N_TEST = 700
+_N_TEST, _N_FIXATED_OF_J = 700, 4400
 _PARAMS = MapParams()
 _OURS, _JAMONE = "ours", "J: LWPR on labels everywhere"
 _EXTREMES_OF_J = {"C, farthest": (11.17, 15.0), "D, closest": (89.15, 105.0)}  # vergence, elbow (degrees)
@@ -42,6 +43,8 @@ class WholePaper(SampledStudy):
     """Inverse-kinematics solutions of J's map."""
     n_test: int = 10_000
     """Gaze postures the maps are judged on."""
+    repetitions: int = 1000
+    """Babblings whose extreme postures are compared with J's."""
 
     def run(self) -> dict[str, Any]:
         """Return by map its scores against the learned and the true kinematics: means, and 95 % over repeats.
@@ -94,6 +97,7 @@ class WholePaper(SampledStudy):
             "unanswered": {_OURS: learned.unanswered, _JAMONE: int((~labels.answered).sum())},
             **found,
             "extremes": extremes(babbled),
+            "repeated_extremes": repeated_extremes(robot, self.repetitions, self.n_tried, test_rng),
             "drawn": paper_figures.sample({**exact, **maps}, robot, babbled),
             "space": paper_figures.sample_space(learned.labels, learned.query, error_m, test_rng),
         }
@@ -122,7 +126,26 @@ class WholePaper(SampledStudy):
             for truth, of in scores.items()
         ]
         rows.append(["J's figures", *(f"{jamone.RESULTS[key]:g}" for key in list(keys.values())[:-1]), "–"])
-        return {"": Table(["map; judged against", *keys], rows)}
+        points = [
+            [
+                name,
+                f"{at['vergence_deg_of_j']:g}",
+                f"{at['vergence_deg']:.1f}",
+                estimate(repeated),
+                f"{at['elbow_deg_of_j']:g}",
+                f"{at['elbow_deg']:.0f}",
+            ]
+            for (name, at), repeated in zip(numbers["extremes"].items(), numbers["repeated_extremes"], strict=True)
+        ]
+        header = [
+            "point of J Fig 3",
+            "vergence: J (°)",
+            "ours (°)",
+            "median and 95 % of babblings (°)",
+            "elbow: J (°)",
+            "ours (°)",
+        ]
+        return {"": Table(["map; judged against", *keys], rows), "extremes": Table(header, points)}
 
 
 def extremes(babbled: Babbled) -> dict[str, dict[str, float]]:
@@ -139,3 +162,11 @@ def extremes(babbled: Babbled) -> dict[str, dict[str, float]]:
             "elbow_deg_of_j": elbow_of_j,
         }
     return found
+
+
+def repeated_extremes(robot: Robot, n: int, n_tried: int, rng: np.random.Generator) -> list[list[float]]:
+    """Return the vergences (degrees) of points C and D in `n` babblings of as many fixated postures as J's: median, and
+    where 95 % of them lie."""
+    some = (first(babble(robot, "right", n_tried, rng), _N_FIXATED_OF_J).gaze_rad[:, 2] for _ in range(n))
+    ends = np.rad2deg([(vergence.min(), vergence.max()) for vergence in some])
+    return [np.percentile(of, (50, 2.5, 97.5)).tolist() for of in ends.T]
