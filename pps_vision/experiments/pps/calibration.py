@@ -1,10 +1,13 @@
 """Do predicted probabilities come true? Held-out rendered approaches, 0.15 s before their end."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 
 from learning.pps.scores import auroc, brier, brier_gain, expected_calibration_error
@@ -98,8 +101,13 @@ def scores(touched: Mask, p: Array, combination: Array) -> dict[str, list[float]
     """
     units = list(np.stack([touched, p], axis=-1))
     of = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
-    found = {name: interval(units, lambda rows, score=score: score(*rows.T)) for name, score in of.items()}
+    found = {name: interval(units, partial(_score_of_rows, score)) for name, score in of.items()}
     return {**found, "above_combination": list(brier_gain(touched, combination, p))}
+
+
+def _score_of_rows(score: Callable[[ArrayLike, ArrayLike], float], rows: Array) -> float:
+    """A score of rows (n, 2) of outcome and probability."""
+    return score(rows[:, 0], rows[:, 1])
 
 
 def shares(touched: Mask, p: Array) -> list[list[float] | None]:

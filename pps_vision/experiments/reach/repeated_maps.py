@@ -15,7 +15,7 @@ from pps_vision.experiments.reach import paper_figures
 from pps_vision.experiments.reach.error_bound import ARMS
 from pps_vision.experiments.reach.jamone import MapQuery
 from pps_vision.experiments.reach.map_truth import MapTruth, exact_map
-from pps_vision.experiments.study import SampledStudy, percent
+from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
@@ -47,7 +47,7 @@ class RepeatedMaps(SampledStudy):
             of_both = both(*learned)
             for truth, one in zip((*truths, truths[0].both(truths[1])), (*learned, of_both), strict=True):
                 scores = truth.judge(one.query, one.max_error_m)
-                maps.append({"seed": seed, "arm": one.side, "reachable": percent(truth.reachable), **scores})
+                maps.append({"seed": seed, "arm": one.side, "reachable": 100 * float(truth.reachable.mean()), **scores})
             if seed == self.seed:
                 drawn = paper_figures.sample_slices(
                     {"both hands, true kinematics": exact_both(robot, of_both), "both hands, map": of_both.query}
