@@ -144,4 +144,4 @@ def _run_as(numbers: Cells) -> dict[str, Any]:
     """Seed, number of units, commit and time of a result."""
     told = numbers["parameters"]
     commit, minutes = numbers["machine"]["commit"], numbers.get("processor_min")
-    return {"seed": told.get("seed"), "n": told.get("n"), "commit": commit, "processor_min": minutes}
+    return {"seed": told.get("seed"), "n": told.get("n", numbers.get("n")), "commit": commit, "processor_min": minutes}

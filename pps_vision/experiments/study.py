@@ -68,7 +68,6 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "pps_landscapes": {"share": 0.1},
     "pps_misaimed": {"share": 0.05},
     "pps_real_trials": {"permutations": 1},
-    "pps_representations": {"robots": 1},
     "pps_single_touch": {"n": 5},
     "pps_table5": {"share": 0.1},
     "reach_deviations": {"samples": 200},

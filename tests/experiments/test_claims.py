@@ -26,7 +26,7 @@ def test_a_claim_is_read_from_its_study_and_absent_ones_are_left_out(tmp_path: P
     numbers = study.run()
     (row,), (run,) = numbers["claims"], numbers["studies"]
     assert row["measured"] == "1 / 19 of 20; 0, 2, 3 of 20"
-    assert (run["commit"], run["seed"], run["n"], run["study"]) == ("abc1234", 7, None, "loop")
+    assert (run["commit"], run["seed"], run["n"], run["study"]) == ("abc1234", 7, 20, "loop")
     tables = study.tables(numbers)
     assert tables[""].rows[0][2] == row["measured"]
     assert [list(line)[-1] for line in tables["studies"].rows] == ["2.5", "2"]  # of the study, and of all
