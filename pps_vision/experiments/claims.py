@@ -84,7 +84,7 @@ def _contact(numbers: Cells) -> str:
     of, base = (numbers["methods"][m]["blocked"] for m in ("displacement (ours)", "base rate"))
     gain, low, high = of["gain"]
     brier = judged(f"{of['brier'][0]:.3f}", of["brier"][0] > base["brier"][0])
-    return f"Brier {brier} ({base['brier'][0]:.3f}), lower by {gain:.3f} ({low:.3f}–{high:.3f})"
+    return f"Brier {brier} ({base['brier'][0]:.3f}), lower by {gain:.3f} ({low:.3f} to {high:.3f})"
 
 
 def _map(numbers: Cells) -> str:
