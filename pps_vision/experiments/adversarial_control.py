@@ -70,7 +70,7 @@ class AdversarialControl(Study):
         """
         refused = sum(numbers["refused"].values())
         smallest = f"{numbers['smallest_distance_mm']:.2f}"
-        faults, episodes = len(numbers["faults"]), sum(numbers["starts"].values())
+        faults, episodes = len(numbers["faults"]), -(-numbers["steps"] // _EPISODE)
         most = [f"{100 * chdtri(2 * faults + 2, 0.05) / 2 / n:.2g} %" for n in (numbers["steps"], episodes)]
         cells = numbers["steps"] - refused, refused, faults, " / ".join(most), smallest, numbers["freed"]
         header = ["frames accepted", "refused", "faults", "with a fault at most: frames / episodes (95 %)"]

@@ -100,7 +100,7 @@ class Fidelity(SampledStudy):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time against the image error of each object."""
-        cells = {stimulus: numbers["images"][stimulus] for stimulus in OBJECTS}
+        cells: dict[str, Any] = {stimulus: numbers["images"][stimulus] for stimulus in OBJECTS}
         return speed_errors(cells, "object_error", "image error (grey levels)", (), DEFAULT, "time (ms per drawn pair)")
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
