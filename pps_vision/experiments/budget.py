@@ -170,6 +170,8 @@ def _draw_choices(choices: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]
     """Time over the error that is asked for, one mark a request: its colour the configuration, open if not promised."""
     sources = list(dict.fromkeys(name.split(",")[0] for name in choices))
     figure, axes = panels(len(sources), width=PAGE_IN / len(sources), height=3.6)
+    for axis in axes[1:]:
+        axis.sharey(axes[0])
     for axis, source in zip(axes, sources, strict=True):
         for scene, by_limit in choices.items():
             for limit, ones in by_limit.items() if scene.startswith(source) else ():

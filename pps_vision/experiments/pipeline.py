@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines.stereo_pipelines import StereoPipelineName
 from pps_vision.experiments.charts import speed_errors
-from pps_vision.experiments.scenarios import EYES_M, Recording, moving
+from pps_vision.experiments.scenarios import Recording, moving
 from pps_vision.experiments.score import METRICS, baseline_tracks, judge, steps_of
 from pps_vision.experiments.study import TURNS, Metric, SceneSource, TrackingStudy, Values, compare, median
 from pps_vision.experiments.tables import Table, estimate, judged, median_first
@@ -29,10 +29,6 @@ _METRICS = {
     "near_percent": METRICS["near_percent"],
     "ttc_percent": Metric("ttc_percent", median),
 }
-_SIZES = {
-    "smallest_px": Metric("diameter_px", lambda px: float(np.min(px))),
-    "largest_px": Metric("diameter_px", lambda px: float(np.max(px))),
-}
 
 
 @dataclass(frozen=True)
@@ -43,12 +39,11 @@ class Pipeline(TrackingStudy):
     """
 
     def run(self) -> dict[str, Any]:
-        """Return by scenes and pipeline: 3D RMS error, error of the time to contact, time, its ratio to CSRT, and the
-        object's size."""
+        """Return by scenes and pipeline: 3D RMS error, error of the time to contact, time and its ratio to CSRT."""
         methods = {name: partial(_ours, mode) for name, mode in OURS.items()}
         methods |= {name: partial(_baseline, name) for name in BASELINES}
         scenarios = self.scenarios(self._film, ("ball", "marker"))
-        return {"cells": compare(scenarios, methods, _METRICS | _SIZES, self.seeds, "two CSRT", TURNS)}
+        return {"cells": compare(scenarios, methods, _METRICS, self.seeds, "two CSRT", TURNS)}
 
     def _film(self, stimulus: str, source: SceneSource, seed: int) -> Recording:
         speeds = np.geomspace(*_SPEEDS_M_S, self.n) if self.n > 1 else np.array([0.15])
@@ -96,9 +91,7 @@ def _values(recording: Recording, tracks: list[Track3D], ms: list[float]) -> Val
         true_s = float((end - position) @ way) / speed[0]
         if _LAST_S[0] < true_s <= _LAST_S[1]:
             ttc.append(100 * ttc_error(track, end, way, true_s))
-    distance_m = np.linalg.norm(recording.position[:last] - EYES_M, axis=1)
-    diameter_px = 2 * recording.rig.left.focal_px * recording.radius_m / distance_m
-    return judge(recording, tracks) | {"ttc_percent": np.array(ttc), "ms": np.array(ms[1:]), "diameter_px": diameter_px}
+    return judge(recording, tracks) | {"ttc_percent": np.array(ttc), "ms": np.array(ms[1:])}
 
 
 def ttc_error(track: Track3D, end: Array, way: Array, true_s: float) -> float:
