@@ -66,7 +66,7 @@ class Batches(SampledStudy):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time a pair against the pixel error, one panel an object."""
-        return speed_errors(numbers["cells"], {"error_px": "RMS error of detections (px)"}, (), ALONE)
+        return speed_errors(numbers["cells"], "error_px", "RMS error of detections (px)", (), ALONE)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the ratio of times to frame by frame, and the largest distance of detections."""

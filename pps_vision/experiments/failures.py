@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.errors import InputError
 from pps_vision.experiments import disturbances as d
-from pps_vision.experiments.charts import severities
+from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.scenarios import EYES_M, Posing, Recording, film, follow, stare_at, watching
 from pps_vision.experiments.score import METRICS, baseline, tracker
 from pps_vision.experiments.study import (
@@ -74,18 +74,38 @@ class Failures(TrackingStudy):
             for source in self.sources
         }
 
-    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """One figure a source: success over severity, one panel a disturbance."""
-        figures: dict[str, Figure] = {}
-        for source in _sources(numbers):
-            figures[source] = severities(numbers[source], "near_percent", "near the object (%)", BREAKS.bound, 5)
-            for axis in figures[source].axes:
-                axis.set_ylim(-4, 104)
-        return figures
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Where each method breaks under each disturbance, in both sources: the earlier, the darker."""
+        sources = _sources(numbers)
+        names = list(numbers[sources[0]])
+        figure, axes = panels(len(sources), width=PAGE_IN / len(sources), height=1.6 + 0.26 * len(names))
+        for axis, source in zip(axes, sources, strict=True):
+            studies = [numbers[source][name] for name in names]
+            at = [[method["breaks_at"] for method in study["methods"].values()] for study in studies]
+            borne = [[_borne(study, one) for one in row] for study, row in zip(studies, at, strict=True)]
+            image = axis.imshow(100 * np.array(borne), cmap="YlOrRd_r", vmin=0, vmax=100, aspect="auto")
+            for y, x in np.ndindex(len(at), len(at[0])):
+                told = "–" if at[y][x] is None else f"{at[y][x]:g}"
+                color = "white" if borne[y][x] < 0.4 else "0.15"
+                axis.text(x, y, told, ha="center", va="center", fontsize=8, color=color)
+            axis.set_xticks(range(len(at[0])), list(studies[0]["methods"]), rotation=40, ha="right", fontsize=8)
+            axis.set_yticks(range(len(names)), names if axis is axes[0] else [], fontsize=8)
+            axis.set_title(f"{source} scenes", fontsize=10)
+        bar = figure.colorbar(image, ax=axes, location="bottom", shrink=0.6, aspect=40)
+        told = "steps of severity before the break, of those tried (%); number: severity of the break"
+        bar.set_label(told, fontsize=8)
+        bar.ax.tick_params(labelsize=8)
+        return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return where each method breaks, one table a source."""
         return {source: break_points(numbers[source]) for source in _sources(numbers)}
+
+
+def _borne(study: dict[str, Any], breaks_at: float | None) -> float:
+    """The share of the tried severities before the first at which a method breaks."""
+    tried = study["severities"]
+    return 1.0 if breaks_at is None else tried.index(breaks_at) / len(tried)
 
 
 def _sources(numbers: dict[str, Any]) -> list[str]:

@@ -122,7 +122,9 @@ class Growth(SampledStudy):
         return film.rig, tuple(film)
 
     def _recording(self) -> dict[str, Any]:
-        opened, tracked, held = [], [], []
+        opened: list[Times] = []
+        tracked: list[Times] = []
+        held: list[float] = []
         with TemporaryDirectory() as folder:
             short, long = Path(folder) / "short", Path(folder) / "long"
             record(RenderParams("ball", "circle", short, seconds=_FILMED_S, noise=NOISE_SIGMA, seed=self.seed))
@@ -131,12 +133,16 @@ class Growth(SampledStudy):
                 to_and_fro(short, long, pairs)
                 opened.append([timed(partial(open_recording, long))[1] for _ in range(self.n)])
             recording = open_recording(long)
-            begun = process_time()
-            for k, _ in enumerate(track(recording, seed=self.seed), start=1):
-                if k in self.pairs:
-                    tracked.append([1000 * (process_time() - begun)])
-                    held.append(_resident_mb())
-        ms = {"opening": [quartiles(times) for times in opened], "tracking": [quartiles(times) for times in tracked]}
+            for _ in range(self.n):
+                begun, of_turn, in_use = process_time(), [], []
+                for k, _ in enumerate(track(recording, seed=self.seed), start=1):
+                    if k in self.pairs:
+                        of_turn.append(1000 * (process_time() - begun))
+                        in_use.append(_resident_mb())
+                tracked.append(of_turn)
+                held = held or in_use  # of the first turn, before which nothing was tracked
+        tracking = [quartiles(turns) for turns in zip(*tracked, strict=True)]
+        ms = {"opening": [quartiles(times) for times in opened], "tracking": tracking}
         return {"sizes": list(self.pairs), "ms": ms, "memory_mb": held}
 
     def _skin(self, taxels: int) -> dict[str, Callable[[], Times]]:

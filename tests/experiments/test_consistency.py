@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_study import run_and_draw
 
-from pps_vision.experiments.consistency import QUANTITIES, Consistency, values_of
+from pps_vision.experiments.consistency import QUANTITIES, Consistency, covered, values_of
 from pps_vision.experiments.scenarios import Recording
 from pps_vision.experiments.study import Values
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -70,4 +70,8 @@ def test_coverage_has_intervals_over_recordings(monkeypatch: pytest.MonkeyPatch)
     value, low, high = numbers["cells"]["rendered"]["all"]["position 95"]
     assert 90 < low < value < high < 99
     assert numbers["cells"]["rendered"]["ball"]["n"] == 18
-    assert list(charts) == ["rendered"]
+    assert [axis.get_title() for axis in charts[""].axes] == ["rendered scenes"]
+    assert covered(68, [72.9, 70, 75]) == "72.9 (70–75)"
+    assert covered(68, [73.1, 70, 75]) == "**73.1 (70–75)**", "more than 5 points off"
+    assert covered(95, [91.9, 90, 93]) == "**91.9 (90–93)**"
+    assert covered(95, [98.04, 97, 99]) == "98 (97–99)"

@@ -90,8 +90,13 @@ def test_charts_and_tables_have_a_place_for_every_disturbance() -> None:
             "severities": list(one.axis.severities),
             "methods": dict.fromkeys(methods(), cell),
         }
-    (figure,) = Failures().chart({"rendered": cells}).values()
-    assert [axis.get_title() for axis in figure.axes if axis.get_title()] == list(DISTURBANCES)
+    figure = Failures().chart({"rendered": cells})
+    axis = figure.axes[0]
+    assert [tick.get_text() for tick in axis.get_yticklabels()] == list(DISTURBANCES)
+    told = [f"{one.axis.severities[2]:g}" for one in DISTURBANCES.values() for _ in methods()]
+    assert [text.get_text() for text in axis.texts] == told
+    borne = [[100 * 2 / len(one.axis.severities)] * len(methods()) for one in DISTURBANCES.values()]
+    np.testing.assert_allclose(axis.images[0].get_array(), borne)
     rows = Failures().tables({"rendered": cells})["rendered"].rows
     assert [row[2] for row in rows] == [f"{one.axis.severities[2]:g}" for one in DISTURBANCES.values()]
     assert BREAKS.bound == 90

@@ -121,12 +121,19 @@ def test_flights_are_triangulated_from_their_images(tmp_path: Path) -> None:
     assert len(ballistic["velocity_mm_s"]) == 0
 
 
-def test_the_chart_has_a_panel_for_every_error_that_is_known() -> None:
+def test_the_chart_has_a_panel_for_all_data_and_the_table_marks_what_misses_its_goal() -> None:
     numbers = {"ms": [1, 2, 3], "ratio": [1, 1, 1], "position_mm": [1, 1, 2], "velocity_mm_s": [1, 1, 2]}
     cells = {
         name: {method: numbers | {"ttc_percent": ttc} for method in methods()}
         for name, ttc in (("rendered", [1, 1, 1]), ("tt3d", [None, None, None]))
     }
     figure = Filter().chart({"cells": cells})
-    assert sum(axis.axison for axis in figure.axes) == 5
+    assert [axis.get_title() for axis in figure.axes] == ["rendered", "tt3d"]
     assert len(Filter().tables({"cells": cells})["tt3d"].rows) == len(methods())
+    for name in ("rendered", "tt3d"):
+        cells[name]["order 4, RTS"] = cells[name]["order 4, RTS"] | {"position_mm": [12.2, 12, 13]}
+    tables = Filter().tables({"cells": cells})
+    of = {name: {row[0]: row[1] for row in tables[name].rows} for name in cells}
+    assert of["tt3d"]["order 4, RTS"] == "**12.2 (12–13)**"
+    assert of["tt3d"]["order 4"] == of["rendered"]["order 4"] == "1 (1–2)"
+    assert of["rendered"]["order 4, RTS"] == "12.2 (12–13)"

@@ -106,8 +106,12 @@ def test_regions_are_joined_and_small_ones_dropped() -> None:
 
 def test_the_chart_shows_alarms_and_what_is_found_in_time() -> None:
     cell = {"ms": [0.9, 1.0, 1.1], "ratio": [1.0] * 3, "alarms_per_minute": [0.0] * 3, "found_in_3_percent": [50.0] * 3}
-    cells = {setting: {name: {DEFAULT: cell, "MOG2": cell} for name in OBJECTS} for setting in HEADS_DEG_S}
+    loud = cell | {"alarms_per_minute": [12.0] * 3}
+    cells = {setting: {name: {DEFAULT: cell, "MOG2": loud} for name in OBJECTS} for setting in HEADS_DEG_S}
+    for of in cells.values():
+        of["ball, 5 px"] = {name: one | {"found_in_3_percent": [100.0] * 3} for name, one in of["ball, 5 px"].items()}
     figure = Trigger().chart({"cells": cells})
-    assert {DEFAULT, "MOG2"} <= {text.get_text() for text in figure.axes[0].texts}
-    assert {bar.get_height() for bar in figure.axes[1].patches} == {50.0}
+    assert {DEFAULT, "MOG2 (12 alarms/min)"} == {text.get_text() for text in figure.axes[0].texts}
+    heights = {line.get_ydata()[0] for line in figure.axes[0].lines if line.get_markersize() == 5}
+    assert heights == {25.0}, "100 and 50 % are found"
     assert len(Trigger().tables({"cells": cells})["still"].rows) == 2
