@@ -323,7 +323,8 @@ class Film:
         for t in self.stamps_s.tolist():
             v, world = self._path(t)[1], self.world(t)
             views = list(zip(self._eyes, self.eye_poses(t), strict=True))
-            for (rows, shares), one, sign in zip(found, (*world.balls, *world.panels), _SIGNS, strict=False):
+            things: tuple[Ball | Panel, ...] = (*world.balls, *world.panels)
+            for (rows, shares), one, sign in zip(found, things, _SIGNS, strict=False):
                 p = one.center
                 share = [visible_share(lens, pose, world, one, self._still) for lens, pose in views]
                 pixels = [lens.project(pose, p)[0] for lens, pose in views]

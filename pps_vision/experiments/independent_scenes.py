@@ -289,8 +289,9 @@ def visible_share(
         points = one.center + s.reshape(-1, 1) * one.right + t.reshape(-1, 1) * one.down
     pixels = lens.project(T_stage_camera, points)
     inside = np.all((pixels > -0.5) & (pixels < np.array([lens.width, lens.height]) - 0.5), axis=1)
-    balls, panels = (tuple(other for other in some if other is not one) for some in (world.balls, world.panels))
-    others = _packed([World(balls, (*panels, *still), world.cylinders)])
+    balls = tuple(ball for ball in world.balls if ball is not one)
+    panels = (*(panel for panel in world.panels if panel is not one), *still)
+    others = _packed([World(balls, panels, world.cylinders)])
     distance, _ = first_hits(eye, points - eye, *(rows[0] for rows in others))
     return float(np.mean(inside & (distance >= 1)))
 
