@@ -1,6 +1,7 @@
 """Tables and charts of the tracking table: scores by case, which goals are met, and ours beside the baselines."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ COLUMNS = {
 _CASES = {case.name: case for case in CASES}
 _COLORS = dict(zip((OURS, *BASELINES), ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple"), strict=True))
 _RIGHT_PERCENT = 90.0
+_SHOWN_MS = (0.5, 200)
 _COMPARED = ("right_percent", "false_percent", "median_mm", "ms_per_pair")
 
 
@@ -131,11 +133,11 @@ def against_time(by_source: Mapping[str, Cells], key: str, label: str) -> Figure
         top = max((one[key] for _, _, one in points if np.isfinite(one[key])), default=1.0)
         for tracker, source, one in points:
             known, color = bool(np.isfinite(one[key])), _COLORS[tracker]
-            y, fill = one[key] if known else top, color if source == "independent" else "none"
-            text = tracker if source == "independent" else f"{tracker}, {source}"
-            axis.plot(one["ms_per_pair"], y, "o" if known else "x", mec=color, mfc=fill, ls="", ms=5, label=text)
-        axis.set_title(name, fontsize=6)
-        axis.set_xscale("log")
+            y, inside = one[key] if known else top, color if source == "independent" else "none"
+            text = "_" if not known else tracker if source == "independent" else f"{tracker}, {source}"
+            axis.plot(one["ms_per_pair"], y, "o" if known else "x", mec=color, mfc=inside, ls="", ms=5, label=text)
+        axis.set_title(fill(name, 32), fontsize=6)
+        axis.set(xscale="log", xlim=_SHOWN_MS)
         axis.tick_params(labelsize=6, which="both")
         axis.grid(alpha=0.25)
         if key == "median_mm":
