@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 import tracking
-from pps_vision.experiments.independent import mean_score, scored
 from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film
+from pps_vision.experiments.independent_score import mean_score, scored
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.tables import Table
 from pps_vision.types import StereoFrame

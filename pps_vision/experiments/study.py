@@ -61,7 +61,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "fidelity": {"seconds": 1.0},
     "fixation": {"axes": ()},
     "growth": {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)},
-    "independent": {"only": "head moves"},
+    "independent": {"only": "head moves, 10 ms stale"},
     "loop": {"training_trials": 2},
     "pps_compensation": {"n_single": 1},
     "pps_double_touches": {"starts": 4},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from data import shared_data
 
-from pps_vision.experiments.independent import score, score_of_either
+from pps_vision.experiments.baselines.image_trackers import sphere_box
 from pps_vision.experiments.independent_cases import CASES
 from pps_vision.experiments.independent_films import (
     EYES_AT_REST,
@@ -23,6 +23,7 @@ from pps_vision.experiments.independent_scenes import (
     PHOTOS,
     Ball,
     Caster,
+    Cylinder,
     Lens,
     Panel,
     Room,
@@ -31,6 +32,7 @@ from pps_vision.experiments.independent_scenes import (
     photograph,
     visible_share,
 )
+from pps_vision.experiments.independent_score import score, score_of_either
 from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Status, Track3D
@@ -49,7 +51,8 @@ def coverage(lens: Lens, things: World) -> np.ndarray:
     balls = tuple(replace(ball, surface=black) for ball in things.balls)
     panels = tuple(replace(panel, surface=black) for panel in things.panels)
     room._walls = np.full_like(room._walls, 255.0)
-    return 1 - room.light([HERE], [World(balls, panels)])[..., 0] / 255
+    cylinders = tuple(replace(cylinder, surface=black) for cylinder in things.cylinders)
+    return 1 - room.light([HERE], [World(balls, panels, cylinders)])[..., 0] / 255
 
 
 def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
@@ -81,6 +84,21 @@ def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
     v, u = np.mgrid[: LENS.height, : LENS.width]
     found = np.array([(u * share).sum(), (v * share).sum()]) / share.sum()
     np.testing.assert_allclose(found, [moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]], atol=0.02)
+
+
+def test_a_cylinder_is_as_wide_as_its_tangents_and_hides_what_is_behind() -> None:
+    """An upright one at distance d: tangent planes at ±r/√(d² − r²) of the axis; its lower edge's lowest point is the
+    rim's nearest."""
+    lens, d, r, half = replace(LENS, distortion=np.zeros(5)), 0.5, 0.04, np.array([0.0, 0.1, 0.0])
+    share = coverage(lens, World(cylinders=(Cylinder(np.array([0, 0, d]), half, r, WHITE),)))
+    middle = slice(lens.height // 2 - 10, lens.height // 2 + 10)
+    np.testing.assert_allclose(share[middle].sum(axis=1), 2 * lens.K[0, 0] * r / np.sqrt(d * d - r * r), rtol=5e-3)
+    column = round(float(lens.K[0, 2]))
+    low, high = (lens.K[1, 2] + side * lens.K[1, 1] * 0.1 / (d - r) for side in (-1, 1))
+    assert share[:, column].sum() == pytest.approx(min(high, lens.height - 0.5) - max(low, -0.5), abs=0.1)
+    ball = Ball(np.array([0, 0, 0.8]), 0.08, WHITE)
+    beside = Cylinder(np.array([-r, 0, d]), half * 5, r, WHITE)  # x = 0 is a tangent plane through the eye
+    assert visible_share(lens, HERE, World((ball,), cylinders=(beside,)), ball, ()) == pytest.approx(0.5, abs=0.02)
 
 
 def test_truth_is_what_opencv_projects() -> None:
@@ -287,6 +305,35 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
     assert (swapped["right_percent"], swapped["false_percent"]) == (60, 70)
     between = score_of_either(tracks(middle), film.truths)  # the left eye's ball paired with the right eye's other
     assert (between["right_percent"], between["false_percent"]) == (0, 100)
+
+
+def test_a_finger_moves_with_the_ball_from_beyond_the_edge_and_is_no_object() -> None:
+    film = Film(IndependentScene(start="moving", finger=True, seconds=4.0, fps=5.0), 2, NOWHERE)
+    bare = Film(replace(film.scene, finger=False), 2, NOWHERE)
+    assert len(film.truths) == 1
+    for t, share in zip(film.stamps_s.tolist(), film.share, strict=True):
+        (ball,), (finger,) = film.world(t).balls, film.world(t).cylinders
+        tip, end = finger.center - finger.half, finger.center + finger.half
+        assert np.linalg.norm(tip - ball.center) < ball.radius_m
+        for lens, pose in zip(lenses(film.scene), film.eye_poses(t), strict=True):
+            assert lens.project(pose, end)[0, 1] > lens.height  # NaN, where it is beside the lens's range, is not
+        assert share.min() > 0.9
+    with_it, without = (next(iter(one)).left.astype(float) for one in (film, bare))
+    changed = np.abs(with_it - without).max(axis=2) > 30
+    assert changed[-1].any()
+    assert 500 < changed.sum() < 20000
+
+
+def test_first_boxes_are_those_of_the_silhouette() -> None:
+    """Of a ball, the rim's; given in the first frame in which both eyes see all of it."""
+    film = Film(IndependentScene(fps=10.0), 3, NOWHERE)
+    k, boxes = film.first_boxes
+    assert film.share[k].min() >= 0.99 > film.share[k - 1].min()
+    views = film.rig.view(None)
+    for view, box in zip((views.left, views.right), boxes, strict=True):
+        exact = sphere_box(view, film.truth[k].position, film.truth[k].radius_m)
+        assert exact is not None
+        np.testing.assert_allclose(box, exact, atol=0.2)
 
 
 def test_bad_use_is_named() -> None:

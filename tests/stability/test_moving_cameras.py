@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.experiments.independent import score
 from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.independent_score import score
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
 
