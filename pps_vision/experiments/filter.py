@@ -231,7 +231,7 @@ def _smoothed(order: int, data: Measurements, seed: int) -> Values:
 
 
 def _flight(data: Measurements, seed: int) -> Values:
-    params = FlightParams()
+    params = FlightParams(white_share=data.white_share)
     beliefs = [flight.start(params, data.stamps_s[0], data.positions[0], data.covs[0])]
     for stamp_s, position, cov in data.later():
         beliefs.append(kalman.update(params.filter, flight.forecast(params, beliefs[-1], stamp_s)[0], position, cov))
@@ -239,7 +239,7 @@ def _flight(data: Measurements, seed: int) -> Values:
 
 
 def _smoothed_flight(data: Measurements, seed: int) -> Values:
-    params = FlightParams()
+    params = FlightParams(white_share=data.white_share)
     first = flight.start(params, data.stamps_s[0], data.positions[0], data.covs[0])
     rows = [Measured(*row) for row in data.later()]
     passages = follow(params.filter, first, rows, lambda belief, stamp_s: flight.forecast(params, belief, stamp_s))
