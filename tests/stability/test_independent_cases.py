@@ -45,7 +45,7 @@ class Limits:
 LIMITS = {
     "2 cm/s": Limits(right=75, median_mm=30),  # at first joined with the place that it leaves
     "moves, stops for 2 s, moves on": Limits(false=4),  # at first joined with the place that it left
-    LARGE.name: Limits(right=80, false=10),  # cut by the image's border as it enters
+    LARGE.name: Limits(right=70, false=15),  # cut by the image's border as it enters
 }
 
 
