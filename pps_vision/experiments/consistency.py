@@ -1,20 +1,27 @@
 """Whether the tracker's covariances are those of its errors: NEES, NIS, coverage of intervals, time to contact."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
+from tqdm import tqdm
 
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc, distance_and_ttc_variance
 from pps_vision.experiments.charts import PAGE_IN, calibration, panels
-from pps_vision.experiments.scenarios import KINDS, MOTIONS, SPEEDS, Recording, of_kind
+from pps_vision.experiments.constants import FILMED
+from pps_vision.experiments.independent_cases import CASES, Case
+from pps_vision.experiments.independent_films import Film
+from pps_vision.experiments.scenarios import KINDS, MOTIONS, SPEEDS, Recording, from_film, of_kind
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import (
+    DATA,
     Metric,
+    SceneSource,
     TrackingStudy,
     Values,
     mean,
@@ -27,11 +34,15 @@ from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array, Status, Track3D
 from tracking import kalman
 from tracking.kalman import KalmanParams
-from tracking.tracker import TrackerStep
+from tracking.tracker import Tracker, TrackerStep
 
 QUANTITIES = ("position", "velocity", "distance", "time to contact")
 SETTLED = 10
 """Frames before a tracker is judged."""
+FITTED_ON: Mapping[SceneSource, tuple[int, ...]] = {"rendered": (300,), "independent": (7000, 7001)}
+"""Seeds of the scenes on which the covariance's constants were fitted (`tracking.stereo`, `tracking.kalman`): as many
+others were held out."""
+_COVERAGES = tuple(f"{quantity} {share}" for quantity in ("position", "velocity") for share in (68, 95))
 _SIGMAS = {68: float(norm.ppf(0.84)), 95: float(norm.ppf(0.975))}
 GOALS = {68: 5.0, 95: 3.0}
 """By stated share: how far, in points, the share found may be from it."""
@@ -52,10 +63,16 @@ class Consistency(TrackingStudy):
     resampling recordings.
 
     Judged from the tenth frame on while the status is tracking, without the two frames after a jump of the velocity.
+    Coverage on the scenes that the covariance's constants were fitted on stands beside that on held-out ones of the
+    same kind: rendered recordings, and films of the tracking table.
     """
 
     seconds: float = 5.0
     """Length of the recordings that are no approaches."""
+    cases: tuple[str, ...] = FILMED
+    """Cases of `bench independent` that are filmed."""
+    data: Path = DATA
+    """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
 
     def run(self) -> dict[str, Any]:
         """Return by source and group of recordings: coverage in percent, mean NEES (6 expected) and NIS (3), error of
@@ -69,7 +86,25 @@ class Consistency(TrackingStudy):
                 for group in ("all", *kind.split(", ")):
                     pooled[group] += of["tracker"]
             found[source] = summarize(pooled, _METRICS)
-        return {"cells": found}
+        return {"cells": found, "halves": {source: self._halves(source) for source in self.sources}}
+
+    def _halves(self, source: SceneSource) -> dict[str, Any]:
+        """Coverage on the scenes that the constants were fitted on, and on as many others."""
+        fitted = FITTED_ON[source]
+        seeds = {"fitted": fitted, "held out": range(self.seed, self.seed + len(fitted))}
+        of = self._of_recordings if source == "rendered" else self._of_films
+        return summarize(
+            {half: of(some) for half, some in seeds.items()}, {name: _METRICS[name] for name in _COVERAGES}
+        )
+
+    def _of_recordings(self, seeds: Sequence[int]) -> list[Values]:
+        kinds = {kind: partial(of_kind, kind, "rendered", self.seconds) for kind in KINDS}
+        return [one for of in measure(kinds, {"tracker": _run}, seeds).values() for one in of["tracker"]]
+
+    def _of_films(self, seeds: Sequence[int]) -> list[Values]:
+        cases = [case for case in CASES if case.name in self.cases]
+        made = [(case, Film(case.scene(k), seed, self.data)) for k, seed in enumerate(seeds) for case in cases]
+        return [_of_film(case, film) for case, film in tqdm(made, desc="films", disable=None)]
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Found against stated coverage, one panel a source; what the goals allow is shaded."""
@@ -103,6 +138,7 @@ class Consistency(TrackingStudy):
         return {
             "": Table(header, rows),
             "nees": Table(["scenes", "mean NEES (6)", "mean NIS (3)", "time to contact (%)"], more),
+            "halves": Table(["scenes", *_COVERAGES], _rows_of_halves(numbers)),
         }
 
 
@@ -114,6 +150,19 @@ def covered(share: int, found: Sequence[float]) -> str:
 def misses(share: int, found: float) -> bool:
     """Whether a coverage, to a tenth of a percent, is farther from the stated share than the goal allows."""
     return abs(round(found, 1) - share) > GOALS[share]
+
+
+def _rows_of_halves(numbers: dict[str, Any]) -> list[list[str]]:
+    """Coverage of the constants' own scenes and of held-out ones; none in older results."""
+    halves = [(source, *one) for source, cell in numbers.get("halves", {}).items() for one in cell.items()]
+    return [[f"{source}, {half}", *(estimate(cell[name]) for name in _COVERAGES)] for source, half, cell in halves]
+
+
+def _of_film(case: Case, film: Film) -> Values:
+    """`values_of` a film of the tracking table."""
+    recording = from_film(film)
+    tracker = Tracker(case.tracker(film.hue_deg), film.rig, np.random.default_rng(film.seed))
+    return values_of(recording, [tracker.step(frame) for frame in recording.frames])
 
 
 def _run(recording: Recording, seed: int) -> Values:

@@ -27,7 +27,7 @@ FACTORS = (0.7, 1.4)
 JUDGED = {"right": "right_percent", "false claims": "false_percent", "95 % ellipsoid": "covered_percent"}
 _OTHER_METHODS = ("tracking.box_tracker", "tracking.template", "tracking.flight", "tracking.batch", "tracking.smoother")
 _LAYOUT = ("appearance.N_BINS", "appearance._BITS")  # of tables that other numbers must fit
-_FILMED = (  # of each kind of difficulty one; with more films the study takes more than half an hour
+FILMED = (  # of each kind of difficulty one; with more films the study takes more than half an hour
     "vivid, red",
     "grey, entering",
     "textured square",
@@ -52,7 +52,7 @@ class Constants(Study):
     """Seed of the first film; the others count up."""
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
-    cases: tuple[str, ...] = _FILMED
+    cases: tuple[str, ...] = FILMED
     """Cases of `bench independent` that are filmed."""
     only: str = ""
     """Only the constants whose names contain this."""

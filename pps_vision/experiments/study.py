@@ -54,11 +54,13 @@ _LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
 SHORT: Mapping[str, Mapping[str, Any]] = {
     "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2},
     "adversarial_control": {"steps": 200},
+    "consistency": {"cases": ("vivid, red",)},
     "constants": {"cases": ("vivid, red",), "only": "confirm_frames"},
     "encounters_sessions": {"share": 0.01},
     "encounters_tuning": {"draws": 1},
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
+    "filter": {"evaluations": 2},
     "fixation": {"axes": ()},
     "growth": {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)},
     "independent": {"only": "head moves, 10 ms stale"},

@@ -14,6 +14,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Status, StereoFrame
 from tracking.image_tracker import ImageTrackerParams
 from tracking.marker import MarkerParams
+from tracking.stereo import StereoParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
@@ -84,6 +85,8 @@ def test_a_ball_is_tracked_to_two_millimetres_while_the_head_moves(world: World,
     velocity = (world.position(39 * DT + 0.01) - world.position(39 * DT - 0.01)) / 0.02
     assert np.linalg.norm(last.velocity - velocity) < 0.03
     assert {d.camera for d in steps[-1].detections} == {"left", "right"}
+    assert steps[0].followed_by is None
+    assert steps[-1].followed_by == "colour"
     assert set(names) == {"trigger", "image", "triangulation", "filter"}
 
 
@@ -91,6 +94,7 @@ def test_a_marker_is_tracked_to_two_millimetres(world: World, rng: np.random.Gen
     small = replace(world, radius_m=0.010, color=GREEN)
     steps, errors = _run(small, Tracker(TrackerParams(mode="marker"), world.rig, rng), 25, rng)
     assert all(s.track.status is Status.TRACKING for s in steps[4:])
+    assert steps[-1].followed_by == "hue"
     assert _rms(errors) < 0.002
 
 
@@ -253,6 +257,7 @@ def test_eyes_at_rest_track_what_no_single_colour_separates(
     assert np.median(off) < 0.01  # of 14 px radius: a disparity of 0.7 px
     assert max(off) < 0.03
     assert np.median(radii) == pytest.approx(0.03, rel=0.1)
+    assert step.followed_by == ("colour" if stripes else "background")
 
 
 def test_eyes_that_look_one_after_the_other(world: World, rng: np.random.Generator) -> None:
@@ -313,6 +318,12 @@ def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
         TrackerParams(mode="magic")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="lost after 0"):
         TrackerParams(lost_after_s=0.0)
+    with pytest.raises(ValueError, match=r"± -0\.01 s"):
+        TrackerParams(stamp_error_s=-0.01)
+    with pytest.raises(ValueError, match="background 0 s"):
+        TrackerParams(background_memory_s=0)
+    with pytest.raises(ValueError, match="a rising range"):
+        StereoParams(distance_range=(2.0, 1.0))
     with pytest.raises(ValueError, match="1 particles"):
         ImageTrackerParams(particles=1)
 
