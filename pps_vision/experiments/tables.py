@@ -39,6 +39,11 @@ def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
     return texts[0] if texts[0] == "–" or len(texts) == 1 else f"{texts[0]} ({texts[1]}–{texts[2]})"
 
 
+def beside_goal(text: str, is_met: bool) -> str:
+    """Return a cell that stands beside its goal: in bold, and named, where that is missed."""
+    return text if is_met else f"**{text}, missed**"
+
+
 def names(text: str) -> list[str]:
     """Return the names of the tables that a document asks for."""
     return [match[2] for match in _MARKED.finditer(text)]
