@@ -200,9 +200,9 @@ def tables(numbers: dict[str, Any]) -> dict[str, Table]:
     differences = ["press and through, beyond ours", "fast, beyond ours"]
     kinds = [c.removeprefix("harmless_").replace("_", " ") for c in HARMLESS]
     limits = numbers["limits"]
-    fast = {"fast": _fast_table(of)} if "fast through, by speed" in of[OURS] else {}
-    return fast | {
+    return {
         "goals": Table(["ours", "goal", "measured"], _goals(numbers)),
+        "fast": _fast_table(of),
         "": Table(header, [[name, *(estimate(cell[key]) for key in main)] for name, cell in of.items()]),
         "conditions": Table(
             ["not touched (%)", *HAZARDS],
@@ -281,7 +281,8 @@ def _fast_table(controllers: dict[str, Any]) -> Table:
     bands = [f"{100 * low:.0f}–{100 * high:.0f}" for low, high in pairwise([_BANDS_M_S[-2], *_FAST_BANDS_M_S])]
     rows = []
     for name, cell in controllers.items():
-        rates = [cell["by speed"]["through"][-1], *cell["fast through, by speed"]]
+        rates = [cell["by speed"]["through"][-1], *cell.get("fast through, by speed", [])]
+        bands = bands[: len(rates)]  # older results end at 30 cm/s
         broken = next((band for band, value in zip(bands, rates, strict=True) if value[0] < 50), "–")
         rows.append([name, *map(estimate, rates), broken])
     return Table(["through: not touched (%)", *(f"{band} cm/s" for band in bands), "most touched at (cm/s)"], rows)
