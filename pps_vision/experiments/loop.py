@@ -77,9 +77,7 @@ class Loop(SampledStudy):
             least = (f"{np.median(gaps):.0f}", f"{min(gaps):.0f}") if gaps else ("–", "–")
             rows.append([case, *shares, *least, *ms])
         gap = "smallest gap (mm), median", "smallest"
-        time = tuple(
-            f"ms a frame, {what} (≤ {most:g})" for what, most in zip(("median", "99 %"), _MOST_MS, strict=True)
-        )
+        time = f"ms a frame, median (≤ {_MOST_MS[0]:g})", f"99th percentile (≤ {_MOST_MS[1]:g})"
         return {"": Table(["case", "touched", "arm commanded", *gap, *time], rows)}
 
     def episode(
