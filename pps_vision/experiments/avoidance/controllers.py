@@ -76,7 +76,7 @@ class Setting:
         return self.robot.at(self.home_rad).point(self.palm)
 
 
-def ours(setting: Setting, resting: int = 0, **numbers: float) -> Controller:
+def ours(setting: Setting, resting: int = 0, numbers: Numbers | None = None) -> Controller:
     """Return what the closed loop runs: R eq. 6 for what comes near, a quadratic programme with all limits.
 
     `resting`: how many of the arm's last joints stay at rest; `numbers`: other parameters than the defaults.
@@ -84,7 +84,7 @@ def ours(setting: Setting, resting: int = 0, **numbers: float) -> Controller:
     home = tuple(setting.home_rad[setting.arm].tolist())
     joints = ArmParams(resting=resting)
     params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M, arm=joints)
-    params = replace(params, **numbers)  # type: ignore[arg-type]
+    params = replace(params, **(numbers or {}))  # type: ignore[arg-type]
     state, bare_links = AvoidanceState(), BareLinks(setting.robot, setting.skin, setting.side)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:

@@ -60,7 +60,7 @@ _OURS_RANGES = {
     "clear_m": (0.0, 0.1),
     "persist_s": (0.0, 0.6),
 }
-TUNABLE = {**BASELINES, OURS: Baseline(lambda setting, numbers: ours(setting, **numbers), _OURS_RANGES)}
+TUNABLE = {**BASELINES, OURS: Baseline(lambda setting, numbers: ours(setting, numbers=numbers), _OURS_RANGES)}
 """All that random search is done for; of ours the defaults are measured, whatever it finds."""
 NAMES = (OURS, *BASELINES, TRUE, NONE)
 
@@ -72,7 +72,7 @@ def new_controller(name: str, numbers: Numbers | None = None) -> NewController:
         InputError: There is no such controller.
     """
     if name in (OURS, ASKING, TRUE):
-        return lambda setting: ours(setting, **(numbers or {}))
+        return lambda setting: ours(setting, numbers=numbers)
     if name == WRIST_AT_REST:
         return wrist_at_rest
     if name == NONE:
