@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import binomtest
 from tqdm import tqdm
 
 from pps_vision.errors import InputError
@@ -270,6 +271,14 @@ def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mea
         return [summary(np.concatenate(arrays)), np.nan, np.nan]
     low, high = np.nanpercentile(resampled, (2.5, 97.5))
     return [summary(np.concatenate(arrays)), float(low), float(high)]
+
+
+def percent_of(counted: int, n: int) -> list[float]:
+    """Return the percentage of n independent units that count, with Wilson's 95 % interval; NaN of none."""
+    if not n:
+        return [np.nan] * 3
+    ends = binomtest(counted, n).proportion_ci(method="wilson")
+    return [100 * float(value) for value in (counted / n, ends.low, ends.high)]
 
 
 def compare(

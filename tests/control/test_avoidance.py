@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from control.avoidance import (
-    _EASE_IN_S,
     _WAIT_S,
     AvoidanceParams,
     AvoidanceState,
@@ -15,6 +14,7 @@ from control.avoidance import (
     control_points,
     step,
 )
+from control.avoidance_response import _EASE_IN_S
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import first_to_touch
 from pps_vision.robot.bare_links import BareLinks

@@ -18,7 +18,7 @@ from learning.pps.trials import Trial, touch_rates
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.perceived import HORIZON_S
 from pps_vision.experiments.study import SampledStudy, interval
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.types import Array
 
 TAXELS_M = np.array([[0.0, 0.0, 0.0], [0.025, 0.0, 0.0], [-0.01, 0.025, 0.0], [0.012, -0.022, 0.0]])
@@ -172,14 +172,10 @@ class KnownSessions(SampledStudy):
             rows.append([
                 name,
                 *(estimate(of[key]) for key in ("ours", "base_rate", "known")),
-                _bold(estimate(of["percent_below"]), with_goal and gain < GAIN_PERCENT),
+                judged(estimate(of["percent_below"]), with_goal and gain < GAIN_PERCENT),
                 f"≥ {GAIN_PERCENT:g}" if with_goal else "–",
-                _bold(estimate(of["coverage"]), not low <= coverage <= high),
+                judged(estimate(of["coverage"]), not low <= coverage <= high),
                 f"{low:g}–{high:g}",
             ])  # fmt: skip
         header = ["Brier score", "ours", "base rate", "known probability", "below the base rate (%)", "goal"]
         return {"": Table([*header, "90 % interval holds (%)", "goal"], rows)}
-
-
-def _bold(text: str, missed: bool) -> str:
-    return f"**{text}**" if missed else text
