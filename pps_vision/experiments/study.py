@@ -59,7 +59,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "encounters_tuning": {"draws": 1},
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
-    "fixation": {"axes": ()},
+    "fixation": {"axes": ("angle",)},
     "growth": {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)},
     "independent": {"only": "head moves"},
     "loop": {"training_trials": 2},
