@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from pps_vision.types import Array
@@ -205,19 +204,19 @@ def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], lines: Se
     extent = axis.get_window_extent()
     size = 72 / axis.figure.dpi * np.array([extent.width, extent.height])  # points
     points = to_axes(np.column_stack([x, y])) * size
-    inside, line = Bbox.from_bounds(0, 0, *size), 1.2 * _NAME_PT
-    taken = [Bbox.from_bounds(u - 5, v - 5, 10, 10) for u, v in points]
-    taken += [Bbox.from_bounds(u - 1, v - 1, 2, 2) for one in lines for u, v in _dots(to_axes(one) * size)]
+    inside, line = np.array([[0.0, 0.0, *size]]), 1.2 * _NAME_PT
+    dots = [_dots(to_axes(one) * size) for one in lines]
+    taken = np.vstack([np.hstack([at - half, at + half]) for half, at in [(5, points), *((1, at) for at in dots)]])
     for k in np.argsort(-points[:, 1], kind="stable").tolist():
         (u, v), length = points[k], 1.08 * TextPath((0, 0), names[k], _NAME_PT).get_extents().width
         rises = [4 + i * line for i in range(4)] + [-4 - (i + 1) * line for i in range(4)] + [-line / 2]
         rises.sort(key=lambda dy: abs(dy + line / 2 - 1))
         offsets = [(dx, dy) for dy in rises for dx in (5, -5 - length)]
         offsets += [(-length / 2, dy) for dy in rises if abs(dy + line / 2) > line]
-        boxes = [Bbox.from_bounds(u + dx, v + dy, length, line) for dx, dy in offsets]
-        hidden = [sum(_shared(box, one) for one in taken) - 3 * _shared(box, inside) for box in boxes]
+        boxes = np.array([(u + dx, v + dy, u + dx + length, v + dy + line) for dx, dy in offsets])
+        hidden = _shared(boxes, taken) - 3 * _shared(boxes, inside)
         best = int(np.argmin(np.round(hidden, 3)))
-        taken.append(boxes[best])
+        taken = np.vstack([taken, boxes[best]])
         begins = (0.0, 0.5) if offsets[best][0] > 0 else (1.0, 0.5) if offsets[best][0] < -length else (0.5, 0.5)
         axis.annotate(
             names[k],
@@ -239,7 +238,7 @@ def _dots(line: Array) -> Array:
     return np.column_stack([np.interp(at, along, line[:, axis]) for axis in (0, 1)])
 
 
-def _shared(one: Bbox, other: Bbox) -> float:
-    """The area that two boxes share."""
-    both = Bbox.intersection(one, other)
-    return 0.0 if both is None else both.width * both.height
+def _shared(boxes: Array, others: Array) -> Array:
+    """(n,) area that each of the boxes (n, 4) shares with the others (m, 4), all of them (left, low, right, high)."""
+    low, high = np.maximum(boxes[:, None, :2], others[:, :2]), np.minimum(boxes[:, None, 2:], others[:, 2:])
+    return np.asarray((high - low).clip(0).prod(axis=2).sum(axis=1))

@@ -24,8 +24,9 @@ from pps_vision.app.simulation import (
 from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.experiments.timing import timed
+from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.skin import INNER_FOREARM
-from pps_vision.types import Mask, StereoFrame
+from pps_vision.types import Mask, Status, StereoFrame
 
 Case = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
 CASES: dict[Case, tuple[Kind, bool]] = {
@@ -61,7 +62,9 @@ class Loop(SampledStudy):
             for case in CASES:
                 ms: list[float] = []
                 logs = [self.episode(world, memory, case, k, ms) for k in tqdm(range(self.n), case, disable=None)]
-                counts[case] = _counts(logs) | {"ms": np.percentile(ms, (50, 99)).round(2).tolist()}
+                counts[case] = (
+                    _counts(logs) | _seen(world.rig, logs) | {"ms": np.percentile(ms, (50, 99)).round(2).tolist()}
+                )
         return {"seed": self.seed, "n": self.n, **counts}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
@@ -78,7 +81,12 @@ class Loop(SampledStudy):
             rows.append([case, *shares, *least, *ms])
         gap = "smallest gap (mm), median", "smallest"
         time = f"ms a frame, median (≤ {_MOST_MS[0]:g})", f"99th percentile (≤ {_MOST_MS[1]:g})"
-        return {"": Table(["case", "touched", "arm commanded", *gap, *time], rows)}
+        shares_seen = [(case, *numbers[case].get("seen_percent", ())) for case in CASES]  # not in older results
+        seen = [[case, *(f"{share:.1f}" for share in of)] for case, *of in shares_seen if of]
+        return {
+            "": Table(["case", "touched", "arm commanded", *gap, *time], rows),
+            "view": Table(["frames in which the arm avoids", "in the images of both eyes (%)", "tracked (%)"], seen),
+        }
 
     def episode(
         self, world: World, memory: PPSMemory, case: Case, number: int, ms: list[float] | None = None
@@ -100,6 +108,17 @@ class Loop(SampledStudy):
             return result
 
         return log_of(world, episode, simulate(world, episode, step, avoid), avoid)
+
+
+def _seen(rig: StereoRig, logs: list[EpisodeLog]) -> dict[str, list[float]]:
+    """Of the frames in which the arm avoids: the share in which the object's centre is in the images of both eyes, and
+    the share in which it is tracked, which it is not where the arm hides it; nothing without such frames."""
+    seen: list[tuple[bool, bool]] = []
+    for log in logs:
+        for k in np.flatnonzero(log.speed_m_s > 0):
+            view, p = rig.view(log.q_rad[k]), log.truth_m[k]
+            seen.append((view.left.sees(p) and view.right.sees(p), log.status[k] is Status.TRACKING))
+    return {"seen_percent": (100 * np.mean(seen, axis=0)).tolist()} if seen else {}
 
 
 def _counts(logs: list[EpisodeLog]) -> dict[str, object]:

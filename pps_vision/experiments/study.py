@@ -62,7 +62,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
     "filter": {"evaluations": 2},
-    "fixation": {"axes": ()},
+    "fixation": {"axes": ("angle",)},
     "growth": {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)},
     "independent": {"only": "head moves, 10 ms stale"},
     "loop": {"training_trials": 2},

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from data import SEED
 
-from pps_vision.experiments.independent import scored
 from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.independent_score import scored
 
 BY_NAME = {case.name: case for case in CASES}
 LARGE = Case("object of 200 px", IndependentScene(radius_m=0.109, extent_m=0.08, seconds=2.5))
