@@ -19,7 +19,7 @@ LAG = 400
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurement:
     """A position (3,) m with its covariance (3, 3) m², or None where nothing was seen, at a stamp; and the part of the
     covariance that is known to last (None: 0)."""
 
@@ -39,7 +39,7 @@ class Passage:
 
 
 def follow(
-    params: KalmanParams, begin: Belief, measured: Sequence[Measured], forecast: Forecast | None = None
+    params: KalmanParams, begin: Belief, measured: Sequence[Measurement], forecast: Forecast | None = None
 ) -> list[Passage]:
     """Run the filter from a first belief through later measurements in the order of their stamps.
 
@@ -125,7 +125,7 @@ class _Run:
             return steps[:n]
         seen = [(step.track.stamp_s, step.observation) for step in steps[1:]]
         measured = [
-            Measured(t) if one is None else Measured(t, one.p_root, one.cov_root, one.correlated_cov_root)
+            Measurement(t) if one is None else Measurement(t, one.p_root, one.cov_root, one.correlated_cov_root)
             for t, one in seen
         ]
         passages = follow(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from pps_vision.app.device import torch_device
 from pps_vision.app.track import chunks
 from pps_vision.experiments.charts import speed_errors
-from pps_vision.experiments.scenarios import Recording, moving, tracker_params
+from pps_vision.experiments.scenarios import Footage, moving, tracker_params
 from pps_vision.experiments.study import TURNS, Method, Metric, SampledStudy, Values, compare, mean, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array
@@ -31,7 +31,7 @@ _METRICS = {
 class Pairs(NamedTuple):
     """A recording, the true centres (n, 2, 2) px, and the centres that the tracker detects frame by frame."""
 
-    recording: Recording
+    recording: Footage
     truth: Array
     alone: Array
 
@@ -97,7 +97,7 @@ def differences(found: Array, alone: Array, truth: Array) -> dict[str, Array]:
     }
 
 
-def _steps(device: str, size: int, recording: Recording, seed: int) -> list[TrackerStep]:
+def _steps(device: str, size: int, recording: Footage, seed: int) -> list[TrackerStep]:
     """Frame by frame without a device."""
     tracker = Tracker(tracker_params(recording), recording.rig, np.random.default_rng(seed))
     if not device:

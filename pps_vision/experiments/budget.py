@@ -15,7 +15,7 @@ from pps_vision.experiments.charts import PAGE_IN, panels
 from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.experiments.independent_scenes import Color
 from pps_vision.experiments.real_ball import baseball
-from pps_vision.experiments.scenarios import Recording, from_film, moving
+from pps_vision.experiments.scenarios import Footage, from_film, moving
 from pps_vision.experiments.score import METRICS, judge
 from pps_vision.experiments.study import (
     DATA,
@@ -98,9 +98,9 @@ class Budget(SampledStudy):
             choices[name] = {limit: [_choice(values) for values in of] for limit, of in measured.items()}
         return {"cells": cells, "requests": requests, "choices": choices}
 
-    def _scenes(self) -> dict[str, Callable[[int], Recording]]:
+    def _scenes(self) -> dict[str, Callable[[int], Footage]]:
         """What makes a recording of a seed, by kind of scene."""
-        scenes: dict[str, Callable[[int], Recording]] = {
+        scenes: dict[str, Callable[[int], Footage]] = {
             f"{source}, {kind}": partial(self._moving, kind, source) for source, kind in _MOVING
         }
         scenes |= {f"independent, ball, {w}×{h}": partial(self._large, w, h) for w, h in _LARGE}
@@ -110,11 +110,11 @@ class Budget(SampledStudy):
             print(f"{self.data / 'baseball'} is not there: nothing real")
         return scenes
 
-    def _moving(self, name: str, source: SceneSource, seed: int) -> Recording:
+    def _moving(self, name: str, source: SceneSource, seed: int) -> Footage:
         motion = ("circle", "linear", "jerk", "figure8")[seed % 4]
         return moving(name, motion, seed, self.seconds, source)
 
-    def _large(self, width: int, height: int, seed: int) -> Recording:
+    def _large(self, width: int, height: int, seed: int) -> Footage:
         what = IndependentScene(
             width, height, seconds=self.seconds, color=_COLORS[seed % 4], background=seed % 5, start="moving"
         )
@@ -196,7 +196,7 @@ def _draw_choices(choices: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]
     return figure
 
 
-def _values(params: TrackerParams, recording: Recording, seed: int) -> Values:
+def _values(params: TrackerParams, recording: Footage, seed: int) -> Values:
     """Errors, times, and the ratio of the true RMS error to the stated one, of the frames with a settled track."""
     tracker = Tracker(params, recording.rig, np.random.default_rng(seed), own_body=recording.own_body)
     steps, ms = timed_steps(tracker.step, recording.frames)
@@ -208,7 +208,7 @@ def _values(params: TrackerParams, recording: Recording, seed: int) -> Values:
     return judge(recording, tracks) | {"ms": ms, "true_over_reported": ratio}
 
 
-def _request(limit_mm: float, recording: Recording, seed: int) -> Values:
+def _request(limit_mm: float, recording: Footage, seed: int) -> Values:
     """Whether the choice promises the limit, whether it keeps it, and its time relative to the default's."""
 
     def tracker_for(params: TrackerParams) -> Tracker:

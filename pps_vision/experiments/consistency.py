@@ -16,7 +16,7 @@ from pps_vision.experiments.charts import PAGE_IN, calibration, panels
 from pps_vision.experiments.constants import FILMED
 from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film
-from pps_vision.experiments.scenarios import KINDS, MOTIONS, SPEEDS, Recording, from_film, of_kind
+from pps_vision.experiments.scenarios import KINDS, MOTIONS, SPEEDS, Footage, from_film, of_kind
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import (
     DATA,
@@ -165,11 +165,11 @@ def _of_film(case: Case, film: Film) -> Values:
     return values_of(recording, [tracker.step(frame) for frame in recording.frames])
 
 
-def _run(recording: Recording, seed: int) -> Values:
+def _run(recording: Footage, seed: int) -> Values:
     return values_of(recording, steps_of(recording, seed)[0])
 
 
-def values_of(recording: Recording, steps: Sequence[TrackerStep]) -> dict[str, list[float]]:
+def values_of(recording: Footage, steps: Sequence[TrackerStep]) -> dict[str, list[float]]:
     """Return one recording's values: hits of the intervals frame by frame, mean NEES and NIS, errors of the time to
     contact."""
     found: dict[str, list[float]] = {metric.values: [] for metric in _METRICS.values()}

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
 from pps_vision.experiments.charts import PAGE_IN, panels, speed_error
-from pps_vision.experiments.scenarios import KINDS, Recording, of_kind
+from pps_vision.experiments.scenarios import KINDS, Footage, of_kind
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import (
     DATA,
@@ -38,7 +38,7 @@ from pps_vision.types import Array, Mask
 from tracking import DEFAULT_ORDER, flight, kalman
 from tracking.flight import FlightParams
 from tracking.kalman import Belief, KalmanParams
-from tracking.smoother import Measured, follow, smooth
+from tracking.smoother import Measurement, follow, smooth
 
 DEFAULT = f"order {DEFAULT_ORDER}"
 BASELINES = ("cv2", "filterpy")
@@ -175,7 +175,7 @@ class Filter(TrackingStudy):
         return tables
 
 
-def measurements(recording: Recording, seed: int) -> Measurements:
+def measurements(recording: Footage, seed: int) -> Measurements:
     """Return what our tracker measured in a recording, before its filter."""
     steps, _ = steps_of(recording, seed)
     known = [k for k, step in enumerate(steps) if step.observation is not None]
@@ -245,7 +245,7 @@ def _online(make: Callable[[Measurements], OnlineFilter], data: Measurements, se
 
 def _smoothed(order: int, data: Measurements, seed: int) -> Values:
     params = data.params(order)
-    passages = follow(params, data.first(params), [Measured(*row) for row in data.later()])
+    passages = follow(params, data.first(params), [Measurement(*row) for row in data.later()])
     return errors(data, [belief.mean for belief in smooth(passages)])
 
 
@@ -284,7 +284,7 @@ def _flight(params: FlightParams, data: Measurements) -> Values:
 
 def _smoothed_flight(params: FlightParams, data: Measurements) -> Values:
     first = flight.start(params, data.stamps_s[0], data.positions[0], data.covs[0])
-    rows = [Measured(*row) for row in data.later()]
+    rows = [Measurement(*row) for row in data.later()]
     passages = follow(params.filter, first, rows, lambda belief, stamp_s: flight.forecast(params, belief, stamp_s))
     return errors(data, [belief.mean for belief in smooth(passages)])
 

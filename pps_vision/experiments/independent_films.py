@@ -16,6 +16,7 @@ import numpy as np
 from pps_vision.experiments.baselines.image_trackers import BoxPx
 from pps_vision.experiments.independent_scenes import (
     EDGE_SAMPLES,
+    Arrangement,
     Ball,
     Caster,
     Color,
@@ -25,7 +26,6 @@ from pps_vision.experiments.independent_scenes import (
     Pattern,
     Room,
     Surface,
-    World,
     outline,
     photograph,
     visible_share,
@@ -292,19 +292,19 @@ class Film:
         middle = np.array([0.0, 0.0, nearer * self.scene.distance_m])
         return (Panel(middle, np.array([half, 0, 0]), np.array([0, 0.5, 0]), Surface(CARDBOARD)),)
 
-    def world(self, t_s: float) -> World:
+    def arrangement(self, t_s: float) -> Arrangement:
         """What moves, at a moment; the object comes first."""
         scene, p = self.scene, self._path(t_s)[0]
         if scene.shape == "square":
             turn = _rotation(np.array([*self._tilt, scene.spin_rad_s * t_s])) * scene.radius_m
-            return World((), (Panel(p, turn[:, 0], turn[:, 1], self._surface),))
+            return Arrangement((), (Panel(p, turn[:, 0], turn[:, 1], self._surface),))
         R = _rotation(self._turn_axis * scene.spin_rad_s * t_s)
         balls = [Ball(p, scene.radius_m, self._surface, R)]
         if scene.second != "none":
             middle = np.array([0, 0, scene.distance_m])
             surface = self._surface if scene.second == "same" else replace(self._surface, color=(30.0, 60.0, 205.0))
             balls.append(Ball(2 * middle - p + np.array([0, 0, 0.15]), scene.radius_m, surface, R))
-        return World(tuple(balls), cylinders=self._finger(p))
+        return Arrangement(tuple(balls), cylinders=self._finger(p))
 
     def _finger(self, p: Array) -> tuple[Cylinder, ...]:
         """What holds the object at `p` (3,): it begins within it."""
@@ -321,12 +321,12 @@ class Film:
         found: list[tuple[list[Truth], list[list[float]]]] = [([], []) for _ in range(objects)]
         R, o = self.T_root_stage[:3, :3], self.T_root_stage[:3, 3]
         for t in self.stamps_s.tolist():
-            v, world = self._path(t)[1], self.world(t)
+            v, arrangement = self._path(t)[1], self.arrangement(t)
             views = list(zip(self._eyes, self.eye_poses(t), strict=True))
-            things: tuple[Ball | Panel, ...] = (*world.balls, *world.panels)
+            things: tuple[Ball | Panel, ...] = (*arrangement.balls, *arrangement.panels)
             for (rows, shares), one, sign in zip(found, things, _SIGNS, strict=False):
                 p = one.center
-                share = [visible_share(lens, pose, world, one, self._still) for lens, pose in views]
+                share = [visible_share(lens, pose, arrangement, one, self._still) for lens, pose in views]
                 pixels = [lens.project(pose, p)[0] for lens, pose in views]
                 seen = [value >= SEEN_SHARE for value in share]
                 velocity, radius_m = sign * (R @ v), self.scene.radius_m
@@ -352,7 +352,7 @@ class Film:
         seen = self.share.min(axis=1)
         k = int(np.argmax(seen >= min(0.99, float(seen.max()))))
         t = float(self.stamps_s[k])
-        one, boxes = self.world(t).things[0], []
+        one, boxes = self.arrangement(t).things[0], []
         for lens, pose in zip(self._eyes, self.eye_poses(t), strict=True):
             rim = lens.project(pose, outline(one, pose[:3, 3])) + 0.5  # pixel centres are whole numbers
             low, high = rim.min(axis=0).clip(0), rim.max(axis=0).clip(None, (lens.width, lens.height))
@@ -383,7 +383,7 @@ class Film:
         n = EDGE_SAMPLES**2 if self.scene.shutter_s > 0 else 1
         instants = t + self.scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
         poses = [self.eye_poses(one)[eye] for one in instants]
-        light = caster.light(poses, [self.world(one) for one in instants], self._still)
+        light = caster.light(poses, [self.arrangement(one) for one in instants], self._still)
         return self.scene.sensor.expose(light, self.gain(eye, t), rng, tape)
 
     def gain(self, eye: int, t_s: float) -> float:

@@ -84,7 +84,7 @@ Thing = Ball | Panel | Cylinder
 
 
 @dataclass(frozen=True)
-class World:
+class Arrangement:
     """What is where at one instant; `panels` that never move may be drawn once."""
 
     balls: tuple[Ball, ...] = ()
@@ -173,17 +173,21 @@ class Caster:
         self._room = np.array([-sides[0], -sides[1], -room.ahead_m, sides[0], sides[1], room.ahead_m, texel_m])
         self._still: tuple[Array, tuple[Panel, ...], NDArray[np.float32]] | None = None
 
-    def light(self, poses: list[Array], worlds: list[World], still: tuple[Panel, ...] = ()) -> NDArray[np.float32]:
+    def light(
+        self, poses: list[Array], arrangements: list[Arrangement], still: tuple[Panel, ...] = ()
+    ) -> NDArray[np.float32]:
         """(h, w, 3) mean light over the instants of an exposure: 1, or 16 in the order of time.
 
-        `poses` are T_stage_camera (4, 4) and `worlds` what moves, one an instant; `still` never moves.
+        `poses` are T_stage_camera (4, 4) and `arrangements` what moves, one an instant; `still` never moves.
         """
-        if len(poses) not in (1, EDGE_SAMPLES**2) or len(worlds) != len(poses):
-            raise ValueError(f"{len(poses)} poses, {len(worlds)} worlds; expected 1 or {EDGE_SAMPLES**2} of both")
+        if len(poses) not in (1, EDGE_SAMPLES**2) or len(arrangements) != len(poses):
+            raise ValueError(
+                f"{len(poses)} poses, {len(arrangements)} arrangements; expected 1 or {EDGE_SAMPLES**2} of both"
+            )
         image = self._background(poses, still)
-        everything = [replace(world, panels=(*world.panels, *still)) for world in worlds]
+        everything = [replace(arrangement, panels=(*arrangement.panels, *still)) for arrangement in arrangements]
         order = _ORDER if len(poses) > 1 else np.zeros_like(_ORDER)
-        for region in self._regions(poses, worlds):
+        for region in self._regions(poses, arrangements):
             self._cast(poses, everything, order, region, image)
         return image
 
@@ -197,20 +201,20 @@ class Caster:
         else:
             finer = 3
         image = np.empty((h, w, 3), np.float32)
-        world = World((), still)
+        arrangement = Arrangement((), still)
         if moves:
             some = [poses[k] for k in (1, 5, 10, 14)]
-            self._cast(some, [world] * 4, _ORDER_COARSE, (0, 0, w, h), image)
+            self._cast(some, [arrangement] * 4, _ORDER_COARSE, (0, 0, w, h), image)
         else:
-            self._cast(poses[:1], [world], np.zeros((finer, finer), np.int64), (0, 0, w, h), image)
+            self._cast(poses[:1], [arrangement], np.zeros((finer, finer), np.int64), (0, 0, w, h), image)
             self._still = poses[0], still, image.copy()
         return image
 
-    def _regions(self, poses: list[Array], worlds: list[World]) -> list[tuple[int, int, int, int]]:
+    def _regions(self, poses: list[Array], arrangements: list[Arrangement]) -> list[tuple[int, int, int, int]]:
         """x0, y0, x1, y1 of the pixels that may see each of the things that move."""
         w, h = self.lens.width, self.lens.height
         regions = []
-        for begin, end in zip(worlds[0].things, worlds[-1].things, strict=True):
+        for begin, end in zip(arrangements[0].things, arrangements[-1].things, strict=True):
             ends = ((poses[0], begin), (poses[-1], end))
             pixels = np.concatenate([self.lens.project(pose, outline(one, pose[:3, 3])) for pose, one in ends])
             if np.isnan(pixels).all():
@@ -227,17 +231,17 @@ class Caster:
     def _cast(
         self,
         poses: list[Array],
-        worlds: list[World],
+        arrangements: list[Arrangement],
         order: NDArray[np.int64],
         region: tuple[int, int, int, int],
         image: NDArray[np.float32],
     ) -> None:
-        painted = [one for one in worlds[0].things if one.surface.pattern == "textured"]
+        painted = [one for one in arrangements[0].things if one.surface.pattern == "textured"]
         textures = [self._walls, *(self._texture(one, poses[0][:3, 3]) for one in painted)]
         flat = np.concatenate([t.reshape(-1, 3) for t in textures])
         sizes = np.array([t.shape[:2] for t in textures])
         places = np.array([np.concatenate([p[:3, :3].ravel(), p[:3, 3]]) for p in poses])
-        solids = _packed(worlds)
+        solids = _packed(arrangements)
         _cast(self.lens.rays, places, *solids, self._room, flat, sizes, np.array(region), order, LIGHT, image)
 
     def _texture(self, one: Thing, eye: Array) -> NDArray[np.float32]:
@@ -271,7 +275,7 @@ def outline(one: Thing, eye: Array) -> Array:
 
 
 def visible_share(
-    lens: Lens, T_stage_camera: Array, world: World, one: Ball | Panel, still: tuple[Panel, ...]
+    lens: Lens, T_stage_camera: Array, arrangement: Arrangement, one: Ball | Panel, still: tuple[Panel, ...]
 ) -> float:
     """Share of the object's image that lies in the picture with nothing before it."""
     eye = T_stage_camera[:3, 3]
@@ -289,29 +293,29 @@ def visible_share(
         points = one.center + s.reshape(-1, 1) * one.right + t.reshape(-1, 1) * one.down
     pixels = lens.project(T_stage_camera, points)
     inside = np.all((pixels > -0.5) & (pixels < np.array([lens.width, lens.height]) - 0.5), axis=1)
-    balls = tuple(ball for ball in world.balls if ball is not one)
-    panels = (*(panel for panel in world.panels if panel is not one), *still)
-    others = _packed([World(balls, panels, world.cylinders)])
+    balls = tuple(ball for ball in arrangement.balls if ball is not one)
+    panels = (*(panel for panel in arrangement.panels if panel is not one), *still)
+    others = _packed([Arrangement(balls, panels, arrangement.cylinders)])
     distance, _ = first_hits(eye, points - eye, *(rows[0] for rows in others))
     return float(np.mean(inside & (distance >= 1)))
 
 
-def _packed(worlds: list[World]) -> tuple[Array, Array, Array]:
+def _packed(arrangements: list[Arrangement]) -> tuple[Array, Array, Array]:
     """Balls (k, n, 22), panels (k, m, 21) and cylinders (k, l, 17): rows of `raycast`, then paint; textured ones have
     the textures after the walls'."""
-    balls = np.zeros((len(worlds), len(worlds[0].balls), 22))
-    panels = np.zeros((len(worlds), len(worlds[0].panels), 21))
-    cylinders = np.zeros((len(worlds), len(worlds[0].cylinders), 17))
-    for k, world in enumerate(worlds):
+    balls = np.zeros((len(arrangements), len(arrangements[0].balls), 22))
+    panels = np.zeros((len(arrangements), len(arrangements[0].panels), 21))
+    cylinders = np.zeros((len(arrangements), len(arrangements[0].cylinders), 17))
+    for k, arrangement in enumerate(arrangements):
         texture = 0
-        for row, ball in zip(balls[k], world.balls, strict=True):
+        for row, ball in zip(balls[k], arrangement.balls, strict=True):
             texture += ball.surface.pattern == "textured"
             row[:4], row[4:13] = ball_row(ball.center, ball.radius_m), _paint(ball.surface, texture)
             row[13:22] = ball.R_stage_body.T.ravel()
-        for row, panel in zip(panels[k], world.panels, strict=True):
+        for row, panel in zip(panels[k], arrangement.panels, strict=True):
             texture += panel.surface.pattern == "textured"
             row[:12], row[12:21] = panel_row(panel.center, panel.right, panel.down), _paint(panel.surface, texture)
-        for row, one in zip(cylinders[k], world.cylinders, strict=True):
+        for row, one in zip(cylinders[k], arrangement.cylinders, strict=True):
             texture += one.surface.pattern == "textured"
             half_m = float(np.linalg.norm(one.half))
             row[:8] = cylinder_row(one.center, one.half / half_m, one.radius_m, 2 * half_m)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines.stereo_pipelines import StereoPipelineName
 from pps_vision.experiments.charts import speed_errors
-from pps_vision.experiments.scenarios import Recording, moving
+from pps_vision.experiments.scenarios import Footage, moving
 from pps_vision.experiments.score import METRICS, baseline_tracks, judge, steps_of
 from pps_vision.experiments.study import TURNS, Metric, SceneSource, TrackingStudy, Values, compare, median
 from pps_vision.experiments.tables import Table, estimate, judged, median_first
@@ -45,7 +45,7 @@ class Pipeline(TrackingStudy):
         scenarios = self.scenarios(self._film, ("ball", "marker"))
         return {"cells": compare(scenarios, methods, _METRICS, self.seeds, "two CSRT", TURNS)}
 
-    def _film(self, stimulus: str, source: SceneSource, seed: int) -> Recording:
+    def _film(self, stimulus: str, source: SceneSource, seed: int) -> Footage:
         speeds = np.geomspace(*_SPEEDS_M_S, self.n) if self.n > 1 else np.array([0.15])
         speed = float(speeds[seed - self.seed])
         return moving(stimulus, "approach", seed, _FARTHEST_M / speed + 0.1, source, speed=speed)
@@ -69,16 +69,16 @@ class Pipeline(TrackingStudy):
         return tables
 
 
-def _ours(mode: str, recording: Recording, seed: int) -> Values:
+def _ours(mode: str, recording: Footage, seed: int) -> Values:
     steps, ms = steps_of(recording, seed, mode)
     return _values(recording, [step.track for step in steps], ms)
 
 
-def _baseline(name: StereoPipelineName, recording: Recording, seed: int) -> Values:
+def _baseline(name: StereoPipelineName, recording: Footage, seed: int) -> Values:
     return _values(recording, *baseline_tracks(recording, name))
 
 
-def _values(recording: Recording, tracks: list[Track3D], ms: list[float]) -> Values:
+def _values(recording: Footage, tracks: list[Track3D], ms: list[float]) -> Values:
     """Judge the frames before the object arrives; a missing time to contact is 100 % off."""
     speed = np.linalg.norm(recording.velocity, axis=1)
     arrived = np.flatnonzero(speed < 0.5 * speed[0])

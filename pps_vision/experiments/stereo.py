@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines import disparity
 from pps_vision.experiments.charts import PAGE_IN, intervals, panels, speed_errors
-from pps_vision.experiments.scenarios import EYES_M, Recording, film, follow, watching
+from pps_vision.experiments.scenarios import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import (
     NOISE_SIGMA,
@@ -160,7 +160,7 @@ def bounds_mm(recordings: Sequence[list[Pair]]) -> dict[str, float]:
     return {which: 1000 * float(np.sqrt(mean(np.array(of)))) for which, of in variances.items()}
 
 
-def pairs(recording: Recording, seed: int) -> Iterator[Pair]:
+def pairs(recording: Footage, seed: int) -> Iterator[Pair]:
     """Yield the pairs in which the settled tracker detects the ball in both eyes."""
     steps, _ = steps_of(recording, seed)
     for k, (frame, step) in enumerate(zip(recording.frames, steps, strict=True)):

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from pps_vision.experiments.scenarios import Recording, moving
+from pps_vision.experiments.scenarios import Footage, moving
 from pps_vision.experiments.score import METRICS, tracker
 from pps_vision.experiments.study import TURNS, SceneSource, TrackingStudy, compare
 from pps_vision.experiments.tables import Table, estimate, median_first
@@ -27,7 +27,7 @@ class Tracking(TrackingStudy):
         scenarios = self.scenarios(self._film, ("ball", "marker"))
         return {"cells": compare(scenarios, {"tracker": tracker()}, _METRICS, self.seeds, repeated=TURNS)}
 
-    def _film(self, stimulus: str, source: SceneSource, seed: int) -> Recording:
+    def _film(self, stimulus: str, source: SceneSource, seed: int) -> Footage:
         motion = MOTIONS[(seed - self.seed) % len(MOTIONS)]
         return moving(stimulus, motion, seed, self.seconds, source)
 

@@ -13,7 +13,7 @@ from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
 from pps_vision.experiments.charts import PAGE_IN, panels, speed_error
 from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, film, from_film, turning, watching
+from pps_vision.experiments.scenarios import EYES_M, FPS, Footage, film, from_film, turning, watching
 from pps_vision.experiments.sensor_chain import SensorChain
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, TURNS, Method, Metric, SampledStudy, Values, compare, mean
 from pps_vision.experiments.tables import Table, estimate, median_first
@@ -85,7 +85,7 @@ class Trigger(SampledStudy):
             cells["independent"]["nothing"][name]["alarms_per_minute"] = cell["alarms_per_minute"]
         return {"cells": cells}
 
-    def _recording(self, setting: str, name: str, seed: int) -> Recording:
+    def _recording(self, setting: str, name: str, seed: int) -> Footage:
         radius_m, px = OBJECTS[name]
         seconds = self.seconds if px == 0 else (STARTS + AFTER) / FPS
         rng = np.random.default_rng((seed, *map(ord, setting + name)))
@@ -128,7 +128,7 @@ class Trigger(SampledStudy):
 
 def starting(
     rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_rad_s: float
-) -> Recording:
+) -> Footage:
     """Return a rendered ball at rest that at frame `STARTS` starts to cross the view; with 0 px there is none."""
     robot, place = load_icub(), _place(rng)
     pose = turning(robot, rng, place, speed_rad_s)
@@ -190,12 +190,12 @@ def ours() -> dict[str, Method]:
     return {name: partial(watch, partial(_ours, params)) for name, params in OURS.items()}
 
 
-def methods(calm: Recording) -> dict[str, Method]:
+def methods(calm: Footage) -> dict[str, Method]:
     """Return ours, and the baselines at their best levels for a setting, which `calm` shows without motion."""
     return ours() | {name: partial(watch, partial(_baseline, name, best_level(name, calm))) for name in TRIGGERS}
 
 
-def _ours(params: TriggerParams, camera: Camera, recording: Recording) -> Watcher:
+def _ours(params: TriggerParams, camera: Camera, recording: Footage) -> Watcher:
     trigger = MotionTrigger(params, camera)
 
     def look(image: Image, view: View, stamp_s: float, joints_rad: Array | None) -> list[BoxPx]:
@@ -205,12 +205,12 @@ def _ours(params: TriggerParams, camera: Camera, recording: Recording) -> Watche
     return look
 
 
-def _baseline(name: str, level: float, camera: Camera, recording: Recording) -> Watcher:
+def _baseline(name: str, level: float, camera: Camera, recording: Footage) -> Watcher:
     method = TRIGGERS[name].make(camera, level)
     return lambda image, view, _stamp_s, _joints_rad: method.step(image, view)
 
 
-def watch(make: Callable[[Camera, Recording], Watcher], recording: Recording, seed: int) -> Values:
+def watch(make: Callable[[Camera, Footage], Watcher], recording: Footage, seed: int) -> Values:
     """Return alarms frame by frame where nothing moves, delays where something starts to, and processor times."""
     moves = bool(np.any(np.linalg.norm(np.nan_to_num(recording.velocity), axis=1) > 0))
     ms, alarm, delays = [], [], []
@@ -230,7 +230,7 @@ def watch(make: Callable[[Camera, Recording], Watcher], recording: Recording, se
     return {"ms": ms, "alarm": alarm, "delay": delays}
 
 
-def best_level(name: str, calm: Recording) -> float:
+def best_level(name: str, calm: Footage) -> float:
     """Return the lowest level without a false alarm where nothing moves; the highest if there is none."""
     levels = TRIGGERS[name].levels
     short = replace(calm, frames=calm.frames[: STARTS + 40])
@@ -242,7 +242,7 @@ def best_level(name: str, calm: Recording) -> float:
     return levels[low]
 
 
-def delay(boxes: list[list[BoxPx]], recording: Recording, eye: str) -> float:
+def delay(boxes: list[list[BoxPx]], recording: Footage, eye: str) -> float:
     """Return the frames until a region meets the path that the ball has come, from the first that shows it moved."""
     views = [getattr(recording.rig.view_of(frame), eye) for frame in recording.frames]
     pixels = np.array([view.project(p) for view, p in zip(views, recording.position, strict=True)])

@@ -11,7 +11,7 @@ from drawn_study import run_and_draw
 from pps_vision.experiments.consistency import QUANTITIES, Consistency, _of_film, covered, values_of
 from pps_vision.experiments.independent_cases import CASES
 from pps_vision.experiments.independent_films import Film
-from pps_vision.experiments.scenarios import Recording
+from pps_vision.experiments.scenarios import Footage
 from pps_vision.experiments.sensor_chain import SensorChain
 from pps_vision.experiments.study import Values
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -44,7 +44,7 @@ def _values(rng: np.random.Generator, factor: float) -> Values:
     image, q = np.zeros((2, 2, 3), np.uint8), np.zeros(1)
     frames = tuple(StereoFrame(image, image, float(s), float(s), q, q) for s in stamps)
     seen, boxes = np.ones(N + 1, bool), ((None, None),) * (N + 1)
-    recording = Recording(frames, path, velocity, seen, boxes, 0.03, icub_rig(load_icub()), None)
+    recording = Footage(frames, path, velocity, seen, boxes, 0.03, icub_rig(load_icub()), None)
     return values_of(recording, steps)
 
 

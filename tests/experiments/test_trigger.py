@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.motion import TRIGGERS, regions
-from pps_vision.experiments.scenarios import FPS, Recording
+from pps_vision.experiments.scenarios import FPS, Footage
 from pps_vision.experiments.study import Method
 from pps_vision.experiments.trigger import (
     AFTER,
@@ -27,7 +27,7 @@ from pps_vision.types import StereoFrame
 RIG = StereoRig.fixed(LEFT_EYE, LEFT_EYE, np.eye(4))
 
 
-def recording(px_per_frame: int, rng: np.random.Generator) -> Recording:
+def recording(px_per_frame: int, rng: np.random.Generator) -> Footage:
     """A textured square, 24 px wide, that starts at (150, 110) and moves to the right before a textured wall; both eyes
     see the same."""
     wall = cv2.blur(rng.uniform(60, 180, (240, 320, 3)), (3, 3))
@@ -44,22 +44,22 @@ def recording(px_per_frame: int, rng: np.random.Generator) -> Recording:
     velocity = np.diff(np.array(position), axis=0, prepend=[position[0]]) * FPS
     seen, boxes = np.ones(len(frames), bool), ((None, None),) * len(frames)
     radius_m = 12 / LEFT_EYE.focal_px
-    return Recording(tuple(frames), np.array(position), velocity, seen, boxes, radius_m, RIG, None)
+    return Footage(tuple(frames), np.array(position), velocity, seen, boxes, radius_m, RIG, None)
 
 
 @pytest.fixture(scope="module")
-def calm() -> Recording:
+def calm() -> Footage:
     return recording(0, np.random.default_rng(4))
 
 
 @pytest.fixture(scope="module")
-def candidates(calm: Recording) -> dict[str, Method]:
+def candidates(calm: Footage) -> dict[str, Method]:
     return methods(calm)
 
 
 @pytest.mark.parametrize("name", [DEFAULT, "LK residual grid (R)", "DIS ultrafast − ego", "frame difference", "MOG2"])
 def test_a_square_is_found_when_it_starts_and_not_before(
-    name: str, calm: Recording, candidates: dict[str, Method]
+    name: str, calm: Footage, candidates: dict[str, Method]
 ) -> None:
     moving, method = recording(5, np.random.default_rng(5)), candidates[name]
     values = method(moving, 0)
