@@ -49,7 +49,7 @@ _MAX_SHARE = 0.25  # largest share of the image that an object covers
 _MIN_LIKENESS = 0.7  # least Bhattacharyya coefficient of one object's colours in both eyes
 _MAX_RATIO = 1.2  # largest ratio of one object's angular radii in both eyes
 _DISTINCT = 0.5  # Bhattacharyya coefficient below which colours need no change beside them
-_LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is not the object's but its carrier's
+_LOW_SATURATION = 0.4  # of the object's mean vividness; a less vivid colour is of what surrounds it
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ class RenderedFilm(Film):
         return np.asarray(empty.left.mean(axis=(0, 1)))
 
     def _things(self, t_s: float) -> tuple[Thing, ...]:
-        return (*self.world(t_s).things, *self._still)
+        return (*self.arrangement(t_s).things, *self._still)
 
     def _state(self, t_s: float) -> SceneState:
         """The scene for the renderer, with the velocities that blur it."""

@@ -343,7 +343,7 @@ def test_bad_use_is_named() -> None:
         IndependentScene(width=10, height=10)
     with pytest.raises(ValueError, match="rig_known with the head"):
         IndependentScene(rig="head", rig_known=True)
-    with pytest.raises(ValueError, match="3 poses, 1 worlds"):
+    with pytest.raises(ValueError, match="3 poses, 1 arrangements"):
         Caster(LENS, Room(), NOWHERE).light([HERE] * 3, [Arrangement()])
 
 
