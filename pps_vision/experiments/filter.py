@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
+from pps_vision.errors import InputError
 from pps_vision.experiments.charts import PAGE_IN, panels, speed_error
 from pps_vision.experiments.scenarios import KINDS, Footage, of_kind
 from pps_vision.experiments.score import steps_of
@@ -176,9 +177,15 @@ class Filter(TrackingStudy):
 
 
 def measurements(recording: Footage, seed: int) -> Measurements:
-    """Return what our tracker measured in a recording, before its filter."""
+    """Return what our tracker measured in a recording, before its filter.
+
+    Raises:
+        InputError: where it found nothing.
+    """
     steps, _ = steps_of(recording, seed)
     known = [k for k, step in enumerate(steps) if step.observation is not None]
+    if not known:
+        raise InputError("bench filter", f"nothing was found in a recording of seed {seed}; expected longer recordings")
     seen = [one for one in (steps[k].observation for k in known) if one is not None]
     touched, ttc = recording.touch()
     return Measurements(
