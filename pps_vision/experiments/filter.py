@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import minimize
 
+from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
 from pps_vision.experiments.baselines.filters import Filter as OnlineFilter
-from pps_vision.errors import InputError
 from pps_vision.experiments.charts import PAGE_IN, panels, speed_error
 from pps_vision.experiments.scenarios import KINDS, Footage, of_kind
 from pps_vision.experiments.score import steps_of
