@@ -119,6 +119,8 @@ def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     assert len(read) == len(known)
     for message, track in zip(read, known, strict=True):
         point, stamp = message.pose.pose.position, message.header.stamp
+        turn = message.pose.pose.orientation
         assert [point.x, point.y, point.z] == track.position.tolist()
+        assert [turn.x, turn.y, turn.z, turn.w] == [0, 0, 0, 1]
         assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(track.stamp_s, abs=1e-6)
         np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6)[:3, :3], track.cov[:3, :3])

@@ -129,6 +129,9 @@ def test_euroc(tmp_path: Path, place: str) -> None:
     assert recording.warnings == ()
     unused = open_recording(tmp_path, fps=30, times=tmp_path / "times.txt").warnings
     assert unused == (f"--fps and --times not used: {tmp_path} has stamps of its own",)
+    for option in ({"joints": tmp_path}, {"taxels": tmp_path}):
+        with pytest.raises(InputError, match="expected it with an iCub's folder"):
+            open_recording(tmp_path, **option)
     (tmp_path / place / "cam1" / "data.csv").rename(tmp_path / "rows.csv")
     with pytest.raises(InputError, match=r"cam1: no data\.csv; expected both cameras, cam0 and cam1, with a data\.csv"):
         open_recording(tmp_path)

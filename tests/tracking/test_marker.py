@@ -9,7 +9,7 @@ import pytest
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Image
-from tracking.marker import MarkerParams, find_markers, threshold
+from tracking.marker import MarkerParams, find_markers, find_vivid_markers, threshold
 from tracking.outline import Optics
 
 OPTICS = Optics(Camera(160, 120, 150.0, 150.0, 79.5, 59.5))
@@ -122,3 +122,14 @@ def test_candidates_are_judged_by_their_box_in_the_image() -> None:
     (found,) = find_markers(MarkerParams(), image, OPTICS, near=(80, 65, 50), is_candidate=is_candidate)
     assert found.center_px == pytest.approx([40, 60], abs=0.1)
     assert asked == [(101, 61, 19, 19), (34, 54, 13, 13)]
+
+
+def test_nothing_stands_out_of_what_is_of_the_full_saturation() -> None:
+    image = np.full((120, 160, 3), (0, 220, 0), np.uint8)
+    cv2.circle(image, (80, 60), 12, GREEN, cv2.FILLED)
+    assert find_vivid_markers(MarkerParams(120.0), image, OPTICS) == []
+    noise = np.random.default_rng(3).integers(-4, 5, (120, 160, 3))
+    pale = (np.array([80, 200, 80]) + noise).astype(np.uint8)
+    cv2.circle(pale, (80, 60), 12, (0, 220, 0), cv2.FILLED)
+    (one,) = find_vivid_markers(MarkerParams(120.0), pale, OPTICS)
+    assert one.center_px == pytest.approx((80, 60), abs=0.2)
