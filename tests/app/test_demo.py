@@ -67,9 +67,9 @@ def test_the_demo_writes_its_report(
     """Three frames of each episode, a memory of one taxel, and a map where the right of the neck is reachable."""
     seeds = []
 
-    def trained(world: World, params: object) -> PPSMemory:
+    def trained(world: World, trials: int, touch_every: int) -> PPSMemory:
         memory = PPSMemory.empty(world.skin)
-        memory.counts[0, 2:4, 0, 0] = 5
+        memory.counts[0, 2:4, 0, 0], memory.counts[1, 2, 0, 0] = 50, 99  # too few samples of the second
         return memory
 
     def mapped(robot: object, side: str, rng: object, params: object) -> ReachableMap:
@@ -101,7 +101,7 @@ def test_the_demo_writes_its_report(
     assert "seed 3" in text
     with av.open(str(tmp_path / "out" / "demo.mp4")) as film:
         assert sum(1 for _ in film.decode(video=0)) == 6  # two and two beside each other
-    assert load_memory(tmp_path / "out" / "memory.npz").counts.sum() == 10
+    assert load_memory(tmp_path / "out" / "memory.npz").counts.sum() == 199
     assert ReachableMap.load(tmp_path / "out" / "reach.npz").side == "left"
     said = capsys.readouterr().out.splitlines()
     assert len(said) == 5
