@@ -41,7 +41,7 @@ from pps_vision.types import Array, Image, ReachStatus, Status
 _TAXEL = "left_forearm:3"
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
-_FEWEST_SAMPLES = 100  # of a taxel whose landscape is shown: five seconds
+_FEWEST_SAMPLES = 50  # before touches, of a taxel whose landscape is shown
 _TOUCH_EVERY = 3  # training approaches; the others stop before the skin
 _NORMAL_M = 0.012  # length of the line that shows a taxel
 _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
@@ -177,7 +177,7 @@ def _page(
     timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
     known, made_with = np.isfinite(logs[1].track_m).all(axis=1), versions.machine(versions.commit())
     stds = logs[1].track_std_m[known]
-    stimulated = np.flatnonzero(memory.counts.sum(axis=(1, 2, 3)) >= _FEWEST_SAMPLES).tolist()
+    touched = np.flatnonzero(memory.counts[..., 0].sum(axis=(1, 2)) >= _FEWEST_SAMPLES).tolist()
     sections = (
         page.Section(
             "Result",
@@ -200,8 +200,8 @@ def _page(
             f"Probability of touch over distance D and time to contact TTC, after {trials} rendered approaches of a "
             f"ball and a cube: one in {_TOUCH_EVERY} touches, the others stop 4–16 cm before the skin. A touch begins "
             "at D = 2 cm; what was never met counts as 0. Taxels with fewer than "
-            f"{_FEWEST_SAMPLES} samples are left out.",
-            page.image(figures.landscapes(memory, stimulated)),
+            f"{_FEWEST_SAMPLES} samples before touches are left out.",
+            page.image(figures.landscapes(memory, touched)),
         ),
         page.Section(
             "Robot, skin and path",
