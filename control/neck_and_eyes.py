@@ -15,9 +15,8 @@ from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity
 
 # Least-squares weights of the rates, in units of the features: damping; the neck gives way where the eyes cannot make
-# up for it, and its roll to yaw and pitch.
-_WEIGHT, _NECK_WEIGHT, _ROLL_WEIGHT = 1e-3, 0.05, 0.05
-_NEAREST_M = 0.1  # what is nearer moves past the eyes as fast as the neck turns: the neck would swing
+# up for it; its roll returns to zero and takes no part in following, from which it would return last of all.
+_WEIGHT, _NECK_WEIGHT, _ROLL_WEIGHT = 1e-3, 0.05, 1.0
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class NeckAndEyesParams:
     eyes_per_s: float = 12.5
     """Rate at which the eyes reduce the fixation error (the iCub's own controller's); stable below 2 by the time
     between two commands."""
-    neck_per_s: float = 8.0
+    neck_per_s: float = 12.0
     """Rate at which the neck turns to where the eyes would look straight ahead (`bench fixation`)."""
     limits: LimitParams = field(default_factory=LimitParams)
     """Rates and accelerations."""
@@ -47,6 +46,7 @@ def step(
     The neck turns to the posture in which the eyes, at their present vergence, would see the point straight ahead with
     tilt, version and the neck's roll at zero: this restoring posture resolves the redundancy.  Together they null x of
     `fixation.features`, J q̇ = −k x − ∂x/∂p v, so that the eyes turn back as the neck comes, at rates near the neck's.
+    The optical axes do not diverge before the next command, if that comes after as long as this one after the `last`.
     `p_root` (3,) m is the target at `stamp_s` and `v_root` (3,) m/s its velocity, less that of a point which the trunk
     carries (`head.carried_velocity`: the vestibulo-ocular reflex).  Rates may be held for `hold_s`; their change from
     the `last` command keeps the acceleration limits.  InputError as in `fixation.step`.
@@ -57,16 +57,15 @@ def step(
     neck, eyes = joints(robot)
     lower, upper = _range(params.limits, posture, hold_s, stamp_s, last)
     preferred, weights = np.zeros(robot.n_joints), np.full(robot.n_joints, _WEIGHT)
-    middle = 0.5 * (posture.point(robot.names.left_eye) + posture.point(robot.names.right_eye))
-    if np.linalg.norm(p - middle) < _NEAREST_M:
-        lower[neck] = upper[neck] = np.clip(0.0, lower[neck], upper[neck])
     preferred[neck] = _follow(params, posture, neck, p, v, (lower[neck], upper[neck]))
     weights[neck] = _NECK_WEIGHT
     x, dx_dq, dx_dp = features(posture, p)
     left, right = eyes[1:]
-    converging = np.zeros((1, robot.n_joints))  # the optical axes do not diverge
+    converging = np.zeros((1, robot.n_joints))
     converging[0, left], converging[0, right] = -1.0, 1.0
-    most = [(posture.q_rad[left] - posture.q_rad[right]) / hold_s]
+    since_s = stamp_s - last.stamp_s if last is not None else 0.0
+    period_s = since_s if 0 < since_s < hold_s else hold_s
+    most = [(posture.q_rad[left] - posture.q_rad[right]) / period_s]
     head, dq = neck + eyes, np.zeros(robot.n_joints)
     limits = lower[head], upper[head]
     task = dx_dq[:, head], -params.eyes_per_s * x - dx_dp @ v

@@ -1,8 +1,8 @@
 """Search for a target that is not in view: over the whole field of view in bounded time, or at random (J IV.B).
 
 The covering search visits the points of a grid, always the nearest that is left.  Its `spacing_rad` leaves half of it
-to either side of a point: 20° and 15° of the 33° and 25° that both of the iCub's eyes see to every side of their axes,
-so that what is as near as 0.25 m, where the eyes' directions differ by 8° from the head's, is seen too.
+to either side of a point: 20° and 15° of the 33° and 25° that an eye of the iCub sees to every side of its axis.  The
+rest is left to the vergence: at 20° both eyes see what is 8 cm to many metres away, at 60° what is nearer.
 """
 
 from dataclasses import dataclass, field
@@ -24,9 +24,12 @@ class SearchParams:
     """Range and speed of the search."""
 
     pattern: Literal["covering", "random"] = "covering"
-    """All gaze directions in turn, the nearest first; or J's random turns about the centre."""
+    """All gaze directions in turn, the nearest first, at one vergence after the other; or J's random turns about the
+    centre, at the vergence of that."""
     spacing_rad: tuple[float, float] = (40 * _DEG, 30 * _DEG)
     """Covering: largest distance of the grid's points in yaw and in pitch."""
+    vergence_rad: tuple[float, float] = (20 * _DEG, 60 * _DEG)
+    """Covering: vergences at which the grid is visited by turns."""
     yaw_rad: float = 30 * _DEG
     """Random: largest turn to the left and right of the centre."""
     pitch_rad: float = 20 * _DEG
@@ -54,7 +57,9 @@ class SearchState:
     goal: Array | None = None
     """(4,) rad, the gaze that the head turns to; None before the first step."""
     left: Array = field(default_factory=lambda: np.empty((0, 4)))
-    """(k, 4) rad, the goals of the covering search that are left."""
+    """(k, 4) rad, the goals of the covering search that are left at this vergence."""
+    visits: int = 0
+    """How often the covering search has begun to visit the grid."""
 
 
 def step(
@@ -73,17 +78,20 @@ def step(
     check_times("search", stamp_s, hold_s)
     gaze = gaze_of(posture)
     lower, upper = gaze_range(params.limits.gaze, posture)
-    goal, left = state.goal, state.left
+    goal, left, visits = state.goal, state.left, state.visits
     if goal is None or np.abs(goal - gaze).max() < params.arrived_rad:
         if params.pattern == "random":
             goal = _random_goal(params, state.center, lower, upper, rng)
         else:
-            left = left if len(left) else _grid(params, gaze[VERGENCE], lower, upper)
-            nearest = int(np.argmin(np.abs(left - gaze).max(axis=1)))
+            if not len(left):
+                left = _grid(params, params.vergence_rad[visits % 2], lower, upper)
+                visits += 1
+            nearest = int(np.argmin(np.abs(left - gaze)[:, :VERGENCE].max(axis=1)))
             goal, left = left[nearest], np.delete(left, nearest, axis=0)
     slowest, fastest = rate_limits(gaze, lower, upper, params.limits.max_rate, 1 / hold_s)
     rates = np.clip(params.gain_per_s * (goal - gaze), slowest, fastest)
-    return SearchState(state.center, goal, left), JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, hold_s)
+    command = JointVelocity(stamp_s, gaze_columns(posture.robot) @ rates, hold_s)
+    return SearchState(state.center, goal, left, visits), command
 
 
 def _random_goal(params: SearchParams, center: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:

@@ -75,6 +75,8 @@ def _end_with_stdin() -> None:
 class _Output(io.TextIOWrapper):
     """A standard stream whose reader may go away or whose disk may be full: the rest is dropped, the work goes on."""
 
+    _is_gone = False
+
     @classmethod
     def instead_of(cls, stream: TextIO | None) -> "_Output":
         """Take the place of a stream; characters that it cannot encode are escaped."""
@@ -86,22 +88,18 @@ class _Output(io.TextIOWrapper):
     def write(self, text: str) -> int:
         """Write, or drop what cannot be written."""
         try:
-            return super().write(text)
+            return len(text) if self._is_gone else super().write(text)
         except OSError:
-            self._drop()
+            self._is_gone = True
             return len(text)
 
     def flush(self) -> None:
         """Flush, or drop what cannot be written."""
         try:
-            super().flush()
+            if not self._is_gone:
+                super().flush()
         except OSError:
-            self._drop()
-
-    def _drop(self) -> None:
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, self.fileno())
-        os.close(null)
+            self._is_gone = True
 
 
 def _on_one_line(

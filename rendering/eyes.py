@@ -80,8 +80,7 @@ class Eyes:
         self._stage.arrange(state)
         lighting, images = self._fidelity.lighting, []
         for lens, pinhole, maps, view in zip(self._lenses, self._pinholes, self._maps, self._views(state), strict=True):
-            # objects out of view may cast shadows into it
-            nodes = self._stage.there if lighting == "shadows" else self._stage.in_view(view, lens.slopes)
+            nodes = self._stage.in_view(view, lens.slopes)
             drawn = self._renderer.color(nodes, View(pinhole, view.T_root_camera), lighting)
             images.append(np.asarray(cv2.remap(drawn, *maps, cv2.INTER_LINEAR), np.uint8))
         return images

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 
 from pps_vision.errors import InputError
 
-Lighting = Literal["baked", "lights", "shadows"]
+Lighting = Literal["baked", "lights"]
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Fidelity:
             because the image is interpolated from 2×2 of them.
         fineness: A ball has 20·4^fineness triangles, a tube 4·(fineness − 1) sides.
         lighting: baked: diffuse light, computed per vertex and stored in the vertex colours; lights: pyrender's
-            lights, per pixel, with highlights and gamma; shadows: the same with its shadow maps.
+            lights, per pixel, with highlights and gamma.
         blur_step_px: Image motion per image averaged for motion blur; motion below 0.4 of it is not blurred.
     """
 

@@ -82,7 +82,7 @@ class Approach:
 
 
 @dataclass(frozen=True)
-class Reach:
+class ReachMotion:
     """Minimum-jerk reach along a quadratic Bézier curve with control points `start`, `via`, `end`.
 
     The planned movement is a seventh longer than the way to `end`, so that contact, at `arrives_s`, happens at
@@ -254,10 +254,10 @@ def make_approach(rng: np.random.Generator, target: Target, speed_m_s: float) ->
     return Approach(start, target.end_from(start), speed_m_s)
 
 
-def make_reach(rng: np.random.Generator, end: Array, normal: Array, start_m: float, peak_m_s: float) -> Reach:
+def make_reach(rng: np.random.Generator, end: Array, normal: Array, start_m: float, peak_m_s: float) -> ReachMotion:
     """Draw a reach from a start over the cap about the normal, `start_m` away, with a random curvature."""
     start = end + start_m * in_cap(rng, normal)
-    return Reach(start, 0.5 * (start + end) + _BOW * start_m * rng.standard_normal(3), end, peak_m_s)
+    return ReachMotion(start, 0.5 * (start + end) + _BOW * start_m * rng.standard_normal(3), end, peak_m_s)
 
 
 def in_cap(rng: np.random.Generator, normal: Array) -> Array:

@@ -82,8 +82,7 @@ class Renderer:
 
     def color(self, nodes: Iterable[Node], view: View, lighting: Lighting = "baked") -> Image:
         """Return the RGB image (height, width, 3) of the nodes in the `view` of a camera without distortion."""
-        flags = self._api.RenderFlags
-        mode = {"baked": flags.FLAT, "lights": flags.NONE, "shadows": flags.SHADOWS_DIRECTIONAL}[lighting]
+        mode = self._api.RenderFlags.FLAT if lighting == "baked" else self._api.RenderFlags.NONE
         self._arrange(nodes, view, lighting)
         image, _ = self._screen.render(self._scene, flags=mode)
         return np.ascontiguousarray(image)

@@ -112,9 +112,11 @@ class Acquisition:
         self, marker: MarkerParams, cameras: CameraFrames, view: StereoView, stamp_s: float, association: Association
     ) -> tuple[Outline, Outline] | None:
         """Return the marker anywhere in both images: of the pairs of blobs of its hue that may be one thing, one that
-        has moved; before moving eyes also the only one, if it is nearer than what surrounds it: no patch of a wall.
+        has moved, before moving eyes in both images; there also the only one, if it is nearer than what surrounds it:
+        no patch of a wall.
         """
-        self._remember(0, cameras[0])
+        for eye, camera in enumerate(cameras):
+            self._remember(eye, camera)
         lefts, rights = (
             moved_markers(marker, camera, one, background)
             for camera, one, background in zip(cameras, self._optics, self._backgrounds, strict=True)
@@ -131,19 +133,21 @@ class Acquisition:
                 self._counts[f"rejected by {association.refusal(view, a, b)}"] += 1
         if pairs and self._backgrounds[0].is_known(cameras[0].view):
             return pairs[0]
-        moving, is_only = {id(a): self._moves(a) for a, _ in pairs}, len(lefts) == len(rights) == 1
+        moving = [{id(one): self._moves(eye, one) for one in pair} for eye, pair in enumerate(zip(*pairs, strict=True))]
+        is_only = len(lefts) == len(rights) == 1
         for a, b in pairs:
-            if moving[id(a)] or (is_only and is_nearer_than_surroundings(association, cameras, view, a, b)):
+            moves = moving[0][id(a)] and moving[1][id(b)]
+            if moves or (is_only and is_nearer_than_surroundings(association, cameras, view, a, b)):
                 return a, b
         self._counts.update({"rejected since it did not move": len(pairs)})
         return None
 
-    def _moves(self, one: Outline) -> bool:
-        """Whether flow shows that an outline of the left image moves by itself."""
+    def _moves(self, eye: int, one: Outline) -> bool:
+        """Whether flow shows that an outline of an eye's last image moves by itself."""
         x, y, w, h = one.box_px
-        camera = self._optics[0].camera
+        camera = self._optics[eye].camera
         box = max(int(x), 0), max(int(y), 0), min(int(x + w) + 1, camera.width), min(int(y + h) + 1, camera.height)
-        return self._triggers[0].moves(masks.ellipse(box, one.center_px, w, h), box)
+        return self._triggers[eye].moves(masks.ellipse(box, one.center_px, w, h), box)
 
     def _trigger(self, eye: int, camera: CameraFrame, confirm: bool) -> list[Region2D]:
         own = self._own(camera)

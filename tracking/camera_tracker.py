@@ -128,15 +128,17 @@ class CameraTracker:
         return state._replace(target=target, view=camera.view), found_object
 
     def _emptiness(self, state: CameraState, camera: CameraFrame, before: Target, found: ImageDetection) -> float:
-        """The state's `emptiness` after another image."""
-        place = self._changed_place(camera, found)
-        share = None if place is None else self.background.learned_edge(camera.image, camera.view, *place)
-        if share is None:
-            return state.emptiness
+        """The state's `emptiness` after another image; of what moves it can only fall."""
         was_px = before.cloud.now[:, :2].mean(axis=0)
         if state.view is not None and state.view is not camera.view:
             was_px = camera.view.project(state.view.center + ROOM_M * state.view.rays(was_px))
         rests = math.dist(was_px.tolist(), found.outline.center_px.tolist()) < _RESTS_PX
+        if not rests and state.emptiness <= _SURE:
+            return state.emptiness
+        place = self._changed_place(camera, found)
+        share = None if place is None else self.background.learned_edge(camera.image, camera.view, *place)
+        if share is None:
+            return state.emptiness
         change = share - LEARNED_EDGE
         return max(state.emptiness + (change if rests else min(change, 0.0)), _SURE)
 

@@ -6,26 +6,31 @@ prediction carries the mean and its neighbours one standard deviation away throu
 (second-order central differences, Nørgaard, Poulsen and Ravn 2000).
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from pps_vision.errors import InputError
 from pps_vision.types import Array, Mask
 from tracking import kalman
 from tracking.kalman import Belief, KalmanParams
 
-_GRAVITY = np.array([0.0, 0.0, -9.81])
+GRAVITY_M_S2 = 9.81
+_GRAVITY = np.array([0.0, 0.0, -GRAVITY_M_S2])
 _N = 9
 
 
 @dataclass(frozen=True)
 class FlightParams:
-    """Flight model in a frame whose z points up, in metres.
+    """Flight model, in metres.
 
-    The defaults are a table-tennis ball's, measured on recorded flights (docs/speed_accuracy.md).
+    The defaults are a table-tennis ball's, fitted to recorded flights (docs/speed_accuracy.md).
     """
 
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Upward direction in the root frame, of any length."""
     drag_per_m: float = 0.14
     """Deceleration over squared speed."""
     speed_std: float = 8.0
@@ -35,7 +40,7 @@ class FlightParams:
     noise_density: float = 0.08
     """Spectral density of unmodelled acceleration, (m/s²)²·s."""
     floor_m: float = 0.016
-    """Height of the ball's centre at the bounce; −inf: no floor."""
+    """Height along `up` of the ball's centre at the bounce; −inf: no floor."""
     restitution: float = 0.935
     """Share of the vertical velocity that a bounce keeps."""
     grip: float = 0.86
@@ -50,26 +55,49 @@ class FlightParams:
     """Standard deviation of the lift after a bounce, 1/s."""
     gate_chi2: float = 20.0
     """Gate of the Kalman filter (`KalmanParams.gate_chi2`)."""
+    white_share: float = KalmanParams().white_share
+    """As `KalmanParams.white_share`."""
 
     def __post_init__(self) -> None:
         if not (self.drag_per_m >= 0 and self.noise_density > 0 and 0 <= self.restitution <= 1):
-            raise ValueError(
+            raise InputError(
+                "flight model",
                 f"drag {self.drag_per_m}, noise density {self.noise_density}, restitution {self.restitution}; "
-                "expected drag ≥ 0, a noise density > 0 and a restitution from 0 to 1"
+                "expected drag ≥ 0, a noise density > 0 and a restitution from 0 to 1",
             )
+        if not 0 < math.hypot(*self.up) < math.inf:
+            raise InputError("flight model", f"upward direction {self.up}; expected three numbers, not all 0")
 
     @cached_property
     def filter(self) -> KalmanParams:
         """How measurements are taken in: as by a Kalman filter of order 3."""
         std = (self.speed_std, self.lift_std[0], 1.0)
         never = (np.inf, np.inf)
-        return KalmanParams(3, self.noise_density, std, 1.0, gate_chi2=self.gate_chi2, decay_s=never)
+        return KalmanParams(3, self.noise_density, std, self.white_share, gate_chi2=self.gate_chi2, decay_s=never)
+
+    @cached_property
+    def R_upright_root(self) -> Array:
+        """(3, 3) rotation from the root frame into one whose z points up."""
+        z = np.array(self.up) / math.hypot(*self.up)
+        x = np.eye(3)[np.argmin(np.abs(z))]
+        x = x - (x @ z) * z
+        x /= np.linalg.norm(x)
+        return np.array([x, np.cross(z, x), z])
 
 
-def start(params: FlightParams, stamp_s: float, position: Array, cov: Array) -> Belief:
-    """The belief after the first measurement: `position` (3,) m with `cov` (3, 3) m²."""
-    belief = kalman.start(params.filter, stamp_s, position, cov)
-    belief.cov[8, 8] = params.lift_std[1] ** 2
+def start(
+    params: FlightParams,
+    stamp_s: float,
+    position: Array,
+    cov: Array,
+    velocity: Array | None = None,
+    velocity_cov: Array | None = None,
+    correlated: Array | None = None,
+) -> Belief:
+    """The belief after the first measurement; the arguments are those of `kalman.start`."""
+    belief = kalman.start(params.filter, stamp_s, position, cov, velocity, velocity_cov, correlated)
+    R = params.R_upright_root
+    belief.cov[6:, 6:] = (R.T * np.square([params.lift_std[0], *params.lift_std])) @ R
     return belief
 
 
@@ -79,9 +107,10 @@ def forecast(params: FlightParams, belief: Belief, stamp_s: float) -> tuple[Beli
     dt = stamp_s - belief.stamp_s
     if not dt >= 0:
         raise ValueError(f"stamp {stamp_s:.6f} s lies before {belief.stamp_s:.6f} s; expected rising stamps")
-    spread = np.linalg.cholesky(belief.cov).T
+    R = np.kron(np.eye(3), params.R_upright_root)
+    spread = np.linalg.cholesky(R @ belief.cov @ R.T).T
     around = np.concatenate([spread, -spread, np.zeros((1, _N))])
-    then, since = _fly(params, belief.mean.ravel() + around, dt)
+    then, since = _fly(params, R @ belief.mean.ravel() + around, dt)
     neighbours = then[:-1] - then[-1]
     mean = then[-1] + 0.5 * neighbours.sum(axis=0)
     P = 0.5 * neighbours.T @ neighbours
@@ -89,10 +118,24 @@ def forecast(params: FlightParams, belief: Belief, stamp_s: float) -> tuple[Beli
     share = float(np.mean(since > 0))
     if share > 0:
         P += share * _bounce_noise(params, mean[3:5], float(since.sum()) / np.count_nonzero(since))
-    ahead = Belief(
-        stamp_s, mean.reshape(3, 3), P, belief.correlated_cov, belief.updated_s, belief.rejections, belief.nis
-    )
-    return ahead, 0.5 * around[:-1].T @ neighbours
+    ahead = belief._replace(stamp_s=stamp_s, mean=(R.T @ mean).reshape(3, 3), cov=R.T @ P @ R, noise_scale=1.0)
+    return ahead, R.T @ (0.5 * around[:-1].T @ neighbours) @ R
+
+
+def derivatives(params: FlightParams, belief: Belief) -> tuple[Array, Array]:
+    """Position, velocity and acceleration in the air (3, 3), root frame, and their covariance (9, 9) to first order."""
+    R = params.R_upright_root
+    (p, v, lift), speed = belief.mean, float(np.linalg.norm(belief.mean[1]))
+    a = R.T @ _acceleration(params, (R @ v)[None], (R @ lift)[None])[0]
+    J = np.eye(_N)
+    J[6:, 3:6] = _cross(lift) - params.drag_per_m * (speed * np.eye(3) + np.outer(v, v) / max(speed, 1e-9))
+    J[6:, 6:] = -_cross(v)
+    return np.array([p, v, a]), J @ belief.cov @ J.T
+
+
+def _cross(a: Array) -> Array:
+    """(3, 3) matrix of a × ·."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def _fly(params: FlightParams, states: Array, dt: float) -> tuple[Array, Array]:

@@ -127,12 +127,12 @@ class ImageTracker:
 
         def likelihood_in(roi: Box) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
             bins = color_bins(image[roi[1] : roi[3], roi[0] : roi[2]])
-            colors = np.take(s.model.table(), bins)
             if evidence is None:
-                return bins, colors
+                return bins, np.take(s.model.table(), bins)
             changed = evidence(roi)
             if not by_color:
                 return bins, np.asarray(changed, np.float32)
+            colors = np.take(s.model.table(), bins)
             return bins, np.asarray(cv2.copyTo(colors, np.asarray(changed > 0.5).view(np.uint8)), np.float32)
 
         if prior:

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.errors import InputError
 from pps_vision.types import Array, Image, Mask
 from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
@@ -47,9 +48,15 @@ class MarkerParams:
 
     def __post_init__(self) -> None:
         if not (0 <= self.hue_deg < 360 and 0 < self.hue_tolerance_deg <= 90):
-            raise ValueError(
-                f"marker hue {self.hue_deg}° ± {self.hue_tolerance_deg}°: "
-                "expected a hue in [0, 360) and a tolerance in (0, 90]"
+            raise InputError(
+                "marker",
+                f"hue {self.hue_deg}° ± {self.hue_tolerance_deg}°; "
+                "expected a hue in [0, 360) and a tolerance in (0, 90]",
+            )
+        if not (0 <= self.min_saturation <= 1 and 0 <= self.min_value <= 1):
+            raise InputError(
+                "marker",
+                f"least saturation {self.min_saturation}, least value {self.min_value}; expected shares from 0 to 1",
             )
 
 

@@ -1,11 +1,13 @@
 """Operations on boolean pixel masks (h, w)."""
 
+import math
 from functools import cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pps_vision.jit import njit
 from pps_vision.types import Array, Image, Mask
 
 SOLID = 0.9  # solidity below which what moves may be an object and what holds it
@@ -33,12 +35,41 @@ def opened(mask: Mask, radius: int) -> Mask:
 
     What lies beyond the image is no reason to cut: the border counts as part of the mask.
     """
-    inside = cv2.distanceTransform(mask.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    core = np.asarray(inside) > radius
-    if not core.any():
-        return core
-    away = cv2.distanceTransform((~core).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(away) <= radius
+    return _within(~_within(~mask, radius), radius)
+
+
+@njit(cache=True, error_model="numpy")
+def _within(mask: Mask, radius: int) -> Mask:
+    """Pixels (h, w) that are at most `radius` px from one of the mask: of each row, what the circles about the nearest
+    pixels above and below in all columns cover."""
+    height, width = mask.shape
+    far = radius + 1
+    away = np.empty((height, width), np.int32)  # to the nearest in the column, at most `far`
+    for column in range(width):
+        away[0, column] = 0 if mask[0, column] else far
+    for row in range(1, height):
+        for column in range(width):
+            away[row, column] = 0 if mask[row, column] else min(away[row - 1, column] + 1, far)
+    for row in range(height - 2, -1, -1):
+        for column in range(width):
+            away[row, column] = min(away[row, column], away[row + 1, column] + 1)
+    half = np.empty(radius + 1, np.int32)  # of a circle's chord at this distance from its centre
+    for k in range(radius + 1):
+        half[k] = int(math.sqrt(radius * radius - k * k))
+    within = np.empty((height, width), np.bool_)
+    begun = np.empty(width + 1, np.int32)  # how many more chords begin than end there
+    for row in range(height):
+        begun[:] = 0
+        for column in range(width):
+            if away[row, column] <= radius:
+                reach = half[away[row, column]]
+                begun[max(column - reach, 0)] += 1
+                begun[min(column + reach + 1, width)] -= 1
+        count = 0
+        for column in range(width):
+            count += begun[column]
+            within[row, column] = count > 0
+    return within
 
 
 def component(mask: Mask, where: Mask) -> Mask | None:
@@ -94,6 +125,18 @@ def solidity(mask: Mask) -> float:
 
 def ellipse(box: tuple[int, int, int, int], center: Array, width: float, height: float) -> Mask:
     """Pixels of the region `box` (x0, y0, x1, y1) inside the ellipse of a width and height around `center`."""
-    y, x = np.ogrid[box[1] : box[3], box[0] : box[2]]
-    inside: Mask = (2 * (x - center[0]) / width) ** 2 + (2 * (y - center[1]) / height) ** 2 <= 1
+    return _ellipse(box, (float(center[0]), float(center[1])), float(width), float(height))
+
+
+@njit(cache=True, error_model="numpy")
+def _ellipse(box: tuple[int, int, int, int], center: tuple[float, float], width: float, height: float) -> Mask:
+    x0, y0, x1, y1 = box
+    across = np.empty(max(x1 - x0, 0))
+    for column in range(len(across)):
+        across[column] = (2 * (x0 + column - center[0]) / width) ** 2
+    inside = np.empty((max(y1 - y0, 0), len(across)), np.bool_)
+    for row in range(len(inside)):
+        along = (2 * (y0 + row - center[1]) / height) ** 2
+        for column in range(len(across)):
+            inside[row, column] = across[column] + along <= 1
     return inside

@@ -165,8 +165,9 @@ class MotionTrigger:
         return (one for one in self._past if 0 < stamp_s - one.stamp_s <= self.params.interval_s + 1e-6)
 
     def moves(self, mask: Mask, box: Box) -> bool:
-        """Whether flow, unless it is off, shows that more points of a mask (h, w) of a box of the last image move by
-        themselves than rest: since `_FLOW_INTERVAL_S`, or since the image that the last one was compared with."""
+        """Whether flow, unless it is off, shows that of a mask (h, w) of a box of the last image more than twice as
+        many points move by themselves as rest: since `_FLOW_INTERVAL_S`, or since the image that the last one was
+        compared with."""
         if not self.params.flow:
             return True
         now, p = self._past[-1], self.params
@@ -175,7 +176,7 @@ class MotionTrigger:
         for then in (self._newest(now), self._reference(now)):
             if then is not None and then is not now:
                 (found,) = match(self._ego, then.grey, now.grey, ROOM_M, p.tolerance_px, [region])
-                if found.moving > 1 - found.unmatched - found.moving:
+                if found.moving > 2 * (1 - found.unmatched - found.moving):
                     return True
         return False
 

@@ -7,7 +7,6 @@ angular radius θ.  Neither perspective nor lens distortion biases them.
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -78,13 +77,10 @@ class Optics:
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-
-    @cached_property
-    def weights(self) -> NDArray[np.float32]:
-        """(4, h, w) solid angle times viewing direction, and solid angle, sr."""
-        camera = self.camera
         directions = np.concatenate([camera.bearing_map, np.ones((camera.height, camera.width, 1))], axis=-1)
-        return np.ascontiguousarray(np.moveaxis(directions * camera.solid_angle_map[..., None], -1, 0), np.float32)
+        by_pixel = np.moveaxis(directions * camera.solid_angle_map[..., None], -1, 0)
+        self.weights: NDArray[np.float32] = np.ascontiguousarray(by_pixel, np.float32)
+        """(4, h, w) solid angle times viewing direction, and solid angle, sr."""
 
 
 def fit_outline(

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from pps_vision.types import Array, Status, Track3D
-from tracking import kalman
-from tracking.kalman import Belief, KalmanParams, gate, scaled, start, update
+from pps_vision.types import Array, Track3D
+from tracking import kalman, motion_model
+from tracking.kalman import Belief, KalmanParams, gate, update
+from tracking.motion_model import MotionModel, measured_with
 from tracking.tracker import TrackerStep
 
 Forecast = Callable[[Belief, float], tuple[Belief, Array]]
@@ -17,7 +19,7 @@ LAG = 400
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurement:
     """A position (3,) m with its covariance (3, 3) m², or None where nothing was seen, at a stamp; and the part of the
     covariance that is known to last (None: 0)."""
 
@@ -37,7 +39,7 @@ class Passage:
 
 
 def follow(
-    params: KalmanParams, begin: Belief, measured: Sequence[Measured], forecast: Forecast | None = None
+    params: KalmanParams, begin: Belief, measured: Sequence[Measurement], forecast: Forecast | None = None
 ) -> list[Passage]:
     """Run the filter from a first belief through later measurements in the order of their stamps.
 
@@ -74,8 +76,8 @@ def smooth(passages: Sequence[Passage]) -> list[Belief]:
     return smoothed[::-1]
 
 
-def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
-    """Yield a tracker's steps (`params` its filter's) with their tracks smoothed where they are known.
+def smoothed_steps(model: MotionModel, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
+    """Yield a tracker's steps (`model` its filter's) with their tracks smoothed where they are known.
 
     The correlated error that the track adds to the filter's covariance stays.  A step comes once `LAG` more
     are there or its track has ended; how many are held does not depend on how many there are.
@@ -85,7 +87,7 @@ def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterat
         if run is None or not run.continues_with(step):
             if run is not None:
                 yield from run.pop(len(run.steps))
-            run = _Run(params, step)
+            run = _Run(model, step)
             continue
         run.steps.append(step)
         if len(run.steps) == 2 * LAG:
@@ -98,13 +100,14 @@ class _Run:
     """Steps of one track, from the first of the unbroken observations that led to it, which later measurements may
     still change; a step without a track and an observation is one by itself."""
 
-    def __init__(self, params: KalmanParams, first: TrackerStep) -> None:
+    def __init__(self, model: MotionModel, first: TrackerStep) -> None:
         self.steps = [first]
         self._begin: Belief | None = None
         if first.observation is not None:
-            self._params = scaled(params, float(np.linalg.norm(first.observation.p_root - first.midpoint_root)))
-            self._begin = start(
-                *(self._params, first.track.stamp_s, first.observation.p_root, first.observation.cov_root),
+            distance_m = float(np.linalg.norm(first.observation.p_root - first.midpoint_root))
+            self._model = motion_model.scaled(model, distance_m)
+            self._begin = motion_model.start(
+                *(self._model, first.track.stamp_s, first.observation.p_root, first.observation.cov_root),
                 correlated=first.observation.correlated_cov_root,
             )
 
@@ -122,29 +125,32 @@ class _Run:
             return steps[:n]
         seen = [(step.track.stamp_s, step.observation) for step in steps[1:]]
         measured = [
-            Measured(t) if one is None else Measured(t, one.p_root, one.cov_root, one.correlated_cov_root)
+            Measurement(t) if one is None else Measurement(t, one.p_root, one.cov_root, one.correlated_cov_root)
             for t, one in seen
         ]
-        passages = follow(self._params, self._begin, measured)
+        passages = follow(
+            measured_with(self._model), self._begin, measured, partial(motion_model.forecast, self._model)
+        )
         if self.steps:
             self._begin = passages[n].belief
         return [
-            replace(step, track=_replaced(step.track, passage.belief, belief)) if step.track.is_known else step
+            replace(step, track=_replaced(self._model, step.track, passage.belief, belief))
+            if step.track.is_known
+            else step
             for step, passage, belief in zip(steps[:n], passages, smooth(passages), strict=False)
         ]
 
 
 def _is_sighting(step: TrackerStep) -> bool:
     """Whether something was observed that is not yet tracked."""
-    return step.track.status == Status.SEARCHING and step.observation is not None
+    return not step.track.is_known and step.observation is not None
 
 
-def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
+def _replaced(model: MotionModel, track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
     mean, cov, n = track.mean.copy(), np.zeros((12, 12)), len(smoothed.mean)
-    mean[:n] = smoothed.mean
+    mean[:n], cov[: 3 * n, : 3 * n] = motion_model.derivatives(model, smoothed)
     beyond: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
     if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had restarted with another filter
         beyond = filtered.correlated_cov
-    cov[: 3 * n, : 3 * n] = smoothed.cov
     cov[:3, :3] += beyond
     return replace(track, mean=mean, cov=cov)

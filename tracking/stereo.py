@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoView, View
 from pps_vision.geometry.se3 import move_points
 from pps_vision.geometry.triangulation import Triangulation, triangulate
@@ -67,6 +68,16 @@ class StereoParams:
     """Width of the epipolar gate in standard deviations of the expected residual."""
     distance_range: tuple[float, float] = (0.7, 300.0)
     """Least and largest distance, in baselines."""
+
+    def __post_init__(self) -> None:
+        if not (
+            self.unknown_error > 0 and self.gate_sigma > 0 and 0 <= self.distance_range[0] < self.distance_range[1]
+        ):
+            raise InputError(
+                "stereo association",
+                f"error of the calibration {self.unknown_error}, gate {self.gate_sigma}, distances "
+                f"{self.distance_range}; expected positive numbers and a rising range",
+            )
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,17 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
-from tracking import Mode, frame_checks, kalman
+from tracking import FollowedBy, Mode, frame_checks, kalman, motion_model
 from tracking.acquisition import Acquisition, Candidate, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.camera_tracker import WHOLE, CameraState, CameraTracker
+from tracking.flight import FlightParams
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
+from tracking.motion_model import MotionModel, measured_with
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
@@ -64,12 +66,25 @@ class TrackerParams:
     """Stereo association."""
     kalman: KalmanParams = field(default_factory=KalmanParams)
     """Kalman filter, for an object at 0.4 m."""
+    flight: FlightParams | None = None
+    """Flight of a thrown ball, instead of the Kalman filter's own model of motion; None: the latter."""
+
+    @property
+    def motion_model(self) -> MotionModel:
+        """What predicts the object's motion."""
+        return self.flight or self.kalman
 
     def __post_init__(self) -> None:
         if self.mode not in ("generic", "marker"):
             raise InputError("tracker", f"mode {self.mode!r}; expected 'generic' or 'marker'")
         if self.reduction < 1:
             raise InputError("tracker", f"reduction {self.reduction}; expected 1 or more pixels")
+        if not (self.stamp_error_s >= 0 and self.background_memory_s > 0):
+            raise InputError(
+                "tracker",
+                f"delay of the joints ± {self.stamp_error_s} s, memory of the background {self.background_memory_s} s; "
+                "expected 0 or more, and more than 0",
+            )
         if not (self.confirm_frames >= 1 and self.lost_after_s > 0):
             raise InputError(
                 "tracker",
@@ -80,12 +95,17 @@ class TrackerParams:
 @dataclass(frozen=True, slots=True)
 class TrackerStep:
     """Result of one frame: the track, the detections and the observation behind it, and the point (3,) midway between
-    the cameras, m, root frame."""
+    the cameras, m, root frame.
+
+    `followed_by` is the cheapest that tells the object apart: its colours; where its surroundings have them too, what
+    differs from the learned background of either eye; a marker's hue.  None while no object is followed.
+    """
 
     track: Track3D
     detections: tuple[Detection2D, ...]
     observation: Observation3D | None
     midpoint_root: Array
+    followed_by: FollowedBy | None = None
 
 
 class TrackerState(NamedTuple):
@@ -93,7 +113,7 @@ class TrackerState(NamedTuple):
     motion trigger keeps."""
 
     association: Association
-    kalman: KalmanParams
+    model: MotionModel
     """Scaled to the object's distance."""
     appearance: tuple[Appearance, Appearance] | None = None
     cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
@@ -143,7 +163,7 @@ class Tracker:
         backgrounds = self._cameras[0].background, self._cameras[1].background
         self._acquisition = Acquisition(params.trigger, self._optics, backgrounds, own_body, stages, self.search_counts)
         untrained = Association.untrained(params.stereo, rig.left.width)
-        self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
+        self._initial = TrackerState(untrained, params.motion_model, (marker, marker) if marker else None)
         self.state = self._initial
 
     @property
@@ -189,19 +209,30 @@ class Tracker:
         poses = self._poses.nominal(frame) if blind else self._poses.step(frame)
         view, blind = poses.view, blind or not poses.is_known
         cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
-        predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
+        predicted = None if state.belief is None else motion_model.predict(state.model, state.belief, stamp_s)
+        was_tracked = predicted is not None and state.hits >= self.params.confirm_frames
         state, predicted, detections = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
         with self.stages("triangulation"):
             state, observation = self._associate(state, predicted, cameras, poses, stamp_s, detections)
         with self.stages("filter"):
             state, belief, updated = self._update(state, predicted, observation, view, stamp_s)
             state, track = self._manage(state, belief, observation if updated else None, poses, stamp_s, blind=blind)
+            if was_tracked and predicted is None and not track.is_known:  # dropped, or found elsewhere
+                track = Track3D.unknown(stamp_s, Status.LOST)
         if not blind:
             state = self._learn(state, cameras, detections, observation)
         state = state._replace(stamps_s=(frame.stamp_left_s, frame.stamp_right_s), images=images, view=view)
         parts = zip(self._cameras, cameras, detections, strict=True)
         messages = tuple(tracker.detection(camera, one) for tracker, camera, one in parts if one is not None)
-        return state, TrackerStep(track, messages, observation, view.midpoint)
+        return state, TrackerStep(track, messages, observation, view.midpoint, self._followed_by(state))
+
+    def _followed_by(self, state: TrackerState) -> FollowedBy | None:
+        """`TrackerStep.followed_by`."""
+        if state.belief is None:
+            return None
+        if self.params.mode == "marker":
+            return "hue"
+        return "background" if any(one.by_background for one in state.cameras) else "colour"
 
     def _detect(
         self,
@@ -229,7 +260,7 @@ class Tracker:
                 for tracker, camera, one in zip(self._cameras, cameras, detections, strict=True):
                     if one is not None:
                         tracker.absorb(camera, one)
-                return self._initial._replace(association=state.association), None, _NOTHING
+                return self._initial, None, _NOTHING
         if None not in detections and self.params.mode == "generic":
             state = self._checked_for_part(state, cameras, detections)
             if state.part >= _SURELY_PART and state.hits % _CHECK_EVERY < _SEARCH_FOR:
@@ -331,7 +362,7 @@ class Tracker:
         if observation is None or not is_same_object(known, state.radius_m, models, observation.radius_m):
             return False
         measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-        return kalman.gate(state.kalman, predicted, *measurement) is not None
+        return kalman.gate(measured_with(state.model), predicted, *measurement) is not None
 
     def _associate(
         self,
@@ -350,7 +381,7 @@ class Tracker:
         if left is None or right is None:
             return state._replace(refused=0), None
         shift, view = None, poses.view
-        if predicted is not None and state.kalman.order > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
+        if predicted is not None and len(predicted.mean) > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
             p, v = predicted.mean[0], predicted.mean[1]
             shift_left, shift_right = (
                 camera.view.project_jacobian(p) @ v * (stamp_s - camera.stamp_s) for camera in cameras
@@ -390,16 +421,17 @@ class Tracker:
             return state, predicted, False
         if predicted is not None:
             measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-            belief = kalman.update(state.kalman, predicted, *measurement)
+            belief = kalman.update(measured_with(state.model), predicted, *measurement)
             return state, belief, belief.rejections == 0
-        params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
+        model = motion_model.scaled(self.params.motion_model, math.dist(observation.p_root, view.midpoint))
         flows = (state.acquired[0].flow, state.acquired[1].flow) if state.acquired else (None, None)
-        position_px = math.sqrt(params.white_share) * state.association.error_px
-        measured = velocity(flows, view, observation.p_root, params.prior_std[:2], position_px) or (None, None)
-        belief = kalman.start(
-            *(params, stamp_s, observation.p_root, observation.cov_root, *measured, observation.correlated_cov_root)
+        position_px = math.sqrt(measured_with(model).white_share) * state.association.error_px
+        prior_std = motion_model.prior_std(model)
+        measured = velocity(flows, view, observation.p_root, prior_std, position_px) or (None, None)
+        belief = motion_model.start(
+            *(model, stamp_s, observation.p_root, observation.cov_root, *measured, observation.correlated_cov_root)
         )
-        return state._replace(kalman=params), belief, True
+        return state._replace(model=model), belief, True
 
     def _manage(
         self,
@@ -426,7 +458,8 @@ class Tracker:
             return state, Track3D.unknown(stamp_s)
         status = Status.COASTING if observation is None else Status.TRACKING
         ahead = belief.mean[0] - poses.view.midpoint
-        mean, cov = _full_state(*(belief.mean, belief.cov, belief.correlated_cov), ahead, poses.rotation_std_rad)
+        known = motion_model.derivatives(state.model, belief)
+        mean, cov = _full_state(*known, belief.correlated_cov, ahead, poses.rotation_std_rad)
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
     def _learn(

@@ -28,8 +28,9 @@ def brier(outcome: ArrayLike, probability: ArrayLike) -> float:
 
 
 def brier_gain(outcome: ArrayLike, probability: ArrayLike, reference: ArrayLike) -> tuple[float, float, float]:
-    """By how much the Brier score is below that of the reference, and the 95 % interval over trials, which are the
-    independent units (Student's t of the paired differences); arguments (trials, taxels), at least two trials."""
+    """By how much the Brier score is below that of the reference, and the 95 % interval over the independent units
+    (Student's t of the paired differences); arguments (units, values of each), as (trials, taxels), at least two units.
+    """
     y, p, q = (np.asarray(a, dtype=float) for a in (outcome, probability, reference))
     gains = np.mean((q - y) ** 2 - (p - y) ** 2, axis=1)
     half = float(stdtrit(len(gains) - 1, 0.975) * gains.std(ddof=1) / np.sqrt(len(gains)))

@@ -48,8 +48,9 @@ class PipelineParams:
     """Time for which a command may be held if no later one comes."""
     latency_s: float = 0.0
     """Time from a frame's stamp until its command takes effect; target and posture are predicted to then."""
-    search_for_s: float = 15.0
-    """Duration of the gaze search after the object was lost; the covering search sees every point within it."""
+    search_for_s: float = 30.0
+    """Duration of the gaze search after the object was lost; the covering search sees every point that gaze can be on
+    within it, what is 8 cm or more before the eyes within half of it."""
     max_false_positives: float = 1e-3
     """Share of the unreachable gaze postures that the map may call reachable (J asks for few)."""
     receptive_field: ReceptiveField = ReceptiveField(distance_to="surface")

@@ -2,7 +2,7 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
@@ -21,7 +21,7 @@ from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import count_by_kind
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
-from tracking import DEFAULT_ORDER, Mode
+from tracking import DEFAULT_ORDER, FollowedBy, Mode
 from tracking.acquisition import SearchCounts, Stages
 from tracking.camera_pose import CameraMotion
 from tracking.kalman import KalmanParams
@@ -73,6 +73,7 @@ class TrackedRecording:
         self.stopwatch = Stopwatch()
         self._search_counts: SearchCounts = Counter()
         self._cameras = _CameraNumbers()
+        self._followed_by = Counter[FollowedBy]()
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -80,16 +81,27 @@ class TrackedRecording:
     def __iter__(self) -> Iterator[TrackerStep]:
         return (step for _, _, step in self.numbered())
 
-    def numbered(self) -> Iterator[tuple[int, StereoFrame, TrackerStep]]:
-        """Yield the number of each frame (as `Recording.numbered`), the frame, and what tracking it gave."""
+    def numbered(self, warn: Callable[[str], None] = lambda _: None) -> Iterator[tuple[int, StereoFrame, TrackerStep]]:
+        """Yield the number of each frame (as `Recording.numbered`), the frame, and what tracking it gave.
+
+        `warn` is given a line once cameras that are declared fixed are seen to move.
+        """
         self.stopwatch.ms.clear()
         tracker = tracker_for(self.recording, self.params, self.seed, self.stopwatch)
-        self._search_counts, self._cameras = tracker.search_counts, _CameraNumbers()
+        self._search_counts, self._cameras = tracker.search_counts, _CameraNumbers(warn)
+        self._followed_by = Counter()
+        for number, frame, step in self._tracked(tracker):
+            if step.followed_by and step.track.is_known:
+                self._followed_by[step.followed_by] += 1
+            yield number, frame, step
+
+    def _tracked(self, tracker: Tracker) -> Iterator[tuple[int, StereoFrame, TrackerStep]]:
+        """As `numbered`."""
         if self.device is None:
             for number, frame in self.recording.numbered():
                 with self.stopwatch("total"):
                     step = tracker.step(frame)
-                self._cameras.add(tracker.camera_motion)
+                self._cameras.add(tracker.camera_motion, step.track.stamp_s)
                 yield number, frame, step
             return
         from tracking.batch import BatchTracker  # loads torch and kornia, which takes seconds
@@ -98,7 +110,7 @@ class TrackedRecording:
         for chunk in chunks(self.recording.numbered(), _BATCH):
             with self.stopwatch("total", len(chunk)):
                 steps = batches.steps([frame for _, frame in chunk])
-            self._cameras.add(tracker.camera_motion)
+            self._cameras.add(tracker.camera_motion, steps[-1].track.stamp_s)
             yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
 
     def path(self, steps: Iterable[TrackerStep], smooth: bool = False) -> Iterator[TrackerStep]:
@@ -108,7 +120,7 @@ class TrackedRecording:
             InputError: There is no step: no stereo pair was readable.
         """
         step = None
-        for step in smoothed_steps(self.params.kalman, steps) if smooth else steps:
+        for step in smoothed_steps(self.params.motion_model, steps) if smooth else steps:
             yield step
         if step is None:
             raise InputError(self.recording.name, "no usable frame; expected at least one readable stereo pair")
@@ -133,12 +145,14 @@ class TrackedRecording:
         summary: dict[str, object] = {
             "source": self.recording.name,
             "mode": self.params.mode,
+            "model": "flight" if self.params.flight else "kalman",
             "reduction": self.params.reduction,
             "device": self.device,
             "seed": self.seed,
             "pairs": len(self),
             "frames": path.frames,
             "status": {status.value: path.status[status] for status in Status},
+            "followed_by": dict(self._followed_by),
             "ms_per_pair": self.stopwatch.summary(),
             "cameras": self._cameras.summary(),
             "skipped": count_by_kind(self.recording.problems),
@@ -187,12 +201,17 @@ class TrackedRecording:
 class _CameraNumbers:
     """Largest errors of the cameras' nominal poses over a recording."""
 
-    def __init__(self) -> None:
+    def __init__(self, warn: Callable[[str], None] = lambda _: None) -> None:
+        self._warn = warn
         self._rotation_rad, self._rate_rad_s = 0.0, 0.0
         self._last: CameraMotion | None = None
 
-    def add(self, motion: CameraMotion) -> None:
-        """Take the next frame's."""
+    def add(self, motion: CameraMotion, stamp_s: float) -> None:
+        """Take the next frame's; the first one with a rotation is warned of."""
+        if motion.rotation_rad.any() and not self._rotation_rad:
+            self._warn(
+                f"the cameras move although declared fixed, at {stamp_s:.2f} s; only their rotation is compensated"
+            )
         self._rotation_rad = max(self._rotation_rad, float(np.linalg.norm(motion.rotation_rad)))
         self._rate_rad_s = max(self._rate_rad_s, motion.rate_rad_s)
         self._last = motion
@@ -314,7 +333,7 @@ def track(
         recording = open_recording(recording)
     params = params or TrackerParams(mode, reduction, kalman=KalmanParams.of_order(order))
     if max_error_mm is not None and params != TrackerParams():
-        raise InputError("track", "max_error_mm chooses mode, order and reduction itself; expected none of them")
+        raise InputError("track", "max_error_mm chooses mode, order, model and reduction itself; expected none of them")
     if max_error_mm is None:
         return TrackedRecording(recording, params, seed, device)
     tried = configurations(recording.rig.left.width if recording.rig else 0)

@@ -1,5 +1,6 @@
 """The versions that a result depends on."""
 
+import os
 import platform
 import subprocess
 from importlib.metadata import version
@@ -18,11 +19,19 @@ def machine(commit_name: str) -> dict[str, str]:
     """What the numbers were measured with and on."""
     packages = ("pps-vision", "numpy", "opencv-contrib-python-headless", "torch", "pin", "scikit-robot-pyrender")
     return {
-        "processor": platform.processor() or platform.machine(),
+        "processor": f"{_processor()}, {os.cpu_count()} cores",
         "python": platform.python_version(),
         **{package: version(package) for package in packages},
         "commit": commit_name,
     }
+
+
+def _processor() -> str:
+    """The processor's model, where the system tells it."""
+    file = Path("/proc/cpuinfo")
+    lines = file.read_text().splitlines() if file.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()
 
 
 def commit() -> str:

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtri
 
 from control.avoidance import AvoidanceParams
 from control.limits import LimitParams
@@ -45,7 +46,7 @@ class AdversarialControl(Study):
     A fault is any exception but InputError, a limit of the robot that is left, or an earlier violation that grows.
     """
 
-    steps: int = 1_000_000
+    steps: int = 300_000
     """Frames."""
     seed: int = 0
     """Seed of the episodes."""
@@ -62,11 +63,18 @@ class AdversarialControl(Study):
         return found.to_json()
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return one row: frames, faults, and the smallest self-collision distance from a start above the limit."""
+        """Return one row: frames, faults, what they exclude, the smallest self-distance from a start above the limit.
+
+        The largest rates of frames, and of episodes of 400 frames, with a fault that these counts do not refute with
+        95 % (Poisson; without a fault the rule of three, 3/n).
+        """
         refused = sum(numbers["refused"].values())
         smallest = f"{numbers['smallest_distance_mm']:.2f}"
-        cells = numbers["steps"] - refused, refused, len(numbers["faults"]), smallest, numbers["freed"]
-        header = ["frames accepted", "refused", "faults", "smallest self-distance (mm)", "episodes freed from nearer"]
+        faults, episodes = len(numbers["faults"]), -(-numbers["steps"] // _EPISODE)
+        most = [f"{100 * chdtri(2 * faults + 2, 0.05) / 2 / n:.2g} %" for n in (numbers["steps"], episodes)]
+        cells = numbers["steps"] - refused, refused, faults, " / ".join(most), smallest, numbers["freed"]
+        header = ["frames accepted", "refused", "faults", "with a fault at most: frames / episodes (95 %)"]
+        header += ["smallest self-distance (mm)", "episodes freed from nearer"]
         return {"": Table(header, [[*map(str, cells)]])}
 
 

@@ -13,8 +13,8 @@ from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
 from control.limits import LimitParams
 from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.damped_least_squares import damped_least_squares
-from pps_vision.experiments.study import SampledStudy, interval, mean, rms
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.study import TURNS, SampledStudy, interval, mean, rms
+from pps_vision.experiments.tables import Table, estimate, median_first
 from pps_vision.experiments.timing import timed
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.model import Posture, Robot
@@ -82,7 +82,7 @@ class Arm(SampledStudy):
     """Random postures, points and directions."""
 
     def run(self) -> dict[str, Any]:
-        """Return means over the movements with 95 % intervals; the smallest distance of all of them."""
+        """Return means over the movements with 95 % intervals; the smallest distance of all; times of three turns."""
         robot = load_icub()
         bodies, skins = SelfCollision(robot), {side: icub_skin(_PARTS[side]) for side in _PARTS}
         numbers: dict[str, Any] = {}
@@ -91,20 +91,22 @@ class Arm(SampledStudy):
                 _draw(robot, bodies, skins, np.random.default_rng((seed, len(start))), start) for seed in self.seeds
             ]
             for stage in ("alone", "behind the last stage"):
-                numbers[f"{start}, {stage}"] = {
-                    name: _summary([_move(robot, bodies, solver, task, stage != "alone") for task in described])
-                    for name, solver in SOLVERS.items()
-                    for described in [tqdm(tasks, f"{start}, {stage}, {name}", disable=None)]
-                }
+                runs: dict[str, list[dict[str, Any]]] = {name: [] for name in SOLVERS}
+                for task in tqdm(tasks, f"{start}, {stage}", disable=None):
+                    move = partial(_move, robot, bodies, task=task, limited=stage != "alone")
+                    turns = [{name: move(solver) for name, solver in SOLVERS.items()} for _ in range(TURNS)]
+                    for name in SOLVERS:
+                        ms = [spent for turn in turns for spent in turn[name]["ms"]]
+                        runs[name].append({**turns[0][name], "ms": ms})
+                numbers[f"{start}, {stage}"] = {name: _summary(of) for name, of in runs.items()}
         return numbers
 
     def chart(self, numbers: dict[str, Any]) -> "Figure":
         """Draw time against tracking error."""
         cells = {name: numbers[name] for name in numbers if name.startswith("within")}
         baselines = [name for name in SOLVERS if name != _OURS]
-        return charts.speed_errors(
-            cells, {"error_cm_s": "error of the point's velocity (cm/s)"}, baselines, _OURS, "time (ms)"
-        )
+        label = "error of the point's velocity (cm/s)"
+        return charts.speed_errors(cells, "error_cm_s", label, baselines, _OURS, "time (ms)")
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one row for each start, stage and controller."""
@@ -114,21 +116,18 @@ class Arm(SampledStudy):
             "worst excess (°)": "excess_deg",
             "under 20 mm (%)": "touching_percent",
             "smallest self-distance (mm)": "distance_mm",
-            "ms": "ms",
         }
         rows = [
             [
                 f"{case}: {name}",
-                *(
-                    estimate([cell[key][1]] if key == "ms" else [round(value, 6) for value in cell[key]])
-                    for key in columns.values()
-                ),
+                *(estimate([round(value, 6) for value in cell[key]]) for key in columns.values()),
+                median_first(cell["ms"]),
             ]
             for case, cells in numbers.items()
             if "limits" in case
             for name, cell in cells.items()
         ]
-        return {"": Table(["start, stage: controller", *columns], rows)}
+        return {"": Table(["start, stage: controller", *columns, "ms, quartiles"], rows)}
 
 
 _PARTS: Mapping[str, Any] = {side: (f"{side}_forearm", f"{side}_palm") for side in ("left", "right")}

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from pps_vision.app.device import torch_device
 from pps_vision.app.track import chunks
 from pps_vision.experiments.charts import speed_errors
-from pps_vision.experiments.scenarios import Recording, moving, tracker_params
+from pps_vision.experiments.scenarios import Footage, moving, tracker_params
 from pps_vision.experiments.study import TURNS, Method, Metric, SampledStudy, Values, compare, mean, rms
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array
@@ -31,7 +31,7 @@ _METRICS = {
 class Pairs(NamedTuple):
     """A recording, the true centres (n, 2, 2) px, and the centres that the tracker detects frame by frame."""
 
-    recording: Recording
+    recording: Footage
     truth: Array
     alone: Array
 
@@ -52,10 +52,10 @@ class Batches(SampledStudy):
             methods |= {f"{device}, {size} pairs": partial(_run, device, size) for size in SIZES}
         scenarios = {stimulus: partial(self._pairs, stimulus) for stimulus in ("marker", "ball")}
         for make in scenarios.values():  # loads and compiles what each way needs
+            pairs = make(self.seed)
             for method in methods.values():
-                method(make(self.seed), self.seed)
-        seeds = self.seeds
-        return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, seeds, ALONE, TURNS)}
+                method(pairs, self.seed)
+        return {"devices": devices, "cells": compare(scenarios, methods, _METRICS, self.seeds, ALONE, TURNS)}
 
     def _pairs(self, stimulus: str, seed: int) -> Pairs:
         recording = moving(stimulus, "circle", seed, self.seconds)
@@ -66,7 +66,7 @@ class Batches(SampledStudy):
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Time a pair against the pixel error, one panel an object."""
-        return speed_errors(numbers["cells"], {"error_px": "RMS error of detections (px)"}, (), ALONE)
+        return speed_errors(numbers["cells"], "error_px", "RMS error of detections (px)", (), ALONE)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the ratio of times to frame by frame, and the largest distance of detections."""
@@ -97,7 +97,7 @@ def differences(found: Array, alone: Array, truth: Array) -> dict[str, Array]:
     }
 
 
-def _steps(device: str, size: int, recording: Recording, seed: int) -> list[TrackerStep]:
+def _steps(device: str, size: int, recording: Footage, seed: int) -> list[TrackerStep]:
     """Frame by frame without a device."""
     tracker = Tracker(tracker_params(recording), recording.rig, np.random.default_rng(seed))
     if not device:

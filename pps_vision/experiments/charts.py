@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from pps_vision.types import Array
 
 _INK, _OURS, _BASELINE = "0.25", "tab:blue", "tab:orange"
-_NAME_PT, _WIDEST_IN = 7.0, 14.0
+_NAME_PT, _WIDEST_IN, PAGE_IN = 7.0, 14.0, 7.2
 _WIDE = 30.0  # errors that span more than this ratio are drawn on a logarithmic axis
 
 
@@ -88,9 +88,11 @@ def speed_error(
     axis.margins(x=0.2)
     axis.set(xlabel=time, ylabel=error)
     axis.grid(alpha=0.25, which="both")
-    _write_names(
-        axis, ms[:, 1], shown, [name if k else f"{name} (fails)" for name, k in zip(names, known, strict=True)]
-    )
+    lines = [np.column_stack([ms[front, 1], value[front]])]
+    lines += [np.array([[ms[k, 0], shown[k]], [ms[k, 2], shown[k]]]) for k in range(len(names))]
+    lines += [np.array([[ms[k, 1], low[k]], [ms[k, 1], high[k]]]) for k in np.flatnonzero(np.isfinite(low + high))]
+    told = [name if k else f"{name} (fails)" for name, k in zip(names, known, strict=True)]
+    _write_names(axis, ms[:, 1], shown, told, lines)
     axis.plot([], [], "o", color=_OURS, label="ours")
     if baselines:
         axis.plot([], [], "o", color=_BASELINE, label="baseline")
@@ -99,19 +101,20 @@ def speed_error(
 
 def speed_errors(
     cells: Mapping[str, Mapping[str, Mapping[str, Any]]],
-    metrics: Mapping[str, str],
+    metric: str,
+    label: str,
     baselines: Collection[str] = (),
     default: str | None = None,
     time: str = "time (ms per pair)",
+    height: float = 3.0,
 ) -> Figure:
-    """Return a figure of time against error: one row for each metric (name and label), one column for each scenario."""
-    figure, axes = panels(len(metrics) * len(cells), len(cells) if len(metrics) > 1 else 3)
-    places = iter(axes)
-    for metric, label in metrics.items():
-        for (scenario, methods), axis in zip(cells.items(), places, strict=False):
-            axis.set_title(scenario, fontsize=9)
-            speed_error(axis, methods, metric, baselines, default, time, label)
-    axes[0].legend(fontsize=7)
+    """Return a figure of time against one error, as wide as a page: a panel for each scenario, two side by side."""
+    columns = min(2, len(cells))
+    figure, axes = panels(len(cells), columns, PAGE_IN / columns, height)
+    for k, ((scenario, methods), axis) in enumerate(zip(cells.items(), axes, strict=True)):
+        axis.set_title(scenario, fontsize=10)
+        speed_error(axis, methods, metric, baselines, default, time, "" if k % columns else label)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     return figure
 
 
@@ -193,21 +196,28 @@ def _quartiles(ms: Any) -> Array:
     return np.array(ms if isinstance(ms, list | tuple) else [ms] * 3, dtype=float)
 
 
-def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str]) -> None:
-    """Write names beside points, inside the axes and clear of points and other names as far as there is room."""
+def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], lines: Sequence[Array]) -> None:
+    """Write names beside points, inside the axes and clear of points, other names and `lines` ((n, 2) each) as far as
+    there is room."""
     axis.autoscale_view()
-    points = axis.transAxes.inverted().transform(axis.transData.transform(np.column_stack([x, y])))
+    to_axes = (axis.transData + axis.transAxes.inverted()).transform
     extent = axis.get_window_extent()
-    size = 1.1 * 72 / axis.figure.dpi * np.array([extent.width, extent.height])  # points; the layout will widen it
-    inside, line = Bbox.from_bounds(0, 0, *size), 1.2 * _NAME_PT
-    taken = [Bbox.from_bounds(u - 4, v - 4, 8, 8) for u, v in points * size]
+    size = 72 / axis.figure.dpi * np.array([extent.width, extent.height])  # points
+    points = to_axes(np.column_stack([x, y])) * size
+    inside, line = np.array([[0.0, 0.0, *size]]), 1.2 * _NAME_PT
+    dots = [_dots(to_axes(one) * size) for one in lines]
+    taken = np.vstack([np.hstack([at - half, at + half]) for half, at in [(5, points), *((1, at) for at in dots)]])
     for k in np.argsort(-points[:, 1], kind="stable").tolist():
-        (u, v), length = points[k] * size, 0.58 * _NAME_PT * len(names[k])
-        offsets = [(dx, dy) for dy in (4, -4 - line, -line / 2, 4 + line, -4 - 2 * line) for dx in (5, -5 - length)]
-        boxes = [Bbox.from_bounds(u + dx, v + dy, length, line) for dx, dy in offsets]
-        hidden = [sum(_shared(box, one) for one in taken) - 3 * _shared(box, inside) for box in boxes]
+        (u, v), length = points[k], 1.08 * TextPath((0, 0), names[k], _NAME_PT).get_extents().width
+        rises = [4 + i * line for i in range(4)] + [-4 - (i + 1) * line for i in range(4)] + [-line / 2]
+        rises.sort(key=lambda dy: abs(dy + line / 2 - 1))
+        offsets = [(dx, dy) for dy in rises for dx in (5, -5 - length)]
+        offsets += [(-length / 2, dy) for dy in rises if abs(dy + line / 2) > line]
+        boxes = np.array([(u + dx, v + dy, u + dx + length, v + dy + line) for dx, dy in offsets])
+        hidden = _shared(boxes, taken) - 3 * _shared(boxes, inside)
         best = int(np.argmin(np.round(hidden, 3)))
-        taken.append(boxes[best])
+        taken = np.vstack([taken, boxes[best]])
+        begins = (0.0, 0.5) if offsets[best][0] > 0 else (1.0, 0.5) if offsets[best][0] < -length else (0.5, 0.5)
         axis.annotate(
             names[k],
             (x[k], y[k]),
@@ -216,11 +226,19 @@ def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str]) -> None:
             fontsize=_NAME_PT,
             color=_INK,
             in_layout=False,
-            arrowprops={"arrowstyle": "-", "color": _INK, "lw": 0.4, "shrinkA": 0, "shrinkB": 2},
+            arrowprops={"arrowstyle": "-", "relpos": begins, "color": _INK, "lw": 0.4, "shrinkA": 0, "shrinkB": 2},
         )
 
 
-def _shared(one: Bbox, other: Bbox) -> float:
-    """The area that two boxes share."""
-    both = Bbox.intersection(one, other)
-    return 0.0 if both is None else both.width * both.height
+def _dots(line: Array) -> Array:
+    """(m, 2) points about 3 apart on the line through the points (n, 2)."""
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.arange(0.0, along[-1], 3.0) if np.isfinite(along).all() else np.empty(0)
+    return np.column_stack([np.interp(at, along, line[:, axis]) for axis in (0, 1)])
+
+
+def _shared(boxes: Array, others: Array) -> Array:
+    """(n,) area that each of the boxes (n, 4) shares with the others (m, 4), all of them (left, low, right, high)."""
+    low, high = np.maximum(boxes[:, None, :2], others[:, :2]), np.minimum(boxes[:, None, 2:], others[:, 2:])
+    return np.asarray((high - low).clip(0).prod(axis=2).sum(axis=1))

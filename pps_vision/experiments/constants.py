@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 import tracking
-from pps_vision.experiments.independent import mean_score, scored
 from pps_vision.experiments.independent_cases import CASES, Case
 from pps_vision.experiments.independent_films import Film
+from pps_vision.experiments.independent_score import mean_score, scored
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.tables import Table
 from pps_vision.types import StereoFrame
@@ -27,17 +27,12 @@ FACTORS = (0.7, 1.4)
 JUDGED = {"right": "right_percent", "false claims": "false_percent", "95 % ellipsoid": "covered_percent"}
 _OTHER_METHODS = ("tracking.box_tracker", "tracking.template", "tracking.flight", "tracking.batch", "tracking.smoother")
 _LAYOUT = ("appearance.N_BINS", "appearance._BITS")  # of tables that other numbers must fit
-_FILMED = (
+FILMED = (  # of each kind of difficulty one; with more films the study takes more than half an hour
     "vivid, red",
     "grey, entering",
-    "grey image, white, in view from the start",
-    "striped, spinning",
     "textured square",
     "behind a board for 1 s",
-    "defocus, sigma 3 px",
     "noise 10",
-    "2 cm/s",
-    "moves, stops for 2 s, moves on",
     "head moves, 10 ms stale",
     "marker, whole sensor chain",
 )
@@ -57,7 +52,7 @@ class Constants(Study):
     """Seed of the first film; the others count up."""
     data: Path = DATA
     """Folder of the photographs (default: PPS_VISION_DATA, else ../shared/data); procedural where they are absent."""
-    cases: tuple[str, ...] = _FILMED
+    cases: tuple[str, ...] = FILMED
     """Cases of `bench independent` that are filmed."""
     only: str = ""
     """Only the constants whose names contain this."""

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.experiments.scenarios import Recording
+from pps_vision.experiments.scenarios import Footage
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Array, Image, StereoFrame
 from rendering.sensor import Sensor, expose
@@ -19,25 +19,25 @@ from rendering.sensor import Sensor, expose
 EyeFault = Literal["black", "frozen"]
 
 
-def at_rate(fine: Recording, every: int) -> Recording:
+def at_rate(fine: Footage, every: int) -> Footage:
     """Keep every so many frames."""
     return _picked(fine, np.arange(0, len(fine.frames), every))
 
 
-def noisy(recording: Recording, sigma: float, rng: np.random.Generator) -> Recording:
+def noisy(recording: Footage, sigma: float, rng: np.random.Generator) -> Footage:
     """Add Gaussian noise of `sigma` grey levels, independent per pixel and channel."""
     sensor = Sensor(noise_sigma=sigma)
     return _each_image(recording, lambda image, _: expose(sensor, _light(image), rng))
 
 
-def exposed(recording: Recording, stops: Callable[[float], float]) -> Recording:
+def exposed(recording: Footage, stops: Callable[[float], float]) -> Footage:
     """Change both eyes' light by `stops` (powers of 2) that depend on the time."""
     return _each_image(
         recording, lambda image, stamp_s: expose(Sensor(exposure=2 ** stops(stamp_s)), _light(image), None)
     )
 
 
-def desaturated(recording: Recording, kept: float) -> Recording:
+def desaturated(recording: Footage, kept: float) -> Footage:
     """Keep only a share of the colours' saturation; 0 is grey."""
 
     def fade(image: Image, _: float) -> Image:
@@ -47,7 +47,7 @@ def desaturated(recording: Recording, kept: float) -> Recording:
     return _each_image(recording, fade)
 
 
-def faded(recording: Recording, empty: Recording, contrast: float) -> Recording:
+def faded(recording: Footage, empty: Footage, contrast: float) -> Footage:
     """Mix the object with its background: `contrast` 1 is itself, 0 is nothing to see."""
 
     def mixed(with_it: Image, without: Image) -> Image:
@@ -60,7 +60,7 @@ def faded(recording: Recording, empty: Recording, contrast: float) -> Recording:
     return replace(recording, frames=tuple(frames))
 
 
-def blurred(fine: Recording, every: int, frames_open: int) -> Recording:
+def blurred(fine: Footage, every: int, frames_open: int) -> Footage:
     """Blur by motion: each image is the mean of `frames_open` successive fine ones around its stamp."""
     k = np.arange(every, len(fine.frames) - every, every)
     around = np.arange(frames_open) - (frames_open - 1) // 2
@@ -77,14 +77,14 @@ def blurred(fine: Recording, every: int, frames_open: int) -> Recording:
     return replace(kept, frames=tuple(frames))
 
 
-def dropped(recording: Recording, share: float, rng: np.random.Generator) -> Recording:
+def dropped(recording: Footage, share: float, rng: np.random.Generator) -> Footage:
     """Drop a random share of the pairs; never the first."""
     arrives = rng.random(len(recording.frames)) >= share
     arrives[0] = True
     return _picked(recording, np.flatnonzero(arrives))
 
 
-def jittered(fine: Recording, every: int, std_s: float, rng: np.random.Generator) -> Recording:
+def jittered(fine: Footage, every: int, std_s: float, rng: np.random.Generator) -> Footage:
     """Add noise to the stamps, and take the joints of the wrong stamps; stamps still rise."""
     recording = at_rate(fine, every)
     half_s = 0.45 * float(np.median(np.diff(recording.stamps_s)))
@@ -103,7 +103,7 @@ def jittered(fine: Recording, every: int, std_s: float, rng: np.random.Generator
     return replace(recording, frames=tuple(frames))
 
 
-def stale_joints(fine: Recording, every: int, delay_s: float) -> Recording:
+def stale_joints(fine: Footage, every: int, delay_s: float) -> Footage:
     """Make the joints of every frame `delay_s` old."""
     recording = at_rate(fine, every)
     frames = [
@@ -113,7 +113,7 @@ def stale_joints(fine: Recording, every: int, delay_s: float) -> Recording:
     return replace(recording, frames=tuple(frames))
 
 
-def right_late(fine: Recording, every: int, delay_s: float) -> Recording:
+def right_late(fine: Footage, every: int, delay_s: float) -> Footage:
     """Make the right image `delay_s` older than the left, under the same stamp and joints."""
     recording = at_rate(fine, every)
     olds = _frames_at(fine, recording.stamps_s - delay_s)
@@ -121,7 +121,7 @@ def right_late(fine: Recording, every: int, delay_s: float) -> Recording:
     return replace(recording, frames=tuple(frames))
 
 
-def eyes_fail(recording: Recording, kind: EyeFault, from_s: float, to_s: float, both: bool = False) -> Recording:
+def eyes_fail(recording: Footage, kind: EyeFault, from_s: float, to_s: float, both: bool = False) -> Footage:
     """Make the right eye, or both, black or frozen (its last image under new stamps) for a time."""
     out = (recording.stamps_s >= from_s) & (recording.stamps_s < to_s)
     frames: list[StereoFrame] = []
@@ -135,7 +135,7 @@ def eyes_fail(recording: Recording, kind: EyeFault, from_s: float, to_s: float, 
     return replace(recording, frames=tuple(frames), seen=recording.seen & ~out)
 
 
-def miscalibrated(recording: Recording, share: float, rng: np.random.Generator) -> Recording:
+def miscalibrated(recording: Footage, share: float, rng: np.random.Generator) -> Footage:
     """Tell the tracker intrinsics that are off by ± `share`, the sign of each at random: focal lengths
     of their size, principal points of half the image's."""
 
@@ -154,7 +154,7 @@ def miscalibrated(recording: Recording, share: float, rng: np.random.Generator) 
     return replace(recording, rig=StereoRig(off(rig.left), off(rig.right), rig.eye_poses))
 
 
-def _picked(recording: Recording, k: NDArray[np.integer]) -> Recording:
+def _picked(recording: Footage, k: NDArray[np.integer]) -> Footage:
     return replace(
         recording,
         frames=tuple(recording.frames[int(i)] for i in k),
@@ -165,7 +165,7 @@ def _picked(recording: Recording, k: NDArray[np.integer]) -> Recording:
     )
 
 
-def _each_image(recording: Recording, change: Callable[[Image, float], Image]) -> Recording:
+def _each_image(recording: Footage, change: Callable[[Image, float], Image]) -> Footage:
     frames = [
         replace(f, left=change(f.left, f.stamp_left_s), right=change(f.right, f.stamp_right_s))
         for f in recording.frames
@@ -178,6 +178,6 @@ def _light(image: Image) -> Array:
     return image.astype(np.float32)
 
 
-def _frames_at(fine: Recording, stamps_s: Array) -> list[StereoFrame]:
+def _frames_at(fine: Footage, stamps_s: Array) -> list[StereoFrame]:
     nearest = np.abs(fine.stamps_s[None, :] - stamps_s[:, None]).argmin(axis=1)
     return [fine.frames[int(k)] for k in nearest]

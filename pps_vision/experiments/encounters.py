@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 
-from pps_vision.experiments.avoidance.encounter import HARMLESS, HAZARDS, SPEED_M_S, Condition
-from pps_vision.experiments.avoidance.registry import NAMES, NONE, OURS, REACHING
+from pps_vision.experiments.avoidance.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition
+from pps_vision.experiments.avoidance.registry import ASKING, BASELINES, NAMES, NONE, OURS, REACHING, TRUE
 from pps_vision.experiments.avoidance.suite import Rows, run_suite
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.study import SampledStudy, interval, median
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.study import SampledStudy, interval, median, percent_of
+from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.outputs import whole_file, write_json
+from pps_vision.types import Array
 
 SLOW_M_S = 0.15  # up to which objects approached R's robot
-_BANDS_M_S = np.linspace(*SPEED_M_S, 6)
+_BANDS_M_S, _FAST_BANDS_M_S = np.linspace(*SPEED_M_S, 6), np.linspace(*FAST_M_S, 4)
 _LEAST_SELF_MM = 20.0
 _HARMLESS = 0.6  # encounters of each harmless condition for one of each approaching condition, except in this study:
 _SHARES: dict[Condition, float] = {
@@ -28,6 +28,14 @@ _SHARES: dict[Condition, float] = {
     **dict.fromkeys(HARMLESS, 0.06),
     "stop": 0.2,
     "reach": 0.1,
+    "through_fast": 0.1,
+}
+_REACHING = {
+    "can be touched": "reachable",
+    "touched": "touched",
+    "touched of what can be": "reachable: touched",
+    "by the part aimed at": "reachable: by the part aimed at",
+    "attempted of what cannot be": "out of reach: attempted",
 }
 Row = dict[str, Any]
 
@@ -38,8 +46,8 @@ class Encounters(SampledStudy):
     for, without rendering: touched, smallest distance, lead and needless commands by controller."""
 
     n: int = 1500
-    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a tenth of `reach`;
-    the rate of all approaching objects at 15–30 cm/s is of equal numbers of the three."""
+    """Encounters of each of press and through; a fifth as many of stop, 6 % of each harmless kind, a tenth of `reach`
+    and of through at 30–60 cm/s; the rate of all approaching objects at 15–30 cm/s is of equal numbers of the three."""
     share: float = 1.0
     """Share of R's numbers of approaches (Table 5) that the memories are learned from."""
     controller: str = ""
@@ -53,23 +61,29 @@ class Encounters(SampledStudy):
         """Return rates by condition, speed and controller, and paired differences from ours."""
         names = (*NAMES, self.controller) if self.controller else NAMES
         some = {condition: ceil(share * self.n) for condition, share in _SHARES.items()}
-        rows = run_suite(self, some, self.seed, names, self.workers, self.share)
-        if self.json is not None:
-            with whole_file(self.json) as partial:
-                write_json(partial, {"encounters": rows})
+        rows = run_suite(self, some, self.seed, (*names, ASKING), self.workers, self.share)
+        write_rows(self.json, rows)
         return summary(rows, names)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the tables: all, by speed, harmless, reaching, and what was left of the limits."""
+        """Return the tables: all, goals, by condition, beyond 30 cm/s, harmless, reaching, and what was left of the
+        limits."""
         return tables(numbers)
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw the share not touched against speed, by controller and condition."""
         figure, axes = panels(len(HAZARDS))
-        middle_cm_s = 50 * (_BANDS_M_S[1:] + _BANDS_M_S[:-1])
+        bands = np.concatenate([_BANDS_M_S, _FAST_BANDS_M_S[1:]])
+        middle_cm_s = 50 * (bands[1:] + bands[:-1])
         for axis, condition in zip(axes, HAZARDS, strict=True):
-            series = {name: of["by speed"][condition] for name, of in numbers["controllers"].items() if name != NONE}
-            curves(axis, middle_cm_s, series, "speed (cm/s)", "not touched (%)")
+            fast = condition == "through"
+            series = {
+                name: of["by speed"][condition] + (of.get("fast through, by speed", []) if fast else [])
+                for name, of in numbers["controllers"].items()
+                if name != NONE
+            }
+            n = len(series[OURS])
+            curves(axis, middle_cm_s[:n], series, "speed (cm/s)", "not touched (%)")
             axis.set_title(condition, fontsize=9)
             axis.set_ylim(-2, 102)
         axes[0].legend(fontsize=7)
@@ -81,14 +95,21 @@ def counts(n: int) -> dict[Condition, int]:
     return dict.fromkeys(HAZARDS, n) | dict.fromkeys(HARMLESS, ceil(_HARMLESS * n))
 
 
+def write_rows(file: Path | None, rows: Rows) -> None:
+    """Write a row of every encounter, if there is a file for them."""
+    if file is not None:
+        with whole_file(file) as partial:
+            write_json(partial, {"encounters": rows})
+
+
 def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
     """Return what the tables and the chart show, from a row for each encounter and controller."""
-    of = {name: [row for row in rows if row["controller"] == name] for name in names}
+    of = {name: [row for row in rows if row["controller"] == name] for name in (*names, ASKING)}
     faults = [row for row in rows if row["faults"] or not row["self_distance_m"] * 1000 >= _LEAST_SELF_MM]
     return {
         "encounters": {c: len({row["number"] for row in rows if row["condition"] == c}) for c in (*HAZARDS, *HARMLESS)},
-        "controllers": {name: _of_controller(some, of[OURS]) for name, some in of.items()},
-        "reaching": {name: _reaching(of[name]) for name in names if name in REACHING},
+        "controllers": {name: _of_controller(of[name], of[OURS]) for name in names},
+        "reaching": {name: _reaching(of[name]) for name in REACHING if name in of},
         "limits": {
             "encounters": len(rows),
             "smallest_self_distance_mm": 1000 * min(row["self_distance_m"] for row in rows),
@@ -99,11 +120,7 @@ def summary(rows: Rows, names: Sequence[str]) -> dict[str, Any]:
 
 def rate(rows: Rows, is_counted: Callable[[Row], bool]) -> list[float]:
     """Return the percentage of rows that count, with Wilson's 95 % interval; NaN of none."""
-    if not rows:
-        return [np.nan] * 3
-    counted = sum(map(is_counted, rows))
-    ends = binomtest(counted, len(rows)).proportion_ci(method="wilson")
-    return [100 * float(value) for value in (counted / len(rows), ends.low, ends.high)]
+    return percent_of(sum(map(is_counted, rows)), len(rows))
 
 
 def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
@@ -117,7 +134,8 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
         "stop, slow, distance_mm": _quartiles([1000 * row["distance_m"] for row in slow_stop]),
         "stop, slow, lead_s": _quartiles([row["lead_s"] for row in slow_stop if row["lead_s"] is not None]),
         "untouched": {c: rate([row for row in hazards if row["condition"] == c], _untouched) for c in HAZARDS},
-        "by speed": {c: [rate(some, _untouched) for some in _bands(hazards, c)] for c in HAZARDS},
+        "by speed": {c: [rate(some, _untouched) for some in _bands(hazards, c, _BANDS_M_S)] for c in HAZARDS},
+        "fast through, by speed": [rate(some, _untouched) for some in _bands(rows, "through_fast", _FAST_BANDS_M_S)],
         "press and through": rate(hard, _untouched),
         "press and through, beyond ours": _beyond(hard, ours),
         "fast": rate(fast, _untouched),
@@ -128,7 +146,7 @@ def _of_controller(rows: Rows, ours: Rows) -> dict[str, Any]:
 
 
 def _reaching(rows: Rows) -> dict[str, Any]:
-    """Of all objects, and of those that a posture of the arm touches with the part aimed at."""
+    """Of all objects, of those that a posture of the arm touches with the part aimed at, and of the others."""
     reaches = [row for row in rows if row["condition"] == "reach"]
     reachable = [row for row in reaches if row["reachable"]]
     return {
@@ -136,6 +154,7 @@ def _reaching(rows: Rows) -> dict[str, Any]:
         "touched": rate(reaches, lambda row: bool(row["touched"])),
         "reachable: touched": rate(reachable, lambda row: bool(row["touched"])),
         "reachable: by the part aimed at": rate(reachable, lambda row: row["touched_part"] == row["part"]),
+        "out of reach: attempted": rate([row for row in reaches if not row["reachable"]], lambda row: not _still(row)),
     }
 
 
@@ -147,9 +166,9 @@ def _beyond(rows: Rows, ours: Rows) -> list[float]:
     return interval(differences)
 
 
-def _bands(rows: Rows, condition: str) -> list[Rows]:
+def _bands(rows: Rows, condition: str, bands: Array) -> list[Rows]:
     of = [row for row in rows if row["condition"] == condition]
-    return [[row for row in of if low <= row["speed_m_s"] < high] for low, high in pairwise(_BANDS_M_S)]
+    return [[row for row in of if low <= row["speed_m_s"] < high] for low, high in pairwise(bands)]
 
 
 def _untouched(row: Row) -> bool:
@@ -182,6 +201,8 @@ def tables(numbers: dict[str, Any]) -> dict[str, Table]:
     kinds = [c.removeprefix("harmless_").replace("_", " ") for c in HARMLESS]
     limits = numbers["limits"]
     return {
+        "goals": Table(["ours", "goal", "measured"], _goals(numbers)),
+        "fast": _fast_table(of),
         "": Table(header, [[name, *(estimate(cell[key]) for key in main)] for name, cell in of.items()]),
         "conditions": Table(
             ["not touched (%)", *HAZARDS],
@@ -196,8 +217,11 @@ def tables(numbers: dict[str, Any]) -> dict[str, Table]:
             [[name, *(estimate(cell["still"][c]) for c in HARMLESS)] for name, cell in of.items()],
         ),
         "reaching": Table(
-            ["reaching (%)", "can be touched", "touched", "touched of these", "of these by the part aimed at"],
-            [[name, *(estimate(value) for value in cell.values())] for name, cell in numbers["reaching"].items()],
+            ["reaching (%)", *_REACHING],
+            [
+                [n, *(estimate(cell.get(k, [None])) for k in _REACHING.values())]
+                for n, cell in numbers["reaching"].items()
+            ],
         ),
         "limits": Table(
             ["limits", "number"],
@@ -208,3 +232,57 @@ def tables(numbers: dict[str, Any]) -> dict[str, Table]:
             ],
         ),
     }
+
+
+def _goals(numbers: dict[str, Any]) -> list[list[str]]:
+    """Return what ours is to achieve, and what was measured; the measured value, not its interval, meets a goal."""
+    of, limits, reaching = numbers["controllers"], numbers["limits"], numbers["reaching"]
+    ours, both, smallest_mm = of[OURS], "press and through, beyond ours", limits["smallest_self_distance_mm"]
+    apart = {name: _above(of[name][both]) for name in (*BASELINES, TRUE)}
+    best = min(BASELINES, key=lambda name: apart[name][0])
+    fast, aimed = _above(of[TRUE]["fast, beyond ours"]), reaching[OURS]["reachable: by the part aimed at"]
+    still, stop = ours["still, all"], ours["stop, slow"]
+    left_mm, lead_s = ours["stop, slow, distance_mm"], ours["stop, slow, lead_s"]
+    rows: list[tuple[str, str, Sequence[float], bool]] = [
+        ("stop, ≤ 15 cm/s: not touched (%)", "≥ 99", stop, stop[0] >= 99),
+        ("the same: distance left (mm), quartiles", "≥ 20 in the median", left_mm, left_mm[0] >= 20),
+        ("the same: lead (s), quartiles", "≥ 0.4 in the median", lead_s, lead_s[0] >= 0.4),
+        ("press, through: points above true positions", "≥ −3", apart[TRUE], apart[TRUE][0] >= -3),
+        ("the same: above distance only", "≥ 15", apart["distance only"], apart["distance only"][0] >= 15),
+        (f"the same: above the best baseline ({best})", "> 0", apart[best], apart[best][0] > 0),
+    ]
+    for condition in ("press", "through"):
+        best = max(BASELINES, key=lambda name: of[name]["untouched"][condition][0])
+        above = ours["untouched"][condition][0] - of[best]["untouched"][condition][0]
+        rows.append((f"{condition} alone: above its best baseline ({best})", "> 0", [above], above > 0))
+    rows += [
+        ("15–30 cm/s: points above true positions", "≥ −5", fast, fast[0] >= -5),
+        ("harmless: no command (%)", "≥ 99", still, still[0] >= 99),
+        ("reaching: touched by the part aimed at, of what can be (%)", "≥ 98", aimed, aimed[0] >= 98),
+    ]
+    if ASKING in reaching:
+        attempted = reaching[ASKING]["out of reach: attempted"]
+        rows.append(("asking the map: attempted of what cannot be (%)", "0", attempted, attempted[0] == 0))
+    rows += [
+        ("smallest self-collision distance (mm)", "≥ 20", [smallest_mm], smallest_mm >= _LEAST_SELF_MM),
+        ("encounters that left a limit", "0", [limits["left"]], limits["left"] == 0),
+    ]
+    return [[what, goal, judged(estimate(value), not is_met)] for what, goal, value, is_met in rows]
+
+
+def _above(beyond: Sequence[float]) -> list[float]:
+    """Return by how many points ours is above another controller, from those by which that one is above ours."""
+    value, low, high = beyond
+    return [0.0 - value, 0.0 - high, 0.0 - low]
+
+
+def _fast_table(controllers: dict[str, Any]) -> Table:
+    """Return the rates of what flies through ever faster, and the first band in which most of it touches."""
+    bands = [f"{100 * low:.0f}–{100 * high:.0f}" for low, high in pairwise([_BANDS_M_S[-2], *_FAST_BANDS_M_S])]
+    rows = []
+    for name, cell in controllers.items():
+        rates = [cell["by speed"]["through"][-1], *cell.get("fast through, by speed", [])]
+        bands = bands[: len(rates)]  # older results end at 30 cm/s
+        broken = next((band for band, value in zip(bands, rates, strict=True) if value[0] < 50), "–")
+        rows.append([name, *map(estimate, rates), broken])
+    return Table(["through: not touched (%)", *(f"{band} cm/s" for band in bands), "most touched at (cm/s)"], rows)

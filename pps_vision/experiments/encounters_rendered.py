@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -14,9 +15,9 @@ from pps_vision.experiments.avoidance.rendered import Seen, meet_rendered
 from pps_vision.experiments.avoidance.suite import track_rng
 from pps_vision.experiments.avoidance.tracks import ERRORS, track_of
 from pps_vision.experiments.avoidance.training import learn
-from pps_vision.experiments.encounters import counts, rate
+from pps_vision.experiments.encounters import SLOW_M_S, counts, rate, write_rows
 from pps_vision.experiments.study import SampledStudy, interval, median, run_parts
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.tables import Table, estimate, judged
 
 _LATE_S, _LARGE_M = 0.3, 0.02  # of a track: first known later, larger error
 
@@ -30,6 +31,8 @@ class EncountersRendered(SampledStudy):
     """Encounters of each of stop, press and through; six tenths as many of each harmless kind."""
     share: float = 1.0
     """Share of R's numbers of approaches that the memories are learned from."""
+    json: Path | None = None
+    """File for two rows of every encounter, rendered and without rendering, as `encounters` has them."""
 
     def run(self) -> dict[str, Any]:
         """Return rates of both modes, the paired difference, the track's error, and each encounter that differs."""
@@ -46,19 +49,33 @@ class EncountersRendered(SampledStudy):
             return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
 
         some = [(c, k) for c, n in counts(self.n).items() for k in range(n)]
-        parts = run_parts(self, {f"{c} {k}": partial(both, c, k) for c, k in some})
-        return summary(list(parts.values()))
+        rows = list(run_parts(self, {f"{c} {k}": partial(both, c, k) for c, k in some}).values())
+        write_rows(self.json, [outcome for row in rows for outcome in row["outcomes"]])
+        return summary(rows)
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the rates of both modes, the track's error, and the encounters that differ."""
+        """Return the rates of both modes, the goals, the track's error, and the encounters that differ."""
         rows = [
             [name, str(cell["n"]), estimate(cell["rendered"]), estimate(cell["without"]), estimate(cell["difference"])]
             for name, cell in numbers["rates"].items()
+        ]
+        limits = numbers["limits"]
+        apart = numbers["rates"]["all approaching"]["difference"]
+        goals = [["points between both, all approaching", "≤ 10", judged(estimate(apart), abs(apart[0]) > 10)]]
+        if "stop, slow" in numbers:
+            stop = numbers["stop, slow"]
+            what = f"stop, ≤ 15 cm/s, {stop['n']} encounters, any part: not touched (%)"
+            goals.append([what, "≥ 99", judged(estimate(stop["untouched"]), stop["untouched"][0] < 99)])
+        nearest = limits["smallest_self_distance_mm"]
+        goals += [
+            ["smallest self-collision distance (mm)", "≥ 20", judged(estimate([nearest]), nearest < 20)],
+            ["encounters that left a limit", "0", judged(str(limits["left"]), limits["left"] > 0)],
         ]
         tracks = [[name, *map(_both, cell.values())] for name, cell in numbers["tracks"].items()]
         why = [[row["encounter"], row["rendered"], row["without"], row["because"]] for row in numbers["differing"]]
         return {
             "": Table(["", "n", "rendered (%)", "without rendering (%)", "difference (points)"], rows),
+            "goals": Table(["rendered", "goal", "measured"], goals),
             "tracks": Table(
                 [
                     "object",
@@ -72,13 +89,13 @@ class EncountersRendered(SampledStudy):
                 ],
                 tracks,
             ),
-            "differing": Table(["encounter", "rendered", "without rendering", "track"], why),
+            "differing": Table(["encounter", "rendered", "without rendering", "cause"], why),
         }
 
 
 def compared(seen: Seen, without: Outcome) -> dict[str, Any]:
     """Return one encounter's row: both outcomes, and what the rendered track was like."""
-    because = "as measured"
+    because = _margins(seen.outcome, without)
     if not np.isfinite(seen.first_s):
         because = "never found"
     elif seen.first_s > _LATE_S:
@@ -88,6 +105,7 @@ def compared(seen: Seen, without: Outcome) -> dict[str, Any]:
     elif seen.error_m > _LARGE_M:
         because = f"RMS error {1000 * seen.error_m:.0f} mm"
     return {
+        "outcomes": [seen.outcome.to_json(), without.to_json()],
         "condition": without.condition,
         "number": without.number,
         "object": without.object,
@@ -108,12 +126,24 @@ def compared(seen: Seen, without: Outcome) -> dict[str, Any]:
     }
 
 
+def _margins(seen: Outcome, without: Outcome) -> str:
+    """Return how two encounters with equal tracks differ: in the distance left, the first command and the lead."""
+    apart_mm = 1000 * abs(seen.distance_m - without.distance_m)
+    first, lead = (
+        " and ".join("–" if value is None else f"{value:.2f} s" for value in values)
+        for values in ((seen.first_command_s, without.first_command_s), (seen.lead_s, without.lead_s))
+    )
+    return f"track as drawn; distances left {apart_mm:.0f} mm apart, first command at {first}, lead {lead}"
+
+
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     hazards = [row for row in rows if row["condition"] in HAZARDS]
     groups: dict[str, list[dict[str, Any]]] = {c: [row for row in rows if row["condition"] == c] for c in HAZARDS}
     groups |= {"all approaching": hazards, "harmless": [row for row in rows if row["condition"] in HARMLESS]}
     objects = {name: [row for row in rows if row["object"] == name] for name in ERRORS}
+    slow_stop = [row for row in groups["stop"] if row["speed_m_s"] <= SLOW_M_S]
     return {
+        "stop, slow": {"n": len(slow_stop), "untouched": rate(slow_stop, lambda row: not row["touched"][0])},
         "rates": {name: _rates(some) for name, some in groups.items()},
         "tracks": {
             name: {

@@ -18,8 +18,8 @@ from pps_vision.experiments.avoidance.tracks import track_of
 from pps_vision.experiments.avoidance.training import Memories, learn
 from pps_vision.experiments.charts import panels
 from pps_vision.experiments.pps.movements import start_posture
-from pps_vision.experiments.study import SeededStudy
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.study import SeededStudy, percent_of
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM
 from pps_vision.types import Array
@@ -128,7 +128,7 @@ class EncountersSessions(SeededStudy):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return what became of the approaches, and R's Tables 6 and 7 with the paper's values."""
-        counted = ["minutes", "approaches", "answered", "touched", "by the part aimed at", "limits left"]
+        counted = ["answered", "touched", "by the part aimed at"]
         sessions = {name: of for name, of in numbers.items() if isinstance(of, dict) and "approaches" in of}
         both = [sessions["avoidance"], sessions["reaching"]]
         joints, positions = [], []
@@ -137,11 +137,15 @@ class EncountersSessions(SeededStudy):
             positions += _rows(side, "palm_m", both, PAPER_POSITIONS_M[side], 2)
         return {
             "": Table(
-                ["session", *counted, "palm from its place at most (m)"],
+                [
+                    *("session", "minutes", "approaches", *(f"{what} (%)" for what in counted)),
+                    *("limits left", "palm from its place at most (m)"),
+                ],
                 [
                     [
-                        name,
-                        *(f"{of[key]:.3g}" for key in counted),
+                        *(name, f"{of['minutes']:.3g}", str(of["approaches"])),
+                        *(f"{of[key]}: {estimate(percent_of(of[key], of['approaches']))}" for key in counted),
+                        str(of["limits left"]),
                         f"{max(a['farthest_m'] for a in of['arms'].values()):.3f}",
                     ]
                     for name, of in sessions.items()

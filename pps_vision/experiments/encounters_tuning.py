@@ -1,4 +1,4 @@
-"""Parameters of the baseline controllers: random search, the same number of draws on the same encounters for each."""
+"""Parameters of the controllers: random search, the same number of draws on the same encounters for each."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from pps_vision.experiments.avoidance.controllers import Numbers
 from pps_vision.experiments.avoidance.encounter import HARMLESS, HAZARDS
-from pps_vision.experiments.avoidance.registry import BASELINES, OURS, Baseline
+from pps_vision.experiments.avoidance.registry import OURS, TUNABLE, Baseline
 from pps_vision.experiments.avoidance.suite import Rows, run_suite
 from pps_vision.experiments.encounters import counts
 from pps_vision.experiments.study import Study
@@ -18,31 +18,31 @@ _LOGARITHMIC = "gain"
 
 @dataclass(frozen=True)
 class EncountersTuning(Study):
-    """Random search for the parameters of every baseline controller of `encounters`: the fewest approaching objects
-    that touch and harmless ones that move the arm, both in percent."""
+    """Random search for the parameters of every baseline controller of `encounters`, and of ours beside its defaults:
+    the fewest approaching objects that touch and harmless ones that move the arm, both in percent."""
 
     tuning_seed: int = 9783
     """Seed of the encounters and the draws; not `seed`, because `bench --seed` is that of the encounters that count."""
-    n: int = 4
+    n: int = 12
     """Encounters of each of stop, press and through; six tenths as many of each harmless kind."""
-    draws: int = 10
-    """Parameters tried for each baseline."""
+    draws: int = 30
+    """Parameters tried for each controller."""
     share: float = 1.0
     """Share of R's numbers of approaches that the memories are learned from."""
     workers: int = 2
     """Parallel processes."""
 
     def run(self) -> dict[str, Any]:
-        """Return the score of every draw, and each baseline's best."""
+        """Return the score of every draw, of our defaults, and each controller's best."""
         numbers = {
             f"{name}#{k}": draw_numbers(baseline, np.random.default_rng((self.tuning_seed, j, k)))
-            for j, (name, baseline) in enumerate(BASELINES.items())
+            for j, (name, baseline) in enumerate(TUNABLE.items())
             for k in range(self.draws)
         }
         rows = run_suite(self, counts(self.n), self.tuning_seed, (OURS, *numbers), self.workers, self.share, numbers)
         scores = {name: score([row for row in rows if row["controller"] == name]) for name in (OURS, *numbers)}
         best = {
-            name: min((k for k in numbers if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in BASELINES
+            name: min((k for k in numbers if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in TUNABLE
         }
         return {
             "ours": scores[OURS],
@@ -51,8 +51,8 @@ class EncountersTuning(Study):
         }
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the best of each."""
-        rows = [[OURS, f"{numbers['ours']:.3g}", "as everywhere"]]
+        """Return our defaults and the best of each search."""
+        rows = [[f"{OURS}, defaults", f"{numbers['ours']:.3g}", "as everywhere"]]
         for name, best in numbers["best"].items():
             values = ", ".join(f"{key} {value:.3g}" for key, value in best.items() if key != "score")
             rows.append([name, f"{best['score']:.3g}", values])

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from pps_vision.errors import InputError
 from pps_vision.experiments import disturbances as d
-from pps_vision.experiments.charts import severities
-from pps_vision.experiments.scenarios import EYES_M, Posing, Recording, film, follow, stare_at, watching
+from pps_vision.experiments.charts import PAGE_IN, panels
+from pps_vision.experiments.scenarios import EYES_M, Footage, Posing, film, follow, stare_at, watching
 from pps_vision.experiments.score import METRICS, baseline, tracker
 from pps_vision.experiments.study import (
     NOISE_SIGMA,
@@ -44,7 +44,7 @@ class Disturbance(NamedTuple):
     """One severity axis; `make` takes the scene source, a seed and a severity, of which the first is (nearly) none."""
 
     axis: Axis
-    make: Callable[[SceneSource, int, float], Recording]
+    make: Callable[[SceneSource, int, float], Footage]
 
 
 @dataclass(frozen=True)
@@ -74,18 +74,38 @@ class Failures(TrackingStudy):
             for source in self.sources
         }
 
-    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """One figure a source: success over severity, one panel a disturbance."""
-        figures: dict[str, Figure] = {}
-        for source in _sources(numbers):
-            figures[source] = severities(numbers[source], "near_percent", "near the object (%)", BREAKS.bound, 5)
-            for axis in figures[source].axes:
-                axis.set_ylim(-4, 104)
-        return figures
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Where each method breaks under each disturbance, in both sources: the earlier, the darker."""
+        sources = _sources(numbers)
+        names = list(numbers[sources[0]])
+        figure, axes = panels(len(sources), width=PAGE_IN / len(sources), height=1.6 + 0.26 * len(names))
+        for axis, source in zip(axes, sources, strict=True):
+            studies = [numbers[source][name] for name in names]
+            at = [[method["breaks_at"] for method in study["methods"].values()] for study in studies]
+            borne = [[_borne(study, one) for one in row] for study, row in zip(studies, at, strict=True)]
+            image = axis.imshow(100 * np.array(borne), cmap="YlOrRd_r", vmin=0, vmax=100, aspect="auto")
+            for y, x in np.ndindex(len(at), len(at[0])):
+                told = "–" if at[y][x] is None else f"{at[y][x]:g}"
+                color = "white" if borne[y][x] < 0.4 else "0.15"
+                axis.text(x, y, told, ha="center", va="center", fontsize=8, color=color)
+            axis.set_xticks(range(len(at[0])), list(studies[0]["methods"]), rotation=40, ha="right", fontsize=8)
+            axis.set_yticks(range(len(names)), names if axis is axes[0] else [], fontsize=8)
+            axis.set_title(f"{source} scenes", fontsize=10)
+        bar = figure.colorbar(image, ax=axes, location="bottom", shrink=0.6, aspect=40)
+        told = "steps of severity before the break, of those tried (%); number: severity of the break"
+        bar.set_label(told, fontsize=8)
+        bar.ax.tick_params(labelsize=8)
+        return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return where each method breaks, one table a source."""
         return {source: break_points(numbers[source]) for source in _sources(numbers)}
+
+
+def _borne(study: dict[str, Any], breaks_at: float | None) -> float:
+    """The share of the tried severities before the first at which a method breaks."""
+    tried = study["severities"]
+    return 1.0 if breaks_at is None else tried.index(breaks_at) / len(tried)
 
 
 def _sources(numbers: dict[str, Any]) -> list[str]:
@@ -125,7 +145,7 @@ def _rng(seed: int) -> np.random.Generator:
     return np.random.default_rng((seed, 2))
 
 
-def _sensed(recording: Recording, seed: int) -> Recording:
+def _sensed(recording: Footage, seed: int) -> Footage:
     """The recording with the usual sensor noise."""
     return d.noisy(recording, NOISE_SIGMA, _rng(seed))
 
@@ -140,7 +160,7 @@ def _shown(
     prop: tuple[Part, ...] | None = None,
     placed: Callable[[float], Placed | None] = lambda _: None,
     **also: Any,
-) -> Recording:
+) -> Footage:
     """Film a ball, and one other thing where it is placed, without noise; the eyes follow unless posed."""
     states = watching(
         motion, seconds, pose or follow(load_icub()), props=lambda t: (placed(t),) if prop else (), **also
@@ -149,12 +169,12 @@ def _shown(
 
 
 @lru_cache(maxsize=2)
-def fine(source: SceneSource, seed: int, speed_m_s: float = 0.15) -> Recording:
+def fine(source: SceneSource, seed: int, speed_m_s: float = 0.15) -> Footage:
     """Return the undisturbed ball, 2.5 s at 100 frames a second without noise."""
     return _shown(source, seed, _circle(seed, speed_m_s), 2.5, fps=20 * FINE)
 
 
-def plain(source: SceneSource, seed: int) -> Recording:
+def plain(source: SceneSource, seed: int) -> Footage:
     """Return the same at 20 frames a second without noise."""
     return d.at_rate(fine(source, seed), FINE)
 
@@ -164,7 +184,7 @@ def _board(hidden_s: float) -> tuple[Part, ...]:
     return (board((_PASSING_M_S * hidden_s + 2 * RADIUS_M + 0.010) * _BOARD_M / _FAR_M, 0.3),)
 
 
-def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float | None = None) -> Recording:
+def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float | None = None) -> Footage:
     """The ball passes behind a board that hides it for so long; with a `share` only its lower part, for 1 s."""
     passing_s = hidden_s if share is None else 1.0
     middle_s = 1.2 + RADIUS_M / _PASSING_M_S + passing_s / 2
@@ -186,7 +206,7 @@ def _passes_board(source: SceneSource, seed: int, hidden_s: float, share: float 
     return _sensed(shown if share is None else replace(shown, seen=np.ones_like(shown.seen)), seed)
 
 
-def _twin(source: SceneSource, seed: int, gap_radii: float) -> Recording:
+def _twin(source: SceneSource, seed: int, gap_radii: float) -> Footage:
     """After a second an equal ball, nearer to the eyes, crosses the view at 30 cm/s and passes at a gap (in radii)."""
     motion, middle_s = _circle(seed, 0.08, 0.6), 2.0
     passed = motion(middle_s)[0] + gap_radii * RADIUS_M * _UP
@@ -199,7 +219,7 @@ def _twin(source: SceneSource, seed: int, gap_radii: float) -> Recording:
     return _sensed(_shown(source, seed, motion, 3.2, pose, prop=(sphere(RADIUS_M, RED),), placed=placed), seed)
 
 
-def _two(source: SceneSource, seed: int, gap_radii: float) -> Recording:
+def _two(source: SceneSource, seed: int, gap_radii: float) -> Footage:
     """Two balls of different colours circle against each other; either may be tracked."""
     motion, center = _circle(seed, 0.12, 0.7), _center(seed)
 
@@ -213,7 +233,7 @@ def _two(source: SceneSource, seed: int, gap_radii: float) -> Recording:
     return replace(recording, other_position=np.array([other(t) for t in recording.stamps_s]))
 
 
-def _dash(source: SceneSource, seed: int, frames_in_view: float) -> Recording:
+def _dash(source: SceneSource, seed: int, frames_in_view: float) -> Footage:
     """After a second the ball dashes to the other side, as fast as would cross the view in so many frames; asked about
     the dash and 0.3 s after it."""
     side = 0.17 * _ASIDE
@@ -229,7 +249,7 @@ def _dash(source: SceneSource, seed: int, frames_in_view: float) -> Recording:
     return replace(_sensed(shown, seed), asked=shown.stamps_s > 1.0)
 
 
-def _leaves(source: SceneSource, seed: int, out_s: float) -> Recording:
+def _leaves(source: SceneSource, seed: int, out_s: float) -> Footage:
     """The ball leaves the view at 50 cm/s, is out of it for so long, and comes back."""
     hover, speed, way = _circle(seed, 0.08, 0.5), 0.5, 0.36 if out_s > 0 else 0.0
     there, back = 1.2 + way / speed, 1.2 + way / speed + out_s
@@ -244,28 +264,28 @@ def _leaves(source: SceneSource, seed: int, out_s: float) -> Recording:
     return _sensed(_shown(source, seed, motion, back + way / speed + 1.2, pose), seed)
 
 
-def _sized(source: SceneSource, seed: int, diameter_px: float) -> Recording:
+def _sized(source: SceneSource, seed: int, diameter_px: float) -> Footage:
     """A ball whose image is so large."""
     return _sensed(_shown(source, seed, _circle(seed), 2.0, radius_m=0.5 * diameter_px / 220 * _FAR_M), seed)
 
 
-def _far(source: SceneSource, seed: int, distance_m: float) -> Recording:
+def _far(source: SceneSource, seed: int, distance_m: float) -> Footage:
     """As far away, as much larger and faster, so that only the disparity differs."""
     scale = distance_m / _FAR_M
     motion = _circle(seed, 0.15 * scale, scale, EYES_M + scale * (_center(seed) - EYES_M))
     return _sensed(_shown(source, seed, motion, 2.0, radius_m=RADIUS_M * scale), seed)
 
 
-def _faded(source: SceneSource, seed: int, percent: float) -> Recording:
+def _faded(source: SceneSource, seed: int, percent: float) -> Footage:
     shown = plain(source, seed)
     return _sensed(d.faded(shown, _shown(source, seed, _circle(seed), 2.5, empty=True), percent / 100), seed)
 
 
-def _swing(source: SceneSource, seed: int, stops: float) -> Recording:
+def _swing(source: SceneSource, seed: int, stops: float) -> Footage:
     return _sensed(d.exposed(plain(source, seed), lambda t: stops * float(np.sin(np.pi * t))), seed)
 
 
-def _eye_fails(source: SceneSource, seed: int, seconds: float) -> Recording:
+def _eye_fails(source: SceneSource, seed: int, seconds: float) -> Footage:
     return d.eyes_fail(_sensed(plain(source, seed), seed), "black", _FAILS_S, _FAILS_S + seconds)
 
 

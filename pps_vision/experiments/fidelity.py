@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 
 from pps_vision.app.render import scene
 from pps_vision.app.render_params import RenderParams
-from pps_vision.experiments.charts import panels, speed_error
+from pps_vision.experiments.charts import speed_errors
 from pps_vision.experiments.exact_images import ray_cast
-from pps_vision.experiments.study import NOISE_SIGMA, Metric, SampledStudy, Values, compare, rms
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.study import NOISE_SIGMA, TURNS, Metric, SampledStudy, Values, compare, rms
+from pps_vision.experiments.tables import Table, estimate, median_first
 from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import icub_rig, icub_setup, load_icub
 from pps_vision.robot.silhouette import Silhouette
@@ -35,7 +35,6 @@ SHARP = {
     "scale 1.5": Drawn(scale=1.5),
     "scale 2": Drawn(scale=2.0),
     "scale 1, lights": Drawn(lighting="lights"),
-    "scale 1, shadows": Drawn(lighting="shadows"),
 }
 BLURRED = {f"{step:g} px": Drawn(blur_step_px=step) for step in (1.0, 1.7, 2.5, 5.0)}
 DEFAULT, DEFAULT_BLUR = "scale 1", "2.5 px"
@@ -91,7 +90,7 @@ class Fidelity(SampledStudy):
             eyes = open_eyes(stack, stimulus, drawn, sensor)
             ways = {key: partial(_image_errors, one) for key, one in eyes.items()}
             scenes = {name or stimulus: lambda seed: _exact(self._states(stimulus, 1.0, seed)[0], stimulus, sensor)}
-            return compare(scenes, ways, _METRICS, seeds)
+            return compare(scenes, ways, _METRICS, seeds, repeated=TURNS)
 
     def _states(self, stimulus: StimulusName, seconds: float, seed: int) -> list[SceneState]:
         """The states of a random motion that the eyes follow."""
@@ -99,39 +98,32 @@ class Fidelity(SampledStudy):
         return [state for _, state in scene(what, icub_setup(), np.random.default_rng(seed))]
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Time against the image error and against the tracking error of each object, and against the error of blur."""
-        figure, axes = panels(5, 3)
-        time = "time (ms per drawn pair)"
-        for k, stimulus in enumerate(OBJECTS):
-            cells = numbers["images"][stimulus]
-            speed_error(axes[k], cells, "object_error", (), DEFAULT, time, f"image error, {stimulus} (grey levels)")
-            tracked = {
-                way: {**cells[way], **numbers["tracking"][stimulus][way], "ms": cells[way]["ms"]} for way in cells
-            }
-            speed_error(
-                axes[2 + k], tracked, "error_mm", (), DEFAULT, time, f"3D RMS error of a tracked {stimulus} (mm)"
-            )
-        label = f"image error of a ball that moves {_BLUR_PX:g} px (grey levels)"
-        speed_error(axes[4], numbers["images"]["moving ball"], "object_error", (), DEFAULT_BLUR, time, label)
-        return figure
+        """Time against the image error of each object."""
+        cells: dict[str, Any] = {stimulus: numbers["images"][stimulus] for stimulus in OBJECTS}
+        return speed_errors(cells, "object_error", "image error (grey levels)", (), DEFAULT, "time (ms per drawn pair)")
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return time, image error and tracking error, one row a way to draw."""
+        """Return time, image error and tracking error, one row a way to draw; and those of a ball that moves fast."""
         images, tracking = numbers["images"], numbers["tracking"]
         rows = []
         for way in SHARP:
             errors = [estimate(images[o][way]["object_error"]) for o in OBJECTS]
             tracked = [estimate(tracking[o][way]["error_mm"][:1]) for o in OBJECTS]
-            rows.append([way, f"{images['ball'][way]['ms'][1]:.0f}", *errors, *tracked])
+            rows.append([way, median_first(images["ball"][way]["ms"]), *errors, *tracked])
         header = [
             "drawn with",
-            "ms",
+            "ms, quartiles",
             "image error, ball",
             "image error, marker",
             "3D error, ball (mm)",
             "3D, marker (mm)",
         ]
-        return {"": Table(header, rows)}
+        blur = [
+            [step, median_first(cell["ms"]), estimate(cell["object_error"])]
+            for step, cell in images["moving ball"].items()
+        ]
+        blurred = Table(["moments at most apart by", "ms, quartiles", "image error"], blur)
+        return {"": Table(header, rows), "blur": blurred}
 
 
 def open_eyes(stack: ExitStack, stimulus: StimulusName, drawn: Mapping[str, Drawn], sensor: Sensor) -> dict[str, Eyes]:

@@ -36,9 +36,10 @@ from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
 
 IMAGES = ((320, 240), (640, 480), (960, 720), (1280, 720), (1920, 1080))
-OBJECTS_PX = (10, 25, 60, 150, 400)
+OBJECTS_PX = (10, 25, 60, 143, 200, 400)
+_GOAL_PX, _GOAL_MS = 200, 8.0
 TAXELS = (100, 1000, 10_000, 100_000)
-_OBJECTS_IN = 1280, 720
+_OBJECTS_IN, _OBJECT = (1280, 720), "object (pixels across)"
 _DISTANCE_M = 0.6
 _SECONDS, _FOUND_S = 2.0, 1.0  # of a film; the object is tracked by then
 _FILMED_S = 5.0  # of a recording that is played to and fro
@@ -76,7 +77,7 @@ class Growth(SampledStudy):
         """Return for each axis the sizes, and by series median and quartiles of the times at each."""
         axes = {
             "image (pixels)": self._over(self._image, self.images, math.prod),
-            "object (pixels across)": self._over(self._object, OBJECTS_PX),
+            _OBJECT: self._over(self._object, OBJECTS_PX),
             "recording (pairs)": self._recording(),
             "skin (taxels)": self._over(self._skin, TAXELS),
             "map (labels)": self._over(self._map, self.labels),
@@ -122,7 +123,9 @@ class Growth(SampledStudy):
         return film.rig, tuple(film)
 
     def _recording(self) -> dict[str, Any]:
-        opened, tracked, held = [], [], []
+        opened: list[Times] = []
+        tracked: list[Times] = []
+        held: list[float] = []
         with TemporaryDirectory() as folder:
             short, long = Path(folder) / "short", Path(folder) / "long"
             record(RenderParams("ball", "circle", short, seconds=_FILMED_S, noise=NOISE_SIGMA, seed=self.seed))
@@ -131,12 +134,16 @@ class Growth(SampledStudy):
                 to_and_fro(short, long, pairs)
                 opened.append([timed(partial(open_recording, long))[1] for _ in range(self.n)])
             recording = open_recording(long)
-            begun = process_time()
-            for k, _ in enumerate(track(recording, seed=self.seed), start=1):
-                if k in self.pairs:
-                    tracked.append([1000 * (process_time() - begun)])
-                    held.append(_resident_mb())
-        ms = {"opening": [quartiles(times) for times in opened], "tracking": [quartiles(times) for times in tracked]}
+            for _ in range(self.n):
+                begun, of_turn, in_use = process_time(), [], []
+                for k, _ in enumerate(track(recording, seed=self.seed), start=1):
+                    if k in self.pairs:
+                        of_turn.append(1000 * (process_time() - begun))
+                        in_use.append(_resident_mb())
+                tracked.append(of_turn)
+                held = held or in_use  # of the first turn, before which nothing was tracked
+        tracking = [quartiles(turns) for turns in zip(*tracked, strict=True)]
+        ms = {"opening": [quartiles(times) for times in opened], "tracking": tracking}
         return {"sizes": list(self.pairs), "ms": ms, "memory_mb": held}
 
     def _skin(self, taxels: int) -> dict[str, Callable[[], Times]]:
@@ -179,9 +186,19 @@ class Growth(SampledStudy):
             if "memory_mb" in cell:
                 first, last = (f"{cell['memory_mb'][k]:.0f} MB" for k in (0, -1))
                 rows.append([f"{label}: memory in use", str(sizes[0]), first, str(sizes[-1]), last, "–"])
-        return {
-            "": Table(["what grows: what is timed", "from", "ms, quartiles", "to", "ms, quartiles", "exponent"], rows)
-        }
+        header = ["what grows: what is timed", "from", "ms, quartiles", "to", "ms, quartiles", "exponent"]
+        return {"": Table(header, rows), **_object_table(numbers["axes"].get(_OBJECT))}
+
+
+def _object_table(cell: dict[str, Any] | None) -> dict[str, Table]:
+    """Time at every size of the object, and the goal."""
+    if cell is None:
+        return {}
+    goals = [f"≤ {_GOAL_MS:g}" if size == _GOAL_PX else "–" for size in cell["sizes"]]
+    times = [[estimate(one) for one in ms] for ms in cell["ms"].values()]
+    rows = [list(row) for row in zip(map(str, cell["sizes"]), *times, goals, strict=True)]
+    header = [_OBJECT, *(f"{name}: ms, quartiles" for name in cell["ms"]), "goal (ms)"]
+    return {"object": Table(header, rows)}
 
 
 def exponent(sizes: Sequence[float], ms: Sequence[Sequence[float]]) -> float:

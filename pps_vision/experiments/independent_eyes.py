@@ -11,13 +11,13 @@ import numpy as np
 from pps_vision.experiments.independent_films import T_ROOT_STAGE_HEAD, head_pose
 from pps_vision.experiments.independent_scenes import (
     EDGE_SAMPLES,
+    Arrangement,
     Ball,
     Caster,
     Lens,
     Panel,
     Room,
     Surface,
-    World,
     visible_share,
 )
 from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
@@ -104,13 +104,15 @@ class IndependentEyes:
         """Both eyes' images at one stamp; `rng` drives the sensor's noise."""
         n = EDGE_SAMPLES**2 if self._sensor.blur_s > 0 else 1
         states = [state.moved(self._sensor.blur_s * ((k + 0.5) / n - 0.5)) for k in range(n)]
-        worlds, poses = [self._world(one) for one in states], [self._poses(one) for one in states]
-        images = [self._picture(eye, [pose[eye] for pose in poses], worlds, rng) for eye in (0, 1)]
+        arrangements, poses = [self._arrangement(one) for one in states], [self._poses(one) for one in states]
+        images = [self._picture(eye, [pose[eye] for pose in poses], arrangements, rng) for eye in (0, 1)]
         q_rad = state.q_rad.copy()
         return StereoFrame(images[0], images[1], stamp_s, stamp_s, q_rad, q_rad)
 
-    def _picture(self, eye: int, poses: list[Array], worlds: list[World], rng: np.random.Generator | None) -> Image:
-        light = self._casters[eye].light(poses, worlds)
+    def _picture(
+        self, eye: int, poses: list[Array], arrangements: list[Arrangement], rng: np.random.Generator | None
+    ) -> Image:
+        light = self._casters[eye].light(poses, arrangements)
         if rng is None:
             if self._sensor.is_noisy:
                 raise ValueError("a noisy sensor asks for a random generator, got None")
@@ -124,20 +126,20 @@ class IndependentEyes:
         if state.position is None:
             place, pixel = np.full(3, np.nan), np.full(2, np.nan)
             return Truth(stamp_s, place, state.velocity, self._radius_m, pixel, pixel, False, False)
-        scene = self._world(state)
+        scene = self._arrangement(state)
         ball, *others = scene.balls
         middle = Ball(ball.center, _POINT_M, ball.surface)
-        world = World((middle, *others), scene.panels)
+        arrangement = Arrangement((middle, *others), scene.panels)
         views = list(zip(self._lenses, self._poses(state), strict=True))
         left, right = (lens.project(pose, ball.center)[0] for lens, pose in views)
-        seen = [visible_share(lens, pose, world, middle, ()) > 0.5 for lens, pose in views]
+        seen = [visible_share(lens, pose, arrangement, middle, ()) > 0.5 for lens, pose in views]
         return Truth(stamp_s, state.position, state.velocity, self._radius_m, left, right, seen[0], seen[1])
 
     def _poses(self, state: SceneState) -> tuple[Array, Array]:
         joints = dict(zip(self._names, state.q_rad.tolist(), strict=True))
         return T_STAGE_ROOT @ head_pose(joints, "left"), T_STAGE_ROOT @ head_pose(joints, "right")
 
-    def _world(self, state: SceneState) -> World:
+    def _arrangement(self, state: SceneState) -> Arrangement:
         """The stimulus first, then the props that are placed."""
         if len(state.props) > len(self._props):
             raise ValueError(f"the scene's state places {len(state.props)} props; there are {len(self._props)}")
@@ -150,7 +152,7 @@ class IndependentEyes:
             if place is not None:
                 things.append(prop(place))
         balls = tuple(one for one in things if isinstance(one, Ball))
-        return World(balls, tuple(one for one in things if isinstance(one, Panel)))
+        return Arrangement(balls, tuple(one for one in things if isinstance(one, Panel)))
 
 
 def _lens(camera: Camera) -> Lens:

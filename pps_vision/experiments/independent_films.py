@@ -13,17 +13,20 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from pps_vision.experiments.baselines.image_trackers import BoxPx
 from pps_vision.experiments.independent_scenes import (
     EDGE_SAMPLES,
+    Arrangement,
     Ball,
     Caster,
     Color,
+    Cylinder,
     Lens,
     Panel,
     Pattern,
     Room,
     Surface,
-    World,
+    outline,
     photograph,
     visible_share,
 )
@@ -36,6 +39,9 @@ from pps_vision.types import Array, Image, StereoFrame, Truth
 Path3D = Callable[[float], tuple[Array, Array]]  # time → position (3,) m and velocity (3,) m/s
 SEEN_SHARE = 0.5  # of its image an eye must see to be said to see the object
 CARDBOARD: Color = (140.0, 107.0, 71.0)
+FINGER: Color = (150.0, 150.0, 150.0)
+FINGER_M = (0.008, 0.4)  # radius and length of what holds an object
+_FINGER_AXIS = np.array([0.1, 1.0, -0.35]) / np.linalg.norm([0.1, 1.0, -0.35])  # from the object, down and nearer
 
 # The iCub's head, standard Denavit–Hartenberg: joint, A (m), D (m), α (deg), offset (deg); the sign of the eye's D is
 # minus for the left eye, plus for the right (iKin).
@@ -109,6 +115,8 @@ class IndependentScene:
     """A second ball, 15 cm farther away, that moves against the first: none, of the same colour, blue."""
     hidden_s: float = 0.0
     """A board amid the view hides what passes it at `speed_m_s` for so long; 0: no board."""
+    finger: bool = False
+    """A grey finger from beyond the image's lower edge holds the object and moves with it."""
     # motion
     motion: Literal["straight", "stop_and_go", "reversal", "circle", "still"] = "circle"
     """Straight across the view; 1.5 s on a circle, 2 s at rest, and on; to and fro with instant reversal; around an
@@ -201,7 +209,7 @@ class Film:
     @cached_property
     def rig(self) -> StereoRig:
         """The cameras, and their poses by the frame's joints, as far as they are known."""
-        left, right = (_camera(lens) for lens in self._eyes)
+        left, right = (camera_of(lens) for lens in self._eyes)
         if self.scene.rig == "head":
             return icub_rig(load_icub(), left, right)
         T_left_right = np.eye(4)
@@ -262,10 +270,14 @@ class Film:
         return poses[0], poses[1]
 
     @cached_property
+    def _background_mean(self) -> Array:
+        return np.asarray(photograph(self.data, self.scene.background, self.scene.width).mean(axis=(0, 1)))
+
+    @cached_property
     def _surface(self) -> Surface:
         color = self.scene.color
         if isinstance(color, str):
-            r, g, b = photograph(self.data, self.scene.background, self.scene.width).mean(axis=(0, 1)).tolist()
+            r, g, b = self._background_mean.tolist()
             color = (r / 0.75, g / 0.75, b / 0.75)  # three quarters of a ball's paint is what its shading leaves
         return Surface(color, self.scene.pattern, self.scene.color2, 3, self.scene.texture)
 
@@ -280,31 +292,41 @@ class Film:
         middle = np.array([0.0, 0.0, nearer * self.scene.distance_m])
         return (Panel(middle, np.array([half, 0, 0]), np.array([0, 0.5, 0]), Surface(CARDBOARD)),)
 
-    def world(self, t_s: float) -> World:
+    def arrangement(self, t_s: float) -> Arrangement:
         """What moves, at a moment; the object comes first."""
         scene, p = self.scene, self._path(t_s)[0]
         if scene.shape == "square":
             turn = _rotation(np.array([*self._tilt, scene.spin_rad_s * t_s])) * scene.radius_m
-            return World((), (Panel(p, turn[:, 0], turn[:, 1], self._surface),))
+            return Arrangement((), (Panel(p, turn[:, 0], turn[:, 1], self._surface),))
         R = _rotation(self._turn_axis * scene.spin_rad_s * t_s)
         balls = [Ball(p, scene.radius_m, self._surface, R)]
         if scene.second != "none":
             middle = np.array([0, 0, scene.distance_m])
             surface = self._surface if scene.second == "same" else replace(self._surface, color=(30.0, 60.0, 205.0))
             balls.append(Ball(2 * middle - p + np.array([0, 0, 0.15]), scene.radius_m, surface, R))
-        return World(tuple(balls))
+        return Arrangement(tuple(balls), cylinders=self._finger(p))
+
+    def _finger(self, p: Array) -> tuple[Cylinder, ...]:
+        """What holds the object at `p` (3,): it begins within it."""
+        if not self.scene.finger:
+            return ()
+        radius_m, length_m = FINGER_M
+        begin, half = 0.8 * self.scene.radius_m, 0.5 * length_m * _FINGER_AXIS
+        return (Cylinder(p + begin * _FINGER_AXIS + half, half, radius_m, Surface(FINGER)),)
 
     @cached_property
     def _truths_and_shares(self) -> tuple[tuple[tuple[Truth, ...], Array], ...]:
-        """Of each thing that moves, the object first."""
-        found: list[tuple[list[Truth], list[list[float]]]] = [([], []) for _ in self.world(0.0).things]
+        """Of each ball or square that moves, the object first."""
+        objects = 1 if self.scene.second == "none" else 2
+        found: list[tuple[list[Truth], list[list[float]]]] = [([], []) for _ in range(objects)]
         R, o = self.T_root_stage[:3, :3], self.T_root_stage[:3, 3]
         for t in self.stamps_s.tolist():
-            v, world = self._path(t)[1], self.world(t)
+            v, arrangement = self._path(t)[1], self.arrangement(t)
             views = list(zip(self._eyes, self.eye_poses(t), strict=True))
-            for (rows, shares), one, sign in zip(found, world.things, _SIGNS, strict=False):
+            things: tuple[Ball | Panel, ...] = (*arrangement.balls, *arrangement.panels)
+            for (rows, shares), one, sign in zip(found, things, _SIGNS, strict=False):
                 p = one.center
-                share = [visible_share(lens, pose, world, one, self._still) for lens, pose in views]
+                share = [visible_share(lens, pose, arrangement, one, self._still) for lens, pose in views]
                 pixels = [lens.project(pose, p)[0] for lens, pose in views]
                 seen = [value >= SEEN_SHARE for value in share]
                 velocity, radius_m = sign * (R @ v), self.scene.radius_m
@@ -314,14 +336,28 @@ class Film:
 
     @property
     def truths(self) -> tuple[tuple[Truth, ...], ...]:
-        """Of each thing that moves, the object first: (n) in the tracker's root frame; an eye that sees at least half
-        of a thing sees it."""
+        """Of each ball or square that moves, the object first: (n) in the tracker's root frame; an eye that sees at
+        least half of it sees it."""
         return tuple(truth for truth, _ in self._truths_and_shares)
 
     @property
     def truth(self) -> tuple[Truth, ...]:
         """The same of the object."""
         return self.truths[0]
+
+    @cached_property
+    def first_boxes(self) -> tuple[int, tuple[BoxPx, BoxPx]]:
+        """The first frame of which both eyes see the whole object (else most), and its true boxes: what baselines are
+        told."""
+        seen = self.share.min(axis=1)
+        k = int(np.argmax(seen >= min(0.99, float(seen.max()))))
+        t = float(self.stamps_s[k])
+        one, boxes = self.arrangement(t).things[0], []
+        for lens, pose in zip(self._eyes, self.eye_poses(t), strict=True):
+            rim = lens.project(pose, outline(one, pose[:3, 3])) + 0.5  # pixel centres are whole numbers
+            low, high = rim.min(axis=0).clip(0), rim.max(axis=0).clip(None, (lens.width, lens.height))
+            boxes.append((float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])))
+        return k, (boxes[0], boxes[1])
 
     @property
     def share(self) -> Array:
@@ -347,10 +383,13 @@ class Film:
         n = EDGE_SAMPLES**2 if self.scene.shutter_s > 0 else 1
         instants = t + self.scene.shutter_s * ((np.arange(n) + 0.5) / n - 0.5)
         poses = [self.eye_poses(one)[eye] for one in instants]
-        light = caster.light(poses, [self.world(one) for one in instants], self._still)
-        gain = 1 + self.scene.gain_drift * np.sin(2 * np.pi * 0.2 * t - eye * np.pi / 2)
-        gain *= 1 + self.scene.flicker * np.sin(2 * np.pi * 100.0 * 1.0013 * t)
-        return self.scene.sensor.expose(light, float(gain), rng, tape)
+        light = caster.light(poses, [self.arrangement(one) for one in instants], self._still)
+        return self.scene.sensor.expose(light, self.gain(eye, t), rng, tape)
+
+    def gain(self, eye: int, t_s: float) -> float:
+        """Factor of an eye's (0 left, 1 right) levels: drift of the gain, and the light's flicker."""
+        drift = 1 + self.scene.gain_drift * np.sin(2 * np.pi * 0.2 * t_s - eye * np.pi / 2)
+        return float(drift * (1 + self.scene.flicker * np.sin(2 * np.pi * 100.0 * 1.0013 * t_s)))
 
 
 _SIGNS = (1, -1)  # of the object's and the second ball's velocity
@@ -365,7 +404,8 @@ def robot_joints() -> tuple[str, ...]:
     return tuple(load_icub().joint_names)
 
 
-def _camera(lens: Lens) -> Camera:
+def camera_of(lens: Lens) -> Camera:
+    """The project's camera of the same numbers."""
     (fx, _, cx), (_, fy, cy), _ = lens.K.tolist()
     k1, k2, p1, p2, k3 = lens.distortion.tolist()
     return Camera(lens.width, lens.height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))

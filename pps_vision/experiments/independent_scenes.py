@@ -1,11 +1,11 @@
-"""Independent scene source: the light of painted balls and panels in a room of photographs, by ray casting.
+"""Independent scene source: the light of painted balls, panels and cylinders in a room of photographs, by ray casting.
 
 Shares no code with `rendering`.  The lens is OpenCV's (`cv2.undistortPointsIter`, `cv2.projectPoints`).  Everything is
 in the stage frame: x to the right, y down, z ahead, metres, origin midway between the eyes at rest.  Levels are grey
 levels of 255, proportional to light.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pps_vision.experiments.raycast import FAST, ball_row, first_hit, first_hits, on_panel, panel_row
+from pps_vision.experiments.raycast import FAST, ball_row, cylinder_row, first_hit, first_hits, on_panel, panel_row
 from pps_vision.jit import njit
 from pps_vision.types import Array, Image
 
@@ -71,16 +71,30 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class World:
+class Cylinder:
+    """A cylinder with flat ends; `half` (3,) leads from `center` to the middle of one of them."""
+
+    center: Array
+    half: Array
+    radius_m: float
+    surface: Surface
+
+
+Thing = Ball | Panel | Cylinder
+
+
+@dataclass(frozen=True)
+class Arrangement:
     """What is where at one instant; `panels` that never move may be drawn once."""
 
     balls: tuple[Ball, ...] = ()
     panels: tuple[Panel, ...] = ()
+    cylinders: tuple[Cylinder, ...] = ()
 
     @property
-    def things(self) -> tuple[Ball | Panel, ...]:
+    def things(self) -> tuple[Thing, ...]:
         """All of them, the balls first."""
-        return (*self.balls, *self.panels)
+        return (*self.balls, *self.panels, *self.cylinders)
 
 
 @dataclass(frozen=True)
@@ -159,17 +173,21 @@ class Caster:
         self._room = np.array([-sides[0], -sides[1], -room.ahead_m, sides[0], sides[1], room.ahead_m, texel_m])
         self._still: tuple[Array, tuple[Panel, ...], NDArray[np.float32]] | None = None
 
-    def light(self, poses: list[Array], worlds: list[World], still: tuple[Panel, ...] = ()) -> NDArray[np.float32]:
+    def light(
+        self, poses: list[Array], arrangements: list[Arrangement], still: tuple[Panel, ...] = ()
+    ) -> NDArray[np.float32]:
         """(h, w, 3) mean light over the instants of an exposure: 1, or 16 in the order of time.
 
-        `poses` are T_stage_camera (4, 4) and `worlds` what moves, one an instant; `still` never moves.
+        `poses` are T_stage_camera (4, 4) and `arrangements` what moves, one an instant; `still` never moves.
         """
-        if len(poses) not in (1, EDGE_SAMPLES**2) or len(worlds) != len(poses):
-            raise ValueError(f"{len(poses)} poses, {len(worlds)} worlds; expected 1 or {EDGE_SAMPLES**2} of both")
+        if len(poses) not in (1, EDGE_SAMPLES**2) or len(arrangements) != len(poses):
+            raise ValueError(
+                f"{len(poses)} poses, {len(arrangements)} arrangements; expected 1 or {EDGE_SAMPLES**2} of both"
+            )
         image = self._background(poses, still)
-        everything = [World(world.balls, (*world.panels, *still)) for world in worlds]
+        everything = [replace(arrangement, panels=(*arrangement.panels, *still)) for arrangement in arrangements]
         order = _ORDER if len(poses) > 1 else np.zeros_like(_ORDER)
-        for region in self._regions(poses, worlds):
+        for region in self._regions(poses, arrangements):
             self._cast(poses, everything, order, region, image)
         return image
 
@@ -183,20 +201,20 @@ class Caster:
         else:
             finer = 3
         image = np.empty((h, w, 3), np.float32)
-        world = World((), still)
+        arrangement = Arrangement((), still)
         if moves:
             some = [poses[k] for k in (1, 5, 10, 14)]
-            self._cast(some, [world] * 4, _ORDER_COARSE, (0, 0, w, h), image)
+            self._cast(some, [arrangement] * 4, _ORDER_COARSE, (0, 0, w, h), image)
         else:
-            self._cast(poses[:1], [world], np.zeros((finer, finer), np.int64), (0, 0, w, h), image)
+            self._cast(poses[:1], [arrangement], np.zeros((finer, finer), np.int64), (0, 0, w, h), image)
             self._still = poses[0], still, image.copy()
         return image
 
-    def _regions(self, poses: list[Array], worlds: list[World]) -> list[tuple[int, int, int, int]]:
+    def _regions(self, poses: list[Array], arrangements: list[Arrangement]) -> list[tuple[int, int, int, int]]:
         """x0, y0, x1, y1 of the pixels that may see each of the things that move."""
         w, h = self.lens.width, self.lens.height
         regions = []
-        for begin, end in zip(worlds[0].things, worlds[-1].things, strict=True):
+        for begin, end in zip(arrangements[0].things, arrangements[-1].things, strict=True):
             ends = ((poses[0], begin), (poses[-1], end))
             pixels = np.concatenate([self.lens.project(pose, outline(one, pose[:3, 3])) for pose, one in ends])
             if np.isnan(pixels).all():
@@ -213,32 +231,36 @@ class Caster:
     def _cast(
         self,
         poses: list[Array],
-        worlds: list[World],
+        arrangements: list[Arrangement],
         order: NDArray[np.int64],
         region: tuple[int, int, int, int],
         image: NDArray[np.float32],
     ) -> None:
-        painted = [one for one in worlds[0].things if one.surface.pattern == "textured"]
+        painted = [one for one in arrangements[0].things if one.surface.pattern == "textured"]
         textures = [self._walls, *(self._texture(one, poses[0][:3, 3]) for one in painted)]
         flat = np.concatenate([t.reshape(-1, 3) for t in textures])
         sizes = np.array([t.shape[:2] for t in textures])
         places = np.array([np.concatenate([p[:3, :3].ravel(), p[:3, 3]]) for p in poses])
-        balls, panels = _packed(worlds)
-        _cast(self.lens.rays, places, balls, panels, self._room, flat, sizes, np.array(region), order, LIGHT, image)
+        solids = _packed(arrangements)
+        _cast(self.lens.rays, places, *solids, self._room, flat, sizes, np.array(region), order, LIGHT, image)
 
-    def _texture(self, one: Ball | Panel, eye: Array) -> NDArray[np.float32]:
+    def _texture(self, one: Thing, eye: Array) -> NDArray[np.float32]:
         """As wide as the object's circumference or width is in the image where it is seen first."""
         if one.surface.photo not in self._widths:
-            size_m = 2 * np.pi * one.radius_m if isinstance(one, Ball) else 2 * float(np.linalg.norm(one.right))
+            size_m = 2 * float(np.linalg.norm(one.right)) if isinstance(one, Panel) else 2 * np.pi * one.radius_m
             width_px = size_m * self._focal / max(float(np.linalg.norm(one.center - eye)), 0.1)
             self._widths[one.surface.photo] = max(8, round(width_px))
         return photograph(self._data, one.surface.photo, self._widths[one.surface.photo])
 
 
-def outline(one: Ball | Panel, eye: Array) -> Array:
-    """(n, 3) points whose image encloses that of a ball or panel: the rim seen from `eye`, or the corners."""
+def outline(one: Thing, eye: Array) -> Array:
+    """(n, 3) points whose image encloses that of a thing: a ball's rim seen from `eye`, or corners around it."""
     if isinstance(one, Panel):
         return one.center + np.array([a * one.right + b * one.down for a in (-1, 1) for b in (-1, 1)])
+    if isinstance(one, Cylinder):
+        across = one.radius_m * np.linalg.svd(one.half[None])[2][1:]
+        corners = [one.half * c + a * across[0] + b * across[1] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]
+        return np.asarray(one.center + corners)
     away = one.center - eye
     distance = float(np.linalg.norm(away))
     if distance <= one.radius_m:
@@ -253,7 +275,7 @@ def outline(one: Ball | Panel, eye: Array) -> Array:
 
 
 def visible_share(
-    lens: Lens, T_stage_camera: Array, world: World, one: Ball | Panel, still: tuple[Panel, ...]
+    lens: Lens, T_stage_camera: Array, arrangement: Arrangement, one: Ball | Panel, still: tuple[Panel, ...]
 ) -> float:
     """Share of the object's image that lies in the picture with nothing before it."""
     eye = T_stage_camera[:3, 3]
@@ -271,27 +293,34 @@ def visible_share(
         points = one.center + s.reshape(-1, 1) * one.right + t.reshape(-1, 1) * one.down
     pixels = lens.project(T_stage_camera, points)
     inside = np.all((pixels > -0.5) & (pixels < np.array([lens.width, lens.height]) - 0.5), axis=1)
-    others = World(tuple(b for b in world.balls if b is not one), (*(p for p in world.panels if p is not one), *still))
-    balls, panels = _packed([others])
-    distance, _ = first_hits(eye, points - eye, balls[0], panels[0])
+    balls = tuple(ball for ball in arrangement.balls if ball is not one)
+    panels = (*(panel for panel in arrangement.panels if panel is not one), *still)
+    others = _packed([Arrangement(balls, panels, arrangement.cylinders)])
+    distance, _ = first_hits(eye, points - eye, *(rows[0] for rows in others))
     return float(np.mean(inside & (distance >= 1)))
 
 
-def _packed(worlds: list[World]) -> tuple[Array, Array]:
-    """Balls (k, n, 22) and panels (k, m, 21): rows of `raycast`, then paint; textured ones have the textures after the
-    walls'."""
-    balls = np.zeros((len(worlds), len(worlds[0].balls), 22))
-    panels = np.zeros((len(worlds), len(worlds[0].panels), 21))
-    for k, world in enumerate(worlds):
+def _packed(arrangements: list[Arrangement]) -> tuple[Array, Array, Array]:
+    """Balls (k, n, 22), panels (k, m, 21) and cylinders (k, l, 17): rows of `raycast`, then paint; textured ones have
+    the textures after the walls'."""
+    balls = np.zeros((len(arrangements), len(arrangements[0].balls), 22))
+    panels = np.zeros((len(arrangements), len(arrangements[0].panels), 21))
+    cylinders = np.zeros((len(arrangements), len(arrangements[0].cylinders), 17))
+    for k, arrangement in enumerate(arrangements):
         texture = 0
-        for row, ball in zip(balls[k], world.balls, strict=True):
+        for row, ball in zip(balls[k], arrangement.balls, strict=True):
             texture += ball.surface.pattern == "textured"
             row[:4], row[4:13] = ball_row(ball.center, ball.radius_m), _paint(ball.surface, texture)
             row[13:22] = ball.R_stage_body.T.ravel()
-        for row, panel in zip(panels[k], world.panels, strict=True):
+        for row, panel in zip(panels[k], arrangement.panels, strict=True):
             texture += panel.surface.pattern == "textured"
             row[:12], row[12:21] = panel_row(panel.center, panel.right, panel.down), _paint(panel.surface, texture)
-    return balls, panels
+        for row, one in zip(cylinders[k], arrangement.cylinders, strict=True):
+            texture += one.surface.pattern == "textured"
+            half_m = float(np.linalg.norm(one.half))
+            row[:8] = cylinder_row(one.center, one.half / half_m, one.radius_m, 2 * half_m)
+            row[8:17] = _paint(one.surface, texture)
+    return balls, panels, cylinders
 
 
 def _paint(surface: Surface, texture: int) -> list[float]:
@@ -318,9 +347,9 @@ def _texel(flat, start, h, w, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def _cast(rays, poses, balls, panels, room, flat, sizes, region, order, lamp, image):  # type: ignore[no-untyped-def]
+def _cast(rays, poses, balls, panels, cylinders, room, flat, sizes, region, order, lamp, image):  # type: ignore[no-untyped-def]
     """Mean colour of a region's pixels over their samples."""
-    side, no_cylinders = order.shape[0], np.empty((0, 8))
+    side = order.shape[0]
     share = 1 / (side * side)
     for y in range(region[1], region[3]):
         for x in range(region[0], region[2]):
@@ -342,14 +371,17 @@ def _cast(rays, poses, balls, panels, room, flat, sizes, region, order, lamp, im
                     dx = poses[k, 0] * a + poses[k, 1] * b + poses[k, 2]
                     dy = poses[k, 3] * a + poses[k, 4] * b + poses[k, 5]
                     dz = poses[k, 6] * a + poses[k, 7] * b + poses[k, 8]
-                    t, which = first_hit(ox, oy, oz, dx, dy, dz, balls[k], panels[k], no_cylinders)
+                    t, which = first_hit(ox, oy, oz, dx, dy, dz, balls[k], panels[k], cylinders[k])
                     if which < 0:
                         color = _wall(ox, oy, oz, dx, dy, dz, room, flat, sizes[0, 0], sizes[0, 1])
                     elif which < balls.shape[1]:
                         color = _ball_color(balls, k, which, ox + t * dx, oy + t * dy, oz + t * dz, flat, sizes, lamp)
-                    else:
+                    elif which < balls.shape[1] + panels.shape[1]:
                         n = which - balls.shape[1]
                         color = _panel_color(panels, k, n, ox + t * dx, oy + t * dy, oz + t * dz, flat, sizes, lamp)
+                    else:
+                        n, a, b, c = which - balls.shape[1] - panels.shape[1], ox + t * dx, oy + t * dy, oz + t * dz
+                        color = _cylinder_color(cylinders, k, n, a, b, c, flat, sizes, lamp)
                     red, green, blue = red + color[0], green + color[1], blue + color[2]
             image[y, x, 0], image[y, x, 1], image[y, x, 2] = share * red, share * green, share * blue
 
@@ -391,6 +423,21 @@ def _panel_color(panels, k, n, x, y, z, flat, sizes, lamp):  # type: ignore[no-u
     u, v = on_panel(panels[k], n, x, y, z)
     shade = AMBIENT + (1 - AMBIENT) * along
     return _painted(panels, k, n, 12, 0.5 * (u + 1), 0.5 * (v + 1), 1.0, shade, flat, sizes)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def _cylinder_color(cylinders, k, n, x, y, z, flat, sizes, lamp):  # type: ignore[no-untyped-def]
+    """The same of a cylinder; u goes along its axis, v around it."""
+    ax, ay, az, half = cylinders[k, n, 3], cylinders[k, n, 4], cylinders[k, n, 5], cylinders[k, n, 7]
+    x, y, z = x - cylinders[k, n, 0], y - cylinders[k, n, 1], z - cylinders[k, n, 2]
+    along = x * ax + y * ay + z * az
+    nx, ny, nz = x - along * ax, y - along * ay, z - along * az
+    if abs(along) > half * (1 - 1e-9):
+        nx, ny, nz = along * ax, along * ay, along * az
+    lit = (nx * lamp[0] + ny * lamp[1] + nz * lamp[2]) / np.sqrt(nx * nx + ny * ny + nz * nz)
+    shade = AMBIENT + (1 - AMBIENT) * max(lit, 0.0)
+    v = 0.5 * (np.arctan2(nx, nz) / np.pi + 1)
+    return _painted(cylinders, k, n, 8, 0.5 * (along / half + 1), v, 1.0, shade, flat, sizes)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")

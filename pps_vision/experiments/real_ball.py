@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from pps_vision.experiments.scenarios import Recording
+from pps_vision.experiments.scenarios import Footage
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.formats.stereo_images import open_stereo_images
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
@@ -36,7 +36,7 @@ def ball_px(numbers: ArrayLike) -> Array:
     return np.asarray(CubicSpline(list(SEEN), np.array(list(SEEN.values())))(numbers))
 
 
-def baseball(folder: Path) -> Recording:
+def baseball(folder: Path) -> Footage:
     """The recording; as truth the pixels that were read, triangulated by OpenCV with the calibration that is there.
 
     The calibration does not fit the pictures, so this truth shares its error with every tracker: it tells how much one
@@ -58,4 +58,4 @@ def baseball(folder: Path) -> Recording:
     position = (homogeneous[:3] / homogeneous[3]).T
     seen = (numbers >= min(SEEN)) & (numbers <= max(SEEN))
     velocity = np.gradient(position, 1 / _FPS, axis=0)
-    return Recording(frames, position, velocity, seen, ((None, None),) * len(frames), _RADIUS_M, rig, own_body=None)
+    return Footage(frames, position, velocity, seen, ((None, None),) * len(frames), _RADIUS_M, rig, own_body=None)

@@ -50,7 +50,7 @@ _SWAY_RAD, _SWAY_HZ = np.deg2rad([4.0, 2.5]), np.array([0.31, 0.23])
 
 
 @dataclass(frozen=True)
-class Recording:
+class Footage:
     """Stereo frames of one object with their truth; arrays have one row a frame, in the root frame."""
 
     frames: tuple[StereoFrame, ...]
@@ -123,7 +123,7 @@ class Recording:
         return judged if self.asked is None else judged & self.asked
 
 
-def tracker_params(recording: Recording, mode: str | None = None) -> TrackerParams:
+def tracker_params(recording: Footage, mode: str | None = None) -> TrackerParams:
     """Return the tracker's defaults in the mode for the recording's object, or in the given mode."""
     if (mode or {"ball": "generic"}.get(recording.stimulus, "marker")) == "generic":
         return TrackerParams()
@@ -138,7 +138,7 @@ def film(
     seed: int = 0,
     rng: np.random.Generator | None = None,
     props: tuple[tuple[Part, ...], ...] = (),
-) -> Recording:
+) -> Footage:
     """Draw a robot's views of stamps and states.
 
     The seed chooses the photograph behind independent scenes, and drives the sensor unless `rng` does.
@@ -156,7 +156,7 @@ def film(
         views = rig.view_of(frame)
         left = sphere_box(views.left, row.position, row.radius_m) if row.visible_left else None
         boxes.append((left, sphere_box(views.right, row.position, row.radius_m) if row.visible_right else None))
-    return Recording(
+    return Footage(
         tuple(frames),
         np.array([row.position for row in truth]),
         np.array([row.velocity for row in truth]),
@@ -169,7 +169,7 @@ def film(
     )
 
 
-def rendered(what: RenderParams, source: SceneSource = "rendered") -> Recording:
+def rendered(what: RenderParams, source: SceneSource = "rendered") -> Footage:
     """Return what `pps-vision render` would write (its folder is not used), or the same states by ray casting."""
     rng = np.random.default_rng(what.seed)
     states = list(scene(what, icub_setup(), rng))
@@ -185,12 +185,12 @@ def moving(
     source: SceneSource = "rendered",
     noise: float = NOISE_SIGMA,
     **also: Any,
-) -> Recording:
+) -> Footage:
     """Return a recording of one of `pps-vision render`'s motions."""
     return rendered(RenderParams(stimulus, motion, Path(), seconds=seconds, noise=noise, seed=seed, **also), source)
 
 
-def of_kind(kind: str, source: SceneSource, seconds: float, seed: int) -> Recording:
+def of_kind(kind: str, source: SceneSource, seconds: float, seed: int) -> Footage:
     """Return a recording of one of `KINDS`; `seconds` are the length of what does not end on the skin."""
     return moving(**{"seconds": seconds, **KINDS[kind]}, seed=seed, source=source)
 
@@ -245,10 +245,10 @@ def turning(robot: Robot, rng: np.random.Generator, point: Array, speed_rad_s: f
     return pose
 
 
-def from_film(independent: Any) -> Recording:
+def from_film(independent: Any) -> Footage:
     """Return a film of the independent scene source, which shows no robot."""
     frames, truth = tuple(independent), independent.truth
-    return Recording(
+    return Footage(
         frames,
         np.array([row.position for row in truth]),
         np.array([row.velocity for row in truth]),

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, stereo_pipeline
-from pps_vision.experiments.scenarios import EYES_M, Recording, tracker_params
+from pps_vision.experiments.scenarios import EYES_M, Footage, tracker_params
 from pps_vision.experiments.study import Method, Metric, Values, mean, percent, rms
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.types import Array, Track3D
@@ -24,7 +24,7 @@ METRICS = {
 }
 
 
-def steps_of(recording: Recording, seed: int, mode: str | None = None) -> tuple[list[TrackerStep], list[float]]:
+def steps_of(recording: Footage, seed: int, mode: str | None = None) -> tuple[list[TrackerStep], list[float]]:
     """Return our tracker's steps on all frames, nothing given, and their processor times (ms)."""
     rng = np.random.default_rng(seed)
     tracker = Tracker(tracker_params(recording, mode), recording.rig, rng, own_body=recording.own_body)
@@ -34,14 +34,14 @@ def steps_of(recording: Recording, seed: int, mode: str | None = None) -> tuple[
 def tracker(mode: str | None = None, settle_s: float = SETTLE_S) -> Method:
     """Our tracker as a study's method, in the mode for the recording's object or in the given one."""
 
-    def run(recording: Recording, seed: int) -> Values:
+    def run(recording: Footage, seed: int) -> Values:
         steps, ms = steps_of(recording, seed, mode)
         return judge(recording, [step.track for step in steps], settle_s) | {"ms": ms}
 
     return run
 
 
-def baseline_tracks(recording: Recording, name: StereoPipelineName) -> tuple[list[Track3D], list[float]]:
+def baseline_tracks(recording: Footage, name: StereoPipelineName) -> tuple[list[Track3D], list[float]]:
     """Return a baseline's tracks on all frames, the true boxes given in the first that shows the object, and ms."""
     first, boxes = recording.first_boxes
     pipeline = FilteredPipeline(stereo_pipeline(name, recording.rig), recording.rig)
@@ -54,14 +54,14 @@ def baseline_tracks(recording: Recording, name: StereoPipelineName) -> tuple[lis
 def baseline(name: StereoPipelineName, settle_s: float = SETTLE_S) -> Method:
     """A baseline's pipeline as a study's method."""
 
-    def run(recording: Recording, seed: int) -> Values:
+    def run(recording: Footage, seed: int) -> Values:
         tracks, ms = baseline_tracks(recording, name)
         return judge(recording, tracks, settle_s) | {"ms": ms}
 
     return run
 
 
-def judge(recording: Recording, tracks: Sequence[Track3D], settle_s: float = SETTLE_S) -> dict[str, Array]:
+def judge(recording: Footage, tracks: Sequence[Track3D], settle_s: float = SETTLE_S) -> dict[str, Array]:
     """Return the values that `METRICS` summarizes.
 
     Over the frames that count: whether the track is near the object (within a sixth of its distance from the eyes),

@@ -1,9 +1,9 @@
 """A small sound input for every reader, and what reading it means: what `fuzz_readers` mutates."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Literal, cast
 
 import av
 import cv2
@@ -19,6 +19,7 @@ from pps_vision.app.convert_taxels import from_maps
 from pps_vision.app.evaluate import evaluate, read_path
 from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
 from pps_vision.errors import InputError
+from pps_vision.experiments.bags import BagWriter
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.recordings.image_file import ImageFile, decode
 from pps_vision.recordings.open import open_recording
@@ -327,70 +328,27 @@ def _video(suffix: str, codec: str) -> Reader:
     return Reader(write, lambda folder: [frame.load() for frame in open_video(next(folder.iterdir()), None)])
 
 
-def _bag(kind: str) -> Reader:
-    """A bag of this kind with two topics of images, raw and compressed, their calibration and joints."""
+def _bag(storage: Literal["ros1", "sqlite3", "mcap"]) -> Reader:
+    """A bag with two topics of images, raw and compressed, their calibration and joints."""
+    name = "bag.bag" if storage == "ros1" else "bag"
 
     def write(folder: Path) -> list[Path]:
-        from rosbags import rosbag1, rosbag2
-        from rosbags.typesys import Stores, get_typestore
-
-        is_1, setup = kind == "bag", icub_setup()
-        store = get_typestore(Stores.ROS1_NOETIC if is_1 else Stores.ROS2_JAZZY)
-        plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
-        path = folder / ("bag.bag" if is_1 else "bag")
-        writer: Any = rosbag1.Writer(path) if is_1 else rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        robot = icub_setup().robot
         P = np.array([[30.0, 0, 11.5, 0], [0, 30, 7.5, 0], [0, 0, 1, 0]])
         pixels = np.random.default_rng(0).integers(0, 256, (16, 24, 3), dtype=np.uint8)
-        png = cv2.imencode(".png", pixels)[1].ravel()
-
-        def message(kind: str, /, **content: Any) -> Any:
-            return store.types[kind](**content)
-
-        def header(stamp_s: float) -> Any:
-            whole = int(stamp_s)
-            stamp = message("builtin_interfaces/msg/Time", sec=whole, nanosec=int(1e9 * (stamp_s - whole)))
-            return message("std_msgs/msg/Header", stamp=stamp, frame_id="", **({"seq": 0} if is_1 else {}))
-
-        def messages() -> Iterator[tuple[str, Any, float]]:
-            for side in ("left", "right"):
-                area = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
-                values = {"k": P[:, :3].ravel(), "d": np.zeros(5), "r": np.eye(3).ravel(), "p": P.ravel()}
-                values["p"] = values["p"] - (side == "right") * np.eye(12)[3] * 3.6
-                shape = {"height": 16, "width": 24, "binning_x": 0, "binning_y": 0, "distortion_model": "plumb_bob"}
-                roi = message("sensor_msgs/msg/RegionOfInterest", **area, do_rectify=False)
-                named = {key.upper() if is_1 else key: value for key, value in values.items()}
-                yield (
-                    f"/{side}/camera_info",
-                    message("sensor_msgs/msg/CameraInfo", header=header(0.0), roi=roi, **shape, **named),
-                    0.0,
-                )
-            names = list(setup.robot.joint_names)
+        with BagWriter(folder / name, storage) as bag:
+            for side, shift_px in (("left", 0.0), ("right", 3.6)):
+                bag.write(f"/{side}/camera_info", bag.camera_info(P - shift_px * np.eye(3, 4, 3), (24, 16)), 0.0)
             for k in range(4):
                 at = 10 + 0.05 * k
-                q = {"name": names, "position": np.zeros(len(names)), "velocity": np.zeros(0), "effort": np.zeros(0)}
-                yield "/joint_states", message("sensor_msgs/msg/JointState", header=header(at), **q), at
-                raw = {"height": 16, "width": 24, "encoding": "bgr8", "is_bigendian": 0, "step": 72}
-                yield "/left/image", message("sensor_msgs/msg/Image", header=header(at), **raw, data=pixels.ravel()), at
-                yield (
-                    "/right/image",
-                    message("sensor_msgs/msg/CompressedImage", header=header(at), format="png", data=png),
-                    at,
-                )
-
-        with writer as bag:
-            topics: dict[str, Any] = {}
-            for topic, content, received_s in messages():
-                name = content.__msgtype__
-                if topic not in topics:
-                    topics[topic] = bag.add_connection(topic, name, typestore=store)
-                data = store.serialize_ros1(content, name) if is_1 else store.serialize_cdr(content, name)
-                bag.write(topics[topic], int(1e9 * received_s), data)
-        return [path] if is_1 else sorted(path.iterdir())
+                bag.write("/joint_states", bag.joints(robot.joint_names, np.zeros(robot.n_joints), at), at)
+                bag.write("/left/image", bag.image(pixels, "bgr8", at), at)
+                bag.write("/right/image", bag.png(pixels, at), at)
+        return [bag.path] if bag.path.is_file() else sorted(bag.path.iterdir())
 
     def read(folder: Path) -> None:
-        path = folder / ("bag.bag" if kind == "bag" else "bag")
         for robot in (None, icub_setup()):
-            for frame in (recording := open_recording(path, robot=robot)):
+            for frame in (recording := open_recording(folder / name, robot=robot)):
                 if recording.rig is not None:
                     recording.rig.view_of(frame)
 
@@ -457,7 +415,9 @@ READERS: Mapping[str, Reader] = {
     **{f"image_{suffix}": _image(suffix) for suffix in ("png", "jpg", "ppm", "bmp", "tiff", "webp")},
     "video_mp4": _video("mp4", "libx264"),
     "video_mkv": _video("mkv", "mpeg4"),
-    **{f"bag_{kind}": _bag(kind) for kind in ("bag", "mcap", "db3")},
+    "bag_bag": _bag("ros1"),
+    "bag_mcap": _bag("mcap"),
+    "bag_db3": _bag("sqlite3"),
     "euroc": Reader(_euroc, _read_frames),
     "kitti": Reader(_kitti, _read_frames),
     "robot": Reader(_robot, _read_robot),

@@ -1,6 +1,6 @@
 """From two images to one point: our triangulation beside OpenCV's and beside disparity maps, over the distance."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -11,8 +11,8 @@ import trimesh
 from matplotlib.figure import Figure
 
 from pps_vision.experiments.baselines import disparity
-from pps_vision.experiments.charts import panels, severity, speed_error
-from pps_vision.experiments.scenarios import EYES_M, Recording, film, follow, watching
+from pps_vision.experiments.charts import PAGE_IN, intervals, panels, speed_errors
+from pps_vision.experiments.scenarios import EYES_M, Footage, film, follow, watching
 from pps_vision.experiments.score import steps_of
 from pps_vision.experiments.study import (
     NOISE_SIGMA,
@@ -26,10 +26,11 @@ from pps_vision.experiments.study import (
     Values,
     compare,
     compare_severities,
+    mean,
     percent,
     rms,
 )
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.tables import Table, estimate, median_first
 from pps_vision.experiments.timing import timed_steps
 from pps_vision.geometry.camera import StereoView
 from pps_vision.geometry.triangulation import triangulate
@@ -44,7 +45,8 @@ DEPTHS_M = (0.3, 0.4, 0.6, 0.8, 1.2)
 BALL_M = 0.035
 OURS = "covariance (ours)"
 BASELINES = ("midpoint", "linear (OpenCV)", "corrected (OpenCV)", "whole BM", "whole SGBM")
-_SECONDS, _SETTLED = 1.5, 10
+BOUNDS = ("Cramér–Rao bound", "bound, eyes taken as independent")
+_SECONDS, _SETTLED, _NEAR_M, _FEWEST = 1.5, 10, 0.4, 5
 _METRICS = {"rms_mm": Metric("error_mm", rms), "found_percent": Metric("found", percent)}
 
 
@@ -68,17 +70,23 @@ class Stereo(TrackingStudy):
     """Recordings of each ball at each distance."""
 
     def run(self) -> dict[str, Any]:
-        """Return by scenes: errors and times at 0.4 m, and errors over the distance."""
+        """Return by scenes: errors and times at 0.4 m, and errors and their bounds over the distance."""
         kinds = self.scenarios(self._pairs, ("plain", "textured"))
-        near = {name: partial(make, depth_m=0.4) for name, make in kinds.items()}
+        near = {name: partial(make, depth_m=_NEAR_M) for name, make in kinds.items()}
         broken, distance = Break("found_percent", 50.0, above=False), Axis("distance (m)", DEPTHS_M)
         over = {
             name: compare_severities(make, distance, methods(), _METRICS, self.seeds, broken)
             for name, make in kinds.items()
         }
+        bounds = {
+            name: [bounds_mm([make(k, depth_m=depth) for k in self.seeds]) for depth in DEPTHS_M]
+            for name, make in kinds.items()
+            if name.startswith("rendered")  # before photographs few pairs err by pixels, far from normally
+        }
         return {
             "cells": compare(near, methods(), _METRICS, self.seeds, "midpoint", TURNS),
             "distance": over,
+            "bound": {name: {which: [at[which] for at in of] for which in BOUNDS} for name, of in bounds.items()},
         }
 
     def _pairs(self, ball: str, source: SceneSource, seed: int, depth_m: float) -> list[Pair]:
@@ -90,33 +98,69 @@ class Stereo(TrackingStudy):
         recording = film(states, stimulus, source, Sensor(noise_sigma=NOISE_SIGMA), seed)
         return list(pairs(recording, seed))
 
-    def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Time against error at 0.4 m, and error over the distance."""
+    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
+        """Time against error at 0.4 m; error over the distance beside its bound."""
         cells = numbers["cells"]
-        figure, axes = panels(2 * len(cells), len(cells))
-        for k, name in enumerate(cells):
-            speed_error(
-                axes[k], cells[name], "rms_mm", BASELINES, OURS, "time (ms per pair)", "3D RMS error, 0.4 m (mm)"
-            )
-            axes[k].set_title(f"{name} ball", fontsize=9)
-            severity(axes[len(cells) + k], numbers["distance"][name], "rms_mm", "3D RMS error (mm)")
-            axes[len(cells) + k].set_yscale("log")
-        axes[len(cells)].legend(fontsize=7)
-        return figure
+        label = "3D RMS error, 0.4 m (mm)"
+        figure, axes = panels(len(cells), 2, PAGE_IN / 2, 3.0)
+        for k, (name, axis) in enumerate(zip(cells, axes, strict=True)):
+            of, bound = numbers["distance"][name], numbers.get("bound", {}).get(name, {})
+            for method, color in ((OURS, "tab:blue"), ("whole BM", "tab:orange"), ("whole SGBM", "tab:red")):
+                value, low, high = intervals(of["methods"][method]["rms_mm"])
+                axis.plot(of["severities"], value, "o-", ms=4, color=color, label=method)
+                axis.fill_between(of["severities"], low, high, color=color, alpha=0.15, lw=0)
+            linear, _, _ = intervals(of["methods"]["linear (OpenCV)"]["rms_mm"])
+            axis.plot(of["severities"], linear, "s", ms=8, mfc="none", color="0.25", label="linear (OpenCV)")
+            for (which, values), style in zip(bound.items(), ("k--", "k:"), strict=False):
+                axis.plot(of["severities"], np.array(values, float), style, lw=1.2, label=which)
+            axis.set(yscale="log", xlabel="distance (m)", ylabel="" if k % 2 else "3D RMS error (mm)")
+            axis.set_title(f"{name} ball", fontsize=10)
+            axis.grid(alpha=0.25)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+        near = {f"{name} ball": of for name, of in cells.items()}
+        return {"": speed_errors(near, "rms_mm", label, BASELINES, OURS), "distance": figure}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return error at 0.4 m and time ratio, one row a method."""
-        cells = numbers["cells"]
+        """Return error at 0.4 m and time, one row a method, and the bounds of the error there."""
+        cells, bounds = numbers["cells"], numbers.get("bound", {})
         rows = []
         for m in next(iter(cells.values())):
-            ms = [cell[m]["ms"][1] for cell in cells.values()]
-            rows.append(
-                [m, *(estimate(cell[m]["rms_mm"]) for cell in cells.values()), estimate([float(np.median(ms))])]
-            )
-        return {"": Table(["3D RMS error at 0.4 m (mm)", *cells, "ms per pair"], rows)}
+            times = np.median([cell[m]["ms"] for cell in cells.values()], axis=0)
+            rows.append([m, *(estimate(cell[m]["rms_mm"]) for cell in cells.values()), median_first(times.tolist())])
+        k = DEPTHS_M.index(_NEAR_M)
+        measured = BOUNDS if bounds else ()  # results from before they were measured have none
+        rows += [
+            [which, *(estimate([bounds[name][which][k]] if name in bounds else [None]) for name in cells), "–"]
+            for which in measured
+        ]
+        return {"": Table(["3D RMS error at 0.4 m (mm)", *cells, "ms per pair, quartiles"], rows)}
 
 
-def pairs(recording: Recording, seed: int) -> Iterator[Pair]:
+def bounds_mm(recordings: Sequence[list[Pair]]) -> dict[str, float]:
+    """Return the Cramér–Rao bounds of the 3D RMS error of a point seen in two images, mm, by `BOUNDS`.
+
+    The four image coordinates of a recording's pairs err with the covariance C (4, 4) of its detections about the
+    images of the ball's centre, the eyes' correlation included; for normal errors no unbiased estimate from them has a
+    covariance below (Jᵀ C⁻¹ J)⁻¹, with J (4, 3) the derivative of the four by the point. The second bound leaves the
+    blocks between the eyes out of C: it is larger where both eyes err alike. A recording of fewer than five pairs does
+    not count.
+    """
+    variances: dict[str, list[float]] = {which: [] for which in BOUNDS}
+    for recording in recordings:
+        errors, jacobians = [], []
+        for pair in recording:
+            eyes = ((pair.view.left, pair.left), (pair.view.right, pair.right))
+            errors.append(np.concatenate([seen.center_px - eye.project(pair.p) for eye, seen in eyes]))
+            jacobians.append(np.vstack([eye.project_jacobian(pair.p) for eye, _ in eyes]))
+        if len(errors) >= _FEWEST:
+            cov = np.array(errors).T @ np.array(errors) / len(errors)
+            apart = np.kron(np.eye(2), np.ones((2, 2))) * cov
+            for which, one in zip(BOUNDS, (cov, apart), strict=True):
+                variances[which] += [float(np.trace(np.linalg.inv(J.T @ np.linalg.solve(one, J)))) for J in jacobians]
+    return {which: 1000 * float(np.sqrt(mean(np.array(of)))) for which, of in variances.items()}
+
+
+def pairs(recording: Footage, seed: int) -> Iterator[Pair]:
     """Yield the pairs in which the settled tracker detects the ball in both eyes."""
     steps, _ = steps_of(recording, seed)
     for k, (frame, step) in enumerate(zip(recording.frames, steps, strict=True)):

@@ -17,14 +17,15 @@ from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import gettempdir
-from time import process_time
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import binomtest
 from tqdm import tqdm
 
 from pps_vision.errors import InputError
+from pps_vision.experiments.timing import timed
 from pps_vision.recordings.outputs import whole_file, write_json
 from pps_vision.types import Array
 
@@ -54,21 +55,22 @@ _LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
 SHORT: Mapping[str, Mapping[str, Any]] = {
     "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2},
     "adversarial_control": {"steps": 200},
+    "consistency": {"cases": ("vivid, red",)},
     "constants": {"cases": ("vivid, red",), "only": "confirm_frames"},
     "encounters_sessions": {"share": 0.01},
     "encounters_tuning": {"draws": 1},
     "failures": {"only": "distance"},
     "fidelity": {"seconds": 1.0},
-    "fixation": {"axes": ()},
+    "filter": {"evaluations": 2},
+    "fixation": {"axes": ("angle",)},
     "growth": {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)},
-    "independent": {"only": "head moves"},
+    "independent": {"only": "head moves, 10 ms stale"},
     "loop": {"training_trials": 2},
     "pps_compensation": {"n_single": 1},
     "pps_double_touches": {"starts": 4},
     "pps_landscapes": {"share": 0.1},
     "pps_misaimed": {"share": 0.05},
     "pps_real_trials": {"permutations": 1},
-    "pps_representations": {"robots": 1},
     "pps_single_touch": {"n": 5},
     "pps_table5": {"share": 0.1},
     "reach_deviations": {"samples": 200},
@@ -224,9 +226,7 @@ def measure(
 
 def measure_one(run: Method, recording: Any, seed: int) -> Values:
     """Return a method's values on one recording, with "ms" of processor time if it does not measure its own."""
-    begun = process_time()
-    values = run(recording, seed)
-    ms = 1000 * (process_time() - begun)
+    values, ms = timed(partial(run, recording, seed))
     return values if "ms" in values else {**values, "ms": [ms]}
 
 
@@ -271,6 +271,14 @@ def interval(units: Sequence[ArrayLike], summary: Callable[[Array], float] = mea
         return [summary(np.concatenate(arrays)), np.nan, np.nan]
     low, high = np.nanpercentile(resampled, (2.5, 97.5))
     return [summary(np.concatenate(arrays)), float(low), float(high)]
+
+
+def percent_of(counted: int, n: int) -> list[float]:
+    """Return the percentage of n independent units that count, with Wilson's 95 % interval; NaN of none."""
+    if not n:
+        return [np.nan] * 3
+    ends = binomtest(counted, n).proportion_ci(method="wilson")
+    return [100 * float(value) for value in (counted / n, ends.low, ends.high)]
 
 
 def compare(

@@ -39,6 +39,17 @@ def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
     return texts[0] if texts[0] == "–" or len(texts) == 1 else f"{texts[0]} ({texts[1]}–{texts[2]})"
 
 
+def median_first(quartiles: Sequence[float | None], digits: int = 3) -> str:
+    """Return [first quartile, median, third quartile] as "median (first–third)"."""
+    first, middle, third = quartiles
+    return estimate([middle, first, third], digits)
+
+
+def judged(text: str, missed: bool) -> str:
+    """Return a number's text, in bold where its goal is missed."""
+    return f"**{text}**" if missed else text
+
+
 def names(text: str) -> list[str]:
     """Return the names of the tables that a document asks for."""
     return [match[2] for match in _MARKED.finditer(text)]

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.motion import TRIGGERS, BoxPx
-from pps_vision.experiments.charts import bars, panels, speed_error
+from pps_vision.experiments.charts import PAGE_IN, panels, speed_error
 from pps_vision.experiments.independent_films import Film, IndependentScene
-from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, film, from_film, turning, watching
+from pps_vision.experiments.scenarios import EYES_M, FPS, Footage, film, from_film, turning, watching
 from pps_vision.experiments.sensor_chain import SensorChain
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, TURNS, Method, Metric, SampledStudy, Values, compare, mean
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.tables import Table, estimate, median_first
 from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.robot.icub import icub_rig, load_icub
@@ -85,7 +85,7 @@ class Trigger(SampledStudy):
             cells["independent"]["nothing"][name]["alarms_per_minute"] = cell["alarms_per_minute"]
         return {"cells": cells}
 
-    def _recording(self, setting: str, name: str, seed: int) -> Recording:
+    def _recording(self, setting: str, name: str, seed: int) -> Footage:
         radius_m, px = OBJECTS[name]
         seconds = self.seconds if px == 0 else (STARTS + AFTER) / FPS
         rng = np.random.default_rng((seed, *map(ord, setting + name)))
@@ -95,19 +95,21 @@ class Trigger(SampledStudy):
         return starting(rng, seconds, radius_m, px, np.deg2rad(HEADS_DEG_S[setting]))
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """False alarms against time before photographs, and what is found within three images in each setting."""
-        figure, axes = panels(2, width=6.5)
-        cells = numbers["cells"]
-        quiet, time = cells["independent"]["nothing"], "time (ms per image)"
-        axes[0].set_yscale("symlog", linthresh=1)
-        speed_error(axes[0], quiet, "alarms_per_minute", TRIGGERS, DEFAULT, time, "false alarms a minute")
-        axes[0].set_title("head turning before photographs, nothing else moves", fontsize=9)
-        axes[0].legend(fontsize=7)
-        found = {s: [of["ball, 5 px"][m]["found_in_3_percent"] for m in quiet] for s, of in cells.items()}
-        bars(axes[1], list(quiet), found, "found within 3 images (%)")
-        axes[1].set_title("ball that starts to move at 5 px an image", fontsize=9)
-        axes[1].set_ylim(0, 116)
-        axes[1].legend(fontsize=7, loc="upper center", ncols=len(found))
+        """Time against what is missed before photographs at 5 px an image; false alarms stand beside the names."""
+        of, shown = numbers["cells"]["independent"], {}
+        for name, cell in of["nothing"].items():
+            found = [of[o][name]["found_in_3_percent"][0] for o in ("ball, 5 px", "marker, 5 px")]
+            alarms = cell["alarms_per_minute"][0]
+            told = f"{name} ({alarms:.{1 if alarms < 10 else 0}f} alarms/min)" if alarms else name
+            shown[told] = {"ms": cell["ms"], "missed_percent": 100 - float(np.mean(found))}
+        default = next(name for name in shown if name.startswith(f"{DEFAULT} ") or name == DEFAULT)
+        baselines = [told for told, name in zip(shown, of["nothing"], strict=True) if name in TRIGGERS]
+        figure, (axis,) = panels(1, width=PAGE_IN)
+        axis.set_ylim(0, 100)
+        label = "not found within 3 images (%)"
+        speed_error(axis, shown, "missed_percent", baselines, default, "time (ms per image)", label)
+        axis.set_ylim(-8, 112)
+        figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
@@ -118,14 +120,15 @@ class Trigger(SampledStudy):
             rows = []
             for method, cell in of["nothing"].items():
                 found = [estimate(of[name][method]["found_in_3_percent"][:1]) for name in list(OBJECTS)[1:]]
-                rows.append([method, estimate(cell["alarms_per_minute"]), *found, estimate(cell["ratio"], 2)])
-            tables[setting] = Table([*header, "ratio of time to DIS ultrafast"], rows)
+                times = median_first(cell["ms"]), estimate(cell["ratio"], 2)
+                rows.append([method, estimate(cell["alarms_per_minute"]), *found, *times])
+            tables[setting] = Table([*header, "ms per image, quartiles", "ratio to DIS ultrafast"], rows)
         return tables
 
 
 def starting(
     rng: np.random.Generator, seconds: float, radius_m: float, px_per_frame: float, speed_rad_s: float
-) -> Recording:
+) -> Footage:
     """Return a rendered ball at rest that at frame `STARTS` starts to cross the view; with 0 px there is none."""
     robot, place = load_icub(), _place(rng)
     pose = turning(robot, rng, place, speed_rad_s)
@@ -187,12 +190,12 @@ def ours() -> dict[str, Method]:
     return {name: partial(watch, partial(_ours, params)) for name, params in OURS.items()}
 
 
-def methods(calm: Recording) -> dict[str, Method]:
+def methods(calm: Footage) -> dict[str, Method]:
     """Return ours, and the baselines at their best levels for a setting, which `calm` shows without motion."""
     return ours() | {name: partial(watch, partial(_baseline, name, best_level(name, calm))) for name in TRIGGERS}
 
 
-def _ours(params: TriggerParams, camera: Camera, recording: Recording) -> Watcher:
+def _ours(params: TriggerParams, camera: Camera, recording: Footage) -> Watcher:
     trigger = MotionTrigger(params, camera)
 
     def look(image: Image, view: View, stamp_s: float, joints_rad: Array | None) -> list[BoxPx]:
@@ -202,12 +205,12 @@ def _ours(params: TriggerParams, camera: Camera, recording: Recording) -> Watche
     return look
 
 
-def _baseline(name: str, level: float, camera: Camera, recording: Recording) -> Watcher:
+def _baseline(name: str, level: float, camera: Camera, recording: Footage) -> Watcher:
     method = TRIGGERS[name].make(camera, level)
     return lambda image, view, _stamp_s, _joints_rad: method.step(image, view)
 
 
-def watch(make: Callable[[Camera, Recording], Watcher], recording: Recording, seed: int) -> Values:
+def watch(make: Callable[[Camera, Footage], Watcher], recording: Footage, seed: int) -> Values:
     """Return alarms frame by frame where nothing moves, delays where something starts to, and processor times."""
     moves = bool(np.any(np.linalg.norm(np.nan_to_num(recording.velocity), axis=1) > 0))
     ms, alarm, delays = [], [], []
@@ -227,7 +230,7 @@ def watch(make: Callable[[Camera, Recording], Watcher], recording: Recording, se
     return {"ms": ms, "alarm": alarm, "delay": delays}
 
 
-def best_level(name: str, calm: Recording) -> float:
+def best_level(name: str, calm: Footage) -> float:
     """Return the lowest level without a false alarm where nothing moves; the highest if there is none."""
     levels = TRIGGERS[name].levels
     short = replace(calm, frames=calm.frames[: STARTS + 40])
@@ -239,7 +242,7 @@ def best_level(name: str, calm: Recording) -> float:
     return levels[low]
 
 
-def delay(boxes: list[list[BoxPx]], recording: Recording, eye: str) -> float:
+def delay(boxes: list[list[BoxPx]], recording: Footage, eye: str) -> float:
     """Return the frames until a region meets the path that the ball has come, from the first that shows it moved."""
     views = [getattr(recording.rig.view_of(frame), eye) for frame in recording.frames]
     pixels = np.array([view.project(p) for view, p in zip(views, recording.position, strict=True)])

@@ -18,7 +18,7 @@ Pose = tuple[float, float, float, float, float, float, float, float, float, floa
 """The first three rows of `T_root_camera`."""
 Linearised = tuple[float, float, Vector, Vector]
 """A pixel u, v, and the gradients of u and v by the point (px/m)."""
-Measured = tuple[Pose, Lens, float, float, float, float, float]
+Sighting = tuple[Pose, Lens, float, float, float, float, float]
 """Pose and lens of a camera, the measured pixel u, v, and its covariance uu, uv, vv (px²)."""
 
 _ITERATIONS = 20  # of Kanatani's correction: 2 are usual, a strong lens takes more
@@ -76,7 +76,7 @@ def projected_from(pose: Pose, lens: Lens, x: float, y: float, z: float) -> Line
 
 @njit(cache=True, error_model="numpy")
 def triangulated(
-    left: Measured, right: Measured
+    left: Sighting, right: Sighting
 ) -> tuple[bool, Vector, tuple[float, float, float, float, float, float], float, float]:
     """Triangulation after Kanatani's optimal correction: the pixels are moved by the least Mahalanobis distance that
     makes their rays meet.
@@ -114,7 +114,7 @@ def triangulated(
 
 
 @njit(cache=True, error_model="numpy")
-def _undistorted(eye: Measured) -> tuple[float, float]:
+def _undistorted(eye: Sighting) -> tuple[float, float]:
     """Approximate normalised point of the pixel, by fixed-point iteration."""
     (fx, fy, cx, cy, k1, k2, p1, p2, k3, _), u, v = eye[1], eye[2], eye[3]
     u, v = (u - cx) / fx, (v - cy) / fy
@@ -131,7 +131,7 @@ def _undistorted(eye: Measured) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def _linearise(
-    eye: Measured, x: tuple[float, float], slope: Vector
+    eye: Sighting, x: tuple[float, float], slope: Vector
 ) -> tuple[float, float, tuple[float, float, float, float, float, float, float, float]]:
     """The epipolar constraint, linearised at the ray `x`, where `slope` is its gradient by the ray.
 
@@ -162,7 +162,7 @@ def _moved(
 
 
 @njit(cache=True, error_model="numpy")
-def _slopes(eye: Measured, at: tuple[float, float], depth: float) -> tuple[Vector, Vector]:
+def _slopes(eye: Sighting, at: tuple[float, float], depth: float) -> tuple[Vector, Vector]:
     """∂pixel/∂p_root (1/m) of a point at `depth` on the ray, whitened by Cholesky's factor of the pixel covariance."""
     pose, lens, _, _, uu, uv, vv = eye
     x, y = at

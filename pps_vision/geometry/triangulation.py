@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pps_vision.geometry.camera import StereoView, View
-from pps_vision.geometry.compiled import PARALLEL, Measured, triangulated
+from pps_vision.geometry.compiled import PARALLEL, Sighting, triangulated
 from pps_vision.types import Array
 
 
@@ -66,7 +66,7 @@ def triangulate(
     return Triangulation(np.array(p_root), cov_root, 0.5 * moved2_px2**0.5, chi2)
 
 
-def _measured(eye: View, pixel: ArrayLike, cov: ArrayLike, more_px2: float) -> Measured:
+def _measured(eye: View, pixel: ArrayLike, cov: ArrayLike, more_px2: float) -> Sighting:
     """The measurement of one camera, as the compiled function takes it."""
     u, v = np.asarray(pixel, dtype=float).tolist()
     (uu, uv), (_, vv) = np.asarray(cov, dtype=float).tolist()

@@ -1,7 +1,5 @@
 """The robot's own bodies as masks in its camera images."""
 
-from functools import cached_property
-
 import cv2
 import numpy as np
 
@@ -20,12 +18,9 @@ class Silhouette:
         if margin_px < 0:
             raise ValueError(f"silhouette margin {margin_px} px; expected 0 or more")
         self.robot, self.margin_px = robot, margin_px
-
-    @cached_property
-    def _bodies(self) -> list[tuple[str, Array]]:
-        """(frame, points (n, 3) in that frame) of every body."""
-        return [
-            (b.frame, _hull_points(b) @ b.T_frame_body[:3, :3].T + b.T_frame_body[:3, 3]) for b in self.robot.bodies
+        # (frame, points (n, 3) in that frame) of every body
+        self._bodies = [
+            (b.frame, _hull_points(b) @ b.T_frame_body[:3, :3].T + b.T_frame_body[:3, 3]) for b in robot.bodies
         ]
 
     def __call__(self, joints_rad: Array, view: View) -> Mask:

@@ -48,7 +48,7 @@ def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys: pytest.Capt
     (tmp_path / "b.mp4").write_bytes(b"no video")
     args = ["batch", str(tmp_path / "*.mp4"), "--calib", str(calib), "--out"]
     one, two = tmp_path / "one", tmp_path / "two"
-    fails_in_part(*args[1:], one)
+    fails_in_part(*args[1:], one, "--workers", "2")
     assert "failed: b.mp4: " in (said := capsys.readouterr().out)
     assert "2 of 3 recordings tracked" in said
     rows = table(one)
@@ -62,8 +62,9 @@ def test_a_batch(tmp_path: Path, calib: Path, fails_in_part, capsys: pytest.Capt
     main([*args, str(one)])
     assert {row["status"] for row in table(one).values()} == {"done"}
     assert (one / "a.mp4" / "summary.json").stat().st_mtime_ns == before
-    main([*args, str(two), "--workers", "2"])
-    assert results(two) == results(one)
+    main(["batch", str(tmp_path / "c.mp4"), *args[2:], str(two)])
+    whole = results(one)
+    assert results(two) == {name: whole[name] for name in whole if name.startswith("c.mp4/")} != {}
 
 
 @pytest.mark.parametrize(

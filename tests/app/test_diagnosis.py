@@ -215,8 +215,10 @@ def test_fixed_cameras(
     assert any(advice in line for line in found["advice"]), found
 
 
-def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(tmp_path: Path) -> None:
-    """1.4° before a wall far away."""
+def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """1.4° before a wall far away; that it moves is said once, when it has begun to."""
     K = np.array([[300, 0, 159.5], [0, 300, 119.5], [0, 0, 1.0]])
     middle = np.array([[1, 0, -100], [0, 1, 0], [0, 0, 1.0]])
 
@@ -229,6 +231,8 @@ def test_a_rig_that_turns_and_comes_back_has_turned_by_the_largest_angle(tmp_pat
     main(["track", *map(str, words), "--out", str(tmp_path / "out")])
     cameras = json.loads((tmp_path / "out" / "summary.json").read_text())["cameras"]
     assert cameras["rotation_deg"] == pytest.approx(1.4, abs=0.1)
+    (warning,) = [line for line in capsys.readouterr().err.splitlines() if "the cameras move" in line]
+    assert warning.startswith("warning: the cameras move although declared fixed, at 0.")
 
 
 @pytest.mark.parametrize("baseline_m", [1e300, 1e-300, 0.0])

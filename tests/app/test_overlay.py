@@ -6,6 +6,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from tracks import track_at
 
 from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash
 from pps_vision.geometry.camera import Camera, StereoRig
@@ -20,9 +21,8 @@ def test_the_cross_is_centred_on_the_projected_position(pixel: tuple[float, floa
     """Pixel u of the image covers the pixels from scale * u to scale * u + scale - 1 of the canvas."""
     camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5)
     view = StereoRig.fixed(camera, camera, np.eye(4)).view()
-    black, mean = np.zeros((100, 100, 3), np.uint8), np.zeros((4, 3))
-    mean[0] = [(pixel[0] - 49.5) / 100, (pixel[1] - 49.5) / 100, 1.0]
-    track = Track3D(0.0, mean, np.eye(12), 0.03, 1e-6, Status.TRACKING)
+    black = np.zeros((100, 100, 3), np.uint8)
+    track = track_at([(pixel[0] - 49.5) / 100, (pixel[1] - 49.5) / 100, 1.0])
     drawn = draw_pair(StereoFrame(black, black, 0.0, 0.0), view, track, scale=scale)
     light = drawn[TEXT_ROWS:, : 100 * scale].sum(axis=2, dtype=float)
     rows, columns = np.nonzero(light)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from data import SEED
+from tracks import track_at
 
 from learning.pps.memory import PPSMemory, save_memory
 from learning.reach.labels import Labels
@@ -188,12 +189,8 @@ def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> Non
     ]
 
     def row(t: float, error_m: float, status: Status) -> Track3D:
-        mean = np.zeros((4, 3))
-        mean[0], mean[1] = [t, error_m, 0], [1.0, 0, 0.1 if status == Status.TRACKING else 0.5]
-        return Track3D(t, mean, np.eye(12), 0.03, 0.0, status)
-
-    def unknown(t: float) -> Track3D:
-        return Track3D.unknown(t)
+        velocity = 1.0, 0, 0.1 if status == Status.TRACKING else 0.5
+        return track_at((t, error_m, 0), velocity, t, status=status)
 
     warm_up = [row(0.1 * k, 9.0, Status.TRACKING) for k in range(10)]
     later = [
@@ -201,7 +198,7 @@ def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> Non
         row(1.1, 0.004, Status.TRACKING),
         row(1.15, 0.012, Status.TRACKING),
         row(1.2, 0.05, Status.COASTING),
-        unknown(1.3),
+        Track3D.unknown(1.3),
         row(2.1, 9.0, Status.TRACKING),  # 0.1 s after the last row of the truth
     ]
     errors = errors_against(truth, warm_up + later)

@@ -1,10 +1,17 @@
 """The numbers of a path against a truth that is known, on made-up tracks."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from throw import CENTER_PX, FOCAL_PX, FPS, HIDDEN, thrown
+from tracks import track_at
+from videos import write_calibration
 
+from pps_vision.app.cli import main
 from pps_vision.app.track import PathNumbers, chunks, errors_against
 from pps_vision.types import Status, Track3D, Truth
 
@@ -13,9 +20,7 @@ FRAMES = 10
 
 
 def track(stamp_s: float, x_m: float, status: Status = Status.TRACKING) -> Track3D:
-    mean = np.zeros((4, 3))
-    mean[0, 0] = x_m
-    return Track3D(stamp_s, mean, np.eye(12), 0.03, 1e-6, status)
+    return track_at((x_m, 0, 0), stamp_s=stamp_s, status=status)
 
 
 def truth(stamp_s: float, x_m: float = 0.0, speed_m_s: float = 0.0) -> Truth:
@@ -75,3 +80,25 @@ def test_a_share_of_no_frame_is_none() -> None:
 def test_chunks_hold_everything_in_order() -> None:
     assert list(chunks(range(5), 2)) == [[0, 1], [2, 3], [4]]
     assert list(chunks([], 2)) == []
+
+
+def test_a_throw_is_predicted_by_its_flight_where_that_is_asked_for(tmp_path: Path) -> None:
+    """With the left camera's upward axis as the default; where the ball is hidden for the longest."""
+    frames, path = thrown()
+    for name in ("left", "right"):
+        (tmp_path / name).mkdir()
+        for k, frame in enumerate(frames):
+            image = cv2.cvtColor(getattr(frame, name), cv2.COLOR_RGB2BGR)
+            cv2.imwrite(str(tmp_path / name / f"{k:03d}.png"), image)
+    images = "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--fps", str(FPS)
+    calib = write_calibration(tmp_path / "c.yml", FOCAL_PX, CENTER_PX)
+    error_m, last = {}, HIDDEN.stop - 1
+    for model in ("kalman", "flight"):
+        main(["track", *images, "--calib", str(calib), "--model", model, "--out", str(tmp_path / model)])
+        assert json.loads((tmp_path / model / "summary.json").read_text())["model"] == model
+        found = np.genfromtxt(tmp_path / model / "trajectory.csv", delimiter=",", names=True, dtype=None, encoding=None)
+        assert found["status"][last] == "coasting"
+        error_m[model] = np.linalg.norm([found[f"{axis}_m"][last] for axis in "xyz"] - path[last, :3])
+    assert error_m["flight"] < 0.7 * error_m["kalman"]
+    summary = json.loads((tmp_path / "flight" / "summary.json").read_text())
+    assert summary["followed_by"] == {"colour": summary["status"]["tracking"] + summary["status"]["coasting"]}

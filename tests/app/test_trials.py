@@ -107,7 +107,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(files, tmp_path, refused) -> N
     assert list((tmp_path / "folder").iterdir()) == []
 
 
-def test_a_session_without_a_touch_is_foretold_all_the_same(files, tmp_path, capsys) -> None:
+def test_a_session_without_a_touch_is_predicted_all_the_same(files, tmp_path, capsys) -> None:
     rng = np.random.default_rng(3)
     never = write(tmp_path / "never.npz", [replace(t, touched=np.zeros(3, bool)) for t in session(rng, 3)])
     main(["trials", str(files[0]), str(never), "--out", str(tmp_path / "p.csv")])

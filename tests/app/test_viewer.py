@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tracks import track_at
 from videos import coded, number_of, write_video
 
 from pps_vision.app.cli import main
@@ -28,11 +29,11 @@ def step(k: int) -> TrackerStep:
     stamp_s = START_S + 0.05 * k
     if k == 2:
         return TrackerStep(Track3D.unknown(stamp_s, Status.LOST), (), None, np.zeros(3))
-    mean, cov = np.zeros((4, 3)), np.eye(12)
-    mean[0], mean[1] = position(k), -0.5 * position(k) / np.linalg.norm(position(k))
+    cov = np.eye(12)
     cov[:3, :3] = COV
+    track = track_at(position(k), -0.5 * position(k) / np.linalg.norm(position(k)), stamp_s, cov)
     seen = Detection2D(stamp_s, "left", np.array([10.5 + k, 20.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))
-    return TrackerStep(Track3D(stamp_s, mean, cov, 0.03, 1e-6, Status.TRACKING), (seen,), None, np.zeros(3))
+    return TrackerStep(track, (seen,), None, np.zeros(3))
 
 
 @pytest.fixture

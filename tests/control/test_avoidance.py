@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from control.avoidance import (
-    _EASE_IN_S,
     _WAIT_S,
     AvoidanceParams,
     AvoidanceState,
@@ -15,6 +14,7 @@ from control.avoidance import (
     control_points,
     step,
 )
+from control.avoidance_response import _EASE_IN_S
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import first_to_touch
 from pps_vision.robot.bare_links import BareLinks
@@ -40,7 +40,7 @@ def activations_of(skin: Skin, **activations: float) -> Array:
     return a
 
 
-def simulate(
+def run_arm(
     robot: Robot, activations: list[Array], params: AvoidanceParams = PARAMS
 ) -> Iterator[tuple[Array, Array, Response]]:
     """Runs the arm through a list of activations; yields (q before, command, response)."""
@@ -84,7 +84,7 @@ def test_the_most_active_body_part_has_the_control_point(
 def test_an_arm_that_responds_follows_a_new_activation_at_once(robot: Robot) -> None:
     """Activation that pauses for a frame and moves on to another taxel needs no second confirmation."""
     first, second = activations_of(FOREARM, left_forearm_27=1.0), activations_of(FOREARM, left_forearm_87=1.0)
-    *_, before, pause, after = simulate(robot, [first] * 5 + [0 * first, second])
+    *_, before, pause, after = run_arm(robot, [first] * 5 + [0 * first, second])
     assert before[2].mode == pause[2].mode == after[2].mode == "avoid"
     normal = FOREARM.at(robot.at(after[0]))[1][FOREARM.index("left_forearm:87")]
     np.testing.assert_allclose(after[2].velocity_root, -0.1 * normal, atol=1e-12)
@@ -98,7 +98,7 @@ def test_an_arm_without_skin_has_no_control_point(robot: Robot) -> None:
 def test_the_control_point_moves_10_cm_per_second_along_the_normal(robot: Robot, behaviour: str, sign: int) -> None:
     params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour, withdraws="point", confirm_s=0.0)  # type: ignore[arg-type]
     i = FOREARM.index("left_forearm:27")
-    ((q, dq, response),) = simulate(robot, [activations_of(FOREARM, left_forearm_27=0.8)], params)
+    ((q, dq, response),) = run_arm(robot, [activations_of(FOREARM, left_forearm_27=0.8)], params)
     (p, n), p_next = (array[i] for array in FOREARM.at(robot.at(q))), FOREARM.at(robot.at(q + 1e-4 * dq))[0][i]
     assert response.mode == behaviour
     np.testing.assert_allclose(response.velocity_root, sign * 0.1 * n)
@@ -107,7 +107,7 @@ def test_the_control_point_moves_10_cm_per_second_along_the_normal(robot: Robot,
 
 
 def test_without_activation_nothing_is_commanded(robot: Robot) -> None:
-    for _, dq, response in simulate(robot, [activations_of(FOREARM, left_forearm_27=0.4)] * 20):
+    for _, dq, response in run_arm(robot, [activations_of(FOREARM, left_forearm_27=0.4)] * 20):
         assert response.mode == "idle"
         assert not np.any(dq)
         assert not np.any(response.velocity_root)
@@ -137,7 +137,7 @@ def test_a_joint_uses_the_room_that_the_holding_time_leaves(robot: Robot) -> Non
 
 def test_the_response_persists_then_the_arm_returns_smoothly_and_rests(robot: Robot) -> None:
     on = activations_of(FOREARM, left_forearm_27=1.0)
-    run = list(simulate(robot, [on] * 12 + [0 * on] * 120, AT_ONCE))
+    run = list(run_arm(robot, [on] * 12 + [0 * on] * 120, AT_ONCE))
     modes = [response.mode for _, _, response in run]
     assert modes[:12] == ["avoid"] * 12
     n_persist = modes[12:].index("return")
@@ -165,14 +165,14 @@ def test_the_return_keeps_the_joints_rate_limit(robot: Robot) -> None:
 def test_activation_of_three_frames_is_not_confirmed(robot: Robot) -> None:
     on = activations_of(FOREARM, left_forearm_27=1.0)
     flicker = [on, on, on, 0 * on] * 5
-    assert {response.mode for _, _, response in simulate(robot, flicker)} == {"idle"}
-    modes = [response.mode for _, _, response in simulate(robot, [on] * 5)]
+    assert {response.mode for _, _, response in run_arm(robot, flicker)} == {"idle"}
+    modes = [response.mode for _, _, response in run_arm(robot, [on] * 5)]
     assert modes == ["idle", "idle", "idle", "avoid", "avoid"]
 
 
 def test_activation_during_the_return_is_responded_to(robot: Robot) -> None:
     on = activations_of(FOREARM, left_forearm_27=1.0)
-    modes = [response.mode for _, _, response in simulate(robot, [on] * 10 + [0 * on] * 12 + [on], AT_ONCE)]
+    modes = [response.mode for _, _, response in run_arm(robot, [on] * 10 + [0 * on] * 12 + [on], AT_ONCE)]
     assert modes[-2:] == ["return", "avoid"]
 
 
@@ -183,7 +183,7 @@ def test_persistent_activation_moves_the_palm_no_further_than_its_sphere(
 ) -> None:
     params = AvoidanceParams(PARAMS.home_arm_rad, behaviour=behaviour)  # type: ignore[arg-type]
     on = activations_of(FOREARM, **{f"left_forearm_{taxel}": 1.0})
-    palm = [robot.at(q).point("left_palm") for q, _, _ in simulate(robot, [on] * 80, params)]
+    palm = [robot.at(q).point("left_palm") for q, _, _ in run_arm(robot, [on] * 80, params)]
     away = np.linalg.norm(np.array(palm) - palm[0], axis=1)
     assert 0.05 < away.max() < 0.203  # the sphere is kept by a weight, against joints at their limits
 
@@ -318,7 +318,7 @@ def test_by_count_the_speed_grows_with_the_activation(robot: Robot) -> None:
     np.testing.assert_allclose(n, (0.5 * normals[i] + 0.9 * normals[j]) / 2)
     np.testing.assert_allclose(p, (0.5 * positions[i] + 0.9 * positions[j]) / 1.4)
     params = replace(AT_ONCE, weighting="count", withdraws="point")
-    ((_, _, response),) = simulate(robot, [a], params)
+    ((_, _, response),) = run_arm(robot, [a], params)
     np.testing.assert_allclose(response.velocity_root, -0.1 * n)
 
 

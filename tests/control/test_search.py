@@ -6,7 +6,8 @@ import pytest
 from control.fixation import gaze_at
 from control.head import gaze_of
 from control.search import SearchParams, SearchState, step
-from pps_vision.robot.gaze import GazeLimits, fixation_points
+from pps_vision.app.pipeline import PipelineParams
+from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import home, icub_rig, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
@@ -14,7 +15,7 @@ from pps_vision.types import Array
 DEG = np.pi / 180
 DT = 0.05
 RANDOM = SearchParams("random")
-COVERS_WITHIN_S = 15.0  # `PipelineParams.search_for_s`
+COVERS_WITHIN_S = PipelineParams.search_for_s
 
 
 def looked(robot: Robot, q: Array, n: int, seed: int = 0, params: SearchParams = RANDOM) -> Array:
@@ -34,16 +35,27 @@ def look_around(robot: Robot, q: Array, n: int, seed: int) -> Array:
     return np.array([gaze_of(robot.at(q)) for q in looked(robot, q, n, seed)])
 
 
-@pytest.mark.parametrize("start", [(0.0, 0.0), (54.0, 29.0), (-50.0, -39.0)])
-def test_whatever_can_be_fixated_is_in_view_of_both_eyes_within_15_s(
-    robot: Robot, rng: np.random.Generator, start: tuple[float, float]
+@pytest.mark.parametrize("start", [(0.0, 0.0, 5.0), (54.0, 29.0, 5.0), (-50.0, -39.0, 90.0)])
+@pytest.mark.parametrize(
+    ("pitch_deg", "vergence_deg", "within_s"),
+    [((-70, 40), 46, 0.5 * COVERS_WITHIN_S), ((-40, 30), 90, COVERS_WITHIN_S)],
+    ids=("from 8 cm on", "from 3 cm on"),
+)
+def test_whatever_can_be_fixated_is_in_view_of_both_eyes_in_time(
+    robot: Robot,
+    rng: np.random.Generator,
+    start: tuple[float, float, float],
+    pitch_deg: tuple[float, float],
+    vergence_deg: float,
+    within_s: float,
 ) -> None:
-    """Points 0.2–0.8 m away: fixated by a gaze within J's limits, or below it with the eyes' tilt."""
-    gaze = rng.uniform(GazeLimits().lower - [0, 30 * DEG, 0], [55 * DEG, 40 * DEG, 20 * DEG], (500, 3))
+    """At the first visit to the grid points 8–80 cm away, which a gaze within J's limits fixates, or above and below
+    those with the eyes' tilt; at the second also nearer ones, to J's largest vergence."""
+    gaze = rng.uniform([-55, pitch_deg[0], 5], [55, pitch_deg[1], vergence_deg], (500, 3)) * DEG
     points, seen = fixation_points(robot, gaze), np.zeros(500, bool)
-    q = set_gaze(robot, home(robot), yaw=start[0] * DEG, pitch=start[1] * DEG)
+    q = set_gaze(robot, home(robot), yaw=start[0] * DEG, pitch=start[1] * DEG, vergence=start[2] * DEG)
     rig, seen_within = icub_rig(robot), []
-    for q_now in looked(robot, q, int(COVERS_WITHIN_S / DT), params=SearchParams())[::2]:
+    for q_now in looked(robot, q, int(within_s / DT), params=SearchParams())[::2]:
         view = rig.view(q_now)
         pixels = [eye.project(points) for eye in (view.left, view.right)]
         seen |= np.logical_and.reduce([((px >= 0) & (px <= (319, 239))).all(axis=1) for px in pixels])

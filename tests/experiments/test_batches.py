@@ -11,6 +11,7 @@ from pps_vision.experiments.batches import ALONE, Batches, differences
 def test_the_detections_agree_and_every_size_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Within 0.05 px, with the lens's distortion and noise of 2/255."""
     monkeypatch.setattr(batches, "SIZES", (1, 4))
+    monkeypatch.setattr(batches, "TURNS", 1)
     numbers, _ = run_and_draw(Batches(n=1, seconds=0.4))
     assert set(numbers["cells"]) == {"marker", "ball"}
     for cells in numbers["cells"].values():

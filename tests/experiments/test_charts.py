@@ -5,6 +5,7 @@ import pytest
 from matplotlib.text import Text
 
 from pps_vision.experiments.charts import (
+    PAGE_IN,
     bars,
     calibration,
     curves,
@@ -58,7 +59,7 @@ def test_methods_that_had_no_frame_to_work_on_are_left_out(axis) -> None:
 
 
 def test_names_of_near_points_neither_meet_nor_leave_the_axes() -> None:
-    """Three points a hair apart, one at each edge; as they are drawn."""
+    """Three points a hair apart, one at each edge; as they are drawn. No name lies on the front's line."""
     figure, (axis,) = panels(1)
     at = {"first of three": (1.0, 5), "second of three": (1.01, 5), "third of three": (1.02, 5)}
     at |= {"at the right edge": (90, 3), "below": (10, 0), "above": (8, 9)}
@@ -70,6 +71,9 @@ def test_names_of_near_points_neither_meet_nor_leave_the_axes() -> None:
         assert not any(box.overlaps(other) for other in boxes[:k])
         assert inside.x0 <= box.x0 < box.x1 <= inside.x1
         assert inside.y0 <= box.y0 < box.y1 <= inside.y1
+    front = axis.transData.transform(next(line for line in axis.lines if line.get_linestyle() == ":").get_xydata())
+    between = np.linspace(front[:-1], front[1:], 50).reshape(-1, 2)
+    assert not any(box.padded(-1).contains(*point) for box in boxes for point in between)
 
 
 def test_errors_that_span_decades_are_drawn_on_a_logarithmic_axis(axis) -> None:
@@ -77,15 +81,18 @@ def test_errors_that_span_decades_are_drawn_on_a_logarithmic_axis(axis) -> None:
     assert axis.get_yscale() == "log"
 
 
-def test_speed_errors_have_a_row_for_each_metric_and_a_column_for_each_scenario() -> None:
-    cells = {s: {"ours": {"ms": k, "mm": 10 * k, "percent": 100 * k}} for k, s in enumerate("abcd", 1)}
-    figure = speed_errors(cells, {"mm": "error (mm)", "percent": "error (%)"}, default="ours")
-    shown = [(axis.get_title(), axis.get_ylabel()) for axis in figure.axes]
-    assert shown == [(s, label) for label in ("error (mm)", "error (%)") for s in "abcd"]
-    points = [axis.lines[3].get_xydata()[0].tolist() for axis in figure.axes]
-    assert points == [[k, scale * k] for scale in (10, 100) for k in range(1, 5)]
-    assert figure.axes[4].get_subplotspec().rowspan.start == 1
-    assert sum(axis.axison for axis in speed_errors(cells, {"mm": "error"}).axes) == 4
+def test_speed_errors_have_a_panel_for_each_scenario_two_side_by_side() -> None:
+    cells = {s: {"ours": {"ms": k, "mm": 10 * k}} for k, s in enumerate("abc", 1)}
+    figure = speed_errors(cells, "mm", "error (mm)", default="ours")
+    shown = [axis for axis in figure.axes if axis.axison]
+    assert [(axis.get_title(), axis.get_ylabel()) for axis in shown] == [
+        ("a", "error (mm)"),
+        ("b", ""),
+        ("c", "error (mm)"),
+    ]
+    assert [axis.lines[3].get_xydata()[0].tolist() for axis in shown] == [[k, 10 * k] for k in range(1, 4)]
+    assert shown[2].get_subplotspec().rowspan.start == 1
+    assert figure.get_figwidth() == PAGE_IN
 
 
 def test_severity_marks_the_break(axis) -> None:

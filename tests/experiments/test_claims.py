@@ -11,7 +11,7 @@ from pps_vision.experiments.study import catalogue
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 MEASURED = [claim for claim in CLAIMS if (RESULTS / f"{claim.study}.json").exists()]
-MACHINE = {"machine": {"commit": "abc1234"}, "parameters": {"seed": 7}}
+MACHINE = {"machine": {"commit": "abc1234", "processor": "a processor, 2 cores"}, "parameters": {"seed": 7}}
 
 
 def test_every_claim_is_measured_by_a_study() -> None:
@@ -25,14 +25,17 @@ def test_a_claim_is_read_from_its_study_and_absent_ones_are_left_out(tmp_path: P
     study = Claims(tmp_path)
     numbers = study.run()
     (row,), (run,) = numbers["claims"], numbers["studies"]
-    assert row["measured"] == "1 / 19 of 20; 0, 2, 3 of 20"
-    assert (run["commit"], run["seed"], run["n"], run["study"]) == ("abc1234", 7, None, "loop")
+    assert row["measured"] == "**1** / **19** of 20; 0, **2**, **3** of 20", "what misses the goal is bold"
+    assert (run["commit"], run["seed"], run["n"], run["study"]) == ("abc1234", 7, 20, "loop")
     tables = study.tables(numbers)
     assert tables[""].rows[0][2] == row["measured"]
-    assert [list(line)[-1] for line in tables["studies"].rows] == ["2.5", "2"]  # of the study, and of all
+    lasts = [list(line)[-1] for line in tables["studies"].rows]
+    assert lasts == ["2.5", "2", "≥ 1"]  # of the study, of all, and of two cores
     del run["processor_min"]
     later = study.tables({**numbers, "studies": [{**run, "processor_min": None}]})["studies"].rows
-    assert [list(line)[-1] for line in later] == ["–", "0"]  # measured before times were kept
+    assert [list(line)[-1] for line in later] == ["–", "0", "≥ 0"]  # measured before times were kept
+    long = study.tables({**numbers, "studies": [{**run, "processor_min": 400}]})["studies"].rows
+    assert long[-1][-1] == "**≥ 200**", "more than three hours"
 
 
 def test_the_pages_named_for_the_studies_show_them() -> None:
@@ -57,4 +60,19 @@ def test_what_a_short_run_could_not_measure_is_not_a_number(tmp_path: Path) -> N
     maps = {"ours": {"true": {"je": None}, "learned": {"je": 0.25}}}
     (tmp_path / "reach_whole_paper.json").write_text(json.dumps({**MACHINE, "maps": maps}))
     (row,) = Claims(tmp_path).run()["claims"]
-    assert row["measured"] == "nan / 0.25 %"
+    assert row["measured"] == "nan / **0.25** %"
+
+
+def test_every_study_has_a_row_and_a_test_in_the_protocol() -> None:
+    """`claims` reads the others' results."""
+    claims, tests = (RESULTS.parent / "protocol.md").read_text().split("## Tests and intervals")
+    studies = set(catalogue()) - {"claims"}
+    rows = [line.split("|") for line in claims.splitlines() if line.startswith("|")][2:]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row[4])} == studies
+    assert all(cell.strip() for row in rows for cell in row[1:6])
+    named = [
+        name
+        for line in tests.splitlines()
+        for name in re.findall(r"`(\w+)`", line.rpartition("|")[0].rpartition("|")[2])
+    ]
+    assert sorted(named) == sorted(studies)

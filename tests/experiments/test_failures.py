@@ -6,11 +6,11 @@ from data import SEED
 
 from pps_vision.experiments import disturbances as d
 from pps_vision.experiments.failures import BREAKS, DISTURBANCES, FINE, Failures, fine, methods, plain
-from pps_vision.experiments.scenarios import Recording
+from pps_vision.experiments.scenarios import Footage
 
 
 @pytest.fixture(scope="module")
-def shown() -> Recording:
+def shown() -> Footage:
     """2.5 s at 100 frames a second, noiseless."""
     return fine("rendered", SEED)
 
@@ -19,7 +19,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(SEED)
 
 
-def test_the_ball_is_where_the_recording_says(shown: Recording) -> None:
+def test_the_ball_is_where_the_recording_says(shown: Footage) -> None:
     """The truth's projection lies on the red of each eye's image, and the true box holds just that red."""
     for k in (0, 25, 49):
         frame, view = shown.frames[k], shown.rig.view_of(shown.frames[k])
@@ -32,7 +32,7 @@ def test_the_ball_is_where_the_recording_says(shown: Recording) -> None:
             np.testing.assert_allclose([x, y, x + w - 1, y + h - 1], [xs.min(), ys.min(), xs.max(), ys.max()], atol=2.0)
 
 
-def test_late_stale_and_jittered_frames_hold_what_was_there_at_the_other_time(shown: Recording) -> None:
+def test_late_stale_and_jittered_frames_hold_what_was_there_at_the_other_time(shown: Footage) -> None:
     delay_s, k = 0.05, 6  # at 20 frames a second frame 6 is fine frame 30
     late = d.right_late(shown, FINE, delay_s).frames[k]
     assert np.shares_memory(late.left, shown.frames[30].left)
@@ -45,7 +45,7 @@ def test_late_stale_and_jittered_frames_hold_what_was_there_at_the_other_time(sh
     assert np.all(np.diff(stamps) > 0), "however large the jitter, stamps rise"
 
 
-def test_noise_blur_and_dropouts_are_as_large_as_said(shown: Recording) -> None:
+def test_noise_blur_and_dropouts_are_as_large_as_said(shown: Footage) -> None:
     frames = d.at_rate(shown, FINE)
     noise = d.noisy(frames, 8.0, rng()).frames[3].left.astype(float) - frames.frames[3].left
     assert np.std(noise[(frames.frames[3].left > 40) & (frames.frames[3].left < 210)]) == pytest.approx(8.0, rel=0.03)
@@ -58,7 +58,7 @@ def test_noise_blur_and_dropouts_are_as_large_as_said(shown: Recording) -> None:
     assert len(kept.frames) == len(kept.position) == len(kept.velocity) == len(kept.boxes)
 
 
-def test_what_fails_for_a_time_is_not_in_sight_then_and_judged_a_while_after(shown: Recording) -> None:
+def test_what_fails_for_a_time_is_not_in_sight_then_and_judged_a_while_after(shown: Footage) -> None:
     frames = d.eyes_fail(d.at_rate(shown, FINE), "black", 0.1, 0.2)
     out = (frames.stamps_s >= 0.1) & (frames.stamps_s < 0.2)
     assert all((f.right.max() == 0) == o and f.left.max() > 0 for f, o in zip(frames.frames, out, strict=True))
@@ -90,8 +90,13 @@ def test_charts_and_tables_have_a_place_for_every_disturbance() -> None:
             "severities": list(one.axis.severities),
             "methods": dict.fromkeys(methods(), cell),
         }
-    (figure,) = Failures().chart({"rendered": cells}).values()
-    assert [axis.get_title() for axis in figure.axes if axis.get_title()] == list(DISTURBANCES)
+    figure = Failures().chart({"rendered": cells})
+    axis = figure.axes[0]
+    assert [tick.get_text() for tick in axis.get_yticklabels()] == list(DISTURBANCES)
+    told = [f"{one.axis.severities[2]:g}" for one in DISTURBANCES.values() for _ in methods()]
+    assert [text.get_text() for text in axis.texts] == told
+    borne = [[100 * 2 / len(one.axis.severities)] * len(methods()) for one in DISTURBANCES.values()]
+    np.testing.assert_allclose(axis.images[0].get_array(), borne)
     rows = Failures().tables({"rendered": cells})["rendered"].rows
     assert [row[2] for row in rows] == [f"{one.axis.severities[2]:g}" for one in DISTURBANCES.values()]
     assert BREAKS.bound == 90

@@ -8,9 +8,19 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
-from pps_vision.experiments.filter import Filter, Measurements, _flight, _smoothed, errors, flights, methods
+from pps_vision.experiments.filter import (
+    Filter,
+    Measurements,
+    _flight,
+    _smoothed,
+    errors,
+    fitted_flight,
+    flights,
+    methods,
+)
 from pps_vision.experiments.study import median, rms
 from tracking import kalman
+from tracking.flight import FlightParams
 
 STD = np.array([1e-4, 1e-4, 3e-4])
 
@@ -116,17 +126,38 @@ def test_flights_are_triangulated_from_their_images(tmp_path: Path) -> None:
     path = _write_flight(tmp_path / "tt3d")
     (flight,) = flights(tmp_path / "tt3d")
     np.testing.assert_allclose(flight.positions, path, atol=1e-6)
-    ballistic, usual = _flight(flight, 0), _smoothed(2, flight, 0)
+    ballistic, usual = _flight(FlightParams(white_share=1.0), flight), _smoothed(2, flight, 0)
     assert rms(np.asarray(ballistic["position_mm"])) < rms(np.asarray(usual["position_mm"]))
     assert len(ballistic["velocity_mm_s"]) == 0
 
 
-def test_the_chart_has_a_panel_for_every_error_that_is_known() -> None:
+def test_a_fit_finds_constants_with_a_smaller_error_than_the_guesses(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Of noisy flights without a bounce, which tell drag and noise."""
+    _write_flight(tmp_path / "tt3d")
+    (exact,) = flights(tmp_path / "tt3d")
+    noisy = [replace(exact, positions=exact.path + 0.01 * rng.standard_normal(exact.path.shape)) for _ in range(4)]
+    noisy = [replace(one, covs=np.tile(1e-4 * np.eye(3), (len(one.stamps_s), 1, 1))) for one in noisy]
+    guessed, fitted = fitted_flight(noisy, 1), fitted_flight(noisy, 60)
+    rough, fine = (
+        np.concatenate([_flight(params, one)["position_mm"] for one in noisy]) for params in (guessed, fitted)
+    )
+    assert rms(fine) < 0.98 * rms(rough)
+    assert fitted.noise_density < guessed.noise_density
+
+
+def test_the_chart_has_a_panel_for_all_data_and_the_table_marks_what_misses_its_goal() -> None:
     numbers = {"ms": [1, 2, 3], "ratio": [1, 1, 1], "position_mm": [1, 1, 2], "velocity_mm_s": [1, 1, 2]}
     cells = {
         name: {method: numbers | {"ttc_percent": ttc} for method in methods()}
         for name, ttc in (("rendered", [1, 1, 1]), ("tt3d", [None, None, None]))
     }
     figure = Filter().chart({"cells": cells})
-    assert sum(axis.axison for axis in figure.axes) == 5
+    assert [axis.get_title() for axis in figure.axes] == ["rendered", "tt3d"]
     assert len(Filter().tables({"cells": cells})["tt3d"].rows) == len(methods())
+    for name in ("rendered", "tt3d"):
+        cells[name]["order 4, RTS"] = cells[name]["order 4, RTS"] | {"position_mm": [12.2, 12, 13]}
+    tables = Filter().tables({"cells": cells})
+    of = {name: {row[0]: row[1] for row in tables[name].rows} for name in cells}
+    assert of["tt3d"]["order 4, RTS"] == "**12.2 (12–13)**"
+    assert of["tt3d"]["order 4"] == of["rendered"]["order 4"] == "1 (1–2)"
+    assert of["rendered"]["order 4, RTS"] == "12.2 (12–13)"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from data import shared_data
 
-from pps_vision.experiments.independent import score, score_of_either
+from pps_vision.experiments.baselines.image_trackers import sphere_box
 from pps_vision.experiments.independent_cases import CASES
 from pps_vision.experiments.independent_films import (
     EYES_AT_REST,
@@ -21,16 +21,18 @@ from pps_vision.experiments.independent_scenes import (
     AMBIENT,
     LIGHT,
     PHOTOS,
+    Arrangement,
     Ball,
     Caster,
+    Cylinder,
     Lens,
     Panel,
     Room,
     Surface,
-    World,
     photograph,
     visible_share,
 )
+from pps_vision.experiments.independent_score import score, score_of_either
 from pps_vision.experiments.sensor_chain import SensorChain, noise_tape
 from pps_vision.robot.icub import load_icub
 from pps_vision.types import Array, Status, Track3D
@@ -42,14 +44,15 @@ WHITE = Surface((255.0, 255.0, 255.0))
 HERE = np.eye(4)
 
 
-def coverage(lens: Lens, things: World) -> np.ndarray:
+def coverage(lens: Lens, things: Arrangement) -> np.ndarray:
     """(h, w) share of each pixel that lies on black things before a lit room."""
     room = Caster(lens, Room(), NOWHERE)
     black = Surface((0.0, 0.0, 0.0))
     balls = tuple(replace(ball, surface=black) for ball in things.balls)
     panels = tuple(replace(panel, surface=black) for panel in things.panels)
     room._walls = np.full_like(room._walls, 255.0)
-    return 1 - room.light([HERE], [World(balls, panels)])[..., 0] / 255
+    cylinders = tuple(replace(cylinder, surface=black) for cylinder in things.cylinders)
+    return 1 - room.light([HERE], [Arrangement(balls, panels, cylinders)])[..., 0] / 255
 
 
 def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
@@ -60,7 +63,7 @@ def test_a_ball_covers_the_ellipse_of_its_silhouette() -> None:
     A, b = Q[:2, :2], Q[:2, 2]
     middle = -np.linalg.solve(A, b)
     area = np.pi * (Q[2, 2] + b @ middle) / np.sqrt(np.linalg.det(A)) * -np.sign(np.trace(A))
-    share = coverage(lens, World((Ball(c, r, WHITE),)))
+    share = coverage(lens, Arrangement((Ball(c, r, WHITE),)))
     v, u = np.mgrid[: lens.height, : lens.width]
     assert share.sum() == pytest.approx(area, rel=2e-3)
     found = np.array([(u * share).sum(), (v * share).sum()]) / share.sum()
@@ -75,12 +78,29 @@ def test_a_panel_s_corners_are_where_opencv_projects_them() -> None:
     edge = [(s, -1 + 0 * s), (1 + 0 * s, s), (-s, 1 + 0 * s), (-1 + 0 * s, -s)]
     rim = np.concatenate([panel.center + a * panel.right + b * panel.down for a, b in edge])
     pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), LENS.K, BENT)[0].astype(np.float32)
-    share = coverage(LENS, World((), (panel,)))
+    share = coverage(LENS, Arrangement((), (panel,)))
     assert share.sum() == pytest.approx(cv2.contourArea(pixels), rel=2e-3)
     moments = cv2.moments(pixels)
     v, u = np.mgrid[: LENS.height, : LENS.width]
     found = np.array([(u * share).sum(), (v * share).sum()]) / share.sum()
     np.testing.assert_allclose(found, [moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]], atol=0.02)
+
+
+def test_a_cylinder_is_as_wide_as_its_tangents_and_hides_what_is_behind() -> None:
+    """An upright one at distance d: tangent planes at ±r/√(d² − r²) of the axis; its lower edge's lowest point is the
+    rim's nearest."""
+    lens, d, r, half = replace(LENS, distortion=np.zeros(5)), 0.5, 0.04, np.array([0.0, 0.1, 0.0])
+    share = coverage(lens, Arrangement(cylinders=(Cylinder(np.array([0, 0, d]), half, r, WHITE),)))
+    middle = slice(lens.height // 2 - 10, lens.height // 2 + 10)
+    np.testing.assert_allclose(share[middle].sum(axis=1), 2 * lens.K[0, 0] * r / np.sqrt(d * d - r * r), rtol=5e-3)
+    column = round(float(lens.K[0, 2]))
+    low, high = (lens.K[1, 2] + side * lens.K[1, 1] * 0.1 / (d - r) for side in (-1, 1))
+    assert share[:, column].sum() == pytest.approx(min(high, lens.height - 0.5) - max(low, -0.5), abs=0.1)
+    ball = Ball(np.array([0, 0, 0.8]), 0.08, WHITE)
+    beside = Cylinder(np.array([-r, 0, d]), half * 5, r, WHITE)  # x = 0 is a tangent plane through the eye
+    assert visible_share(lens, HERE, Arrangement((ball,), cylinders=(beside,)), ball, ()) == pytest.approx(
+        0.5, abs=0.02
+    )
 
 
 def test_truth_is_what_opencv_projects() -> None:
@@ -99,21 +119,21 @@ def test_truth_is_what_opencv_projects() -> None:
 
 def test_what_is_nearer_hides_what_is_behind() -> None:
     far, near = Ball(np.array([0, 0, 0.8]), 0.08, WHITE), Ball(np.array([0.05, 0, 0.4]), 0.05, Surface((255.0, 0, 0)))
-    image = Caster(LENS, Room(), NOWHERE).light([HERE], [World((near, far))])
-    swapped = Caster(LENS, Room(), NOWHERE).light([HERE], [World((far, near))])
+    image = Caster(LENS, Room(), NOWHERE).light([HERE], [Arrangement((near, far))])
+    swapped = Caster(LENS, Room(), NOWHERE).light([HERE], [Arrangement((far, near))])
     np.testing.assert_array_equal(image, swapped)
     u, v = np.rint(LENS.project(HERE, near.center)[0]).astype(int)
     assert image[v, u, 0] > 100
     assert image[v, u, 1] == 0
     board = Panel(np.array([-0.5, 0, 0.5]), np.array([0.5, 0, 0]), np.array([0, 1.0, 0]), WHITE)  # up to x = 0
-    assert visible_share(LENS, HERE, World((far,)), far, (board,)) == pytest.approx(0.5, abs=0.02)
-    assert visible_share(LENS, HERE, World((far,)), far, ()) == 1.0
-    assert visible_share(LENS, HERE, World((replace(far, center=np.array([3.0, 0, 0.8])),)), far, ()) == 1.0
+    assert visible_share(LENS, HERE, Arrangement((far,)), far, (board,)) == pytest.approx(0.5, abs=0.02)
+    assert visible_share(LENS, HERE, Arrangement((far,)), far, ()) == 1.0
+    assert visible_share(LENS, HERE, Arrangement((replace(far, center=np.array([3.0, 0, 0.8])),)), far, ()) == 1.0
 
 
 def test_shading_is_lambert_s() -> None:
     ball = Ball(np.array([0, 0, 0.5]), 0.1, Surface((200.0, 100.0, 50.0)))
-    image = Caster(LENS, Room(), NOWHERE).light([HERE], [World((ball,))])
+    image = Caster(LENS, Room(), NOWHERE).light([HERE], [Arrangement((ball,))])
     u, v = np.rint(LENS.project(HERE, ball.center)[0]).astype(int)
     expected = np.array([200, 100, 50]) * (AMBIENT + (1 - AMBIENT) * max(-LIGHT[2], 0))
     np.testing.assert_allclose(image[v, u], expected, rtol=0.02)
@@ -125,9 +145,9 @@ def test_motion_blur_is_as_long_as_the_way_in_the_exposure() -> None:
     lens = replace(LENS, distortion=np.zeros(5))
     caster = Caster(lens, Room(), NOWHERE)
     caster._walls = np.zeros_like(caster._walls)
-    worlds = [World((Ball(np.array([x, 0, 0.5]), 0.04, WHITE),)) for x in way_m]
+    worlds = [Arrangement((Ball(np.array([x, 0, 0.5]), 0.04, WHITE),)) for x in way_m]
     light = caster.light([HERE] * 16, worlds)[..., 0]
-    sharp = caster.light([HERE], [World((Ball(np.array([0, 0, 0.5]), 0.04, WHITE),))])[..., 0]
+    sharp = caster.light([HERE], [Arrangement((Ball(np.array([0, 0, 0.5]), 0.04, WHITE),))])[..., 0]
     v, u = np.mgrid[: lens.height, : lens.width]
 
     def moments(image: np.ndarray) -> tuple[float, float, float]:
@@ -289,13 +309,42 @@ def test_either_of_two_equal_balls_may_be_tracked_but_only_one() -> None:
     assert (between["right_percent"], between["false_percent"]) == (0, 100)
 
 
+def test_a_finger_moves_with_the_ball_from_beyond_the_edge_and_is_no_object() -> None:
+    film = Film(IndependentScene(start="moving", finger=True, seconds=4.0, fps=5.0), 2, NOWHERE)
+    bare = Film(replace(film.scene, finger=False), 2, NOWHERE)
+    assert len(film.truths) == 1
+    for t, share in zip(film.stamps_s.tolist(), film.share, strict=True):
+        (ball,), (finger,) = film.arrangement(t).balls, film.arrangement(t).cylinders
+        tip, end = finger.center - finger.half, finger.center + finger.half
+        assert np.linalg.norm(tip - ball.center) < ball.radius_m
+        for lens, pose in zip(lenses(film.scene), film.eye_poses(t), strict=True):
+            assert lens.project(pose, end)[0, 1] > lens.height  # NaN, where it is beside the lens's range, is not
+        assert share.min() > 0.9
+    with_it, without = (next(iter(one)).left.astype(float) for one in (film, bare))
+    changed = np.abs(with_it - without).max(axis=2) > 30
+    assert changed[-1].any()
+    assert 500 < changed.sum() < 20000
+
+
+def test_first_boxes_are_those_of_the_silhouette() -> None:
+    """Of a ball, the rim's; given in the first frame in which both eyes see all of it."""
+    film = Film(IndependentScene(fps=10.0), 3, NOWHERE)
+    k, boxes = film.first_boxes
+    assert film.share[k].min() >= 0.99 > film.share[k - 1].min()
+    views = film.rig.view(None)
+    for view, box in zip((views.left, views.right), boxes, strict=True):
+        exact = sphere_box(view, film.truth[k].position, film.truth[k].radius_m)
+        assert exact is not None
+        np.testing.assert_allclose(box, exact, atol=0.2)
+
+
 def test_bad_use_is_named() -> None:
     with pytest.raises(ValueError, match="10×10"):
         IndependentScene(width=10, height=10)
     with pytest.raises(ValueError, match="rig_known with the head"):
         IndependentScene(rig="head", rig_known=True)
     with pytest.raises(ValueError, match="3 poses, 1 worlds"):
-        Caster(LENS, Room(), NOWHERE).light([HERE] * 3, [World()])
+        Caster(LENS, Room(), NOWHERE).light([HERE] * 3, [Arrangement()])
 
 
 def test_photographs_are_read_where_they_are() -> None:

@@ -4,6 +4,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from tracks import track_at
 
 from pps_vision.experiments.baselines.image_trackers import sphere_box
 from pps_vision.experiments.baselines.stereo_pipelines import (
@@ -13,17 +14,17 @@ from pps_vision.experiments.baselines.stereo_pipelines import (
     stereo_pipeline,
 )
 from pps_vision.experiments.pipeline import ttc_error
-from pps_vision.experiments.scenarios import Recording, moving
+from pps_vision.experiments.scenarios import Footage, moving
 from pps_vision.types import Status, Track3D
 
 
 @pytest.fixture(scope="module")
-def film() -> Recording:
+def film() -> Footage:
     return moving("ball", "circle", 1, 0.2, noise=0.0)
 
 
 @pytest.mark.parametrize("name", get_args(StereoPipelineName))
-def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, film: Recording) -> None:
+def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, film: Footage) -> None:
     """A few per cent of the distance: they see a ball of 7 cm at about 0.4 m."""
     left, right = film.boxes[0]
     assert left is not None
@@ -37,7 +38,7 @@ def test_a_pipeline_is_near_the_truth_after_one_frame(name: StereoPipelineName, 
     assert np.all(np.linalg.eigvalsh(track.cov[:3, :3]) > 0)
 
 
-def test_a_pipeline_without_points_coasts_and_is_lost(film: Recording) -> None:
+def test_a_pipeline_without_points_coasts_and_is_lost(film: Footage) -> None:
     class Blind:
         def start(self, frame: object, boxes: object) -> None: ...
 
@@ -55,7 +56,7 @@ def test_a_pipeline_without_points_coasts_and_is_lost(film: Recording) -> None:
     assert widths[0] < widths[1]
 
 
-def test_true_boxes_meet_in_the_ball(film: Recording) -> None:
+def test_true_boxes_meet_in_the_ball(film: Footage) -> None:
     for frame, position in zip(film.frames, film.position, strict=True):
         view = film.rig.view_of(frame)
         left, right = (sphere_box(eye, position, film.radius_m) for eye in (view.left, view.right))
@@ -67,15 +68,13 @@ def test_true_boxes_meet_in_the_ball(film: Recording) -> None:
 
 
 def test_time_to_contact_error_is_relative() -> None:
-    mean = np.zeros((4, 3))
-    mean[0], mean[1] = (0.06, 0.0, 0.0), (-0.1, 0.05, 0.0)  # 0.6 s from the origin along −x
-    track = Track3D(0.0, mean, np.eye(12), 0.03, 1e-6, Status.TRACKING)
+    track = track_at((0.06, 0.0, 0.0), (-0.1, 0.05, 0.0))  # 0.6 s from the origin along −x
     way, end = np.array([-1.0, 0.0, 0.0]), np.zeros(3)
     assert ttc_error(track, end, way, 0.5) == pytest.approx(0.2)
     assert ttc_error(track, end, -way, 0.5) == 1.0  # it goes away
     assert ttc_error(Track3D.unknown(0.0), end, way, 0.5) == 1.0
 
 
-def test_bad_use_is_named(film: Recording) -> None:
+def test_bad_use_is_named(film: Footage) -> None:
     with pytest.raises(ValueError, match=r"three CSRT.*two CSRT"):
         stereo_pipeline("three CSRT", film.rig)  # type: ignore[arg-type]

@@ -46,7 +46,7 @@ def test_what_is_found_is_counted_and_shown() -> None:
 def test_the_parts_of_the_control_are_added_up(attacked: list[int]) -> None:
     study = AdversarialControl(steps=40_090)
     row = markdown(study.tables(study.run())[""]).splitlines()[-1]
-    assert row == "| 40000 | 90 | 3 | 20.00 | 9 |"
+    assert row == "| 40000 | 90 | 3 | 0.019 % / 7.7 % | 20.00 | 9 |", "7.75 of 40 090 frames and of 101 episodes"
     assert attacked == [0, 50, 100]
 
 

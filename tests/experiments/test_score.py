@@ -5,11 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tracks import track_at
 
-from pps_vision.experiments.scenarios import EYES_M, FPS, Recording, stare_at, tracker_params, turning, watching
+from pps_vision.experiments.scenarios import EYES_M, FPS, Footage, stare_at, tracker_params, turning, watching
 from pps_vision.experiments.score import METRICS, judge
 from pps_vision.robot.icub import icub_rig, load_icub
-from pps_vision.types import Status, StereoFrame, Track3D
+from pps_vision.types import StereoFrame, Track3D
 
 N, AT_M = 40, 0.3
 BLACK = np.zeros((240, 320, 3), np.uint8)
@@ -17,25 +18,23 @@ BOX = (10.0, 20.0, 30.0, 30.0)
 
 
 @pytest.fixture
-def recording() -> Recording:
+def recording() -> Footage:
     """2 s of an object that rests 0.3 m before the eyes; every image black."""
     stamps = (np.arange(N) / FPS).tolist()
     position = np.tile(EYES_M + np.array([-AT_M, 0, 0]), (N, 1))
     frames = tuple(StereoFrame(BLACK, BLACK, t, t) for t in stamps)
     seen, boxes = np.ones(N, bool), ((None, BOX), (BOX, None), *((BOX, BOX),) * (N - 2))
-    return Recording(frames, position, np.zeros((N, 3)), seen, boxes, 0.03, icub_rig(load_icub()), None)
+    return Footage(frames, position, np.zeros((N, 3)), seen, boxes, 0.03, icub_rig(load_icub()), None)
 
 
-def track(recording: Recording, k: int, off_m: float, std_m: float = 0.001) -> Track3D:
+def track(recording: Footage, k: int, off_m: float, std_m: float = 0.001) -> Track3D:
     """A track beside the truth of a frame, across the line of sight; its largest standard deviation along z."""
-    mean = np.zeros((4, 3))
-    mean[0] = recording.position[k] + [0, off_m, 0]
     cov = 1e-12 * np.eye(12)
     cov[2, 2] = std_m**2
-    return Track3D(recording.frames[k].stamp_s, mean, cov, 0.03, 0.0, Status.TRACKING)
+    return track_at(recording.position[k] + [0, off_m, 0], stamp_s=recording.frames[k].stamp_s, cov=cov)
 
 
-def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Recording) -> None:
+def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Footage) -> None:
     """From 0.5 s on, again after every time out of sight, and only those asked about."""
     assert np.flatnonzero(recording.judged(0.5)).tolist() == list(range(10, N))
     seen = recording.seen.copy()
@@ -45,7 +44,7 @@ def test_frames_count_when_the_object_was_in_sight_long_enough(recording: Record
     assert np.flatnonzero(replace(recording, asked=asked).judged(0.5)).tolist() == [10, 11]
 
 
-def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(recording: Recording) -> None:
+def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(recording: Footage) -> None:
     """0.3 m away: near up to 50 mm. What is farther off is false unless it says so."""
     tracks = [track(recording, k, 0.003) for k in range(N)]
     tracks[5], tracks[9] = track(recording, 5, 0.2), track(recording, 9, 0.2)  # before frames count
@@ -68,21 +67,21 @@ def test_near_is_a_sixth_of_the_distance_and_false_is_beyond_three_deviations(re
     assert np.isnan(METRICS["worst_recording_mm"].summary(np.empty(0)))
 
 
-def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: Recording) -> None:
+def test_a_false_track_also_counts_while_the_object_is_out_of_sight(recording: Footage) -> None:
     hidden = replace(recording, seen=np.arange(N) < 20)
     values = judge(hidden, [track(recording, k, 0.2 if k >= 20 else 0.0) for k in range(N)])
     assert values["near"].tolist() == [True] * 10
     assert values["false"].tolist() == [False] * 10 + [True] * 20
 
 
-def test_a_tracker_without_a_track_has_no_error_and_is_never_near(recording: Recording) -> None:
+def test_a_tracker_without_a_track_has_no_error_and_is_never_near(recording: Footage) -> None:
     values = judge(recording, [Track3D.unknown(frame.stamp_s) for frame in recording.frames])
     assert not values["near"].any()
     assert not values["false"].any()
     assert len(values["error_mm"]) == len(values["recording_rms_mm"]) == 0
 
 
-def test_of_two_equal_objects_the_one_followed_first_counts(recording: Recording) -> None:
+def test_of_two_equal_objects_the_one_followed_first_counts(recording: Footage) -> None:
     """Also where nothing is known at first."""
     two = replace(recording, other_position=recording.position + np.array([0, 0.2, 0]))
     unknown = [Track3D.unknown(frame.stamp_s) for frame in recording.frames[:11]]
@@ -92,20 +91,20 @@ def test_of_two_equal_objects_the_one_followed_first_counts(recording: Recording
     assert judge(two, changed)["near"].sum() == 19
 
 
-def test_baselines_are_told_the_first_boxes_of_both_eyes(recording: Recording) -> None:
+def test_baselines_are_told_the_first_boxes_of_both_eyes(recording: Footage) -> None:
     assert recording.first_boxes == (2, (BOX, BOX))
     with pytest.raises(ValueError, match="never in view"):
         _ = replace(recording, boxes=((None, BOX),) * N).first_boxes
 
 
-def test_a_jump_of_the_velocity_counts_for_two_frames(recording: Recording) -> None:
+def test_a_jump_of_the_velocity_counts_for_two_frames(recording: Footage) -> None:
     velocity = np.zeros((N, 3))
     velocity[20:] = [0.05, 0, 0]
     velocity[30:] = [0.05, 0.03, 0]
     assert np.flatnonzero(replace(recording, velocity=velocity).jumped).tolist() == [20, 21]
 
 
-def test_a_straight_approach_touches_with_its_front_when_it_stops(recording: Recording) -> None:
+def test_a_straight_approach_touches_with_its_front_when_it_stops(recording: Footage) -> None:
     """10 cm/s along x for 1 s, a radius of 3 cm."""
     stamps = recording.stamps_s
     moving = stamps < 1.0
@@ -122,7 +121,7 @@ def test_a_straight_approach_touches_with_its_front_when_it_stops(recording: Rec
         assert np.isnan(other.touch()[1]).all()
 
 
-def test_markers_are_tracked_as_markers_of_their_hue_unless_told_otherwise(recording: Recording) -> None:
+def test_markers_are_tracked_as_markers_of_their_hue_unless_told_otherwise(recording: Footage) -> None:
     assert tracker_params(recording).mode == "generic"
     marker = replace(recording, stimulus="marker")
     assert (tracker_params(marker).mode, tracker_params(marker).marker.hue_deg) == ("marker", 120.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pps_vision.experiments.baselines.motion import TRIGGERS, regions
-from pps_vision.experiments.scenarios import FPS, Recording
+from pps_vision.experiments.scenarios import FPS, Footage
 from pps_vision.experiments.study import Method
 from pps_vision.experiments.trigger import (
     AFTER,
@@ -27,7 +27,7 @@ from pps_vision.types import StereoFrame
 RIG = StereoRig.fixed(LEFT_EYE, LEFT_EYE, np.eye(4))
 
 
-def recording(px_per_frame: int, rng: np.random.Generator) -> Recording:
+def recording(px_per_frame: int, rng: np.random.Generator) -> Footage:
     """A textured square, 24 px wide, that starts at (150, 110) and moves to the right before a textured wall; both eyes
     see the same."""
     wall = cv2.blur(rng.uniform(60, 180, (240, 320, 3)), (3, 3))
@@ -44,22 +44,22 @@ def recording(px_per_frame: int, rng: np.random.Generator) -> Recording:
     velocity = np.diff(np.array(position), axis=0, prepend=[position[0]]) * FPS
     seen, boxes = np.ones(len(frames), bool), ((None, None),) * len(frames)
     radius_m = 12 / LEFT_EYE.focal_px
-    return Recording(tuple(frames), np.array(position), velocity, seen, boxes, radius_m, RIG, None)
+    return Footage(tuple(frames), np.array(position), velocity, seen, boxes, radius_m, RIG, None)
 
 
 @pytest.fixture(scope="module")
-def calm() -> Recording:
+def calm() -> Footage:
     return recording(0, np.random.default_rng(4))
 
 
 @pytest.fixture(scope="module")
-def candidates(calm: Recording) -> dict[str, Method]:
+def candidates(calm: Footage) -> dict[str, Method]:
     return methods(calm)
 
 
 @pytest.mark.parametrize("name", [DEFAULT, "LK residual grid (R)", "DIS ultrafast − ego", "frame difference", "MOG2"])
 def test_a_square_is_found_when_it_starts_and_not_before(
-    name: str, calm: Recording, candidates: dict[str, Method]
+    name: str, calm: Footage, candidates: dict[str, Method]
 ) -> None:
     moving, method = recording(5, np.random.default_rng(5)), candidates[name]
     values = method(moving, 0)
@@ -106,8 +106,12 @@ def test_regions_are_joined_and_small_ones_dropped() -> None:
 
 def test_the_chart_shows_alarms_and_what_is_found_in_time() -> None:
     cell = {"ms": [0.9, 1.0, 1.1], "ratio": [1.0] * 3, "alarms_per_minute": [0.0] * 3, "found_in_3_percent": [50.0] * 3}
-    cells = {setting: {name: {DEFAULT: cell, "MOG2": cell} for name in OBJECTS} for setting in HEADS_DEG_S}
+    loud = cell | {"alarms_per_minute": [12.0] * 3}
+    cells = {setting: {name: {DEFAULT: cell, "MOG2": loud} for name in OBJECTS} for setting in HEADS_DEG_S}
+    for of in cells.values():
+        of["ball, 5 px"] = {name: one | {"found_in_3_percent": [100.0] * 3} for name, one in of["ball, 5 px"].items()}
     figure = Trigger().chart({"cells": cells})
-    assert {DEFAULT, "MOG2"} <= {text.get_text() for text in figure.axes[0].texts}
-    assert {bar.get_height() for bar in figure.axes[1].patches} == {50.0}
+    assert {DEFAULT, "MOG2 (12 alarms/min)"} == {text.get_text() for text in figure.axes[0].texts}
+    heights = {line.get_ydata()[0] for line in figure.axes[0].lines if line.get_markersize() == 5}
+    assert heights == {25.0}, "100 and 50 % are found"
     assert len(Trigger().tables({"cells": cells})["still"].rows) == 2

@@ -4,6 +4,7 @@ from itertools import starmap
 from pathlib import Path
 
 import numpy as np
+from tracks import track_at
 
 from pps_vision.app.report.overlay import save_jpeg
 from pps_vision.app.versions import versions
@@ -34,10 +35,9 @@ def write_results(folder: Path) -> Path:
         if k in (0, 20):
             tracks.append(Track3D.unknown(t, Status.LOST if k else Status.SEARCHING))
             continue
-        mean = np.zeros((4, 3))
-        mean[0], mean[1] = position + 0.002, (0, 0, -0.2)
         cov = 1e-4 * np.diag(np.r_[1, 1, 4, np.ones(9)])
-        tracks.append(Track3D(t, mean, cov, 0.03, 1e-6, Status.COASTING if k == 19 else Status.TRACKING))
+        status = Status.COASTING if k == 19 else Status.TRACKING
+        tracks.append(track_at(position + 0.002, (0, 0, -0.2), t, cov, status=status))
         for camera in ("left", "right"):
             seen = Detection2D(t, camera, np.array([160 + 90 * position[0], 120.0]), np.eye(2), 0.9, 0.1, (0, 0, 9, 9))  # type: ignore[arg-type]
             detections.append((k, seen, tracks[-1].status))

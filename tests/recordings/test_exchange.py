@@ -10,6 +10,7 @@ import pytest
 from evo.tools.file_interface import read_tum_trajectory_file
 from pycocotools.coco import COCO
 from rosbags.highlevel import AnyReader
+from tracks import track_at
 
 from pps_vision.recordings import Form
 from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_coco, open_forms, write_mot
@@ -35,9 +36,7 @@ def pairs() -> list[TrackedPair]:
             track = Track3D.unknown(stamp_s, Status.LOST if k == 5 else Status.SEARCHING)
             found.append(TrackedPair(images, track, ()))
             continue
-        mean = np.zeros((4, 3))
-        mean[0] = 0.1 * np.sin(k), 0.02 * k, 0.5
-        track = Track3D(stamp_s, mean, 1e-6 * np.eye(12), 0.03, 1e-6, Status.TRACKING)
+        track = track_at((0.1 * np.sin(k), 0.02 * k, 0.5), stamp_s=stamp_s)
         found.append(TrackedPair(images, track, (detection("left", k), detection("right", k)), 0.25))
     return found
 

@@ -1,17 +1,15 @@
 """Small bags that rosbags writes: ROS 1, ROS 2 and MCAP, raw and compressed images, calibration and joints."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
 
 from pps_vision.errors import InputError
+from pps_vision.experiments.bags import BagWriter
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
 from pps_vision.robot.icub import icub_setup
@@ -22,76 +20,15 @@ N = 5
 KINDS = ("ros1.bag", "ros2", "ros2_mcap", "one.mcap")
 
 
-class Bag:
-    """A bag of one kind, as a context manager, that writes messages by their fields."""
-
-    def __init__(self, folder: Path, kind: str) -> None:
-        self.one = kind == "ros1.bag"
-        self.store = get_typestore(Stores.ROS1_NOETIC if self.one else Stores.ROS2_JAZZY)
-        self.path = folder / kind
-        self._folder = folder / "written" if kind == "one.mcap" else self.path
-        plugin = StoragePlugin.MCAP if "mcap" in kind else StoragePlugin.SQLITE3
-        self._writer: Any = Writer1(self.path) if self.one else Writer2(self._folder, version=9, storage_plugin=plugin)
-        self._topics: dict[str, Any] = {}
-
-    def __enter__(self) -> "Bag":
-        self._writer.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._writer.close()
-        if self._folder != self.path:
-            next(self._folder.glob("*.mcap")).rename(self.path)
-
-    def message(self, kind: str, **fields: object) -> Any:
-        return self.store.types[kind](**fields)
-
-    def header(self, stamp_s: float) -> Any:
-        nanoseconds = round(stamp_s * 1e9)
-        stamp = self.message("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-        return self.message("std_msgs/msg/Header", stamp=stamp, frame_id="", **({"seq": 0} if self.one else {}))
-
-    def write(self, topic: str, message: Any, received_s: float) -> None:
-        kind = message.__msgtype__
-        if topic not in self._topics:
-            self._topics[topic] = self._writer.add_connection(topic, kind, typestore=self.store)
-        data = self.store.serialize_ros1(message, kind) if self.one else self.store.serialize_cdr(message, kind)
-        self._writer.write(self._topics[topic], round(received_s * 1e9), data)
-
-    def image(self, image: np.ndarray, encoding: str, stamp_s: float) -> Any:
-        wide = np.pad(image.reshape(image.shape[0], -1), ((0, 0), (0, 3)))  # rows may be longer than their pixels
-        return self.message(
-            "sensor_msgs/msg/Image",
-            header=self.header(stamp_s),
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding=encoding,
-            is_bigendian=0,
-            step=wide.shape[1],
-            data=wide.ravel(),
-        )
-
-    def camera_info(self, P: np.ndarray, size: tuple[int, int] = SIZE, D: tuple[float, ...] = (0, 0, 0, 0, 0)) -> Any:
-        fields = {"k": P[:, :3].ravel(), "d": np.array(D, float), "r": np.eye(3).ravel(), "p": P.ravel()}
-        roi = self.message(
-            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-        )
-        return self.message(
-            "sensor_msgs/msg/CameraInfo", header=self.header(0), height=size[1], width=size[0], roi=roi,
-            distortion_model="plumb_bob", binning_x=0, binning_y=0,
-            **{key.upper() if self.one else key: value for key, value in fields.items()},
-        )  # fmt: skip
-
-    def joints(self, names: list[str], position: list[float], stamp_s: float) -> Any:
-        empty = np.zeros(0)
-        return self.message(
-            "sensor_msgs/msg/JointState",
-            header=self.header(stamp_s),
-            name=names,
-            position=np.array(position, float),
-            velocity=empty,
-            effort=empty,
-        )
+@contextmanager
+def writing(folder: Path, kind: str) -> Iterator[BagWriter]:
+    """A bag of one kind in a folder; `one.mcap` is the only file of a ROS 2 bag, moved out of it."""
+    storage = "ros1" if kind == "ros1.bag" else "mcap" if "mcap" in kind else "sqlite3"
+    alone = kind == "one.mcap"
+    with BagWriter(folder / ("written" if alone else kind), storage) as bag:
+        yield bag
+    if alone:
+        bag.path = next(bag.path.glob("*.mcap")).rename(folder / kind)
 
 
 def projection(baseline_m: float) -> np.ndarray:
@@ -109,26 +46,21 @@ def stamp(side: int, k: int) -> float:
 def write(folder: Path, kind: str, with_joints: bool = False, calibrated: bool = True) -> Path:
     """Images that arrive late and a while after each other; raw on the left, PNG on the right."""
     shown = images()
-    with Bag(folder, kind) as bag:
+    with writing(folder, kind) as bag:
         for side, (name, baseline_m) in enumerate((("left", 0.0), ("right", 0.12))):
             if calibrated:
-                bag.write(f"/stereo/{name}/camera_info", bag.camera_info(projection(baseline_m)), START_S)
+                bag.write(f"/stereo/{name}/camera_info", bag.camera_info(projection(baseline_m), SIZE), START_S)
             for k in range(N):
                 at = stamp(side, k)
                 if side == 0:
                     bag.write("/stereo/left/image_raw", bag.image(shown[0, k][..., ::-1], "bgr8", at), at + 0.3)
                 else:
-                    data = cv2.imencode(".png", shown[1, k][..., ::-1])[1].ravel()
-                    kind_ = "sensor_msgs/msg/CompressedImage"
-                    message = bag.message(kind_, header=bag.header(at), format="png", data=data)
-                    bag.write("/stereo/right/image_raw/compressed", message, at + 0.1)
+                    bag.write("/stereo/right/image_raw/compressed", bag.png(shown[1, k][..., ::-1], at), at + 0.1)
         if with_joints:
             robot = icub_setup().robot
             for k in range(-2, 22):
                 q = 0.01 * k * np.arange(1, robot.n_joints + 1)
-                bag.write(
-                    "/joint_states", bag.joints(list(robot.joint_names), q.tolist(), START_S + 0.0125 * k), START_S
-                )
+                bag.write("/joint_states", bag.joints(robot.joint_names, q, START_S + 0.0125 * k), START_S)
     return bag.path
 
 
@@ -155,9 +87,9 @@ def test_rectified_topics_have_the_rectified_cameras(tmp_path: Path) -> None:
     """Their K is the projection's and they have no lens, whatever the raw camera's."""
     raw, P = np.array([[33.0, 0, 10.0], [0, 34, 8.0], [0, 0, 1]]), [projection(0.0), projection(0.12)]
     for kind, lens in (("image_rect", 0.0), ("image_raw", -0.1)):
-        with Bag(tmp_path, "ros1.bag" if lens else "ros2") as bag:
+        with writing(tmp_path, "ros1.bag" if lens else "ros2") as bag:
             for side, name in enumerate(("left", "right")):
-                info = bag.camera_info(P[side], D=(-0.1, 0, 0, 0, 0))
+                info = bag.camera_info(P[side], SIZE, (-0.1, 0, 0, 0, 0))
                 setattr(info, "K" if lens else "k", raw.ravel())
                 bag.write(f"/stereo/{name}/camera_info", info, START_S)
                 for k in range(2):
@@ -188,7 +120,7 @@ def test_encodings(tmp_path: Path) -> None:
     bayer[::2, ::2] = 200  # red where rows and columns are even
     rgba = np.dstack([images()[0, 0], grey])
     written = {"mono8": grey, "rgba8": rgba, "bayer_rggb8": bayer, "bayer_bggr8": bayer, "yuv9": grey}
-    with Bag(tmp_path, "ros2") as bag:
+    with writing(tmp_path, "ros2") as bag:
         for k, (encoding, image) in enumerate(written.items()):
             for side in ("left", "right"):
                 bag.write(f"/{side}", bag.image(image, encoding, 10 + k), 10 + k)
@@ -220,10 +152,10 @@ def test_encodings(tmp_path: Path) -> None:
     ],
 )
 def test_only_rectified_topics_are_taken_as_rectified(tmp_path: Path, name: str, rectified: bool) -> None:
-    with Bag(tmp_path, "ros2") as bag:
+    with writing(tmp_path, "ros2") as bag:
         for side, baseline_m in (("left", 0.0), ("right", 0.12)):
             at = f"/{side}/{name}".removesuffix("/compressed").rsplit("/", 1)[0]
-            message = bag.camera_info(projection(baseline_m), D=(0.1, 0, 0, 0, 0))
+            message = bag.camera_info(projection(baseline_m), SIZE, (0.1, 0, 0, 0, 0))
             bag.write(f"{at}/camera_info", message, 10)
             for k in range(2):
                 bag.write(f"/{side}/{name}", bag.image(images()[0, k], "rgb8", 10 + k), 10 + k)

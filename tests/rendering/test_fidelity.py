@@ -10,9 +10,8 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
-from rendering.fidelity import Fidelity
-from rendering.scene import Placed, SceneState
-from rendering.shapes import board
+from rendering.fidelity import Fidelity, Lighting
+from rendering.scene import SceneState
 from rendering.stimuli import RED, make_stimulus
 
 PLACE = np.array([-0.36, -0.06, 0.12])
@@ -20,7 +19,7 @@ PLACE = np.array([-0.36, -0.06, 0.12])
 
 def drawn(robot: Robot, rig: StereoRig, state: SceneState, fidelity: Fidelity) -> Array:
     stimulus = make_stimulus("ball", fineness=fidelity.fineness)
-    with Eyes(robot, rig, stimulus, fidelity=fidelity, props=((board(0.1, 0.1),),)) as eyes:
+    with Eyes(robot, rig, stimulus, fidelity=fidelity) as eyes:
         return eyes.render(state, 0.0).left.astype(float)
 
 
@@ -47,37 +46,25 @@ def test_each_refinement_comes_nearer_to_the_ray_cast_image(robot: Robot, rig: S
     assert usual[1] < 5
 
 
-def test_a_ball_is_lit_by_lamberts_law(robot: Robot, rig: StereoRig, q: Array) -> None:
-    """Points of the ball: ambient light and three lamps, all of known direction."""
+@pytest.mark.parametrize(("lighting", "gamma", "diffuse"), [("baked", 1.0, 1.0), ("lights", 2.2, 0.96)])
+def test_a_ball_is_lit_by_lamberts_law(
+    robot: Robot, rig: StereoRig, q: Array, lighting: Lighting, gamma: float, diffuse: float
+) -> None:
+    """Points of the ball: ambient light and three lamps, all of known direction; pyrender adds before it applies gamma,
+    and of what a surface that is no metal reflects, glTF takes 4 % for highlights."""
     lamps = np.array([[0.474, 0.237, 0.848], [0.10, -0.81, 0.58], [-0.72, 0.45, 0.53]])
+    strengths = diffuse * ((0.55 + np.array([0.38, 0.16, 0.12])) ** gamma - 0.55**gamma)
     eye = rig.view(q).left
     toward_eye = eye.center - PLACE
     toward_eye /= np.linalg.norm(toward_eye)
-    image = drawn(robot, rig, SceneState(q, PLACE), Fidelity(fineness=4))
+    image = drawn(robot, rig, SceneState(q, PLACE), Fidelity(fineness=4, lighting=lighting))
     for aside in (-0.5, 0.0, 0.5):  # of the radius
         normal = aside * eye.T_root_camera[:3, 0] + np.sqrt(1 - aside**2) * toward_eye
         normal /= np.linalg.norm(normal)
         u, v = np.rint(eye.project(PLACE + 0.035 * normal)).astype(int)
         assert (lamps @ normal)[0] > 0
-        light = 0.55 + np.maximum(lamps @ normal, 0) @ [0.38, 0.16, 0.12]
+        light = (0.55**gamma + np.maximum(lamps @ normal, 0) @ strengths) ** (1 / gamma)
         assert image[v, u] == pytest.approx(np.minimum(255 * light * np.array(RED), 255), abs=4)
-
-
-def test_a_board_casts_its_shadow_away_from_the_lamp(robot: Robot, rig: StereoRig, q: Array) -> None:
-    """On the table (z = -0.22 m), where the ray from the lamp (0.474, 0.237, 0.848) through the board ends."""
-    up = np.array([0.474, 0.237, 0.848])
-    lit = np.array([-0.50, -0.02, -0.22])
-    state = SceneState(q, props=(Placed(lit + 0.2 * up),))
-    eye = rig.view(q).left
-    u, v = np.rint(eye.project(lit)).astype(int)
-    assert eye.sees(lit, margin_px=10)
-    without, with_shadow = (drawn(robot, rig, state, Fidelity(lighting=way)) for way in ("lights", "shadows"))
-    here = np.s_[v - 2 : v + 3, u - 2 : u + 3]
-    assert with_shadow[here].mean() < 0.85 * without[here].mean()
-    aside = lit + np.array([-0.15, 0.0, 0.0])
-    u, v = np.rint(eye.project(aside)).astype(int)
-    here = np.s_[v - 2 : v + 3, u - 2 : u + 3]
-    assert with_shadow[here].mean() > 0.95 * without[here].mean()
 
 
 @pytest.mark.parametrize(
@@ -86,7 +73,7 @@ def test_a_board_casts_its_shadow_away_from_the_lamp(robot: Robot, rig: StereoRi
         ({"scale": 0.4}, "expected scale 0.5–2"),
         ({"scale": np.nan}, "expected scale 0.5–2"),
         ({"fineness": 7}, "fineness 0–6"),
-        ({"lighting": "candle"}, "a lighting of baked, lights, shadows"),
+        ({"lighting": "candle"}, "a lighting of baked, lights"),
         ({"blur_step_px": 0.0}, "a positive step"),
         ({"blur_step_px": np.nan}, "a positive step"),
     ],

@@ -12,7 +12,7 @@ from rendering.motions import (
     Jerk,
     Linear,
     Motion,
-    Reach,
+    ReachMotion,
     Recede,
     Target,
     in_cap,
@@ -133,7 +133,7 @@ def test_an_approach_is_where_its_speed_takes_it() -> None:
 
 def test_a_straight_reach_is_half_way_at_its_peak_speed_and_touches_before_its_end() -> None:
     """Planned for 8/7 of 0.35 m, 0.4 m: minimum jerk, whose peak speed is 15/8 of its mean, at half of its time."""
-    motion = Reach(np.zeros(3), 0.175 * X, 0.35 * X, 0.5)
+    motion = ReachMotion(np.zeros(3), 0.175 * X, 0.35 * X, 0.5)
     whole_s = 15 / 8 * 0.4 / 0.5
     position, velocity = motion(whole_s / 2)
     assert position == pytest.approx(0.2 * X)
@@ -148,7 +148,7 @@ def test_a_straight_reach_is_half_way_at_its_peak_speed_and_touches_before_its_e
 def test_a_curved_reach_is_a_parabola_through_its_control_points() -> None:
     """Of Bézier's curve: half way in its parameter it is at ¼ start + ½ via + ¼ end, and moves from start to end."""
     start, via, end = np.zeros(3), 0.2 * X + 0.1 * Y, 0.3 * X + 0.05 * Z
-    motion = Reach(start, via, end, 0.5)
+    motion = ReachMotion(start, via, end, 0.5)
     times = np.linspace(0, motion.arrives_s, 4001)
     states = [motion(t) for t in times]
     k = int(np.argmin([np.linalg.norm(p - (0.25 * start + 0.5 * via + 0.25 * end)) for p, _ in states]))

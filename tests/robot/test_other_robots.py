@@ -1,5 +1,6 @@
 """Robots that are not our iCub: the official iCub model, and an arm of seven joints beside two fixed cameras."""
 
+import os
 from itertools import takewhile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -20,6 +21,7 @@ from pps_vision.recordings.skin_file import read_skin
 from pps_vision.robot.gaze import GazeModel
 from pps_vision.robot.icub import icub_setup
 from pps_vision.robot.model import FrameNames, Robot
+from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.setup import RobotSetup
 
 ARM7 = Path(__file__).parents[1] / "arm7" / "robot.toml"
@@ -117,10 +119,65 @@ def test_the_official_icub_is_read_with_its_meshes_as_boxes(tmp_path: Path) -> N
     setup, ours = read_robot(tmp_path / "robot.toml"), icub_setup()
     assert {body.shape for body in setup.robot.bodies} == {"box"}
     assert len(setup.robot.bodies) > 20
+    assert SelfCollision(setup.robot).distance_m(setup.home_rad) < 0  # so that its arm is held, as docs/robots.md says
     positions, normals = setup.skin.at(setup.robot.at(np.zeros(32)))
     there, facing = ours.skin.at(ours.robot.at(np.zeros(ours.robot.n_joints)))
     np.testing.assert_allclose(positions[0], there[0], atol=2e-4)
     np.testing.assert_allclose(normals[0], facing[0], atol=1e-5)
+
+
+ICUB_WATCHED = """
+urdf = "{urdf}"
+skin = "skin.csv"
+root = "root_link"
+left_eye = {{link = "root_link", xyz_m = [-0.667, -0.223, 0.318], rpy_deg = [-112.2, 0, -64.5]}}
+right_eye = {{link = "root_link", xyz_m = [-0.638, -0.284, 0.318], rpy_deg = [-112.2, 0, -64.5]}}
+left_arm = ["l_shoulder_pitch", "l_shoulder_roll", "l_shoulder_yaw", "l_elbow"]
+left_palm = "l_hand_dh_frame"
+
+[home_deg]
+l_shoulder_pitch = -30
+l_shoulder_roll = 23
+l_shoulder_yaw = -8
+l_elbow = 51
+l_wrist_prosup = -46
+"""
+
+
+@pytest.mark.skipif("PPS_VISION_ALL" not in os.environ, reason="takes 30 s; in make test-all")
+def test_the_official_icub_learns_a_touch_and_its_reach_by_the_command_line(tmp_path: Path) -> None:
+    """Our taxels on its forearm; two cameras watch it from the front, because the model has no eyes."""
+    icub_models = pytest.importorskip("icub_models")
+    file, part = tmp_path / "robot.toml", icub_setup().skin.parts[0]
+    file.write_text(ICUB_WATCHED.format(urdf=icub_models.get_model_file("iCubLisboa01")))
+    rows = [
+        f"left_forearm,l_forearm_dh_frame,{i}," + ",".join(f"{x:.5f}" for x in (*position, *normal))
+        for i, position, normal in zip(part.ids, part.positions_m, part.normals, strict=True)
+    ]
+    (tmp_path / "skin.csv").write_text("\n".join(["part,frame,taxel,x_m,y_m,z_m,nx,ny,nz", *rows]) + "\n")
+    scene = "--stimulus ball --motion approach --target left_forearm:27 --seconds 3 --speed 0.12 --noise 2 --seed 1"
+    main(["render", *scene.split(), "--robot", str(file), "--out", str(tmp_path / "rec")])
+    main(["learn", str(tmp_path / "rec"), "--robot", str(file), "--out", str(tmp_path / "memory.npz")])
+    memory = load_memory(tmp_path / "memory.npz")
+    positive = memory.counts[..., 0].sum(axis=(1, 2))
+    assert positive[memory.taxel_ids.index("left_forearm:27")] > 10
+    assert positive[8:].sum() == 0  # on the outside of the forearm
+    words = "--arm left --ik-budget 600 --max-error 0.3"
+    main(["reach", "train", *words.split(), "--robot", str(file), "--out", str(tmp_path / "map.npz")])
+    learned, setup = ReachableMap.load(tmp_path / "map.npz"), read_robot(file)
+    robot, rng = setup.robot, np.random.default_rng(0)
+    arm = robot.indices(robot.names.arm("left"))
+    postures = np.tile(setup.home_rad, (2000, 1))
+    postures[:, arm] = rng.uniform(robot.lower_rad[arm], robot.upper_rad[arm], (2000, 4))
+    hands = np.array([robot.at(q).point("l_hand_dh_frame") for q in postures])
+    gaze = GazeModel(robot).gaze(hands, learned.limits)
+    seen = gaze[np.isfinite(gaze).all(axis=1)]
+    assert len(seen) > 500
+    assert learned.query(seen).reachable.mean() > 0.9
+    anywhere = rng.uniform(learned.limits.lower, learned.limits.upper, (2000, 3))
+    too_far = np.linalg.norm(GazeModel(robot).points(anywhere), axis=1) > np.linalg.norm(hands, axis=1).max() + 0.03
+    assert too_far.sum() > 100
+    assert learned.query(anywhere[too_far]).reachable.mean() < 0.05
 
 
 def test_the_official_icub_of_our_version_has_our_arms() -> None:

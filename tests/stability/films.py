@@ -7,7 +7,7 @@ import numpy as np
 from ball_scenes import Sphere, frame
 from data import SEED
 
-from pps_vision.experiments.scenarios import Recording
+from pps_vision.experiments.scenarios import Footage
 from pps_vision.robot.icub import home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Mask, StereoFrame
@@ -39,17 +39,17 @@ def film(
     others: Callable[[float], list[Sphere]] = lambda _: [],
     fps: int = FPS,
     noise: bool = True,
-) -> Recording:
+) -> Footage:
     """A red ball, and other spheres, with pixel noise of 2/255."""
     rng = np.random.default_rng(SEED) if noise else None
     stamps = np.arange(round(seconds * fps)) / fps
     frames = [frame(RIG, pose(t), [Sphere(position(t), RADIUS_M, RED), *others(t)], t, rng) for t in stamps]
     path = np.array([position(t) for t in stamps])
     seen, boxes = np.ones(len(frames), bool), ((None, None),) * len(frames)
-    return Recording(tuple(frames), path, np.zeros_like(path), seen, boxes, RADIUS_M, RIG, Silhouette(ROBOT))
+    return Footage(tuple(frames), path, np.zeros_like(path), seen, boxes, RADIUS_M, RIG, Silhouette(ROBOT))
 
 
-def during(usual: Recording, disturbed: Recording, from_s: float, to_s: float) -> Recording:
+def during(usual: Footage, disturbed: Footage, from_s: float, to_s: float) -> Footage:
     """The usual film, but for what is disturbed from one moment to another."""
     # a disturbed stamp may be some ms off its place
     parts = (usual, disturbed), (0.0, 0.5 / FPS)
@@ -64,12 +64,12 @@ def during(usual: Recording, disturbed: Recording, from_s: float, to_s: float) -
     return replace(usual, frames=frames, position=position, seen=np.ones(len(frames), bool))
 
 
-def each(footage: Recording, change: Callable[[StereoFrame], StereoFrame]) -> Recording:
+def each(footage: Footage, change: Callable[[StereoFrame], StereoFrame]) -> Footage:
     """Every frame changed."""
     return replace(footage, frames=tuple(change(one) for one in footage.frames))
 
 
-def held(footage: Recording, stale: Mask) -> Recording:
+def held(footage: Footage, stale: Mask) -> Footage:
     """Both images shown again, under the new stamp and joints, in the frames (n,) that are `stale`."""
     frames = [footage.frames[0]]
     for one, again in zip(footage.frames[1:], stale[1:], strict=True):
@@ -77,13 +77,13 @@ def held(footage: Recording, stale: Mask) -> Recording:
     return replace(footage, frames=tuple(frames))
 
 
-def right_black(footage: Recording, out: Mask) -> Recording:
+def right_black(footage: Footage, out: Mask) -> Footage:
     """The right eye black in the frames (n,) where it is `out`."""
     pairs = zip(footage.frames, out, strict=True)
     return replace(footage, frames=tuple(replace(f, right=0 * f.right) if dark else f for f, dark in pairs))
 
 
-def without(footage: Recording, gone: Mask) -> Recording:
+def without(footage: Footage, gone: Mask) -> Footage:
     """Only the frames that are not `gone` (n,)."""
     frames = tuple(f for f, missing in zip(footage.frames, gone, strict=True) if not missing)
     return replace(footage, frames=frames, position=footage.position[~gone], seen=footage.seen[~gone])

@@ -38,15 +38,15 @@ def check(demand: Demand, tracks: Sequence[Track3D], truth: Array) -> None:
         np.array([np.sqrt(np.linalg.eigvalsh(t.cov[k, k])[-1]) if t.is_known else np.nan for t in tracks])
         for k in (slice(0, 3), slice(3, 6))
     )
-    surprise = np.full(len(tracks), np.nan)
+    nees = np.full(len(tracks), np.nan)
     for k in np.flatnonzero(known):
-        surprise[k] = error[k] @ np.linalg.solve(tracks[k].cov[:3, :3], error[k])
+        nees[k] = error[k] @ np.linalg.solve(tracks[k].cov[:3, :3], error[k])
     before = (stamps > demand.from_s - BEFORE_S) & (stamps < demand.from_s - 1e-6)
     inside = (stamps > demand.from_s - 1e-6) & (stamps < demand.to_s - 1e-6)
     after = stamps > demand.to_s + demand.recovered_s - 1e-6
-    _tracked("before", before, status, error, std, surprise, demand.accuracy_m)
+    _tracked("before", before, status, error, std, nees, demand.accuracy_m)
     asked = known & inside & (stamps > demand.from_s + demand.excused_s - 1e-6)
-    worst = max(surprise[asked], default=0.0)
+    worst = max(nees[asked], default=0.0)
     assert worst < HONEST, f"χ² {worst:.0f}, {1e3 * np.linalg.norm(error[asked], axis=1).max():.0f} mm off"
     if demand.during == "lost":
         assert not (status[inside] == Status.TRACKING).any(), "tracked what cannot be measured"
@@ -57,18 +57,16 @@ def check(demand: Demand, tracks: Sequence[Track3D], truth: Array) -> None:
     else:
         wider = [(one[inside] > WIDER * np.median(one[before])).any() for one in (std, std_of_velocity)]
         assert any(wider) or (status[inside] != Status.TRACKING).any(), "as sure as ever"
-    _tracked("after", after, status, error, std, surprise, demand.accuracy_m)
+    _tracked("after", after, status, error, std, nees, demand.accuracy_m)
 
 
-def _tracked(
-    name: str, when: Mask, status: Array, error: Array, std: Array, surprise: Array, accuracy_m: float
-) -> None:
+def _tracked(name: str, when: Mask, status: Array, error: Array, std: Array, nees: Array, accuracy_m: float) -> None:
     """In all frames, as accurately as is asked, and as is stated."""
     assert when.sum() >= 4
     assert (status[when] == Status.TRACKING).all(), f"not tracked {name} it: {', '.join(status[when])}"
     off_m, stated_m = np.linalg.norm(error[when], axis=1).max(), std[when].max()
     assert max(off_m, stated_m) < accuracy_m, f"{name} it {off_m:.4f} m off, {stated_m:.4f} m stated"
-    assert surprise[when].max() < HONEST, f"{name} it χ² {surprise[when].max():.0f}"
+    assert nees[when].max() < HONEST, f"{name} it χ² {nees[when].max():.0f}"
 
 
 def whole(tracks: Sequence[Track3D]) -> None:

@@ -18,7 +18,7 @@ from control.limits import LimitParams
 from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams
-from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
+from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, load_icub
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array
@@ -112,6 +112,22 @@ def test_commands_that_take_effect_late(latency_s: float, told: str) -> None:
     assert "avoid" in log.modes
     log.at_rest_at_home((0.3 if told == "known" else 5.0) * DEG)
     assert log.reversals() <= (3 if told == "known" else 4)
+
+
+@pytest.mark.parametrize("gaze", GAZES)
+def test_the_eyes_keep_the_object_in_view_while_the_arm_avoids(gaze: str) -> None:
+    """Eyes that stay where they were when it came lose it."""
+    start, rig = gaze_at(ROBOT, home(ROBOT), visit(0.0)[0]), icub_rig(ROBOT)
+    log = encounter(start=start, fixation=GAZES[gaze])
+    avoiding = [k for k, mode in enumerate(log.modes) if mode == "avoid"]
+
+    def in_view(k: int, q: Array) -> bool:
+        view, p = rig.view(q), visit(k * DT)[0]
+        return view.left.sees(p) and view.right.sees(p)
+
+    assert len(avoiding) > 20
+    assert all(in_view(k, log.q[k]) for k in avoiding)
+    assert not all(in_view(k, start) for k in avoiding)
 
 
 @pytest.mark.parametrize("posture_deg", [(-30, 20, 0, 5.5, 0, 0, 0), (-30, 23, -8, 106, -46, 0, 0)])

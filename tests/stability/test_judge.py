@@ -7,6 +7,7 @@ import pytest
 from films import circle
 from judge import Demand, check
 from test_past_the_break import DISTURBANCES, LEAP, leaping
+from tracks import track_at
 
 from pps_vision.types import Array, Status, Track3D
 
@@ -15,9 +16,7 @@ Position = Callable[[float], Array]
 
 
 def track(stamp_s: float, position: Array, std_m: float = 0.0005, status: Status = Status.TRACKING) -> Track3D:
-    mean = np.zeros((4, 3))
-    mean[0] = position
-    return Track3D(stamp_s, mean, std_m**2 * np.eye(12), 0.035, 1e-8, status)
+    return track_at(position, stamp_s=stamp_s, cov=std_m**2, status=status)
 
 
 def unknown(demand: Demand, position: Position) -> list[Track3D]:

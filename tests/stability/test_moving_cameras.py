@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.experiments.independent import score
 from pps_vision.experiments.independent_films import Film, IndependentScene
+from pps_vision.experiments.independent_score import score
+from pps_vision.types import StereoFrame
+from tracking import Mode
 from tracking.marker import MarkerParams
 from tracking.tracker import Tracker, TrackerParams
 
@@ -26,39 +28,49 @@ WITHIN_M = {"rests": 0.0015, "rotates": 0.0015, "shakes": 0.003, "20 ms late": 0
 
 
 @cache
-def filmed(name: str) -> tuple[dict[str, float], list[float], Tracker]:
-    """The scores, how far the rig had turned by each frame (deg), and the tracker after the film."""
+def cast(name: str) -> tuple[Film, list[StereoFrame]]:
+    """A film and its frames."""
     film = Film(SCENES[name], SEED)
-    params = TrackerParams("marker", marker=MarkerParams(film.hue_deg))
+    return film, list(film)
+
+
+@cache
+def filmed(name: str, mode: Mode) -> tuple[dict[str, float], list[float], Tracker]:
+    """The scores, how far the rig had turned by each frame (deg), and the tracker after the film."""
+    film, frames = cast(name)
+    params = TrackerParams(mode, marker=MarkerParams(film.hue_deg))
     tracker = Tracker(params, film.rig, np.random.default_rng(SEED))
     tracks, turned = [], []
-    for frame in film:
+    for frame in frames:
         tracks.append(tracker.step(frame).track)
         turned.append(float(np.rad2deg(np.linalg.norm(tracker.camera_motion.rotation_rad))))
     return score(tracks, film.truth), turned, tracker
 
 
+@pytest.mark.parametrize("mode", ["marker", "generic"])
 @pytest.mark.parametrize("name", SCENES)
-def test_a_marker_is_tracked_and_the_ellipsoid_holds_it(name: str) -> None:
-    found, _, _ = filmed(name)
+def test_a_ball_is_tracked_and_the_ellipsoid_holds_it(name: str, mode: Mode) -> None:
+    found, _, _ = filmed(name, mode)
     assert found["right_percent"] > 95
     assert found["false_percent"] <= 1
     assert found["median_mm"] < 1000 * WITHIN_M[name]
     assert found["covered_percent"] > 75
 
 
-def test_a_rig_that_rests_is_not_said_to_move() -> None:
-    assert max(filmed("rests")[1]) == 0
+@pytest.mark.parametrize("mode", ["marker", "generic"])
+def test_a_rig_that_rests_is_not_said_to_move(mode: Mode) -> None:
+    assert max(filmed("rests", mode)[1]) == 0
 
 
+@pytest.mark.parametrize("mode", ["marker", "generic"])
 @pytest.mark.parametrize(("name", "at_least_deg"), [("rotates", 0.9), ("shakes", 0.1)])
-def test_a_rig_that_moves_is_said_to_within_a_second(name: str, at_least_deg: float) -> None:
-    _, turned, tracker = filmed(name)
+def test_a_rig_that_moves_is_said_to_within_a_second(name: str, mode: Mode, at_least_deg: float) -> None:
+    _, turned, tracker = filmed(name, mode)
     assert max(turned[:30]) > at_least_deg
     assert tracker.camera_motion.rate_rad_s > np.deg2rad(1.0)
 
 
 def test_the_delay_of_the_joints_is_measured() -> None:
-    motion = filmed("20 ms late")[2].camera_motion
+    motion = filmed("20 ms late", "marker")[2].camera_motion
     assert abs(motion.delay_s - 0.02) < 0.002
     assert abs(motion.delay_s - 0.02) < 4 * motion.delay_std_s

@@ -12,7 +12,7 @@ from films import EVERY, FPS, ROBOT, circle, during, each, film, held, right_bla
 from judge import HONEST, Demand, check, whole
 
 from pps_vision.experiments import disturbances as d
-from pps_vision.experiments.scenarios import Recording
+from pps_vision.experiments.scenarios import Footage
 from pps_vision.robot.silhouette import Silhouette
 from pps_vision.types import Array, Image, Mask, Status, Track3D
 from tracking.marker import MarkerParams
@@ -27,17 +27,17 @@ def rng() -> np.random.Generator:
 
 
 @cache
-def fine() -> Recording:
+def fine() -> Footage:
     """At twice the rate, so that images of other moments are at hand."""
     return film(SECONDS, fps=FPS * EVERY)
 
 
 @cache
-def usual() -> Recording:
+def usual() -> Footage:
     return d.at_rate(fine(), EVERY)
 
 
-def now_and_then(missing: Callable[[Recording, Mask], Recording]) -> Recording:
+def now_and_then(missing: Callable[[Footage, Mask], Footage]) -> Footage:
     """Nothing new but every sixth frame."""
     k = np.arange(len(usual().frames))
     stamps = usual().stamps_s
@@ -57,7 +57,7 @@ def passing(t_s: float) -> list[Sphere]:
 
 @dataclass(frozen=True)
 class Disturbance:
-    footage: Callable[[], Recording]  # of which what lies in between is taken
+    footage: Callable[[], Footage]  # of which what lies in between is taken
     demand: Demand = Demand(from_s=FROM_S, to_s=TO_S)
     stamp_error_s: float = 0.0
 
@@ -108,11 +108,11 @@ FALSE: dict[tuple[str, str], str] = {  # what is claimed there, and how wrongly 
 
 
 @cache
-def disturbed(how: str) -> Recording:
+def disturbed(how: str) -> Footage:
     return during(usual(), DISTURBANCES[how].footage(), FROM_S, TO_S)
 
 
-def tracked(footage: Recording, params: TrackerParams) -> list[Track3D]:
+def tracked(footage: Footage, params: TrackerParams) -> list[Track3D]:
     tracker = Tracker(params, footage.rig, rng(), own_body=Silhouette(ROBOT))
     return [tracker.step(frame).track for frame in footage.frames]
 

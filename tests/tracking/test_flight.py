@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from throw import DRAG_PER_M, FPS, HIDDEN, RIG, UP, thrown
 
-from tracking.flight import FlightParams, forecast, start
+from pps_vision.types import Array, Status, Track3D
+from tracking.flight import FlightParams, derivatives, forecast, start
 from tracking.kalman import Belief, update
+from tracking.smoother import smoothed_steps
+from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 STILL_AIR = FlightParams(drag_per_m=0.0, noise_density=1e-9, floor_m=-np.inf)
 
@@ -147,7 +152,7 @@ def test_where_spin_and_speed_go_together_the_mean_is_pushed() -> None:
 
 
 def test_flight_begins_with_the_spread_of_what_is_thrown() -> None:
-    params, cov = FlightParams(speed_std=5.0, lift_std=(0.4, 0.2)), np.diag([1e-4, 2e-4, 3e-4])
+    params, cov = FlightParams(speed_std=5.0, lift_std=(0.4, 0.2), white_share=1.0), np.diag([1e-4, 2e-4, 3e-4])
     belief = start(params, 1.5, np.array([1.0, 2.0, 3.0]), cov)
     np.testing.assert_array_equal(belief.mean, [[1, 2, 3], [0, 0, 0], [0, 0, 0]])
     np.testing.assert_allclose(belief.cov, np.diag([1e-4, 2e-4, 3e-4, 25, 25, 25, 0.16, 0.16, 0.04]))
@@ -158,13 +163,12 @@ def test_a_bouncing_ball_is_followed(rng: np.random.Generator) -> None:
     """Truth from fine steps of a model with other constants than the filter's; measured with 15 mm."""
     cov, dt, x = np.diag([15e-3] * 3) ** 2, 1e-4, np.array([0, 1.3, 0.3, 0.2, -6.0, 0.5])
     errors, raw, belief = [], [], None
+    params = FlightParams(white_share=1.0)
     for k in range(6000):
         if k % 400 == 0:
             z = x[:3] + 15e-3 * rng.standard_normal(3)
-            belief = (
-                start(FlightParams(), k * dt, z, cov) if belief is None else forecast(FlightParams(), belief, k * dt)[0]
-            )
-            belief = update(FlightParams().filter, belief, z, cov) if k else belief
+            belief = start(params, k * dt, z, cov) if belief is None else forecast(params, belief, k * dt)[0]
+            belief = update(params.filter, belief, z, cov) if k else belief
             errors.append(belief.mean[0] - x[:3])
             raw.append(z - x[:3])
         x[3:] += dt * (np.array([0, 0, -9.81]) - 0.12 * np.linalg.norm(x[3:]) * x[3:])
@@ -177,6 +181,8 @@ def test_a_bouncing_ball_is_followed(rng: np.random.Generator) -> None:
 def test_bad_input_is_named() -> None:
     with pytest.raises(ValueError, match=r"restitution 1\.2"):
         FlightParams(restitution=1.2)
+    with pytest.raises(ValueError, match=r"upward direction \(0\.0, 0\.0, 0\.0\)"):
+        FlightParams(up=(0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match=r"-0\.1.*before 0\.0"):
         forecast(STILL_AIR, _belief((0, 0, 1), (0, 0, 0), (0, 0, 0)), -0.1)
 
@@ -189,3 +195,82 @@ def test_in_no_time_nothing_changes() -> None:
     np.testing.assert_allclose(after.mean, belief.mean, atol=1e-12)
     np.testing.assert_allclose(after.cov, belief.cov, atol=1e-12)
     np.testing.assert_allclose(cross, belief.cov, atol=1e-12)
+
+
+def test_what_is_up_in_another_frame_flies_and_bounces_as_in_the_own() -> None:
+    """Everything turned together: the belief, the prediction over a bounce and the first belief."""
+    R = Rotation.from_rotvec([0.4, -1.9, 0.7]).as_matrix()
+    T, params = np.kron(np.eye(3), R), FlightParams()
+    turned = FlightParams(up=tuple(2.5 * R[:, 2]))
+    mean, cov = np.array([[0, 0, 0.06], [1.0, -5.0, -2.5], [0.3, 0.1, 0.0]]), 1e-12 * np.eye(9)
+    one, cross = forecast(params, Belief(0.0, mean, cov, np.zeros((3, 3)), 0.0), 0.04)
+    belief = Belief(0.0, mean @ R.T, T @ cov @ T.T, np.zeros((3, 3)), 0.0)
+    other, turned_cross = forecast(turned, belief, 0.04)
+    assert one.mean[1, 2] > 0, "it has bounced"
+    np.testing.assert_allclose(other.mean, one.mean @ R.T, atol=1e-9)
+    np.testing.assert_allclose(other.cov, T @ one.cov @ T.T, atol=1e-9)
+    np.testing.assert_allclose(turned_cross, T @ cross @ T.T, atol=1e-16)
+    first, other = (start(p, 0.0, np.zeros(3), 1e-4 * np.eye(3)) for p in (params, turned))
+    np.testing.assert_allclose(other.cov, T @ first.cov @ T.T, atol=1e-12)
+
+
+def test_the_acceleration_and_its_spread_are_those_of_samples(rng: np.random.Generator) -> None:
+    """Of the velocity's change in a short flight."""
+    params = FlightParams(up=(0.0, -1.0, 0.0), floor_m=-np.inf)
+    root = rng.normal(size=(9, 9)) * np.array([0.01] * 3 + [0.1] * 3 + [0.02] * 3)[:, None]
+    belief = Belief(0.0, np.array([[0, 0, 1.0], [3.0, -6.0, 1.5], [0.3, 0.2, -0.1]]), root @ root.T, np.eye(3), 0.0)
+    mean, cov = derivatives(params, belief)
+    states = rng.multivariate_normal(belief.mean.ravel(), belief.cov, 400)
+    tiny, h = 1e-18 * np.eye(9), 1e-4
+    each = [Belief(0.0, one.reshape(3, 3), tiny, np.eye(3), 0.0) for one in (belief.mean.ravel(), *states)]
+    rates = np.array([(forecast(params, one, h)[0].mean[1] - one.mean[1]) / h for one in each])
+    np.testing.assert_array_equal(mean[:2], belief.mean[:2])
+    np.testing.assert_allclose(mean[2], rates[0], atol=0.01)
+    sampled = np.cov(np.hstack([states[:, :6], rates[1:]]).T)
+    scale = np.outer(np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov)))
+    np.testing.assert_allclose(cov / scale, sampled / scale, atol=0.2)
+
+
+FLIGHT = FlightParams(up=UP, drag_per_m=DRAG_PER_M, floor_m=-np.inf)
+
+
+def _thrown_steps(flight: FlightParams | None) -> list[TrackerStep]:
+    tracker = Tracker(TrackerParams(flight=flight), RIG, np.random.default_rng(0))
+    return [tracker.step(frame) for frame in thrown()[0]]
+
+
+def _errors(tracks: list[Track3D], path: Array, row: int) -> Array:
+    """(n,) errors of position (0) or velocity (1)."""
+    return np.array(
+        [np.linalg.norm(t.mean[row] - x) for t, x in zip(tracks, path.reshape(-1, 2, 3)[:, row], strict=True)]
+    )
+
+
+def test_the_tracker_follows_and_predicts_a_thrown_ball_better_by_its_flight() -> None:
+    frames, path = thrown()
+    plain, ballistic = ([step.track for step in _thrown_steps(model)] for model in (None, FLIGHT))
+    for tracks in (plain, ballistic):
+        assert [t.status for t in tracks[5:]] == [
+            Status.COASTING if k in HIDDEN else Status.TRACKING for k in range(5, len(frames))
+        ]
+    new, old = (_errors(tracks, path, 1)[5:15] for tracks in (ballistic, plain))
+    assert np.sqrt(np.mean(new**2)) < 0.7 * np.sqrt(np.mean(old**2))
+    hidden = slice(HIDDEN.start, HIDDEN.stop)
+    assert _errors(ballistic, path, 0)[hidden][-1] < 0.7 * _errors(plain, path, 0)[hidden][-1]
+    for track, x in zip(ballistic[5:], path[5:], strict=True):
+        error = track.mean[:2].ravel() - x
+        assert error @ np.linalg.solve(track.cov[:6, :6], error) < 30
+    acceleration = np.gradient(path[:, 3:], 1 / FPS, axis=0)[14]
+    np.testing.assert_allclose(ballistic[14].mean[2], acceleration, atol=0.5)
+    assert not ballistic[14].mean[3].any()
+
+
+def test_a_flight_is_smoothed_by_its_own_model() -> None:
+    frames, path = thrown()
+    steps = _thrown_steps(FLIGHT)
+    before, after = ([step.track for step in some] for some in (steps, smoothed_steps(FLIGHT, steps)))
+    known = slice(5, len(frames))
+    for row in (0, 1):
+        assert _errors(after, path, row)[known].max() < 0.5 * _errors(before, path, row)[known].max()
+    accelerations = np.gradient(path[:, 3:], 1 / FPS, axis=0)
+    np.testing.assert_allclose([t.mean[2] for t in after[known]], accelerations[known], atol=1.0)

@@ -9,6 +9,7 @@ from pps_vision.types import Array, Status, StereoFrame, Track3D
 from tracking.camera_tracker import CameraState, CameraTracker
 from tracking.image_tracker import ImageDetection
 from tracking.outline import Outline
+from tracking.smoother import smoothed_steps
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 Pair = tuple[Outline | None, Outline | None]
@@ -107,5 +108,25 @@ def test_a_place_that_turns_out_to_be_empty_is_background_and_no_object(monkeypa
         images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
         status.append(tracker.step(StereoFrame(*images, DT * k, DT * k)).track.status)
     assert status[2:6] == [Status.TRACKING] * 4
-    assert status[6:] == [Status.SEARCHING] * 3  # it is to be confirmed anew, by three frames
+    assert status[6:] == [Status.LOST, *[Status.SEARCHING] * 2]  # it is to be confirmed anew, by three frames
     assert absorbed == [("left", detected[0]), ("right", detected[1])]
+
+
+def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew() -> None:
+    """5 cm aside, where the search finds it in the frame in which it is not seen where it was predicted."""
+    rng, steps = np.random.default_rng(3), []
+    tracker = Tracker(TrackerParams(), RIG, rng)
+    for k in range(14):
+        here = both(P if k < 8 else P + 0.05 * LOOKING[:, 0])
+        detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in here)
+        followed = (None, None) if k == 8 else detected
+        images = rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(tracker, "_follow", lambda state, *_, followed=followed, **__: (state, followed))
+            patch.setattr(tracker, "_acquire", lambda state, *_, detected=detected, **__: (state, detected))
+            steps.append(tracker.step(StereoFrame(*images, DT * k, DT * k)))
+    status = [step.track.status for step in steps]
+    assert status[4:] == [*[Status.TRACKING] * 4, Status.LOST, Status.SEARCHING, *[Status.TRACKING] * 4]
+    smoothed = [step.track for step in smoothed_steps(TrackerParams().kalman, steps)]
+    assert [track.status for track in smoothed] == status
+    assert max(np.linalg.norm(track.position - (P + 0.05 * LOOKING[:, 0])) for track in smoothed[10:]) < 0.002

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera
 from pps_vision.types import Image
 from tracking.marker import MarkerParams, find_markers, threshold
@@ -48,6 +49,14 @@ def test_a_hue_or_tolerance_that_is_none_is_refused(change: tuple[float, float])
     with pytest.raises(ValueError, match="expected a hue in"):
         MarkerParams(*change)
     assert MarkerParams(0.0, 90.0).hue_deg == 0
+
+
+@pytest.mark.parametrize("share", [-0.01, 1.01, 50.0, np.nan])
+@pytest.mark.parametrize("name", ["min_saturation", "min_value"])
+def test_a_saturation_or_value_that_is_no_share_is_refused(name: str, share: float) -> None:
+    with pytest.raises(InputError, match=f"{share}.*expected shares from 0 to 1"):
+        MarkerParams(**{name: share})
+    assert MarkerParams(min_saturation=0.0, min_value=1.0).ranges
 
 
 def test_the_largest_comes_first_and_at_most_four() -> None:

@@ -1,5 +1,6 @@
 """Operations on masks, of shapes whose result is known."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -41,6 +42,20 @@ def test_opening_removes_what_is_thinner_than_the_disc_and_keeps_the_rest() -> N
     assert not masks.opened(handle, 4).any()
     at_border = rectangle(0, 20, 10, 30)  # may go on beyond the image
     assert np.array_equal(masks.opened(at_border, 4)[22:28, :6], at_border[22:28, :6])
+
+
+@pytest.mark.parametrize("radius", [0, 3, 12, 40])
+def test_opening_keeps_what_a_disc_reaches_that_fits_up_to_the_images_border(radius: int) -> None:
+    """By OpenCV's exact distances to the nearest pixel outside, and to the nearest centre of a disc that fits."""
+    rng = np.random.default_rng(radius)
+    y, x = np.mgrid[:90, :130]
+    for share in (0.1, 0.5, 0.9):
+        noise = cv2.GaussianBlur(rng.random((90, 130)), (0, 0), 4.0)
+        mask = (noise > np.quantile(noise, share)) | (np.hypot(x - 20, y - 50) < 45)
+        inside = cv2.distanceTransform(mask.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        centers = inside > radius
+        reached = cv2.distanceTransform((~centers).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= radius
+        np.testing.assert_array_equal(masks.opened(mask, radius), reached & centers.any())
 
 
 def test_the_component_is_the_one_with_most_pixels_where_it_is_asked_for() -> None:

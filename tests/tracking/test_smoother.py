@@ -9,7 +9,7 @@ from linear_model import discretised
 
 from pps_vision.types import Observation3D, Status, Track3D
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
-from tracking.smoother import LAG, Measured, follow, smooth, smoothed_steps
+from tracking.smoother import LAG, Measurement, follow, smooth, smoothed_steps
 from tracking.tracker import TrackerStep
 
 R = np.diag([1e-5, 4e-6, 9e-6])
@@ -50,7 +50,7 @@ def test_it_is_least_squares_over_the_whole_path(order: int, rng: np.random.Gene
     z = 0.05 * np.sin(3 * stamps)[:, None] + rng.standard_normal((15, 3)) * np.sqrt(np.diag(R))
     z[6:9] = np.nan  # not seen for a while
     measured = [
-        Measured(t, None, None) if np.isnan(p[0]) else Measured(t, p, R) for t, p in zip(stamps, z, strict=True)
+        Measurement(t, None, None) if np.isnan(p[0]) else Measurement(t, p, R) for t, p in zip(stamps, z, strict=True)
     ]
     path = smooth(follow(params, start(params, stamps[0], z[0], R), measured[1:]))
     expected = _batch(params, stamps, z[:, 0])
@@ -64,7 +64,7 @@ def test_a_sudden_change_of_motion_is_smoothed_as_one(order: int) -> None:
     stamps = 0.05 * np.arange(15)
     z = 0.6 * np.maximum(stamps - stamps[9], 0.0)[:, None] * np.array([1.0, 0.0, 0.0])
     passages = follow(
-        params, start(params, 0.0, z[0], R), [Measured(t, p, R) for t, p in zip(stamps, z, strict=True)][1:]
+        params, start(params, 0.0, z[0], R), [Measurement(t, p, R) for t, p in zip(stamps, z, strict=True)][1:]
     )
     expected = _batch(params, stamps, z[:, 0], jump=10)
     np.testing.assert_allclose([b.mean[:, 0] for b in smooth(passages)], expected, rtol=1e-5, atol=1e-6)
@@ -81,7 +81,7 @@ def test_what_it_claims_is_what_it_errs(rng: np.random.Generator) -> None:
         for _ in range(15):
             true.append(A @ true[-1] + root @ rng.standard_normal((2, 3)))
         z = [x[0] + np.sqrt(np.diag(R)) * rng.standard_normal(3) for x in true]
-        measured = [Measured(0.05 * k, p, R) for k, p in enumerate(z)]
+        measured = [Measurement(0.05 * k, p, R) for k, p in enumerate(z)]
         passages = follow(params, start(params, 0.0, z[0], R), measured[1:])
         path = smooth(passages)
         error = [(b.mean - x).ravel() for b, x in zip(path, true, strict=True)]
@@ -95,7 +95,7 @@ def test_a_filter_that_began_again_is_smoothed_in_two_parts() -> None:
     params = KalmanParams(max_rejections=2)
     z = [np.array([0.001 * k, 0, 0]) if k < 10 else np.array([0.8 + 0.001 * k, 0, 0]) for k in range(20)]
     small = 1e-7 * np.eye(3)
-    measured = [Measured(0.05 * k, p, small) for k, p in enumerate(z)]
+    measured = [Measurement(0.05 * k, p, small) for k, p in enumerate(z)]
     path = smooth(follow(params, start(params, 0.0, z[0], small), measured[1:]))
     for k in (0, 5, 9, 12, 19):
         np.testing.assert_allclose(path[k].mean[0], z[k], atol=2e-3)
@@ -193,7 +193,7 @@ def test_a_long_track_is_smoothed_as_by_all_later_measurements(order: int) -> No
     steps = list(_long(params, 3 * LAG + 50, np.random.default_rng(4)))
     own = scaled(params, float(np.linalg.norm(steps[0].observation.p_root)))
     seen = [(step.track.stamp_s, step.observation) for step in steps]
-    measured = [Measured(t, one and one.p_root, one and one.cov_root) for t, one in seen]
+    measured = [Measurement(t, one and one.p_root, one and one.cov_root) for t, one in seen]
     whole = smooth(follow(own, start(own, 0.0, measured[0].position, measured[0].cov), measured[1:]))
     found = [step.track for step in smoothed_steps(params, steps)]
     for track, belief, step in zip(found, whole, steps, strict=True):

@@ -14,6 +14,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Status, StereoFrame
 from tracking.image_tracker import ImageTrackerParams
 from tracking.marker import MarkerParams
+from tracking.stereo import StereoParams
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
 RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
@@ -21,7 +22,7 @@ DT = 0.05
 
 
 @dataclass(frozen=True)
-class World:
+class BallScene:
     """A ball on a slow arc before a head that moves."""
 
     robot: Robot
@@ -50,11 +51,11 @@ class World:
 
 
 @pytest.fixture
-def world(robot: Robot, rig: StereoRig) -> World:
-    return World(robot, rig)
+def world(robot: Robot, rig: StereoRig) -> BallScene:
+    return BallScene(robot, rig)
 
 
-def _run(world: World, tracker: Tracker, n: int, rng: np.random.Generator) -> tuple[list[TrackerStep], Array]:
+def _run(world: BallScene, tracker: Tracker, n: int, rng: np.random.Generator) -> tuple[list[TrackerStep], Array]:
     steps = [tracker.step(world.frame(k, rng)) for k in range(n)]
     errors = [s.track.position - world.position(s.track.stamp_s) for s in steps if s.track.is_known]
     return steps, np.array(errors)
@@ -64,7 +65,7 @@ def _rms(errors: Array) -> float:
     return float(np.sqrt((errors**2).sum(axis=1).mean()))
 
 
-def test_a_ball_is_tracked_to_two_millimetres_while_the_head_moves(world: World, rng: np.random.Generator) -> None:
+def test_a_ball_is_tracked_to_two_millimetres_while_the_head_moves(world: BallScene, rng: np.random.Generator) -> None:
     names: list[str] = []
 
     @contextmanager
@@ -84,25 +85,28 @@ def test_a_ball_is_tracked_to_two_millimetres_while_the_head_moves(world: World,
     velocity = (world.position(39 * DT + 0.01) - world.position(39 * DT - 0.01)) / 0.02
     assert np.linalg.norm(last.velocity - velocity) < 0.03
     assert {d.camera for d in steps[-1].detections} == {"left", "right"}
+    assert steps[0].followed_by is None
+    assert steps[-1].followed_by == "colour"
     assert set(names) == {"trigger", "image", "triangulation", "filter"}
 
 
-def test_a_marker_is_tracked_to_two_millimetres(world: World, rng: np.random.Generator) -> None:
+def test_a_marker_is_tracked_to_two_millimetres(world: BallScene, rng: np.random.Generator) -> None:
     small = replace(world, radius_m=0.010, color=GREEN)
     steps, errors = _run(small, Tracker(TrackerParams(mode="marker"), world.rig, rng), 25, rng)
     assert all(s.track.status is Status.TRACKING for s in steps[4:])
+    assert steps[-1].followed_by == "hue"
     assert _rms(errors) < 0.002
 
 
 def _marker_tracks(
-    world: World, rng: np.random.Generator, balls: Callable[[float], list[Sphere]], n: int = 30
+    world: BallScene, rng: np.random.Generator, balls: Callable[[float], list[Sphere]], n: int = 30
 ) -> list[tuple[float, TrackerStep]]:
     tracker = Tracker(TrackerParams(mode="marker"), world.rig, rng)
     stamps = [DT * k for k in range(n)]
     return [(t, tracker.step(frame(world.rig, world.q(t), balls(t), t, rng))) for t in stamps]
 
 
-def _patch(world: World, across: float) -> Sphere:
+def _patch(world: BallScene, across: float) -> Sphere:
     """A green patch on the wall ahead of the head: half of a small ball in it."""
     ahead = world.rig.view(world.q(0.0)).left.T_root_camera
     direction = ahead[:3, :3] @ np.array([across, -0.1, 1.0])
@@ -111,18 +115,18 @@ def _patch(world: World, across: float) -> Sphere:
     return Sphere(ahead[:3, 3] + far * direction, 0.06, GREEN)
 
 
-def test_a_patch_of_the_wall_is_no_marker(world: World, rng: np.random.Generator) -> None:
+def test_a_patch_of_the_wall_is_no_marker(world: BallScene, rng: np.random.Generator) -> None:
     steps = _marker_tracks(world, rng, lambda _: [_patch(world, 0.1)])
     assert {step.track.status for _, step in steps} == {Status.SEARCHING}
 
 
-def test_a_marker_that_rests_before_the_wall_is_found(world: World, rng: np.random.Generator) -> None:
+def test_a_marker_that_rests_before_the_wall_is_found(world: BallScene, rng: np.random.Generator) -> None:
     steps = _marker_tracks(world, rng, lambda _: [Sphere(world.position(0.0), 0.01, GREEN)], 12)
     assert all(step.track.status is Status.TRACKING for _, step in steps[4:])
     assert max(np.linalg.norm(step.track.position - world.position(0.0)) for _, step in steps[4:]) < 0.004
 
 
-def test_of_two_things_of_its_hue_the_marker_is_the_one_that_moves(world: World, rng: np.random.Generator) -> None:
+def test_of_two_things_of_its_hue_the_marker_is_the_one_that_moves(world: BallScene, rng: np.random.Generator) -> None:
     steps = _marker_tracks(world, rng, lambda t: [_patch(world, -0.2), Sphere(world.position(t), 0.01, GREEN)])
     known = [np.linalg.norm(step.track.position - world.position(t)) for t, step in steps if step.track.is_known]
     assert len(known) >= 20
@@ -130,7 +134,7 @@ def test_of_two_things_of_its_hue_the_marker_is_the_one_that_moves(world: World,
 
 
 def test_a_marker_before_something_large_of_its_hue_is_told_by_its_colours(
-    world: World, rng: np.random.Generator
+    world: BallScene, rng: np.random.Generator
 ) -> None:
     """A green marker before a large pale green ball, with which its hue joins it."""
 
@@ -145,7 +149,7 @@ def test_a_marker_before_something_large_of_its_hue_is_told_by_its_colours(
     assert max(known) < 0.006
 
 
-def test_hidden_it_coasts_is_lost_and_comes_back(world: World, rng: np.random.Generator) -> None:
+def test_hidden_it_coasts_is_lost_and_comes_back(world: BallScene, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(lost_after_s=0.5), world.rig, rng)
     _run(world, tracker, 15, rng)
     hidden = [tracker.step(world.frame(k, rng, visible=False)).track for k in range(15, 32)]
@@ -163,7 +167,7 @@ def test_hidden_it_coasts_is_lost_and_comes_back(world: World, rng: np.random.Ge
     assert np.linalg.norm(back[-1].position - world.position(39 * DT)) < 0.003
 
 
-def test_a_short_gap_does_not_lose_it(world: World, rng: np.random.Generator) -> None:
+def test_a_short_gap_does_not_lose_it(world: BallScene, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     _run(world, tracker, 15, rng)
     for k in range(15, 19):
@@ -182,7 +186,7 @@ def _frozen(f: StereoFrame, before: StereoFrame) -> StereoFrame:
 
 @pytest.mark.parametrize("spoil", [_black, _frozen])
 def test_a_failed_eye_loses_the_track_and_invents_none(
-    world: World, rng: np.random.Generator, spoil: Callable[[StereoFrame, StereoFrame], StereoFrame]
+    world: BallScene, rng: np.random.Generator, spoil: Callable[[StereoFrame, StereoFrame], StereoFrame]
 ) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     _run(world, tracker, 12, rng)
@@ -193,7 +197,7 @@ def test_a_failed_eye_loses_the_track_and_invents_none(
         assert not t.is_known or np.all(np.isfinite(t.cov))
 
 
-def test_a_body_of_two_colors_is_one_object(world: World, rng: np.random.Generator) -> None:
+def test_a_body_of_two_colors_is_one_object(world: BallScene, rng: np.random.Generator) -> None:
     """Two touching balls of different colours; their middle lies between them."""
     tracker = Tracker(TrackerParams(), world.rig, rng)
     half = np.array([0.0, 0.0, 0.022])
@@ -207,7 +211,7 @@ def test_a_body_of_two_colors_is_one_object(world: World, rng: np.random.Generat
 
 
 def test_a_marker_hidden_by_something_larger_of_its_hue_is_not_claimed_elsewhere(
-    world: World, rng: np.random.Generator
+    world: BallScene, rng: np.random.Generator
 ) -> None:
     """A far larger ball of a brownish red comes up before the lower half of a red one, whose hue it has."""
     tracker = Tracker(TrackerParams(mode="marker", marker=MarkerParams(hue_deg=0.0)), world.rig, rng)
@@ -227,7 +231,7 @@ def test_a_marker_hidden_by_something_larger_of_its_hue_is_not_claimed_elsewhere
     assert all(off < 0.02 for status, off in errors if status in (Status.TRACKING, Status.COASTING))
 
 
-def test_nothing_moves_nothing_is_tracked(world: World, rng: np.random.Generator) -> None:
+def test_nothing_moves_nothing_is_tracked(world: BallScene, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     for k in range(25):
         step = tracker.step(world.frame(k, rng, visible=False))
@@ -253,9 +257,10 @@ def test_eyes_at_rest_track_what_no_single_colour_separates(
     assert np.median(off) < 0.01  # of 14 px radius: a disparity of 0.7 px
     assert max(off) < 0.03
     assert np.median(radii) == pytest.approx(0.03, rel=0.1)
+    assert step.followed_by == ("colour" if stripes else "background")
 
 
-def test_eyes_that_look_one_after_the_other(world: World, rng: np.random.Generator) -> None:
+def test_eyes_that_look_one_after_the_other(world: BallScene, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     errors = []
     for k in range(18):
@@ -271,7 +276,7 @@ def test_eyes_that_look_one_after_the_other(world: World, rng: np.random.Generat
     assert _rms(np.array(errors)) < 0.004
 
 
-def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world: World, rng: np.random.Generator) -> None:
+def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world: BallScene, rng: np.random.Generator) -> None:
     tracker, good = Tracker(TrackerParams(), world.rig, rng), world.frame(0, rng)
     small = np.zeros((120, 160, 3), np.uint8)
     for changes, says in (
@@ -293,7 +298,7 @@ def test_a_refused_frame_changes_nothing_and_the_next_one_is_taken(world: World,
 @pytest.mark.parametrize("mode", ["generic", "marker"])
 def test_what_one_eye_alone_sees_is_still_reported(robot: Robot, rig: StereoRig, mode: str) -> None:
     """From frame 20 the right eye no longer sees the ball."""
-    rng, world = np.random.default_rng(5), World(robot, rig, color=GREEN)
+    rng, world = np.random.default_rng(5), BallScene(robot, rig, color=GREEN)
     tracker = Tracker(TrackerParams(mode=mode), rig, rng)  # type: ignore[arg-type]
     for k in range(24):
         hidden = world.frame(k, rng, visible=False).right
@@ -304,7 +309,7 @@ def test_what_one_eye_alone_sees_is_still_reported(robot: Robot, rig: StereoRig,
     np.testing.assert_allclose(step.detections[0].center_px, truth, atol=1.0)
 
 
-def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
+def test_bad_input_is_named(world: BallScene, rng: np.random.Generator) -> None:
     tracker = Tracker(TrackerParams(), world.rig, rng)
     tracker.step(world.frame(3, rng, visible=False))
     with pytest.raises(ValueError, match=r"left stamp 0\.100000 s after 0\.150000 s"):
@@ -313,12 +318,18 @@ def test_bad_input_is_named(world: World, rng: np.random.Generator) -> None:
         TrackerParams(mode="magic")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="lost after 0"):
         TrackerParams(lost_after_s=0.0)
+    with pytest.raises(ValueError, match=r"± -0\.01 s"):
+        TrackerParams(stamp_error_s=-0.01)
+    with pytest.raises(ValueError, match="background 0 s"):
+        TrackerParams(background_memory_s=0)
+    with pytest.raises(ValueError, match="a rising range"):
+        StereoParams(distance_range=(2.0, 1.0))
     with pytest.raises(ValueError, match="1 particles"):
         ImageTrackerParams(particles=1)
 
 
 def test_cameras_that_follow_different_things_claim_nothing_and_lose_the_track(
-    world: World, rng: np.random.Generator
+    world: BallScene, rng: np.random.Generator
 ) -> None:
     """What the right eye sees jumps sideways: the same angle at twice the distance is an object of another size."""
     small, statuses = replace(world, radius_m=0.010, color=GREEN), []

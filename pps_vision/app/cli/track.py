@@ -1,5 +1,7 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
+import math
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,12 +11,13 @@ from tyro import MISSING
 from pps_vision.app.cli.options import SourceOptions, command_line, print_skipped
 from pps_vision.errors import InputError
 from pps_vision.recordings import SUMMARY, Form
-from tracking import DEFAULT_ORDER, Mode
+from tracking import DEFAULT_ORDER, Mode, Model
 
 if TYPE_CHECKING:
     from learning.reach.track_reachability import TrackReachability
     from pps_vision.app.pipeline import TrackActivation
     from pps_vision.recordings.recording import Recording
+    from tracking.flight import FlightParams
 
 
 @dataclass(frozen=True)
@@ -41,11 +44,19 @@ class Track(SourceOptions):
     """generic: whatever moves; marker: a green marker (faster)."""
     order: int = DEFAULT_ORDER
     """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
+    model: Model = "kalman"
+    """What predicts the motion. kalman: position and its derivatives (--order), for what is moved; flight: a thrown
+    table-tennis ball's gravity, drag, spin and bounce."""
+    up: tuple[float, float, float] | None = None
+    """Of --model flight: the upward direction in the root frame (default: z on a robot, else up in the left image)."""
+    floor_m: float | None = None
+    """Of --model flight: height along --up at which the ball's centre bounces, from the root frame's origin (default:
+    no bounce)."""
     reduction: int = 1
     """Average each block of so many pixels a side to one before looking: about half the time in large images at 2, for
     two to three times the error."""
     max_error_mm: float | None = None
-    """Instead of --mode, --order and --reduction: the fastest configuration whose 3D RMS error is within this;
+    """Instead of --mode, --order, --model and --reduction: the fastest configuration whose 3D RMS error is within this;
     summary.json says which and why."""
     device: str | None = None
     """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
@@ -69,6 +80,8 @@ class Track(SourceOptions):
 
     def run(self) -> None:
         """Read, track, and write everything at once; what had to be skipped is printed."""
+        from tqdm import tqdm
+
         from pps_vision.app.progress import progress
         from pps_vision.app.report.tracking import write_report
         from pps_vision.app.track import PathNumbers, track
@@ -83,13 +96,15 @@ class Track(SourceOptions):
         with whole_folder(self.out) as folder:
             recording = self.open()
             self._refuse_without(recording.robot is not None, "without a robot; expected it with an iCub's REC")
-            params = TrackerParams(self.mode, self.reduction, kalman=KalmanParams.of_order(self.order))
+            kalman, flight = KalmanParams.of_order(self.order), self._flight(recording)
+            params = TrackerParams(self.mode, self.reduction, kalman=kalman, flight=flight)
             run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
             reach, activation = self._reach(recording), self._activation(recording)
             numbers = PathNumbers(recording.truth)
             extras = Extras(self.also, self.video, self.viewer, self.report, reach, activation)
             with TrackFiles(folder, run, extras) as files:
-                bar = progress(run.numbered(), total=len(run), desc="track", unit="pair")
+                numbered = run.numbered(lambda line: tqdm.write(f"warning: {line}", file=sys.stderr))
+                bar = progress(numbered, total=len(run), desc="track", unit="pair")
                 for pair in run.tracked_pairs(run.path(files.steps(bar), self.smooth)):
                     numbers.add(pair.track, pair.residual_px)
                     files.add(pair)
@@ -118,6 +133,21 @@ class Track(SourceOptions):
         for option, file in {"--map": self.map, "--memory": self.memory}.items():
             if file and not robot:
                 raise InputError("track", f"{option} {file} {why}")
+
+    def _flight(self, recording: "Recording") -> "FlightParams | None":
+        """What --model flight, --up and --floor-m say; InputError for options of the other model."""
+        from tracking.flight import FlightParams
+
+        flight = self.model == "flight"
+        others = (("order", DEFAULT_ORDER),) if flight else (("up", None), ("floor_m", None))
+        for name, default in others:
+            if (value := getattr(self, name)) != default:
+                option = f"--{name.replace('_', '-')}"
+                raise InputError("track", f"{option} {value} with --model {self.model}; expected it without")
+        if not flight:
+            return None
+        up = self.up or ((0.0, 0.0, 1.0) if recording.robot else (0.0, -1.0, 0.0))
+        return FlightParams(up=up, floor_m=-math.inf if self.floor_m is None else self.floor_m)
 
     def _reach(self, recording: "Recording") -> "TrackReachability | None":
         """What --map answers."""

@@ -6,7 +6,7 @@ A controller is one function of (activations (n,) of the arm's taxels, track, po
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -18,6 +18,7 @@ from control.avoidance import AvoidanceParams, AvoidanceState
 from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
 from learning.pps.memory import PPSMemory
+from learning.reach.track_reachability import TrackReachability
 from pps_vision.app.pipeline import activation_by
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.training import FIELD
@@ -56,6 +57,8 @@ class Setting:
     """Memory of the skin that knows D only."""
     behaviour: Literal["avoid", "reach"] = "avoid"
     """Whether the object is to be avoided or to be reached for."""
+    reachability: TrackReachability | None = None
+    """The arm's reachable-space map; None: everything is taken to be within reach."""
 
     @cached_property
     def arm(self) -> list[int]:
@@ -73,20 +76,23 @@ class Setting:
         return self.robot.at(self.home_rad).point(self.palm)
 
 
-def ours(setting: Setting, resting: int = 0) -> Controller:
+def ours(setting: Setting, resting: int = 0, numbers: Numbers | None = None) -> Controller:
     """Return what the closed loop runs: R eq. 6 for what comes near, a quadratic programme with all limits.
 
-    `resting`: how many of the arm's last joints stay at rest.
+    `resting`: how many of the arm's last joints stay at rest; `numbers`: other parameters than the defaults.
     """
     home = tuple(setting.home_rad[setting.arm].tolist())
-    params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M, arm=ArmParams(resting=resting))
+    joints = ArmParams(resting=resting)
+    params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M, arm=joints)
+    params = replace(params, **(numbers or {}))  # type: ignore[arg-type]
     state, bare_links = AvoidanceState(), BareLinks(setting.robot, setting.skin, setting.side)
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal state
         seen = posture, setting.skin, activations, track.stamp_s
         on = {"self_collision": setting.self_collision, "track": track, "bare_links": bare_links}
-        state, command, _ = avoidance.step(params, state, *seen, may_reach=True, **on)  # type: ignore[arg-type]
+        may_reach = setting.reachability is None or setting.reachability(posture.q_rad, track).is_reachable
+        state, command, _ = avoidance.step(params, state, *seen, may_reach, **on)  # type: ignore[arg-type]
         return command.dq_rad_s
 
     return act

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from control.limits import MAX_HOLD_S, LimitParams, limit
+from learning.reach.track_reachability import TrackReachability
 from pps_vision.app.pipeline import activation_by
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.experiments.avoidance.controllers import RADIUS_M, Controller, Setting
@@ -56,6 +57,8 @@ class Outcome:
     """Smallest distance left until a touch, over the encounter."""
     contact_s: float | None
     """When the object would touch the arm at rest."""
+    first_command_s: float | None
+    """When the arm was first commanded to move."""
     lead_s: float | None
     """From the first command to the would-be contact; None without either."""
     commands: int
@@ -81,7 +84,7 @@ class Frame(NamedTuple):
     activations: Array
     """(n,) of D and TTC, also where a map of D alone moves the arm."""
     speed_m_s: float
-    """Largest speed of a taxel."""
+    """Speed of the control point, taken to be the taxel with the largest activation."""
     touching: bool
     """Whether a taxel is touched."""
 
@@ -132,10 +135,11 @@ class Watch:
         """Return the row."""
         e = self.encounter
         contact_s = e.contact_s if np.isfinite(e.contact_s) else None
-        lead_s = None if contact_s is None or not self.commands else contact_s - self.first_command_s
+        first_s = self.first_command_s if self.commands else None
+        lead_s = None if contact_s is None or first_s is None else contact_s - first_s
         posture = tuple(np.rad2deg(e.q_rad[self.arena.arm(e.side)]).round(2).tolist())
         who = e.condition, e.number, controller, e.stimulus, e.speed_m_s, e.side, e.part, e.taxel, posture
-        found = bool(self.touched_part), self.touched_part, self.distance_m, contact_s, lead_s, self.commands
+        found = bool(self.touched_part), self.touched_part, self.distance_m, contact_s, first_s, lead_s, self.commands
         return Outcome(*who, *found, self.self_distance_m, self.faults)
 
 
@@ -147,6 +151,7 @@ def meet(
     new_controller: Callable[[Setting], Controller],
     tracks: Sequence[Track3D],
     frames: list[Frame] | None = None,
+    reachability: TrackReachability | None = None,
 ) -> Outcome:
     """Return what becomes of an encounter with a controller; it ends with the first touch, a harmless one after the
     first command. Every frame is added to `frames`, if given; then no touch ends it.
@@ -159,6 +164,7 @@ def meet(
     setting = Setting(
         *(arena.robot, skin, encounter.side, encounter.q_rad, arena.self_collision, memories.of_distance),
         behaviour,  # type: ignore[arg-type]
+        reachability,
     )
     act, watch = new_controller(setting), Watch(arena, encounter)
     q, posture = encounter.q_rad, arena.robot.at(encounter.q_rad)
@@ -191,7 +197,7 @@ def meet(
         watch.move(t, before, taxels)
         if frames is not None:
             gap = np.linalg.norm(taxels - encounter.motion(t + PERIOD_S)[0], axis=1) - encounter.radius_m
-            speed = float(np.linalg.norm(velocities, axis=1).max())
+            speed = float(np.linalg.norm(velocities[activations.argmax()]))
             frames.append(Frame(t, q, gap, activations, speed, bool((gap <= TOUCH_RADIUS_M).any())))
         elif watch.touched_part or (encounter.is_harmless and t > watch.first_command_s + _ENOUGH_S):
             break

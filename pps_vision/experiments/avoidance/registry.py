@@ -25,8 +25,10 @@ OURS, TRUE, NONE = "ours", "true positions", "no avoidance"
 """Ours; the upper bound, ours on tracks without error; the lower bound."""
 WRIST_AT_REST = "ours, wrist at rest"
 """As R's robot moved."""
-REACHING = (OURS, "R eq. 6", "distance only", TRUE)
-"""Controllers that can reach as well as avoid."""
+ASKING = "ours, asking the map"
+"""As the pipeline reaches: only for what the reachable-space map of the palm calls reachable."""
+REACHING = (OURS, ASKING, "R eq. 6", "distance only", TRUE)
+"""Controllers that can reach; all but `ASKING` can avoid as well."""
 
 
 class Baseline(NamedTuple):
@@ -50,6 +52,16 @@ BASELINES = {
         taxel_constraints, {"threshold": (0.2, 0.7), "gain": (0.5, 20.0), "home_per_s": _HOME_PER_S}
     ),
 }
+_OURS_RANGES = {
+    "threshold": (0.2, 0.7),
+    "path_m": (0.02, 0.1),
+    "come_m": (0.003, 0.03),
+    "confirm_s": (0.0, 0.3),
+    "clear_m": (0.0, 0.1),
+    "persist_s": (0.0, 0.6),
+}
+TUNABLE = {**BASELINES, OURS: Baseline(lambda setting, numbers: ours(setting, numbers=numbers), _OURS_RANGES)}
+"""All that random search is done for; of ours the defaults are measured, whatever it finds."""
 NAMES = (OURS, *BASELINES, TRUE, NONE)
 
 
@@ -59,8 +71,8 @@ def new_controller(name: str, numbers: Numbers | None = None) -> NewController:
     Raises:
         InputError: There is no such controller.
     """
-    if name in (OURS, TRUE):
-        return ours
+    if name in (OURS, ASKING, TRUE):
+        return lambda setting: ours(setting, numbers=numbers)
     if name == WRIST_AT_REST:
         return wrist_at_rest
     if name == NONE:

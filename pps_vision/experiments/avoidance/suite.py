@@ -10,18 +10,25 @@ import numpy as np
 from tqdm import tqdm
 
 from learning.pps.memory import load_memory, save_memory
+from learning.reach.map import ReachableMap
+from learning.reach.params import MapParams
+from learning.reach.track_reachability import TrackReachability
+from learning.reach.training import train_reachable_map
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.controllers import Numbers
 from pps_vision.experiments.avoidance.encounter import Arena, Condition, draw
 from pps_vision.experiments.avoidance.kinematic import can_touch, meet
-from pps_vision.experiments.avoidance.registry import NONE, REACHING, TRUE, new_controller
+from pps_vision.experiments.avoidance.registry import ASKING, NONE, REACHING, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import track_of, true_track_of
 from pps_vision.experiments.avoidance.training import Memories, learn
 from pps_vision.experiments.study import Study, kept_folder, part
+from pps_vision.robot.gaze import GazeLimits
 from pps_vision.worker_pool import worker_pool
 
 Rows = list[dict[str, Any]]
 _PART = 6  # encounters that are kept when a run is interrupted
+_LABELS = 6000  # of a reachable-space map, times the share of the training
+_GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
 
 
 class Task(NamedTuple):
@@ -54,13 +61,13 @@ def run_suite(
         seed: Of encounters and of the memories' training.
         controllers: Names in the registry, "MODULE:FUNCTION", or names of `numbers`.
         workers: Processes; with 1 everything runs in this one.
-        share: Of the training approaches.
+        share: Of the training approaches, and of the labels of the reachable-space maps.
         numbers: Parameters by a name "CONTROLLER#k".
     """
     kept = kept_folder(study)
     for name in controllers:
         new_controller(name.partition("#")[0])  # refuse an unknown one at once
-    _train(kept, seed, share)
+    _train(kept, seed, share, needs_map=ASKING in controllers and counts.get("reach", 0) > 0)
     tasks = [
         Task(condition, first, min(_PART, n - first), seed, tuple(controllers), numbers or {})
         for condition, n in counts.items()
@@ -75,16 +82,21 @@ def run_suite(
             parts = list(tqdm(pool.map(_run, tasks, files), **show))
     shutil.rmtree(kept)
     _memories.cache_clear()
+    _maps.cache_clear()
     return [row for rows in parts for row in rows]
 
 
-def _train(kept: Path, seed: int, share: float) -> None:
+def _train(kept: Path, seed: int, share: float, needs_map: bool) -> None:
     kept.mkdir(parents=True, exist_ok=True)
     for side in get_args(Side):
         files = _files(kept, side)
         if not files[1].exists():
             for file, memory in zip(files, learn(_arena(), side, seed, share), strict=True):
                 save_memory(file, memory)
+        if needs_map and not _map_file(kept, side).exists():
+            n = max(round(share * _LABELS), 100)
+            params, rng = MapParams(_GAZE, n_labels=n, round_labels=min(1500, n // 2)), np.random.default_rng(seed)
+            train_reachable_map(_arena().robot, side, rng, params).save(_map_file(kept, side))
 
 
 def _run(task: Task, file: Path) -> Rows:
@@ -101,11 +113,12 @@ def _rows(task: Task, number: int, kept: Path) -> Rows:
     reaches = encounter.condition == "reach"
     reachable = can_touch(arena, encounter, track_rng(task.seed, task.condition, number)) if reaches else None
     for name in task.controllers:
-        if reaches and name not in (*REACHING, NONE):
+        if name not in (*REACHING, NONE) if reaches else name == ASKING:
             continue
         new = new_controller(name.partition("#")[0], task.numbers.get(name))
         track = true if name == TRUE else seen
-        row = meet(arena, _memories(kept)[encounter.side], encounter, name, new, track).to_json()
+        asked = _maps(kept)[encounter.side] if name == ASKING else None
+        row = meet(arena, _memories(kept)[encounter.side], encounter, name, new, track, None, asked).to_json()
         found.append({**row, "reachable": reachable})
     return found
 
@@ -123,6 +136,15 @@ def _arena() -> Arena:
 @cache
 def _memories(kept: Path) -> dict[Side, Memories]:
     return {side: Memories(*(load_memory(file) for file in _files(kept, side))) for side in get_args(Side)}
+
+
+@cache
+def _maps(kept: Path) -> dict[Side, TrackReachability]:
+    return {s: TrackReachability(_arena().robot, ReachableMap.load(_map_file(kept, s))) for s in get_args(Side)}
+
+
+def _map_file(kept: Path, side: str) -> Path:
+    return kept / f"{side} reachable.npz"
 
 
 def _files(kept: Path, side: str) -> tuple[Path, Path]:

@@ -58,7 +58,7 @@ class Paths:
     touched: Mask
 
 
-def simulate(simulation: Simulation, n: int, rng: np.random.Generator) -> Paths:
+def sample_paths(simulation: Simulation, n: int, rng: np.random.Generator) -> Paths:
     """Return the paths of n objects."""
     s = simulation
     landing = np.zeros((n, 3))
@@ -108,7 +108,7 @@ def simulate_map(
     """Return R's map of the taxels after n objects; memory in use does not grow with n."""
     memory = empty_map(len(simulation.taxels_m), params)
     for first in range(0, n, _CHUNK):
-        paths = simulate(simulation, min(_CHUNK, n - first), rng)
+        paths = sample_paths(simulation, min(_CHUNK, n - first), rng)
         at_landing = reference == "landing"
         D, TTC = from_landing(paths.d_m, paths.v_m_s, simulation.offset_m) if at_landing else from_taxel(paths)
         memory = count_paths(memory, D, TTC, paths.touched)

@@ -82,14 +82,15 @@ class Compensation(SampledStudy):
         return figures
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return both scores with all sources together."""
-        of = numbers["sources"]["all"]
-        rows = [
-            [f"{method}: {case}", *(estimate(of[method][case][key]) for key in ("auroc", "brier"))]
-            for method in METHODS
-            for case in CASES
-        ]
-        return {"": Table(["all five sources", "AUROC", "Brier score"], rows)}
+        """Return both scores with all sources together, and the Brier score above that without errors."""
+        rows = []
+        for method, of in numbers["sources"]["all"].items():
+            best = of["no errors"]["brier"][0]
+            for case in CASES:
+                auroc, brier = (of[case][key] for key in ("auroc", "brier"))
+                above = "–" if case == "no errors" else estimate([value - best for value in brier], 2)
+                rows.append([f"{method}: {case}", estimate(auroc), estimate(brier), above])
+        return {"": Table(["all five sources", "AUROC", "Brier score", "above that without errors"], rows)}
 
 
 def cases(perfect: Sets, erring: Sets, calibrated: Sets) -> dict[str, Sets]:

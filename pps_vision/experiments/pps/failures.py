@@ -16,7 +16,7 @@ from pps_vision.experiments.baselines.single_taxel import (
     count_paths,
     empty_map,
     from_taxel,
-    simulate,
+    sample_paths,
 )
 from pps_vision.experiments.charts import severities
 from pps_vision.experiments.study import Axis, Break, Metric, SampledStudy, Values, compare_severities, mean
@@ -71,7 +71,7 @@ DISTURBANCES: dict[str, tuple[Axis, Callable[[float], Disturbed]]] = {
 }
 
 
-class Recording(NamedTuple):
+class Samples(NamedTuple):
     """Training samples D, TTC (N, T, n) and `touched` (N, n); test samples D, TTC (N, n) and outcomes (N, n)."""
 
     D: Array
@@ -110,20 +110,23 @@ class PpsFailures(SampledStudy):
         return {"": break_points(numbers["disturbances"])}
 
 
-def record(disturb: Callable[[float], Disturbed], seed: int, severity: float) -> Recording:
+def record(disturb: Callable[[float], Disturbed], seed: int, severity: float) -> Samples:
     """Return disturbed training and test samples."""
     disturbed = disturb(severity)
     rng = np.random.default_rng(seed)
-    training, test = simulate(disturbed.training, disturbed.trials, rng), simulate(disturbed.test, _TEST_OBJECTS, rng)
+    training, test = (
+        sample_paths(disturbed.training, disturbed.trials, rng),
+        sample_paths(disturbed.test, _TEST_OBJECTS, rng),
+    )
     D, TTC = _perceive(training, disturbed.missing, rng)
     swapped = rng.random(len(training.touched)) < disturbed.wrong_touches
     touched = np.where(swapped[:, None], training.touched[rng.permutation(len(training.touched))], training.touched)
     last = _last_known(*_perceive(test, disturbed.missing, rng), round(HORIZON_S / disturbed.test.step_s))
-    return Recording(D, TTC, touched, *last, test.touched)
+    return Samples(D, TTC, touched, *last, test.touched)
 
 
-def _map(params: MemoryParams) -> Callable[[Recording, int], Values]:
-    def predict(r: Recording, seed: int) -> Values:
+def _map(params: MemoryParams) -> Callable[[Samples, int], Values]:
+    def predict(r: Samples, seed: int) -> Values:
         memory = count_paths(empty_map(r.touched.shape[1], params), r.D, r.TTC, r.touched)
         return {"auroc": [auroc(r.outcome, activation(memory, r.test_D, r.test_TTC))]}
 

@@ -217,7 +217,7 @@ def in_blocks(predictor: Predictor, trials: Trials, horizon_s: float, blocks: in
     """Return probabilities (trials, taxels), each block of consecutive trials predicted from the others (default: every
     trial from all others)."""
     every = np.arange(len(trials))
-    parts = np.array_split(every, blocks or len(trials))
+    parts = np.array_split(every, min(blocks or len(trials), len(trials)))
     return np.concatenate([
         predictor(_take(trials, np.setdiff1d(every, part)), _take(trials, part), horizon_s) for part in parts
     ])  # fmt: skip

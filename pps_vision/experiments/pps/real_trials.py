@@ -40,7 +40,7 @@ GROUPS = (0.05, 0.2, 0.5, 0.8)
 OURS = "displacement (ours)"
 METHODS: dict[str, Predictor] = {
     "base rate": by_base_rate,
-    "R's map": by_authors_map,
+    "R's map, authors' code, averaged": by_authors_map,
     "displacement along the skin": by_displacement_along_skin,
     OURS: by_displacement,
     "displacement, as another session": by_displacement_of_session,
@@ -71,7 +71,7 @@ class RealTrials(SeededStudy):
         every = np.arange(len(trials))
         third = [(np.setdiff1d(every, test), test) for test in np.array_split(every, 3)]
         return {
-            "trials": len(trials),
+            "n": len(trials),
             "touched": outcomes(trials).sum(axis=0).tolist(),
             "evidence": 1 - float(learn_contact(HORIZON_S, trials).weights[0]),
             "methods": {name: _scores(method, trials) for name, method in METHODS.items()},
@@ -91,7 +91,7 @@ class RealTrials(SeededStudy):
             return {}
         methods, (axis,) = charts.panels(1, width=6.4)
         of = numbers["methods"]
-        others = [m for m in METHODS if m != "base rate"]
+        others = [m for m in of if m != "base rate"]
         series = {label: [of[m][key]["gain"] for m in others] for key, label in _SPLITS.items()}
         charts.bars(axis, others, series, "Brier score below the base rate's")
         axis.legend(fontsize=8)

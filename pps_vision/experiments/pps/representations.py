@@ -34,13 +34,15 @@ from pps_vision.experiments.pps.trials import SessionStudy, exact_trials
 from pps_vision.experiments.study import DATA
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.experiments.timing import timed
+from pps_vision.types import Array
 
+BASE_RATE, CONTACT_MODEL = "base rate", "displacement (contact model)"
 METHODS: dict[str, Predictor] = {
-    "base rate": by_base_rate,
+    BASE_RATE: by_base_rate,
     "R's map, 8×4": by_map,
     "16×8, half the window": by_half_windows,
     "R's map, shrunk to the base rate": by_shrunk_map,
-    "displacement (contact model)": by_displacement,
+    CONTACT_MODEL: by_displacement,
     "gradient-boosted trees": by_trees,
     "gradient-boosted trees, D and TTC only": by_trees_of_distance_and_ttc,
 }
@@ -56,15 +58,15 @@ class Representations(SessionStudy):
     authors' 37 trials.
     """
 
-    robots: int = 8
-    """Simulated robots, each with its own errors in the same movements."""
+    n: int = 8
+    """Simulated robots, each with its own errors and movements."""
     data: Path = DATA
     """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""
 
     def run(self) -> dict[str, Any]:
         """Return the scores by source and method, and the times; real trials only where they are."""
         sessions: Sessions = {
-            "simulated": [self._simulated(k) for k in range(self.robots)],
+            "simulated": [self._simulated(k) for k in range(self.n)],
             "rendered": [in_taxel_frames(self.seen("inner"))],
         }
         path = self.data / "pps_real_robot" / "trials_forearm_internal.npz"
@@ -75,7 +77,7 @@ class Representations(SessionStudy):
                 source: {
                     "trials": sum(map(len, of)),
                     "sessions": len(of),
-                    "methods": {name: _scores(method, of) for name, method in METHODS.items()},
+                    "methods": _scores(of),
                 }
                 for source, of in sessions.items()
             },
@@ -86,7 +88,7 @@ class Representations(SessionStudy):
         """A session of the inner forearm as a robot with errors perceives it."""
         rng = np.random.default_rng((self.seed, number))
         robot = ErringRobot.draw(ErrorSources(), rng)
-        made = exact_trials("inner", self.size(TRIALS["inner"]), self.seed)
+        made = exact_trials("inner", self.size(TRIALS["inner"]), self.seed + number)
         return Session.of("inner", [robot.observe(t, True, rng) for t in made], robot.model, robot.skin).trials
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
@@ -117,7 +119,8 @@ class Representations(SessionStudy):
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the gain on the base rate and the calibration by source, and the times."""
+        """Return the gain on the base rate and the calibration by source, and the times; "paired": the contact model
+        against each other method."""
         sources = numbers["sources"]
         rows = []
         for name in numbers["ms"]:
@@ -129,32 +132,62 @@ class Representations(SessionStudy):
             ms = numbers["ms"][name]
             rows.append([name, *cells, f"{ms['learn']:.3g}", f"{ms['predict']:.3g}"])
         head = [f"{source}: {what}" for source in sources for what in ("below the base rate's", "calibration error")]
-        return {"": Table(["Brier score, by quarters", *head, "learn 40 trials (ms)", "predict one (ms)"], rows)}
+        others = [name for name in numbers["ms"] if name != CONTACT_MODEL]
+        above = [
+            [name, *(estimate(of["methods"][name]["above_contact_model"]) for of in sources.values())]
+            for name in others
+        ]
+        return {
+            "": Table(["Brier score, by quarters", *head, "learn 40 trials (ms)", "predict one (ms)"], rows),
+            "paired": Table(["Brier score above the contact model's", *sources], above),
+        }
 
 
 _TIMED = 5
 _LABELS = ("Brier score of the last 13 trials", "Brier score below the base rate's", "expected calibration error")
 
 
-def _scores(method: Predictor, sessions: list[Trials]) -> dict[str, Any]:
-    """Scores by quarters, and of the last trials of each session by the number of first trials learned."""
+def _scores(sessions: list[Trials]) -> dict[str, dict[str, Any]]:
+    """Scores of every method by quarters, and of the last trials of each session by the number of first trials learned.
+
+    The paired differences of Brier scores are over the robots, each with its own movements, or over the trials of one.
+    """
     touched = np.concatenate([outcomes(trials) for trials in sessions])
-    p, base = (
-        np.concatenate([in_blocks(m, trials, HORIZON_S, BLOCKS) for trials in sessions]) for m in (method, by_base_rate)
-    )
-    later = []
-    for size in SIZES:
-        pairs = [
-            (trials[: min(size, len(trials) // 2)], trials[-min(LATER, len(trials) // 2) :]) for trials in sessions
-        ]
-        later.append(float(np.mean([brier(outcomes(test), method(first, test, HORIZON_S)) for first, test in pairs])))
-    return {
-        "brier": brier(touched, p),
-        "auroc": auroc(touched, p),
-        "gain": list(brier_gain(touched, p, base)),
-        "calibration_error": expected_calibration_error(touched, p),
-        "later": later,
+    predicted = {
+        name: np.concatenate([in_blocks(method, trials, HORIZON_S, BLOCKS) for trials in sessions])
+        for name, method in METHODS.items()
     }
+    units = (len(sessions), -1) if len(sessions) > 1 else touched.shape
+
+    def gain(p: Array, reference: Array) -> list[float]:
+        return list(brier_gain(*(a.reshape(units) for a in (touched, p, reference))))
+
+    return {
+        name: {
+            "brier": brier(touched, p),
+            "auroc": auroc(touched, p),
+            "gain": gain(p, predicted[BASE_RATE]),
+            "above_contact_model": gain(predicted[CONTACT_MODEL], p),
+            "calibration_error": expected_calibration_error(touched, p),
+            "later": [_later(METHODS[name], sessions, size) for size in SIZES],
+        }
+        for name, p in predicted.items()
+    }
+
+
+def _later(method: Predictor, sessions: list[Trials], size: int) -> float:
+    """Mean Brier score of the last trials of each session after learning from its first `size`."""
+    found = []
+    for trials in sessions:
+        first, test = early_and_late(trials, size)
+        found.append(brier(outcomes(test), method(first, test, HORIZON_S)))
+    return float(np.mean(found))
+
+
+def early_and_late(trials: Trials, size: int) -> tuple[Trials, Trials]:
+    """Return the first `size` trials and the last 13 (of fewer than 26: the last half), which do not overlap."""
+    n_late = min(LATER, len(trials) // 2)
+    return trials[: min(size, len(trials) - n_late)], trials[-n_late:]
 
 
 def _milliseconds(method: Predictor, trials: Trials) -> dict[str, float]:

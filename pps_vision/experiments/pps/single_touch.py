@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, activation, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
-from pps_vision.experiments.baselines.single_taxel import Simulation, empty_map, simulate
+from pps_vision.experiments.baselines.single_taxel import Simulation, empty_map, sample_paths
 from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table
@@ -102,7 +102,7 @@ def repeat_approaches(
     The simulated paths are those of the ball's lowest point.
     """
     up = np.array([0.0, 0.0, 1.0])
-    paths = [simulate(simulation, 2000, rng) for _ in range(-(-trials // 100))]  # 8 % touch the first taxel
+    paths = [sample_paths(simulation, 2000, rng) for _ in range(-(-trials // 100))]  # 8 % touch the first taxel
     d = np.concatenate([some.d_m[some.touched[:, 0], :, 0] for some in paths])[:trials] + RADIUS_M * up
     v = np.concatenate([some.v_m_s[some.touched[:, 0], :, 0] for some in paths])[:trials]
     D, TTC = (samples.T for samples in distance_and_ttc(field, d, up, v, RADIUS_M))

@@ -13,7 +13,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import SampledStudy
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 
@@ -86,6 +86,9 @@ class ErrorBound(SampledStudy):
                 shares = (f"{100 * np.mean([m[key] for m in of]):.3g}" for key in ("stated", "measured"))
                 labels = f"{np.mean([m['labels'] for m in of]):.0f}"
                 rows.append([f"{100 * requested:g} %, {arm}", str(len(of)), str(hold), str(met), *shares, labels])
+        n_hold = sum(m["measured"] <= m["stated"] for m in numbers["maps"])
+        of_all = f"{n_hold}; {estimate(numbers['hold_percent'])} %"
+        rows.append(["all", str(len(numbers["maps"])), of_all, *["–"] * 4])
         header = ["requested", "maps", "bounds that hold", "requests met", "stated (%)", "measured (%)", "labels"]
         return {"": Table(header, rows)}
 

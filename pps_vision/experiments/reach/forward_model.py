@@ -1,6 +1,6 @@
 """Forward model arm → gaze from motor babbling: error over samples, and time against error (J Fig 2)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
@@ -21,7 +21,7 @@ from pps_vision.experiments.baselines.regressors import (
 )
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import first, gaze_rmse_deg
-from pps_vision.experiments.study import SeededStudy
+from pps_vision.experiments.study import SampledStudy, interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.robot.icub import load_icub
@@ -74,22 +74,34 @@ def learn_and_time(model: Model, sets: list[Babbled], test: Babbled) -> list[dic
     return rows
 
 
+def mean_row(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the means of the same row of several sets, and `rmse_95_deg`, the 95 % interval of the RMSE over sets."""
+    means = {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
+    return {**means, "rmse_95_deg": interval([[row["rmse_deg"]] for row in rows])[1:]}
+
+
 @dataclass(frozen=True)
-class ForwardModel(SeededStudy):
+class ForwardModel(SampledStudy):
     """The model of revolute joints, LWPR as in J, and other regressors, learned from the same fixated postures."""
 
+    n: int = 3
+    """Sets of postures, each with its own test set."""
     sizes: tuple[int, ...] = (100, 200, 400, 800, 1600, 3000, _N_TRAIN)
     """Samples after which each is judged."""
 
     def run(self) -> dict[str, Any]:
-        """Return, by method, a row for every number of samples, on 700 postures that none has seen."""
-        train, test = samples(self.seed)
-        ends = zip((0, *self.sizes), self.sizes, strict=False)
-        sets = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
-        found = {}
-        for name, make in tqdm(METHODS.items(), desc="forward models", disable=None):
-            found[name] = learn_and_time(make(), sets, test)
-        return {"fixated_percent": 100 * len(train.arm_rad) / _N_TRIED, "samples": self.sizes, "methods": found}
+        """Return, by method, a row for every number of samples, on 700 postures that none has seen: means over sets."""
+        found: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in METHODS}
+        fixated = []
+        for seed in tqdm(self.seeds, desc="sets of postures", disable=None):
+            train, test = samples(seed)
+            fixated.append(100 * len(train.arm_rad) / _N_TRIED)
+            ends = zip((0, *self.sizes), self.sizes, strict=False)
+            sets = [Babbled(train.arm_rad[low:high], train.gaze_rad[low:high], _N_TRIED) for low, high in ends]
+            for name, make in METHODS.items():
+                found[name].append(learn_and_time(make(), sets, test))
+        methods = {name: [mean_row(rows) for rows in zip(*repeats, strict=True)] for name, repeats in found.items()}
+        return {"fixated_percent": float(np.mean(fixated)), "samples": self.sizes, "methods": methods}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw error over samples; time of a query and of an update against the error with all samples."""
@@ -115,7 +127,7 @@ class ForwardModel(SeededStudy):
         rows = [
             [
                 name,
-                *(estimate([rows[k]["rmse_deg"]], 2) for k in shown),
+                *(estimate([rows[k]["rmse_deg"], *rows[k]["rmse_95_deg"]], 2) for k in shown),
                 f"{rows[-1]['ms'][1]:.2g}",
                 f"{rows[-1]['update_ms']:.2g}",
             ]

@@ -1,5 +1,6 @@
 """LWPR on the cross function: receptive fields, error and update time beside the authors' C library."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,10 +13,16 @@ from pps_vision.experiments import charts
 from pps_vision.experiments.baselines.lwpr import LWPR, LWPRParams
 from pps_vision.experiments.baselines.lwpr_metric import MetricParams
 from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import timed, timed_steps
 from pps_vision.types import Array
 
+_WARMING = 0.02  # share of the points of a first model, which does not count
 _GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
+_AUTHORS_UPDATE_US = (2, 12)
+"""Processor time of an update of the authors' C library in these settings, lowest and highest (not of the same run)."""
+_GOAL_US = 20
+_SHOWN_US = (1, 40)
 _ADAPTING = LWPRParams(init_D=50, w_gen=0.2, metric=MetricParams(rate=250))
 
 
@@ -87,6 +94,7 @@ class LwprCross(SampledStudy):
         found = {}
         for name, setting in SETTINGS.items():
             rows = []
+            judge(train(setting, np.random.default_rng(self.seed), _WARMING)[0])  # loads what is compiled
             for seed in tqdm(self.seeds, desc=name, disable=None):
                 model, update_us = train(setting, np.random.default_rng(seed), self.share)
                 rows.append({**judge(model), "update_us": update_us})
@@ -111,4 +119,28 @@ class LwprCross(SampledStudy):
         fields.legend(fontsize=8)
         fields.grid(alpha=0.25)
         charts.speed_error(time, rows, "nmse", rows, time="processor time per update (µs)", error=error)
+        time.axvspan(*_AUTHORS_UPDATE_US, color="0.5", alpha=0.15, lw=0)
+        time.axvline(_GOAL_US, color="k", lw=0.8, ls="--")
+        time.set_xlim(_SHOWN_US)
+        time.set_title("shaded: the authors' library (not in the same run); dashed: goal", fontsize=9)
         return figure
+
+    def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
+        """Return fields, error and times of the models, median and range, beside the library's ranges."""
+        rows = []
+        for name, row in numbers["settings"].items():
+            library = [row["authors_fields"], row["authors_nmse"], _AUTHORS_UPDATE_US]
+            pairs = zip(("fields", "nmse", "update_us"), library, strict=True)
+            cells = [cell for key, of in pairs for cell in (_spread(row[key]), "–" if of is None else _range(of))]
+            rows.append([name, str(len(row["nmse"])), *cells, f"≤ {_GOAL_US}", _spread(row["query_us"])])
+        header = ["setting", "models", "fields", "library", "error (nMSE)", "library", "update (µs)", "library", "goal"]
+        return {"": Table([*header, "query (µs)"], rows)}
+
+
+def _spread(values: Sequence[float | None]) -> str:
+    of = np.array(values, dtype=float)
+    return f"{np.median(of):.3g} ({_range((of.min(), of.max()))})"
+
+
+def _range(ends: Sequence[float]) -> str:
+    return "–".join(f"{end:.3g}" for end in ends)

@@ -26,7 +26,7 @@ _N_BOX = 9000
 
 @dataclass(frozen=True)
 class MapTruth:
-    """Gaze postures and locations with their exact answers for one arm."""
+    """Gaze postures and locations with their exact answers for one arm, or for both at once."""
 
     gaze_rad: Array
     """(N, 3) gaze postures, uniform within J's limits."""
@@ -46,15 +46,31 @@ class MapTruth:
         """Draw `n` gaze postures and 9000 locations, of which those are kept that can be fixated."""
         limits = GazeLimits()
         gaze = rng.uniform(limits.lower, limits.upper, (n, 3))
+        points = rng.uniform(BOX_LOW, BOX_HIGH, (_N_BOX, 3))
         arm = closed_form(robot, side)
         _, effort = arm.least_effort(fixation_points(robot, gaze))
         reachable = np.isfinite(effort)
         error = np.full(n, np.nan)
         error[~reachable] = ReachOracle(robot, side, MapParams(), rng).label(gaze[~reachable]).error_m
-        points = rng.uniform(BOX_LOW, BOX_HIGH, (_N_BOX, 3))
         box = gaze_for_points(robot, points)
         fixated = np.isfinite(box[:, 0])
         return cls(gaze, reachable, 1 - effort, error, box[fixated], np.isfinite(arm.solve(points[fixated])[:, 0]))
+
+    def both(self, other: "MapTruth") -> "MapTruth":
+        """Return the answers for both arms at once, given those of the other arm; ValueError for other postures."""
+        if not (
+            np.array_equal(self.gaze_rad, other.gaze_rad) and np.array_equal(self.box_gaze_rad, other.box_gaze_rad)
+        ):
+            raise ValueError("truths of two arms at different gaze postures: expected the same, from the same seed")
+        reachable = self.reachable & other.reachable
+        farther = np.maximum(*(np.where(one.reachable, 0.0, one.error_m) for one in (self, other)))
+        return replace(
+            self,
+            reachable=reachable,
+            optimality=np.minimum(self.optimality, other.optimality),
+            error_m=np.where(reachable, np.nan, farther),
+            box_reachable=self.box_reachable & other.box_reachable,
+        )
 
     def judge(self, query: Callable[[Array], MapPrediction], max_error_m: float) -> dict[str, float]:
         """Return JE, FN, FP (percent), the same in J's box, and the RMS error of the degree R."""
@@ -86,6 +102,19 @@ def closed_form(robot: Robot, side: str = "right", limits: ArmLimits | None = No
     limits = limits or ArmLimits()
     palm = robot.names.palm(side)
     return SphericalArm.of(Chain.of(robot, robot.names.arm(side)[:4], palm), limits.lower_rad, limits.upper_rad)
+
+
+def exact_map(robot: Robot, max_error_m: float, side: str = "right") -> jamone.MapQuery:
+    """Return what the true kinematics say: verdict in closed form, distance by the oracle."""
+    arm, oracle = closed_form(robot, side), ReachOracle(robot, side, MapParams(), np.random.default_rng(0))
+
+    def query(gaze: Array) -> MapPrediction:
+        _, effort = arm.least_effort(fixation_points(robot, gaze), 21)
+        reachable = np.isfinite(effort)
+        degree = jamone.degree(reachable, 1 - effort, oracle.label(gaze).error_m, max_error_m)
+        return MapPrediction(np.ones(len(gaze), bool), reachable, reachable.astype(float), degree)
+
+    return query
 
 
 def first(babbled: Babbled, n: int) -> Babbled:

@@ -73,7 +73,7 @@ class Maps(SeededStudy):
             for name, baseline in BASELINES.items():
                 verdict, spent = baseline(oracle, n, np.random.default_rng(self.seed))
                 others[name].append({"labels": spent, **rates(verdict(truth.gaze_rad), truth.reachable)})
-        return {"ours": ours, "baselines": others, **probabilities(learned, truth)}
+        return {"n": 1, "ours": ours, "baselines": others, **probabilities(learned, truth)}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw JE over the labels spent, what a stricter threshold costs, and calibration."""

@@ -11,8 +11,8 @@ from learning.reach.measures import hand_and_params
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.experiments.study import SeededStudy, percent, rms
-from pps_vision.experiments.tables import Table
+from pps_vision.experiments.study import SampledStudy, interval, percent, rms
+from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.end_point import EndPoint
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
@@ -26,9 +26,11 @@ _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80), np.deg2rad(40)))  # down to the f
 
 
 @dataclass(frozen=True)
-class Measures(SeededStudy):
+class Measures(SampledStudy):
     """Maps of the right palm by joint limits, manipulability, isotropy, approach directions, and of a left taxel."""
 
+    n: int = 5
+    """Maps of each measure."""
     n_labels: int = 3000
     """Inverse-kinematics solutions per map."""
     n_test: int = 1000
@@ -37,30 +39,40 @@ class Measures(SeededStudy):
     """Of the palm."""
 
     def run(self) -> dict[str, Any]:
-        """Return by map JE (%), RMS error of the measure beside the spread of the truth."""
+        """Return by measure JE (%), RMS error of the measure, share reachable (%) and spread of the truth, with 95 %
+        over maps."""
         robot = load_icub()
-        test = np.random.default_rng(self.seed + 1_000_000).uniform(_GAZE.lower, _GAZE.upper, (self.n_test, 3))
         cases = [*(("right", "palm", name) for name in self.measures), ("left", _TAXEL, "joint-limits")]
-        base = MapParams(_GAZE, n_labels=self.n_labels, round_labels=min(1500, self.n_labels // 2))
-        rows = {}
-        for side, end_point, measure in tqdm(cases, desc="maps", disable=None):
-            hand, params = hand_and_params(robot, side, end_point, measure, base)
-            learned = train_reachable_map(robot, side, np.random.default_rng(self.seed), params, hand)
-            said, true = learned.query(test), best_measure(robot, side, end_point, params, test)
-            reachable = np.isfinite(true)
-            rows[f"{end_point}, {measure}"] = {
-                "je": percent(said.reachable != reachable),
-                "reachable": percent(reachable),
-                "rmse": rms((2 * said.degree - 1 - true)[said.reachable & reachable]),
-                "spread": float(np.std(true[reachable])),
+        maps = [(case, seed) for case in cases for seed in self.seeds]
+        rows: dict[str, list[dict[str, float]]] = {}
+        for (side, end_point, measure), seed in tqdm(maps, desc="maps", disable=None):
+            rows.setdefault(f"{end_point}, {measure}", []).append(self._judged(robot, side, end_point, measure, seed))
+        return {
+            "measures": {
+                name: {key: interval([[row[key]] for row in of]) for key in of[0]} for name, of in rows.items()
             }
-        return {"maps": rows}
+        }
+
+    def _judged(self, robot: Robot, side: str, end_point: str, measure: MeasureName, seed: int) -> dict[str, float]:
+        """Learn a map and compare it with the truth at gaze postures of its own."""
+        test = np.random.default_rng(seed + 1_000_000).uniform(_GAZE.lower, _GAZE.upper, (self.n_test, 3))
+        base = MapParams(_GAZE, n_labels=self.n_labels, round_labels=min(1500, self.n_labels // 2))
+        hand, params = hand_and_params(robot, side, end_point, measure, base)
+        learned = train_reachable_map(robot, side, np.random.default_rng(seed), params, hand)
+        said, true = learned.query(test), best_measure(robot, side, end_point, params, test)
+        reachable = np.isfinite(true)
+        return {
+            "je": percent(said.reachable != reachable),
+            "reachable": percent(reachable),
+            "rmse": rms((2 * said.degree - 1 - true)[said.reachable & reachable]),
+            "spread": float(np.std(true[reachable])),
+        }
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the learned measure's error beside the spread of the truth."""
         header = ["map of", "reachable (%)", "JE (%)", "RMS error of the measure", "its standard deviation"]
         keys = ("reachable", "je", "rmse", "spread")
-        rows = [[name, *(f"{row[key]:.2g}" for key in keys)] for name, row in numbers["maps"].items()]
+        rows = [[name, *(estimate(row[key], 2) for key in keys)] for name, row in numbers["measures"].items()]
         return {"": Table(header, rows)}
 
 

@@ -43,12 +43,17 @@ class View(NamedTuple):
 
 def sample(maps: Mapping[str, MapQuery], robot: Robot, babbled: Babbled) -> dict[str, Any]:
     """Return the degree R of each map, percent, on slices and planes; the first map is the truth."""
-    slices = {f"pitch {pitch}°": _slice(pitch, babbled) for pitch in _PITCHES_DEG}
     planes = {title: _plane(robot, *axes, babbled) for title, axes in _PLANES.items()}
     return {
-        group: {title: _sampled(maps, view) for title, view in views.items()}
-        for group, views in (("slices", slices), ("planes", planes))
+        "slices": sample_slices(maps, babbled),
+        "planes": {title: _sampled(maps, view) for title, view in planes.items()},
     }
+
+
+def sample_slices(maps: Mapping[str, MapQuery], babbled: Babbled | None = None) -> dict[str, Any]:
+    """Return the degree R of each map, percent, on slices of gaze space; the first map is the truth."""
+    babbled = babbled or Babbled(np.zeros((0, 4)), np.zeros((0, 3)), 0)
+    return {f"pitch {pitch}°": _sampled(maps, _slice(pitch, babbled)) for pitch in _PITCHES_DEG}
 
 
 def sample_space(labels: Labels, query: MapQuery, max_error_m: float, rng: np.random.Generator) -> dict[str, Any]:
@@ -91,9 +96,9 @@ def space(drawn: dict[str, Any]) -> Figure:
     return figure
 
 
-def slices(drawn: dict[str, Any], extremes: dict[str, dict[str, float]]) -> Figure:
+def slices(drawn: dict[str, Any], extremes: Mapping[str, Mapping[str, float]]) -> Figure:
     """Draw R over yaw and vergence; line: true border; dots: babbled postures; C and D of J Fig 3."""
-    figure, axes = _draw(drawn["slices"])
+    figure, axes = _draw(drawn)
     for axis in axes:
         axis.set(yscale="log")
         axis.set_yticks([5, 10, 20, 40, 80], ["5", "10", "20", "40", "80"])

@@ -1,5 +1,7 @@
 """An encounter through rendered eyes ends as without rendering, and what is compared is counted."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pps_vision.app.simulation import Side
@@ -36,3 +38,9 @@ def test_a_fast_ball_is_met_alike_with_and_without_rendering(arena: Arena, memor
     assert found["rates"]["stop"]["difference"][0] == 0
     assert found["rates"]["stop"]["n"] == 1
     assert found["differing"] == []
+    assert found["stop, slow"]["n"] == 0, "it is fast"
+    nearer = replace(without, touched=True, distance_m=without.distance_m - 0.012, first_command_s=None, lead_s=None)
+    (row,) = summary([compared(replace(seen, outcome=nearer), without)])["differing"]
+    assert without.lead_s is not None
+    assert "distances left 12 mm apart" in row["because"]
+    assert f"lead – and {without.lead_s:.2f} s" in row["because"]

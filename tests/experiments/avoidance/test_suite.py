@@ -15,11 +15,12 @@ from pps_vision.experiments.avoidance import suite
 from pps_vision.experiments.avoidance.baselines import nearest_rates
 from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.kinematic import meet
-from pps_vision.experiments.avoidance.registry import BASELINES, NAMES, NONE, OURS, TRUE, new_controller
+from pps_vision.experiments.avoidance.registry import ASKING, BASELINES, NAMES, NONE, OURS, TRUE, new_controller
 from pps_vision.experiments.avoidance.tracks import ERRORS, measured_error, track_of, true_track_of
 from pps_vision.experiments.avoidance.training import Memories
 from pps_vision.experiments.avoidance.tuned import TUNED
 from pps_vision.experiments.encounters import Encounters, rate, summary
+from pps_vision.types import Array, Reachability, ReachStatus, Track3D
 from rendering.names import StimulusName
 
 PLUGIN = """
@@ -139,10 +140,15 @@ def made_up(controller: str, condition: str, number: int, *, touched: bool, comm
 
 def test_rates_and_differences_by_hand() -> None:
     rows = [made_up(OURS, c, k, touched=k < 2) for c in HAZARDS for k in range(10)]
-    rows += [made_up("R eq. 6", c, k, touched=k < 5) for c in HAZARDS for k in range(10)]
-    rows += [made_up(name, "harmless_static", k, touched=False, commands=k) for name in NAMES[:2] for k in range(4)]
+    rows += [made_up(name, c, k, touched=k < 5) for name in NAMES[1:] for c in HAZARDS for k in range(10)]
+    rows += [made_up(name, "harmless_static", k, touched=False, commands=k) for name in NAMES for k in range(4)]
+    rows += [made_up(name, "through_fast", 4 * k + 10, touched=k > 1) for name in NAMES for k in range(4)]
+    for name in (OURS, ASKING):  # of 10 two are out of reach; without the map the arm moves for both
+        for k in range(10):
+            row = made_up(name, "reach", k, touched=k < 8, commands=int(k < 8 or name == OURS))
+            rows.append(row | {"reachable": k < 8})
     rows[0]["self_distance_m"] = 0.019
-    found = summary(rows, NAMES[:2])
+    found = summary(rows, NAMES)
     ours, other = found["controllers"][OURS], found["controllers"]["R eq. 6"]
     assert ours["untouched"]["press"] == pytest.approx([80, 49.02, 94.33], abs=0.01)  # Wilson, 8 of 10
     assert ours["stop, slow"][0] == pytest.approx(100 / 3)  # 0.10, 0.12, 0.14 m/s
@@ -152,16 +158,41 @@ def test_rates_and_differences_by_hand() -> None:
     assert ours["still"]["harmless_static"][0] == 25
     assert np.isnan(ours["still"]["harmless_head"][0])
     assert found["limits"]["left"] == 1
-    assert set(encounters.tables(found)) >= {"", "conditions", "harmless", "limits"}
+    # 0.30, 0.38, 0.46, 0.54 m/s: the first two are not touched
+    assert [of[0] for of in ours["fast through, by speed"]] == [100, 0, 0]
+    assert [found["reaching"][n]["out of reach: attempted"][0] for n in (OURS, ASKING)] == [100, 0]
+    tables = encounters.tables(found)
+    goals = {what: measured for what, _, measured in tables["goals"].rows}
+    assert goals["stop, ≤ 15 cm/s: not touched (%)"].startswith("**33.3")
+    assert goals["the same: above distance only"].startswith("30 (")
+    assert goals["asking the map: attempted of what cannot be (%)"].startswith("0 (")
+    assert goals["encounters that left a limit"] == "**1**"
+    assert goals["smallest self-collision distance (mm)"] == "**19**"
+    assert tables["fast"].rows[0][-1] == "40–50"
     assert rate([{"touched": False}] * 10, lambda row: bool(row["touched"]))[2] == pytest.approx(27.75, abs=0.01)
 
 
 def test_tuned_parameters_are_those_of_the_tuning_study() -> None:
     file = Path(__file__).parents[3] / "docs" / "results" / "encounters_tuning.json"
-    best = json.loads(file.read_text())["best"]
+    best = {name: of for name, of in json.loads(file.read_text())["best"].items() if name in BASELINES}
     assert {name: {k: v for k, v in of.items() if k != "score"} for name, of in best.items()} == TUNED
     for name, baseline in BASELINES.items():
         assert all(low <= TUNED[name][k] <= high for k, (low, high) in baseline.ranges.items())
+
+
+def test_what_the_map_calls_unreachable_is_not_attempted(arena: Arena, memories: dict[Side, Memories]) -> None:
+    encounter = draw(arena, "reach", 0, 3)
+    tracks = track_of(arena, encounter, np.random.default_rng(1))
+    given = arena, memories["left"], encounter, ASKING, new_controller(ASKING), tracks
+    asked: list[float] = []
+
+    def unreachable(q_rad: Array, track: Track3D) -> Reachability:
+        asked.append(track.stamp_s)
+        return Reachability.without_answer(track.stamp_s, ReachStatus.UNREACHABLE)
+
+    assert meet(*given).commands > 0, "without a map"
+    assert meet(*given, reachability=unreachable).commands == 0  # type: ignore[arg-type]
+    assert asked == [track.stamp_s for track in tracks]
 
 
 def test_rates_under_soft_rows_by_hand() -> None:

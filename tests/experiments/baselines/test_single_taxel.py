@@ -16,7 +16,7 @@ from pps_vision.experiments.baselines.single_taxel import (
     empty_map,
     from_landing,
     from_taxel,
-    simulate,
+    sample_paths,
     simulate_map,
 )
 
@@ -29,14 +29,14 @@ def rng(k=0):
 
 def test_as_many_objects_land_on_each_taxel_as_the_gaussian_says():
     simulation, n = Simulation(), 20000
-    share = simulate(replace(simulation, length_s=0.1), n, rng()).touched.mean(axis=0)
+    share = sample_paths(replace(simulation, length_s=0.1), n, rng()).touched.mean(axis=0)
     off = np.hypot(*np.array(simulation.taxels_m).T) / simulation.landing_sigma_m
     expected = ncx2.cdf((simulation.touch_radius_m / simulation.landing_sigma_m) ** 2, 2, off**2)
     np.testing.assert_allclose(share, expected, atol=5 * np.sqrt(0.08 / n))
 
 
 def test_paths_are_straight_even_and_end_on_the_skin():
-    objects = simulate(Simulation(), 200, rng(1))
+    objects = sample_paths(Simulation(), 200, rng(1))
     speed = np.nanmax(np.linalg.norm(objects.v_m_s[:, :, 0], axis=2), axis=1)
     assert 0.05 <= speed.min() < 0.06 < 0.14 < speed.max() <= 0.15
     D, TTC = from_landing(objects.d_m, objects.v_m_s)
@@ -49,7 +49,7 @@ def test_paths_are_straight_even_and_end_on_the_skin():
 
 
 def test_objects_start_in_the_zone():
-    start = simulate(Simulation(length_s=12.0), 500, rng(2)).d_m[:, :, 0]
+    start = sample_paths(Simulation(length_s=12.0), 500, rng(2)).d_m[:, :, 0]
     first = np.isnan(start[..., 0]).sum(axis=1)
     p = start[np.arange(500), first]
     distance = np.linalg.norm(p, axis=1)
@@ -58,7 +58,7 @@ def test_objects_start_in_the_zone():
 
 
 def test_an_offset_shifts_the_path_along_the_normal_and_nothing_else():
-    true, off = (simulate(Simulation(offset_m=o), 50, rng(3)) for o in (0.0, -0.1))
+    true, off = (sample_paths(Simulation(offset_m=o), 50, rng(3)) for o in (0.0, -0.1))
     np.testing.assert_allclose(off.d_m - true.d_m, np.where(np.isnan(true.d_m), np.nan, -0.1 * UP), atol=1e-12)
     D, TTC = from_landing(off.d_m, off.v_m_s, -0.1)
     near = TTC[:, -1] < 0.05 + 1e-9
@@ -68,7 +68,7 @@ def test_an_offset_shifts_the_path_along_the_normal_and_nothing_else():
 
 def test_noise_is_as_large_as_it_says():
     true, noisy = (
-        simulate(Simulation(position_noise_m=s / 10, velocity_noise_m_s=s), 300, rng(4)) for s in (0.0, 0.02)
+        sample_paths(Simulation(position_noise_m=s / 10, velocity_noise_m_s=s), 300, rng(4)) for s in (0.0, 0.02)
     )
     wrong_d, wrong_v = noisy.d_m[:, :, 0] - true.d_m[:, :, 0], noisy.v_m_s - true.v_m_s
     assert np.nanstd(wrong_d) == pytest.approx(0.002, rel=0.03)
@@ -96,7 +96,7 @@ def test_the_maps_frequencies_agree_with_quadrature():
     bins = ((D + 0.1) / 0.3 * 8).astype(int), (np.where(inside, TTC, 0) / 3 * 4).astype(int)
     hit = np.broadcast_to(r <= simulation.touch_radius_m, D.shape)
     np.add.at(expected, (np.where(hit, 0, 1)[inside], bins[0][inside], bins[1][inside]), weight[inside])
-    paths = simulate(simulation, 20000, rng(5))
+    paths = sample_paths(simulation, 20000, rng(5))
     D, TTC = (np.repeat(samples, 2, axis=2) for samples in from_taxel(paths))
     touched = np.concatenate([paths.touched, ~paths.touched], axis=1)  # the second taxel makes every object count
     counts = count_paths(empty_map(2, MemoryParams()), D, TTC, touched).counts[0]

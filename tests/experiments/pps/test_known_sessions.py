@@ -25,3 +25,23 @@ def test_the_study_on_a_few_robots() -> None:
     assert set(charts) == {""}
     much = numbers["kinds"]["paths say much"]
     assert much["known"][0] < much["ours"][0] < much["base_rate"][0]
+
+
+def test_what_misses_its_goal_is_bold() -> None:
+    """Below the base rate by 10 % where paths say anything; 90 ± 5 % of the intervals hold."""
+
+    def measured(gain: float, coverage: float) -> dict[str, list[float]]:
+        scores = {key: [0.1, 0.1, 0.1] for key in ("ours", "base_rate", "known")}
+        return {**scores, "percent_below": [gain, gain - 1, gain + 1], "coverage": [coverage] * 3}
+
+    kinds = {
+        "paths say nothing": measured(-1, 95.4),
+        "paths say little": measured(9.9, 85),
+        "heavy tails": measured(10, 84),
+    }
+    rows = [row[4:] for row in KnownSessions().tables({"kinds": kinds})[""].rows]
+    assert rows == [
+        ["-1 (-2–0)", "–", "**95.4 (95.4–95.4)**", "85–95"],
+        ["**9.9 (8.9–10.9)**", "≥ 10", "85 (85–85)", "85–95"],
+        ["10 (9–11)", "≥ 10", "**84 (84–84)**", "85–95"],
+    ]

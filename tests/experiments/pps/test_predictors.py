@@ -77,9 +77,13 @@ def test_every_predictor_returns_probabilities_and_the_combination_beats_the_bas
         assert p.shape == (16, 12)
         assert np.all((p >= 0) & (p <= 1))
     found = calibration.evaluate(*trials)
-    ours, base = found[COMBINATION], found["base rate"]
-    assert ours["auroc"] > base["auroc"]
-    assert ours["brier"] < base["brier"]
+    ours, base = found[COMBINATION]["scores"], found["base rate"]["scores"]
+    assert ours["auroc"][0] > base["auroc"][0]
+    assert ours["brier"][0] < base["brier"][0]
+    assert ours["above_combination"] == [0, 0, 0]
+    assert base["above_combination"][0] == pytest.approx(base["brier"][0] - ours["brier"][0])
+    for low, high in (one["auroc"][1:] for one in (ours, base)):
+        assert 0 <= low < high <= 1
 
 
 def test_a_prediction_uses_nothing_later_than_its_horizon(trials: tuple[Trials, Trials]) -> None:
@@ -167,7 +171,7 @@ def test_the_horizon_is_0_15_s_before_the_end(trials: tuple[Trials, Trials]) -> 
 
 def test_reliability_counts_every_prediction_once() -> None:
     touched = np.array([True, False, True, True])
-    found = calibration.scores(touched, np.array([0.05, 0.05, 0.95, 1.0]))["touched_percent"]
+    found = calibration.shares(touched, np.array([0.05, 0.05, 0.95, 1.0]))
     assert found[0][0] == 50
     assert found[9][0] == 100
     assert all(tenth is None for tenth in found[1:9])

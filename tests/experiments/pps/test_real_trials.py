@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from data import SEED
 from drawn_study import run_and_draw
 from trials_made_up import session, write
 
 from learning.pps.scores import auroc
+from pps_vision.experiments.pps import real_trials
 from pps_vision.experiments.pps.predictors import in_blocks, outcomes
 from pps_vision.experiments.pps.real_trials import HORIZON_S, METHODS, OURS, RealTrials
 
@@ -28,7 +30,9 @@ def test_displacement_tells_paths_over_neighbours_apart() -> None:
     assert auroc(outcomes(trials)[:, :2], p[:, :2]) > 0.95
 
 
-def test_the_study_on_a_few_trials(tmp_path: Path) -> None:
+def test_the_study_on_a_few_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(real_trials, "HORIZONS_S", (0.0, 0.5))
+    monkeypatch.setattr(real_trials, "OFFSETS_M", (0.0, 0.01))
     folder = tmp_path / "pps_real_robot"
     folder.mkdir()
     write(folder / "trials_forearm_internal.npz", session(np.random.default_rng(SEED), 8, beside_m=0.01))

@@ -28,10 +28,18 @@ def test_error_and_unanswered_share_of_a_known_model() -> None:
     assert row["ms"] == sorted(row["ms"])
 
 
+def test_the_mean_of_sets_has_the_interval_of_their_errors() -> None:
+    rows = [{"rmse_deg": error, "update_ms": 2.0, "ms": [1.0, error, 9.0]} for error in (1.0, 2.0, 6.0)]
+    found = forward_model.mean_row(rows)
+    assert found["rmse_deg"] == 3
+    assert found["ms"] == [1, 3, 9]
+    assert 1 <= found["rmse_95_deg"][0] < 3 < found["rmse_95_deg"][1] <= 6
+
+
 def test_the_revolute_model_is_exact_and_lwpr_nearly_as_good_as_in_the_paper(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("model of revolute joints", "LWPR, each sample once")
     monkeypatch.setattr(forward_model, "METHODS", {name: METHODS[name] for name in names})
-    study = ForwardModel(4, sizes=(200, 1600))
+    study = ForwardModel(4, n=1, sizes=(200, 1600))
     numbers, _ = run_and_draw(study)
     exact, lwpr = (numbers["methods"][name] for name in names)
     assert exact[-1]["rmse_deg"] < 1e-3

@@ -17,6 +17,8 @@ def test_study_draws_a_dot_per_model_and_a_range_per_setting() -> None:
     study = LwprCross(1, n=2, share=0.02)
     numbers, drawn = run_and_draw(study)
     assert set(numbers["settings"]) == set(SETTINGS)
-    fields, _ = drawn[""].axes
+    fields, time = drawn[""].axes
+    shown = [label.get_text() for label in time.get_xticklabels()]
+    assert {"2", "10", "20"} <= set(shown)
     assert len(fields.patches) == len(SETTINGS)
     assert all(len(line.get_xdata()) == 2 for line in fields.lines)

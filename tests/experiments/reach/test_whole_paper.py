@@ -15,14 +15,20 @@ def test_maps_from_babbling_alone_know_the_true_arm(monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(paper_figures, name, 10)
     monkeypatch.setattr(whole_paper, "_PARAMS", replace(whole_paper._PARAMS, lattice=0.12, n_babble=5000))
     monkeypatch.setattr(whole_paper, "_N_TEST", 100)
-    study = WholePaper(3, n_tried=1500, labels=400, labels_of_j=400, n_test=400)
+    study = WholePaper(3, n=2, repetitions=20, n_tried=1500, labels=400, labels_of_j=400, n_test=400)
     numbers, figures = run_and_draw(study)
     ours, of_j = numbers["maps"].values()
     assert numbers["forward_model_deg"] < 1e-3
     assert ours["true"]["je"] < 4
     assert ours["true"]["je"] < of_j["true"]["je"]
     assert abs(ours["true"]["je"] - ours["learned"]["je"]) < 0.6
+    value, low, high = numbers["estimated"]["ours"]["true"]["je"]
+    assert low < value < high  # two repeats differ
+    assert value == ours["true"]["je"]
     assert [len(figure.axes) for figure in figures.values()] == [5, 7, 7]
+    for (name, at), (middle, low, high) in zip(numbers["extremes"].items(), numbers["repeated_extremes"], strict=True):
+        assert low < middle < high, name
+        assert 0.5 * low < at["vergence_deg"] < 2 * high, name
     drawn = numbers["space"]["training data"]
     assert len(drawn["gaze_deg"]) == len(drawn["reachable"]) <= 400
     np.testing.assert_array_equal(np.array(drawn["degree"]) > 50, np.array(drawn["reachable"], dtype=bool))  # percent

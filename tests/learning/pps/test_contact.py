@@ -129,7 +129,7 @@ def test_where_all_paths_are_alike_the_touches_alone_count():
     assert (found.lower[0, 0], found.upper[0, 0]) == pytest.approx(beta(3.5, 4.5).interval(0.9))
 
 
-def test_a_session_after_trials_that_never_came_near_is_foretold_as_it_is():
+def test_a_session_after_trials_that_never_came_near_is_predicted_as_it_is():
     rng = np.random.default_rng(SEED)
     learned, other = learn_contact(HORIZON_S, moved(session(rng, 3), 0.5)), session(rng, 2)
     found = predict_session(HORIZON_S, learned, other)

@@ -289,16 +289,16 @@ def test_params_that_make_no_sense(changes, message):
 
 def test_it_stops_when_sure_enough_and_goes_on_when_asked():
     """Half the error asked for takes more labels; going on from a map is as good as having learned it at once."""
-    rough = MapParams(n_labels=6000, round_labels=300, n_babble=20_000, max_error=0.03, lattice=0.08)
+    rough = MapParams(n_labels=3000, round_labels=300, n_babble=10_000, max_error=0.04, lattice=0.1)
     first = train_reachable_map(ROBOT, "right", np.random.default_rng(11), rough)
-    assert 600 <= len(first.labels.gaze_rad) + first.unanswered < 4000
-    assert first.error_bound <= 0.03
-    more = train_reachable_map(ROBOT, "right", np.random.default_rng(12), replace(rough, max_error=0.012), into=first)
+    assert 600 <= len(first.labels.gaze_rad) + first.unanswered < 2500
+    assert first.error_bound <= 0.04
+    more = train_reachable_map(ROBOT, "right", np.random.default_rng(12), replace(rough, max_error=0.02), into=first)
     assert len(more.labels.gaze_rad) > len(first.labels.gaze_rad)
     gaze = np.random.default_rng(13).uniform(LIMITS.lower, LIMITS.upper, (4000, 3))
     wrong = [rates(one.query(gaze).reachable, truth(gaze)[0])[0] for one in (first, more)]
     assert all(wrong_one <= one.error_bound for wrong_one, one in zip(wrong, (first, more), strict=True))
-    assert wrong[0] <= 0.03
+    assert wrong[0] <= 0.04
     assert wrong[1] < wrong[0]
     with pytest.raises(ValueError, match="to continue from"):
         train_reachable_map(ROBOT, "left", np.random.default_rng(12), rough, into=first)
