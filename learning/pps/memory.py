@@ -103,12 +103,25 @@ def learn(memory: PPSMemory, buffer: EventBuffer, touched: Mask) -> PPSMemory:
     """One learning iteration (R, "Data collection"): the buffer's samples count as positive for the
     `touched` (n,) taxels and as negative for the others of the same body part; nothing changes
     on a part that was not touched."""
+    return _learned(memory, buffer, touched, _learning(memory, touched))
+
+
+def learn_miss(memory: PPSMemory, buffer: EventBuffer) -> PPSMemory:
+    """The buffer's samples count as negative for every taxel: the object came near and touched nothing.
+
+    Ours: R learns from touches only, so that its negative samples are those of taxels beside the touched ones.
+    """
+    n = len(memory.taxel_ids)
+    return _learned(memory, buffer, np.zeros(n, bool), np.arange(n))
+
+
+def _learned(memory: PPSMemory, buffer: EventBuffer, touched: Mask, taxels: NDArray[np.intp]) -> PPSMemory:
+    """The memory with the buffer's samples of some `taxels`."""
     if not buffer.samples:
         return memory
     if buffer.samples[0].taxel_ids != memory.taxel_ids:
         raise ValueError(f"a buffer of {len(buffer.samples[0].taxel_ids)} taxels: expected those of the memory")
-    taxels, distance_m, ttc_s = resample(buffer, _learning(memory, touched))
-    return _counted(memory, taxels, distance_m, ttc_s, touched)
+    return _counted(memory, *resample(buffer, taxels), touched)
 
 
 def count_samples(memory: PPSMemory, distance_m: Array, ttc_s: Array, touched: Mask) -> PPSMemory:

@@ -11,7 +11,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from glob import glob
@@ -19,9 +19,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Literal
 
-from tqdm import tqdm
-
 from pps_vision.__main__ import ENDS_WITH_STDIN
+from pps_vision.app.progress import progress
 from pps_vision.errors import InputError, first_line
 from pps_vision.files import read_bytes
 from pps_vision.recordings import BATCH, REPORT, SUMMARY
@@ -210,9 +209,9 @@ def run_batch(
         elif difference := _difference(_read_settings(settings), [task.command, *task.options]):
             raise InputError(out, f"was begun {difference}; expected the same options, or another folder")
 
-        with tqdm(total=len(jobs), desc="batch", unit="recording", disable=None) as bar:
+        with progress(total=len(jobs), desc="batch", unit="recording") as bar:
             if scheduler:
-                reasons = _on_cluster(scheduler, jobs, task, bar)
+                reasons = _on_cluster(scheduler, jobs, task, bar.update)
             else:
                 reasons = []
                 with ThreadPoolExecutor(workers) as pool:
@@ -265,7 +264,7 @@ def _add_up(memories: Sequence[Path], out: Path) -> None:
             save_memory(partial, total)
 
 
-def _on_cluster(scheduler: str, jobs: Sequence[Job], task: Task, bar: tqdm) -> list[str]:
+def _on_cluster(scheduler: str, jobs: Sequence[Job], task: Task, advance: Callable[[], object]) -> list[str]:
     """`_do` every job on the workers of a Dask cluster; a job whose worker dies goes to another."""
     try:
         from distributed import Client, as_completed
@@ -283,7 +282,7 @@ def _on_cluster(scheduler: str, jobs: Sequence[Job], task: Task, bar: tqdm) -> l
                 reasons[places[future]] = future.result()
             except KilledWorker as error:
                 reasons[places[future]] = f"the workers that worked on it died: {first_line(error)}"
-            bar.update()
+            advance()
     return reasons
 
 

@@ -7,7 +7,6 @@ from typing import get_args
 
 import cv2
 import numpy as np
-from tqdm import tqdm
 
 from control.avoidance import AvoidanceParams
 from learning.pps.memory import PPSMemory, save_memory
@@ -15,6 +14,7 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app import versions
+from pps_vision.app.progress import progress
 from pps_vision.app.report import figures, page
 from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
 from pps_vision.app.report.path3d import body_lines, path3d
@@ -41,6 +41,8 @@ from pps_vision.types import Array, Image, ReachStatus, Status
 _TAXEL = "left_forearm:3"
 THRESHOLD = AvoidanceParams(HOME_ARM_RAD).threshold
 _GAZE = GazeLimits(pitch_rad=(np.deg2rad(-80.0), np.deg2rad(40.0)))  # J's pitch, and as far down as the eyes' tilt
+_FEWEST_SAMPLES = 50  # before touches, of a taxel whose landscape is shown
+_TOUCH_EVERY = 3  # training approaches; the others stop before the skin
 _NORMAL_M = 0.012  # length of the line that shows a taxel
 _EPISODES: tuple[tuple[Kind, bool, str], ...] = (
     ("approach", False, "octopus approaching, avoidance off"),
@@ -63,9 +65,9 @@ _COLUMNS = {
 def demo(out: Path, trials: int, noise: float, seed: int) -> None:
     """Train, run the episodes, and write the report; arguments as of `pps-vision demo`."""
     with whole_folder(out) as folder, open_world(noise, seed) as world:
-        memory = train(world, trials)
+        memory = train(world, trials, _TOUCH_EVERY)
         save_memory(folder / "memory.npz", memory)
-        with tqdm(total=1, desc="reachable space", unit="map", disable=None) as bar:
+        with progress(total=1, desc="reachable space", unit="map", after_s=0.0) as bar:
             map_params = MapParams(gaze_limits=_GAZE, n_labels=3000, round_labels=750)
             reachable_map = train_reachable_map(world.robot, "left", np.random.default_rng(seed), map_params)
             bar.update()
@@ -89,7 +91,7 @@ def _run_episodes(
     """The logs of the four episodes, filmed two by two; demo.png is the frame of the approach in which the skin is
     touched without avoidance."""
     logs, images = [], []
-    for kind, avoid, title in tqdm(_EPISODES, desc="episodes", unit="episode", disable=None):
+    for kind, avoid, title in progress(_EPISODES, desc="episodes", unit="episode", after_s=0.0):
         # the same seed for both approaches: the same path with and without avoidance
         rng = np.random.default_rng((seed, get_args(Kind).index(kind)))
         episode = replace(make_episode(kind, world, _TAXEL, "octopus", rng, speed_m_s=0.10), title=title)
@@ -175,7 +177,7 @@ def _page(
     timing = ", ".join(f"{stage} {values['median_ms']:.1f}" for stage, values in stopwatch.summary().items())
     known, made_with = np.isfinite(logs[1].track_m).all(axis=1), versions.machine(versions.commit())
     stds = logs[1].track_std_m[known]
-    stimulated = [i for i in range(len(memory.taxel_ids)) if memory.counts[i].any()]
+    touched = np.flatnonzero(memory.counts[..., 0].sum(axis=(1, 2)) >= _FEWEST_SAMPLES).tolist()
     sections = (
         page.Section(
             "Result",
@@ -195,9 +197,11 @@ def _page(
         ),
         page.Section(
             "What the skin learned",
-            f"Probability of touch over distance and time to contact, after {trials} rendered approaches of a ball and "
-            "a cube.",
-            page.image(figures.landscapes(memory, stimulated)),
+            f"Probability of touch over distance D and time to contact TTC, after {trials} rendered approaches of a "
+            f"ball and a cube: one in {_TOUCH_EVERY} touches, the others stop 4–16 cm before the skin. A touch begins "
+            "at D = 2 cm; what was never met counts as 0. Taxels with fewer than "
+            f"{_FEWEST_SAMPLES} samples before touches are left out.",
+            page.image(figures.landscapes(memory, touched)),
         ),
         page.Section(
             "Robot, skin and path",

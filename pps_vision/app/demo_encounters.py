@@ -6,9 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import get_args
 
-from tqdm import tqdm
-
 from pps_vision.app.demo import THRESHOLD, drawn, write_side_by_side
+from pps_vision.app.progress import progress
 from pps_vision.app.report import figures, page
 from pps_vision.app.simulation import Episode, EpisodeLog, Side, log_of, new_pipeline, simulate
 from pps_vision.app.versions import versions
@@ -59,7 +58,7 @@ def demo_encounters(out: Path, n: int, noise: float, seed: int, share: float = 1
     with whole_folder(out) as folder, TemporaryDirectory() as videos:
         memories = {side: learn(arena, side, seed, share).of_both for side in get_args(Side)}
         met = []
-        for k in tqdm(range(n), desc="encounters", unit="encounter", disable=None):
+        for k in progress(range(n), desc="encounters", unit="encounter", after_s=0.0):
             encounter = draw(arena, HAZARDS[k % len(HAZARDS)], k // len(HAZARDS), seed)
             runs = []
             for avoid in (False, True):

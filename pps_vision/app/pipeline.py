@@ -229,6 +229,11 @@ class Pipeline:
         self._state = replace(self._state, learning=learner.finish(self._state.learning))
         return self.memory
 
+    def miss(self) -> PPSMemory:
+        """Learn that what came near since the last contact has touched nothing, and return the memory."""
+        self._state = replace(self._state, learning=learner.miss(self._state.learning))
+        return self.memory
+
     @property
     def memory(self) -> PPSMemory:
         """What has been learned so far."""

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from tqdm import tqdm
 
 from control import fixation
 from control.limits import MAX_HOLD_S
+from pps_vision.app.progress import progress
 from pps_vision.app.render_params import RenderParams
 from pps_vision.app.simulation import REACH_M, at_taxel, can_follow
 from pps_vision.app.versions import versions
@@ -61,7 +61,7 @@ def record(options: RenderParams) -> tuple[int, int]:
         YarpWriter(options.out, setup) as writer,
         Eyes(robot, rig, stimulus, options.carrier, sensor, fidelity=fidelity) as eyes,
     ):
-        for t, state in tqdm(states, desc="render", unit="pair", disable=None):
+        for t, state in progress(states, desc="render", unit="pair"):
             truth = eyes.truth(state, t)
             touched = touched_taxels(skin.at(robot.at(state.q_rad))[0], truth.position, stimulus.radius_m)
             touches += bool(touched.any())

@@ -13,12 +13,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from tqdm import tqdm
 
 from control.fixation import gaze_at
 from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
+from pps_vision.app.progress import progress
 from pps_vision.app.stopwatch import Stopwatch
 from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig
@@ -36,7 +36,7 @@ from rendering.sensor import Sensor
 from rendering.stimuli import make_stimulus
 from tracking.tracker import Tracker, TrackerParams
 
-Kind = Literal["approach", "recede", "static", "own_arm"]
+Kind = Literal["approach", "recede", "static", "own_arm", "near_miss"]
 Side = Literal["left", "right"]
 OwnMotion = Literal["", "arm", "head"]
 """What moves by itself."""
@@ -50,6 +50,7 @@ _TRAINED_WITH: tuple[StimulusName, ...] = ("ball", "cube")
 REACH_M = {"approach": TOUCH_RADIUS_M - 0.003, "recede": TOUCH_RADIUS_M + 0.010}
 """Smallest distance from the object's surface to the nearest taxel's centre: an approach touches, a receding object
 does not."""
+_NEAR_MISS_M = (0.04, 0.16)  # from the object's surface to the nearest taxel's centre where a near miss stops
 _REST_M = (0.12, 0.15)  # distance from the taxel of a static object
 _CONTACT_FRAMES = 14  # a training episode ends 0.7 s after the touch; the withdrawal is not learned from
 _MARGIN_PX = 25.0  # of the object's centre to the image's border
@@ -232,23 +233,28 @@ def log_of(world: World, episode: Episode, steps: Iterable[SimulationStep], avoi
     )
 
 
-def train(world: World, trials: int) -> PPSMemory:
-    """The memory after `trials` approaches that end in a touch, to taxels and with objects in turn."""
+def train(world: World, trials: int, touch_every: int = 1) -> PPSMemory:
+    """The memory after `trials` approaches, to taxels and with objects in turn.
+
+    Every `touch_every`-th one ends in a touch; the others are near misses.
+    """
     if trials < 1:
         raise InputError("training", f"{trials} trials; expected at least one")
     memory = PPSMemory.empty(world.skin)
-    for trial in tqdm(range(trials), desc="training", unit="approach", disable=None):
-        taxel = f"left_forearm:{INNER_FOREARM[trial % len(INNER_FOREARM)]}"
-        stimulus = _TRAINED_WITH[trial % len(_TRAINED_WITH)]
+    for trial in progress(range(trials), desc="training", unit="approach", after_s=0.0):
+        number, others = divmod(trial, touch_every)
+        taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
+        stimulus = _TRAINED_WITH[number % len(_TRAINED_WITH)]
         speed = world.rng.uniform(*SPEED_M_S)
-        episode = make_episode("approach", world, taxel, stimulus, world.rng, speed, reach_m=0.0)
+        kind, reach_m = ("near_miss", None) if others else ("approach", 0.0)
+        episode = make_episode(kind, world, taxel, stimulus, world.rng, speed, reach_m)
         pipeline = new_pipeline(world, memory)
         contact_frames = 0
         for step in simulate(world, episode, pipeline.step, avoid=False):
             contact_frames += bool(step.touched.any())
             if contact_frames == _CONTACT_FRAMES:
                 break
-        memory = pipeline.finish()
+        memory = pipeline.miss() if others else pipeline.finish()
     return memory
 
 
@@ -266,13 +272,13 @@ def make_episode(
     Args:
         kind: approach: until the surface is within `reach_m` of a taxel's home position, whatever the arm does, and
             back; recede: from just out of touch; static: 5 cm away from the skin, then at rest 12–15 cm from the taxel;
-            own_arm: nothing is near.
+            own_arm: nothing is near; near_miss: until `reach_m` before the skin, and no further.
         world: Robot and skin.
         taxel: Target "part:id".
         stimulus: Object.
         rng: Random numbers of the path.
         speed_m_s: Speed of the object.
-        reach_m: Default: a touch.
+        reach_m: Default: a touch; of a near miss 4–16 cm.
 
     Raises:
         InputError: The skin has no such taxel, no such episode stays in view, or the object is within `reach_m` at the
@@ -286,12 +292,16 @@ def make_episode(
     taxels, _ = world.skin.at(posture)
     point = taxels[index]
     radius = make_stimulus(stimulus).radius_m
-    aim = at_taxel(world.skin, posture, index, radius + (REACH_M.get(kind, 0.0) if reach_m is None else reach_m))
+    if reach_m is None:
+        reach_m = rng.uniform(*_NEAR_MISS_M) if kind == "near_miss" else REACH_M.get(kind, 0.0)
+    aim = at_taxel(world.skin, posture, index, radius + reach_m)
     for _ in range(200):
         visit = make_approach(rng, aim, speed_m_s)
         if kind == "approach":
             motion: Motion = visit
             seconds, title = 2 * visit.contact_s + visit.dwell_s + 0.5, "approaching"
+        elif kind == "near_miss":
+            motion, seconds, title = visit, visit.contact_s, "stopping short"
         elif kind == "recede":
             motion = Recede(visit.end, visit.start, speed_m_s)
             seconds, title = visit.contact_s + 0.5, "receding"

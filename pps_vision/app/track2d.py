@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from tqdm import tqdm
 
+from pps_vision.app.progress import progress
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_sequence import ImageSequence
 from pps_vision.recordings.tables import Box
@@ -22,7 +22,7 @@ def follow(
     """
     tracker = BoxTracker(ImageTrackerParams(), np.random.default_rng(seed), appearance)
     rows: list[tuple[int, Box, float]] = []
-    for number, image in tqdm(sequence, total=len(sequence), desc="track2d", unit="frame", disable=None):
+    for number, image in progress(sequence, total=len(sequence), desc="track2d", unit="frame"):
         if rows:
             found = tracker.step(image)
         elif sequence.problems:

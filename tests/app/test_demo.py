@@ -67,9 +67,9 @@ def test_the_demo_writes_its_report(
     """Three frames of each episode, a memory of one taxel, and a map where the right of the neck is reachable."""
     seeds = []
 
-    def trained(world: World, params: object) -> PPSMemory:
+    def trained(world: World, trials: int, touch_every: int) -> PPSMemory:
         memory = PPSMemory.empty(world.skin)
-        memory.counts[0, 2:4, 0, 0] = 5
+        memory.counts[0, 2:4, 0, 0], memory.counts[1, 2, 0] = 25, (49, 99)  # the second has too few positive ones
         return memory
 
     def mapped(robot: object, side: str, rng: object, params: object) -> ReachableMap:
@@ -85,6 +85,9 @@ def test_the_demo_writes_its_report(
     whole = module.simulate
     for name, replaced in (("train", trained), ("train_reachable_map", mapped), ("simulate", short)):
         monkeypatch.setattr(module, name, replaced)
+    shown: list[list[int]] = []
+    landscapes = module.figures.landscapes
+    monkeypatch.setattr(module.figures, "landscapes", lambda of, taxels: shown.append(taxels) or landscapes(of, taxels))
     demo(tmp_path / "out", trials=7, noise=2.0, seed=3)
     assert seeds[0] == (seeds[1][0], False)  # the same path with avoidance and without
     assert [avoid for _, avoid in seeds] == [False, True, True, True]
@@ -98,10 +101,11 @@ def test_the_demo_writes_its_report(
     assert text.count("<video") == 1
     assert text.count("data:image/") >= 3
     assert "after 7 rendered approaches" in text
+    assert shown == [[0]]
     assert "seed 3" in text
     with av.open(str(tmp_path / "out" / "demo.mp4")) as film:
         assert sum(1 for _ in film.decode(video=0)) == 6  # two and two beside each other
-    assert load_memory(tmp_path / "out" / "memory.npz").counts.sum() == 10
+    assert load_memory(tmp_path / "out" / "memory.npz").counts.sum() == 50 + 148
     assert ReachableMap.load(tmp_path / "out" / "reach.npz").side == "left"
     said = capsys.readouterr().out.splitlines()
     assert len(said) == 5

@@ -1,4 +1,4 @@
-"""Boxes against boxes: closed forms, motmetrics, and the files of other tools."""
+"""Boxes against boxes: closed forms, motmetrics, what got10k and TrackEval gave, and the files of other tools."""
 
 import json
 from pathlib import Path
@@ -84,6 +84,46 @@ def test_misses_and_switches_are_motmetrics() -> None:
         [row["mota"], row["num_misses"] / row["num_objects"], row["num_false_positives"] / row["num_objects"]],
     )
     assert np.isnan(score.success_auc)
+
+
+def test_success_and_precision_are_got10ks() -> None:
+    """Boxes that drift away; frames out of 60 by the OTB experiment of got10k 0.1.3, computed once from these boxes."""
+    k = np.arange(60.0)
+    truth = np.transpose(
+        [100 + 60 * np.sin(0.07 * k), 80 + 40 * np.cos(0.05 * k), 30 + 5 * np.sin(0.03 * k), 40 + 0 * k]
+    )
+    drift = np.transpose(
+        [0.6 * k * np.sin(1.3 * k), 0.4 * k * np.cos(0.9 * k), 6 * np.sin(0.5 * k), 8 * np.cos(0.4 * k)]
+    )
+    track = truth + drift
+    iou, distance = per_frame(one(*map(tuple, track)), one(*map(tuple, truth)))
+    overlapping = [60, 57, 54, 50, 45, 41, 37, 34, 33, 28, 22, 15, 11, 11, 10, 6, 2, 1, 1, 0, 0]
+    near = [0, 1, 4, 4, 7, 10, 11, 14, 15, 20, 23, 26, 29, 32, 34, 34, 35, 37, 40, 40, 42, 45, 45, 46, 47, 49, 50, 50]
+    near += [54, 54, 54, 56, 56, 57, 57, 58, 59, 59, 59] + [60] * 12
+    np.testing.assert_allclose(60 * success(iou), overlapping)
+    np.testing.assert_allclose(60 * precision(distance), near)
+    score = evaluate_boxes(one(*map(tuple, track)), one(*map(tuple, truth)))
+    assert score.mean_iou == pytest.approx(0.4050277682839022)
+    assert score.success_auc == pytest.approx(0.41111111111111115)
+    assert score.precision_20px == pytest.approx(0.7)
+    assert score.center_median_px == pytest.approx(12.355901473636488)
+
+
+def test_misses_and_switches_are_trackevals() -> None:
+    """Three objects, whose names are exchanged; CLEAR of TrackEval 1.3.0, computed once from these boxes."""
+    truth: dict[int, dict[int, np.ndarray]] = {}
+    track: dict[int, dict[int, np.ndarray]] = {}
+    for k in range(80):
+        seen = [i for i in range(3) if (7 * k + i) % 19]
+        truth[k] = {i: np.array([100 + 60 * np.sin(0.07 * k * (i + 1)), 50 + 12 * i, 30, 40]) for i in seen}
+        off = {i: np.array([4 * np.sin(k + i), 3 * np.cos(2 * k), 0, 0]) for i in seen if (5 * k + 2 * i) % 11}
+        track[k] = {(i + k // 25 % 2) % 3 + 11: truth[k][i] + off[i] for i in off}
+        if k % 6 == 1:
+            track[k][99] = np.array([300.0, 10 + k, 30, 40])
+    score = evaluate_boxes(Boxes("track", track), Boxes("truth", truth))
+    assert (score.boxes, score.id_switches) == (227, 9)
+    assert (score.missed_share, score.false_share) == pytest.approx((22 / 227, 15 / 227))
+    assert score.mota == pytest.approx(0.7973568281938326)
 
 
 def test_the_figure_shows_both_curves_of_every_track() -> None:

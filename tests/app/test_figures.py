@@ -109,6 +109,15 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     assert len(figures.landscapes(memory, [1]).axes) == 2
 
 
+def test_the_lowest_landscape_of_every_column_is_labelled() -> None:
+    ids = tuple(f"a:{k}" for k in range(6))
+    params = MemoryParams()
+    counts = np.ones((6, *params.bins, 2), dtype=np.int64)
+    *panels, _ = figures.landscapes(PPSMemory(ids, np.zeros(6, np.intp), counts, params)).axes
+    labelled = [bool(axis.xaxis.get_tick_params()["labelbottom"]) for axis in panels if axis.get_visible()]
+    assert labelled == [False, False, True, True, True, True]
+
+
 def test_a_memory_without_time_is_drawn_over_three_seconds() -> None:
     params = MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 1))
     counts = np.ones((1, 8, 1, 2), dtype=np.int64)

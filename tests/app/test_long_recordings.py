@@ -1,11 +1,13 @@
-"""Memory while a long recording is tracked does not grow with the number of its pairs."""
+"""Memory and work while a long recording is tracked do not grow with the number of its pairs."""
 
 import gc
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from types import FrameType
 
+import numpy as np
 import pytest
 
 import pps_vision as pv
@@ -54,3 +56,23 @@ def test_memory_does_not_grow(
     begun, ended = min(recording.held[: LOOPS // 2]), min(recording.held[LOOPS // 2 :])
     assert ended - begun < 5 * PAIRS * LOOPS // 2  # a track that is kept takes 5, all of a step 50
     assert len((tmp_path / "out" / "trajectory.csv").read_text().splitlines()) == 1 + len(recording)
+
+
+def test_work_does_not_grow(approach: Path) -> None:
+    """By the number of functions called in each loop, the first left out: times would be those of the machine."""
+    calls, by_loop = 0, []
+
+    def count(frame: FrameType, event: str, arg: object) -> None:
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
+    before = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        for k, _ in enumerate(pv.track(Looped.of(pv.open_recording(approach))), start=1):
+            if k % PAIRS == 0:
+                by_loop.append(calls)
+    finally:
+        sys.setprofile(before)
+    calls_of_loop = np.diff(by_loop)
+    assert calls_of_loop[-1] == pytest.approx(calls_of_loop[0], rel=0.1)

@@ -23,6 +23,7 @@ from pps_vision.app.simulation import (
 from pps_vision.errors import InputError
 from pps_vision.experiments.loop import Case, Loop
 from pps_vision.robot.skin import TOUCH_RADIUS_M
+from rendering.stimuli import make_stimulus
 
 LOOP = Loop(n=1, seed=SEED)
 
@@ -107,6 +108,31 @@ def test_a_training_episode_ends_0_7_s_after_the_touch(world: World, monkeypatch
     monkeypatch.setattr(simulation, "new_pipeline", lambda *_: pipeline)
     assert train(world, trials=1) is empty
     assert frames == list(range(50 + 14))
+
+
+def test_near_misses_come_between_the_touches(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One in three touches; the others come as near as 4–16 cm, and then the episode ends."""
+    nearest_m: list[float] = []
+    learned: list[str] = []
+
+    def moved(world: World, episode: Episode, *_: object, **__: object) -> Iterator[SimpleNamespace]:
+        times = np.linspace(0, episode.seconds, 400)
+        taxels, _ = world.skin.at(world.robot.at(world.home))
+        points = np.array([episode.motion(t)[0] for t in times])  # type: ignore[misc]
+        gaps = np.linalg.norm(points[:, None] - taxels, axis=2).min(axis=1) - make_stimulus(episode.stimulus).radius_m
+        nearest_m.append(float(gaps.min()))
+        assert np.argmin(gaps) == 399 or gaps.min() < TOUCH_RADIUS_M
+        return iter(())
+
+    names = {one: lambda one=one: learned.append(one) for one in ("finish", "miss")}
+    monkeypatch.setattr(simulation, "simulate", moved)
+    monkeypatch.setattr(simulation, "new_pipeline", lambda *_: SimpleNamespace(step=None, **names))
+    train(world, trials=24, touch_every=3)
+    assert learned == ["finish", "miss", "miss"] * 8
+    touching, missing = np.array(nearest_m)[::3], np.delete(nearest_m, slice(None, None, 3))
+    assert (np.abs(touching) < 1e-3).all()
+    assert 0.04 <= missing.min() < 0.07
+    assert 0.13 < missing.max() <= 0.16 + 1e-9
 
 
 @pytest.mark.parametrize(

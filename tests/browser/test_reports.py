@@ -1,21 +1,29 @@
-"""Pages in a headless Chromium (`make test-browser`): reports with nothing in the console, pictures there and the path
-drawn; the documentation, opened as a file and searched."""
+"""Pages in a headless Chromium (`make test-browser`): reports with nothing in the console and nothing fetched, pictures
+there, the path drawn and the video playing; the documentation, opened as a file and searched."""
 
 import os
 import re
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 
 import cv2
 import pytest
 from results import write_results
 
+from pps_vision.app.batch import TRACK_TABLE
+from pps_vision.app.cli import main
 from pps_vision.app.report.tracking import report_folder
+from pps_vision.recordings.tables import write_table
 
 pytestmark = pytest.mark.skipif("PPS_VISION_BROWSER" not in os.environ, reason="only with make test-browser")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr")
-OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND"
+OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
+PLAYS_S = 3.0
 
 
 def browse(page: Path, *words: str, query: str = "") -> subprocess.CompletedProcess[str]:
@@ -43,6 +51,67 @@ def test_the_page_of_a_recording(tmp_path: Path) -> None:
     assert "CONSOLE" not in seen.stderr
     browse(page, f"--screenshot={tmp_path / 'page.png'}", "--window-size=1100,4200")
     assert cv2.imread(str(tmp_path / "page.png")).std() > 10
+
+
+@pytest.fixture
+def keeps_loading() -> Iterator[str]:
+    """Address of an image that takes three seconds: until then a page is not loaded, and a video in it plays."""
+
+    class Slow(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            time.sleep(PLAYS_S)
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            """Say nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Slow) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+
+
+def test_the_page_of_the_demo(tmp_path: Path, keeps_loading: str) -> None:
+    main(["demo", "--trials", "3", "--out", str(tmp_path / "demo")])
+    page = tmp_path / "demo" / "report.html"
+    check = (
+        f"<img id=slow src={keeps_loading}><script>window.addEventListener('load',()=>{{"
+        "const v=document.querySelector('video');"
+        "const bad=[...document.images].filter(i=>i.id!='slow'&&!i.naturalWidth).length;"
+        "const fetched=performance.getEntriesByType('resource').map(e=>e.name).join(' ');"
+        "document.title=`at ${v.currentTime} of ${v.duration} width ${v.videoWidth} ${v.error} broken ${bad}"
+        " of ${document.images.length} fetched ${fetched} end`;});</script>"
+    )
+    page.write_text(page.read_text().replace("</html>", check + "</html>"))
+    seen = browse(page, "--dump-dom")
+    found = re.findall(r"at (\S+) of (\S+) width (\d+) null broken (\d+) of (\d+) fetched (.*?) end", seen.stdout)
+    at_s, length_s, width, broken, images, fetched = found[0]
+    assert 0.5 < float(at_s) <= float(length_s)
+    assert float(length_s) > 5
+    assert (int(width), int(broken)) == (1280, 0)
+    assert int(images) == 1 + 3  # episodes, landscapes, coordinates
+    assert fetched == keeps_loading
+    assert "CONSOLE" not in seen.stderr
+
+
+def test_the_page_of_a_batch(tmp_path: Path) -> None:
+    for name in "ab":
+        write_results(tmp_path / name)
+    rows = [(name, "done", 40, 40, 0.925, "", 1.5, "0.2.0", "") for name in "ab"]
+    write_table(tmp_path / "batch.csv", list(TRACK_TABLE), [*rows, ("c", "failed", *[""] * 6, "cannot be read")])
+    report_folder(tmp_path)
+    page = tmp_path / "report.html"
+    check = (
+        "<script>window.addEventListener('load',()=>{const of=[...document.links].map(a=>a.getAttribute('href'));"
+        "const bad=[...document.images].filter(i=>!i.naturalWidth).length;"
+        "const fetched=performance.getEntriesByType('resource').length;"
+        "document.title=`${of} broken ${bad} of ${document.images.length} fetched ${fetched}`;});</script>"
+    )
+    page.write_text(page.read_text().replace("</html>", check + "</html>"))
+    seen = browse(page, "--dump-dom")
+    assert "<title>a/report.html,b/report.html broken 0 of 1 fetched 0</title>" in seen.stdout
+    assert "CONSOLE" not in seen.stderr
 
 
 def test_the_documentation_is_searched_from_a_file(tmp_path: Path) -> None:

@@ -57,7 +57,11 @@ def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
 
 
 def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
-    """The columns that `movement` takes: POINT_x, _y, _z and _score for every row."""
+    """The columns that `movement` takes: POINT_x, _y, _z and _score for every row.
+
+    movement 0.15 (over 1 GB with what it needs, so not among the tests' requirements) opened such a file of 200 pairs
+    as "Anipose": every position was that of trajectory.csv, in metres, unknown where it is.
+    """
     write(tmp_path, "anipose", pairs)
     table = pandas.read_csv(tmp_path / "trajectory_anipose.csv")
     assert table["fnum"].tolist() == list(range(N))

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 from time import process_time
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -195,6 +196,76 @@ def test_ports_are_found_by_other_names(rec: Written, with_info: bool) -> None:
     right, left = (ROBOT.indices(ROBOT.names.arm(side)) for side in ("right", "left"))
     np.testing.assert_allclose(joints[right], rec.frames[0].joints_left_rad[right], atol=1e-8)
     np.testing.assert_array_equal(joints[left], 0)
+
+
+def as_dumped(rec: Written, kind: str) -> None:
+    """Store the images as yarpdatadumper does with a `--type` (of video: mkv or avi), by its source."""
+    info = {"image": "Image;", "image_jpg": "Image:jpg;", "image_png": "Image:png;", "depth": "Depth;"}
+    suffix = {"image": "ppm", "image_jpg": "jpg", "image_png": "png", "depth": "float"}.get(kind, "")
+    for log in (rec.folder / "cam").rglob("data.log"):
+        rows = [row.split() for row in log.read_text().splitlines()]
+        images = [cv2.imread(str(log.with_name(name))) for _, _, name in rows]
+        for _, _, name in rows:
+            log.with_name(name).unlink()
+        if suffix:
+            names = [f"{k:08d}.{suffix}" for k in range(len(rows))]
+            for name, image in zip(names, images, strict=True):
+                if kind != "depth":
+                    cv2.imwrite(str(log.with_name(name)), image)
+            names = [f"{name} [{'mono_float' if kind == 'depth' else 'rgb'}]" for name in names]
+        else:
+            names = [f"frame_{k:08d}" for k in range(len(rows))]
+            code, size = cv2.VideoWriter.fourcc(*"HFYU"), images[0].shape[1::-1]
+            video = cv2.VideoWriter(str(log.with_name(f"video.{kind}")), code, 20, size)
+            for image in images:
+                video.write(image)
+            video.release()
+        log.with_name("info.log").write_text(f"Type: {info.get(kind, f'Image; Video:{kind}(huffyuv);')}\nStamp: rx;\n")
+        log.write_text("".join(f"{row[0]} {row[1]} {name}\n" for row, name in zip(rows, names, strict=True)))
+
+
+def without_info(rec: Written) -> None:
+    for info in rec.folder.rglob("info.log"):
+        info.unlink()
+
+
+@pytest.mark.parametrize("kind", ["image", "image_jpg", "image_png", "mkv", "avi"])
+@pytest.mark.parametrize("with_info", [True, False])
+def test_all_images_that_the_dumper_writes_are_read(rec: Written, kind: str, with_info: bool) -> None:
+    as_dumped(rec, kind)
+    if not with_info:
+        without_info(rec)
+    recording = open_recording(rec.folder)
+    frames = list(recording)
+    assert (len(frames), recording.problems) == (4, [])
+    for frame, written in zip(frames, rec.frames, strict=True):
+        assert (frame.stamp_left_s, frame.stamp_right_s) == (written.stamp_left_s, written.stamp_right_s)
+        np.testing.assert_allclose(frame.joints_left_rad, written.joints_left_rad, atol=1e-8)
+        for image, true in ((frame.left, written.left), (frame.right, written.right)):
+            if kind == "image_jpg":  # of random pixels
+                assert np.corrcoef(image.ravel(), true.ravel())[0, 1] > 0.5
+            else:
+                np.testing.assert_array_equal(image, true)
+
+
+def test_a_row_without_a_frame_of_the_video_is_named(rec: Written) -> None:
+    as_dumped(rec, "mkv")
+    change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} frame_00000007")
+    problems, numbers = problems_of(rec.folder)
+    assert problems[0] == (ProblemKind.IMAGE, "cam/left/data.log", 2)
+    assert numbers == [0, 2, 3]
+    (rec.folder / "cam/left/video.mkv").unlink()
+    with pytest.raises(InputError, match=r"left/data\.log: names frames of a video; expected video\.mkv or video\.avi"):
+        open_recording(rec.folder)
+
+
+@pytest.mark.parametrize("with_info", [True, False])
+def test_distances_are_no_images(rec: Written, with_info: bool) -> None:
+    as_dumped(rec, "depth")
+    if not with_info:
+        without_info(rec)
+    with pytest.raises(InputError, match=r"left/data\.log: holds distances, no images; expected left images"):
+        open_recording(rec.folder)
 
 
 def test_without_truth_touches_and_calibration(rec: Written) -> None:

@@ -36,9 +36,8 @@ class Calibrate:
 
     def run(self) -> None:
         """Find the board, calibrate, write, and print how well it fits."""
-        from tqdm import tqdm
-
         from pps_vision.app.calibrate import Board, board_pairs, calibrate, find_views
+        from pps_vision.app.progress import progress
         from pps_vision.app.versions import versions
         from pps_vision.recordings.outputs import whole_folder, write_json
         from pps_vision.recordings.problems import Problem
@@ -48,7 +47,7 @@ class Calibrate:
             board = Board(*self.board, self.square_mm / 1000, marker_m, self.dictionary)
             problems: list[Problem] = []
             pairs = board_pairs(self.left, self.right, self.fps, self.max_skew_s, problems)
-            size, views, skipped = find_views(board, tqdm(pairs, desc="calibrate", unit="pair", disable=None))
+            size, views, skipped = find_views(board, progress(pairs, desc="calibrate", unit="pair"))
             print_skipped([*problems, *skipped])
             found = calibrate(size, views)
             found.write(folder / "calibration.yml")

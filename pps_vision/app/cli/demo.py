@@ -14,8 +14,8 @@ class Demo:
 
     out: Path = Path("demo")
     """Folder for report.html, demo.mp4, demo.png, memory.npz, reach.npz and summary.json."""
-    trials: int = 24
-    """Approaches of ball and cube to learn from."""
+    trials: int = 36
+    """Approaches of ball and cube to learn from; one in three touches, the others stop before the skin."""
     noise: float = 2.0
     """Pixel noise, grey levels of 255."""
     seed: int = 0

@@ -125,15 +125,14 @@ class RecordingOptions:
             InputError: There is no recording, or none can be used.
             ExceptionGroup: None can be used, and some for a bug.
         """
-        from tqdm import tqdm
-
+        from pps_vision.app.progress import progress
         from pps_vision.recordings.open import open_recording
 
         if not self.recordings:
             raise InputError(command, "no recording given; expected one folder or more")
         skipped: list[InputError | OSError] = []
         bugs: list[Exception] = []
-        for folder in tqdm(self.recordings, desc=command, unit="recording", disable=None):
+        for folder in progress(self.recordings, desc=command, unit="recording"):
             try:
                 recording = open_recording(
                     folder,

@@ -49,10 +49,9 @@ class Train(RobotOptions):
 
     def run(self) -> None:
         """Learn, and print the number of problems learned from and the upper bound of the error."""
-        from tqdm import tqdm
-
         from learning.reach.map import both
         from learning.reach.params import MapParams
+        from pps_vision.app.progress import progress
         from pps_vision.recordings.outputs import whole_file
 
         if self.arm == "both" and self.into is not None:
@@ -73,8 +72,7 @@ class Train(RobotOptions):
         with whole_file(self.out, [self.into, *self.files]) as partial:
             into = self._earlier()
             maps = [
-                self._learn(setup, side, params, into)
-                for side in tqdm(sides, desc="reachable space", unit="arm", disable=None)
+                self._learn(setup, side, params, into) for side in progress(sides, desc="reachable space", unit="arm")
             ]
             learned = both(*maps) if len(maps) == 2 else maps[0]
             learned.save(partial)

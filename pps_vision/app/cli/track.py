@@ -82,6 +82,7 @@ class Track(SourceOptions):
         """Read, track, and write everything at once; what had to be skipped is printed."""
         from tqdm import tqdm
 
+        from pps_vision.app.progress import progress
         from pps_vision.app.report.tracking import write_report
         from pps_vision.app.track import PathNumbers, track
         from pps_vision.app.track_files import Extras, TrackFiles
@@ -103,7 +104,7 @@ class Track(SourceOptions):
             extras = Extras(self.also, self.video, self.viewer, self.report, reach, activation)
             with TrackFiles(folder, run, extras) as files:
                 numbered = run.numbered(lambda line: tqdm.write(f"warning: {line}", file=sys.stderr))
-                bar = tqdm(numbered, total=len(run), desc="track", unit="pair", disable=None)
+                bar = progress(numbered, total=len(run), desc="track", unit="pair")
                 for pair in run.tracked_pairs(run.path(files.steps(bar), self.smooth)):
                     numbers.add(pair.track, pair.residual_px)
                     files.add(pair)

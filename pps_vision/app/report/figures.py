@@ -163,6 +163,8 @@ def _panels(n: int, columns: int, size_in: tuple[float, float]) -> tuple[Figure,
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel().tolist()
     for axis in axes[n:]:
         axis.set_visible(False)
+    for axis in axes[max(n - columns, 0) : n]:
+        axis.tick_params(labelbottom=True)  # the lowest of each column
     return figure, axes[:n]
 
 

@@ -1,6 +1,11 @@
-"""Recordings of yarpdatadumper: two image ports, joint ports and skin, each a folder with its data.log."""
+"""Recordings of yarpdatadumper: two image ports, joint ports and skin, each a folder with its data.log.
+
+Images are files that the log names (its types image, image_jpg and image_png), or frames of one video beside it (type
+video), whose rows name "frame_00000000" and so on.
+"""
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
@@ -18,6 +23,7 @@ from pps_vision.recordings.skin_log import read_touches
 from pps_vision.recordings.tables import read_joint_offsets, read_truth
 from pps_vision.recordings.taxels_ini import read_taxels, representatives
 from pps_vision.recordings.text import first_row
+from pps_vision.recordings.video import Video, VideoFrame
 from pps_vision.recordings.yarp_log import read_log
 from pps_vision.types import Array
 
@@ -29,6 +35,9 @@ HAS_STAMPS = True
 MAX_JOINT_GAP_S = 0.1  # from an image to its nearest sample; between two samples twice that is bridged
 MAX_BEYOND_S = 0.025  # from an image to the end of a log: a head moves on
 _IMAGE_SUFFIXES = (".ppm", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+_DEPTH_SUFFIXES = (".float", ".floatzip")
+_VIDEOS = ("video.mkv", "video.avi")
+_FRAME = re.compile(r"frame_([0-9]{8,9})", re.ASCII)
 _STAMP_RESOLUTION_S = 1e-6  # of a log's digits, and of a double that counts seconds since 1970
 _LARGEST_DEG = 1e4  # no joint; keeps interpolation finite
 
@@ -58,6 +67,8 @@ def open_source(source: Source) -> Recording:
     ports = find_ports(folder, tuple(setup.ports))
     for port in ("left", "right", *setup.required):
         if port not in ports:
+            if port in ("left", "right"):
+                _refuse_depth(folder, port)
             what = f"{port} images" if port in ("left", "right") else "joints" if port == "joints" else f"{port} joints"
             raise InputError(folder, f"no {what}; expected a folder '{port}' with a data.log")
     joints = {
@@ -94,12 +105,22 @@ def _icub(folder: Path) -> "RobotSetup":
 
 
 def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
-    """The images a log names; InputError if it names none, or one that is not within its folder."""
-    files = []
+    """The images a log names; InputError if it names none, or one that is not within its folder, or frames of a video
+    that is not there."""
+    files: list[ImageFile] = []
+    video: Video | None = None
     for row in read_log(log, None, problems, distinct_stamps=True):
         if not row.words or len(row.words) > 2:  # the second is the pixel code, "[rgb]"
             found = f"{len(row.words)} words; expected index, stamp and the name of an image"
             problems.append(Problem(ProblemKind.ROW, log, row.line, found))
+            continue
+        if frame := _FRAME.fullmatch(row.words[0]):
+            video, index = video or _video(log), int(frame[1])
+            if index < len(video.pts):
+                files.append(VideoFrame(video.path, row.stamp_s, log=log, line=row.line, video=video, index=index))
+            else:
+                found = f"{row.words[0]} of {len(video.pts)} frames in {video.path.name}; expected a frame for each row"
+                problems.append(Problem(ProblemKind.IMAGE, log, row.line, found))
             continue
         name = PurePath(row.words[0])
         if name.is_absolute() or ".." in name.parts:
@@ -109,6 +130,22 @@ def _read_images(log: Path, problems: list[Problem]) -> list[ImageFile]:
         why = f"; {problems[-1]}" if problems and problems[-1].file == log else ""
         raise InputError(log, f"names no image; expected rows of index, stamp and the name of an image{why}")
     return files
+
+
+def _video(log: Path) -> Video:
+    """The video beside a log that names frames; InputError without one."""
+    for name in _VIDEOS:
+        if (file := log.with_name(name)).exists():
+            return Video(file)
+    raise InputError(log, f"names frames of a video; expected {' or '.join(_VIDEOS)} beside it")
+
+
+def _refuse_depth(folder: Path, side: str) -> None:
+    """InputError where an eye has distances instead of images (the dumper's types depth and depth_compressed)."""
+    for log in sorted(_logs(folder)):
+        is_depth = _type(log).startswith("Depth") or _names(log, _DEPTH_SUFFIXES)
+        if is_depth and side in log.parent.relative_to(folder).as_posix().lower():
+            raise InputError(log, f"holds distances, no images; expected {side} images of type image or video")
 
 
 def _read_joints(log: Path, n_joints: int, problems: list[Problem]) -> tuple[Array, Array]:
@@ -207,11 +244,20 @@ def _plain(name: str) -> str:
 
 def _holds_images(log: Path) -> bool:
     """By the type info.log states, or else by what the first row names."""
-    info = log.with_name("info.log")
-    kind = first_row(info)
-    if kind.startswith("Type:"):
-        return kind.removeprefix("Type:").strip().startswith("Image")
-    return any(word.lower().endswith(_IMAGE_SUFFIXES) for word in first_row(log).split())
+    if kind := _type(log):
+        return kind.startswith("Image")
+    return _names(log, _IMAGE_SUFFIXES) or any(map(_FRAME.fullmatch, first_row(log).split()))
+
+
+def _names(log: Path, suffixes: tuple[str, ...]) -> bool:
+    """Whether the first row of a log names a file with one of the suffixes."""
+    return any(word.lower().endswith(suffixes) for word in first_row(log).split())
+
+
+def _type(log: Path) -> str:
+    """What the info.log beside a log says that it holds, "Image:ppm;" for instance; "" where it says nothing."""
+    kind = first_row(log.with_name("info.log"))
+    return kind.removeprefix("Type:").strip() if kind.startswith("Type:") else ""
 
 
 def _logs(folder: Path) -> Iterator[Path]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from learning.pps.buffer import EventBuffer
-from learning.pps.learner import LearnerState, finish, step
+from learning.pps.learner import LearnerState, finish, miss, step
 from learning.pps.memory import PPSMemory
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import TaxelEvents
@@ -52,6 +52,17 @@ def test_a_contact_cut_off_by_the_end_can_be_finished_once():
     state = finish(run([[]] * 4 + [[3]]))
     assert samples(state) == [[0, 5]] * 3 + [[5, 0]]
     assert finish(state) is state
+
+
+def test_a_miss_is_negative_for_every_taxel_once():
+    state = miss(run([[]] * 10 + [[1], []] + [[]] * 5))
+    assert samples(state) == [[0, 11 + 5], [11, 5], [0, 16], [0, 16]]
+    assert samples(miss(state)) == samples(state)
+
+
+def test_a_contact_is_no_miss():
+    state = run([[]] * 4 + [[3]])
+    assert miss(state) is state
 
 
 def test_a_stale_sample_is_rejected_and_counted():
