@@ -22,7 +22,7 @@ from pps_vision.app.simulation import at_taxel
 from pps_vision.experiments import charts
 from pps_vision.experiments.scenarios import EYES_M
 from pps_vision.experiments.study import SampledStudy, interval, mean, median
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.robot.gaze import GazeLimits, fixation_points
@@ -243,7 +243,7 @@ class Fixation(SampledStudy):
         static = [
             [
                 name,
-                *(_judged(cell[key], cell[key][0] <= _SETTLED_S) for key in ("eyes_s", "neck_s")),
+                *(judged(estimate(cell[key]), cell[key][0] > _SETTLED_S) for key in ("eyes_s", "neck_s")),
                 estimate(cell["in_time"]),
             ]
             for name, cell in numbers["static"].items()
@@ -251,7 +251,7 @@ class Fixation(SampledStudy):
         motions = [
             [
                 *(kind, name, *(estimate(cell[key]) for key in ("rms_deg", "worst_deg"))),
-                _judged(cell["near_percent"], cell["near_percent"][0] >= _NEAR_PERCENT),
+                judged(estimate(cell["near_percent"]), cell["near_percent"][0] < _NEAR_PERCENT),
             ]
             for kind, cells in numbers["motions"].items()
             for name, cell in cells.items()
@@ -259,7 +259,13 @@ class Fixation(SampledStudy):
         found = []
         for name, cell in numbers["search"].items():
             *before, last = cell.values()
-            found.append([name, *(estimate(one) for one in before), _judged(last, last[0] == 100.0)])
+            found.append(
+                [
+                    name,
+                    *(estimate(one) for one in before),
+                    judged(estimate(last), name.startswith("covering") and last[0] < 100.0),
+                ]
+            )
         settled = [f"{what} (s), goal ≤ {_SETTLED_S}" for what in ("eyes within 0.1°", "neck within 0.5°")]
         near = f"time within 1.5° (%), goal ≥ {_NEAR_PERCENT:g}"
         *within, last_s = (f"seen within {name} (%)" for name in next(iter(numbers["search"].values())))
@@ -393,8 +399,3 @@ def _last_above(values: Array, bound: float) -> float:
     """When values every 25 ms are within their bound for good, s; the whole time if they are not at the end."""
     above = np.flatnonzero(values > bound)
     return 0.5 * _DT_S * float(above[-1] + 1) if len(above) else 0.0
-
-
-def _judged(numbers: Sequence[float], is_met: bool) -> str:
-    """A number with its interval, bold if it misses its goal."""
-    return estimate(numbers) if is_met else f"**{estimate(numbers)}**"

@@ -26,7 +26,7 @@ from pps_vision.experiments.charts import curves, panels
 from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.experiments.pps.whole_skin import activations, buffer_at_touch, make_body
 from pps_vision.experiments.study import DATA, NOISE_SIGMA, SampledStudy
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.experiments.timing import quartiles, timed, timed_runs, timed_steps
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.recordings.open import open_recording
@@ -191,12 +191,16 @@ class Growth(SampledStudy):
 
 
 def _object_table(cell: dict[str, Any] | None) -> dict[str, Table]:
-    """Time at every size of the object, and the goal."""
+    """Time at every size of the object, and the goal of all times at one of them, bold where it is missed."""
     if cell is None:
         return {}
-    goals = [f"≤ {_GOAL_MS:g}" if size == _GOAL_PX else "–" for size in cell["sizes"]]
-    times = [[estimate(one) for one in ms] for ms in cell["ms"].values()]
-    rows = [list(row) for row in zip(map(str, cell["sizes"]), *times, goals, strict=True)]
+    sizes = cell["sizes"]
+    goals = [f"≤ {_GOAL_MS:g}" if size == _GOAL_PX else "–" for size in sizes]
+    times = [
+        [judged(estimate(one), size == _GOAL_PX and one[0] > _GOAL_MS) for size, one in zip(sizes, ms, strict=True)]
+        for ms in cell["ms"].values()
+    ]
+    rows = [list(row) for row in zip(map(str, sizes), *times, goals, strict=True)]
     header = [_OBJECT, *(f"{name}: ms, quartiles" for name in cell["ms"]), "goal (ms)"]
     return {"object": Table(header, rows)}
 

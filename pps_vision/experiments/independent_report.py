@@ -11,7 +11,7 @@ from pps_vision.experiments.charts import panels
 from pps_vision.experiments.independent_cases import CASES, COMMON, Goal
 from pps_vision.experiments.independent_score import BASELINES, OURS, Scores, summary
 from pps_vision.experiments.study import median
-from pps_vision.experiments.tables import Table, estimate
+from pps_vision.experiments.tables import Table, estimate, judged
 
 Cells = Mapping[str, Mapping[str, Sequence[Scores]]]
 """Scores of each film by case and tracker."""
@@ -35,7 +35,7 @@ _SHOWN_MS = (0.5, 200)
 _COMPARED = ("right_percent", "false_percent", "median_mm", "ms_per_pair")
 
 
-class Judged(NamedTuple):
+class JudgedGoal(NamedTuple):
     """A case's score and one of its goals."""
 
     case: str
@@ -44,24 +44,24 @@ class Judged(NamedTuple):
     score: float
 
 
-def judged(cells: Cells) -> Iterator[Judged]:
+def judged_goals(cells: Cells) -> Iterator[JudgedGoal]:
     """Yield every goal of every case, as far as its score was measured."""
     for name, by_tracker in cells.items():
         scores = summary(by_tracker[OURS])
         for key in [key for key in COLUMNS if key in scores]:
-            yield from (Judged(name, key, goal, scores[key]) for goal in _CASES[name].goals.get(key, ()))
+            yield from (JudgedGoal(name, key, goal, scores[key]) for goal in _CASES[name].goals.get(key, ()))
 
 
 def scores_table(cells: Cells) -> Table:
     """Return one row a case: means over its films and the worst film; bold where a goal is missed, with the goal."""
-    missed = {(one.case, one.key) for one in judged(cells) if one.goal.missed(one.score)}
+    missed = {(one.case, one.key) for one in judged_goals(cells) if one.goal.missed(one.score)}
     rows = []
     for name, by_tracker in cells.items():
         scores, row = summary(by_tracker[OURS]), [name]
         for key in COLUMNS:
             text = estimate([scores.get(key)])
             own = () if key in COMMON else _CASES[name].goals.get(key, ())
-            row.append((f"**{text}**" if (name, key) in missed else text) + "".join(f" ({goal})" for goal in own))
+            row.append(judged(text, (name, key) in missed) + "".join(f" ({goal})" for goal in own))
         rows.append(row)
     header = [", ".join([text, *map(str, COMMON.get(key, ()))]) for key, text in COLUMNS.items()]
     return Table(["case", *header], rows)
@@ -69,7 +69,7 @@ def scores_table(cells: Cells) -> Table:
 
 def goals_table(by_source: Mapping[str, Cells]) -> Table:
     """Return how many of the cases that have a goal meet it, one row a score."""
-    every = {source: list(judged(cells)) for source, cells in by_source.items()}
+    every = {source: list(judged_goals(cells)) for source, cells in by_source.items()}
     rows = []
     for key, text in COLUMNS.items():
         counts = []
@@ -86,10 +86,10 @@ def missed_table(by_source: Mapping[str, Cells]) -> Table:
     """Return every missed goal, with the cases that miss it and what was measured."""
     by_goal: dict[tuple[str, str, Goal], list[str]] = {}
     for source, cells in by_source.items():
-        for one in judged(cells):
+        for one in judged_goals(cells):
             if one.goal.missed(one.score):
                 at = by_goal.setdefault((source, one.key, one.goal), [])
-                at.append(f"{one.case} **{estimate([one.score])}**")
+                at.append(f"{one.case} {judged(estimate([one.score]), True)}")
     rows = [[f"{source}: {COLUMNS[key]} {goal}", "; ".join(at)] for (source, key, goal), at in by_goal.items()]
     return Table(["missed goal", "cases and what was measured"], rows)
 

@@ -28,8 +28,8 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.skin import INNER_FOREARM
 from pps_vision.types import Mask, Status, StereoFrame
 
-EpisodeKind = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
-EPISODE_KINDS: dict[EpisodeKind, tuple[Kind, bool]] = {
+LoopCase = Literal["avoidance on", "avoidance off", "receding", "static", "own arm"]
+LOOP_CASES: dict[LoopCase, tuple[Kind, bool]] = {
     "avoidance on": ("approach", True),
     "avoidance off": ("approach", False),
     "receding": ("recede", True),
@@ -59,7 +59,7 @@ class Loop(SampledStudy):
         with open_world(NOISE_SIGMA, self.seed) as world:
             memory = train(world, self.training_trials)
             counts: dict[str, object] = {}
-            for case in EPISODE_KINDS:
+            for case in LOOP_CASES:
                 ms: list[float] = []
                 logs = [self.episode(world, memory, case, k, ms) for k in tqdm(range(self.n), case, disable=None)]
                 counts[case] = (
@@ -70,7 +70,7 @@ class Loop(SampledStudy):
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return one row a case."""
         rows = []
-        for case in EPISODE_KINDS:
+        for case in LOOP_CASES:
             counts = numbers[case]
             gaps = [gap for gap in counts["smallest_gap_mm"] if gap is not None]
             n = counts["episodes"]
@@ -81,7 +81,7 @@ class Loop(SampledStudy):
             rows.append([case, *shares, *least, *ms])
         gap = "smallest gap (mm), median", "smallest"
         time = f"ms a frame, median (≤ {_MOST_MS[0]:g})", f"99th percentile (≤ {_MOST_MS[1]:g})"
-        shares_seen = [(case, *numbers[case].get("seen_percent", ())) for case in EPISODE_KINDS]  # not in older results
+        shares_seen = [(case, *numbers[case].get("seen_percent", ())) for case in LOOP_CASES]  # not in older results
         seen = [[case, *(f"{share:.1f}" for share in of)] for case, *of in shares_seen if of]
         return {
             "": Table(["case", "touched", "arm commanded", *gap, *time], rows),
@@ -89,14 +89,14 @@ class Loop(SampledStudy):
         }
 
     def episode(
-        self, world: World, memory: PPSMemory, case: EpisodeKind, number: int, ms: list[float] | None = None
+        self, world: World, memory: PPSMemory, case: LoopCase, number: int, ms: list[float] | None = None
     ) -> EpisodeLog:
         """One episode; approaches of the same number are the same with avoidance on and off.
 
         To `ms` come the processor times of the frames: perception, prediction and control, without rendering.
         """
-        kind, avoid = EPISODE_KINDS[case]
-        rng = np.random.default_rng((self.seed, number, sorted({k for k, _ in EPISODE_KINDS.values()}).index(kind)))
+        kind, avoid = LOOP_CASES[case]
+        rng = np.random.default_rng((self.seed, number, sorted({k for k, _ in LOOP_CASES.values()}).index(kind)))
         taxel = f"left_forearm:{INNER_FOREARM[number % len(INNER_FOREARM)]}"
         episode = make_episode(kind, world, taxel, "octopus", rng, rng.uniform(*SPEED_M_S))
         pipeline = new_pipeline(world, memory)

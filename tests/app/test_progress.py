@@ -24,14 +24,14 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("quick")
 def test_a_log_has_whole_lines_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
     for _ in progress(range(50), "training", "approach", after_s=0.0):
-        time.sleep(0.005)
+        time.sleep(0.005)  # a quarter of a second or more
     with progress(desc="map", total=1, after_s=0.0) as bar:
         bar.update()
     *training, map_line = capsys.readouterr().err.split("\n")[:-1]
     numbers = [int(re.fullmatch(r"training: (\d+) of 50 after 00:0\d", line)[1]) for line in training]  # type: ignore[index]
     assert numbers == sorted(set(numbers))
     assert numbers[0] == 0
-    assert 2 <= len(numbers) <= 7
+    assert 2 <= len(numbers) < 50
     assert map_line == "map: 0 of 1 after 00:00"
 
 

@@ -21,7 +21,7 @@ from pps_vision.app.simulation import (
     train,
 )
 from pps_vision.errors import InputError
-from pps_vision.experiments.loop import EpisodeKind, Loop
+from pps_vision.experiments.loop import Loop, LoopCase
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 from rendering.stimuli import make_stimulus
 
@@ -55,9 +55,7 @@ def test_every_inner_taxel_has_learned(memory: PPSMemory) -> None:
     ],
 )
 @pytest.mark.parametrize("number", range(LOOP.n))
-def test_episodes(
-    world: World, memory: PPSMemory, case: EpisodeKind, touched: bool, commanded: bool, number: int
-) -> None:
+def test_episodes(world: World, memory: PPSMemory, case: LoopCase, touched: bool, commanded: bool, number: int) -> None:
     log = LOOP.episode(world, memory, case, number)
     print(f"seed {LOOP.seed}, {case} {number}: gap {1000 * np.nanmin([np.inf, *log.surface_gap_m.min(1)]):.0f} mm")
     assert log.was_touched == touched

@@ -35,7 +35,7 @@ def test_what_grows_is_drawn_and_tabled_beside_what_a_result_file_holds_else() -
 def test_the_objects_sizes_are_tabled_beside_the_goal() -> None:
     cell = {"sizes": [60, 200], "ms": {"all pixels": [[5.0, 4.0, 6.0], [9.0, 8.5, 9.5]]}}
     table = Growth().tables({"axes": {"object (pixels across)": cell}})["object"]
-    assert [list(row) for row in table.rows] == [["60", "5 (4–6)", "–"], ["200", "9 (8.5–9.5)", "≤ 8"]]
+    assert [list(row) for row in table.rows] == [["60", "5 (4–6)", "–"], ["200", "**9 (8.5–9.5)**", "≤ 8"]]
 
 
 def test_a_recording_played_to_and_fro_is_one(tmp_path: Path) -> None:

@@ -143,7 +143,9 @@ class Track(SourceOptions):
         for name, default in others:
             if (value := getattr(self, name)) != default:
                 option = f"--{name.replace('_', '-')}"
-                raise InputError("track", f"{option} {value} with --model {self.model}; expected it without")
+                raise InputError(
+                    "track", f"{option} {value}; expected it only with --model {'kalman' if flight else 'flight'}"
+                )
         if not flight:
             return None
         up = self.up or ((0.0, 0.0, 1.0) if recording.robot else (0.0, -1.0, 0.0))

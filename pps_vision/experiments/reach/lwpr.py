@@ -133,7 +133,17 @@ class LwprCross(SampledStudy):
             pairs = zip(("fields", "nmse", "update_us"), library, strict=True)
             cells = [cell for key, of in pairs for cell in (_spread(row[key]), "–" if of is None else _range(of))]
             rows.append([name, str(len(row["nmse"])), *cells, f"≤ {_GOAL_US}", _spread(row["query_us"])])
-        header = ["setting", "models", "fields", "library", "error (nMSE)", "library", "update (µs)", "library", "goal"]
+        header = [
+            "setting",
+            "models",
+            "fields",
+            "of the library",
+            "error (nMSE)",
+            "of the library",
+            "update (µs)",
+            "of the library",
+            "goal",
+        ]
         return {"": Table([*header, "query (µs)"], rows)}
 
 
