@@ -17,8 +17,11 @@ from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice, isotropic
 from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
+from pps_vision.app.render import scene
+from pps_vision.app.render_params import RenderParams
 from pps_vision.app.track import errors_against
 from pps_vision.recordings.open import open_recording
+from pps_vision.recordings.robot_file import robot_setup
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.skin import icub_skin
@@ -61,6 +64,18 @@ def test_a_recording_is_in_the_robots_layout(approach: Path) -> None:
         "stamp_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,radius_m,"
         "u_left_px,v_left_px,u_right_px,v_right_px,visible_left,visible_right"
     )
+
+
+def test_a_swaying_head_turns_by_4_and_25_tenths_of_a_degree_in_periods_of_its_own() -> None:
+    """Yaw 4° with 0.31 Hz, pitch 2.5° with 0.23 Hz, as sines from the start."""
+    setup = robot_setup(None)
+    options = RenderParams("ball", "circle", Path("never"), seconds=8.0, fps=100.0, head="sway")
+    q = np.array([state.q_rad for _, state in scene(options, setup, np.random.default_rng(SEED))])
+    t = np.arange(len(q)) / 100
+    turned = np.rad2deg(q - q[0])[:, setup.robot.indices(setup.robot.names.gaze_joints)]
+    np.testing.assert_allclose(turned[:, 0], 4.0 * np.sin(2 * np.pi * 0.31 * t), atol=0.1)
+    np.testing.assert_allclose(turned[:, 1], 2.5 * np.sin(2 * np.pi * 0.23 * t), atol=0.1)
+    assert not turned[:, 2:].any()
 
 
 def test_the_same_seed_renders_the_same_recording(tmp_path: Path) -> None:
