@@ -71,6 +71,21 @@ def _read_recording(folder: Path) -> None:
             recording.rig.view_of(frame)
 
 
+def _dumped_videos(folder: Path) -> list[Path]:
+    """The recording with a video in the place of each eye's images, as yarpdatadumper writes it."""
+    _recording(folder)
+    logs = sorted((folder / "rec/cam").rglob("data.log"))
+    for log in logs:
+        rows = [row.split() for row in log.read_text().splitlines()]
+        video = cv2.VideoWriter(str(log.with_name("video.mkv")), cv2.VideoWriter.fourcc(*"HFYU"), 20, (8, 6))
+        for _, _, name in rows:
+            video.write(np.asarray(cv2.imread(str(log.with_name(name)))))
+            log.with_name(name).unlink()
+        video.release()
+        log.write_text("".join(f"{k} {stamp_s} frame_{k:08d}\n" for k, (_, stamp_s, _) in enumerate(rows)))
+    return [*logs, *(log.with_name("video.mkv") for log in logs)]
+
+
 def _skin(folder: Path) -> list[Path]:
     _recording(folder)
     contact = "((0 3 4 2) (0.1 -0.02 0.0) (0 0 0) (0 0 0) (0 0 0) (1 0 0) (1 5 9) 10.0)"
@@ -402,6 +417,7 @@ def _read_map(folder: Path) -> None:
 
 READERS: Mapping[str, Reader] = {
     "recording": Reader(_recording, _read_recording),
+    "recording_of_videos": Reader(_dumped_videos, _read_recording),
     "skin_log": Reader(_skin, _read_skin),
     "taxels": Reader(_taxels, _read_taxels),
     "joint_offsets": Reader(
