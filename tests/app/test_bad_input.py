@@ -248,9 +248,9 @@ def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path: Path, calib: 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("--up", "0", "0", "1"), "--up (0.0, 0.0, 1.0) with --model kalman"),
-        (("--floor-m", "-1.5"), "--floor-m -1.5 with --model kalman"),
-        (("--model", "flight", "--order", "2"), "--order 2 with --model flight"),
+        (("--up", "0", "0", "1"), "--up (0.0, 0.0, 1.0); expected it only with --model flight"),
+        (("--floor-m", "-1.5"), "--floor-m -1.5; expected it only with --model flight"),
+        (("--model", "flight", "--order", "2"), "--order 2; expected it only with --model kalman"),
         (("--model", "flight", "--up", "0", "0", "0"), "upward direction (0.0, 0.0, 0.0)"),
         (("--model", "flight", "--max-error-mm", "5"), "max_error_mm chooses mode, order, model and reduction"),
     ],
