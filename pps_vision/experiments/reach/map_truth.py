@@ -24,6 +24,10 @@ p_sim = (−y, z + 0.5976, −x − 0.026)."""
 _N_BOX = 9000
 
 
+SCORES = {"JE (%)": "je", "FN (%)": "fn", "FP (%)": "fp", "RMSE of R": "degree_rmse", "JE in J's box (%)": "box_je"}
+"""Scores of a map by their names in tables."""
+
+
 @dataclass(frozen=True)
 class MapTruth:
     """Gaze postures and locations with their exact answers for one arm, or for both at once."""

@@ -18,7 +18,7 @@ from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach import jamone
-from pps_vision.experiments.reach.map_truth import MapTruth, rates
+from pps_vision.experiments.reach.map_truth import SCORES, MapTruth, rates
 from pps_vision.experiments.study import SeededStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import timed
@@ -102,8 +102,7 @@ class Maps(SeededStudy):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the scores of our map by labels, beside the baselines' JE."""
-        keys = {"JE (%)": "je", "FN (%)": "fn", "FP (%)": "fp", "RMSE of R": "degree_rmse"}
-        keys |= {"JE in J's box (%)": "box_je", "time (s)": "processor_s"}
+        keys = SCORES | {"time (s)": "processor_s"}
         rows = [
             [str(row["labels"]), *(f"{row[key]:.2g}" for key in keys.values()), *(f"{o['je']:.2g}" for o in others)]
             for row, *others in zip(numbers["ours"], *numbers["baselines"].values(), strict=True)

@@ -14,7 +14,7 @@ from learning.reach.training import train_reachable_map
 from pps_vision.experiments.reach import paper_figures
 from pps_vision.experiments.reach.error_bound import ARMS
 from pps_vision.experiments.reach.jamone import MapQuery
-from pps_vision.experiments.reach.map_truth import MapTruth, exact_map
+from pps_vision.experiments.reach.map_truth import SCORES, MapTruth, exact_map
 from pps_vision.experiments.study import SampledStudy
 from pps_vision.experiments.tables import Table
 from pps_vision.robot.icub import load_icub
@@ -60,20 +60,13 @@ class RepeatedMaps(SampledStudy):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return mean and largest score of the maps of each arm, and of both."""
-        keys = {
-            "JE (%)": "je",
-            "FN (%)": "fn",
-            "FP (%)": "fp",
-            "RMSE of R": "degree_rmse",
-            "JE in J's box (%)": "box_je",
-        }
         rows = []
         for side in dict.fromkeys(one["arm"] for one in numbers["maps"]):
             of = [one for one in numbers["maps"] if one["arm"] == side]
             reachable = f"{np.mean([one['reachable'] for one in of]):.3g}"
-            scores = ([one[key] for one in of] for key in keys.values())
+            scores = ([one[key] for one in of] for key in SCORES.values())
             rows.append([side, str(len(of)), reachable, *(f"{np.mean(some):.2g} / {max(some):.2g}" for some in scores)])
-        return {"": Table(["arm", "maps", "reachable (%)", *(f"{name}: mean / largest" for name in keys)], rows)}
+        return {"": Table(["arm", "maps", "reachable (%)", *(f"{name}: mean / largest" for name in SCORES)], rows)}
 
 
 def exact_both(robot: Robot, learned: ReachableMap) -> MapQuery:

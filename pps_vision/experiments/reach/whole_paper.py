@@ -17,7 +17,7 @@ from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments.reach import jamone, paper_figures
-from pps_vision.experiments.reach.map_truth import MapTruth, exact_map, first, gaze_rmse_deg, judge_by_labels
+from pps_vision.experiments.reach.map_truth import SCORES, MapTruth, exact_map, first, gaze_rmse_deg, judge_by_labels
 from pps_vision.experiments.study import SampledStudy, interval
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.icub import load_icub
@@ -113,19 +113,12 @@ class WholePaper(SampledStudy):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the scores against the true and the learned kinematics beside J's (against its labels)."""
-        keys = {
-            "JE (%)": "je",
-            "FN (%)": "fn",
-            "FP (%)": "fp",
-            "RMSE of R": "degree_rmse",
-            "JE in J's box (%)": "box_je",
-        }
         rows = [
-            [f"{name}; {truth} kinematics", *(estimate(of[key], 2) if key in of else "–" for key in keys.values())]
+            [f"{name}; {truth} kinematics", *(estimate(of[key], 2) if key in of else "–" for key in SCORES.values())]
             for name, scores in numbers["estimated"].items()
             for truth, of in scores.items()
         ]
-        rows.append(["J's figures", *(f"{jamone.RESULTS[key]:g}" for key in list(keys.values())[:-1]), "–"])
+        rows.append(["J's figures", *(f"{jamone.RESULTS[key]:g}" for key in list(SCORES.values())[:-1]), "–"])
         points = [
             [
                 name,
@@ -145,7 +138,7 @@ class WholePaper(SampledStudy):
             "elbow: J (°)",
             "ours (°)",
         ]
-        return {"": Table(["map; judged against", *keys], rows), "extremes": Table(header, points)}
+        return {"": Table(["map; judged against", *SCORES], rows), "extremes": Table(header, points)}
 
 
 def extremes(babbled: Babbled) -> dict[str, dict[str, float]]:
