@@ -7,8 +7,10 @@ from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes
+from rendering.fidelity import Fidelity
 from rendering.scene import SceneState
 from rendering.sensor import Sensor
+from rendering.shutter import instants
 from rendering.stimuli import make_stimulus
 
 PLACE = np.array([-0.36, -0.06, 0.12])
@@ -70,3 +72,14 @@ def test_without_motion_an_open_shutter_changes_nothing(robot: Robot, rig: Stere
         sharp = one.render(state, 0.0)
     with Eyes(robot, rig, make_stimulus("cube"), sensor=Sensor(blur_s=0.1)) as other:
         assert np.array_equal(sharp.left, other.render(state, 0.0).left)
+
+
+def test_motion_below_four_tenths_of_a_step_is_one_instant(robot: Robot, rig: StereoRig, q: Array) -> None:
+    eye = rig.view(q).left
+    sideways = eye.T_root_camera[:3, 0]
+    px_per_m = np.linalg.norm(eye.project_jacobian(PLACE) @ sideways)
+    for step_px in (1.0, 4.0):
+        for drift_px, n in ((0.3 * step_px, 1), (0.6 * step_px, 2), (2.5 * step_px, 3)):
+            state = SceneState(q, PLACE, velocity=drift_px / px_per_m / 0.04 * sideways)
+            found = instants(robot, rig, state, 0.04, Fidelity(blur_step_px=step_px))
+            assert len(found) == n

@@ -262,6 +262,7 @@ def test_parts_of_two_colours_that_touch_are_one_object(
     if is_one:
         assert found[0].outline.center_px == pytest.approx([159.5, 99.5], abs=0.5)
         assert found[0].evidence == violet.evidence + orange.evidence
+        assert not found[0].emerges
 
 
 @pytest.mark.parametrize(("side_px", "is_one"), [(5, True), (3, False)])

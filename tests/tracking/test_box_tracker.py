@@ -172,3 +172,33 @@ def test_cells_of_one_colour_state_its_brightness_and_its_opponent_colours() -> 
     expected = np.zeros((12, 3, 3))  # nothing has an edge
     expected[9:] = np.reshape([0.5 * (70 / 255 - 0.5), 60 / 255, 60 / 255], (3, 1, 1))
     np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_the_first_step_stays_with_the_nearer_of_two_alike(rng: np.random.Generator) -> None:
+    """From the first box on the object counts as seen: the search begins where it was."""
+    scene = _scene(rng)
+    for seed in range(8):
+        both = _draw(_draw(scene, (200, 200), 20, rng), (262, 200), 20, rng)
+        tracker = _tracker(np.random.default_rng(seed))
+        tracker.start(both, (180, 180, 40, 40))
+        x, y, w, h = tracker.step(_draw(_draw(scene, (203, 200), 20, rng), (259, 200), 20, rng)).box_px
+        assert np.hypot(x + (w - 1) / 2 - 203, y + (h - 1) / 2 - 200) < 5
+
+
+def test_an_object_that_turns_is_followed(rng: np.random.Generator) -> None:
+    """By 1.5° an image: after 60 its template has nothing of the first."""
+    texture, scene, tracker, overlap = procedural(7)[:120, :120], _scene(rng), _tracker(rng), []
+    v, u = np.mgrid[:480, :640]
+    for k in range(60):
+        x, y = 150 + 2 * k, 200 + k
+        turn = cv2.getRotationMatrix2D((60.0, 60.0), 1.5 * k, 1.0)
+        turn[:, 2] += (x - 60.0, y - 60.0)
+        turned, image = cv2.warpAffine(texture, turn, (640, 480)), scene.copy()
+        disc = (u - x) ** 2 + (v - y) ** 2 < 30**2
+        image[disc] = turned[disc]
+        noisy = np.clip(image + 3 * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
+        box = (x - 29.5, y - 29.5, 60.0, 60.0)
+        found = tracker.start(noisy, box) if k == 0 else tracker.step(noisy)
+        overlap.append(_overlap(found.box_px, box))
+    assert min(overlap) > 0.6
+    assert found.score >= LEAST_SCORE

@@ -198,3 +198,14 @@ def test_an_error_of_a_pixel_is_no_difference(shift_px: int, differs: bool) -> N
     for k in range(3):
         background.learn(images[0], turned(0), 0.5 * k, None)
     assert background.differs(images[1], turned(0), (10, 10, 310, 230)).any() == differs
+
+
+def test_what_an_object_hides_when_the_eye_comes_to_rest_is_known_from_before(rng: np.random.Generator) -> None:
+    background, at, rest = learned(rng, 12), (150.0, 120.0), turned(11)
+    box = (at[0] - 20, at[1] - 20, 40.0, 40.0)
+    for k in (12, 13):
+        background.learn(seen(rest, rng, at)[0], rest, DT * k, box)
+    assert background.is_known(rest)
+    image, disc = seen(rest, rng, at)
+    assert (background.evidence(image, rest, WHOLE) > 0.5)[disc].mean() > 0.9, "it is still no background"
+    assert (background.evidence(seen(rest, rng)[0], rest, WHOLE) > 0.5)[disc].mean() < 0.05, "the wall behind it is"

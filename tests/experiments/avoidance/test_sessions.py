@@ -8,7 +8,7 @@ from pps_vision.experiments.avoidance.encounter import Arena
 from pps_vision.experiments.avoidance.kinematic import Frame
 from pps_vision.experiments.avoidance.training import Memories
 from pps_vision.experiments.avoidance.tuned import TUNED
-from pps_vision.experiments.encounters_sessions import EncountersSessions, _at_rest, _awaiting, _path
+from pps_vision.experiments.encounters_sessions import EncountersSessions, _at_rest, _awaiting, _path, _ranges
 
 
 def test_the_palms_path_is_kept_four_times_a_second_while_an_activation_exceeds_the_threshold(arena: Arena) -> None:
@@ -48,3 +48,13 @@ def test_a_session_shows_what_moves_the_arm(arena: Arena, memories: dict[Side, M
     drawn = [line.get_xydata() for line in planes[0].lines]
     assert any(np.array_equal(line, np.array(path)[:, [1, 2]] / 1000) for line in drawn)
     assert "0.2 m from rest" in [text.get_text() for text in space.get_legend().get_texts()]
+
+
+def test_a_session_in_which_nothing_moves_the_arm_has_no_ranges(arena: Arena) -> None:
+    q = _awaiting(arena.robot)
+    quiet = [Frame(0.05 * k, q, np.zeros(2), np.array([0.1, 0.3]), 0.0, touching=False) for k in range(4)]
+    found = _ranges(arena, "left", [quiet])
+    assert np.shape(found["joints_deg"]) == (2, 7)
+    assert np.isnan(found["joints_deg"]).all()
+    assert np.isnan(found["palm_m"]).all()
+    assert found["farthest_m"] == 0
