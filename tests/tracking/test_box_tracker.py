@@ -179,7 +179,7 @@ def test_the_first_step_stays_with_the_nearer_of_two_alike(rng: np.random.Genera
     scene = _scene(rng)
     for seed in range(8):
         both = _draw(_draw(scene, (200, 200), 20, rng), (262, 200), 20, rng)
-        tracker = _tracker(np.random.default_rng(seed))
+        tracker = _tracker(np.random.default_rng(seed), "template")
         tracker.start(both, (180, 180, 40, 40))
         x, y, w, h = tracker.step(_draw(_draw(scene, (203, 200), 20, rng), (259, 200), 20, rng)).box_px
         assert np.hypot(x + (w - 1) / 2 - 203, y + (h - 1) / 2 - 200) < 5
@@ -187,7 +187,7 @@ def test_the_first_step_stays_with_the_nearer_of_two_alike(rng: np.random.Genera
 
 def test_an_object_that_turns_is_followed(rng: np.random.Generator) -> None:
     """By 1.5° an image: after 60 its template has nothing of the first."""
-    texture, scene, tracker, overlap = procedural(7)[:120, :120], _scene(rng), _tracker(rng), []
+    texture, scene, tracker, overlap = procedural(7)[:120, :120], _scene(rng), _tracker(rng, "template"), []
     v, u = np.mgrid[:480, :640]
     for k in range(60):
         x, y = 150 + 2 * k, 200 + k
