@@ -186,7 +186,7 @@ def test_the_first_step_stays_with_the_nearer_of_two_alike(rng: np.random.Genera
 
 
 def test_an_object_that_turns_is_followed(rng: np.random.Generator) -> None:
-    """By 1.5° an image: after 60 its template has nothing of the first."""
+    """A textured disc, by 1.5° an image: after 60 its template has nothing of the first."""
     texture, scene, tracker, overlap = procedural(7)[:120, :120], _scene(rng), _tracker(rng, "template"), []
     v, u = np.mgrid[:480, :640]
     for k in range(60):

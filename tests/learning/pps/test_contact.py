@@ -286,3 +286,12 @@ def test_a_session_that_spreads_more_is_predicted_nearer_to_even_odds():
     noisy = tuple(replace(t, d_m=t.d_m + rng.normal(0, 0.03, 3)) for t in other[:-1])
     exact, blurred = (predict_session(HORIZON_S, learned, (*t[:29], other[-1])).probability[-1] for t in (other, noisy))
     assert abs(blurred[1] - 0.5) < abs(exact[1] - 0.5)
+
+
+def test_a_session_whose_offset_is_unknown_is_predicted_with_wider_intervals():
+    """Its first trials: 2 cm of offset would turn a path that touches into one that does not."""
+    rng = np.random.default_rng(SEED)
+    learned, other = learn_contact(HORIZON_S, session(rng, 60, beside_m=0.008)), session(rng, 3)
+    known, unknown = (of(HORIZON_S, learned, other) for of in (predict_contact, predict_session))
+    widths = [(found.upper - found.lower)[:, :2].mean() for found in (known, unknown)]
+    assert widths[1] > 3 * widths[0]
