@@ -86,6 +86,16 @@ def test_what_can_be_touched_is_found_by_its_distance(arena: Arena) -> None:
         assert can_touch(arena, waiting, np.random.default_rng(0)) == expected
 
 
+def test_what_a_forearm_cannot_touch_the_palm_can(arena: Arena) -> None:
+    """So of the objects to reach for none is out of the arm's reach (docs/avoidance.md)."""
+    encounter = draw(arena, "reach", 1, 9960)
+    assert encounter.part.endswith("forearm")
+    found = [
+        can_touch(arena, replace(encounter, part=part), np.random.default_rng(0)) for part in (encounter.part, "palm")
+    ]
+    assert found == [False, True]
+
+
 def test_an_encounter_depends_on_its_seed_and_number_alone(arena: Arena) -> None:
     first, other = draw(arena, "press", 7, seed=3), draw(arena, "press", 8, seed=3)
     again = draw(Arena(), "press", 7, seed=3)
