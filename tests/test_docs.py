@@ -1,11 +1,10 @@
 """The documentation: its site builds without a broken link, and what its pages say to type works as it is.
 
 Blocks marked `console` and `python` run in the folder of a made-up laboratory, a page after the other; a block with a
-title is a file.  Long ones run in `make test-all`.
+title is a file.  Those marked `long` run in `make test-all`.
 """
 
 import ast
-import os
 import re
 import shlex
 import shutil
@@ -29,7 +28,6 @@ NOT_RUN_HERE = {
     "make ": "installs, tests, or `pps-vision demo`",
     "sbatch ": "test_cluster.py, as there is no SLURM here",
 }
-LONG = pytest.mark.skipif("PPS_VISION_ALL" not in os.environ, reason="in make test-all")
 
 
 def run(page: str) -> None:
@@ -83,7 +81,7 @@ def test_the_quick_start(here: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert (here / "path" / "report.html").is_file()
 
 
-@LONG
+@pytest.mark.long
 def test_own_camera(here: Path) -> None:
     run("docs/howto/camera.md")
     for name in ("from_images", "from_one_video", "within_10_mm"):
@@ -105,7 +103,7 @@ def test_own_tracker_and_its_evaluation(here: Path, capsys: pytest.CaptureFixtur
     assert (here / "curves.png").is_file()
 
 
-@LONG
+@pytest.mark.long
 def test_many_recordings(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("docs/howto/cluster.md")
     said = capsys.readouterr().out
@@ -113,20 +111,20 @@ def test_many_recordings(here: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert (here / "batch" / "a.mp4" / "report.html").is_file()
 
 
-@LONG
+@pytest.mark.long
 def test_own_robot(here: Path) -> None:
     run("docs/robots.md")
     for name in ("landscapes7.png", "map7.png"):
         assert cv2.imread(str(here / name)).std() > 5
 
 
-@LONG
+@pytest.mark.long
 def test_own_controller(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("docs/howto/controller.md")
     assert "my_controller:new" in (here / "measured" / "results" / "encounters.json").read_text()
 
 
-@LONG
+@pytest.mark.long
 def test_the_readmes_example(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("README.md")
     assert float(re.findall(r"median error (\d+\.\d+) mm", capsys.readouterr().out)[0]) < 2

@@ -34,7 +34,6 @@ INSTEAD = {  # of what is not here, or takes an hour
     "--viewer": "--viewer" if find_spec("rerun") else "",
     "bench loop --n 20": "bench loop --short --out measured --n 1",
 }
-SHORT = "PPS_VISION_ALL" not in os.environ
 LONG = ("render", "reach train", "demo", "bench", "batch", "--report", "--device", "--max-error-mm")
 KALIBR = """{name}:
   camera_model: pinhole
@@ -120,7 +119,7 @@ def words_of(command: str) -> list[str]:
 @pytest.mark.parametrize(
     "line",
     [
-        pytest.param(line, marks=pytest.mark.skipif(is_long(line) and SHORT, reason="in make test-all"))
+        pytest.param(line, marks=[pytest.mark.long] * is_long(line))
         for line in typed(ROOT / "README.md") if line.startswith("pps-vision ")
     ],
 )  # fmt: skip

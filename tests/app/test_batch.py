@@ -246,6 +246,7 @@ def test_parquet_holds_the_table_with_its_types(
     assert "pps-vision[parquet]" in refused(*words, tmp_path / "other")
 
 
+@pytest.mark.long
 def test_a_full_disk_and_a_place_that_is_taken_fail_alone(tmp_path: Path, calib: Path) -> None:
     """A long recording's tables exceed the largest file that may be written; a file stands where a folder should."""
     for name, n in (("a.mp4", 4), ("b.mp4", 200), ("c.mp4", 4)):

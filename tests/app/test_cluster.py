@@ -22,7 +22,7 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.skipif("PPS_VISION_ALL" not in os.environ, reason="takes 12 s; in make test-all")
+@pytest.mark.long
 def test_one_of_two_workers_dies(tmp_path: Path, calib: Path) -> None:
     for k in range(N):
         write_video(tmp_path / f"{k}.mp4", [i / 20 for i in range(4)])

@@ -1,7 +1,6 @@
 """The demo of encounters: what its report shows, and (in make test-all) the report itself."""
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -34,7 +33,7 @@ def test_the_best_the_median_and_every_touched_one_are_shown_once() -> None:
     assert some[0].left_m == pytest.approx(0.03)
 
 
-@pytest.mark.skipif("PPS_VISION_ALL" not in os.environ, reason="renders for 15 s; in make test-all")
+@pytest.mark.long
 def test_a_report_of_one_encounter(tmp_path: Path) -> None:
     demo_encounters(tmp_path / "out", 1, 2.0, 7, share=0.1)
     (row,) = json.loads((tmp_path / "out" / "summary.json").read_text())["encounters"]

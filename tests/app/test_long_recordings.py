@@ -45,6 +45,7 @@ class Looped(Recording):
                 self.held.append(sys.getallocatedblocks())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("options", [["--also", "tum", "anipose", "mot", "coco"], ["--smooth"]], ids=" ".join)
 def test_memory_does_not_grow(
     options: list[str], approach: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -58,6 +59,7 @@ def test_memory_does_not_grow(
     assert len((tmp_path / "out" / "trajectory.csv").read_text().splitlines()) == 1 + len(recording)
 
 
+@pytest.mark.long
 def test_work_does_not_grow(approach: Path) -> None:
     """By the number of functions called in each loop, the first left out: times would be those of the machine."""
     calls, by_loop = 0, []

@@ -259,6 +259,7 @@ def test_detections_are_where_the_centre_truly_projects(
         assert np.median(np.hypot(du, dv)) < 0.3 * reduction
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stimulus", ["ball", "marker"])
 def test_numbers_on_fresh_seeds(stimulus: str, tmp_path: Path) -> None:
     """The goals: tracked on ≥ 99 % of frames after the first ten, 3D RMS ≤ 5 mm (ball) and 2 mm (marker)."""

@@ -8,6 +8,7 @@ from pps_vision.experiments import batches
 from pps_vision.experiments.batches import ALONE, Batches, differences
 
 
+@pytest.mark.long
 def test_the_detections_agree_and_every_size_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Within 0.05 px, with the lens's distortion and noise of 2/255."""
     monkeypatch.setattr(batches, "SIZES", (1, 4))

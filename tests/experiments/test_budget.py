@@ -8,6 +8,7 @@ from pps_vision.experiments import budget
 from pps_vision.experiments.budget import Budget
 
 
+@pytest.mark.long
 def test_fewer_pixels_cost_less_and_err_more_and_what_is_promised_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(budget, "ASKED_MM", (0.3, 10.0))
     monkeypatch.setattr(budget, "TURNS", 3)

@@ -65,6 +65,7 @@ def test_time_to_contact_is_exact_where_the_track_is(rng: np.random.Generator) -
     assert len(values["ttc_percent"]) == 25  # the last half second, but for the touch itself and the frame before
 
 
+@pytest.mark.long
 def test_coverage_has_intervals_over_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
     """The study on simulated tracks: every number has an interval that holds it, and a place in chart and table."""
     rng = np.random.default_rng(6)

@@ -78,6 +78,7 @@ def test_what_is_elsewhere_or_never_is_missed() -> None:
     assert delay([*nothing[:-1], [(150, 100, 20, 20)]], still, "left") == AFTER
 
 
+@pytest.mark.long
 def test_our_false_alarms_are_those_of_the_longer_watch(monkeypatch: pytest.MonkeyPatch) -> None:
     """One film in which all methods are quiet, then four in which a square moves that is taken for nothing."""
     rng = np.random.default_rng(4)

@@ -1,6 +1,5 @@
 """Robots that are not our iCub: the official iCub model, and an arm of seven joints beside two fixed cameras."""
 
-import os
 from itertools import takewhile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -144,7 +143,7 @@ l_wrist_prosup = -46
 """
 
 
-@pytest.mark.skipif("PPS_VISION_ALL" not in os.environ, reason="takes 30 s; in make test-all")
+@pytest.mark.long
 def test_the_official_icub_learns_a_touch_and_its_reach_by_the_command_line(tmp_path: Path) -> None:
     """Our taxels on its forearm; two cameras watch it from the front, because the model has no eyes."""
     icub_models = pytest.importorskip("icub_models")

@@ -3,7 +3,6 @@
 Procedural backgrounds at 320×240, but for the object of 200 px. `make test-all` films every case.
 """
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +27,6 @@ USUAL = (
     "rig shakes, declared fixed",
 )
 FURTHER = (*(name for name in BY_NAME if name not in USUAL), LARGE.name)
-in_all = pytest.mark.skipif("PPS_VISION_ALL" not in os.environ, reason="in make test-all")
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ def small(case: Case) -> IndependentScene:
     return replace(scene, width=320, height=240) if scene.width == 640 and case is not LARGE else scene
 
 
-@pytest.mark.parametrize("name", [*USUAL, *(pytest.param(name, marks=in_all) for name in FURTHER)])
+@pytest.mark.parametrize("name", [*USUAL, *(pytest.param(name, marks=pytest.mark.long) for name in FURTHER)])
 def test_a_case_is_tracked_within_its_limits(name: str) -> None:
     case, limits = BY_NAME.get(name, LARGE), LIMITS.get(name, Limits())
     film = Film(small(case), SEED, Path("absent"))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pps_vision.app.simulation import Side
 from pps_vision.experiments.avoidance.encounter import Arena, draw
@@ -14,6 +15,7 @@ from pps_vision.experiments.avoidance.training import Memories
 from pps_vision.experiments.encounters_rendered import compared, summary
 
 
+@pytest.mark.long
 def test_a_fast_ball_is_met_alike_with_and_without_rendering(arena: Arena, memories: dict[Side, Memories]) -> None:
     encounter = next(
         e

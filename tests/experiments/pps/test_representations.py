@@ -48,6 +48,7 @@ def test_the_paired_difference_is_over_the_sessions_or_over_the_trials_of_one(
     np.testing.assert_allclose(found, [np.subtract(*errors).mean(), low, high])
 
 
+@pytest.mark.long
 def test_the_study_on_a_few_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exact trials in place of rendered ones, made-up ones in place of the authors'."""
 

@@ -93,6 +93,7 @@ def test_a_ball_in_a_hand_is_tracked_and_followed_by_the_eyes() -> None:
     np.testing.assert_array_equal(trial.joints_rad[:, arms], movement.trial.joints_rad[:, arms])
 
 
+@pytest.mark.long
 def test_a_marked_finger_is_rendered_once_and_then_read(tmp_path: Path) -> None:
     (movement,) = movements("visual", 1, SEED)
     (trial,) = rendered_trials("visual", 1, SEED, tmp_path)

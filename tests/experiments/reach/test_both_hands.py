@@ -1,6 +1,7 @@
 """The map of what both hands reach at once, against closed-form inverse kinematics of both arms."""
 
 import numpy as np
+import pytest
 
 from learning.reach.map import both
 from learning.reach.params import MapParams
@@ -10,6 +11,7 @@ from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 
 
+@pytest.mark.long
 def test_what_both_hands_reach_is_what_each_of_them_reaches() -> None:
     robot, params = load_icub(), MapParams(n_labels=800, round_labels=400, n_babble=10_000)
     maps = [train_reachable_map(robot, side, np.random.default_rng(1), params) for side in ("left", "right")]

@@ -53,6 +53,7 @@ def test_a_run_in_which_nothing_is_tracked_counts_for_nothing() -> None:
     assert {len(values) for values in judge(ROBOT, learned, log).values()} == {0}
 
 
+@pytest.mark.long
 def test_a_short_run_is_measured_and_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """One rendered path of 0.6 s from within reach, with a coarse map."""
     monkeypatch.setattr(in_loop, "_SECONDS", 0.6)

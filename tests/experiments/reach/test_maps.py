@@ -27,6 +27,7 @@ def test_scores_of_a_known_map() -> None:
     assert found == {"je": 20, "fn": 25, "fp": 0, "degree_rmse": pytest.approx(0.1)}
 
 
+@pytest.mark.long
 def test_ours_needs_fewer_labels_than_the_baselines() -> None:
     study = Maps(SEED, n_test=1500, labels=(1000,))
     numbers, _ = run_and_draw(study)
@@ -52,6 +53,7 @@ def test_the_batched_solver_is_faster_and_no_worse() -> None:
     assert [row[0] for row in study.tables(numbers)[""].rows] == list(rows)
 
 
+@pytest.mark.long
 def test_measures_are_learned_to_a_fraction_of_their_spread() -> None:
     study = Measures(SEED, n=1, n_labels=400, n_test=200, measures=("isotropy",))
     numbers, _ = run_and_draw(study)
@@ -66,6 +68,7 @@ def test_more_single_problems_than_problems_is_an_error() -> None:
         Solvers(n=2, n_single=3).run()
 
 
+@pytest.mark.long
 def test_stated_bounds_of_a_few_maps_hold() -> None:
     numbers, charts = run_and_draw(ErrorBound(SEED, n=1, requested=(0.05,), n_labels=300, n_test=1000))
     assert len(numbers["maps"]) == 2

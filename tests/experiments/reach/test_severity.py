@@ -53,6 +53,7 @@ def test_past_the_break_every_posture_still_has_a_verdict(disturbance: str, leve
         assert np.mean(values["misjudged"]) > 0.05
 
 
+@pytest.mark.long
 def test_study_finds_the_break_point(monkeypatch: pytest.MonkeyPatch) -> None:
     """40 % of the labels are reversed."""
     cases = {"labels flipped": (0, 40)}

@@ -10,6 +10,7 @@ from pps_vision.experiments.reach import paper_figures, whole_paper
 from pps_vision.experiments.reach.whole_paper import WholePaper
 
 
+@pytest.mark.long
 def test_maps_from_babbling_alone_know_the_true_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("N_YAWS", "N_VERGENCES", "N_SIDE"):
         monkeypatch.setattr(paper_figures, name, 10)
