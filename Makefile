@@ -39,11 +39,11 @@ test: setup .venv/.installed-test
 	$(BIN)/ruff format --check .
 	@$(BIN)/mypy & types=$$!; OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile; tests=$$?; wait $$types && exit $$tests
 
-# What takes too long for every day (tests marked `long`), a batch killed at random, and the extra `viewer` (220 MB to download, 0.7 GB on disk).
+# What takes too long for every day (tests marked `long`), and the extra `viewer` (220 MB to download, 0.7 GB on disk).
 test-all: test
 	$(PIP) -e '.[test,viewer]'
-	PPS_VISION_ALL=1 OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m long
-	PPS_VISION_ALL=1 OMP_NUM_THREADS=1 $(BIN)/pytest tests/robustness/test_kills.py tests/app/test_viewer.py
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile -m long
+	OMP_NUM_THREADS=1 $(BIN)/pytest tests/app/test_viewer.py
 
 # The reports in a headless browser; installs Debian's chromium where there is none.
 test-browser: setup .venv/.installed-test

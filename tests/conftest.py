@@ -1,6 +1,5 @@
 """Settings that must stand before the packages are imported."""
 
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +12,6 @@ sys.path.insert(0, str(Path(__file__).parent / "helpers"))
 
 settings.register_profile("untimed", deadline=None)  # the machine may be busy
 settings.load_profile("untimed")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What is marked `long` runs in `make test-all` alone."""
-    for item in items:
-        if item.get_closest_marker("long") and "PPS_VISION_ALL" not in os.environ:
-            item.add_marker(pytest.mark.skip(reason="long; in make test-all"))
 
 
 @pytest.fixture(autouse=True)

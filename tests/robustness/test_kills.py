@@ -1,6 +1,5 @@
 """Commands killed at random moments, a handful; `pps-vision bench robustness` kills every command."""
 
-import os
 import signal
 from pathlib import Path
 
@@ -11,22 +10,17 @@ from data import SEED
 from pps_vision.experiments import kills
 from pps_vision.experiments.kills import COMMANDS, COUNTS, Writing, kill_at_random, prepare, run
 
-NAMES = ("trials", *(("render", "batch") if "PPS_VISION_ALL" in os.environ else ()))  # these take 10 and 24 s
-KILLED = [command for command in COMMANDS if command.name in NAMES]
+KILLED = {"trials": (), "render": pytest.mark.long, "batch": pytest.mark.long}
 COUNTED = {"kills": 1, **dict.fromkeys(COUNTS[2:], 0)}
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("kills")
-    prepare(folder, KILLED)
-    return folder
-
-
-@pytest.mark.parametrize("command", KILLED, ids=lambda command: command.name)
-def test_a_killed_command_damages_nothing_and_runs_again(folder: Path, command: Writing) -> None:
+@pytest.mark.parametrize(
+    "command", [pytest.param(one, marks=KILLED[one.name], id=one.name) for one in COMMANDS if one.name in KILLED]
+)
+def test_a_killed_command_damages_nothing_and_runs_again(tmp_path: Path, command: Writing) -> None:
+    prepare(tmp_path, [command])
     sent = signal.SIGTERM if command.name == "trials" else signal.SIGKILL
-    found = kill_at_random(command, folder, 1, np.random.default_rng(SEED), (sent,))
+    found = kill_at_random(command, tmp_path, 1, np.random.default_rng(SEED), (sent,))
     del found["finished"]
     assert found == COUNTED | {"kills": 1}
 
