@@ -1,6 +1,8 @@
 """What `bench` runs, skips and refuses, and what it writes."""
 
 import json
+import os
+import re
 import shutil
 import subprocess
 from dataclasses import fields, is_dataclass
@@ -28,13 +30,14 @@ class Fake(Study):
     def run(self):
         with open("runs.txt", "a") as runs:
             runs.write(f"{self.seed} ")
-        return {"half": self.seed / 3, "cells": {"a": [1, 2]}}
+        return {"half": self.seed / 3, "cells": {"größe": [1, 2 / 3]}}
     def chart(self, numbers):
         figure, (axis,) = panels(1)
         bars(axis, ["a"], {"half": [numbers["half"]]}, "half")
         return {"": figure, "other": figure}
     def tables(self, numbers):
-        return {"": Table(["what", "value"], [["half", f"{numbers['half']:.3g}"]])}
+        of = {"": numbers["half"], "ten_times": 10 * numbers["half"]}
+        return {name: Table(["what", "value"], [["half", f"{value:.3g}"]]) for name, value in of.items()}
 '''
 
 READER = """
@@ -72,10 +75,18 @@ def runs(folder: Path) -> str:
     return file.read_text() if file.exists() else ""
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(fake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_goes_on_where_it_stopped(
+    fake: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     bench.bench(["fake"], {"seed": 1})
+    written = capsys.readouterr().out.splitlines()
+    figures, results = (Path("docs", name) for name in ("figures", "results"))
+    assert written[:2] == [f"→ {figures}/fake.png", f"→ {figures}/fake_other.png"]
+    assert re.fullmatch(rf"→ {results}/fake\.json \(\d s\)", written[2])
     bench.bench(["all"], {"seed": 1})
     assert runs(fake) == "1 "
+    known = f"= {results}/fake.json (already measured by this commit with these parameters)\n"
+    assert capsys.readouterr().out == known
     bench.bench(["fake"], {"seed": 1}, again=True)
     bench.bench(["fake"], {"seed": 2})
     assert runs(fake) == "1 1 2 ", "other parameters are another measurement"
@@ -130,14 +141,18 @@ def test_what_reads_other_results_runs_last_and_always(fake: Path, monkeypatch: 
     assert runs(fake) == "3 6 "
 
 
-def test_studies_run_at_once_and_one_that_fails_stops_no_other(fake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_studies_run_at_once_and_one_that_fails_stops_no_other(
+    fake: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Those that took longest come first, those of unknown time before them; each result says how long it took."""
+    (fake / "worse_study.py").write_text(FAKE.replace("runs.write", "self.write").replace("Fake", "Worse"))
     (fake / "bad_study.py").write_text(FAKE.replace("runs.write", "seed.write").replace("Fake", "Bad"))
     fields = {"seed": "0"}
     entries = {
         "a": Entry("fake_study", "Fake", "", fields),
         "bad": Entry("bad_study", "Bad", "", fields),
         "b": Entry("fake_study", "Fake", "", fields),
+        "worse": Entry("worse_study", "Worse", "", fields),
     }
     monkeypatch.setattr(bench, "catalogue", lambda: entries)
     with pytest.raises(NameError, match="seed"):
@@ -147,12 +162,13 @@ def test_studies_run_at_once_and_one_that_fails_stops_no_other(fake: Path, monke
     found = json.loads((results / "b.json").read_text())
     assert (found["half"], found["parameters"]) == (1.0, {"seed": 3})
     assert 0 < found["processor_min"] < 1
+    assert re.findall(r"^! .*", capsys.readouterr().out, re.M) == ["! 'Worse' object has no attribute 'write'"]
     for name, minutes in (("a", 1.0), ("b", 2.0)):
         (results / f"{name}.json").write_text(json.dumps({"processor_min": minutes}))
     done = []
     monkeypatch.setattr(bench, "_measure", lambda name, *rest: done.append(name))
     bench.bench(["all"])
-    assert done == ["bad", "b", "a"]
+    assert done == ["bad", "worse", "b", "a"]
 
 
 @pytest.mark.parametrize("name", list(catalogue()))
@@ -206,13 +222,63 @@ def test_results_are_compact_and_documents_filled(fake: Path) -> None:
     bench.bench(["fake"], {"seed": 1})
     lines = (fake / "docs" / "results" / "fake.json").read_text().splitlines()
     assert '"half": 0.33333,' in [line.strip() for line in lines]
-    assert '"cells": {"a": [1, 2]}' in [line.strip() for line in lines]
+    assert '"cells": {"größe": [1, 0.66667]}' in [line.strip() for line in lines]
     numbers = json.loads("".join(lines))
     assert (numbers["study"], numbers["parameters"]) == ("fake", {"seed": 1})
     assert {file.name for file in (fake / "docs" / "figures").iterdir()} == {"fake.png", "fake_other.png"}
     table = "<!-- table: fake -->\n| what | value |\n| --- | ---: |\n| half | 0.333 |\n<!-- end -->\n"
     assert document.read_text() == f"before\n{table}after\n"
     assert (fake / "README.md").read_text() == table
+
+
+def test_a_table_is_of_the_study_with_the_longest_name_that_it_begins_with(
+    fake: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = Entry("fake_study", "Fake", "", {"seed": "0"})
+    monkeypatch.setattr(bench, "catalogue", lambda: {"fake": one, "fake_more": one})
+    page = fake / "docs" / "page.md"
+    tables = ("fake_ten_times", "fake_more", "fake_more_ten_times")
+    page.write_text("".join(f"<!-- table: {name} -->\n<!-- end -->\n" for name in tables))
+    bench.bench(["fake"], {"seed": 1})
+    assert [line for line in page.read_text().splitlines() if "half" in line] == ["| half | 3.33 |"]
+    bench.bench(["fake_more"], {"seed": 2})
+    values = [line for line in page.read_text().splitlines() if "half" in line]
+    assert values == ["| half | 3.33 |", "| half | 0.667 |", "| half | 6.67 |"]
+
+
+def test_a_group_is_of_the_studies_whose_names_begin_with_it(fake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = Entry("fake_study", "Fake", "", {"seed": "0"})
+    names = ("pps_a", "ppsx", "pps_b", "reach_a", "reach_a_b")
+    monkeypatch.setattr(bench, "catalogue", lambda: dict.fromkeys(names, one))
+    done: list[str] = []
+    monkeypatch.setattr(bench, "_measure", lambda name, *rest: done.append(name))
+    for asked, expected in ((["pps"], {"pps_a", "pps_b"}), (["reach_a"], {"reach_a"}), (["pps_b", "ppsx"], None)):
+        done.clear()
+        bench.bench(asked)
+        assert set(done) == (expected or set(asked))
+    assert bench.listing().startswith("pps_a: \n    seed = 0\nppsx: \n")
+    assert bench.listing().count("\n") == 2 * len(names) - 1
+
+
+def test_a_study_alone_runs_in_this_process_and_has_the_workers_for_itself(
+    fake: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = FAKE.replace("seed: int = 0", "workers: int = 1").replace("self.seed", "self.workers")
+    (fake / "own_study.py").write_text(text.replace('runs.write(f"', "runs.write(f\"{__import__('os').getpid()}:"))
+    monkeypatch.setattr(bench, "catalogue", lambda: {"own": Entry("own_study", "Fake", "", {"workers": "1"})})
+    bench.bench(["own"])
+    bench.bench(["own"], {"workers": 3})
+    assert runs(fake) == f"{os.getpid()}:1 {os.getpid()}:3 "
+
+
+def test_processor_time_is_of_the_run_in_minutes_and_counts_every_process(
+    fake: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert bench._processor_s() == pytest.approx(sum(os.times()[:4]), abs=0.1)
+    seconds = iter([600.0, 609.0])
+    monkeypatch.setattr(bench, "_processor_s", lambda: next(seconds))
+    bench.bench(["fake"], {"seed": 1})
+    assert json.loads((fake / "docs" / "results" / "fake.json").read_text())["processor_min"] == 0.15
 
 
 def test_redraw_measures_nothing(fake: Path) -> None:
@@ -254,22 +320,6 @@ def test_every_study_is_a_dataclass_with_the_listed_parameters(capsys: pytest.Ca
         assert [field.name for field in fields(cls)] == list(entry.fields), name
         assert entry.summary, name
         cls()  # every field has a default
-
-
-def test_a_stale_result_keeps_its_tables_and_stops_no_other_study(
-    fake: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Numbers of earlier code may lack what the tables of today show."""
-    entry = Entry("fake_study", "Fake", "", {"seed": "0"})
-    monkeypatch.setattr(bench, "catalogue", lambda: {"fake": entry, "stale": entry})
-    (fake / "docs" / "results").mkdir()
-    (fake / "docs" / "results" / "stale.json").write_text('{"third": 1}')
-    page = fake / "docs" / "page.md"
-    page.write_text("<!-- table: stale -->\nold\n<!-- end -->\n<!-- table: fake -->\n<!-- end -->\n")
-    bench.bench(["fake"], {"seed": 1})
-    assert "<!-- table: stale -->\nold\n<!-- end -->" in page.read_text()
-    assert "| half | 0.333 |" in page.read_text()
-    assert "stale.json has no 'half'" in capsys.readouterr().out
 
 
 def test_without_options_studies_run_in_full_into_the_documents(monkeypatch: pytest.MonkeyPatch) -> None:
