@@ -120,10 +120,9 @@ class Budget(SampledStudy):
         )
         return from_film(Film(what, seed, self.data))
 
-    def chart(self, numbers: dict[str, Any]) -> Figure | dict[str, Figure]:
+    def chart(self, numbers: dict[str, Any]) -> Figure:
         """Asked-for error against time, coloured by the configuration that is chosen, one panel a source of scenes."""
-        choices = numbers.get("choices", {})  # results from before they were kept have none
-        return _draw_choices(choices) if choices else {}
+        return _draw_choices(numbers["choices"])
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the configurations' times and ratios of true to stated error, and the requests."""
@@ -145,8 +144,7 @@ class Budget(SampledStudy):
         header = ["scenes: configuration", "ms per pair, quartiles", "time, of the default's"]
         header += ["3D RMS (mm)", "near (%)", "true / stated error"]
         asked = ["scenes: limit", "promised", "kept, of the promised", "error, of the limit", "time, of the default's"]
-        tally = _tally(numbers.get("choices", {}))  # results from before they were kept have none
-        return {"": Table(header, rows), "requests": Table(asked, requests), "tally": tally}
+        return {"": Table(header, rows), "requests": Table(asked, requests), "tally": _tally(numbers["choices"])}
 
 
 def _tally(choices: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]]) -> Table:

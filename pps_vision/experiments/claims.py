@@ -66,7 +66,7 @@ def _trigger(numbers: Cells) -> str:
 
 
 def _real_ball(numbers: Cells) -> str:
-    cell = next(cell for name, cell in numbers["cells"].items() if "vot" in name)
+    cell = numbers["cells"]["vot_ball1"]
     ours, csrt = cell["120 particles"], cell["CSRT"]
     overlaps = [1 - c["lost_overlap"][0] for c in (ours, csrt)]
     own = judged(f"{overlaps[0]:.3f}", overlaps[0] < 0.8)
@@ -177,7 +177,7 @@ class Claims(Study):
         for s in numbers["studies"]:
             told = ("–" if s[key] is None else str(s[key]) for key in ("seed", "n", "commit"))
             studies.append([f"`{s['study']}`", s["what"], *told, estimate([s["processor_min"]], 2)])
-        minutes = sum(s["processor_min"] or 0.0 for s in numbers["studies"])
+        minutes = sum(s["processor_min"] for s in numbers["studies"])
         processors = ", ".join(sorted({s["processor"] for s in numbers["studies"]}))
         studies.append(["all of which the time is known", f"Processor: {processors}.", "", "", "", f"{minutes:.0f}"])
         least = judged(f"≥ {minutes / 2:.0f}", minutes / 2 > _GOAL_MIN)
@@ -191,11 +191,10 @@ class Claims(Study):
 def _run_as(numbers: Cells) -> dict[str, Any]:
     """Seed, number of units, commit, time and processor of a result."""
     told = numbers["parameters"]
-    commit, minutes = numbers["machine"]["commit"], numbers.get("processor_min")
-    run_as = {
+    return {
         "seed": told.get("seed"),
         "n": told.get("n", numbers.get("n")),
-        "commit": commit,
-        "processor_min": minutes,
+        "commit": numbers["machine"]["commit"],
+        "processor_min": numbers["processor_min"],
+        "processor": numbers["machine"]["processor"],
     }
-    return run_as | {"processor": numbers["machine"]["processor"]}

@@ -135,10 +135,15 @@ class Consistency(TrackingStudy):
             for source, groups in numbers["cells"].items()
             for group, cell in groups.items()
         ]
+        halves = [
+            [f"{source}, {half}", *(estimate(cell[name]) for name in _COVERAGES)]
+            for source, of in numbers["halves"].items()
+            for half, cell in of.items()
+        ]
         return {
             "": Table(header, rows),
             "nees": Table(["scenes", "mean NEES (6)", "mean NIS (3)", "time to contact (%)"], more),
-            "halves": Table(["scenes", *_COVERAGES], _rows_of_halves(numbers)),
+            "halves": Table(["scenes", *_COVERAGES], halves),
         }
 
 
@@ -150,12 +155,6 @@ def covered(share: int, found: Sequence[float]) -> str:
 def misses(share: int, found: float) -> bool:
     """Whether a coverage, to a tenth of a percent, is farther from the stated share than the goal allows."""
     return abs(round(found, 1) - share) > GOALS[share]
-
-
-def _rows_of_halves(numbers: dict[str, Any]) -> list[list[str]]:
-    """Coverage of the constants' own scenes and of held-out ones; none in older results."""
-    halves = [(source, *one) for source, cell in numbers.get("halves", {}).items() for one in cell.items()]
-    return [[f"{source}, {half}", *(estimate(cell[name]) for name in _COVERAGES)] for source, half, cell in halves]
 
 
 def _of_film(case: Case, film: Film) -> Values:

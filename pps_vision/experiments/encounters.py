@@ -78,7 +78,7 @@ class Encounters(SampledStudy):
         for axis, condition in zip(axes, HAZARDS, strict=True):
             fast = condition == "through"
             series = {
-                name: of["by speed"][condition] + (of.get("fast through, by speed", []) if fast else [])
+                name: of["by speed"][condition] + (of["fast through, by speed"] if fast else [])
                 for name, of in numbers["controllers"].items()
                 if name != NONE
             }
@@ -218,10 +218,7 @@ def tables(numbers: dict[str, Any]) -> dict[str, Table]:
         ),
         "reaching": Table(
             ["reaching (%)", *_REACHING],
-            [
-                [n, *(estimate(cell.get(k, [None])) for k in _REACHING.values())]
-                for n, cell in numbers["reaching"].items()
-            ],
+            [[n, *(estimate(cell[k]) for k in _REACHING.values())] for n, cell in numbers["reaching"].items()],
         ),
         "limits": Table(
             ["limits", "number"],
@@ -243,6 +240,7 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
     fast, aimed = _above(of[TRUE]["fast, beyond ours"]), reaching[OURS]["reachable: by the part aimed at"]
     still, stop = ours["still, all"], ours["stop, slow"]
     left_mm, lead_s = ours["stop, slow, distance_mm"], ours["stop, slow, lead_s"]
+    attempted = reaching[ASKING]["out of reach: attempted"]
     rows: list[tuple[str, str, Sequence[float], bool]] = [
         ("stop, ≤ 15 cm/s: not touched (%)", "≥ 99", stop, stop[0] >= 99),
         ("the same: distance left (mm), quartiles", "≥ 20 in the median", left_mm, left_mm[0] >= 20),
@@ -259,11 +257,7 @@ def _goals(numbers: dict[str, Any]) -> list[list[str]]:
         ("15–30 cm/s: points above true positions", "≥ −5", fast, fast[0] >= -5),
         ("harmless: no command (%)", "≥ 99", still, still[0] >= 99),
         ("reaching: touched by the part aimed at, of what can be (%)", "≥ 98", aimed, aimed[0] >= 98),
-    ]
-    if ASKING in reaching:
-        attempted = reaching[ASKING]["out of reach: attempted"]
-        rows.append(("asking the map: attempted of what cannot be (%)", "0", attempted, attempted[0] == 0))
-    rows += [
+        ("asking the map: attempted of what cannot be (%)", "0", attempted, attempted[0] == 0),
         ("smallest self-collision distance (mm)", "≥ 20", [smallest_mm], smallest_mm >= _LEAST_SELF_MM),
         ("encounters that left a limit", "0", [limits["left"]], limits["left"] == 0),
     ]
@@ -281,8 +275,7 @@ def _fast_table(controllers: dict[str, Any]) -> Table:
     bands = [f"{100 * low:.0f}–{100 * high:.0f}" for low, high in pairwise([_BANDS_M_S[-2], *_FAST_BANDS_M_S])]
     rows = []
     for name, cell in controllers.items():
-        rates = [cell["by speed"]["through"][-1], *cell.get("fast through, by speed", [])]
-        bands = bands[: len(rates)]  # older results end at 30 cm/s
+        rates = [cell["by speed"]["through"][-1], *cell["fast through, by speed"]]
         broken = next((band for band, value in zip(bands, rates, strict=True) if value[0] < 50), "–")
         rows.append([name, *map(estimate, rates), broken])
     return Table(["through: not touched (%)", *(f"{band} cm/s" for band in bands), "most touched at (cm/s)"], rows)

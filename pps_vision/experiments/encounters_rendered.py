@@ -61,13 +61,11 @@ class EncountersRendered(SampledStudy):
         ]
         limits = numbers["limits"]
         apart = numbers["rates"]["all approaching"]["difference"]
-        goals = [["points between both, all approaching", "≤ 10", judged(estimate(apart), abs(apart[0]) > 10)]]
-        if "stop, slow" in numbers:
-            stop = numbers["stop, slow"]
-            what = f"stop, ≤ 15 cm/s, {stop['n']} encounters, any part: not touched (%)"
-            goals.append([what, "≥ 99", judged(estimate(stop["untouched"]), stop["untouched"][0] < 99)])
-        nearest = limits["smallest_self_distance_mm"]
-        goals += [
+        stop, nearest = numbers["stop, slow"], limits["smallest_self_distance_mm"]
+        what = f"stop, ≤ 15 cm/s, {stop['n']} encounters, any part: not touched (%)"
+        goals = [
+            ["points between both, all approaching", "≤ 10", judged(estimate(apart), abs(apart[0]) > 10)],
+            [what, "≥ 99", judged(estimate(stop["untouched"]), stop["untouched"][0] < 99)],
             ["smallest self-collision distance (mm)", "≥ 20", judged(estimate([nearest]), nearest < 20)],
             ["encounters that left a limit", "0", judged(str(limits["left"]), limits["left"] > 0)],
         ]

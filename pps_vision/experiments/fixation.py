@@ -223,7 +223,7 @@ class Fixation(SampledStudy):
     def chart(self, numbers: dict[str, Any]) -> "Figure":
         """Draw the error of following over speed, latency and noise, and settling over start angle, latency, noise."""
         rows = {"axes": ("rms_deg", "RMS fixation error (°)"), "settling": ("settled_s", "settled after (s)")}
-        drawn = [(row, axis) for row in rows for axis in numbers.get(row, {})]  # older results lack settling
+        drawn = [(row, axis) for row in rows for axis in numbers[row]]
         figure, panels = charts.panels(len(drawn), len(numbers["axes"]))
         for panel, (row, axis) in zip(panels, drawn, strict=True):
             metric, label = rows[row]

@@ -187,13 +187,11 @@ class Growth(SampledStudy):
                 first, last = (f"{cell['memory_mb'][k]:.0f} MB" for k in (0, -1))
                 rows.append([f"{label}: memory in use", str(sizes[0]), first, str(sizes[-1]), last, "–"])
         header = ["what grows: what is timed", "from", "ms, quartiles", "to", "ms, quartiles", "exponent"]
-        return {"": Table(header, rows), **_object_table(numbers["axes"].get(_OBJECT))}
+        return {"": Table(header, rows), "object": _object_table(numbers["axes"][_OBJECT])}
 
 
-def _object_table(cell: dict[str, Any] | None) -> dict[str, Table]:
+def _object_table(cell: dict[str, Any]) -> Table:
     """Time at every size of the object, and the goal of all times at one of them, bold where it is missed."""
-    if cell is None:
-        return {}
     sizes = cell["sizes"]
     goals = [f"≤ {_GOAL_MS:g}" if size == _GOAL_PX else "–" for size in sizes]
     times = [
@@ -202,7 +200,7 @@ def _object_table(cell: dict[str, Any] | None) -> dict[str, Table]:
     ]
     rows = [list(row) for row in zip(map(str, sizes), *times, goals, strict=True)]
     header = [_OBJECT, *(f"{name}: ms, quartiles" for name in cell["ms"]), "goal (ms)"]
-    return {"object": Table(header, rows)}
+    return Table(header, rows)
 
 
 def exponent(sizes: Sequence[float], ms: Sequence[Sequence[float]]) -> float:

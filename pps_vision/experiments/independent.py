@@ -20,7 +20,7 @@ from pps_vision.experiments.independent_report import (
     scores_table,
 )
 from pps_vision.experiments.independent_scenes import PHOTOS
-from pps_vision.experiments.independent_score import OURS, Scores, measure
+from pps_vision.experiments.independent_score import Scores, measure
 from pps_vision.experiments.rendered_films import RenderedFilm, can_render
 from pps_vision.experiments.study import DATA, SceneSource, TrackingStudy
 from pps_vision.experiments.tables import Table
@@ -72,21 +72,20 @@ class Independent(TrackingStudy):
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """Success and error against time, a panel a case, ours beside the baselines."""
-        cells = by_source(numbers)
+        cells = _by_source(numbers)
         labels = {"right": ("right_percent", "right (%)"), "error": ("median_mm", "median error (mm)")}
         return {name: against_time(cells, *what) for name, what in labels.items()}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return the scores by case, of each source; which goals are met and missed; ours beside the baselines."""
-        cells = by_source(numbers)
+        cells = _by_source(numbers)
         summaries = {"goals": goals_table(cells), "missed": missed_table(cells), "baselines": baselines_table(cells)}
         return {"": scores_table(cells["independent"]), "rendered": scores_table(cells["rendered"]), **summaries}
 
 
-def by_source(numbers: dict[str, Any]) -> dict[str, Cells]:
-    """Return the scores by source, case and tracker; of older results the independent scenes and our tracker alone."""
-    older = {name: {OURS: cell["films"]} for name, cell in numbers.get("cases", {}).items()}
-    return {"independent": older or numbers.get("independent", {}), "rendered": numbers.get("rendered", {})}
+def _by_source(numbers: dict[str, Any]) -> dict[str, Cells]:
+    """The scores by source, case and tracker; none of a source that was not asked for."""
+    return {source: numbers.get(source, {}) for source in ("independent", "rendered")}
 
 
 def _by_tracker(films: list[dict[str, Scores]]) -> dict[str, list[Scores]]:

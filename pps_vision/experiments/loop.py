@@ -81,8 +81,8 @@ class Loop(SampledStudy):
             rows.append([case, *shares, *least, *ms])
         gap = "smallest gap (mm), median", "smallest"
         time = f"ms a frame, median (≤ {_MOST_MS[0]:g})", f"99th percentile (≤ {_MOST_MS[1]:g})"
-        shares_seen = [(case, *numbers[case].get("seen_percent", ())) for case in LOOP_CASES]  # not in older results
-        seen = [[case, *(f"{share:.1f}" for share in of)] for case, *of in shares_seen if of]
+        avoiding = {case: numbers[case]["seen_percent"] for case in LOOP_CASES if "seen_percent" in numbers[case]}
+        seen = [[case, *(f"{share:.1f}" for share in shares)] for case, shares in avoiding.items()]
         return {
             "": Table(["case", "touched", "arm commanded", *gap, *time], rows),
             "view": Table(["frames in which the arm avoids", "in the images of both eyes (%)", "tracked (%)"], seen),

@@ -104,7 +104,7 @@ class Stereo(TrackingStudy):
         label = "3D RMS error, 0.4 m (mm)"
         figure, axes = panels(len(cells), 2, PAGE_IN / 2, 3.0)
         for k, (name, axis) in enumerate(zip(cells, axes, strict=True)):
-            of, bound = numbers["distance"][name], numbers.get("bound", {}).get(name, {})
+            of, bound = numbers["distance"][name], numbers["bound"].get(name, {})
             for method, color in ((OURS, "tab:blue"), ("whole BM", "tab:orange"), ("whole SGBM", "tab:red")):
                 value, low, high = intervals(of["methods"][method]["rms_mm"])
                 axis.plot(of["severities"], value, "o-", ms=4, color=color, label=method)
@@ -122,16 +122,15 @@ class Stereo(TrackingStudy):
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return error at 0.4 m and time, one row a method, and the bounds of the error there."""
-        cells, bounds = numbers["cells"], numbers.get("bound", {})
+        cells, bounds = numbers["cells"], numbers["bound"]
         rows = []
         for m in next(iter(cells.values())):
             times = np.median([cell[m]["ms"] for cell in cells.values()], axis=0)
             rows.append([m, *(estimate(cell[m]["rms_mm"]) for cell in cells.values()), median_first(times.tolist())])
         k = DEPTHS_M.index(_NEAR_M)
-        measured = BOUNDS if bounds else ()  # results from before they were measured have none
         rows += [
             [which, *(estimate([bounds[name][which][k]] if name in bounds else [None]) for name in cells), "–"]
-            for which in measured
+            for which in (BOUNDS if bounds else ())
         ]
         return {"": Table(["3D RMS error at 0.4 m (mm)", *cells, "ms per pair, quartiles"], rows)}
 

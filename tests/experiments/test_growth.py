@@ -22,20 +22,18 @@ def test_the_exponent_of_a_power_law(power: float) -> None:
 
 def test_what_grows_is_drawn_and_tabled_beside_what_a_result_file_holds_else() -> None:
     cell = {"sizes": [10, 100], "ms": {"slow": [[2.0, 1.0, 3.0], [20.0, 10.0, 30.0]]}, "memory_mb": [50.0, 60.0]}
-    numbers = {"study": "growth", "parameters": {"n": 3}, "processor_min": 1.0, "axes": {"taxels": cell}}
-    table = Growth().tables(numbers)[""]
-    assert [list(row) for row in table.rows] == [
+    of_object = {"sizes": [60, 200], "ms": {"all pixels": [[5.0, 4.0, 6.0], [9.0, 8.5, 9.5]]}}
+    axes = {"taxels": cell, "object (pixels across)": of_object}
+    numbers = {"study": "growth", "parameters": {"n": 3}, "processor_min": 1.0, "axes": axes}
+    tables = Growth().tables(numbers)
+    assert [list(row) for row in tables[""].rows] == [
         ["taxels: slow", "10", "2 (1–3)", "100", "20 (10–30)", "1.00"],
         ["taxels: memory in use", "10", "50 MB", "100", "60 MB", "–"],
+        ["object (pixels across): all pixels", "60", "5 (4–6)", "200", "9 (8.5–9.5)", "0.49"],
     ]
-    (axis,) = Growth().chart(numbers).axes
-    assert axis.get_xscale() == axis.get_yscale() == "log"
-
-
-def test_the_objects_sizes_are_tabled_beside_the_goal() -> None:
-    cell = {"sizes": [60, 200], "ms": {"all pixels": [[5.0, 4.0, 6.0], [9.0, 8.5, 9.5]]}}
-    table = Growth().tables({"axes": {"object (pixels across)": cell}})["object"]
-    assert [list(row) for row in table.rows] == [["60", "5 (4–6)", "–"], ["200", "**9 (8.5–9.5)**", "≤ 8"]]
+    assert [list(row) for row in tables["object"].rows] == [["60", "5 (4–6)", "–"], ["200", "**9 (8.5–9.5)**", "≤ 8"]]
+    for axis in Growth().chart(numbers).axes:
+        assert axis.get_xscale() == axis.get_yscale() == "log"
 
 
 def test_a_recording_played_to_and_fro_is_one(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ class RepeatedMaps(SampledStudy):
 
     def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
         """Draw R of what both hands reach on slices of gaze space: by the true kinematics, and by the map."""
-        return {"both": paper_figures.slices(numbers["drawn"], {})} if "drawn" in numbers else {}
+        return {"both": paper_figures.slices(numbers["drawn"], {})}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return mean and largest score of the maps of each arm, and of both."""
