@@ -1,16 +1,33 @@
 """What the tracker makes of outlines that are given: exact, one-sided, jumping, of odd shape, at different stamps."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
-from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import rotation_to, transform
-from pps_vision.types import Array, Status, StereoFrame, Track3D
+from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D
+from tracking import motion_model
+from tracking.appearance import ColorModel
+from tracking.camera_pose import CameraPoses
 from tracking.camera_tracker import CameraState, CameraTracker
 from tracking.image_tracker import ImageDetection
+from tracking.kalman import KalmanParams
 from tracking.outline import Outline
 from tracking.smoother import smoothed_steps
-from tracking.tracker import Tracker, TrackerParams, TrackerStep
+from tracking.stereo import Association, StereoParams
+from tracking.tracker import (
+    Tracker,
+    TrackerParams,
+    TrackerState,
+    TrackerStep,
+    _enlarged,
+    _is_whole_of,
+    _whole_box,
+    _with_radius,
+)
 
 Pair = tuple[Outline | None, Outline | None]
 
@@ -130,3 +147,345 @@ def test_what_is_found_elsewhere_was_lost_and_is_confirmed_anew() -> None:
     smoothed = [step.track for step in smoothed_steps(TrackerParams().kalman, steps)]
     assert [track.status for track in smoothed] == status
     assert max(np.linalg.norm(track.position - (P + 0.05 * LOOKING[:, 0])) for track in smoothed[10:]) < 0.002
+
+
+NOTHING: Pair = (None, None)
+
+
+def statuses(shapes: list[Pair], **params: float) -> list[Status]:
+    return [track.status for track in tracks(shapes, TrackerParams(**params))]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("ratio", "is_same"), [(1.4, True), (1.6, False), (1 / 1.4, True), (1 / 1.6, False)])
+def test_a_confirmed_object_does_not_change_its_size_by_half(ratio: float, is_same: bool) -> None:
+    """From the frame after the third on; of what is not yet confirmed the size is not known."""
+    other = both(radius_m=ratio * RADIUS_M)
+    after = Status.TRACKING if is_same else Status.COASTING
+    assert statuses([both()] * 3 + [other])[2:] == [Status.TRACKING, after]
+    assert statuses([both()] * 2 + [other])[2] == Status.TRACKING
+
+
+def test_what_was_seen_just_often_enough_is_an_object_that_may_hide() -> None:
+    found = statuses([both()] * 3 + [NOTHING] * 12)
+    hidden = found.count(Status.COASTING)
+    assert hidden in (9, 10)  # half a second
+    assert found[2 : 4 + hidden] == [Status.TRACKING, *[Status.COASTING] * hidden, Status.LOST]
+    assert statuses([both()] * 2, confirm_frames=1) == [Status.TRACKING] * 2
+
+
+def test_only_pairs_that_are_refused_in_a_row_lose_the_track() -> None:
+    """Six of them; nothing seen in between counts them anew, as does an object."""
+    wrong = both(radius_m=2 * RADIUS_M)
+    seen = [both()] * 4
+    for between in (NOTHING, both()):
+        found = statuses([*seen, *[wrong] * 5, between, *[wrong] * 5], lost_after_s=2.0)
+        assert Status.LOST not in found
+    assert statuses([*seen, *[wrong] * 6], lost_after_s=2.0)[-2:] == [Status.COASTING, Status.LOST]
+
+
+def frames(n: int, is_turning: bool = False) -> list[StereoFrame]:
+    """Frames of noise from a fixed rig, or from a head whose joint turns by 0.02 rad from one to the next."""
+    rng = np.random.default_rng(3)
+    pairs = [rng.integers(0, 256, (2, CAMERA.height, CAMERA.width, 3), dtype=np.uint8) for _ in range(n)]
+    joints = [np.array([0.02 * k]) if is_turning else None for k in range(n)]
+    return [StereoFrame(*pairs[k], DT * k, DT * k, joints[k], joints[k]) for k in range(n)]
+
+
+def given(tracker: Tracker, patch: pytest.MonkeyPatch, pair: Pair, cameras: tuple[CameraState, ...] = ()) -> None:
+    """Let the tracker's search and its following find these outlines, with these states of its cameras."""
+    detected = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in pair)
+
+    def find(state: TrackerState, *_: object, **__: object) -> tuple[TrackerState, object]:
+        return state._replace(cameras=cameras or state.cameras), detected
+
+    patch.setattr(tracker, "_follow", find)
+    patch.setattr(tracker, "_acquire", find)
+
+
+def test_a_frame_that_shows_nothing_does_not_break_a_confirmation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither is what is found in it an observation."""
+    tracker, found = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), []
+    given(tracker, monkeypatch, both())
+    for k, frame in enumerate(frames(12)):
+        dark = np.zeros_like(frame.left)
+        found.append(tracker.step(replace(frame, left=dark) if k in (2, 5) else frame))
+    status = [step.track.status for step in found]
+    assert status[:6] == [*[Status.SEARCHING] * 3, Status.TRACKING, Status.TRACKING, Status.COASTING]
+    assert [step.observation is None for step in found] == [k in (2, 5) for k in range(12)]
+    assert [len(step.detections) for step in found[4:7]] == [2, 0, 2]
+
+
+CENTER = np.array([0.1, 0.2, 0.05])
+"""Of a head that turns about the vertical axis."""
+
+
+def turned(joints: Array | None) -> tuple[Array, Array]:
+    angle = 0.0 if joints is None else float(joints[0])
+    about = cv2.Rodrigues(np.array([0.0, 0.0, angle]))[0]
+    to_center = transform(translation=CENTER) @ transform(about) @ transform(translation=-CENTER)
+    return to_center @ LEFT.T_root_camera, to_center @ RIGHT.T_root_camera
+
+
+HEAD = StereoRig(CAMERA, CAMERA, turned)
+
+
+def test_joints_of_an_unknown_delay_make_what_a_turning_head_sees_uncertain() -> None:
+    """Where a resting thing seems to be goes with the head: ω × (p - c) times the delay's standard deviation."""
+    film, found = frames(2, is_turning=True), {}
+    for std_s in (0.0, 0.02):
+        tracker = Tracker(TrackerParams(stamp_error_s=std_s), HEAD, np.random.default_rng(3))
+        for frame in film:
+            view = HEAD.view_of(frame)
+            with pytest.MonkeyPatch.context() as patch:
+                given(tracker, patch, (seen(view.left, P), seen(view.right, P)))
+                found[std_s] = tracker.step(frame).observation
+    exact, late = found[0.0], found[0.02]
+    assert exact is not None
+    assert late is not None
+    off_m = 0.02 * np.cross([0.0, 0.0, 0.02 / DT], P - CENTER)
+    for more in (late.cov_root - exact.cov_root, late.correlated_cov_root - exact.correlated_cov_root):
+        np.testing.assert_allclose(more, np.outer(off_m, off_m), atol=0.03 * off_m @ off_m)
+
+
+def test_a_rotation_of_the_cameras_shifts_the_object_across_their_line_of_sight() -> None:
+    """By δ × a, where a is the object from the middle between the cameras and δ the rotation's error."""
+    off, axes = np.array([0.3, -0.2, 0.5]), np.eye(3)
+    eyes = [View(CAMERA, transform(translation=off) @ eye.T_root_camera) for eye in (LEFT, RIGHT)]
+    rig, covs = StereoRig(CAMERA, CAMERA, lambda _: (eyes[0].T_root_camera, eyes[1].T_root_camera)), []
+    for std_rad in (0.0, 0.01):
+        tracker = Tracker(TrackerParams(), rig, np.random.default_rng(3))
+        for frame in frames(4):
+            poses = CameraPoses(rig.view_of(frame), rotation_std_rad=std_rad)
+            with pytest.MonkeyPatch.context() as patch:
+                given(tracker, patch, (seen(eyes[0], P + off), seen(eyes[1], P + off)))
+                patch.setattr(tracker._poses, "step", lambda _, poses=poses: poses)
+                track = tracker.step(frame).track
+        covs.append(track.cov[:3, :3])
+    shifts = 0.01 * np.cross(axes, P)
+    np.testing.assert_allclose(covs[1] - covs[0], shifts.T @ shifts, atol=1e-9)
+
+
+def test_a_derivative_that_is_not_modelled_is_zero() -> None:
+    """Of a filter of order 2: acceleration and jerk are 0."""
+    track = tracks([both()] * 6, TrackerParams(kalman=KalmanParams.of_order(2)))[-1]
+    assert np.linalg.eigvalsh(track.cov[:6, :6]).min() > 0
+    assert (np.diag(track.cov, -3)[:3] > 0).all()  # of position and velocity
+    for unknown in (track.cov[6:], track.cov[:, 6:], track.mean[2:]):
+        assert not unknown.any()
+
+
+def test_the_radius_is_the_mean_of_all_at_first_then_of_about_thirty() -> None:
+    """After thirty frames of another size the old one has a share of about 1/e, (29/30)³⁰."""
+    state = TrackerState(Association.untrained(StereoParams(), 64), KalmanParams())
+    of = steps([both()])[0].observation
+    assert of is not None
+    radii = [0.020, 0.026, 0.023, 0.031]
+    for k, radius_m in enumerate(radii + [0.025] * 26 + [0.030] * 30):
+        before = state
+        state = _with_radius(state._replace(hits=k + 1), replace(of, radius_m=radius_m, radius_var_m2=1e-6 * k))
+        if k < 30:
+            mean = np.mean((radii + [0.025] * 26)[: k + 1])
+            assert state.radius_m == pytest.approx(mean)
+        assert state.radius_var_m2 == 1e-6 * k
+    assert before.radius_m < state.radius_m
+    assert (0.030 - state.radius_m) / (0.030 - mean) == pytest.approx(np.exp(30 * np.log(29 / 30)), rel=1e-3)
+
+
+def test_the_calibration_that_has_learned_from_a_pair_places_it() -> None:
+    """But for the first, grown from a motion region, from which nothing is learned."""
+    tracker, eyes = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), StereoView(LEFT, RIGHT)
+    left, right = both()
+    assert left is not None
+    assert right is not None
+    lower = replace(right, center_px=right.center_px + np.array([0.0, 1.5]))
+    for k, frame in enumerate(frames(8)):
+        with pytest.MonkeyPatch.context() as patch:
+            given(tracker, patch, (left, lower))
+            observation = tracker.step(frame).observation
+        assert tracker.state.association.pairs == k
+        expected = tracker.state.association.observe(eyes, left, lower, DT * k)
+        assert observation is not None
+        assert expected is not None
+        assert np.array_equal(observation.cov_root, expected.cov_root)
+
+
+def test_what_is_found_elsewhere_at_once_was_lost_and_an_unconfirmed_object_was_never_there() -> None:
+    """Right after the third frame; and what was seen twice, and turns out to be an empty place."""
+    for n, empty, status in ((3, False, Status.LOST), (2, True, Status.SEARCHING), (3, True, Status.LOST)):
+        tracker = Tracker(TrackerParams(), RIG, np.random.default_rng(3))
+        for k, frame in enumerate(frames(n + 1)):
+            with pytest.MonkeyPatch.context() as patch:
+                cameras = tuple(CameraState(emptiness=1.0 * (empty and k == n)) for _ in range(2))
+                given(tracker, patch, both(), cameras)
+                if k == n and not empty:
+                    patch.setattr(tracker, "_follow", lambda state, *_, **__: (state, NOTHING))
+                last = tracker.step(frame).track
+        assert last.status == status
+
+
+def test_what_something_passes_is_not_searched_elsewhere() -> None:
+    """As long as the two touch, which either eye may tell, the other may hide it."""
+    for touched, searched in (((0, 0), 2), ((0, 3), 0), ((1, 0), 0)):
+        tracker, counts = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), []
+        for k, frame in enumerate(frames(6)):
+            with pytest.MonkeyPatch.context() as patch:
+                target = tracker._cameras[0].image_tracker.start(frame.left, (20, 15, 18, 18))
+                cameras = tuple(CameraState(replace(target, touched=n)) for n in touched)
+                given(tracker, patch, both() if k < 4 else NOTHING, cameras)
+                if k >= 4:
+                    patch.setattr(
+                        tracker, "_acquire", lambda state, *_, counts=counts: counts.append(1) or (state, NOTHING)
+                    )
+                tracker.step(frame)
+        assert len(counts) == searched
+
+
+def test_its_colours_are_known_from_the_frame_that_confirms_it_on() -> None:
+    tracker, known = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), []
+    for frame in frames(5):
+        with pytest.MonkeyPatch.context() as patch:
+            targets = [one.image_tracker.start(frame.left, (20, 15, 18, 18)) for one in tracker._cameras]
+            given(tracker, patch, both(), tuple(map(CameraState, targets)))
+            tracker.step(frame)
+        known.append((tracker.appearance, tuple(target.model for target in targets)))
+    assert [appearance is None for appearance, _ in known] == [True, True, False, False, False]
+    assert all(appearance is not None and appearance[0] is known[2][1][0] for appearance, _ in known[2:])
+    assert known[4][0] is not None
+    assert known[4][0][1] is known[2][1][1]
+
+
+def test_where_an_eye_sees_the_object_beside_its_track_is_learned_from_pairs_only() -> None:
+    """The left outline is 0.5 px below; when the left eye alone sees it, 5 px to the side of that."""
+    tracker, offsets = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), []
+    left, right = both()
+    assert left is not None
+    lower = replace(left, center_px=left.center_px + np.array([0.0, 0.5]))
+    aside = replace(left, center_px=left.center_px + np.array([5.0, 0.5]))
+    for k, frame in enumerate(frames(7)):
+        with pytest.MonkeyPatch.context() as patch:
+            given(tracker, patch, (lower, right) if k < 6 else (aside, None))
+            patch.setattr(tracker, "_acquire", tracker._acquire if k < 6 else lambda state, *_: (state, NOTHING))
+            tracker.step(frame)
+        offsets.append(tracker.state.cameras[0].offset_px)
+    assert offsets[5] == pytest.approx((0.0, 0.25), abs=0.1)  # half of the 0.5 px: the track lies between both
+    assert offsets[6] == offsets[5]
+
+
+@pytest.mark.parametrize(("mode", "is_part"), [("generic", True), ("generic", False), ("marker", True)])
+def test_the_whole_is_searched_after_two_checks_that_say_that_a_part_is_followed(mode: str, is_part: bool) -> None:
+    """Every tenth frame from the first on, in six of ten frames after; both eyes must say so; a marker is whole."""
+    params = TrackerParams(mode=mode)  # type: ignore[arg-type]
+    tracker, asked, searched = Tracker(params, RIG, np.random.default_rng(3)), [], []
+    for frame in frames(45):
+        with pytest.MonkeyPatch.context() as patch:
+            given(tracker, patch, both())
+            hits, is_first = tracker.state.hits, tracker.state.belief is None
+            patch.setattr(
+                CameraTracker,
+                "is_part",
+                lambda self, *_, hits=hits: asked.append(hits) or (is_part or self.name == "left"),
+            )
+            if not is_first:
+                patch.setattr(
+                    tracker, "_acquire", lambda state, *_, hits=hits: searched.append(hits) or (state, NOTHING)
+                )
+            status = tracker.step(frame).track.status
+    assert status == Status.TRACKING
+    assert asked == ([] if mode == "marker" else [h for h in (10, 20, 30, 40) for _ in range(2)])
+    expected = [*range(20, 26), *range(30, 36), *range(40, 45)]
+    assert searched == (expected if is_part and mode == "generic" else [])
+
+
+def test_the_whole_takes_the_place_of_its_part_and_is_confirmed_anew() -> None:
+    """Where it is half as large again in area, and holds the part's middle."""
+    large = tuple(one and replace(one, area_px=2.0 * one.area_px) for one in both())
+    for whole, takes in ((large, True), (both(), False), ((large[0], None), False)):
+        tracker, status = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), []
+        for k, frame in enumerate(frames(24)):
+            with pytest.MonkeyPatch.context() as patch:
+                given(tracker, patch, both())
+                patch.setattr(CameraTracker, "is_part", lambda *_: True)
+                found = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in whole)
+                if k == 20:
+                    patch.setattr(tracker, "_acquire", lambda state, *_, found=found: (state, found))
+                elif k > 0:
+                    patch.setattr(tracker, "_acquire", lambda state, *_: (state, NOTHING))
+                status.append(tracker.step(frame).track.status)
+        again = [Status.LOST, Status.SEARCHING, Status.TRACKING, Status.TRACKING]
+        assert status[20:] == (again if takes else [Status.TRACKING] * 4)
+        assert tracker.state.part == (0 if takes else 2)
+
+
+def of_area(
+    area_px: float, box_px: tuple[float, float, float, float], center_px: tuple[float, float]
+) -> ImageDetection:
+    one = Outline(np.array(center_px), 0.01 * np.eye(2), 0.05, 1e-6, box_px, area_px, False)
+    return ImageDetection(one, box_px, 1.0)
+
+
+def test_a_whole_is_half_as_large_again_and_holds_the_middle_of_its_part() -> None:
+    part, box = of_area(100.0, (20.0, 20.0, 10.0, 10.0), (24.0, 25.0)), (10.0, 12.0, 30.0, 20.0)
+    large = of_area(160.0, box, (25.0, 22.0))
+    assert _is_whole_of((large, large), (part, part))
+    assert not _is_whole_of((large, None), (part, part))
+    assert not _is_whole_of((large, large), (part, None))
+    assert not _is_whole_of((large, of_area(140.0, box, (25.0, 22.0))), (part, part))
+    for u, v, holds in ((9, 15, 0), (11, 15, 1), (39, 15, 1), (41, 15, 0), (15, 11, 0), (15, 13, 1), (15, 31, 1)):
+        assert _is_whole_of((large, large), (of_area(100.0, box, (u, v)), part)) == bool(holds)
+    assert not _is_whole_of((large, large), (part, of_area(100.0, box, (15, 33))))
+
+
+@pytest.mark.parametrize(
+    ("box", "whole"),
+    [
+        ((0, 50, 10, 30), (-20, 50, 30, 30)),
+        ((310, 50, 10, 30), (310, 50, 30, 30)),
+        ((50, 0, 30, 10), (50, -20, 30, 30)),
+        ((50, 230, 30, 10), (50, 230, 30, 30)),
+        ((-1, -2, 12, 30), (-19, -2, 30, 30)),
+    ],
+)
+def test_what_the_images_border_cuts_is_taken_to_be_as_long_as_wide(
+    box: tuple[int, ...], whole: tuple[int, ...]
+) -> None:
+    """It goes on beyond the border that cuts it."""
+    assert _whole_box(of_area(300.0, box, (5.0, 5.0)).outline) == whole  # type: ignore[arg-type]
+
+
+def test_what_was_seen_in_reduced_images_is_told_in_pixels_of_the_images() -> None:
+    """Three times: pixel 5 is of the pixels 15, 16 and 17."""
+    one = Detection2D(0.0, "left", np.array([5.0, 2.0]), np.diag([0.5, 2.0]), 0.9, 0.05, (4.0, 1.0, 3.0, 2.0))
+    step = steps([both()])[0]
+    assert step.observation is not None
+    told = _enlarged(replace(step, detections=(one,), observation=replace(step.observation, residual_px=0.2)), 3)
+    (found,) = told.detections
+    np.testing.assert_allclose(found.center_px, [16.0, 7.0])
+    np.testing.assert_allclose(found.cov_px, np.diag([4.5, 18.0]))
+    assert found.box_px == (12.0, 3.0, 9.0, 6.0)
+    assert told.observation is not None
+    assert told.observation.residual_px == pytest.approx(0.6)
+    assert _enlarged(replace(step, observation=None), 3).observation is None
+
+
+def test_the_search_for_a_lost_object_takes_only_what_looks_and_moves_like_it() -> None:
+    tracker, eyes = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), StereoView(LEFT, RIGHT)
+    for frame in frames(5):
+        with pytest.MonkeyPatch.context() as patch:
+            given(tracker, patch, both())
+            tracker.step(frame)
+    first, other = ColorModel(np.eye(110)[3], np.eye(110)[100]), ColorModel(np.eye(110)[50], np.eye(110)[100])
+    target = replace(tracker._cameras[0].image_tracker.start(frame.left, (20, 15, 18, 18)), model=first)
+    state = tracker.state._replace(cameras=(CameraState(target), CameraState(target)))
+    assert state.belief is not None
+    later = motion_model.predict(state.model, state.belief, 5 * DT)
+
+    def passes(outlines: Pair, models: tuple[ColorModel, ColorModel] = (first, first)) -> bool:
+        return tracker._passes_gate(state, later, eyes, outlines, 5 * DT, models)  # type: ignore[arg-type]
+
+    assert passes(both())
+    assert not passes(both(), (first, other))
+    assert not passes(both(radius_m=1.5 * RADIUS_M))
+    assert not passes(both(P - [0.3, 0.0, 0.0]))
+    left, right = both()
+    assert not passes((left, right and replace(right, center_px=right.center_px + np.array([0.0, 15.0]))))
+    assert tracker._passes_gate(state, None, eyes, both(radius_m=0.1), 5 * DT, (other, other))  # type: ignore[arg-type]
