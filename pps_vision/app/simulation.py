@@ -360,12 +360,12 @@ def first_contact(start: Array, target: Array, taxels: Array, reach_m: float) ->
 
 
 def own_rate(robot: Robot, own_motion: OwnMotion, arm: list[int], t: float) -> Array:
-    """(n_joints,) rad/s of an `arm` (7 joints) that swings a few degrees, or of a head that sways at 14°/s."""
+    """(n_joints,) rad/s of an `arm` whose first five joints swing a few degrees, or of a head that sways at 14°/s."""
     rate = np.zeros(robot.n_joints)
     if own_motion == "arm":
-        amplitude = np.deg2rad([6.0, 5.0, 6.0, 10.0, 12.0, 0.0, 0.0])
-        frequency = 2 * np.pi * np.array([0.35, 0.3, 0.4, 0.45, 0.5, 0.5, 0.5])
-        rate[arm] = amplitude * frequency * np.cos(frequency * t)
+        amplitude = np.deg2rad([6.0, 5.0, 6.0, 10.0, 12.0])
+        frequency = 2 * np.pi * np.array([0.35, 0.3, 0.4, 0.45, 0.5])
+        rate[arm[:5]] = amplitude * frequency * np.cos(frequency * t)
     elif own_motion == "head":
         yaw_pitch = robot.indices(robot.names.gaze_joints)[:2]
         rate[yaw_pitch] = np.deg2rad(10.0) * np.cos(2 * np.pi * np.array([0.5, 0.4]) * t)

@@ -16,8 +16,7 @@ from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
 from pps_vision.app.demo import THRESHOLD, _cell, _numbers, demo
-from pps_vision.app.simulation import World, own_rate
-from pps_vision.robot.icub import load_icub
+from pps_vision.app.simulation import World
 from pps_vision.types import Reachability, ReachStatus, Status
 
 
@@ -114,22 +113,3 @@ def test_the_demo_writes_its_report(
 
 def test_no_encounters_are_refused(refused) -> None:
     assert "--encounters 0; expected at least 1" in refused("demo", "--encounters", "0", "--out", "never")
-
-
-def test_a_head_that_sways_turns_by_its_rate() -> None:
-    """10°/s in neck yaw and pitch, once in 2 and in 2.5 s; its joints rest while an arm swings."""
-    robot = load_icub()
-    arm = robot.indices(robot.names.arm("left"))
-    head = robot.indices(robot.names.gaze_joints)[:2]
-    rate = own_rate(robot, "head", arm, 0.0)
-    assert np.flatnonzero(rate).tolist() == sorted(head)
-    assert rate[head] == pytest.approx(np.deg2rad([10.0, 10.0]))
-    assert own_rate(robot, "head", arm, 1.0)[head] == pytest.approx(np.deg2rad([-10.0, 10 * np.cos(0.8 * np.pi)]))
-    assert own_rate(robot, "head", arm, 2.0)[head[0]] == pytest.approx(np.deg2rad(10.0))
-    assert own_rate(robot, "head", arm, 2.5)[head[1]] == pytest.approx(np.deg2rad(10.0))
-    swing = np.array([own_rate(robot, "arm", arm, t) for t in np.arange(0, 20, 0.01)])
-    assert not swing[:, head].any()
-    reach_deg = np.rad2deg(np.ptp(np.cumsum(swing, axis=0) * 0.01, axis=0))[arm]
-    assert 9 < reach_deg.max() < 30  # a few degrees to each side
-    assert (np.rad2deg(np.abs(swing)).max(axis=0)[arm][:5] > 5).all()
-    assert not own_rate(robot, "", arm, 0.3).any()

@@ -6,14 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from data import SEED
+from eyes import fixation_point
+from known_track import frame_at
+from tracks import track_at
 
+from control.fixation import fixation_error
 from learning.pps.memory import PPSMemory
 from pps_vision.app import simulation
 from pps_vision.app.simulation import (
     Episode,
+    Kind,
     OwnMotion,
     World,
+    can_follow,
     first_contact,
+    log_of,
     make_episode,
     open_world,
     own_rate,
@@ -22,8 +29,11 @@ from pps_vision.app.simulation import (
 )
 from pps_vision.errors import InputError
 from pps_vision.experiments.loop import Loop, LoopCase
-from pps_vision.robot.skin import TOUCH_RADIUS_M
-from rendering.stimuli import make_stimulus
+from pps_vision.robot.icub import icub_setup
+from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin
+from pps_vision.types import Array, Reachability, ReachStatus, Status, StereoFrame
+from rendering.scene import SceneState
+from rendering.stimuli import Stimulus, make_stimulus
 
 LOOP = Loop(n=1, seed=SEED)
 
@@ -94,11 +104,14 @@ def test_a_reach_beyond_the_start_of_an_approach_is_refused(world: World) -> Non
         make_episode("approach", world, "left_forearm:3", "ball", np.random.default_rng(SEED), 0.1, reach_m=1.5)
 
 
-def test_a_training_episode_ends_0_7_s_after_the_touch(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_episode_ends_0_7_s_after_the_touch(
+    world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """It is touched from 2.5 s on, in frames 50 ms apart; the withdrawal, 3 s after, is not learned from."""
     empty, frames = PPSMemory.empty(world.skin), []
 
-    def simulated(*_: object, **__: object) -> Iterator[SimpleNamespace]:
+    def simulated(*_: object, avoid: bool) -> Iterator[SimpleNamespace]:
+        assert not avoid
         for k in range(120):
             frames.append(k)
             yield SimpleNamespace(touched=np.array([False, 50 <= k < 110]))
@@ -108,11 +121,15 @@ def test_a_training_episode_ends_0_7_s_after_the_touch(world: World, monkeypatch
     monkeypatch.setattr(simulation, "new_pipeline", lambda *_: pipeline)
     assert train(world, trials=1) is empty
     assert frames == list(range(50 + 14))
+    assert capsys.readouterr().err == "training: 0 of 1 after 00:00\n"
+    with pytest.raises(InputError, match="0 trials; expected at least one"):
+        train(world, trials=0)
 
 
 def test_near_misses_come_between_the_touches(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One in three touches; the others come as near as 4–16 cm, and then the episode ends."""
+    """One in three touches; the others come as near as 4–16 cm, and then the episode ends.  All come at 5–15 cm/s."""
     nearest_m: list[float] = []
+    speeds_m_s: list[float] = []
     learned: list[str] = []
 
     def moved(world: World, episode: Episode, *_: object, **__: object) -> Iterator[SimpleNamespace]:
@@ -121,6 +138,7 @@ def test_near_misses_come_between_the_touches(world: World, monkeypatch: pytest.
         points = np.array([episode.motion(t)[0] for t in times])  # type: ignore[misc]
         gaps = np.linalg.norm(points[:, None] - taxels, axis=2).min(axis=1) - make_stimulus(episode.stimulus).radius_m
         nearest_m.append(float(gaps.min()))
+        speeds_m_s.append(float(np.linalg.norm(points[1] - points[0])) / times[1])
         assert np.argmin(gaps) == 399 or gaps.min() < TOUCH_RADIUS_M
         return iter(())
 
@@ -131,8 +149,10 @@ def test_near_misses_come_between_the_touches(world: World, monkeypatch: pytest.
     assert learned == ["finish", "miss", "miss"] * 8
     touching, missing = np.array(nearest_m)[::3], np.delete(nearest_m, slice(None, None, 3))
     assert (np.abs(touching) < 1e-3).all()
-    assert 0.04 <= missing.min() < 0.07
+    assert 0.04 <= missing.min() < 0.06
     assert 0.13 < missing.max() <= 0.16 + 1e-9
+    assert 0.05 <= min(speeds_m_s) < 0.07
+    assert 0.13 < max(speeds_m_s) <= 0.15
 
 
 @pytest.mark.parametrize(
@@ -157,3 +177,194 @@ def test_the_robot_moves_by_its_commands_and_its_own_motion(
         commanded = np.full(len(q), 0.02)
         commanded[world.arm] *= arm_obeys
         q = q + 0.05 * (commanded + own_rate(world.robot, own_motion, world.arm, 0.05 * k))
+
+
+class NoEyes:
+    """In place of rendered eyes: what they are to show, in black images."""
+
+    def __init__(self) -> None:
+        self.shown: list[tuple[Stimulus, SceneState, float]] = []
+
+    def set_stimulus(self, stimulus: Stimulus) -> None:
+        self.stimulus = stimulus
+
+    def render(self, state: SceneState, t: float, rng: np.random.Generator) -> StereoFrame:
+        self.shown.append((self.stimulus, state, t))
+        return frame_at(t, state.q_rad)
+
+
+@pytest.fixture
+def unseen() -> World:
+    """A world that nobody renders."""
+    setup = icub_setup(icub_skin(("left_forearm", "left_palm")))
+    return World(setup, NoEyes(), np.random.default_rng(0), "left")  # type: ignore[arg-type]
+
+
+def command(q: Array, joint: int, rate: float) -> SimpleNamespace:
+    """A step whose command moves one joint."""
+    return SimpleNamespace(command=SimpleNamespace(dq_rad_s=np.where(np.arange(len(q)) == joint, rate, 0.0)))
+
+
+def test_an_episode_begins_with_the_eyes_on_its_object_and_shows_it_where_it_is(unseen: World) -> None:
+    """A cube that comes to the skin in 1 s: it touches the taxels within 20 mm of its surface."""
+    index, way = unseen.skin.index("left_forearm:3"), np.array([0.05, -0.05, -0.1])
+    begin = unseen.skin.at(unseen.robot.at(unseen.home))[0][index] - way
+    episode = Episode("", "cube", lambda t: (begin + t * way, way), 1.0)
+    still = command(unseen.home, 0, 0.0)
+    steps = list(simulate(unseen, episode, lambda frame, touched: still))  # type: ignore[arg-type,return-value]
+    assert fixation_error(unseen.robot.at(steps[0].q_rad), begin) < 1e-3
+    shown, cube = unseen.eyes.shown, make_stimulus("cube")  # type: ignore[attr-defined]
+    assert [t for _, _, t in shown] == pytest.approx(np.arange(20) / 20)
+    for (stimulus, state, t), step in zip(shown, steps, strict=True):
+        assert (stimulus.name, stimulus.radius_m) == (cube.name, cube.radius_m)
+        np.testing.assert_array_equal(state.position, begin + t * way)
+        np.testing.assert_array_equal(step.position, begin + t * way)
+        gaps = np.linalg.norm(step.taxels - step.position, axis=1) - cube.radius_m
+        assert step.touched.tolist() == (gaps <= 0.02).tolist()
+    assert not steps[0].touched.any()
+    assert steps[-1].touched[index]
+
+
+def test_what_moves_by_itself_keeps_the_limits_of_its_joints(unseen: World) -> None:
+    yaw = unseen.robot.indices(("neck_yaw",))[0]
+    step = command(unseen.home, yaw, 1.0)
+    steps = list(simulate(unseen, Episode("", "ball", None, 3.0, "head"), lambda *_: step))  # type: ignore[arg-type,return-value]
+    assert max(one.q_rad[yaw] for one in steps) == unseen.robot.upper_rad[yaw]
+
+
+def test_the_eyes_begin_on_the_space_12_cm_before_the_skin(unseen: World) -> None:
+    points, normals = unseen.skin.at(unseen.robot.at(unseen.setup.home_rad))
+    ahead = points.mean(axis=0) + 0.12 * normals.mean(axis=0)
+    np.testing.assert_allclose(fixation_point(unseen.robot.at(unseen.home)), ahead, atol=1e-3)
+    unmoved = np.setdiff1d(np.arange(unseen.robot.n_joints), unseen.robot.indices(unseen.robot.names.gaze_joints))
+    np.testing.assert_array_equal(unseen.home[unmoved], unseen.setup.home_rad[unmoved])
+
+
+def gaps_of(world: World, episode: Episode, times: Array) -> tuple[Array, Array]:
+    """Where the object is (T, 3), and the gaps (T, n) from its surface to the taxels of the robot at home."""
+    taxels = world.skin.at(world.robot.at(world.home))[0]
+    points = np.array([episode.motion(t)[0] for t in times])  # type: ignore[misc]
+    radius_m = make_stimulus(episode.stimulus).radius_m
+    return points, np.linalg.norm(points[:, None] - taxels, axis=2) - radius_m
+
+
+@pytest.mark.parametrize(("kind", "gap_m"), [("approach", 0.017), ("recede", 0.030)])
+def test_an_approach_touches_and_what_recedes_does_not(unseen: World, kind: Kind, gap_m: float) -> None:
+    """The surface comes within 17 mm of a taxel, 20 being a touch, or begins 30 mm from one; both rest for the last
+    half second where an approach begins."""
+    episode = make_episode(kind, unseen, "left_forearm:3", "octopus", np.random.default_rng(1), 0.1)
+    times = np.append(np.arange(0, episode.seconds, 0.001), episode.seconds)
+    points, gaps = gaps_of(unseen, episode, times)
+    assert gaps.min() == pytest.approx(gap_m, abs=1e-4)
+    resting = times[(points == points[-1]).all(axis=1) & (times > 1)]
+    assert episode.seconds - resting[0] == pytest.approx(0.5, abs=0.002)
+    assert gaps[-1].min() > 0.1
+    assert gaps[0].min() == pytest.approx(gaps.min() if kind == "recede" else gaps[-1].min(), abs=1e-4)
+
+
+def test_a_static_object_comes_5_cm_and_rests_12_to_15_cm_from_the_taxel(unseen: World) -> None:
+    rests, index = [], unseen.skin.index("left_forearm:3")
+    for seed in range(12):
+        episode = make_episode("static", unseen, "left_forearm:3", "octopus", np.random.default_rng(seed), 0.1)
+        taxel, normal = (a[index] for a in unseen.skin.at(unseen.robot.at(unseen.home)))
+        (begin, rest), _ = gaps_of(unseen, episode, np.array([0.0, episode.seconds]))
+        away = rest - taxel
+        rests.append(np.linalg.norm(away))
+        np.testing.assert_allclose(rest - begin, 0.05 * away / rests[-1], atol=1e-9)
+        assert away @ normal > 0
+    assert 0.12 <= min(rests) < 0.13
+    assert 0.14 < max(rests) <= 0.15
+    assert episode.seconds == 5.0
+
+
+def test_an_arm_that_moves_has_nothing_near_and_what_begins_in_touch_is_no_episode(unseen: World) -> None:
+    rng = np.random.default_rng(0)
+    assert make_episode("own_arm", unseen, "left_forearm:3", "ball", rng, 0.1) == Episode(
+        "own arm moving", "ball", None, 4.0, "arm"
+    )
+    with pytest.raises(InputError, match="no recede about left_forearm:3 stays in view of both eyes; expected a taxel"):
+        make_episode("recede", unseen, "left_forearm:3", "ball", rng, 0.1, reach_m=0.01)
+
+
+@pytest.mark.parametrize(("border_px", "seen"), [(26.0, True), (24.0, False)])
+def test_an_object_is_followed_25_pixels_within_both_images(
+    unseen: World, monkeypatch: pytest.MonkeyPatch, border_px: float, seen: bool
+) -> None:
+    """By eyes that rest, half a metre away; it is nearer to the border of the left image than to that of the right."""
+    view = unseen.rig.view(unseen.home)
+    monkeypatch.setattr(simulation, "gaze_at", lambda robot, q, p: q)
+    p = view.left.center + 0.5 * view.left.rays(np.array([[border_px, 120.0]]))[0]
+    assert can_follow(unseen.robot, unseen.rig, unseen.home, lambda t: (p, np.zeros(3)), 1.0) == seen
+
+
+@pytest.mark.parametrize(("near_at_s", "distance_m", "seen"), [(0, 0.23, True), (0, 0.21, False), (2, 0.21, False)])
+def test_what_comes_nearer_than_22_cm_to_an_eye_is_not_followed(
+    unseen: World, near_at_s: float, distance_m: float, seen: bool
+) -> None:
+    """In the first of two seconds or in the last."""
+    view = unseen.rig.view(unseen.home)
+    axis = view.left.rays(np.array([[160.0, 120.0]]))[0]
+
+    def motion(t: float) -> tuple[Array, Array]:
+        return view.left.center + (distance_m if t == near_at_s else 0.35) * axis, np.zeros(3)
+
+    assert can_follow(unseen.robot, unseen.rig, unseen.home, motion, 2.0) == seen
+
+
+def test_an_episode_as_arrays(unseen: World) -> None:
+    """Two frames of a ball, 30 mm in radius, whose centre is 5 and 4 cm before a taxel; the arm is commanded in the
+    second."""
+    ball, arm = make_stimulus("ball").radius_m, unseen.arm[0]
+    taxels = np.array([[0.0, 0.0, 0.0], [0.0, 0.3, 0.0]])
+    rows = []
+    for k, rate in enumerate((0.0, 0.2)):
+        reach = Reachability(float(k), np.zeros(3), 0.9, 0.8, ReachStatus.REACHABLE) if k else None
+        at = np.array([0.05 - 0.01 * k, 0.0, 0.0])
+        step = command(unseen.home, arm, rate)
+        step.tracking = SimpleNamespace(track=track_at(at + 0.001, stamp_s=0.5 * k, cov=4e-6))
+        step.activation = SimpleNamespace(probability=np.array([0.3, 0.1 * k]))
+        step.response = SimpleNamespace(velocity_root=np.array([0.0, 0.6, 0.8]) * rate)
+        step.reachability = reach
+        touched = np.array([k == 1, False])
+        row = {"frame": frame_at(0.5 * k, unseen.home), "step": step, "position": at, "taxels": taxels}
+        rows.append(SimpleNamespace(**row, touched=touched, q_rad=unseen.home + k))
+    for avoid in (True, False):
+        log = log_of(unseen, Episode("come", "ball", None, 1.0), rows, avoid)  # type: ignore[arg-type]
+        assert (log.title, log.taxel_ids, log.status) == ("come", unseen.skin.taxel_ids, (Status.TRACKING,) * 2)
+        assert log.stamps_s.tolist() == [0.0, 0.5]
+        np.testing.assert_allclose(log.truth_m[:, 0], [0.05, 0.04])
+        np.testing.assert_allclose(log.track_m - log.truth_m, np.full((2, 3), 0.001))
+        np.testing.assert_allclose(log.track_std_m, np.full((2, 3), 0.002))
+        np.testing.assert_allclose(log.surface_gap_m[:, 0], np.array([0.05, 0.04]) - ball)
+        np.testing.assert_allclose(log.surface_gap_m[:, 1], np.hypot([0.05, 0.04], 0.3) - ball)
+        assert log.activations.tolist() == [[0.3, 0.0], [0.3, 0.1]]
+        np.testing.assert_allclose(log.speed_m_s, [0.0, 0.2 * avoid])
+        assert log.arm_commanded.tolist() == [False, avoid]
+        assert log.touched.tolist() == [[False, False], [True, False]]
+        assert (log.was_touched, log.was_commanded) == (True, avoid)
+        np.testing.assert_array_equal(log.q_rad, [unseen.home, unseen.home + 1])
+        assert [one.degree for one in log.reachability] == [0.8]
+
+
+def test_a_head_that_sways_turns_by_its_rate(unseen: World) -> None:
+    """10°/s in neck yaw and pitch, once in 2 and in 2.5 s."""
+    robot, arm = unseen.robot, unseen.arm
+    head = robot.indices(robot.names.gaze_joints)[:2]
+    rate = own_rate(robot, "head", arm, 0.0)
+    assert np.flatnonzero(rate).tolist() == sorted(head)
+    assert rate[head] == pytest.approx(np.deg2rad([10.0, 10.0]))
+    assert own_rate(robot, "head", arm, 1.0)[head] == pytest.approx(np.deg2rad([-10.0, 10 * np.cos(0.8 * np.pi)]))
+    assert own_rate(robot, "head", arm, 2.0)[head[0]] == pytest.approx(np.deg2rad(10.0))
+    assert own_rate(robot, "head", arm, 2.5)[head[1]] == pytest.approx(np.deg2rad(10.0))
+    assert not own_rate(robot, "", arm, 0.3).any()
+
+
+def test_an_arm_that_swings_turns_a_few_degrees_to_each_side(unseen: World) -> None:
+    """Each joint by its own angle, so many times in 20 s; the last two and all others rest."""
+    times, arm = np.arange(0, 20, 0.005), unseen.arm
+    swing = np.array([own_rate(unseen.robot, "arm", arm, t) for t in times])
+    assert np.flatnonzero(swing.any(axis=0)).tolist() == sorted(arm[:5])
+    turned_deg = np.rad2deg(np.cumsum(swing, axis=0) * 0.005)[:, arm[:5]]
+    np.testing.assert_allclose(np.ptp(turned_deg, axis=0) / 2, [6, 5, 6, 10, 12], atol=0.1)
+    turns = (np.diff(np.sign(swing[:, arm[:5]]), axis=0) != 0).sum(axis=0)
+    assert (turns / 2).tolist() == [7, 6, 8, 9, 10]
