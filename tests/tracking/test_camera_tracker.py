@@ -1,0 +1,309 @@
+"""One camera's tracker on drawn discs: where it expects its object, what it takes for it, and what it learns."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pps_vision.geometry.camera import View
+from pps_vision.geometry.se3 import transform
+from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import Array, Image, Mask
+from tracking.appearance import ColorModel
+from tracking.camera_tracker import CameraState, CameraTracker
+from tracking.image_tracker import ImageDetection, ImageTrackerParams
+from tracking.kalman import Belief
+from tracking.marker import MarkerParams
+from tracking.outline import Optics, Outline
+from tracking.particle_filter import Prior
+from tracking.stereo import CameraFrame
+
+OPTICS, VIEW = Optics(LEFT_EYE), View(LEFT_EYE, np.eye(4))
+BLUE, RED, GREEN = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0), (25.0, 200.0, 60.0)
+BOX = (132.0, 92.0, 37.0, 37.0)
+"""Of a disc of 18 px at (150, 110)."""
+_V, _U = np.mgrid[:240, :320]
+
+
+def camera_tracker(rng: np.random.Generator, marker: MarkerParams | None = None) -> CameraTracker:
+    return CameraTracker("left", OPTICS, ImageTrackerParams(), marker, 10.0, rng)
+
+
+def disc(x: float, y: float, radius: float) -> Mask:
+    return np.asarray(np.hypot(_U - x, _V - y) < radius)
+
+
+def picture(rng: np.random.Generator, *parts: tuple[Mask, tuple[float, float, float]]) -> Image:
+    """A wall of soft grey spots with plain parts."""
+    spots = np.random.default_rng(1).uniform(90, 140, (15, 20))
+    image = cv2.resize(spots, (320, 240), interpolation=cv2.INTER_CUBIC)[..., None].repeat(3, axis=2)
+    for mask, color in parts:
+        image[mask] = color
+    return np.clip(np.rint(image + 2 * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
+
+
+def seen_from(image: Image, view: View = VIEW, stamp_s: float = 1.0) -> CameraFrame:
+    return CameraFrame(image, view, stamp_s, None)
+
+
+def of_size(size_px: float, center_px: tuple[float, float] = (150.0, 110.0)) -> Outline:
+    """The outline of a disc."""
+    x, y = center_px
+    box = (x - size_px / 2, y - size_px / 2, size_px, size_px)
+    angle, area = 0.5 * size_px / LEFT_EYE.focal_px, np.pi / 4 * size_px**2
+    return Outline(np.array([x, y]), 0.01 * np.eye(2), angle, 1e-6, box, area, False)
+
+
+def at(position: Array, stamp_s: float = 0.0, order: int = 2) -> Belief:
+    mean = np.vstack([position, np.zeros((order - 1, 3))])
+    return Belief(stamp_s, mean, 1e-8 * np.eye(3 * order), np.zeros((3, 3)), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("before_m", "now_m", "growth"), [(0.44, 0.40, 1.1), (0.40, 0.44, 1 / 1.1), (0.60, 0.40, 1.25), (0.4, 0.6, 0.8)]
+)
+def test_what_comes_nearer_is_expected_to_grow(
+    before_m: float, now_m: float, growth: float, rng: np.random.Generator
+) -> None:
+    """As the distance shrinks, by at most a quarter; as far beside the track's projection as it was seen before."""
+    ray, center = np.array([0.1, -0.05, 1.0]) / np.linalg.norm([0.1, -0.05, 1.0]), np.array([0.02, 0.0, 0.01])
+    view, state = View(LEFT_EYE, transform(translation=center)), CameraState(offset_px=(3.0, -2.0), size_px=30.0)
+    for order in (1, 2):
+        last, now = (at(center + far * ray, order=order) for far in (before_m, now_m))
+        prior = camera_tracker(rng).predict(state, seen_from(picture(rng), view), last, now)
+        assert prior is not None
+        assert prior.growth == pytest.approx(growth)
+        np.testing.assert_allclose(prior.center_px, view.project(center + now_m * ray) + state.offset_px, atol=1e-6)
+
+
+def test_what_is_known_of_it_is_remembered_and_reported(rng: np.random.Generator) -> None:
+    tracker, one = camera_tracker(rng), of_size(36.0, (154.0, 108.0))
+    position = 0.4 * VIEW.rays([150.0, 110.0])
+    state = tracker.remember(CameraState(), seen_from(picture(rng)), one, at(position, 1.0))
+    assert state.offset_px == pytest.approx((4.0, -2.0), abs=1e-3)
+    assert state.size_px == pytest.approx(36.0)
+    told = tracker.detection(seen_from(picture(rng)), ImageDetection(one, (1.0, 2.0, 3.0, 4.0), 0.7))
+    assert (told.stamp_s, told.camera, told.score, told.box_px) == (1.0, "left", 0.7, (1.0, 2.0, 3.0, 4.0))
+    assert told.angular_radius_rad == one.angular_radius_rad
+    assert np.array_equal(told.center_px, one.center_px)
+    assert np.array_equal(told.cov_px, one.cov_px)
+
+
+def test_without_a_place_or_anything_known_of_it_nothing_is_found(rng: np.random.Generator) -> None:
+    camera, tracker = seen_from(picture(rng, (disc(150, 110, 18), BLUE))), camera_tracker(rng)
+    target = tracker.image_tracker.start(camera.image, BOX)
+    for state, prior in (
+        (CameraState(target, size_px=36.0), None),
+        (CameraState(size_px=36.0), Prior(np.array([150.0, 110.0]), 1.0, 1.0)),
+    ):
+        again, found = tracker.find(state, camera, prior)
+        assert found is None
+        assert again is state
+
+
+@pytest.mark.parametrize(
+    ("off_px", "size_px", "is_it"),
+    [
+        ((0.0, 0.0), 36.0, True),
+        ((25.0, 0.0), 36.0, True),
+        ((27.0, 0.0), 36.0, False),
+        ((0.0, -25.0), 36.0, True),
+        ((0.0, -27.0), 36.0, False),
+        ((0.0, 0.0), 36.7, True),
+        ((0.0, 0.0), 37.4, False),
+        ((0.0, 0.0), 34.6, False),
+    ],
+)
+def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(
+    off_px: tuple[float, float], size_px: float, is_it: bool, rng: np.random.Generator
+) -> None:
+    """Its centre within the object's radius, two standard deviations and 4 px: 26 px; its size within 3 %."""
+    tracker, one = camera_tracker(rng), of_size(size_px, (150.0 + off_px[0], 110.0 + off_px[1]))
+    camera = seen_from(picture(rng))._replace(found=[one])
+    state = CameraState(size_px=36.0)
+    _, found = tracker.find(state, camera, Prior(np.array([150.0, 110.0]), 2.0, 1.0))
+    assert (found is not None) == is_it
+    _, found = tracker.find(state._replace(size_px=30.0), camera, Prior(np.array([150.0, 110.0]), 3.5, 1.2))
+    assert (found is not None) == is_it
+    if found is not None:
+        assert found == ImageDetection(one, one.box_px, 1.0)
+    _, found = tracker.find(state._replace(by_background=True), camera, Prior(np.array([150.0, 110.0]), 2.0, 1.0))
+    assert found is None  # outlines are found by colours
+
+
+@pytest.mark.parametrize(("radius", "is_it"), [(18.0, True), (19.5, True), (20.7, False), (12.2, True), (10.5, False)])
+def test_a_markers_blob_is_about_as_large_as_expected(radius: float, is_it: bool, rng: np.random.Generator) -> None:
+    """Its area is 0.4 to 1.25 times the expected one; the score is the ratio of the smaller to the larger."""
+    tracker = camera_tracker(rng, MarkerParams())
+    camera = seen_from(picture(rng, (disc(160, 112, radius), GREEN)))
+    state, prior = CameraState(size_px=30.0), Prior(np.array([155.0, 110.0]), 3.0, 1.2)
+    found, is_hue_there = tracker._find_marker(MarkerParams(), state, camera, prior)
+    assert is_hue_there
+    assert (found is not None) == is_it
+    if found is not None:
+        assert np.linalg.norm(found.outline.center_px - [160, 112]) < 0.3
+        assert found.score == pytest.approx(min(radius / 18, 18 / radius) ** 2, abs=0.06)
+
+
+def test_of_two_markers_the_nearer_one_is_followed_and_none_far_away(rng: np.random.Generator) -> None:
+    """Within the object's size, four standard deviations and 3 px: 59 px."""
+    tracker = camera_tracker(rng, MarkerParams())
+    camera = seen_from(picture(rng, (disc(120, 110, 18), GREEN), (disc(185, 110, 18), GREEN)))
+    state = CameraState(size_px=36.0)
+    for x, expected in ((145.0, 120), (160.0, 185)):
+        _, found = tracker.find(state, camera, Prior(np.array([x, 110.0]), 3.0, 1.0))
+        assert found is not None
+        assert np.linalg.norm(found.outline.center_px - [expected, 110]) < 0.3
+    for x in (40.0, 120.0):
+        again, found = tracker.find(state, camera, Prior(np.array([x, 205.0]), 1.0, 1.0))
+        assert found is None
+        assert again is state
+
+
+@pytest.mark.parametrize(("share", "tell_it"), [(0.0, True), (0.55, True), (0.7, False)])
+def test_without_its_background_an_object_is_followed_by_its_colours_if_they_tell_it(
+    share: float, tell_it: bool, rng: np.random.Generator
+) -> None:
+    """Of its surroundings a share has its colour; the Bhattacharyya coefficient is the root of that, 0.74 or 0.84."""
+    tracker, camera = camera_tracker(rng), seen_from(picture(rng, (disc(150, 110, 18), BLUE)))
+    target = tracker.image_tracker.start(camera.image, BOX, fill=np.pi / 4)
+    own, around = target.model.object, target.model.background
+    target = replace(target, model=ColorModel(own, share * own + (1 - share) * around))
+    state = CameraState(target, size_px=36.0, by_background=True)
+    again, found = tracker.find(state, camera, Prior(np.array([150.0, 110.0]), 1.0, 1.0))
+    assert (found is not None) == tell_it
+    if tell_it:
+        assert not again.by_background
+    else:
+        assert again is state
+
+
+def learned(rng: np.random.Generator, marker: MarkerParams | None = None) -> CameraTracker:
+    """One that knows the empty wall, as an eye at rest sees it."""
+    tracker = camera_tracker(rng, marker)
+    for k in range(12):
+        tracker.background.learn(picture(rng), VIEW, 0.05 * k, None)
+    return tracker
+
+
+def test_what_has_turned_abruptly_is_found_where_it_was(rng: np.random.Generator) -> None:
+    """70 px from where it was expected, before a known background; not while something else touches it."""
+    image, prior = picture(rng, (disc(154, 112, 18), BLUE)), Prior(np.array([224.0, 110.0]), 1.0, 1.0)
+    for tracker, touched, is_found in (
+        (learned(rng), 0, True),
+        (learned(rng), 3, False),
+        (camera_tracker(rng), 0, False),
+    ):
+        target = tracker.image_tracker.start(picture(rng, (disc(150, 110, 18), BLUE)), BOX)
+        state = CameraState(replace(target, touched=touched), size_px=36.0)
+        again, found = tracker.find(state, seen_from(image), prior)
+        assert (found is not None) == is_found
+        if found is not None:
+            assert np.linalg.norm(found.outline.center_px - [154, 112]) < 0.5
+            assert again.view is VIEW
+
+
+def test_an_object_of_the_walls_colour_is_told_by_the_background(rng: np.random.Generator) -> None:
+    """A disc of two colours of which one is the wall's: by its colours a half of it would be left."""
+    tracker, ball = learned(rng), disc(150, 110, 18)
+    grey = (ball, (70.0, 70.0, 70.0)), (ball & (_U < 150), (165.0, 165.0, 165.0))
+    target = tracker.image_tracker.start(picture(rng, *grey), BOX, fill=np.pi / 4)
+    state = CameraState(target, size_px=36.0, by_background=True)
+    again, found = tracker.find(state, seen_from(picture(rng, *grey)), Prior(np.array([150.0, 110.0]), 1.0, 1.0))
+    assert found is not None
+    assert found.outline.area_px == pytest.approx(np.pi * 18**2, rel=0.1)
+    assert again.by_background
+
+
+def test_evidence_of_an_empty_place_adds_up_where_it_rests(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The share of the background's edge beyond 0.6, -3 in total at least; of what moves by a pixel only what speaks
+    against it counts."""
+    tracker = learned(rng)
+    image = picture(rng, (disc(150, 110, 18), BLUE))
+    before = tracker.image_tracker.start(image, BOX)
+    at_px = before.cloud.now[:, :2].mean(axis=0)
+
+    def after(emptiness: float, edge: float | None, moved_px: float = 0.0) -> float:
+        monkeypatch.setattr(tracker.background, "learned_edge", lambda *_: edge)
+        one = of_size(36.0, (at_px[0] + 0.6 * moved_px, at_px[1] - 0.8 * moved_px))
+        state = CameraState(before, emptiness=emptiness)
+        return tracker._emptiness(state, seen_from(image), before, ImageDetection(one, one.box_px, 1.0))
+
+    assert after(0.1, 1.0) == pytest.approx(0.5)
+    assert after(0.1, 0.0) == pytest.approx(-0.5)
+    assert after(0.1, None) == 0.1
+    assert after(-2.8, 0.0) == -3.0
+    assert after(-3.0, 1.0) == pytest.approx(-2.6)
+    assert after(0.1, 1.0, 0.9) == pytest.approx(0.5)
+    assert after(0.1, 1.0, 1.1) == 0.1
+    assert after(0.1, 0.0, 1.1) == pytest.approx(-0.5)
+    assert after(-3.0, 1.0, 1.1) == -3.0
+    assert [CameraState(emptiness=one).is_empty for one in (0.2, 0.3)] == [False, True]
+
+
+def test_what_rests_before_an_eye_that_turns_moves_in_its_image(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As what is 1.2 m away does."""
+    tracker, image = camera_tracker(rng), picture(rng, (disc(150, 110, 18), BLUE))
+    turned = View(LEFT_EYE, transform(cv2.Rodrigues(np.array([0.0, 0.05, 0.0]))[0], (0.02, 0.0, 0.0)))
+    before = tracker.image_tracker.start(image, BOX)
+    at_px = before.cloud.now[:, :2].mean(axis=0)
+    monkeypatch.setattr(tracker.background, "learned_edge", lambda *_: 1.0)
+    monkeypatch.setattr(tracker, "_changed_place", lambda *_: (np.ones((10, 10), bool), (0, 0, 10, 10)))
+    state, resting = CameraState(before, view=VIEW), turned.project(VIEW.center + 1.2 * VIEW.rays(at_px))
+    for place, emptiness in ((resting, 0.4), (at_px, 0.0)):
+        one = of_size(36.0, (float(place[0]), float(place[1])))
+        found = ImageDetection(one, one.box_px, 1.0)
+        assert tracker._emptiness(state, seen_from(image, turned), before, found) == pytest.approx(emptiness)
+
+
+def test_of_a_place_without_a_background_nothing_is_known(rng: np.random.Generator) -> None:
+    """Nor does an object before it become one; a moving eye that follows a marker needs none."""
+    camera, one = seen_from(picture(rng, (disc(150, 110, 18), BLUE))), of_size(36.0)
+    tracker, found = camera_tracker(rng), ImageDetection(one, one.box_px, 1.0)
+    assert tracker._emptiness(CameraState(emptiness=0.2), camera, tracker.image_tracker.start(camera.image, BOX), found)
+    tracker.absorb(camera, found)
+    assert not tracker.background.is_known(VIEW)
+    assert not tracker.is_part(CameraState(), camera, replace_box(found, 36.0, 20.0))
+    moved = View(LEFT_EYE, transform(translation=(0.01, 0.0, 0.0)))
+    assert learned(rng, MarkerParams())._known_background(seen_from(camera.image, moved)) is None
+    at_rest, moving = learned(rng), learned(rng)
+    assert at_rest._known_background(camera) is at_rest.background
+    assert moving._known_background(seen_from(camera.image, moved)) is moving.background.moving
+
+
+def replace_box(found: ImageDetection, w: float, h: float) -> ImageDetection:
+    """The same of a box of that size about its centre."""
+    x, y = found.outline.center_px.tolist()
+    box = (x - w / 2, y - h / 2, w, h)
+    return found._replace(outline=replace(found.outline, box_px=box, area_px=np.pi / 4 * w * h))
+
+
+def test_a_part_belongs_to_something_larger_and_solid_that_differs_from_the_background(
+    rng: np.random.Generator,
+) -> None:
+    """The left quarter of a red and blue ellipse is a part of it; a disc is whole, as is what is followed by the
+    background, what is nearly all of it, what is joined with an arm, and what goes on beyond what is looked at."""
+    tracker = learned(rng)
+    whole = np.hypot((_U - 150) / 30, (_V - 110) / 20) < 1
+    part = replace_box(ImageDetection(of_size(36.0, (134.0, 110.0)), BOX, 1.0), 20.0, 32.0)
+    two = (whole, RED), (whole & (_U < 144), BLUE)
+    arm = (whole | ((np.abs(_V - 110) < 4) & (_U > 150) & (_U < 240)), RED)
+    long = ((np.abs(_V - 110) < 20) & (_U > 120), RED)
+
+    def is_part(*parts: tuple[Mask, tuple[float, float, float]], **of_state: bool) -> bool:
+        return tracker.is_part(CameraState(**of_state), seen_from(picture(rng, *parts)), part)  # type: ignore[arg-type]
+
+    assert is_part(*two)
+    assert not is_part(*two, by_background=True)
+    assert not tracker.is_part(
+        CameraState(), seen_from(picture(rng, *two)), ImageDetection(of_size(30.0, (134.0, 110.0)), BOX, 1.0)
+    )
+    assert not is_part((np.hypot((_U - 134) / 11, (_V - 110) / 17) < 1, BLUE))
+    assert not is_part(arm)
+    assert not is_part(long)
+    assert not is_part()
