@@ -6,7 +6,7 @@ from pps_vision.types import Array, JointVelocity
 
 
 def posture_after(
-    q_rad: Array, commands: Sequence[JointVelocity], from_s: float, until_s: float, latency_s: float = 0.0
+    q_rad: Array, commands: Sequence[JointVelocity], from_s: float, until_s: float, latency_s: float
 ) -> Array:
     """The configuration (n_joints,) at `until_s` of a robot at `q_rad` at `from_s` that obeys `commands`.
 

@@ -37,8 +37,8 @@ def step(
     reachable: Callable[[Array], Mask],
     posture: Posture,
     p_root: Array,
-    hold_s: float = 0.05,
-    stamp_s: float = 0.0,
+    hold_s: float,
+    stamp_s: float,
 ) -> tuple[LeanStatus, JointVelocity]:
     """Turn the torso straight to the nearest posture from which the object is reachable; rest where it already is.
 
@@ -75,9 +75,7 @@ def step(
     return status, _turn(params, posture, goal, hold_s, stamp_s)
 
 
-def upright(
-    params: LeanParams, posture: Posture, torso_rad: Array, hold_s: float = 0.05, stamp_s: float = 0.0
-) -> JointVelocity:
+def upright(params: LeanParams, posture: Posture, torso_rad: Array, hold_s: float, stamp_s: float) -> JointVelocity:
     """Turn the torso straight back to the joints (2,) that it had before it leaned; at rest once it is there."""
     here = posture.q_rad[posture.robot.indices(posture.robot.names.torso)]
     is_there = np.linalg.norm(torso_rad - here) <= _UPRIGHT_RAD

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from control.differential_kinematics import rate_limits, solve_rates, within_change
 from control.fixation import checked_target, features
-from control.limits import MAX_HOLD_S, LimitParams, change_limits, check_times, fastest
+from control.limits import LimitParams, change_limits, check_times, fastest
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.types import Array, JointVelocity
 
@@ -36,10 +36,10 @@ def step(
     params: NeckAndEyesParams,
     posture: Posture,
     p_root: ArrayLike,
-    v_root: ArrayLike = (0.0, 0.0, 0.0),
-    hold_s: float = MAX_HOLD_S,
-    stamp_s: float = 0.0,
-    last: JointVelocity | None = None,
+    v_root: ArrayLike,
+    hold_s: float,
+    stamp_s: float,
+    last: JointVelocity | None,
 ) -> JointVelocity:
     """Rates of neck and eyes towards fixation of a point.
 

@@ -27,8 +27,8 @@ def direction_off_path(
     track: Track3D,
     rates_towards: Callable[[Array | None], Array],
     enough_m: float,
-    so_far: Array | None = None,
-    free_share: Callable[[Array], float] = lambda rates: 1.0,
+    so_far: Array | None,
+    free_share: Callable[[Array], float],
 ) -> Array | None:
     """The direction (3,) across the object's path in which the taxels should move; None: against their normals.
 

@@ -128,8 +128,6 @@ class SelfCollision:
         """
         turn = np.abs(change_rad) * self.moving
         v = float(turn @ self._lever_m)
-        if v <= _NO_MOTION_M:
-            return 1.0
         kappa = float(turn.sum()) * v
         shortest = max(_SHORTEST_STEP, 50 * _ACCURACY_M / v)
         done, longest = 0.0, 1.0

@@ -34,7 +34,7 @@ class Silhouette:
             seen = np.clip(outline[np.isfinite(outline).all(axis=1)], -_FAR_PX, _FAR_PX)
             if len(seen) and np.all(seen.max(axis=0) >= 0) and np.all(seen.min(axis=0) < mask.shape[::-1]):
                 cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(seen).astype(np.int32)), (1,))
-        if self.margin_px and mask.any():
+        if mask.any():
             mask = np.asarray(cv2.dilate(mask, np.ones((2 * self.margin_px + 1,) * 2, np.uint8)), dtype=np.uint8)
         return mask.view(bool)
 

@@ -14,14 +14,14 @@ from control.avoidance import (
     control_points,
     step,
 )
-from control.avoidance_response import _EASE_IN_S
+from control.avoidance_response import _EASE_IN_S, kept_clear, return_home
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import first_to_touch
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_DEG, home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
-from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, icub_skin, touched_taxels
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin, touched_taxels
 from pps_vision.types import Array, JointVelocity, Status, Track3D
 
 DEG = np.pi / 180
@@ -208,11 +208,18 @@ def test_activations_that_are_not_one_number_a_taxel_are_refused(robot: Robot, a
         ({"home_arm_rad": (np.nan,) * 7}, "expected an angle for each joint"),
         ({"side": "Left"}, "'Left' arm; expected"),
         ({"behaviour": "flee"}, "'flee' by"),
+        *(({name: -0.01}, "no time below 0") for name in ("persist_s", "come_m", "clear_m")),
+        *(({name: 0.0}, "the rest above") for name in ("path_m", "speed_m_s", "radius_m", "reach_damping_m")),
     ],
 )
 def test_bad_parameters_are_refused(changes: dict[str, object], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         replace(PARAMS, **changes)  # type: ignore[arg-type]
+
+
+def test_what_may_be_nothing_or_as_much_as_can_be_is_accepted() -> None:
+    most = replace(PARAMS, confirm_s=0.0, persist_s=0.0, come_m=0.0, clear_m=0.0, threshold=1.0, path_m=np.inf)
+    assert replace(most, speed_m_s=0.01, radius_m=0.01, reach_damping_m=0.001).side == "left"
 
 
 class Encounter:
@@ -514,6 +521,134 @@ def test_an_arm_at_rest_responds_to_what_has_come_nearer(
     assert ("avoid" in modes) == expected
     if coming:
         assert modes.index("avoid") in (11, 12)
+
+
+@pytest.mark.parametrize(("speed_m_s", "expected"), [(0.018, False), (0.024, True)])
+def test_an_object_has_come_that_is_nearer_by_a_centimetre_than_half_a_second_ago(
+    robot: Robot, speed_m_s: float, expected: bool
+) -> None:
+    """By 9 or by 12 mm; its estimated velocity, of nothing, does not count."""
+    posture, state, modes = robot.at(home(robot)), AvoidanceState(), set()
+    points, normals = FOREARM.at(posture)
+    k = FOREARM.index("left_forearm:27")
+    a = activations_of(FOREARM, left_forearm_27=0.9)
+    for i in range(20):
+        at = points[k] + (BALL_M + 0.1 - speed_m_s * i * DT) * normals[k]
+        state, _, response = step(PARAMS, state, posture, FOREARM, a, 100 + i * DT, track=track_at(at, np.zeros(3)))
+        modes.add(response.mode)
+    assert ("avoid" in modes) == expected
+
+
+@pytest.mark.parametrize(("passes_m", "expected"), [(0.045, True), (0.055, False)])
+def test_an_arm_at_rest_responds_to_what_comes_as_near_as_five_centimetres(
+    robot: Robot, passes_m: float, expected: bool
+) -> None:
+    """A ball that passes one taxel so far from its surface, before the others."""
+    posture, state, moved = robot.at(home(robot)), AvoidanceState(), False
+    points, normals = FOREARM.at(posture)
+    k = FOREARM.index("left_forearm:27")
+    along = points - points.mean(axis=0)
+    along = np.linalg.svd(along)[2][0]  # the forearm's axis, across which the ball flies
+    across = np.cross(normals[k], along)
+    across /= np.linalg.norm(across)
+    line = points[k] + 0.2 * normals[k]
+    lateral = np.linalg.norm(np.cross(line - points, across), axis=1).min()
+    line -= (lateral - BALL_M - passes_m) * normals[k]
+    while (gap := np.linalg.norm(np.cross(line - points, across), axis=1).min() - BALL_M) > passes_m + 1e-4:
+        line -= (gap - passes_m) * normals[k]
+    for i in range(6):
+        track = track_at(line + (0.2 - 0.1 * DT * i) * across, -0.1 * across)
+        a = activations_of(FOREARM, left_forearm_27=0.9)
+        state, command, _ = step(PARAMS, state, posture, FOREARM, a, i * DT, track=track)
+        moved = moved or bool(command.dq_rad_s.any())
+    assert moved == expected
+
+
+def test_normals_that_cancel_slow_the_response_down(robot: Robot) -> None:
+    """A mean normal of half the length or more means full speed, a shorter one as much less."""
+    skin = Skin((made_up_part([(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]),))
+    posture = robot.at(np.zeros(robot.n_joints))
+    for activations, expected in (((1.0, 0.8, 0.0), 0.2 / 1.8 / 0.5), ((0.9, 0.0, 0.9), 1.0), ((1.0, 1.0, 0.0), 0.0)):
+        ((_, _, direction, *_),) = control_points(0.4, posture, skin, np.array(activations))
+        assert np.linalg.norm(direction) == pytest.approx(expected, abs=1e-12)
+
+
+def made_up_part(normals: list[tuple[float, float, float]]) -> SkinPart:
+    n = len(normals)
+    return SkinPart("made up", "left_forearm", tuple(range(n)), np.zeros((n, 3)), np.array(normals))
+
+
+def test_the_way_home_takes_three_times_the_angle_left_per_second_after_easing_in(robot: Robot) -> None:
+    """A degree from home, where no speed limit counts; at rest at first, at full speed after 0.3 s."""
+    q, (elbow,) = home(robot), robot.indices(("left_elbow",))
+    q[elbow] += 1 * DEG
+    for elapsed_s, share in ((0.0, 0.0), (0.15, 0.5), (0.3, 1.0), (2.0, 1.0)):
+        dq = return_home(PARAMS, robot.at(q), elapsed_s, (np.empty((0, robot.n_joints)), np.empty(0)))
+        assert dq[elbow] == pytest.approx(-3 * DEG * share)
+        assert not np.delete(dq, elbow).any()
+
+
+def test_the_way_home_is_slowed_by_what_it_would_come_too_near_to_alone(robot: Robot) -> None:
+    """Two links near the object: the arm goes towards one, for which half the speed is left, and away from another."""
+    q, (elbow,) = home(robot), robot.indices(("left_elbow",))
+    q[elbow] += 1 * DEG
+    rows = np.zeros((2, robot.n_joints))
+    rows[:, elbow] = -1.0, 1.0
+    dq = return_home(PARAMS, robot.at(q), 1.0, (rows, np.array([1.5 * DEG, 0.0])))
+    assert dq[elbow] == pytest.approx(-1.5 * DEG)
+
+
+def test_links_keep_three_centimetres_from_the_object(robot: Robot) -> None:
+    """Their distances by coal after a small motion, and the speeds that take them to 3 cm while a command is held."""
+    links, posture = BareLinks(robot, FOREARM, "left"), robot.at(home(robot))
+    center = posture.point("left_lower_arm") + np.array([0.0, -0.12, 0.02])
+    near = links.near(posture, center, BALL_M)
+    far = near[0]._replace(distance_m=np.inf)
+    rows, most = kept_clear(posture, [*near, far], 0.2)
+    assert len(rows) == len(most) == len(near)
+    distances = np.array([one.distance_m for one in near])
+    np.testing.assert_allclose(most, np.maximum(distances - 0.03, 0.0) / 0.2)
+    dq = np.linspace(-1, 1, robot.n_joints)
+    later = np.array([one.distance_m for one in links.near(robot.at(posture.q_rad + 1e-3 * dq), center, BALL_M)])
+    np.testing.assert_allclose(rows @ dq, (distances - later) / 1e-3, atol=2e-3)
+    beside = links.near(posture, posture.point("left_lower_arm") + np.array([0.0, -0.08, 0.0]), BALL_M)
+    assert min(one.distance_m for one in beside) < 0.03
+    assert kept_clear(posture, beside, 0.2)[1].min() == 0.0
+
+
+def test_taxels_that_are_moving_aside_go_on_as_they_do(robot: Robot) -> None:
+    """A direction that is as good as the best is kept from one step to the next."""
+    posture, kept = robot.at(home(robot)), 0
+    points, normals = FOREARM.at(posture)
+    for k in range(12):
+        track = track_at(points[k] + 0.15 * normals[k], -0.25 * normals[k])
+        given = posture, FOREARM, np.eye(12)[k]
+        state, _, _ = step(replace(AT_ONCE, come_m=0.0), AvoidanceState(), *given, 1.0, track=track)
+        if state.aside is None:
+            continue
+        way = -normals[k]
+        turned = np.cos(0.02) * state.aside + np.sin(0.02) * np.cross(way, state.aside)
+        after, _, response = step(AT_ONCE, replace(state, aside=turned), *given, 1.05, track=track)
+        np.testing.assert_array_equal(after.aside, turned)
+        assert response.velocity_root @ turned == pytest.approx(0.1)
+        idle, _, _ = step(replace(AT_ONCE, come_m=0.0), AvoidanceState(aside=turned), *given, 1.05, track=track)
+        np.testing.assert_array_equal(idle.aside, state.aside)
+        kept += 1
+    assert kept >= 2
+
+
+def test_the_taxel_aimed_at_changes_with_an_activation_alone(robot: Robot) -> None:
+    """A ball on its way to one taxel turns to another while nothing is felt; felt again, it is followed."""
+    posture, params = robot.at(home(robot)), replace(AT_ONCE, behaviour="reach", come_m=0.0)
+    points, normals = FOREARM.at(posture)
+    first, second = FOREARM.index("left_forearm:3"), FOREARM.index("left_forearm:159")
+    state, on = AvoidanceState(), activations_of(FOREARM, left_forearm_3=0.9)
+    for i, (k, a) in enumerate([(first, on), (second, 0 * on), (second, on)]):
+        track = track_at(points[k] + 0.1 * normals[k], -0.1 * normals[k])
+        state = replace(state, seen=())
+        state, _, response = step(params, state, posture, FOREARM, a, i * DT, may_reach=True, track=track)
+        assert response.mode == "reach"
+        assert state.aimed_at == (second if i == 2 else first)
 
 
 def test_taxels_withdraw_along_their_normals_and_no_faster_in_all(robot: Robot) -> None:

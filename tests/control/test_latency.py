@@ -23,6 +23,6 @@ def test_the_commands_on_the_way_are_obeyed_in_turn(rng: np.random.Generator, la
 def test_nothing_moves_in_no_time_or_without_commands() -> None:
     q = np.arange(3.0)
     command = JointVelocity(0.0, np.ones(3), 0.5)
-    np.testing.assert_array_equal(posture_after(q, [command], 0.2, 0.2), q)
-    np.testing.assert_array_equal(posture_after(q, [], 0.0, 1.0), q)
-    np.testing.assert_array_equal(posture_after(q, [command], 0.5, 1.0), q)
+    np.testing.assert_array_equal(posture_after(q, [command], 0.2, 0.2, 0.0), q)
+    np.testing.assert_array_equal(posture_after(q, [], 0.0, 1.0, 0.0), q)
+    np.testing.assert_array_equal(posture_after(q, [command], 0.5, 1.0, 0.0), q)

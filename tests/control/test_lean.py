@@ -45,7 +45,7 @@ def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
             break
         assert status == "leaning"
         rates = command.dq_rad_s.copy()
-        assert np.linalg.norm(rates[TORSO]) <= PARAMS.torso_rad_s + 1e-12
+        assert np.linalg.norm(rates[TORSO]) <= np.deg2rad(15) + 1e-12
         rates[TORSO] = 0
         assert not rates.any()
         q, turned = q + DT * command.dq_rad_s, turned + DT * np.linalg.norm(command.dq_rad_s)
@@ -59,9 +59,9 @@ def test_the_torso_turns_straight_to_the_nearest_posture_that_reaches():
         q_there[TORSO] = torso
         if np.linalg.norm(upright(q_there, ASIDE) - CENTER) < RADIUS:
             smallest = min(smallest, float(np.linalg.norm(torso - START[TORSO])))
-    assert smallest - np.deg2rad(1.5) <= turned <= smallest + PARAMS.spacing_rad
+    assert smallest - np.deg2rad(1.5) <= turned <= smallest + np.deg2rad(4)
     goal = 0.5 * step(START, ASIDE, hold_s=0.5, params=AT_ONCE)[1].dq_rad_s
-    assert np.linalg.norm(goal) <= smallest + PARAMS.spacing_rad
+    assert np.linalg.norm(goal) <= smallest + np.deg2rad(4)
 
 
 def test_the_limits_themselves_are_tried():
@@ -122,12 +122,12 @@ def test_the_torso_stands_up_straight_and_then_rests():
     q[TORSO] = np.deg2rad([12.0, -8.0])
     path = []
     for _ in range(60):
-        dq = lean.upright(PARAMS, ROBOT.at(q), home, DT).dq_rad_s
-        assert np.linalg.norm(dq) <= PARAMS.torso_rad_s + 1e-12
+        dq = lean.upright(PARAMS, ROBOT.at(q), home, DT, 3.0).dq_rad_s
+        assert np.linalg.norm(dq) <= np.deg2rad(15) + 1e-12
         assert not np.delete(dq, TORSO).any()
         q = q + DT * dq
         path.append(q[TORSO])
     directions = np.array(path[:10]) / np.linalg.norm(path[:10], axis=1, keepdims=True)
     np.testing.assert_allclose(directions, np.tile(np.array([12.0, -8.0]) / np.hypot(12, 8), (10, 1)), atol=1e-6)
     assert np.linalg.norm(q[TORSO] - home) < np.deg2rad(0.1)
-    assert not lean.upright(PARAMS, ROBOT.at(q), home, DT).dq_rad_s.any()
+    assert not lean.upright(PARAMS, ROBOT.at(q), home, DT, 3.0).dq_rad_s.any()

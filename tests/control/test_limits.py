@@ -52,7 +52,7 @@ def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot: Robot
     with pytest.raises(InputError, match="command held for"):
         search.step(search.SearchParams(), search.SearchState(gaze_of(posture)), posture, dt_s, rng)
     with pytest.raises(InputError, match="command held for"):
-        lean.step(lean.LeanParams(), model, GazeLimits(), lambda gaze: gaze[:, 0] > 0, posture, np.zeros(3), dt_s)
+        lean.step(lean.LeanParams(), model, GazeLimits(), lambda gaze: gaze[:, 0] > 0, posture, np.zeros(3), dt_s, 0.0)
     with pytest.raises(InputError, match="command held for"):
         avoid(AvoidanceParams(HOME_ARM_RAD), AvoidanceState(), posture, SKIN, np.zeros(12), 0.0, hold_s=dt_s)
     with pytest.raises(InputError, match="command held for"):
@@ -86,6 +86,16 @@ def test_rates_that_are_not_finite_are_refused(robot: Robot, bodies: SelfCollisi
 def test_impossible_limits_are_refused(change: dict[str, float]) -> None:
     with pytest.raises(InputError, match="expected rates and a time above 0"):
         replace(PARAMS, **change)
+
+
+def test_slow_joints_and_bodies_that_may_touch_are_possible(robot: Robot, bodies: SelfCollision) -> None:
+    """An arm beside the chest comes nearer than 2 cm where no distance is asked for, at 0.05 rad/s."""
+    params = LimitParams(joint_rad_s=0.05, eyes_rad_s=0.04, speed_up_s=0.2, clearance_m=0.0)
+    q = near_the_chest(robot, bodies, 0.0205)
+    inwards = towards_the_chest(robot, q)
+    held = limit(params, bodies, robot.at(q), JointVelocity(0.0, inwards, HOLD_S)).dq_rad_s
+    np.testing.assert_allclose(held, 0.05 / np.abs(inwards).max() * inwards, atol=1e-12)
+    assert bodies.distance_m(q + HOLD_S * held) < 0.0204
 
 
 @pytest.mark.parametrize("outside_rad", [0.0, 0.3])

@@ -108,6 +108,6 @@ def test_joints_outside_their_limits_come_back(robot: Robot) -> None:
     q = gaze_at(robot, home(robot), AHEAD)
     q[neck + eyes] = robot.upper_rad[neck + eyes] + 5 * DEG
     for k in range(60):
-        q = q + DT * neck_and_eyes.step(PARAMS, robot.at(q), AHEAD, hold_s=DT, stamp_s=k * DT).dq_rad_s
+        q = q + DT * neck_and_eyes.step(PARAMS, robot.at(q), AHEAD, np.zeros(3), DT, k * DT, None).dq_rad_s
     assert np.all(q[neck + eyes] <= robot.upper_rad[neck + eyes] + 1e-6)
     assert fixation_error(robot.at(q), AHEAD) < 0.1 * DEG

@@ -58,6 +58,11 @@ def test_a_joint_at_its_limit_is_predicted_to_stay(robot: Robot) -> None:
     assert pushes == pytest.approx(rests, abs=1e-6)
 
 
+def all_of_it(rates: Array) -> float:
+    """What the body leaves of rates far from it."""
+    return 1.0
+
+
 def withdrawing(robot: Robot, taxel: int) -> Callable[[Array | None], Array]:
     """Rates of an arm whose taxel moves at 10 cm/s in a direction, or against its normal."""
     posture, params = robot.at(home(robot)), ArmParams()
@@ -87,7 +92,7 @@ def test_no_direction_is_needed_for_what_misses_rests_or_is_escaped(robot: Robot
     ):
         track = track_at(position, velocity)
         rates_towards = withdrawing(robot, taxel)
-        assert direction_off_path(posture, arm_of(robot), SKIN, track, rates_towards, 0.05) is None
+        assert direction_off_path(posture, arm_of(robot), SKIN, track, rates_towards, 0.05, None, all_of_it) is None
 
 
 def test_a_direction_in_which_the_body_slows_the_arm_is_judged_by_what_is_left(robot: Robot) -> None:
@@ -96,8 +101,8 @@ def test_a_direction_in_which_the_body_slows_the_arm_is_judged_by_what_is_left(r
     taxels, normals = SKIN.at(posture)
     track = track_at(taxels[taxel] + 0.15 * normals[taxel], -0.3 * normals[taxel])
     rates_towards = withdrawing(robot, taxel)
-    given = posture, arm_of(robot), SKIN, track, rates_towards, 0.05
-    freely = direction_off_path(*given)
+    given = posture, arm_of(robot), SKIN, track, rates_towards, 0.05, None
+    freely = direction_off_path(*given, all_of_it)
     assert freely is not None
     best = rates_towards(freely)
     other = direction_off_path(*given, free_share=lambda rates: float(not np.array_equal(rates, best)))
@@ -157,14 +162,14 @@ def test_the_direction_lies_across_the_path_and_is_kept(robot: Robot) -> None:
         way = -normals[taxel]
         track = track_at(taxels[taxel] - 0.15 * way, 0.25 * way)
         given = posture, arm_of(robot), SKIN, track, withdrawing(robot, taxel), 0.05
-        direction = direction_off_path(*given)
+        direction = direction_off_path(*given, None, all_of_it)
         if direction is None:
             continue
         found += 1
         assert np.linalg.norm(direction) == pytest.approx(1)
         assert direction @ way == pytest.approx(0, abs=1e-9)
         turned = np.cos(0.02) * direction + np.sin(0.02) * np.cross(way, direction)
-        kept = direction_off_path(*given, turned)
+        kept = direction_off_path(*given, turned, all_of_it)
         assert kept is not None
         rates = np.array([given[4](one) for one in (direction, turned)])
         best_m, turned_m = predicted_distances(*given[:3], rates, track)
