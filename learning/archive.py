@@ -40,9 +40,9 @@ def read_archive(path: Path, kind: str, version: int, names: tuple[str, ...]) ->
     """The named arrays of an archive of this kind and version, and `written_by`, the version of this package that wrote
     it; InputError for any other file."""
     present = read_arrays(path, kind, ("kind", "version", "written_by"))
-    if "kind" not in present or str(present["kind"]) != kind:
+    if str(present.get("kind")) != kind:
         raise InputError(path, f"is not a {kind}; expected one (.npz)")
-    if "version" not in present or str(present["version"]) != str(version):
+    if str(present.get("version")) != str(version):
         raise InputError(path, f"{kind} of version {present.get('version', 'unknown')}; expected version {version}")
     arrays = named(path, read_arrays(path, kind, names), names, kind)
     return {**arrays, "written_by": present.get("written_by", np.array("unknown"))}
@@ -58,8 +58,7 @@ def read_arrays(path: Path, what: str, names: tuple[str, ...]) -> dict[str, NDAr
     check_regular(path, f"{what} (.npz)")
     try:
         with zipfile.ZipFile(path) as archive:
-            stated = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
-        n_bytes = sum(stated.get(name, 0) for name in names)
+            n_bytes = sum(e.file_size for e in archive.infolist() if e.filename.removesuffix(".npy") in names)
         if n_bytes > _MOST_BYTES:
             raise InputError(path, f"states {n_bytes} bytes of arrays; expected {what} of at most {_MOST_BYTES}")
         with np.load(path) as file:

@@ -53,10 +53,10 @@ def resample(buffer: EventBuffer, taxels: NDArray[np.intp]) -> tuple[NDArray[np.
     series[~np.broadcast_to(known[:, None, at], series.shape)] = np.nan
     back = np.arange(int((stamps[-1] - stamps[0]) / STEP_S + 1e-6), -1, -1)
     times = stamps[-1] - back * STEP_S
-    after = np.clip(np.searchsorted(stamps, times), min(1, len(stamps) - 1), len(stamps) - 1)
+    after = np.searchsorted(stamps, times)
     before = np.maximum(after - 1, 0)
     span = stamps[after] - stamps[before]
-    weight = np.where(span > 0, (times - stamps[before]) / np.where(span > 0, span, 1.0), 1.0)
+    weight = np.divide(times - stamps[before], span, out=np.ones_like(span), where=span > 0)
     on_before, on_after = weight < 1e-6, weight > 1 - 1e-6  # on a sample its neighbour's NaN must not spread
     w = weight[:, None, None]
     grid = (1 - w) * series[before] + w * series[after]

@@ -81,8 +81,6 @@ class Features:
     """(3,) median displacement over all taxels."""
     spread_m: Array
     """(3,) standard deviation of the paths, from the median absolute deviation."""
-    freedom: float
-    """Of the t distribution."""
     centres: Array
     """(c, 3) standardised displacements at which the smooth function is represented."""
     whitening: Array
@@ -93,23 +91,24 @@ class Features:
     def of(self, u_m: Array, taxel: NDArray[np.intp]) -> Array:
         """(N, features) of displacements u_m (N, 3) from these taxels (N,)."""
         intercept = np.eye(len(self.middle_m))[taxel]
-        common = self._standardised(u_m - self.common_m)
-        own = intercept[:, :, None] * self._standardised(u_m - self.middle_m[taxel])[:, None, :]
+        common = _standardised(u_m - self.common_m, self.spread_m)
+        own = intercept[:, :, None] * _standardised(u_m - self.middle_m[taxel], self.spread_m)[:, None, :]
         apart = np.sum((common[:, None] - self.centres) ** 2, axis=2)
         smooth = np.exp(-0.5 * apart / _LENGTH**2) @ self.whitening - self.offsets
         return np.hstack([intercept, common, own.reshape(len(u_m), 3 * len(self.middle_m)), smooth])
-
-    def _standardised(self, apart_m: Array) -> Array:
-        z = apart_m / self.spread_m
-        weight = (self.freedom + 3) / (self.freedom + np.sum(z**2, axis=1, keepdims=True))
-        standardised: Array = z * np.minimum(weight, 1.0)
-        return standardised
 
     def prior_variances(self, hypothesis: tuple[float, float, float]) -> Array:
         """(features,) under a hypothesis; inf for the intercepts, whose prior is in touches and misses."""
         n = len(self.middle_m)
         common, own, smooth = np.square(hypothesis)
         return np.repeat([np.inf, common, own, smooth], [n, 3, 3 * n, len(self.centres)])
+
+
+def _standardised(apart_m: Array, spread_m: Array) -> Array:
+    z = apart_m / spread_m
+    weight = (_FREEDOM + 3) / (_FREEDOM + np.sum(z**2, axis=1, keepdims=True))
+    standardised: Array = z * np.minimum(weight, 1.0)
+    return standardised
 
 
 @dataclass(frozen=True)
@@ -211,14 +210,12 @@ def _counts(paths: Paths, touched: Mask) -> tuple[Array, Array]:
 def _features(u_m: Array, taxel: NDArray[np.intp], n: int) -> Features:
     middle = np.array([np.median(u_m[taxel == k], axis=0) if np.any(taxel == k) else np.zeros(3) for k in range(n)])
     common = np.median(u_m, axis=0)
-    spread = 1.4826 * np.median(np.abs(u_m - middle[taxel]), axis=0)
-    none = np.zeros((0, 3)), np.zeros((0, 0)), np.zeros(0)
-    features = Features(middle, common, np.maximum(spread, _LEAST_SPREAD_M), _FREEDOM, *none)
+    spread = np.maximum(1.4826 * np.median(np.abs(u_m - middle[taxel]), axis=0), _LEAST_SPREAD_M)
     chosen = np.unique(np.linspace(0, len(u_m) - 1, _CENTRES).round().astype(np.intp))
-    centres = features._standardised(u_m[chosen] - common)
+    centres = _standardised(u_m[chosen] - common, spread)
     apart = np.sum((centres[:, None] - centres) ** 2, axis=2)
     whitening = np.linalg.inv(np.linalg.cholesky(np.exp(-0.5 * apart / _LENGTH**2) + _RIDGE * np.eye(len(centres)))).T
-    rest = features.middle_m, common, features.spread_m, _FREEDOM, centres, whitening
+    rest = middle, common, spread, centres, whitening
     smooth = Features(*rest, np.zeros(len(centres))).of(u_m, taxel)[:, -len(centres) :]
     return Features(*rest, smooth.mean(axis=0))
 
@@ -284,7 +281,7 @@ def _session(paths: Paths) -> SessionPaths | None:
     n = len(of_trials)
     if n < 2:
         return None
-    blocks = np.array_split(of_trials, max(min(_BLOCKS, n // 2), 1))
+    blocks = np.array_split(of_trials, min(_BLOCKS, n // 2))
     means = np.array([block.mean(axis=0) for block in blocks])
     within = sum((len(b) * b.var(axis=0) for b in blocks), start=np.zeros(3)) / (n - len(blocks))
     between = means.var(axis=0, ddof=1) if len(blocks) > 1 else np.zeros(3)

@@ -8,6 +8,8 @@ from scipy.special import stdtrit
 
 from pps_vision.types import Array
 
+_BINS = 10  # of a reliability diagram
+
 
 def auroc(outcome: ArrayLike, score: ArrayLike) -> float:
     """Area under the receiver operating characteristic: how often a positive outcome scores above a
@@ -50,19 +52,19 @@ class Reliability:
     """(bins,) number of predictions."""
 
 
-def reliability(outcome: ArrayLike, probability: ArrayLike, bins: int = 10) -> Reliability:
+def reliability(outcome: ArrayLike, probability: ArrayLike) -> Reliability:
     """The reliability diagram of predicted probabilities; ValueError for one outside [0, 1]."""
     p, y = np.asarray(probability, dtype=float).ravel(), np.asarray(outcome, dtype=float).ravel()
     if not np.all((p >= 0) & (p <= 1)):
         raise ValueError(f"probabilities from {p.min()} to {p.max()}: expected none outside 0 to 1")
-    which = np.minimum((p * bins).astype(np.intp), bins - 1)
-    n = np.bincount(which, minlength=bins)
+    which = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
+    n = np.bincount(which, minlength=_BINS)
     held = n > 0
-    predicted, happened = (np.bincount(which, weights=a, minlength=bins)[held] / n[held] for a in (p, y))
+    predicted, happened = (np.bincount(which, weights=a, minlength=_BINS)[held] / n[held] for a in (p, y))
     return Reliability(predicted, happened, n[held])
 
 
-def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike, bins: int = 10) -> float:
+def expected_calibration_error(outcome: ArrayLike, probability: ArrayLike) -> float:
     """Mean over the predictions of the distance between predicted probability and share of positives in their bin."""
-    r = reliability(outcome, probability, bins)
+    r = reliability(outcome, probability)
     return float(np.sum(r.n * np.abs(r.predicted - r.happened)) / np.sum(r.n))

@@ -34,6 +34,11 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path: Path, mon
     assert read_archive(file, "map", 2, ("x",))["x"] == 1
 
 
+def test_a_file_that_says_nothing_of_who_wrote_it_is_read(tmp_path: Path) -> None:
+    np.savez(tmp_path / "old.npz", kind="map", version=2, x=1.0)
+    assert read_archive(tmp_path / "old.npz", "map", 2, ("x",))["written_by"] == "unknown"
+
+
 @pytest.mark.parametrize(
     ("kind", "version", "names", "message"),
     [

@@ -42,6 +42,15 @@ def test_grid_of_50_ms_back_from_the_last_sample(step_s):
     assert np.isnan(D[:, 1]).all()
 
 
+def test_between_two_samples_a_series_is_a_straight_line():
+    """Up and down, at any steps: NumPy's own interpolation."""
+    stamps, rng = np.cumsum([0.0, 0.03, 0.08, 0.11, 0.02, 0.14, 0.05, 0.07]), np.random.default_rng(2)
+    heights = rng.uniform(0.0, 0.2, len(stamps))
+    D, _ = series(filled(stamps, lambda t: np.interp(t, stamps, heights)))
+    assert len(D) == 11
+    np.testing.assert_allclose(D[:, 0], np.interp(0.5 - 0.05 * np.arange(10, -1, -1), stamps, heights), atol=1e-12)
+
+
 def test_does_not_bridge_a_gap():
     D, _ = series(filled([0.0, 0.05, 0.10, 0.50, 0.55]))
     np.testing.assert_array_equal(np.isfinite(D[:, 0]), [1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 1, 1])

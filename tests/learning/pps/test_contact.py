@@ -5,10 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from data import SEED
-from scipy.stats import beta, multivariate_normal
+from scipy.special import expit
+from scipy.stats import beta, multivariate_normal, multivariate_t
+from sklearn.gaussian_process.kernels import RBF
 from trials_made_up import approach, session
 
 from learning.pps.contact import (
+    Paths,
+    SessionPaths,
+    _features,
+    _of_paths,
+    _offsets,
     displacements,
     learn_contact,
     predict_contact,
@@ -49,6 +56,9 @@ def test_a_trial_out_of_reach_gets_the_rate_of_touch_and_is_marked():
     nothing = predict_contact(HORIZON_S, learn_contact(HORIZON_S, (far, far)), (trials[2],))
     assert not nothing.in_reach.any()
     np.testing.assert_allclose(nothing.probability[0], [2.5 / 3, 0.5 / 3, 0.5 / 3])
+    assert (nothing.lower[0, 0], nothing.upper[0, 0]) == pytest.approx(beta(2.5, 0.5).interval(0.9))
+    once = predict_contact(HORIZON_S, learn_contact(HORIZON_S, (far,)), (trials[2],))
+    np.testing.assert_allclose(once.probability[0], [1.5 / 2, 0.5 / 2, 0.5 / 2])
 
 
 def test_unknown_samples_are_left_out():
@@ -120,11 +130,14 @@ def test_later_trials_of_a_session_do_not_change_earlier_predictions():
 
 
 def test_where_all_paths_are_alike_the_touches_alone_count():
-    """Three touches in seven equal trials: the beta distribution with Jeffreys' prior, its mean and its interval."""
+    """Three touches in seven equal trials: the beta distribution with Jeffreys' prior, its mean and its interval, and
+    no evidence for one of the 17 hypotheses by which paths matter, which have a fifth together."""
     path = approach(np.random.default_rng(SEED), 0)
     one = replace(path, d_m=path.d_m[:, :1])
     trials = tuple(replace(one, touched=np.array([k < 3])) for k in range(7))
-    found = predict_contact(HORIZON_S, learn_contact(HORIZON_S, trials), trials[:1])
+    learned = learn_contact(HORIZON_S, trials)
+    assert learned.weights == pytest.approx([0.8] + [0.2 / 17] * 17)
+    found = predict_contact(HORIZON_S, learned, trials[:1])
     assert found.probability[0, 0] == pytest.approx(3.5 / 8)
     assert (found.lower[0, 0], found.upper[0, 0]) == pytest.approx(beta(3.5, 4.5).interval(0.9))
 
@@ -155,6 +168,14 @@ def test_far_away_and_lost_are_told_apart():
     found = displacements(HORIZON_S, (near, far, gone, never))
     assert found.lost[:, 0].tolist() == [False, False, True, True]
     assert found.in_reach[:, 0].tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize(("age_s", "lost"), [(0.2, False), (0.4, True)])
+def test_a_path_is_lost_0_3_s_after_it_was_last_seen(age_s: float, lost: bool):
+    d = np.tile([0.0, 0.0, 0.05], (11, 1, 1))
+    d[11 - round(age_s / 0.1) :] = np.nan
+    trial = Trial(0.1 * np.arange(11), d, np.zeros_like(d), np.array([True]))
+    assert displacements(0.0, (trial,)).lost.tolist() == [[lost]]
 
 
 def test_trials_that_are_lost_are_predicted_from_those_that_were_lost():
@@ -295,3 +316,92 @@ def test_a_session_whose_offset_is_unknown_is_predicted_with_wider_intervals():
     known, unknown = (of(HORIZON_S, learned, other) for of in (predict_contact, predict_session))
     widths = [(found.upper - found.lower)[:, :2].mean() for found in (known, unknown)]
     assert widths[1] > 3 * widths[0]
+
+
+def still(at_m: list[float]) -> tuple[Trial, ...]:
+    """Trials of an object that stands aside of the only taxel."""
+    places = [np.tile([x, 0.0, 0.05], (3, 1, 1)) for x in at_m]
+    return tuple(Trial(0.1 * np.arange(3), d, np.zeros_like(d), np.array([True])) for d in places)
+
+
+@pytest.mark.parametrize(
+    ("aside_cm", "mean", "within", "wander"),
+    [([0, 2, 4, 6, 8, 10, 12, 14], 7, 2, 80 / 3 - 1), ([0, 1, 5], 2, 7, 0), ([3, 5], 4, 2, 0)],
+    ids=["four blocks of two", "one block", "two trials"],
+)
+def test_where_a_session_aims_is_told_from_how_a_trial_strays(
+    aside_cm: list[float], mean: float, within: float, wander: float
+):
+    """Worked out by hand: variance in blocks, and of the blocks' means less what that explains."""
+    found = learn_contact(0.0, still([x / 100 for x in aside_cm])).session
+    assert found is not None
+    assert found.trials == len(aside_cm)
+    assert 100 * found.mean_m == pytest.approx([mean, 0, 5])
+    assert 1e4 * found.var_m2 == pytest.approx([within, 0, 0], abs=1e-9)
+    assert 1e4 * found.wander_m2 == pytest.approx([wander, 0, 0], abs=1e-9)
+    assert learn_contact(0.0, still([0.01])).session is None
+
+
+def test_the_offset_of_a_session_is_believed_as_far_as_its_trials_agree():
+    """Worked out by hand, in cm: a prior of 1.2², trials that stray by 1² about means of blocks that wander by 0.4,
+    learned from four trials; then one out of reach, and three at 2, 0 and 4."""
+    usual = SessionPaths(np.zeros(3), np.full(3, 1e-4), np.full(3, 0.4e-4), 4)
+    learned = replace(learn_contact(0.0, still([0.0, 0.01])), session=usual)
+    u = np.zeros((4, 1, 3))
+    u[:, 0, 0] = np.nan, 0.02, 0.0, 0.04
+    u[0] = np.nan
+    mean, variance = _offsets(learned, Paths(u, np.zeros((4, 1), bool)))
+    share = [0, *(1.44 / (1.44 + 1 / n + 1 / 4 + 0.4 * 5 / 4) for n in (1, 2, 3))]
+    assert 100 * mean[:, 0] == pytest.approx([0, 2 * share[1], 1 * share[2], 2 * share[3]])
+    assert not mean[:, 1:].any()
+    more = [0, 0, (2 - 1.4) / (1 + 5), (8 - 2 * 1.4) / (2 + 5)]  # squares about the mean beyond those expected
+    assert 1e4 * variance[:, 0] == pytest.approx([1.44 * (1 - s) + m for s, m in zip(share, more, strict=True)])
+    assert 1e4 * variance[:, 1] == pytest.approx([1.44 * (1 - s) for s in share])
+
+
+def test_where_a_path_is_adds_what_it_changes_to_the_uncertainty():
+    """The log-odds of displaced paths under every hypothesis, drawn: their variance, and the mean probability."""
+    rng, std_m = np.random.default_rng(SEED), np.array([0.0008, 0.0004, 0.0006])
+    learned = learn_contact(HORIZON_S, session(rng, 24, beside_m=0.01))
+    features, taxel = learned.features, np.zeros(1, int)
+    assert features is not None
+    u = features.middle_m[:1] + 0.7 * features.spread_m
+    p, worth = _of_paths(learned, features, u, taxel, std_m[None] ** 2)
+    X = features.of(u + std_m * rng.standard_normal((20_000, 3)), np.repeat(taxel, 20_000))
+    mean, variance, probability = [], [], []
+    for posterior in learned.posteriors:
+        x = X[:, posterior.used]
+        known = np.einsum("ni,ij,nj->n", x, posterior.cov, x).mean()
+        mean.append(float((x @ posterior.mean).mean()))
+        variance.append(float((x @ posterior.mean).var() + known))
+        probability.append(expit(x @ posterior.mean).mean())
+    whole = learned.weights @ (np.array(variance) + (np.array(mean) - learned.weights @ mean) ** 2)
+    assert 1 / (worth * p * (1 - p)) == pytest.approx(whole, rel=0.03)
+    assert p == pytest.approx(learned.weights @ probability, abs=0.05)
+
+
+def test_the_features_of_a_path_are_standardised_and_robust():
+    """Median and deviation of Gaussian paths, an influence like that of the t distribution's own, and a process of unit
+    variance with a length of 1.6 deviations."""
+    rng, sd = np.random.default_rng(SEED), np.array([0.01, 0.02, 0.0])
+    taxel = rng.integers(0, 2, 4000)
+    middle = np.array([[0.01, 0.0, 0.05], [0.03, 0.0, 0.05], [0.0, 0.0, 0.0]])  # no path to the third
+    u = middle[taxel] + sd * rng.standard_normal((4000, 3))
+    features = _features(u, taxel, 3)
+    np.testing.assert_allclose(features.middle_m, middle, atol=0.002)
+    np.testing.assert_allclose(features.common_m, [0.02, 0, 0.05], atol=0.002)
+    np.testing.assert_allclose(features.spread_m, [0.01, 0.02, 0.003], rtol=0.05)  # at least 3 mm
+    z, h = np.array([[1.0, 0.5, 1.0], [2.0, 0.0, 1.0], [0.0, 4.0, -6.0]]), 1e-5
+    X = features.of(features.common_m + z * features.spread_m, np.array([0, 1, 2]))
+    np.testing.assert_array_equal(X[:, :3], np.eye(3))
+    density = multivariate_t(df=12, shape=np.eye(3))
+    steps = [(density.logpdf(z - h * e) - density.logpdf(z + h * e)) / (2 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(X[1:, 3:6], np.stack(steps, axis=1)[1:], rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(X[0, 3:6], z[0])  # what is near counts in full
+    smooth = features.of(u, taxel)[:, 15:]
+    np.testing.assert_allclose(smooth.mean(axis=0), 0, atol=1e-9)
+    assert 12 < smooth.shape[1] <= 16
+    at = u[np.linspace(0, 3999, 16).round().astype(int)]
+    apart = features.of(at, np.zeros(16, int))[:, 3:6]
+    process = features.of(at, np.zeros(16, int))[:, 15:] + features.offsets
+    np.testing.assert_allclose(process @ process.T, RBF(1.6)(apart), atol=0.003)

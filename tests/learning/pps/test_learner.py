@@ -66,9 +66,9 @@ def test_a_contact_is_no_miss():
 
 
 def test_a_stale_sample_is_rejected_and_counted():
-    """A frozen clock, a stamp that is no number, one late by less than the buffer's 3 s: only the count changes."""
+    """A frozen clock, a stamp that is no number, one late by no more than the buffer's 3 s: only the count changes."""
     events = [
-        TaxelEvents(t, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), np.zeros(4, bool)) for t in (1.0, 1.0, 0.9, -1.9)
+        TaxelEvents(t, SKIN.taxel_ids, np.full(4, 0.1), np.ones(4), np.zeros(4, bool)) for t in (1.0, 1.0, 0.9, -2.0)
     ]
     events += [replace(events[0], stamp_s=t) for t in (np.nan, np.inf, -np.inf)]
     state = LearnerState(PPSMemory.empty(SKIN), EventBuffer())

@@ -294,7 +294,7 @@ def test_a_single_bin_may_stand_for_all_times():
     assert expected[0, 0] > 0.3
     np.testing.assert_array_equal(expected[:, 0], expected[0, 0])
     with pytest.raises(ValueError, match="a finite range where there is more than one bin"):
-        MemoryParams(ttc_range_s=(-np.inf, np.inf))
+        MemoryParams(ttc_range_s=(-np.inf, np.inf), bins=(8, 2))
 
 
 def test_a_window_far_narrower_than_a_bin_is_the_bin_itself():

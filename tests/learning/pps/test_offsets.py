@@ -37,8 +37,13 @@ def test_points_of_no_weight_do_not_count() -> None:
 
 @pytest.mark.parametrize(
     ("x", "y", "weights"),
-    [([0.0, 1.0], [1.0, 1.0], [1, 1]), ([0.0, 1.0], [0.0, 1.0], [0, 0]), ([1.0, 1.0], [2.0, 2.0], [1, 1])],
-    ids=["along x", "nothing counts", "one point"],
+    [
+        ([0.0, 1.0], [1.0, 1.0], [1, 1]),
+        ([0.0, 1.0], [0.0, 1.0], [0, 0]),
+        ([1.0, 1.0], [2.0, 2.0], [1, 1]),
+        ([0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0], [1, 1, 1, 1]),
+    ],
+    ids=["along x", "nothing counts", "one point", "a square"],
 )
 def test_where_no_line_crosses_there_is_none(x: list[float], y: list[float], weights: list[float]) -> None:
     assert orthogonal_line(x, y, weights) is None
@@ -61,3 +66,14 @@ def test_the_offset_of_what_comes_at_many_speeds_is_found(offset_m: float, rng: 
     found = offsets(memory)
     assert abs(found[0] - offset_m) < 0.003
     assert np.isnan(found[1])
+
+
+def test_the_line_of_a_map_is_that_of_the_centres_of_its_bins() -> None:
+    """Bins of 0.1 m and 1 s from 0 m and 0.5 s: 0.05 m at 1 s and 0.15 m at 2 s, or 0.25 m by other weights."""
+    counts = np.zeros((1, 3, 2, 2), np.int64)
+    counts[0, [0, 1], [0, 1], 0] = 3
+    memory = PPSMemory(("a",), np.zeros(1, np.intp), counts, MemoryParams((0.0, 0.3), (0.5, 2.5), (3, 2)))
+    assert offsets(memory) == pytest.approx(-0.05)
+    weights = np.zeros((1, 3, 2))
+    weights[0, [0, 2], [0, 1]] = 0.5
+    assert offsets(memory, weights) == pytest.approx(-0.15)

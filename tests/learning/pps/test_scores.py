@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.stats import mannwhitneyu
+from scipy.stats import mannwhitneyu, ttest_rel
 
-from learning.pps.scores import auroc, brier, expected_calibration_error, reliability
+from learning.pps.scores import auroc, brier, brier_gain, expected_calibration_error, reliability
 
 
 @pytest.mark.parametrize("levels", [3, 1000])
@@ -28,13 +28,23 @@ def test_brier_score():
     assert brier([[1], [0]], [[0.5], [0.2]]) == pytest.approx((0.25 + 0.04) / 2)
 
 
+def test_the_gain_over_a_reference_and_its_interval_are_those_of_a_paired_t_test():
+    rng = np.random.default_rng(4)
+    outcome, probability, reference = rng.random((9, 4)) < 0.4, rng.random((9, 4)), rng.random((9, 4))
+    scores = [[brier(y, p) for y, p in zip(outcome, of, strict=True)] for of in (reference, probability)]
+    interval = ttest_rel(*scores).confidence_interval(0.95)
+    gain = brier(outcome, reference) - brier(outcome, probability)
+    assert brier_gain(outcome, probability, reference) == pytest.approx((gain, interval.low, interval.high))
+
+
 def test_reliability_of_a_worked_out_case():
-    outcome, p = [0, 1, 1, 1, 1], [0.0, 0.08, 0.62, 0.92, 1.0]  # 1 belongs to the last bin
+    """Ten bins: 0.096 is in the first, 0.85 not in the last, and 1 is."""
+    outcome, p = [0, 1, 1, 0, 1, 1], [0.0, 0.096, 0.62, 0.85, 0.92, 1.0]
     r = reliability(outcome, p)
-    np.testing.assert_allclose(r.predicted, [0.04, 0.62, 0.96])
-    np.testing.assert_allclose(r.happened, [0.5, 1.0, 1.0])
-    assert r.n.tolist() == [2, 1, 2]
-    assert expected_calibration_error(outcome, p) == pytest.approx((2 * 0.46 + 0.38 + 2 * 0.04) / 5)
+    np.testing.assert_allclose(r.predicted, [0.048, 0.62, 0.85, 0.96])
+    np.testing.assert_allclose(r.happened, [0.5, 1.0, 0.0, 1.0])
+    assert r.n.tolist() == [2, 1, 1, 2]
+    assert expected_calibration_error(outcome, p) == pytest.approx((2 * 0.452 + 0.38 + 0.85 + 2 * 0.04) / 6)
 
 
 def test_reliability_is_a_part_of_the_brier_score():

@@ -15,6 +15,7 @@ def test_a_trials_file_is_read_as_it_was_written(tmp_path):
         np.testing.assert_array_equal(again.v_m_s, trial.v_m_s)
         np.testing.assert_array_equal(again.touched, trial.touched)
         np.testing.assert_allclose(again.stamps_s, trial.stamps_s)
+        assert again.radius_m == 0  # a file has none: displacements are to the centre
 
 
 def test_rates_are_shares_of_trials():
