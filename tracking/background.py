@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
-from pps_vision.types import Image, Mask
+from pps_vision.types import Array, Image, Mask
 from tracking import masks
 from tracking.background_edge import ASIDE_PX, LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
 from tracking.ego_motion import Box, EgoMotion
@@ -37,11 +37,13 @@ class Background:
         self.ego, self.memory_s, self.moving = ego, memory_s, MovingBackground(ego)
         self._view: View | None = None
         self._last: View | None = None
-        self._mean, self._recent = np.empty((0, 0, 3), np.float32), np.empty((0, 0, 3), np.uint8)
-        self._since_s = np.empty((0, 0))  # when the pixel took the colour that it shows now
-        self._rests = np.empty((0, 0), bool)  # what stays the same but differs from the background
+        self._mean: Pixels
+        self._recent: Image
+        self._since_s: Array  # when the pixel took the colour that it shows now
+        self._rests: Mask  # what stays the same but differs from the background
         self._measured: Image | None = None
-        self._gain_and_noise, self._threshold = (1.0, 0.0), _MIN_CONTRAST
+        self._gain_and_noise: tuple[float, float]
+        self._threshold = _MIN_CONTRAST
         self._row, self._learned_s = 0, 0.0  # the next row to learn; when the last ones were
 
     def is_known(self, view: View) -> bool:

@@ -151,3 +151,79 @@ def test_a_place_that_is_empty_becomes_background_before_its_time_and_a_thing_th
         background.learn(_textured(rng, not was_learned), VIEW, DT * k, None)
     left = background.differs(_textured(rng, not was_learned), VIEW, WHOLE)[place].mean()
     assert left < 0.01 if was_learned else left > 0.8
+
+
+@pytest.mark.parametrize(("covers", "changed"), [(0.25, False), (0.4, True)])
+def test_a_box_has_changed_where_a_third_of_it_differs(covers: float, changed: bool, rng: np.random.Generator) -> None:
+    """A patch is a quarter, or two fifths, of the box; of an eye whose background is unknown every box has changed."""
+    background, image = learned(rng), draw(rng, (160.0, 150.0, 170.0))
+    assert background.has_changed(image, VIEW, 150, 100, round(40 / covers), 30) == changed
+    assert not background.has_changed(draw(rng), VIEW, 150, 100, 40, 30)
+    assert background.has_changed(draw(rng), View(LEFT_EYE, transform(translation=(0.1, 0.0, 0.0))), 150, 100, 40, 30)
+
+
+def _marked(rng: np.random.Generator, *corners: tuple[int, int]) -> np.ndarray:
+    image = draw(rng)
+    for x, y in corners:
+        image[y : y + 12, x : x + 12] = (160, 150, 170)
+    return image
+
+
+def test_what_is_behind_and_around_a_new_object_is_known_no_more(rng: np.random.Generator) -> None:
+    """An object of 40 × 30 px, and what has changed within 80 px to its sides and 60 above and below; the rest of the
+    wall stays known."""
+    background = learned(rng)
+    near, far = ((75, 110), (255, 110), (165, 45), (165, 172)), ((40, 110), (285, 110), (165, 15), (165, 205))
+    background.forget_around(_marked(rng, *near, *far), VIEW, BOX)
+    wall = background.differs(draw(rng), VIEW, WHOLE)
+    for x, y in near:
+        assert wall[y + 2 : y + 10, x + 2 : x + 10].all()
+    for x, y in far:
+        assert not wall[y + 2 : y + 10, x + 2 : x + 10].any()
+    assert wall[100:130, 150:190].all()
+    assert np.count_nonzero(wall) < 40 * 30 + 4 * 16**2
+    other = View(LEFT_EYE, transform(translation=(0.1, 0.0, 0.0)))
+    background.forget_around(draw(rng), other, (0.0, 0.0, 320.0, 240.0))  # not its background
+    assert not background.differs(draw(rng), VIEW, (0, 0, 60, 60)).any()
+
+
+def test_at_the_border_what_is_behind_an_object_is_known_no_more(rng: np.random.Generator) -> None:
+    """Its box begins beyond the left and the upper border; the whole image is within two of its sizes."""
+    background = learned(rng)
+    background.forget_around(draw(rng), VIEW, (-10.0, -5.0, 120.0, 90.0))
+    wall = background.differs(draw(rng), VIEW, WHOLE)
+    assert wall[:90, :120].all()
+    assert not wall[92:, 122:].any()
+
+
+def test_what_looks_like_the_background_behind_an_object_may_be_the_object(rng: np.random.Generator) -> None:
+    """Its mask is known no more but for the part that differs; beside the mask what differs is known no more either."""
+    background, image = learned(rng), _marked(rng, (150, 100), (180, 100))
+    mask = np.zeros((40, 60), bool)
+    mask[10:22, 10:30] = True  # the first mark, and 8 px of wall to its right
+    background.forget(image, VIEW, mask, (140, 90, 200, 130))
+    wall = background.differs(draw(rng), VIEW, WHOLE)
+    assert not wall[102:110, 152:160].any()
+    assert wall[102:110, 163:169].all()
+    assert wall[102:110, 182:190].all()
+    assert not wall[102:110, 172:178].any()
+
+
+def test_without_a_background_no_edge_is_its_edge(rng: np.random.Generator) -> None:
+    mask = np.zeros((240, 320), bool)
+    mask[PATCH] = True
+    assert Background(EgoMotion(LEFT_EYE), 0.3).learned_edge(draw(rng), VIEW, mask, WHOLE) is None
+
+
+def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator) -> None:
+    """Two thirds as bright an image as that of the background: the patch is learned as bright as it would have been."""
+    background, patch = learned(rng), (160.0, 150.0, 170.0)
+    dark = (draw(rng, patch) / 1.5).astype(np.uint8)
+    mask = np.zeros((50, 60), bool)
+    mask[10:40, 10:50] = True
+    background.absorb(dark, VIEW, 0.7, mask, (140, 90, 200, 140))
+    assert not background.differs(draw(rng, patch), VIEW, WHOLE)[INNER].any()
+    assert background.differs(draw(rng), VIEW, WHOLE)[INNER].all()
+    for k in range(12, 40):  # it has been learned, not marked as changing
+        background.learn(draw(rng, patch), VIEW, DT * k, None)
+    assert background.evidence(draw(rng, patch), VIEW, WHOLE)[INNER].max() < 0.5

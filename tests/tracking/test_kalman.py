@@ -1,7 +1,9 @@
 """The filter against matrix exponentials, least squares, other implementations and its own promised statistics."""
 
 import math
+import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from linear_model import corrected, discretised, matrices, system
 from scipy.linalg import expm
 from scipy.stats import chi2
 
+from pps_vision.errors import InputError
 from pps_vision.types import Status, Track3D
 from rendering.motions import make_motion
 from tracking import kalman
@@ -264,12 +267,14 @@ def test_after_so_many_outliers_it_begins_again(most: int) -> None:
 
 
 def test_outliers_are_forgotten_when_it_is_seen_where_predicted() -> None:
-    params, R = KalmanParams(max_rejections=3), 1e-6 * np.eye(3)
+    params, R = KalmanParams(), 1e-6 * np.eye(3)
     belief = _moving(params, 12, R)
     for k, x in enumerate((0.5, 0.5, 0.075, 0.5, 0.5), start=13):
         belief = update(params, predict(params, belief, 0.05 * k), np.array([x, 0, 0]), R)
         assert belief.rejections == (1, 2, 0, 1, 2)[k - 13]
     assert belief.mean[0, 0] < 0.2
+    belief = update(params, predict(params, belief, 0.9), np.array([0.5, 0, 0]), R)
+    assert belief.mean[0, 0] == 0.5  # begun anew by the third
 
 
 def test_coasting_lets_the_covariance_grow_and_stay_positive() -> None:
@@ -377,21 +382,68 @@ def test_lengths_in_another_unit_give_the_same_track(rng: np.random.Generator) -
     np.testing.assert_allclose(b.mean, a.mean * inch, rtol=1e-6)
 
 
+def test_twice_as_far_off_all_lengths_are_twice_as_large() -> None:
+    """The parameters themselves are those for 0.4 m."""
+    params = KalmanParams(noise_density=5.0, prior_std=(0.1, 0.2, 0.3), decay_s=(0.5, 0.1))
+    assert scaled(params, 0.4) == params
+    assert scaled(params, 0.8) == replace(params, noise_density=20.0, prior_std=(0.2, 0.4, 0.6))
+
+
+@pytest.mark.parametrize(
+    ("tail", "taken_for"), [(5e-3, "noise"), (1e-3, "a jump"), (2e-5, "a jump"), (5e-6, "nothing")]
+)
+def test_what_is_rarer_than_noise_is_a_jump_and_what_no_jump_explains_an_outlier(tail: float, taken_for: str) -> None:
+    """By quantiles of χ²: one in 300 measurements is beside the first gate, one in 100 000 beside the second."""
+    params, R = KalmanParams(order=1), np.diag([1e-6, 4e-6, 9e-6])
+    belief = start(params, 0.0, np.zeros(3), R)._replace(noise_scale=0.5)
+    at = math.sqrt(chi2.isf(tail, 3) * (belief.cov + 0.4 * R)[1, 1])  # all that is new in R is 0.4 of it
+    after = update(params, belief, np.array([0.0, at, 0.0]), R)
+    assert after.rejections == (taken_for == "nothing")
+    assert (after.noise_scale >= 1.0) == (taken_for == "a jump")
+
+
+def test_process_noise_grows_no_more_than_thirtyfold_and_starts_at_once_its_own() -> None:
+    params, R = KalmanParams(gate_chi2=21.0), 1e-8 * np.eye(3)
+    belief = start(params, 0.0, np.zeros(3), R)
+    assert (belief.noise_scale, belief.rejections) == (1.0, 0)
+    assert math.isnan(belief.nis)
+    for k in range(1, 30):
+        ahead = predict(params, belief, 0.05 * k)
+        off = math.sqrt(20.0 * (ahead.cov + 0.4 * np.kron(np.eye(4), R))[0, 0])
+        belief = update(params, ahead, ahead.mean[0] + [off, 0, 0], R)
+    assert belief.noise_scale == 30.0
+
+
+@pytest.mark.parametrize(
+    ("name", "refused", "taken"),
+    [
+        ("order", (0, 5), (1, 4)),
+        ("noise_density", (0.0, -1.0, math.nan), (1e-9,)),
+        ("gate_chi2", (0.0, math.nan), (0.5,)),
+        ("jump_chi2", (0.0, math.nan), (0.5,)),
+        ("max_rejections", (0,), (1,)),
+        ("white_share", (0.0, 1.01), (0.01, 1.0)),
+        ("decay_s", ((0.0, 0.1), (0.1, 0.0)), ((0.5, 0.01), (math.inf, math.inf))),
+        ("adaptation_rate", (-0.01, 1.01), (0.0, 1.0)),
+    ],
+)
+def test_parameters_outside_their_range_are_refused(
+    name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
+) -> None:
+    for value in refused:
+        with pytest.raises(InputError, match=f"{re.escape(str(value))}.*expected"):
+            KalmanParams(**{name: value})
+    for value in taken:
+        assert getattr(KalmanParams(**{name: value}), name) == value
+
+
 def test_bad_input_is_named() -> None:
     with pytest.raises(ValueError, match="order 5"):
-        KalmanParams(order=5)
+        KalmanParams.of_order(5)
     with pytest.raises(ValueError, match="gate -1"):
         replace(KalmanParams(), gate_chi2=-1.0)
     with pytest.raises(ValueError, match="jumps 0"):
         KalmanParams(jump_chi2=0.0)
-    with pytest.raises(ValueError, match="adaptation rate 2"):
-        KalmanParams(adaptation_rate=2.0)
-    with pytest.raises(ValueError, match=r"decay within \(0\.1, 0\.0\) s"):
-        KalmanParams(decay_s=(0.1, 0.0))
-    with pytest.raises(ValueError, match=r"white share 0\.0"):
-        KalmanParams(white_share=0.0)
-    with pytest.raises(ValueError, match="rejections 0"):
-        KalmanParams(max_rejections=0)
     belief = start(KalmanParams(), 1.0, np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"0\.5.*before 1\.0"):
         predict(KalmanParams(), belief, 0.5)
@@ -424,6 +476,21 @@ def test_a_motion_is_followed_ahead_by_how_certain_it_is() -> None:
         then, midway = predict(KalmanParams(), belief, 0.1).mean, predict(KalmanParams(), belief, 0.125).mean
         np.testing.assert_allclose(p, mean[0] + share * (then[0] - mean[0]), atol=1e-6)
         np.testing.assert_allclose(v, share * midway[1], atol=1e-6)
+    v = kalman.ahead(KalmanParams(), replace(track, cov=1e-12 * np.eye(12)), 0.125)[1]
+    np.testing.assert_allclose(v, midway[1], atol=1e-6)
+    # at twice the χ² that rest has in 99 % of cases, half
+    std = float(np.linalg.norm(mean[1])) / math.sqrt(2 * chi2.isf(0.01, 3))
+    p, _ = kalman.ahead(KalmanParams(), replace(track, cov=std**2 * np.eye(12)), 0.1)
+    np.testing.assert_allclose(p, mean[0] + 0.5 * (then[0] - mean[0]), atol=1e-3)
+
+
+def test_without_a_velocity_a_motion_is_not_followed() -> None:
+    """That of a filter of order 1, which states no uncertainty of it."""
+    cov = np.zeros((12, 12))
+    cov[:3, :3] = 1e-6 * np.eye(3)
+    track = Track3D(0.0, np.array([[0.3, -0.1, 0.2], *np.zeros((3, 3))]), cov, 0.03, 0.0, Status.TRACKING)
+    p, v = kalman.ahead(KalmanParams(), track, 0.1)
+    np.testing.assert_array_equal([p, v], [track.position, np.zeros(3)])
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])

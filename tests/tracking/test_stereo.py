@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.icub import home, set_gaze
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Observation3D
+from tracking import stereo
 from tracking.outline import Coverage, Optics, Outline, outline
 from tracking.stereo import Association, StereoParams, apparent_velocity, with_pose_error
 
@@ -134,6 +136,110 @@ def test_what_cannot_be_one_thing_is_no_pair() -> None:
     assert pair(association, 1.0) is not None
     for distance_range in ((7.0, 300.0), (0.7, 5.0)):  # it is 6 baselines away
         assert pair(Association.untrained(StereoParams(distance_range=distance_range), 320), 0.0) is None
+
+
+def test_why_two_outlines_are_no_pair_is_said() -> None:
+    left, right = seen(VIEW.left), seen(VIEW.right)
+    association = Association.untrained(StereoParams(), 320)
+    far, near = (Association.untrained(StereoParams(distance_range=part), 320) for part in ((7.0, 300.0), (0.7, 5.0)))
+    higher = replace(right, center_px=right.center_px + np.array([0, 16.0]))
+    twice = replace(right, angular_radius_rad=2 * right.angular_radius_rad)
+    beyond = replace(right, center_px=left.center_px + np.array([20.0, 0.0]))  # it lies right of the left eye's
+    assert association.refusal(VIEW, left, right) is None
+    assert association.refusal(VIEW, left, twice) == association.refusal(VIEW, twice, left) == "size"
+    assert association.refusal(VIEW, left, higher) == "epipolar gate"
+    assert association.refusal(VIEW, left, beyond) == "point behind the cameras"
+    assert far.refusal(VIEW, left, right) == near.refusal(VIEW, left, right) == "distance"
+    # by default from 0.7 to 300 of the 68 mm that the eyes are apart
+    for distance_m, refused in ((0.68 * 0.068, True), (0.75 * 0.068, False), (19.0, False), (22.0, True)):
+        at = np.array([0.0, 0.0, distance_m])
+        one, other = (replace(SHAPE, center_px=eye.project(at)) for eye in (VIEW.left, VIEW.right))
+        assert (association.refusal(VIEW, one, other) == "distance") == refused
+
+
+@pytest.mark.parametrize(
+    ("name", "refused", "taken"),
+    [
+        ("unknown_error", (0.0, np.nan), (1e-6,)),
+        ("gate_sigma", (0.0, np.nan), (0.1,)),
+        ("distance_range", ((-0.1, 300.0), (2.0, 2.0), (3.0, 2.0)), ((0.0, 1.0),)),
+    ],
+)
+def test_parameters_outside_their_range_are_refused(
+    name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
+) -> None:
+    for value in refused:
+        with pytest.raises(InputError, match="expected positive numbers and a rising range"):
+            StereoParams(**{name: value})
+    for value in taken:
+        assert getattr(StereoParams(**{name: value}), name) == value
+
+
+def test_before_any_pair_the_calibration_is_taken_to_be_off_by_a_share_of_the_width() -> None:
+    """0.8 % of 640 px; and never by less than 5 thousandths of a pixel, however well pairs agree."""
+    assert Association.untrained(StereoParams(), 640).error_px == pytest.approx(5.12)
+    assert replace(Association.untrained(StereoParams(), 640), calibration_var_px2=-1.0).error_px == 0.005
+
+
+def test_what_the_last_pairs_do_not_show_of_the_outlines_errors_lasts() -> None:
+    """All pairs' outlines erred by 0.04 px² beyond what they state, the last ones' by 0.01: of 0.06 px² that are stated
+    the difference is a half, which lasts and comes on top."""
+    outlines = [replace(seen(eye), cov_px=0.02 * np.eye(2)) for eye in (VIEW.left, VIEW.right)]
+    association = Association(StereoParams(), 1.0, -1.0, outline_var_px2=0.01, mean_outline_var_px2=0.04)
+    found = association.observe(VIEW, *outlines, 0.0)
+    calm = replace(association, mean_outline_var_px2=0.01).observe(VIEW, *outlines, 0.0)
+    assert found is not None
+    assert calm is not None
+    np.testing.assert_allclose(calm.correlated_cov_root, 0, atol=1e-15)
+    np.testing.assert_allclose(found.correlated_cov_root, calm.cov_root, rtol=1e-9)
+    np.testing.assert_allclose(found.cov_root, 2 * calm.cov_root, rtol=1e-9)
+
+
+def test_differences_of_two_edges_tell_the_variance_of_their_centres(rng: np.random.Generator) -> None:
+    """Fourier sums of edges of 40 points, each off by itself, have in every harmonic twice the variance of the mean, as
+    the centre has.  Where both eyes' are off alike nothing differs, and all of it is shared."""
+    n, std, focal, at = 40, 0.5, CAMERA.focal_px, np.array([0.034, 0.0, 0.4])
+    angle = 2 * np.pi * np.arange(n) / n
+    differ, shared = [], []
+    for _ in range(1500):
+        outlines = []
+        for edge in std * rng.standard_normal((2, n)):
+            radius = 20 + edge.mean()
+            waves = [2 / n * edge @ wave(k * angle) / radius for k in (2, 3) for wave in (np.cos, np.sin)]
+            outlines.append(replace(SHAPE, angular_radius_rad=radius / focal, harmonics=tuple(waves)))
+        differ.append(stereo._disagreement(VIEW, at, *outlines))
+        shared.append(stereo._shared_asymmetry(VIEW, outlines[0], outlines[0]))
+        assert stereo._disagreement(VIEW, at, outlines[0], outlines[0]) == pytest.approx(0, abs=1e-12)
+    center_var = 2 * std**2 / n
+    assert np.mean(differ) == pytest.approx(center_var, rel=0.1)
+    assert np.mean(shared) == pytest.approx(center_var, rel=0.1)
+
+
+def test_the_variance_of_a_first_pair_is_stated_four_times_as_large() -> None:
+    """One pair estimates a variance with one degree of freedom; of its residual of 0.2 px all is the calibration's."""
+    exact = replace(SHAPE, cov_px=1e-12 * np.eye(2))
+    one = Association.untrained(StereoParams(), 320).learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
+    assert one.error_px**2 == pytest.approx(4 * 0.2**2)
+    for _ in range(99):
+        one = one.learned(VIEW, replace(SEEN, residual_px=0.1), exact, exact)
+    assert one.error_px**2 == pytest.approx(1.15 * 0.2**2)  # 1 + 3/n of at most 20 pairs
+    assert one.pairs == 100
+
+
+def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat() -> None:
+    """A blur by σ = √2 px adds 2σ² to the mean square of R²/2: 8/R² of it, here of 12 px."""
+    association, blurred = Association.untrained(StereoParams(unknown_error=1e-9), 320), 8.0 / 12**2
+    stated = []
+    for non_circularity in (0.0, blurred, blurred + 0.01):
+        outlines = (
+            replace(seen(eye), angular_radius_rad=12 / CAMERA.focal_px, non_circularity=non_circularity)
+            for eye in (VIEW.left, VIEW.right)
+        )
+        found = association.observe(VIEW, *outlines, 0.0)
+        assert found is not None
+        stated.append(np.trace(found.cov_root))
+    assert stated[0] == pytest.approx(stated[1], rel=1e-6)
+    assert stated[2] > 1.01 * stated[1]
 
 
 def rough(eye: View, center: Array, radius_m: float, edge: Array, optics: Optics) -> Outline:
