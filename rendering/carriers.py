@@ -15,7 +15,7 @@ SKIN: Color = (0.86, 0.64, 0.52)
 CLOTH: Color = (0.30, 0.34, 0.42)
 
 
-def carrier_parts(name: CarrierName, radius_m: float, fineness: int = 3) -> tuple[Part, ...]:
+def carrier_parts(name: CarrierName, radius_m: float, fineness: int) -> tuple[Part, ...]:
     """Return the parts that hold an object of `radius_m` at the origin; they extend along z, with y up."""
     sides = sides_of(fineness)
     if name not in get_args(CarrierName):

@@ -63,7 +63,7 @@ def sphere(radius: float, color: Color, center: ArrayLike = (0.0, 0.0, 0.0), fin
     return Part(mesh.apply_translation(center), color)
 
 
-def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int = 8) -> Part:
+def tube(path: ArrayLike, radii: ArrayLike, color: Color, sides: int) -> Part:
     """Return a curved, tapered tube with round ends; `path` (n, 3), `radii` (n,) or one radius."""
     p = np.asarray(path, dtype=float)
     r = np.broadcast_to(np.asarray(radii, dtype=float), len(p))
@@ -97,11 +97,6 @@ def board(width: float, height: float, color: Color = (0.55, 0.42, 0.28)) -> Par
     return Part(trimesh.creation.box((width, height, 0.003)), color)
 
 
-def disc(radius: float, color: Color, thickness: float = 0.001, sides: int = 48) -> Part:
-    """Return a disc about the origin with normal z."""
-    return Part(trimesh.creation.cylinder(radius, thickness, sections=sides), color)
-
-
 def _tube_faces(rings: int, sides: int) -> Array:
     """Return the triangles between neighbouring rings and between the end rings and the poles."""
     i = np.arange(sides)
@@ -109,8 +104,8 @@ def _tube_faces(rings: int, sides: int) -> Array:
     low = sides * np.arange(rings - 1)[:, None]
     wall = np.stack([low + i, low + j, low + sides + j, low + i, low + sides + j, low + sides + i], axis=-1)
     last, pole = sides * (rings - 1), sides * rings
-    first_cap = np.stack([np.full(sides, pole), j, i], axis=-1)
-    last_cap = np.stack([np.full(sides, pole + 1), last + i, last + j], axis=-1)
+    first_cap = np.column_stack([np.full(sides, pole), j, i])
+    last_cap = np.column_stack([np.full(sides, pole + 1), last + i, last + j])
     return np.vstack([wall.reshape(-1, 3), first_cap, last_cap])
 
 

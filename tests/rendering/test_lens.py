@@ -31,6 +31,19 @@ def test_the_slopes_hold_all_that_projects_into_the_image() -> None:
     assert bottom - 0.03 < y.max() < bottom
 
 
+def test_without_distortion_the_slopes_are_those_of_a_pixel_beyond_the_border() -> None:
+    slopes = Lens(Camera(32, 24, 30.0, 31.0, 15.3, 11.2)).slopes
+    assert slopes == pytest.approx((-16.3 / 30, -12.2 / 31, 16.7 / 30, 12.8 / 31))
+
+
+def test_at_twice_the_resolution_a_pixel_is_between_four() -> None:
+    lens = Lens(Camera(32, 24, 30.0, 31.0, 15.3, 11.2))
+    whole, fraction = lens.map_to(pinholes([lens], 2.0)[0])
+    assert np.unique(fraction).tolist() == [16 * 32 + 16]  # half of OpenCV's 1/32 of a pixel along both axes
+    assert (np.diff(whole[..., 0], axis=1) == 2).all()
+    assert (np.diff(whole[..., 1], axis=0) == 2).all()
+
+
 @pytest.mark.parametrize("scale", [1.0, 1.5])
 def test_a_pinhole_image_holds_every_pixel_where_opencv_projects_from(scale: float) -> None:
     """Points of the pinhole image, projected by OpenCV, land on the pixels that the map takes from there."""

@@ -191,6 +191,8 @@ def test_jerk_moves_and_pauses_for_as_long_as_its_ways_take() -> None:
     assert motion(move_s + 0.4)[1] == pytest.approx(-0.5 * X)
     assert motion(0.75 * move_s + 0.4)[0] == pytest.approx((0.3 - 0.3 * (10 / 4**3 - 15 / 4**4 + 6 / 4**5)) * X)
     assert motion(2 * (move_s + 0.4))[0] == pytest.approx(motion(0.0)[0])
+    usual = Jerk(np.array([0 * X, 0.3 * X]), 0.5)
+    assert usual(move_s + 0.2)[1] == pytest.approx(-0.5 * X)  # the middle of the way back, after 0.2 s
 
 
 def test_draws_fill_what_they_are_drawn_from() -> None:

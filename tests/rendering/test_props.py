@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to
@@ -10,7 +11,7 @@ from pps_vision.types import Array
 from rendering.eyes import Eyes
 from rendering.scene import Placed, SceneState
 from rendering.sensor import Sensor
-from rendering.shapes import board, disc
+from rendering.shapes import Part, board
 from rendering.stimuli import GREEN, Stimulus, make_stimulus
 
 PLACE = np.array([-0.36, -0.06, 0.12])
@@ -62,7 +63,8 @@ def test_a_patch_is_as_large_as_it_is_turned(robot: Robot, rig: StereoRig, q: Ar
     eye = rig.view(q).left
     facing = rotation_to(eye.center - PLACE)
     whole, level = np.pi * 0.015**2 / np.sum((eye.center - PLACE) ** 2), None
-    with Eyes(robot, rig, Stimulus("marker", 0.015, (disc(0.015, GREEN),))) as eyes:
+    disc = Part(trimesh.creation.cylinder(0.015, 0.001, sections=48), GREEN)
+    with Eyes(robot, rig, Stimulus("marker", 0.015, (disc,))) as eyes:
         for turned, share in ((0.0, 1.0), (60.0, 0.5), (90.0, 0.0)):
             c, s = np.cos(np.deg2rad(turned)), np.sin(np.deg2rad(turned))
             rotation = facing @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])

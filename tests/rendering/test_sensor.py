@@ -18,9 +18,10 @@ def deviation(sensor: Sensor, level: float, seed: int = 0) -> Array:
 def test_a_sensor_with_everything_off_rounds() -> None:
     light = np.random.default_rng(0).uniform(0, 255, (240, 320, 3)).astype(np.float32)
     assert np.abs(expose(Sensor(), light, None) - light).max() <= 0.5
+    assert Sensor() == Sensor(noise_sigma=0.0, shot=0.0, exposure=1.0, blur_s=0.0)
 
 
-@pytest.mark.parametrize("sigma", [2.0, 8.0])
+@pytest.mark.parametrize("sigma", [0.8, 2.0, 8.0])
 def test_gaussian_noise_has_its_sigma_and_no_bias(sigma: float) -> None:
     error = deviation(Sensor(noise_sigma=sigma), 128)
     expected = np.sqrt(sigma**2 + 1 / 12)  # rounding to grey levels adds 1/12
@@ -58,7 +59,7 @@ def test_the_generator_decides() -> None:
 
 
 @pytest.mark.parametrize("name", ["noise_sigma", "shot", "exposure", "blur_s"])
-@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, 256.0, np.nan, np.inf])
 def test_senseless_numbers_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"sensor: {name}"):
         Sensor(**{name: value})

@@ -11,7 +11,7 @@ from pps_vision.robot.model import Body
 from pps_vision.types import Array
 from rendering.carriers import carrier_parts, carrier_pose
 from rendering.names import StimulusName
-from rendering.shapes import board, body_part, disc, sphere, tube
+from rendering.shapes import board, body_part, sphere, surface_of, tube
 from rendering.stimuli import Stimulus, make_stimulus
 
 
@@ -49,6 +49,7 @@ def test_an_octopus_is_the_same_on_both_sides_of_its_face() -> None:
     eyes = [part.mesh for part in make_stimulus("octopus").parts if max(part.color) == min(part.color)]
     both = np.sort([mesh.vertices * (1, np.sign(mesh.centroid[1]), 1) for mesh in eyes], axis=1)
     assert len(eyes) == 4
+    assert [mesh.centroid[1] > 0 for mesh in eyes] in ([False, False, True, True], [True, True, False, False])
     np.testing.assert_allclose(both[:2], both[2:], atol=1e-4)
 
 
@@ -122,7 +123,11 @@ def test_colours_are_saturated(name: StimulusName) -> None:
 @pytest.mark.parametrize("name", get_args(StimulusName))
 def test_every_surface_faces_outward(name: StimulusName) -> None:
     stimulus = make_stimulus(name)
-    parts = [*stimulus.parts, *carrier_parts("hand", stimulus.radius_m), *carrier_parts("stick", stimulus.radius_m)]
+    parts = [
+        *stimulus.parts,
+        *carrier_parts("hand", stimulus.radius_m, 3),
+        *carrier_parts("stick", stimulus.radius_m, 3),
+    ]
     for part in parts:
         if len(part.mesh.faces) > 10:  # the cube's two colours are open sheets
             assert part.mesh.is_watertight
@@ -138,7 +143,7 @@ def test_a_straight_tube_has_the_volume_of_a_capsule() -> None:
 
 
 def test_a_tapered_tube_ends_in_half_balls_of_its_end_radii() -> None:
-    part = tube([[0, 0, 0], [0, 0, 0.05], [0, 0, 0.1]], [0.01, 0.015, 0.03], (1, 1, 1))
+    part = tube([[0, 0, 0], [0, 0, 0.05], [0, 0, 0.1]], [0.01, 0.015, 0.03], (1, 1, 1), sides=8)
     assert part.mesh.bounds[:, 2] == pytest.approx([-0.01, 0.13])
 
 
@@ -149,10 +154,10 @@ def test_a_bent_tube_follows_its_path() -> None:
     assert part.mesh.volume == pytest.approx(np.pi * 1e-4 * 0.1 * np.pi / 2 + 4 / 3 * np.pi * 1e-6, rel=0.02)
 
 
-@pytest.mark.parametrize("radius", [0.010, 0.035])
+@pytest.mark.parametrize("radius", [0.010, 0.035, 0.100])
 @pytest.mark.parametrize("name", ["stick", "hand"])
 def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name: str, radius: float) -> None:
-    vertices = np.vstack([part.mesh.vertices for part in carrier_parts(name, radius)])  # type: ignore[arg-type]
+    vertices = np.vstack([part.mesh.vertices for part in carrier_parts(name, radius, 3)])  # type: ignore[arg-type]
     assert vertices[:, 2].max() > 0.5
     assert vertices[:, 2].min() >= 0
     gap = np.linalg.norm(vertices, axis=1).min() - radius
@@ -161,17 +166,17 @@ def test_a_carrier_reaches_away_and_leaves_the_near_half_free(name: str, radius:
 
 @pytest.mark.parametrize("radius", [0.010, 0.035])
 def test_a_stick_is_a_straight_thin_rod_from_within_the_object(radius: float) -> None:
-    (stick,) = (part.mesh for part in carrier_parts("stick", radius))
+    (stick,) = (part.mesh for part in carrier_parts("stick", radius, 3))
     assert stick.bounds[:, 2] == pytest.approx([0.5 * radius - 0.005, 0.705])
     assert stick.bounds[:, :2] == pytest.approx(0.005 * np.array([[-1, -1], [1, 1]]))
-    assert carrier_parts("none", radius) == ()
+    assert carrier_parts("none", radius, 3) == ()
 
 
 @pytest.mark.parametrize("radius", [0.010, 0.035])
 def test_a_hand_holds_with_four_fingers_above_and_a_thumb_below(radius: float) -> None:
     """Fingers about as thick as an adult's (1.6 cm), which touch the object but do not enter it by more than 2.5 mm;
     behind them palm, wrist and sleeve in line."""
-    palm, *fingers, thumb, wrist, sleeve = (part.mesh for part in carrier_parts("hand", radius))
+    palm, *fingers, thumb, wrist, sleeve = (part.mesh for part in carrier_parts("hand", radius, 3))
     assert len(fingers) == 4
     assert [np.sign(finger.center_mass[1]) for finger in fingers] == [1, 1, 1, 1]
     assert thumb.center_mass[1] < 0
@@ -187,6 +192,7 @@ def test_a_hand_holds_with_four_fingers_above_and_a_thumb_below(radius: float) -
         assert palm.bounds[0, 2] < knuckle[2] < palm.bounds[1, 2] + 0.02
         assert 0 <= tip[2] < knuckle[2]
     assert palm.extents == pytest.approx([0.084, 0.042, 0.1], rel=0.02)  # an adult's palm
+    assert np.abs(palm.center_mass[:2]).max() < 1e-3
     for near, far in ((palm, wrist), (wrist, sleeve)):
         assert near.bounds[0, 2] < far.bounds[0, 2] < near.bounds[1, 2] < far.bounds[1, 2]
         assert np.abs(far.center_mass[:2]).max() < 1e-3
@@ -212,7 +218,7 @@ def test_senseless_things_are_refused() -> None:
         with pytest.raises(ValueError, match="radius"):
             make_stimulus("ball", radius)
     with pytest.raises(ValueError, match=r"carrier 'drone'.*none, stick, hand"):
-        carrier_parts("drone", 0.03)  # type: ignore[arg-type]
+        carrier_parts("drone", 0.03, 3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("sides", [4, 8, 9])
@@ -227,11 +233,24 @@ def test_a_tube_has_evenly_spaced_sides(sides: int) -> None:
     assert part.mesh.volume == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides) * 1e-4, rel=0.02)
 
 
-def test_a_board_and_a_disc_lie_about_the_origin_with_normal_z() -> None:
+def test_a_board_lies_about_the_origin_with_normal_z() -> None:
     assert board(0.1, 0.2).mesh.bounds == pytest.approx(np.array([[-0.05, -0.1, -0.0015], [0.05, 0.1, 0.0015]]))
-    round_one = disc(0.05, (1, 1, 1)).mesh
-    assert round_one.bounds == pytest.approx(np.array([[-0.05, -0.05, -5e-4], [0.05, 0.05, 5e-4]]), rel=1e-3)
-    assert round_one.volume == pytest.approx(np.pi * 0.05**2 * 0.001, rel=0.01)
+
+
+def test_a_surface_has_the_triangles_of_its_parts_in_their_colours() -> None:
+    """A ball has smooth normals, a cube four of the same at each of its faces."""
+    ball, box = sphere(0.1, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0)), board(0.1, 0.2, (0.0, 1.0, 0.0))
+    whole = surface_of([ball, box])
+    corners, colors, normals = (a[whole.faces] for a in (whole.positions, whole.colors, whole.normals))
+    expected = np.concatenate([ball.mesh.triangles, box.mesh.triangles])
+    assert sorted(corners.round(9).tolist()) == sorted(expected.round(9).tolist())
+    is_ball = corners[:, :, 0] > 0.3
+    assert (is_ball == is_ball[:, :1]).all()
+    assert is_ball[:, 0].sum() == len(ball.mesh.faces)
+    np.testing.assert_array_equal(colors, np.where(is_ball[..., None], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(normals[is_ball], 10 * (corners[is_ball] - [0.5, 0, 0]), atol=0.02)
+    assert np.sort(np.abs(normals[~is_ball]), axis=1) == pytest.approx(np.tile([0.0, 0.0, 1.0], (36, 1)), abs=1e-9)
+    assert whole.bounds == pytest.approx(np.array([[-0.05, -0.1, -0.1], [0.6, 0.1, 0.1]]), abs=2e-3)
 
 
 @pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
