@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from data import SEED
 
+from learning.reach.labels import Labels
 from learning.reach.map import ReachableMap
+from learning.reach.params import MapParams
 from pps_vision.app.cli import main
 from pps_vision.app.report.figures import reachable_space
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
@@ -54,17 +56,19 @@ def test_the_table_says_what_the_closed_form_says(learned: Path, tmp_path: Path)
     assert (np.array([float(row["probability"]) for row in rows]) > 0.5).tolist() == said.tolist()
 
 
-def test_outside_the_map_and_more_columns(learned: Path, tmp_path: Path) -> None:
+def test_outside_the_map_and_more_columns(learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = query(
         learned, tmp_path, "what,vergence_deg,yaw_deg,pitch_deg\na,20,0,-20\n\nb,3,0,0\nc,20,60,0\nd,nan,0,0\n"
     )
+    assert capsys.readouterr().out == f"1 of 4 reachable, 3 outside the map → {tmp_path / 'out.csv'}\n"
     assert [row["reachable"] for row in rows] == ["1", "0", "0", "0"]
     assert [row["probability"] == row["degree"] == "" for row in rows] == [False, True, True, True]
     assert query(learned, tmp_path, GAZE) == []
 
 
-def test_it_is_drawn(learned: Path, tmp_path: Path) -> None:
+def test_it_is_drawn(learned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["reach", "show", str(learned), "--out", str(tmp_path / "map.png")])
+    assert capsys.readouterr().out == f"right arm, palm → {tmp_path / 'map.png'}\n"
     image = cv2.imread(str(tmp_path / "map.png"))
     assert image is not None
     green = (image[..., 1] > image[..., 2].astype(int) + 60).mean()
@@ -114,6 +118,66 @@ def test_what_cannot_be_learned(refused, learned: Path, tmp_path: Path) -> None:
     assert "below 1" in refused("reach", "train", "--arm", "left", *out, "--max-error", "2")
     assert "gaze.csv" in refused("reach", "query", learned, tmp_path / "gaze.csv", "--out", tmp_path / "o.csv")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, MapParams, float, ReachableMap | None]]:
+    """What training is asked for: arm, parameters, the first random number, and the map to continue from; the answer
+    is made up, of three labels and two problems without an answer."""
+    found = []
+
+    def trained(
+        robot: object, side: str, rng: np.random.Generator, params: MapParams, hand: object, into: ReachableMap | None
+    ) -> ReachableMap:
+        found.append((side, params, rng.random(), into))
+        values = np.zeros((2, 2, 2))
+        labels = Labels(np.zeros((3, 3)), np.zeros(3, bool), np.zeros(3), np.zeros(3), np.zeros((3, 3)))
+        one = ReachableMap(side, params.gaze_limits, values, values, values, 0.4, 0.05, 0.0, labels, 2)
+        return replace(one, error_bound=0.0123)
+
+    monkeypatch.setattr("learning.reach.training.train_reachable_map", trained)
+    return found
+
+
+def test_of_both_arms_the_errors_and_the_risks_add_up_to_what_is_asked_for(
+    asked, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "map.npz"
+    main(["reach", "train", "--arm", "both", "--max-error", "0.02", "--seed", "5", "--out", str(file)])
+    (left, l_params, l_number, _), (right, r_params, r_number, _) = asked
+    assert (left, right) == ("left", "right")
+    assert l_params.max_error + r_params.max_error == pytest.approx(0.02)
+    assert (1 - l_params.confidence) + (1 - r_params.confidence) == pytest.approx(0.05)
+    assert l_params.n_test == r_params.n_test == 0  # as many as the error asks for
+    assert l_number == r_number == np.random.default_rng(5).random()
+    assert ReachableMap.load(file).side == "both"
+    text = "10 inverse-kinematics problems, 4 without an answer, at most 2.5 % misjudged, with 95 % confidence → "
+    missed = "--max-error 0.02 was not reached within --ik-budget 24000\n"
+    assert capsys.readouterr().out == f"{text}{file}\n{missed}"
+
+
+@pytest.mark.parametrize(("max_error", "missed"), [(0.0, False), (0.012, True), (0.013, False)])
+def test_a_bound_above_the_error_that_is_asked_for_is_said(
+    asked, tmp_path: Path, capsys: pytest.CaptureFixture[str], max_error: float, missed: bool
+) -> None:
+    """Without such an error the map is tested all the same; of two rounds each has half of the budget."""
+    words = ["--ik-budget", "200", "--max-error", str(max_error), "--out", str(tmp_path / "map.npz")]
+    main(["reach", "train", "--arm", "left", *words])
+    ((side, params, _, into),) = asked
+    assert (side, params.n_labels, params.round_labels, into) == ("left", 200, 100, None)
+    assert (params.max_error, params.confidence) == (max_error, pytest.approx(0.95))
+    assert (params.n_test > 5000) == (max_error == 0)
+    said = capsys.readouterr().out
+    assert said.startswith("5 inverse-kinematics problems, 2 without an answer, at most 1.2 % misjudged")
+    assert ("was not reached" in said) == missed
+
+
+def test_training_goes_on_from_a_map_of_the_same_arm(asked, learned: Path, tmp_path: Path) -> None:
+    """And of all labels at least two rounds are made, of 1500 at most."""
+    main(["reach", "train", "--arm", "right", "--into", str(learned), "--out", str(tmp_path / "map.npz")])
+    ((side, params, _, into),) = asked
+    assert (side, into.side, params.round_labels) == ("right", "right", MapParams().round_labels)
+    np.testing.assert_array_equal(into.labels.gaze_rad, ReachableMap.load(learned).labels.gaze_rad)
 
 
 def test_another_measure(tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tracks import track_at
 from videos import coded, number_of, write_video
 
@@ -83,6 +85,67 @@ def test_a_view_holds_what_was_tracked(entities) -> None:
     (path,), (truth,) = entities["/path"], entities["/truth"]
     assert [len(strip) for strip in path["strips"]] == [2, 3]
     np.testing.assert_allclose(truth["strips"], [[[1, 2, 3], [1, 1, 1]]])
+
+
+def test_what_is_logged_without_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recorder in the place of Rerun; the middle one of three frames is lost."""
+    logged: list[tuple[object, str, object, bool]] = []
+    now, calls = [None], []
+
+    class Stream:
+        def __init__(self, name: str) -> None:
+            calls.append(name)
+
+        def save(self, path: Path) -> None:
+            calls.append(path)
+
+        def set_time(self, timeline: str, duration: float) -> None:
+            assert timeline == "stamp"
+            now[0] = duration
+
+        def log(self, entity: str, what: object, static: bool = False) -> None:
+            logged.append((now[0], entity, what, static))
+
+        def disconnect(self) -> None:
+            calls.append("closed")
+
+    recorder = SimpleNamespace(
+        RecordingStream=Stream,
+        Image=lambda image: SimpleNamespace(compress=lambda quality: number_of(image)),
+        Points2D=lambda at, colors, radii: [list(one) for one in at],
+        Clear=lambda recursive: ("cleared", recursive),
+        Ellipsoids3D=lambda centers, half_sizes, quaternions, colors: (centers[0], half_sizes[0], quaternions[0]),
+        Scalars=lambda value: value,
+        LineStrips3D=lambda strips, colors: [np.array(strip).tolist() for strip in strips],
+    )
+    monkeypatch.setitem(sys.modules, "rerun", recorder)
+    still = np.zeros(3), 0.03, np.zeros(2), np.zeros(2), True, True
+    with ViewFile(tmp_path / "view.rrd") as view:
+        for k in range(1, 4):
+            stamp_s = START_S + 0.05 * k
+            view.add(StereoFrame(coded(k), coded(k + 100), stamp_s, stamp_s), step(k))
+        view.finish([Truth(START_S, np.ones(3), *still)])
+        assert "closed" not in calls
+    assert calls == ["pps_vision", tmp_path / "view.rrd", "closed"]
+    by_entity: dict[str, list[object]] = {}
+    for stamp_s, entity, what, static in logged:
+        by_entity.setdefault(entity, []).append(what)
+        assert static == (entity in ("path", "truth"))
+        assert stamp_s in {START_S + 0.05 * k for k in range(1, 4)}
+    assert (by_entity["left"], by_entity["right"]) == ([1, 2, 3], [101, 102, 103])
+    assert by_entity["left/detection"] == [[[11.5, 20.0]], [], [[13.5, 20.0]]]
+    assert by_entity["right/detection"] == [[], [], []]
+    first, cleared, last = by_entity["track"]
+    assert cleared == ("cleared", False)
+    for k, (center, lengths, turn) in ((1, first), (3, last)):
+        np.testing.assert_array_equal(center, position(k))
+        axes = Rotation.from_quat(turn).as_matrix() * lengths
+        np.testing.assert_allclose(axes @ axes.T / CHI2_95, COV, atol=1e-12)
+    far = [float(np.linalg.norm(position(k))) for k in (1, 3)]
+    assert by_entity["distance"] == pytest.approx(far)
+    assert by_entity["time_to_contact"] == pytest.approx([one / 0.5 for one in far])
+    assert by_entity["path"] == [[[position(1).tolist()], [position(3).tolist()]]]
+    assert by_entity["truth"] == [[[[1.0, 1.0, 1.0]]]]
 
 
 def test_track_writes_it(tmp_path: Path, calib: Path) -> None:

@@ -1,0 +1,126 @@
+"""What the commands say, and what they hand on to what does the work."""
+
+import sys
+from dataclasses import replace
+from importlib.metadata import version
+from inspect import signature
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from learning.pps.memory import PPSMemory, load_memory, save_memory
+from learning.reach.track_reachability import TrackReachability
+from pps_vision.app.cli import main
+from pps_vision.app.cli.batch import Batch
+from pps_vision.app.cli.demo import Demo
+from pps_vision.app.cli.joints import Joints
+from pps_vision.app.cli.learn import Learn
+from pps_vision.app.cli.reach import Train
+from pps_vision.app.cli.track import Track
+from pps_vision.app.cli.track2d import Track2d
+from pps_vision.app.learn import Learned
+from pps_vision.errors import InputError
+from pps_vision.experiments.study import NOISE_SIGMA
+from pps_vision.robot.skin import icub_skin
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_arguments_are_those_of_the_process(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["pps-vision", "--version"])
+    main()
+    assert capsys.readouterr().out == f"pps-vision {version('pps-vision')}\n"
+
+
+def test_defaults_are_those_that_the_documents_and_the_classes_state() -> None:
+    text = (ROOT / "docs" / "reachable_space.md").read_text().replace("\u202f", " ").replace("\xa0", " ")
+    assert f"default of {Train.ik_budget // 1000} {Train.ik_budget % 1000:03} labels" in text
+    assert Track.max_fp == signature(TrackReachability).parameters["max_false_positives"].default
+    assert Demo.noise == NOISE_SIGMA
+    assert {command.seed for command in (Track, Track2d, Learn, Joints, Train, Batch, Demo)} == {0}
+
+
+def test_learning_says_what_became_of_each_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of three the first cannot be opened, the second teaches 5 samples, the third adds 7."""
+
+    def opened(folder: Path, **options: object) -> SimpleNamespace:
+        if folder.name == "a":
+            raise InputError(folder, "is empty; expected a recording")
+        return SimpleNamespace(name=folder.name, skipped=2, problems=[f"{folder.name} is odd"], warnings=["slow"])
+
+    def learned(recording: SimpleNamespace, memory: PPSMemory, mode: str, seed: int, setup: object) -> Learned:
+        assert (mode, seed) == ("marker", 3)
+        n = 5 if recording.name == "b" else 7
+        return Learned(replace(memory, counts=memory.counts + n), n, {"stale samples": n - 5, "unseen touches": 0})
+
+    monkeypatch.setattr("pps_vision.recordings.open.open_recording", opened)
+    monkeypatch.setattr("pps_vision.app.learn.learn_from", learned)
+    out = tmp_path / "m.npz"
+    main(["learn", "a", "b", "c", "--mode", "marker", "--seed", "3", "--out", str(out)])
+    said = capsys.readouterr()
+    assert said.out.splitlines() == [
+        "b: 5 samples learned, 2 problems skipped",
+        "c: 7 samples learned, 2 problems skipped; rejected: 2 stale samples",
+        f"2 of 3 recordings learned → {out}",
+    ]
+    lines = [line for line in said.err.splitlines() if line.startswith(("skipped", "warning", "nothing"))]
+    assert lines == [
+        "skipped: a: is empty; expected a recording",
+        *(line for name in "bc" for line in (f"skipped: {name} is odd", "warning: slow")),
+    ]
+    assert (load_memory(out).counts == 12).all()
+    main(["learn", "c", "--into", str(out), "--mode", "marker", "--seed", "3", "--out", str(tmp_path / "more.npz")])
+    assert (load_memory(tmp_path / "more.npz").counts == 19).all()
+
+
+def test_show_draws_the_taxels_that_were_stimulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All where none was."""
+    drawn: list[object] = []
+    monkeypatch.setattr(
+        "pps_vision.app.report.figures.landscapes", lambda memory, taxels: drawn.append(taxels) or Figure()
+    )
+    memory, file, out = PPSMemory.empty(icub_skin(("left_palm",))), tmp_path / "m.npz", tmp_path / "m.png"
+    save_memory(file, memory)
+    main(["show", str(file), "--out", str(out)])
+    counts = memory.counts.copy()
+    counts[[1, 3], 0, 0, 1] = 9
+    save_memory(file, replace(memory, counts=counts))
+    main(["show", str(file), "--out", str(out)])
+    assert drawn == [None, [1, 3]]
+    lines = [f"{n} of {len(memory.taxel_ids)} taxels were stimulated → {out}" for n in (0, 2)]
+    assert capsys.readouterr().out.splitlines() == lines
+
+
+def test_a_flight_is_upwards_on_a_robot_and_in_an_image_and_does_not_bounce_unless_asked_to() -> None:
+    robot, film = SimpleNamespace(robot=object()), SimpleNamespace(robot=None)
+    flying = Track(Path("rec"), out=Path("out"), model="flight")
+    found = [flying._flight(one) for one in (robot, film)]  # type: ignore[arg-type]
+    assert [one.up for one in found if one] == [(0, 0, 1), (0, -1, 0)]
+    assert [one.floor_m for one in found if one] == [-np.inf] * 2
+    told = replace(flying, up=(1.0, 0.0, 0.0), floor_m=-0.4)._flight(robot)  # type: ignore[arg-type]
+    assert told is not None
+    assert (told.up, told.floor_m) == ((1, 0, 0), -0.4)
+    assert replace(flying, model="kalman")._flight(robot) is None  # type: ignore[arg-type]
+
+
+def test_render_and_demo_hand_on_their_options(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr("pps_vision.app.render.record", lambda params: asked.append(params.motion) or (80, 3))
+    monkeypatch.setattr("pps_vision.app.demo.demo", lambda *words: asked.append(words))
+    monkeypatch.setattr("pps_vision.app.demo_encounters.demo_encounters", lambda *words: asked.append(words))
+    main(["render", "--stimulus", "ball", "--motion", "circle", "--out", str(tmp_path / "rec")])
+    assert capsys.readouterr().out == f"80 pairs, skin touched in 3 → {tmp_path / 'rec'}\n"
+    main(["demo", "--trials", "5", "--noise", "3", "--seed", "7", "--out", "a"])
+    main(["demo", "--encounters", "4", "--noise", "3", "--seed", "7", "--out", "a"])
+    assert asked == ["circle", (Path("a"), 5, 3.0, 7), (Path("a"), 4, 3.0, 7)]

@@ -1,0 +1,98 @@
+"""`track2d`: a block that moves over a grey wall, in each form, and what is said of it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from data import SEED
+
+from pps_vision.app.cli import main
+from pps_vision.app.evaluate_boxes import evaluate_boxes, read_boxes
+from pps_vision.app.track2d import follow
+from pps_vision.recordings.image_sequence import open_frames
+
+N = 6
+INIT = ("--init", "20", "30", "24", "20")
+
+
+def box(k: int) -> tuple[int, int, int, int]:
+    return 20 + 3 * k, 30 + k, 24, 20
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    """Images 1 to 6 of 120×90 pixels, with a blue block."""
+    rng, folder = np.random.default_rng(SEED), tmp_path / "frames"
+    folder.mkdir()
+    for k in range(N):
+        image = np.clip(90 + rng.normal(0, 4, (90, 120, 3)), 0, 255).astype(np.uint8)
+        x, y, w, h = box(k)
+        image[y : y + h, x : x + w] = (230, 120, 30)
+        cv2.imwrite(str(folder / f"{k + 1}.png"), image)
+    return folder
+
+
+def test_every_form_holds_the_boxes(frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "truth.csv").write_text(
+        "frame,x,y,w,h,score\n" + "".join(f"{k + 1},{','.join(map(str, box(k)))},1\n" for k in range(N))
+    )
+    files = {form: tmp_path / f"boxes.{form}" for form in ("csv", "mot", "coco")}
+    for form, file in files.items():
+        main(["track2d", str(frames), *INIT, "--form", form, "--out", str(file)])
+        said = capsys.readouterr()
+        assert said.out == f"found in 6 of 6 frames → {file}\n"
+        colours = "the object is followed by its colours (similarity to its surroundings' colours 0.00)\n"
+        assert said.err.endswith(colours)
+    for form in ("csv", "mot"):
+        assert evaluate_boxes(read_boxes(files[form]), read_boxes(tmp_path / "truth.csv")).mean_iou > 0.95
+    coco, rows = json.loads(files["coco"].read_text()), files["csv"].read_text().split()[1:]
+    assert [image["file_name"] for image in coco["images"]] == [str(frames / f"{k + 1}.png") for k in range(N)]
+    assert [(image["frame_id"], image["width"], image["height"]) for image in coco["images"]] == [
+        (k + 1, 120, 90) for k in range(N)
+    ]
+    written = [[one["image_id"], *one["bbox"], one["score"]] for one in coco["annotations"]]
+    np.testing.assert_allclose(written, [[float(cell) for cell in row.split(",")] for row in rows], atol=1e-4)
+
+
+def test_an_image_that_cannot_be_read_has_no_box(
+    frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (frames / "3.png").write_bytes(b"")
+    for form in ("csv", "coco"):
+        main(["track2d", str(frames), *INIT, "--form", form, "--out", str(tmp_path / form)])
+        said = capsys.readouterr()
+        assert "found in 5 of 5 frames" in said.out
+        assert [line for line in said.err.splitlines() if "skipped" in line and "3.png" in line]
+    assert sorted(read_boxes(tmp_path / "csv").frames) == [1, 2, 4, 5, 6]
+    coco = json.loads((tmp_path / "coco").read_text())
+    assert [one["image_id"] for one in coco["annotations"]] == [1, 2, 4, 5, 6]
+    assert len(coco["images"]) == N
+
+
+def test_what_it_is_followed_by_can_be_chosen(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said: list[str] = []
+    rows = follow(open_frames(frames), box(0), 0, "template", said.append)
+    text = "the object is followed by a spatial template and its colours (similarity to its surroundings' colours 0.00)"
+    assert said == [text]
+    np.testing.assert_allclose([found for _, found, _ in rows], [box(k) for k in range(N)], atol=0.5)
+    assert [number for number, _, _ in rows] == list(range(1, N + 1))
+    assert rows[0][1:] == (box(0), 1.0)
+
+
+def test_an_object_like_its_surroundings_is_warned_of_and_not_found(
+    frames: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A piece of the bare wall."""
+    folder = tmp_path / "wall"
+    folder.mkdir()
+    for k in (5, 6):
+        shutil.copy(frames / f"{k}.png", folder)
+    words = ["track2d", str(folder), "--init", "75", "60", "20", "20", "--appearance", "colour"]
+    main([*words, "--out", str(tmp_path / "boxes.csv")])
+    said = capsys.readouterr()
+    warning = "warning: object and surroundings look alike, so it may be lost; the object is followed by its colours"
+    assert warning in said.err
+    assert "found in 1 of 2 frames" in said.out
