@@ -84,6 +84,18 @@ def test_the_corners_of_the_limits_are_within_them_and_just_beyond_is_not():
         assert np.isnan(gaze_for_points(ROBOT, fixation_points(ROBOT, outwards))).all()
 
 
+@pytest.mark.parametrize(
+    ("axis", "lowest_deg", "highest_deg"), [(0, -55, 55), (1, -40, 40), (2, 5, 90)], ids=["yaw", "pitch", "vergence"]
+)
+def test_the_default_limits_are_js(axis, lowest_deg, highest_deg):
+    """A tenth of a degree within them there is a gaze, a tenth beyond them there is none."""
+    for end_deg, inwards in ((lowest_deg, 0.1), (highest_deg, -0.1)):
+        for aside, is_within in ((inwards, True), (-inwards, False)):
+            gaze = np.deg2rad([[10.0, -10.0, 20.0]])
+            gaze[0, axis] = np.deg2rad(end_deg + aside)
+            assert np.isfinite(gaze_for_points(ROBOT, fixation_points(ROBOT, gaze))).all() == is_within
+
+
 def test_closed_form_and_least_squares_agree_everywhere_around_the_robot():
     """Before, beside, behind, above and below the head, near and far; most cannot be fixated within J's limits."""
     points = np.random.default_rng(1).uniform([-1.0, -0.5, -0.2], [0.3, 0.5, 0.9], (300, 3))
@@ -169,3 +181,52 @@ def test_beyond_the_limits_is_nan_and_wider_limits_help():
 def test_limits_out_of_order_or_of_eyes_that_do_not_converge_are_refused(limits):
     with pytest.raises(ValueError, match="lower below upper and vergence above 0"):
         GazeLimits(**limits)
+
+
+ARM7_URDF = Path(__file__).parents[1] / "arm7" / "arm.urdf"
+
+
+def watched(left_deg: float, link: str = "base", palms: tuple[str, str] = ("", "palm")) -> Robot:
+    """An arm watched by two cameras 10 cm apart that look along y, the left one turned by an angle to its left."""
+    mounted = {}
+    for name, x, turn in (("left", 0.35, np.deg2rad(left_deg)), ("right", 0.45, 0.0)):
+        mounted[name] = link, np.eye(4)
+        mounted[name][1][:3, :3] = np.array(
+            [[np.cos(turn), 0, -np.sin(turn)], [np.sin(turn), 0, np.cos(turn)], [0, -1, 0]]
+        )
+        mounted[name][1][:3, 3] = x, 0.2, 0.7
+    return Robot(ARM7_URDF, FrameNames("left", "right", palms, gaze_joints=()), None, mounted)
+
+
+@pytest.mark.parametrize("left_deg", [0.0, 8.0])
+def test_a_point_seen_by_fixed_cameras_by_hand(left_deg):
+    """From the middle between them: ahead is half the angle to the left, but at right angles to the baseline, so y."""
+    model, points = GazeModel(watched(left_deg)), np.array([[0.4, 1.2, 0.7], [-0.2, 1.0, 0.7], [0.4, 1.0, 1.1]])
+    expected = np.array(
+        [
+            [0.0, 0.0, 2 * np.arctan(0.05 / 1.0)],
+            [np.arcsin(0.6), 0.0, 2 * np.arctan(0.05 / 1.0)],  # 0.6 m to the left, 0.8 m ahead
+            [0.0, np.arctan2(0.4, 0.8), 2 * np.arctan(0.05 / np.hypot(0.4, 0.8))],
+        ]
+    )
+    np.testing.assert_allclose(model.gaze(points, GazeLimits(vergence_rad=(0.01, 1.0))), expected, atol=1e-12)
+    np.testing.assert_allclose(model.points(expected), points, atol=1e-12)
+    rest = np.random.default_rng(0).uniform([-0.9, -0.9, 0.1], [0.9, 0.9, 1.9], (50, 3))
+    np.testing.assert_allclose(model.gaze(model.points(rest), GazeLimits((-1, 1), (-1, 1), (0.05, 2.0))), rest)
+    assert np.isnan(model.points(np.array([[0.1, 0.1, 0.0], [0.1, 0.1, -0.2]]))).all()
+
+
+@pytest.mark.parametrize(
+    ("link", "palms", "carries"),
+    [("base", ("", "palm"), 0), ("upper", ("", "palm"), None), ("upper", ("elbow", "palm"), None),
+     ("palm", ("shoulder", "palm"), 1)],
+)  # fmt: skip
+def test_the_joints_that_move_cameras_and_hands_alike_carry_a_point(link, palms, carries):
+    """All joints before the cameras' link, but none that does not move each palm, too."""
+    robot = watched(0.0, link, palms)
+    q, point = np.linspace(0.2, 0.8, robot.n_joints), np.array([0.3, -0.2, 0.5])
+    before = robot.moving(link) if carries is None else robot.joint_names[:carries]
+    bent = np.where(np.isin(robot.joint_names, before), q, 0.0)
+    T_camera, T_camera_upright = (robot.at(of).T_root("left") for of in (bent, np.zeros(robot.n_joints)))
+    expected = (T_camera_upright @ np.linalg.inv(T_camera) @ [*point, 1])[:3]
+    np.testing.assert_allclose(GazeModel(robot).to_upright(q[None], point)[0], expected, atol=1e-12)

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from data import shared_data
 from eyes import fixation_point
 
+from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.robot import icub
 from pps_vision.robot.model import Robot
+from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array
 
 ROOT = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
@@ -143,6 +146,29 @@ def test_set_gaze_changes_only_what_is_named(robot: Robot) -> None:
     np.testing.assert_allclose(q[robot.indices(robot.names.gaze_joints)], [0.1, -0.2, 0.05, 0.16, -0.04])
     both = icub.set_gaze(robot, q, vergence=0.3)[robot.indices(("left_eye_pan", "right_eye_pan"))]
     np.testing.assert_allclose(both, [0.06 + 0.15, 0.06 - 0.15])
+
+
+def test_the_cameras_are_those_of_the_robots_own_calibration() -> None:
+    assert read_icub_eyes(shared_data("icub_files", "icubEyes.ini")) == (icub.LEFT_EYE, icub.RIGHT_EYE)
+
+
+def test_at_home_the_eyes_look_ahead_and_meet_where_ten_degrees_of_vergence_do(robot: Robot) -> None:
+    """Half of 68 mm by tan 5° before them."""
+    posture = robot.at(icub.home(robot))
+    eyes = 0.5 * (posture.point("left_eye") + posture.point("right_eye"))
+    ahead = fixation_point(posture) - eyes
+    np.testing.assert_allclose(ahead, [-0.034 / np.tan(np.deg2rad(5.0)), 0, 0], atol=1e-9)
+
+
+def test_the_setup_has_all_taxels_or_those_given_and_both_arms_at_home(robot: Robot) -> None:
+    setup = icub.icub_setup()
+    assert len(setup.skin.taxel_ids) == 2 * (12 + 4)
+    assert icub.icub_setup(icub_skin(("left_palm",))).skin.taxel_ids[0] == "left_palm:101"
+    assert (setup.side, setup.required) == ("left", ("head",))
+    for side, palm in (("left", [-0.30, -0.20, 0.05]), ("right", [-0.30, 0.20, 0.05])):
+        q = np.zeros(robot.n_joints)
+        q[robot.indices(robot.names.arm(side))] = setup.home_arm(side)
+        np.testing.assert_allclose(robot.at(q).point(f"{side}_palm"), palm, atol=1e-4)
 
 
 def test_an_arm_port_with_too_few_encoders_is_refused() -> None:

@@ -74,6 +74,8 @@ def test_rates_of_distances_are_their_differences() -> None:
     for _ in range(40):
         q, dq = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.normal(size=ROBOT.n_joints)
         distance, rates = bodies.parting(q, 0.1, joints)
+        every = _distances(bodies, q)
+        np.testing.assert_allclose(np.sort(distance), np.sort(every[every < 0.1]), atol=1e-6)
         before, after = (bodies.parting(q + step * dq, 0.1, joints)[0] for step in (-h, h))
         if len(before) == len(after) == len(distance) and np.all(distance > 0.005):
             np.testing.assert_allclose((after - before) / (2 * h), rates @ dq, atol=0.005)
@@ -204,6 +206,9 @@ def test_what_parts_and_what_is_free_both_bound_the_clear_share():
 def test_pairs_that_do_not_move_against_each_other_restrict_nothing():
     """Hanging arms, 19.1 mm from the chest: what is carried along does not count, what turns does."""
     bodies, q = SelfCollision(ROBOT), np.zeros(ROBOT.n_joints)
+    leaving = np.zeros(ROBOT.n_joints)
+    leaving[ROBOT.indices(("left_shoulder_roll",))] = 0.05
+    assert bodies.clear_share(q, leaving, 0.02) == 1.0
     for joint, clear in (("torso_yaw", True), ("torso_pitch", True), ("left_wrist_yaw", True), ("left_elbow", False)):
         change = np.zeros(ROBOT.n_joints)
         change[ROBOT.indices((joint,))] = -0.05 if joint == "left_elbow" else 0.05
@@ -222,6 +227,8 @@ def test_two_points_that_pass_straight_are_as_near_as_bounded():
     for nearest, v, begin, end in ((0.02, 0.3, -0.04, 0.1), (0.001, 1.0, -0.5, 0.2), (0.05, 0.01, -1.0, 1.0)):
         d0, d1 = (np.hypot(nearest, v * t) for t in (begin, end))
         assert _smallest_squared(d0, d1, end - begin, v, 0.0) == pytest.approx(nearest**2)
+    # curved, by hand: w² = 0.1² + 0.02 (0.3 + 0.1·2 + 0.25·0.02·2²) = 0.0204, nearest in the middle of 2
+    assert _smallest_squared(0.3, 0.3, 2.0, 0.1, 0.02) == pytest.approx(0.09 - 0.0204)
     d0, d1 = np.hypot(0.02, 0.03), np.hypot(0.02, 0.06)  # leaving: the nearest is the start
     assert _smallest_squared(d0, d1, 0.1, 0.3, 0.0) == pytest.approx(d0**2)
 

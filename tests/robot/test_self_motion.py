@@ -6,7 +6,14 @@ from data import SEED
 
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.self_motion import FarFromLimits, Manipulability, WalkParams, walk
+from pps_vision.robot.self_motion import (
+    DirectionCoverage,
+    FarFromLimits,
+    Manipulability,
+    WalkParams,
+    covered_directions,
+    walk,
+)
 
 LOWER, UPPER = np.full(3, -np.pi), np.full(3, np.pi)
 
@@ -83,3 +90,37 @@ def test_another_measure_finds_other_postures():
     central, _ = walk(chain.positions, targets, q, lower, upper, FarFromLimits(lower, upper), WalkParams())
     assert np.mean(good - even(central, chain.positions(central)[1])) > 0.005
     assert np.all((walked >= lower) & (walked <= upper))
+
+
+def test_directions_are_spread_evenly() -> None:
+    """Two hundred unit vectors; a cap about any of them has the share of them that it has of the sphere."""
+    directions = DirectionCoverage().directions
+    assert directions.shape == (200, 3)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
+    np.testing.assert_allclose(directions.mean(axis=0), 0.0, atol=0.005)
+    for angle in (0.5, 1.0, 2.0):
+        share = (directions @ directions.T >= np.cos(angle)).mean(axis=1)
+        np.testing.assert_allclose(share, 0.5 * (1 - np.cos(angle)), atol=0.02)
+    nearest = np.sort(directions @ directions.T, axis=1)[:, -2]
+    assert np.arccos(nearest).min() > 0.15, "none is beside another: 0.25 rad if they were squares"
+
+
+def pointing(q):
+    """Where the last link points."""
+    angle = q.sum(axis=1)
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+
+
+def test_the_directions_that_a_hand_takes_in_the_plane_are_those_near_the_plane() -> None:
+    """70 cm from its base three links of a metre reach a point from all sides, in the plane; within 20° of it."""
+    towards, half = np.arctan2(-1.0, 0.7), np.arccos(0.5 * np.hypot(1.0, 0.7))  # of the last joint from the base
+    q = np.array([[towards - half, 2 * half, np.pi / 2 - towards - half]])  # the last link points along y
+    target, _ = planar(q)
+    q = np.tile(q, (2, 1))
+    wide, coverage, params = np.full(3, 20.0), DirectionCoverage(), WalkParams(step_rad=0.1, steps=120)
+    met = covered_directions(planar, pointing, np.tile(target, (2, 1)), q, -wide, wide, coverage, params)
+    near = np.abs(coverage.directions[:, 2]) <= np.sin(np.deg2rad(20))
+    assert met.shape == (2, 200)
+    assert np.count_nonzero(met[0] != near) <= 1
+    met = covered_directions(planar, pointing, np.tile(target, (2, 1)), q, q[0] - 1e-3, q[0] + 1e-3, coverage, params)
+    np.testing.assert_array_equal(met[0], coverage.directions[:, 1] >= np.cos(np.deg2rad(20)))
