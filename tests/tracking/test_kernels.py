@@ -116,3 +116,11 @@ def test_harmonics_are_those_of_an_outline_that_was_drawn(turned_deg: float) -> 
     expected = [0.06 * np.cos(2 * turn), 0.06 * np.sin(2 * turn), 0.04 * np.cos(3 * turn), 0.04 * np.sin(3 * turn)]
     np.testing.assert_allclose([abs(c2), abs(s2), abs(c3), abs(s3)], np.abs(expected), atol=0.012)
     assert abs(excess) < 0.06
+
+
+def test_where_nothing_tells_the_colours_apart_the_mask_decides() -> None:
+    """A plain image: a pixel at the edge is off by what any edge through it would make of it, 1/12."""
+    _, mask = _scene("disc", np.random.default_rng(0))
+    alpha, variance = covered(np.full((*mask.shape, 3), 120, np.uint8), mask, 2)
+    np.testing.assert_array_equal(alpha, mask)
+    np.testing.assert_allclose(variance[variance > 0], 1 / 12, rtol=1e-6)

@@ -44,6 +44,11 @@ def test_pale_and_dark_colours_do_not_count() -> None:
     assert [threshold(params, plain(120.0, 1.0, v)).item() for v in (0.10, 0.14, 1.0)] == [0, 255, 255]
 
 
+def test_a_marker_is_green_unless_another_hue_is_given() -> None:
+    for hue_deg, counts in ((81.0, False), (88.0, True), (120.0, True), (152.0, True), (159.0, False)):
+        assert (threshold(MarkerParams(), plain(hue_deg)).item() == 255) == counts
+
+
 @pytest.mark.parametrize("change", [(-1.0, 35.0), (360.0, 35.0), (120.0, 0.0), (120.0, 91.0), (np.nan, 35.0)])
 def test_a_hue_or_tolerance_that_is_none_is_refused(change: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="expected a hue in"):
@@ -97,6 +102,14 @@ def test_only_the_square_that_is_asked_for_is_searched() -> None:
         assert found.center_px == pytest.approx(expected, abs=0.3)
 
 
+def test_a_marker_in_the_corner_is_searched_up_to_the_border() -> None:
+    """Of the upper left and the lower right one, whose last pixels count too."""
+    for corner, box in (((0, 0), (0, 0, 9, 9)), ((159, 119), (151, 111, 9, 9))):
+        (found,) = find_markers(MarkerParams(), drawn((*corner, 8)), OPTICS, near=(*corner, 20))
+        assert found.box_px == box
+        assert found.is_partial
+
+
 def test_what_does_not_differ_from_the_background_is_left_out() -> None:
     image = drawn((40, 60, 6), (110, 60, 6))
     boxes = []
@@ -133,3 +146,23 @@ def test_nothing_stands_out_of_what_is_of_the_full_saturation() -> None:
     cv2.circle(pale, (80, 60), 12, (0, 220, 0), cv2.FILLED)
     (one,) = find_vivid_markers(MarkerParams(120.0), pale, OPTICS)
     assert one.center_px == pytest.approx((80, 60), abs=0.2)
+
+
+def _common_hue(rng: np.random.Generator, more: float, share: float) -> Image:
+    """Greens whose saturation has a standard deviation of 10 in a share of the image; a disc by `more` of these more
+    saturated."""
+    saturation = np.rint(150 + 10 * rng.standard_normal((120, 160)))
+    saturation[:, round(160 * share) :] = 0
+    disc = np.zeros((120, 160), np.uint8)
+    cv2.circle(disc, (110, 60), 8, (1,), cv2.FILLED)
+    other = 255 - np.where(disc > 0, 150 + 10 * more, saturation)
+    return np.stack([other, np.full((120, 160), 255.0), other], axis=-1).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("more", "share", "found"), [(5, 1.0, 1), (3, 1.0, 0), (5, 0.2, 1), (5, 0.0, 0)])
+def test_what_stands_out_of_a_common_hue_by_four_deviations_is_a_marker(
+    more: float, share: float, found: int, rng: np.random.Generator
+) -> None:
+    """A hue that only the disc has (1 % of the image) is no common one."""
+    vivid = find_vivid_markers(MarkerParams(120.0), _common_hue(rng, more, share), OPTICS)
+    assert [one.center_px.round().tolist() for one in vivid] == [[110, 60]] * found

@@ -7,8 +7,9 @@ from ball_scenes import Sphere, look
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
+from pps_vision.types import Array
 from tracking.marker import MarkerParams, find_markers, threshold
-from tracking.outline import Coverage, Optics, cover, fit_outline, outline
+from tracking.outline import Coverage, Optics, Outline, _fit_circle, cover, fit_outline, outline
 
 RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
 FULL = (0, 0, LEFT_EYE.width, LEFT_EYE.height)
@@ -210,3 +211,144 @@ def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics: Optics, rng:
     assert (whole.is_partial, free.is_partial, smaller.is_partial, hidden.is_partial) == (False, False, False, True)
     np.testing.assert_array_equal(whole.cov_px, free.cov_px)
     assert hidden.cov_px[0, 0] > 10 * whole.cov_px[0, 0]
+
+
+def _on_circle(n: int, first: float, last: float, radius: float = 20.0) -> Array:
+    """(n, 2) evenly on an arc, degrees, around (50, 40)."""
+    angle = np.deg2rad(np.linspace(first, last, n, endpoint=False))
+    return np.array([50.0, 40.0]) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+@pytest.mark.parametrize(("others_radius", "share"), [(15.0, 0.7), (19.5, 1.0), (20.5, 1.0), (25.0, 0.4)])
+def test_a_circle_is_voted_for_by_what_lies_on_it_and_against_by_what_lies_outside(
+    others_radius: float, share: float
+) -> None:
+    """Of 100 points 70 lie on it; the others within it, within a pixel of it, or outside."""
+    edge = np.concatenate([_on_circle(70, 0, 252), _on_circle(30, 252, 360, others_radius)])
+    x, y, *_, found = _fit_circle(edge, 20.0)
+    assert found == pytest.approx(share)
+    np.testing.assert_allclose([x, y], [50, 40], atol=0.3)
+
+
+@pytest.mark.parametrize("last", [360.0, 200.0, 120.0])
+def test_a_circle_s_centre_is_as_uncertain_as_its_edge_and_its_radius(last: float) -> None:
+    """Edge points err by 0.3 px, two and two alike; the radius by 3 %, which moves the centre of an arc."""
+    edge, h = _on_circle(90, 0, last), 0.01
+    x, y, uu, uv, vv, share = _fit_circle(edge, 20.0)
+    larger, smaller = (np.array(_fit_circle(edge, 20.0 + d)[:2]) for d in (h, -h))
+    by_radius = (larger - smaller) / (2 * h)
+    normals = (edge - [50, 40]) / 20
+    expected = 2 * 0.3**2 * np.linalg.inv(normals.T @ normals) + np.outer(by_radius, by_radius) * (0.03 * 20) ** 2
+    np.testing.assert_allclose([x, y], [50, 40], atol=1e-6)
+    np.testing.assert_allclose([[uu, uv], [uv, vv]], expected, rtol=0.02, atol=1e-4)
+    assert share == 1
+
+
+def test_no_circle_is_fitted_to_what_lies_on_none() -> None:
+    """A straight line; points that are all too near each other, or too far apart, for its radius."""
+    line = np.stack([np.arange(60.0), np.full(60, 10.0)], axis=-1)
+    assert _fit_circle(line, 8.0)[5] < 0.5
+    for radius in (100.0, 5.0):
+        assert _fit_circle(_on_circle(60, 0, 360), radius)[5] <= 0.5
+
+
+def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one() -> None:
+    def is_disc(width: float, height: float, filled: float) -> bool:
+        area = filled * np.pi / 4 * width * height
+        return Outline(np.zeros(2), np.eye(2), 0.1, 1e-6, (0.0, 0.0, width, height), area, False).is_disc
+
+    assert is_disc(20, 20, 1.0)
+    assert is_disc(22, 20, 1.0)
+    assert is_disc(20, 22, 1.0)
+    assert not is_disc(23, 20, 1.0)
+    assert not is_disc(20, 23, 1.0)
+    assert is_disc(20, 20, 1.1)
+    assert is_disc(20, 20, 0.91)
+    assert not is_disc(20, 20, 4 / np.pi)  # a square
+    assert not is_disc(20, 20, 0.88)
+
+
+@pytest.mark.parametrize(
+    ("corner", "size"), [((0, 60), (30, 20)), ((60, 0), (20, 30)), ((290, 60), (30, 20)), ((60, 210), (20, 30))]
+)
+def test_what_reaches_the_image_s_border_is_cut_off(corner: tuple[int, int], size: tuple[int, int]) -> None:
+    """The left, upper, right and lower border; a pixel away from it, it is whole."""
+    camera = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
+    (x, y), (w, h) = corner, size
+    toward = np.sign([160 - x - w / 2, 120 - y - h / 2]) * (np.abs([160 - x - w / 2, 120 - y - h / 2]) > 104)
+    for (dx, dy), partial in (((0, 0), True), (toward.astype(int), False)):
+        mask = np.zeros((240, 320), bool)
+        mask[y + dy : y + dy + h, x + dx : x + dx + w] = True
+        image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+        shape = outline(cover(image, mask, FULL), Optics(camera))
+        assert shape is not None
+        assert shape.is_partial == partial
+        assert shape.box_px == (x + dx, y + dy, w, h)
+        assert shape.area_px == pytest.approx(w * h, rel=0.02)
+
+
+@pytest.mark.parametrize(("given", "missing"), [(True, 0.5), (False, 0.3)])
+def test_what_is_hidden_of_no_disc_may_lie_to_any_side(given: bool, missing: float) -> None:
+    """Half a disc's centroid is 4/(3π) of its radius off; a half of a square is so doubtful, and in proportion what is
+    cut off by the border, which is taken to be three tenths."""
+    camera = Camera(320, 240, 2000.0, 2000.0, 159.5, 119.5)
+    mask = np.zeros((240, 320), bool)
+    mask[100:160, 140:170] = given
+    mask[100:160, :30] |= not given
+    image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+    visible = outline(cover(image, mask, FULL), Optics(camera))
+    found = fit_outline(image, mask, FULL, Optics(camera), 3600.0 if given else None)
+    assert visible is not None
+    assert found is not None
+    assert found.is_partial
+    radius = np.sqrt(visible.area_px / (1 - missing) / np.pi)
+    off = 4 / (3 * np.pi) * radius * missing / 0.5
+    assert np.trace(found.cov_px - visible.cov_px) == pytest.approx(off**2, rel=0.1)
+    np.testing.assert_array_equal(found.center_px, visible.center_px)
+
+
+def test_a_disc_is_completed_where_most_of_its_edge_shows(optics: Optics) -> None:
+    """Two thirds of a disc that end at its centre; of a cross of as large an area two thirds of the edge lie within."""
+    v, u = np.mgrid[:240, :320]
+    angle, disc = np.arctan2(v - 120, u - 160), np.hypot(u - 160, v - 120) < 30
+    cross = (np.abs(u - 160) < 10) | (np.abs(v - 120) < 10)
+    for part, completed in ((np.abs(angle) < 2 / 3 * np.pi, True), (cross, False)):
+        mask = disc & part
+        image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+        shape = fit_outline(image, mask, FULL, optics, np.pi * 30**2)
+        assert shape is not None
+        assert shape.is_partial
+        assert np.linalg.norm(shape.center_px - [160, 120]) < 0.5
+        assert (shape.area_px == np.pi * 30**2) == completed
+        if completed:
+            np.testing.assert_allclose(shape.box_px, (130, 90, 60, 60), atol=0.5)
+            whole = outline(cover(np.where(disc[..., None], RED, 90.0).astype(np.uint8), disc, FULL), optics)
+            assert whole is not None
+            assert shape.angular_radius_rad == pytest.approx(whole.angular_radius_rad, rel=0.02)
+            assert shape.angular_radius_var == pytest.approx((0.03 * shape.angular_radius_rad) ** 2)
+    # the arc of a third of it shows the disc; of less than a quarter it does not
+    for cut, completed in ((150, True), (142, False)):
+        mask = disc & (u < cut)
+        image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+        shape = fit_outline(image, mask, FULL, optics, np.pi * 30**2)
+        assert shape is not None
+        assert (shape.area_px == np.pi * 30**2) == completed
+
+
+def test_of_joined_things_without_an_expected_area_there_is_no_outline(optics: Optics) -> None:
+    v, u = np.mgrid[:240, :320]
+    disc, both = np.hypot(u - 160, v - 120) < 20, (np.hypot(u - 160, v - 120) < 20) | (np.hypot(u - 190, v - 120) < 20)
+    image = np.where(both[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+    assert fit_outline(image, disc, FULL, optics, None, both) is None
+    found = fit_outline(image, disc, FULL, optics, np.pi * 20**2, both)
+    assert found is not None
+    assert np.linalg.norm(found.center_px - [160, 120]) < 0.5
+
+
+def test_what_covers_no_pixel_by_half_or_less_than_one_in_all_is_none(optics: Optics) -> None:
+    faint, small = np.full((10, 10), 0.4, np.float32), np.zeros((10, 10), np.float32)
+    small[5, 5] = 0.9
+    for alpha in (faint, small):
+        assert outline(Coverage(alpha, np.zeros_like(alpha), (100, 100, 110, 110)), optics) is None
+    small[5, 6] = 0.2
+    assert outline(Coverage(small, np.zeros_like(small), (100, 100, 110, 110)), optics) is not None
