@@ -87,7 +87,7 @@ def triangulated(
     nothing = False, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
     p, q = left[0], right[0]
     gap = q[3] - p[3], q[7] - p[7], q[11] - p[11]
-    x, y, converged, chi2, moved2 = _undistorted(left), _undistorted(right), False, 0.0, 0.0
+    x, y = _undistorted(left), _undistorted(right)
     for _ in range(_ITERATIONS):
         a, b = _turned(p, x[0], x[1], 1.0), _turned(q, y[0], y[1], 1.0)
         plane = _cross(gap, a)  # normal of the epipolar plane of the left ray
@@ -96,8 +96,8 @@ def triangulated(
         off, var = _dot(b, plane) + off_left + off_right, var_left + var_right
         x, far_left, moved2_left = _moved(x, pull_left, off / var)
         y, far_right, moved2_right = _moved(y, pull_right, off / var)
-        if far_left + far_right < _CONVERGED_RAD:
-            converged, chi2, moved2 = True, off * off / var, moved2_left + moved2_right
+        converged = far_left + far_right < _CONVERGED_RAD
+        if converged:
             break
     a, b = _turned(p, x[0], x[1], 1.0), _turned(q, y[0], y[1], 1.0)
     normal = _cross(a, b)
@@ -110,7 +110,7 @@ def triangulated(
     at = p[3] + depth_left * a[0], p[7] + depth_left * a[1], p[11] + depth_left * a[2]
     u, v = _slopes(left, x, depth_left)
     s, t = _slopes(right, y, depth_right)
-    return True, at, _inverse(u, v, s, t), moved2, chi2
+    return True, at, _inverse(u, v, s, t), moved2_left + moved2_right, off * off / var
 
 
 @njit(cache=True, error_model="numpy")

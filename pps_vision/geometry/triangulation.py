@@ -71,6 +71,6 @@ def _measured(eye: View, pixel: ArrayLike, cov: ArrayLike, more_px2: float) -> S
     u, v = np.asarray(pixel, dtype=float).tolist()
     (uu, uv), (_, vv) = np.asarray(cov, dtype=float).tolist()
     uu, vv = uu + more_px2, vv + more_px2
-    if not (0 < uu < math.inf and 0 < vv < math.inf and uv * uv < uu * vv):
+    if not (0 < uu < math.inf and vv < math.inf and uv * uv < uu * vv):
         raise ValueError(f"pixel covariance [[{uu}, {uv}], [{uv}, {vv}]]; expected a positive definite one")
     return eye.pose, eye.camera.numbers, u, v, uu, uv, vv

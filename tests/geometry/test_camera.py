@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pps_vision.geometry.camera import Camera, StereoRig, View
+from pps_vision.geometry.camera import Camera, StereoRig, View, reduced_image
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, RIGHT_EYE
 from pps_vision.types import Array, StereoFrame
@@ -129,16 +129,41 @@ def test_the_mean_of_a_block_of_pixels_is_where_the_reduced_camera_has_its_pixel
 def test_contains_counts_pixel_areas_and_refuses_nan() -> None:
     assert PINHOLE.contains((-0.5, -0.5))
     assert PINHOLE.contains((319.5, 239.5))
-    assert not PINHOLE.contains((319.6, 100.0))
+    for outside in ((319.6, 100.0), (-0.6, 100.0), (100.0, 239.6), (100.0, -0.6)):
+        assert not PINHOLE.contains(outside)
     assert not PINHOLE.contains((4.0, 100.0), margin_px=5.0)
     assert not PINHOLE.contains((np.nan, 100.0))
 
 
-@pytest.mark.parametrize("change", [{"fx": 0.0}, {"fy": np.nan}, {"width": 0}, {"height": -1}])
+@pytest.mark.parametrize("change", [{"fx": 0.0}, {"fy": 0.0}, {"fy": np.nan}, {"width": 0}, {"height": 0}])
 def test_a_camera_without_extent_or_focal_length_is_refused(change: dict[str, float]) -> None:
     arguments = {"width": 320, "height": 240, "fx": 220.0, "fy": 220.0, "cx": 160.0, "cy": 120.0} | change
     with pytest.raises(ValueError, match="expected positive numbers"):
         Camera(**arguments)  # type: ignore[arg-type]
+
+
+def test_the_camera_matrix_maps_what_the_pinhole_projects() -> None:
+    x, y = 0.2, -0.1
+    np.testing.assert_allclose(PINHOLE.K @ [x, y, 1.0], [*PINHOLE.project([2 * x, 2 * y, 2.0]), 1.0], atol=1e-12)
+
+
+def test_a_reduced_image_is_the_mean_of_whole_blocks() -> None:
+    image = np.arange(7 * 11 * 3, dtype=np.uint8).reshape(7, 11, 3)
+    assert reduced_image(image, 1) is image
+    expected = image[:6, :10].astype(float).reshape(3, 2, 5, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(reduced_image(image, 2), expected, atol=0.5)  # rounded to whole values
+
+
+def test_the_middle_of_two_eyes_is_between_them() -> None:
+    view = StereoRig.fixed(LEFT_EYE, RIGHT_EYE, transform(translation=(0.068, 0.02, 0.0))).view()
+    np.testing.assert_allclose(view.midpoint, [0.034, 0.01, 0.0])
+
+
+def test_a_view_sees_to_the_edge_of_the_image_or_to_a_margin() -> None:
+    """The pixel is 319.25, in the outer half of the last column."""
+    view, point = View(PINHOLE, np.eye(4)), [(319.25 - 159.5) / 220.0, 0.0, 1.0]
+    assert view.sees(point)
+    assert not view.sees(point, margin_px=0.5)
 
 
 def test_a_fixed_rig_has_the_left_camera_as_root() -> None:
@@ -165,6 +190,13 @@ def test_each_eye_is_placed_by_the_joints_of_its_own_stamp() -> None:
 def test_a_real_camera_is_usable(camera: Camera) -> None:
     assert camera.is_usable()
     assert replace(PINHOLE, distortion=(-0.5666, 0.1991, -0.028, 0.0076, 0.1772)).is_usable()  # inverted to 0.2 px
+
+
+def test_a_camera_looks_at_more_than_a_hundredth_of_a_radian() -> None:
+    across, down = 319 / 0.0103, 239 / 0.0103
+    assert replace(PINHOLE, fx=across, fy=down).is_usable()
+    assert not replace(PINHOLE, fx=across * 1.06, fy=down).is_usable()
+    assert not replace(PINHOLE, fx=across, fy=down * 1.06).is_usable()
 
 
 @pytest.mark.parametrize(

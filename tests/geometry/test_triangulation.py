@@ -168,7 +168,8 @@ def test_rays_that_cannot_meet_give_none(view: StereoView) -> None:
     assert triangulate(ahead, center, center, ONE_PX, ONE_PX) is None  # at infinity
     assert triangulate(ahead, (100.0, 119.5), (200.0, 119.5), ONE_PX, ONE_PX) is None  # behind the eyes
     assert triangulate(ahead, center, (159.499, 119.5), ONE_PX, ONE_PX) is None  # 15 km away
-    assert triangulate(ahead, center, (159.49, 119.5), ONE_PX, ONE_PX) is not None
+    assert triangulate(ahead, center, (159.498, 119.5), ONE_PX, ONE_PX) is None  # 7.5 km
+    assert triangulate(ahead, center, (159.4976, 119.5), ONE_PX, ONE_PX) is not None  # 6.2 km
     assert triangulate(view, (np.nan, np.nan), (160.0, 120.0), ONE_PX, ONE_PX) is None  # seen by one eye only
 
 
@@ -195,6 +196,17 @@ def test_midpoint_halves_the_gap_of_skew_rays() -> None:
     assert midpoint(-x, x, y - x, almost / np.linalg.norm(almost)) is None
 
 
+def test_midpoint_of_oblique_rays_is_the_middle_of_the_closest_points(rng: np.random.Generator) -> None:
+    """Least squares over both lengths, for rays at any angle that pass each other before both centres."""
+    for _ in range(20):
+        meeting, centers = rng.normal(size=3), rng.normal(size=(2, 3))
+        rays = meeting + 0.01 * rng.normal(size=(2, 3)) - centers
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        lengths = np.linalg.lstsq(np.column_stack([rays[0], -rays[1]]), centers[1] - centers[0])[0]
+        expected = (centers + lengths[:, None] * rays).mean(axis=0)
+        np.testing.assert_allclose(midpoint(centers[0], rays[0], centers[1], rays[1]), expected, atol=1e-9)
+
+
 @pytest.mark.parametrize("eye", [0, 1])
 @pytest.mark.parametrize(
     "cov",
@@ -206,8 +218,9 @@ def test_midpoint_halves_the_gap_of_skew_rays() -> None:
         -ONE_PX,
         ONE_PX * np.nan,
         np.diag([np.inf, 1.0]),
+        np.diag([1.0, np.inf]),
     ],
-    ids=["zero", "rank one", "singular", "indefinite", "negative", "nan", "infinite"],
+    ids=["zero", "rank one", "singular", "indefinite", "negative", "nan", "infinite", "infinite downwards"],
 )
 def test_a_covariance_that_is_none_is_refused(view: StereoView, eye: int, cov: Array) -> None:
     p = (view.left.T_root_camera @ [0.02, 0.01, 0.4, 1])[:3]
