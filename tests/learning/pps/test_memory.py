@@ -278,10 +278,17 @@ def test_params_out_of_order_are_refused():
         MemoryParams(ttc_range_s=(3.0, 0.0))
     with pytest.raises(ValueError, match="a width above 0"):
         MemoryParams(sigma_bins=0.0)
-    with pytest.raises(ValueError, match="a width above 0"):
-        MemoryParams(sigma_bins=1e-300)  # its square is 0
+    for sigma_bins in (1e-300, 1.2e9):  # the square of the one is 0
+        with pytest.raises(ValueError, match="a width above 0"):
+            MemoryParams(sigma_bins=sigma_bins)
+    for bins in ((0, 4), (8, 0)):
+        with pytest.raises(ValueError, match="at least one bin"):
+            MemoryParams(bins=bins)
     with pytest.raises(ValueError, match="a finite range"):
         MemoryParams(distance_range_m=(0.0, 1e-310))
+    with pytest.raises(ValueError, match="a finite range"):
+        MemoryParams(ttc_range_s=(0.0, 1.2e9))
+    assert MemoryParams(ttc_range_s=(0.0, 1e9), bins=(1, 2)).bins == (1, 2)
 
 
 def test_a_single_bin_may_stand_for_all_times():
@@ -301,6 +308,42 @@ def test_a_window_far_narrower_than_a_bin_is_the_bin_itself():
     memory = random_memory(4, MemoryParams(sigma_bins=1e-6))
     at = -0.1 + 0.3 * 2.9 / 8, 3 * 1.2 / 4
     np.testing.assert_allclose(activation(memory, *(np.full(N, x) for x in at)), memory.frequency[:, 2, 1])
+
+
+def test_counts_of_up_to_two_to_the_53_are_whole():
+    memory = random_memory()
+    assert replace(memory, counts=np.full(memory.counts.shape, 2**53)).counts.max() == 2**53
+    for most in (2**53 + 1, 2**54):
+        with pytest.raises(ValueError, match="expected finite ones from 0 to 2"):
+            replace(memory, counts=np.full(memory.counts.shape, most))
+    for changes in ({"counts": memory.counts[:, :7]}, {"part_index": memory.part_index[1:]}):
+        with pytest.raises(ValueError, match="for 24 taxels"):
+            replace(memory, **changes)
+
+
+def test_shares_of_a_touch_are_saved_as_they_are(tmp_path):
+    memory = replace(random_memory(), counts=np.full((N, 8, 4, 2), 0.3))
+    save_memory(tmp_path / "memory.npz", memory)
+    np.testing.assert_array_equal(load_memory(tmp_path / "memory.npz").counts, 0.3)
+
+
+def test_a_buffer_or_distances_of_another_skin_are_refused():
+    events = TaxelEvents(0.0, ("a",), np.full(1, 0.1), np.ones(1), np.zeros(1, bool))
+    with pytest.raises(ValueError, match="a buffer of 1 taxels: expected those of the memory"):
+        learn(random_memory(), push(EventBuffer(), events), touched(1))
+    for at in ((np.full(3, 0.1), np.ones(N)), (np.full(N, 0.1), np.ones(3))):
+        with pytest.raises(ValueError, match="expected those of the memory's 24 taxels"):
+            activation(random_memory(), *at)
+    alone, *others = (activation(random_memory(), *at) for at in ((0.1, 1.0), ([0.1], 1.0), (0.1, np.ones(N))))
+    assert alone.shape == (N,)
+    for other in others:
+        np.testing.assert_array_equal(other, alone)
+
+
+def test_samples_that_do_not_count_leave_the_memory_as_it_is():
+    memory = random_memory()
+    assert count_samples(memory, np.full((2, N), 0.3), np.ones((2, N)), touched(1)) is memory
+    assert count_samples(memory, np.full((2, N), np.nan), np.ones((2, N)), touched(1)) is memory
 
 
 def test_counters_pass_two_to_the_31():

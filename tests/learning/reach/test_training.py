@@ -79,6 +79,14 @@ def test_going_on_keeps_what_was_learned_and_does_not_count_it():
             learned_from(plane, "right", rng, PARAMS, into=replace(first, **other))
 
 
+def test_where_inverse_kinematics_never_answers_nothing_is_learned():
+    def label(gaze):
+        return replace(plane(gaze), error_m=np.full(len(gaze), np.nan))
+
+    with pytest.raises(InputError, match="inverse kinematics never converged"):
+        learned_from(label, "right", np.random.default_rng(SEED), PARAMS)
+
+
 def test_the_expected_error_is_that_of_all_postures():
     """One of twenty answers is wrong, and the band about the border holds a tenth of all postures."""
     rng = np.random.default_rng(SEED)
