@@ -1,7 +1,11 @@
 """The five charts draw what they are given, losses included."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from pps_vision.experiments.charts import (
@@ -16,6 +20,10 @@ from pps_vision.experiments.charts import (
     speed_error,
     speed_errors,
 )
+from pps_vision.experiments.study import catalogue, load
+
+KNOWN, DOCS = catalogue(), Path(__file__).parents[2] / "docs"
+SLOW = "independent", "encounters_sessions"
 
 
 @pytest.fixture
@@ -133,3 +141,16 @@ def test_calibration_curves_and_bars_draw_values_with_intervals(axis) -> None:
     shown = [bar for bar in axis.patches if np.isfinite(bar.get_height())]
     assert [bar.get_height() for bar in shown] == [1, 2, 4]
     assert [bar.get_x() + bar.get_width() / 2 for bar in shown] == pytest.approx([-0.2, 0.2, 1.2])
+
+
+@pytest.mark.parametrize("study", [pytest.param(s, marks=[pytest.mark.long] * (s in SLOW)) for s in KNOWN])
+def test_the_documents_charts_follow_from_the_results(study: str) -> None:
+    """Each published figure of a study is drawn from its numbers, and no other."""
+    drawn = load(KNOWN[study])().chart(json.loads((DOCS / "results" / f"{study}.json").read_text()))
+    charts = {"": drawn} if isinstance(drawn, Figure) else drawn
+    files = {f"{study}_{part}.png" if part else f"{study}.png" for part in charts}
+    others = [name for name in KNOWN if name.startswith(f"{study}_")]
+    published = {file.name for file in (DOCS / "figures").glob(f"{study}*.png")}
+    assert files == {name for name in published if not name.startswith(tuple(others))}
+    for figure in charts.values():
+        assert any(axis.lines or axis.collections or axis.patches or axis.images for axis in figure.axes)

@@ -1,12 +1,15 @@
 """Tables between markers of a document."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from pps_vision.errors import InputError
+from pps_vision.experiments.study import catalogue, load
 from pps_vision.experiments.tables import Table, break_points, estimate, filled, markdown, names
 
+KNOWN, DOCS = catalogue(), Path(__file__).parents[2] / "docs"
 TEXT = "a\n<!-- table: one -->\nold | row\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n"
 
 
@@ -38,3 +41,14 @@ def test_break_points_have_a_row_for_each_disturbance() -> None:
     table = break_points({"noise": {"axis": "σ (px)", "severities": [0, 0.25, 1500], "methods": methods}})
     assert table.header == ["disturbance", "tried", "ours", "theirs"]
     assert table.rows == [["noise: σ (px)", "0, 0.25, 1500", "–", "1500"]]
+
+
+@pytest.mark.parametrize("study", KNOWN)
+def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) -> None:
+    """As `bench --redraw` fills them."""
+    numbers = json.loads((DOCS / "results" / f"{study}.json").read_text())
+    tables = load(KNOWN[study])().tables(numbers)
+    made = {f"{study}_{part}" if part else study: markdown(table) for part, table in tables.items()}
+    for document in (*DOCS.glob("*.md"), DOCS.parent / "README.md"):
+        text = document.read_text()
+        assert filled(text, made, document) == text
