@@ -67,6 +67,40 @@ def test_the_interaction_matrix_is_the_published_one(robot: Robot) -> None:
     np.testing.assert_allclose([yaw[0], yaw[2], pitch[1], vergence[1], vergence[2]], 0.0, atol=1e-9)
 
 
+def test_the_interaction_matrices_are_the_features_differences(robot: Robot, rng: np.random.Generator) -> None:
+    """By all joints and by the point, also far aside, above and below."""
+    for _ in range(10):
+        q = rng.uniform(robot.lower_rad, robot.upper_rad)
+        p = robot.at(q).point("left_eye", rng.uniform([-0.4, -0.4, 0.1], [0.4, 0.4, 0.5]))
+        _, dx_dq, dx_dp = features(robot.at(q), p)
+        for column, step_rad in zip(dx_dq.T, 1e-6 * np.eye(robot.n_joints), strict=True):
+            ends = (features(robot.at(q + sign * step_rad), p)[0] for sign in (1, -1))
+            np.testing.assert_allclose(column, np.subtract(*ends) / 2e-6, atol=1e-6)
+        for column, step_m in zip(dx_dp.T, 1e-6 * np.eye(3), strict=True):
+            ends = (features(robot.at(q), p + sign * step_m)[0] for sign in (1, -1))
+            np.testing.assert_allclose(column, np.subtract(*ends) / 2e-6, atol=1e-6)
+
+
+def test_the_error_decreases_by_eight_times_itself_per_second(robot: Robot) -> None:
+    """In steps of 50 ms to 60 % of itself, where no limit holds."""
+    q = gaze_at(robot, home(robot), (-0.4, 0.05, 0.3))
+    p = np.array([-0.4, 0.053, 0.302])
+    before = features(robot.at(q), p)[0]
+    after = features(robot.at(q + DT * step(PARAMS, robot.at(q), p, hold_s=DT).dq_rad_s), p)[0]
+    np.testing.assert_allclose(after, 0.6 * before, atol=1e-4)
+    assert np.abs(before).max() > 3e-3
+
+
+def test_the_tilt_returns_to_zero_at_twice_itself_per_second_while_the_point_stays_fixated(robot: Robot) -> None:
+    q = gaze_at(robot, set_gaze(robot, home(robot), tilt=0.0), (-0.4, 0.0, 0.3))
+    q = set_gaze(robot, q, pitch=gaze_of(robot.at(q))[1] - 4 * DEG, tilt=4 * DEG)
+    p = fixation_point(robot.at(q))
+    command = step(PARAMS, robot.at(q), p, hold_s=DT)
+    assert command.dq_rad_s[robot.indices(("eyes_tilt",))[0]] == pytest.approx(-8 * DEG, rel=0.02)
+    assert command.hold_s == DT
+    assert fixation_error(robot.at(q + DT * command.dq_rad_s), p) < 0.01 * DEG
+
+
 def test_a_static_point_in_view_is_fixated_in_time_from_anywhere(robot: Robot, rng: np.random.Generator) -> None:
     rig, settled = icub_rig(robot), []
     while len(settled) < 60:

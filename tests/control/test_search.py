@@ -5,7 +5,7 @@ import pytest
 
 from control.fixation import gaze_at
 from control.head import gaze_of
-from control.search import SearchParams, SearchState, step
+from control.search import SearchParams, SearchState, _grid, step
 from pps_vision.app.pipeline import PipelineParams
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import home, icub_rig, set_gaze
@@ -111,3 +111,48 @@ def test_a_search_that_covers_nothing_is_refused(spacing: tuple[float, float]) -
         SearchParams(spacing_rad=spacing)
     with pytest.raises(ValueError, match="search 'spiral'"):
         SearchParams("spiral")  # type: ignore[arg-type]
+
+
+def test_the_covering_search_goes_to_the_nearest_of_twelve_gazes_then_again_at_another_vergence(robot: Robot) -> None:
+    """110° of yaw are three times 40° or less, 120° of pitch and tilt four times 30°; the robot is put at each goal."""
+    q, rng = home(robot), np.random.default_rng(0)
+    state, goals = SearchState(gaze_of(robot.at(q))), []
+    for _ in range(26):
+        gaze = gaze_of(robot.at(q))
+        left = np.array([*state.left]) if len(state.left) else None
+        state, _ = step(SearchParams(), state, robot.at(q), DT, rng)
+        assert state.goal is not None
+        if left is not None:
+            away = np.abs(left - gaze)[:, :3].max(axis=1)
+            assert np.abs(state.goal - gaze)[:3].max() == pytest.approx(away.min())
+        goals.append(state.goal)
+        q = set_gaze(robot, q, *state.goal[:3], version=0.0, vergence=state.goal[3])
+    yaw, pitch, tilt, vergence = np.rad2deg(goals).T
+    np.testing.assert_allclose(vergence, [20] * 12 + [60] * 12 + [20] * 2)
+    for visit in (slice(0, 12), slice(12, 24)):
+        grid = {(round(a, 3), round(b, 3)) for a, b in zip(yaw[visit], (pitch + tilt)[visit], strict=True)}
+        assert grid == {(a, b) for a in (-36.667, 0.0, 36.667) for b in (-60.0, -30.0, 0.0, 30.0)}
+    np.testing.assert_allclose(pitch, np.clip(pitch + tilt, -40, 30))
+
+
+@pytest.mark.parametrize(("away_deg", "rate"), [(0.9, None), (1.1, 8.8), (2.0, 16.0), (10.0, 30.0)])
+def test_a_goal_is_neared_at_eight_times_the_angle_left_until_a_degree_is(
+    robot: Robot, away_deg: float, rate: float | None
+) -> None:
+    """At 30° per second at most; then there is another goal."""
+    posture = robot.at(home(robot))
+    goal = gaze_of(posture) + np.array([away_deg * DEG, 0.0, 0.0, 0.0])
+    state = SearchState(gaze_of(posture), goal)
+    after, command = step(RANDOM, state, posture, DT, np.random.default_rng(0))
+    assert after.goal is not None
+    assert np.array_equal(after.goal, goal) == (rate is not None)
+    if rate is not None:
+        assert command.dq_rad_s[robot.indices(("neck_yaw",))[0]] == pytest.approx(rate * DEG)
+
+
+def test_a_head_that_does_not_yaw_looks_up_and_down(robot: Robot) -> None:
+    """One column of four gazes."""
+    lower, upper = np.deg2rad([10.0, -40, -35, 5]), np.deg2rad([10.0, 30, 15, 90])
+    goals = np.rad2deg(_grid(SearchParams(), np.deg2rad(20), lower, upper))
+    np.testing.assert_allclose(goals[:, 0], 10.0)
+    np.testing.assert_allclose(goals[:, 1] + goals[:, 2], [-60, -30, 0, 30], atol=1e-9)

@@ -1,13 +1,16 @@
 """The iCub's URDF against its published Denavit–Hartenberg tables (retyped here) and checks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from data import shared_data
 from eyes import fixation_point
 
+from pps_vision.errors import InputError
 from pps_vision.recordings.icub_eyes import read_icub_eyes
 from pps_vision.robot import icub
-from pps_vision.robot.model import Robot
+from pps_vision.robot.model import FrameNames, Robot
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array
 
@@ -171,6 +174,15 @@ def test_the_setup_has_all_taxels_or_those_given_and_both_arms_at_home(robot: Ro
         np.testing.assert_allclose(robot.at(q).point(f"{side}_palm"), palm, atol=1e-4)
 
 
+def test_a_robot_acts_with_its_left_arm_or_else_its_right_one(robot: Robot) -> None:
+    setup = icub.icub_setup()
+    right = replace(setup, robot=Robot(robot.urdf, FrameNames(left_arm=())))
+    assert right.side == "right"
+    without = replace(setup, robot=Robot(robot.urdf, FrameNames(left_arm=(), right_arm=())))
+    with pytest.raises(InputError, match=r"icub\.urdf: has no arm; expected left_arm or right_arm in robot\.toml"):
+        print(without.side)
+
+
 def test_an_arm_port_with_too_few_encoders_is_refused() -> None:
     with pytest.raises(ValueError, match="shorter"):
         icub.icub_setup().configuration({"left_arm": np.zeros(5)})
@@ -195,7 +207,7 @@ def test_encoders_are_degrees_in_the_robots_order(robot: Robot) -> None:
     ports = icub.icub_setup().encoders(q)
     np.testing.assert_allclose(ports["torso"], [3, 0, 1], atol=1e-12)
     np.testing.assert_allclose(ports["head"], [0, 5, 0, 0, 4, 6], atol=1e-12)
-    np.testing.assert_allclose(ports["left_arm"][:7], [0, 0, 0, 7, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(ports["left_arm"], [0, 0, 0, 7, *[0] * 12], atol=1e-12)
 
 
 def test_ports_that_were_not_recorded_read_zero(robot: Robot) -> None:

@@ -20,6 +20,7 @@ def test_positions_of_random_postures_are_reached():
     starts = rng.uniform(LOWER, UPPER, (6, 500, 7))
     solution = solve_ik(chain.positions, targets, starts, LOWER, UPPER)
     assert solution.converged.mean() >= 0.99
+    np.testing.assert_array_equal(solution.converged, solution.error <= 1e-6)
     assert np.all((solution.q_rad >= LOWER) & (solution.q_rad <= UPPER))
     full = np.zeros(ROBOT.n_joints)
     for q, target, error in zip(solution.q_rad[:50], targets, solution.error, strict=False):

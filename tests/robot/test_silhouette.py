@@ -73,6 +73,20 @@ def test_a_body_that_ends_at_the_images_edge(first_px: float, last_px: float, ma
     np.testing.assert_array_equal(np.flatnonzero(mask.any(axis=axis)), masked)
 
 
+@pytest.mark.parametrize(("margin", "wider_px"), [({"margin_px": 0}, 0), ({"margin_px": 1}, 1), ({}, 4)])
+def test_the_margin_widens_the_body_by_as_many_pixels(margin: dict[str, int], wider_px: int) -> None:
+    """A sheet before a camera of 240 px at 0.7 m that covers 20 × 10 pixels."""
+    robot, pose = load_icub(), np.eye(4)
+    pose[:3, 3] = 0.5 * 0.7 / 240, 0.5 * 0.7 / 240, 0.7  # its middle between two pixels
+    size = (19.2 * 0.7 / 240, 9.2 * 0.7 / 240, 1e-6)
+    robot.__dict__["bodies"] = (Body("one", "root", "box", size, pose, (0.0, 0.0, 0.0)),)
+    view = View(Camera(320, 320, 240.0, 240.0, 159.0, 159.0), np.eye(4))
+    mask = Silhouette(robot, **margin)(home(robot), view)
+    expected = np.zeros((320, 320), bool)
+    expected[155 - wider_px : 165 + wider_px, 150 - wider_px : 170 + wider_px] = True
+    np.testing.assert_array_equal(mask, expected)
+
+
 def test_a_view_away_from_the_body_is_free() -> None:
     robot = load_icub()
     up = np.eye(4)
