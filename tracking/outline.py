@@ -161,7 +161,7 @@ def _fit_circle(edge: Array, radius: float) -> tuple[float, float, float, float,
                 if votes > best:
                     best, x, y = votes, u, v
     uu = uv = vv = gx = gy = 0.0
-    for _ in range(3 if best else 0):
+    for _ in range(3):
         a = b = c = p = q = gx = gy = 0.0
         for k in range(n):
             dx, dy = edge[k, 0] - x, edge[k, 1] - y

@@ -13,13 +13,14 @@ from pps_vision.robot.icub import LEFT_EYE, home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from tracking.acquisition import segment
+from tracking.appearance import color_bins
 from tracking.camera_tracker import CameraState, CameraTracker
-from tracking.image_tracker import ImageDetection, ImageTracker, ImageTrackerParams
+from tracking.image_tracker import ImageDetection, ImageTracker, ImageTrackerParams, _mode
 from tracking.kalman import Belief, KalmanParams, predict
 from tracking.marker import MarkerParams
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics, Outline
-from tracking.particle_filter import Prior
+from tracking.particle_filter import Cloud, Prior
 from tracking.stereo import CameraFrame
 
 BLUE, RED = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0)
@@ -66,6 +67,7 @@ def test_what_is_of_quite_another_size_is_not_it(rng: np.random.Generator) -> No
     smaller = _seen(rng, _discs(rng, (150, 110, 0.8 * 18)), prior)
     assert smaller is not None
     assert abs(smaller.score - 0.64) < 0.1
+    assert _seen(rng, _discs(rng, (150, 110, 0.7 * 18)), prior) is not None
     assert _seen(rng, _discs(rng, (150, 110, 0.5 * 18)), prior) is None
 
 
@@ -83,6 +85,12 @@ def test_two_alike_that_touch_are_told_apart_by_their_edge_and_the_prediction(rn
     assert np.abs(np.array(found) - [152, 111]).max() < 0.7
     hidden = _discs(rng, (158, 111, 16))
     assert eye.step(target, hidden, prior, partial(_is_blue, hidden))[1] is None
+    alone, touched = _discs(rng, (152, 111, 18)), []  # the other may hide it for so many images more
+    for _ in range(6):
+        target, seen = eye.step(target, alone, prior, partial(_is_blue, alone))
+        assert seen is not None
+        touched.append(target.touched)
+    assert touched == [4, 3, 2, 1, 0, 0]
 
 
 def _is_blue(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
@@ -117,7 +125,142 @@ def test_a_thin_thing_of_its_colour_that_touches_it_is_no_part_of_it(rng: np.ran
 def test_outside_the_image_nothing_is_searched(rng: np.random.Generator) -> None:
     image = _discs(rng, (150, 110, 18))
     for center in ((150.0, 400.0), (150.0, -200.0), (500.0, 110.0), (-200.0, 110.0)):
-        assert _seen(rng, image, Prior(np.array(center), 3.0, 1.0)) is None
+        for std_px in (3.0, 30.0):
+            assert _seen(rng, image, Prior(np.array(center), std_px, 1.0)) is None
+
+
+def test_where_nothing_has_its_colour_it_is_not_seen(rng: np.random.Generator) -> None:
+    """And what is known of it stays, about the place where it was expected."""
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0))
+    after, seen = eye.step(target, _discs(rng), Prior(np.array([160.0, 115.0]), 1.0, 1.0))
+    assert seen is None
+    assert after.model is target.model
+    assert (after.size, after.shape, after.fill, after.touched) == (target.size, target.shape, target.fill, 0)
+    np.testing.assert_allclose(after.cloud.now[:, :2].mean(axis=0), [160, 115], atol=2)
+
+
+def test_a_region_reaches_as_far_to_all_sides_within_the_image(rng: np.random.Generator) -> None:
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    assert eye.region(np.array([100.0, 50.0]), 10.0, 5.0) == (90, 45, 112, 57)
+    assert eye.region(np.array([2.0, 3.0]), 10.0, 5.0) == (0, 0, 14, 10)
+    assert eye.region(np.array([317.0, 238.0]), 10.0, 5.0) == (307, 233, 320, 240)
+
+
+def test_a_target_covers_as_much_of_its_box_as_its_colours_show(rng: np.random.Generator) -> None:
+    """A disc of 18 px in a box of 37; a square; and nothing that is told from what is around it: as a disc."""
+    eye, square = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng)
+    square[92:129, 132:169] = BLUE
+    fills = [eye.start(image, (132, 92, 37, 37)).fill for image in (_discs(rng, (150, 110, 18)), square, _discs(rng))]
+    assert fills == [pytest.approx(np.pi * 18**2 / 37**2, rel=0.03), pytest.approx(1, abs=0.02), np.pi / 4]
+    assert max(fills) <= 1
+    assert eye.start(square, (132, 92, 37, 37), fill=0.6).fill == 0.6
+
+
+def test_fewer_than_two_particles_are_refused() -> None:
+    with pytest.raises(ValueError, match="1 particles"):
+        ImageTrackerParams(particles=1)
+    assert ImageTrackerParams(particles=2).particles == 2
+
+
+def test_size_proportions_and_colours_follow_what_is_seen_in_part(rng: np.random.Generator) -> None:
+    """A bar of 60 × 20 px that becomes 66 × 18.2 and a tenth larger: three tenths of the logarithms at once.  Of the
+    new colour of its lower half 3 % are taken in, of that of its surroundings a fifth."""
+    eye, first, then = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng), _discs(rng) // 3
+    first[100:120, 120:180] = BLUE
+    then[99:121, 114:187] = BLUE
+    target = eye.start(first, (120, 100, 60, 20))
+    assert target.size * np.array(target.shape) == pytest.approx([60, 20])
+    after, seen = eye.step(target, then, Prior(np.array([150.0, 109.5]), 1.0, 1.0))
+    assert seen is not None
+    assert after.size == pytest.approx(target.size * np.sqrt(73 * 22 / 1200) ** 0.3, rel=0.01)
+    aspect, was, now = after.shape[0] / after.shape[1], 60 / 20, 73 / 22
+    assert aspect == pytest.approx(was**0.7 * now**0.3, rel=0.01)
+    np.testing.assert_allclose(seen.box_px[2:], after.size * np.array(after.shape))
+    np.testing.assert_allclose(np.add(seen.box_px[:2], np.subtract(seen.box_px[2:], 1) / 2), [150, 109.5], atol=0.3)
+    dark = int(color_bins(then[:1, :1]).item())
+    assert target.model.background[dark] < 0.01
+    assert after.model.background[dark] == pytest.approx(0.2, abs=0.02)
+
+
+def test_colours_of_an_object_follow_by_three_hundredths_an_image(rng: np.random.Generator) -> None:
+    """A third of a disc turns green: after ten images a quarter of that share is known."""
+    eye, image = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng, (150, 110, 18))
+    target = eye.start(image, (132.0, 92.0, 37.0, 37.0))
+    green = np.array([30, 200, 60], np.uint8)
+    image[119:, 100:200][image[119:, 100:200, 0] < 75] = green
+    bin_ = int(color_bins(green[None, None]).item())
+    for _ in range(10):
+        evidence = partial(_is_no_grey, image)
+        target, seen = eye.step(target, image, Prior(np.array([150.0, 110.0]), 1.0, 1.0), evidence, by_color=False)
+        assert seen is not None
+    mask = np.hypot(*(np.mgrid[:240, :320] - np.array([110, 150])[:, None, None])) < 18
+    share = np.count_nonzero(mask[119:]) / np.count_nonzero(mask)
+    assert target.model.object[bin_] == pytest.approx(share * (1 - 0.97**10), rel=0.25)
+
+
+def _is_no_grey(image: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
+    return np.asarray(np.ptp(image[box[1] : box[3], box[0] : box[2]].astype(int), axis=2) > 60)
+
+
+def test_by_the_background_alone_an_object_may_take_any_colour(rng: np.random.Generator) -> None:
+    """A disc that has turned from blue to red: its colours do not show it."""
+    eye = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+    target, prior = (
+        eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0)),
+        Prior(np.array([152.0, 111.0]), 1, 1),
+    )
+    image = _discs(rng, (152, 111, 18))
+    image[image[..., 0] < 75] = (200, 40, 40)
+    assert eye.step(target, image, prior, partial(_is_no_grey, image))[1] is None
+    _, seen = eye.step(target, image, prior, partial(_is_no_grey, image), by_color=False)
+    assert seen is not None
+    assert np.linalg.norm(seen.outline.center_px - [152, 111]) < 0.5
+    assert seen.score > 0.9
+
+
+def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_background(rng: np.random.Generator) -> None:
+    """A blue disc before a blue wall's edge: colours show both, what differs from the background the disc alone."""
+    eye, joined, asked = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng), []
+    joined[:, 165:260] = BLUE
+    v, u = np.mgrid[:240, :320]
+    disc = np.hypot(u - 150, v - 110) < 18
+    joined[disc] = BLUE
+    target, prior = (
+        eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0)),
+        Prior(np.array([150.0, 110.0]), 1, 1),
+    )
+
+    def differs(box: tuple[int, int, int, int]) -> np.ndarray:
+        asked.append(box)
+        return np.asarray(disc[box[1] : box[3], box[0] : box[2]])
+
+    _, seen = eye.step(target, joined, prior, if_joined=differs)
+    assert asked
+    assert seen is not None
+    assert np.linalg.norm(seen.outline.center_px - [150, 110]) < 0.5
+    asked.clear()
+    _, seen = eye.step(target, _discs(rng, (150, 110, 18)), prior, if_joined=differs)
+    assert seen is not None
+    assert not asked  # nothing is joined
+
+
+def test_of_two_candidates_the_mean_lies_at_one() -> None:
+    """Particles 4 px apart count together, those 30 px away do not, for all their weight."""
+    now = np.array([[100.0, 50.0, 20.0], [104.0, 50.0, 20.0], [130.0, 50.0, 20.0], [130.0, 52.0, 20.0]])
+    mode = _mode(Cloud(now, now), np.array([0.3, 0.2, 0.25, 0.25]), 20.0)
+    np.testing.assert_allclose(mode, [101.6, 50.0])
+
+
+def test_in_a_wide_prior_what_lies_as_the_object_does_is_taken(rng: np.random.Generator) -> None:
+    """A bar of 70 × 14 px, and the same upright a little nearer to where it was."""
+    eye, first, then = ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng), _discs(rng), _discs(rng)
+    first[103:117, 115:185] = BLUE
+    then[153:167, 115:185] = BLUE
+    then[30:100, 143:157] = BLUE
+    _, seen = eye.step(eye.start(first, (115, 103, 70, 14)), then, Prior(np.array([149.5, 109.5]), 40.0, 1.0))
+    assert seen is not None
+    assert np.linalg.norm(seen.outline.center_px - [149.5, 159.5]) < 0.5
 
 
 def test_a_long_object_is_followed_over_its_whole_length(rng: np.random.Generator) -> None:

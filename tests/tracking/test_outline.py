@@ -352,3 +352,18 @@ def test_what_covers_no_pixel_by_half_or_less_than_one_in_all_is_none(optics: Op
         assert outline(Coverage(alpha, np.zeros_like(alpha), (100, 100, 110, 110)), optics) is None
     small[5, 6] = 0.2
     assert outline(Coverage(small, np.zeros_like(small), (100, 100, 110, 110)), optics) is not None
+
+
+@pytest.mark.parametrize(("side", "reach"), [(7, 1), (8, 2)])
+def test_of_what_is_small_only_the_pixels_at_the_edge_may_be_covered_in_part(side: int, reach: int) -> None:
+    """Of a square of up to 60 px one to each side of its edge, of a larger one two; the rest is certain."""
+    mask = np.zeros((40, 40), bool)
+    mask[12 : 12 + side, 12 : 12 + side] = True
+    image = np.where(mask[..., None], RED, (60.0, 90.0, 140.0)).astype(np.uint8)
+    found = cover(image, mask, (0, 0, 40, 40))
+    x0, y0, _, _ = found.box
+    rows, columns = np.nonzero(found.variance)
+    assert (columns.min() + x0, rows.min() + y0) == (12 - reach, 12 - reach)
+    assert (columns.max() + x0, rows.max() + y0) == (11 + side + reach, 11 + side + reach)
+    uncertain = np.count_nonzero(found.variance)
+    assert uncertain == (side + 2 * reach) ** 2 - (side - 2 * reach) ** 2
