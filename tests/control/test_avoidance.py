@@ -16,7 +16,7 @@ from control.avoidance import (
 )
 from control.avoidance_response import _EASE_IN_S, kept_clear, return_home
 from control.limits import MAX_HOLD_S, LimitParams, limit
-from control.reaching import first_to_touch
+from control.reaching import distances_ahead, first_to_touch, other_parts, taxel_to_touch
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.icub import HOME_ARM_DEG, home
 from pps_vision.robot.model import Robot
@@ -649,6 +649,57 @@ def test_the_taxel_aimed_at_changes_with_an_activation_alone(robot: Robot) -> No
         state, _, response = step(params, state, posture, FOREARM, a, i * DT, may_reach=True, track=track)
         assert response.mode == "reach"
         assert state.aimed_at == (second if i == 2 else first)
+
+
+def test_one_point_of_a_part_reaches_straight_for_the_object(robot: Robot) -> None:
+    """With R's control points, from the weighted mean of two taxels; slower before the surface, which it does not
+    pass while the command is held."""
+    posture, params = robot.at(home(robot)), replace(AT_ONCE, behaviour="reach", withdraws="point", come_m=0.0)
+    points, normals = FOREARM.at(posture)
+    i, j = FOREARM.index("left_forearm:27"), FOREARM.index("left_forearm:15")
+    a = activations_of(FOREARM, left_forearm_27=0.5, left_forearm_15=1.0)
+    mean = (points[i] + 2 * points[j]) / 3
+    for gap_m, speed in ((0.1, 0.1), (0.02, 0.04), (-0.01, 0.0)):
+        track = track_at(mean + (BALL_M + gap_m) * normals[i], -0.05 * normals[i])
+        state, _, response = step(params, AvoidanceState(), posture, FOREARM, a, 0.0, may_reach=True, track=track)
+        np.testing.assert_allclose(response.point_root, mean)
+        np.testing.assert_allclose(response.velocity_root, speed * normals[i], atol=1e-9)
+        assert state.aimed_at is None
+
+
+def test_the_path_that_an_object_was_seen_on_decides_which_taxel_it_comes_to(robot: Robot) -> None:
+    """Not its velocity, which overshoots, unless it was seen once; followed for ten seconds."""
+    posture = robot.at(home(robot))
+    points, normals = FOREARM.at(posture)
+    first, second = FOREARM.index("left_forearm:3"), FOREARM.index("left_forearm:159")
+    at = points[first] + 0.45 * normals[first]
+    to_second = points[second] - at
+    track = track_at(at, 0.2 * to_second)
+    before = at + 0.05 * 0.5 * normals[first]  # half a second ago, at 5 cm/s
+    assert taxel_to_touch(FOREARM, posture, track, [(100.0, before), (100.5, at)]) == first
+    assert taxel_to_touch(FOREARM, posture, track, [(100.5, at)]) == second
+
+
+def test_how_near_an_object_comes_by_hand() -> None:
+    """It flies along x for two seconds, past one point, short of another, and away from a third."""
+    points = np.array([[0.1, 0.03, 0.04], [0.5, 0.0, 0.0], [-0.1, 0.0, 0.0]])
+    found = distances_ahead(points, np.zeros(3), np.array([0.2, 0.0, 0.0]), 2.0)
+    np.testing.assert_allclose(found, [0.05, 0.1, 0.1])
+    np.testing.assert_allclose(distances_ahead(points, np.zeros(3), np.zeros(3), 2.0), [np.sqrt(0.0125), 0.5, 0.1])
+
+
+def test_the_other_parts_nearest_taxels_are_to_keep_clear(robot: Robot) -> None:
+    """Of all but the part that is to touch; the object's radius counts where it is known."""
+    skin, posture = icub_skin(("left_forearm", "left_palm")), robot.at(home(robot))
+    points, _ = skin.at(posture)
+    k = skin.index("left_palm:99")
+    way = np.array([0.6, 0.0, 0.8])
+    for radius_m in (BALL_M, np.nan):
+        (near,) = other_parts(posture, skin, "left_forearm", track_at(points[k] - 0.01 * way, 0 * way, radius_m))
+        assert near.frame == "left_palm"
+        np.testing.assert_allclose(near.point_root, points[k])
+        np.testing.assert_allclose(near.normal, -way)
+        assert near.distance_m == pytest.approx(0.01 - (BALL_M if np.isfinite(radius_m) else 0.0))
 
 
 def test_taxels_withdraw_along_their_normals_and_no_faster_in_all(robot: Robot) -> None:

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from data import SEED
 
-from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching, DoubleTouchParams, Infeasible
+from control.double_touch import (
+    FINGERTIP_RADIUS_M,
+    DoubleTouch,
+    DoubleTouching,
+    DoubleTouchParams,
+    Infeasible,
+    minimum_jerk,
+)
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import SkinPart, icub_skin
 
@@ -105,3 +112,41 @@ def test_every_reason_of_failure_is_reported(robot):
     assert set(shy.plan(0, 2, rng)) == {"self-collision"}
     far = SkinPart("far", "left_forearm", (1,), np.array([[0.0, 0.9, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
     assert set(DoubleTouching(robot, far).plan(0, 2, rng)) == {"out of reach"}
+
+
+def test_a_minimum_jerk_movement_by_hand():
+    """Begins and ends at rest, half done at half time at 1.875 times its mean speed."""
+    np.testing.assert_allclose(minimum_jerk([0.0, 0.25, 0.5, 1.0]), [0.0, 0.103515625, 0.5, 1.0])
+    speed = (minimum_jerk(np.array([0.0, 0.5, 1.0]) + 1e-6) - minimum_jerk(np.array([0.0, 0.5, 1.0]) - 1e-6)) / 2e-6
+    np.testing.assert_allclose(speed, [0.0, 1.875, 0.0], atol=1e-5)
+
+
+def test_the_fingertip_comes_down_as_a_movement_that_is_to_end_under_the_skin(robot):
+    """From 22 cm to 3 cm under the skin at 15 cm/s at most, until its ball of 1 cm touches."""
+    planner = DoubleTouching(robot, PART)
+    heights, before_s = planner._heights(np.array([0.15, 0.12]))
+    np.testing.assert_allclose(np.diff(before_s), 0.05)
+    assert before_s[0] == 0
+    np.testing.assert_allclose(heights[:, 0], FINGERTIP_RADIUS_M, atol=1e-9)
+    assert np.all(np.diff(heights, axis=1) >= 0)
+    for height, peak in zip(heights, (0.15, 0.12), strict=True):
+        assert np.diff(height).max() / 0.05 == pytest.approx(peak, rel=0.01)
+        lasts_s = 1.875 * 0.24 / peak  # 24 cm from 22 cm over the skin to 2 cm under it, where the ball's centre is
+        middle_s = np.interp(0.22 - 0.12, height, before_s)
+        assert np.interp(0.22 - 0.24 * 0.1035, height, before_s) - middle_s == pytest.approx(lasts_s / 4, abs=0.01)
+    assert heights[0, -1] == 0.22, "the faster one waits"
+    assert 0.219 < heights[1, -1] < 0.22
+
+
+def test_the_line_leads_aside_with_the_square_of_the_height(robot):
+    """On the taxel's normal at the touch, at the whole distance beside it at the start; a second point 10 cm above."""
+    planner, asides = DoubleTouching(robot, PART), np.array([[0.03, 0.04]])
+    T = robot.at(np.zeros(robot.n_joints)).T_root("left_forearm")
+    normal = T[:3, :3] @ PART.normals[0]
+    taxel = T[:3, :3] @ PART.positions_m[0] + T[:3, 3]
+    for height, aside in ((FINGERTIP_RADIUS_M, 0.0), (0.22, 0.05), (0.115, 0.05 / 4)):
+        (line,) = planner._line(0, np.array([height]), asides)
+        np.testing.assert_allclose(line[3:] - line[:3], 0.1 * normal, atol=1e-9)
+        offset = line[:3] - taxel
+        assert offset @ normal == pytest.approx(height)
+        assert np.linalg.norm(offset - height * normal) == pytest.approx(aside, abs=1e-9)
