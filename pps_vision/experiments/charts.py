@@ -54,7 +54,7 @@ def speed_error(
 
     A method without an error stands at the top, marked "fails"; one that had no frame to work on is left out.
     """
-    quartiles = {name: _quartiles(method["ms"]) for name, method in methods.items()}
+    quartiles = {name: np.concatenate(intervals([method["ms"]])) for name, method in methods.items()}
     names = [name for name, of in quartiles.items() if np.isfinite(of).all()]
     if not names:
         axis.text(0.5, 0.5, "no frame to measure on", ha="center", va="center", transform=axis.transAxes)
@@ -189,11 +189,6 @@ def intervals(values: Sequence[Any]) -> tuple[Array, Array, Array]:
     rows = [list(value) if isinstance(value, list | tuple) else [value, value, value] for value in values]
     value, low, high = np.array(rows, dtype=float).reshape(-1, 3).T
     return value, low, high
-
-
-def _quartiles(ms: Any) -> Array:
-    """(3,) ms; NaN where nothing was measured."""
-    return np.array(ms if isinstance(ms, list | tuple) else [ms] * 3, dtype=float)
 
 
 def _write_names(axis: Axes, x: Array, y: Array, names: Sequence[str], lines: Sequence[Array]) -> None:

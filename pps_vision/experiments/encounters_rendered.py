@@ -1,6 +1,6 @@
 """The same encounters with and without rendering: do both say the same of our controller?"""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
@@ -103,7 +103,7 @@ def compared(seen: Seen, without: Outcome) -> dict[str, Any]:
     elif seen.error_m > _LARGE_M:
         because = f"RMS error {1000 * seen.error_m:.0f} mm"
     return {
-        "outcomes": [seen.outcome.to_json(), without.to_json()],
+        "outcomes": [asdict(seen.outcome), asdict(without)],
         "condition": without.condition,
         "number": without.number,
         "object": without.object,

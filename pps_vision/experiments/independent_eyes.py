@@ -1,10 +1,10 @@
 """The eyes' views by the independent ray caster, with the interface of the renderer's `Eyes`."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -38,9 +38,9 @@ _ROUND = 1.05  # a prop's extents differ by less if it is a ball
 _POINT_M = 1e-4
 
 
-def eyes_of(source: SceneSource, photo: int = 0, data: Path = DATA) -> Callable[..., Any]:
+def eyes_of(source: SceneSource, photo: int) -> Callable[..., Any]:
     """What draws the eyes' views, called like `rendering.eyes.Eyes`; `photo` is behind independent scenes."""
-    return Eyes if source == "rendered" else partial(IndependentEyes, room=Room(photo, _ROOM.ahead_m), data=data)
+    return Eyes if source == "rendered" else partial(IndependentEyes, room=Room(photo, _ROOM.ahead_m))
 
 
 def own_body_of(source: SceneSource, robot: Robot) -> Silhouette:
@@ -56,7 +56,7 @@ class _NoBody(Silhouette):
         return np.zeros((view.camera.height, view.camera.width), bool)
 
 
-class IndependentEyes:
+class IndependentEyes(AbstractContextManager["IndependentEyes"]):
     """The views of an iCub's eyes by ray casting, with the interface of `rendering.eyes.Eyes`.
 
     States, stimuli (balls: of one colour, or of two in squares) and props (boards, balls) are those of `rendering`;
@@ -71,34 +71,22 @@ class IndependentEyes:
         carrier: str = "none",
         sensor: Sensor | None = None,
         props: tuple[tuple[Part, ...], ...] = (),
-        fidelity: object = None,
         room: Room = _ROOM,
         data: Path = DATA,
     ) -> None:
         if carrier != "none":
             raise ValueError(f"carrier {carrier!r} in an independent scene; expected none")
+        if stimulus.name not in ("ball", "marker"):
+            raise ValueError(f"stimulus {stimulus.name!r} in an independent scene; expected ball or marker")
         self._names, self._sensor = robot.joint_names, sensor or Sensor()
         self._lenses = tuple(_lens(camera) for camera in (rig.left, rig.right))
         self._casters = [Caster(lens, room, data) for lens in self._lenses]
         self._props = [_prop(parts) for parts in props]
         self._tape: Array | None = None
-        self.set_stimulus(stimulus)
+        self._radius_m, self._surface = stimulus.radius_m, _surface(stimulus.parts)
 
-    def __enter__(self) -> Self:
-        """Itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Nothing to give back."""
-
-    def set_stimulus(self, stimulus: Stimulus) -> None:
-        """Show another ball from now on."""
-        if stimulus.name not in ("ball", "marker"):
-            raise ValueError(f"stimulus {stimulus.name!r} in an independent scene; expected ball or marker")
-        self._radius_m = stimulus.radius_m
-        self._surface = _surface(stimulus.parts)
 
     def render(self, state: SceneState, stamp_s: float, rng: np.random.Generator | None = None) -> StereoFrame:
         """Both eyes' images at one stamp; `rng` drives the sensor's noise."""

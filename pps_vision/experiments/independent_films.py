@@ -256,18 +256,21 @@ class Film:
         if self.scene.rig == "head":
             T_stage_root, joints = np.linalg.inv(T_ROOT_STAGE_HEAD), self.head_joints(t_s)
             return T_stage_root @ head_pose(joints, "left"), T_stage_root @ head_pose(joints, "right")
-        turn: Array = np.zeros(3)
-        if self.scene.rig == "rotating":
-            turn[1] = np.deg2rad(self.scene.rotation_deg) * np.sin(2 * np.pi * self.scene.rotation_hz * t_s)
-        elif self.scene.rig == "shaking":
-            turn = self._shake(t_s)
-        R = _rotation(turn)
+        R = _rotation(self.turn(self.scene.rig, t_s))
         poses = []
         for x in (-0.5, 0.5):
             T = np.eye(4)
             T[:3, :3], T[:3, 3] = R, R @ np.array([x * self.scene.baseline_m, 0, 0])
             poses.append(T)
         return poses[0], poses[1]
+
+    def turn(self, rig: str, t_s: float) -> Array:
+        """(3,) rad, rotation vector of a rotating or shaking rig at a moment."""
+        if rig == "rotating":
+            return np.array(
+                [0, np.deg2rad(self.scene.rotation_deg) * np.sin(2 * np.pi * self.scene.rotation_hz * t_s), 0]
+            )
+        return self._shake(t_s) if rig == "shaking" else np.zeros(3)
 
     @cached_property
     def _background_mean(self) -> Array:

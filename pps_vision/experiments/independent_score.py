@@ -9,8 +9,9 @@ import numpy as np
 from pps_vision.experiments.baselines.stereo_pipelines import FilteredPipeline, StereoPipelineName, stereo_pipeline
 from pps_vision.experiments.independent_cases import Case
 from pps_vision.experiments.independent_films import Film
+from pps_vision.experiments.study import percent
 from pps_vision.experiments.timing import timed
-from pps_vision.types import Array, Mask, Status, StereoFrame, Track3D, Truth
+from pps_vision.types import Array, Status, StereoFrame, Track3D, Truth
 from tracking.tracker import Tracker, TrackerParams
 
 OURS = "ours"
@@ -94,18 +95,14 @@ def score(tracks: Sequence[Track3D], truth: Sequence[Truth], moves_at_s: float =
     stated_m = [np.linalg.det(track.cov[:3, :3]) ** (1 / 6) for track, k in zip(tracks, known, strict=True) if k]
     return {
         "judged": int(judged.sum()),
-        "right_percent": _percent((claimed & (error < RIGHT_M))[judged]),
-        "false_percent": _percent(claimed & (error > FALSE_M)),
+        "right_percent": percent((claimed & (error < RIGHT_M))[judged]),
+        "false_percent": percent(claimed & (error > FALSE_M)),
         "found_s": float(stamps_s[right][0] - stamps_s[moving][0]) if right.any() else np.nan,
         "median_mm": 1000 * float(np.median(error[known])) if known.any() else np.nan,
         "radius_percent": 100 * float(np.median(off_radius[known])) if known.any() else np.nan,
-        "covered_percent": _percent(np.array(covered, dtype=bool)),
+        "covered_percent": percent(np.array(covered, dtype=bool)),
         "stated_mm": 1000 * float(np.median(stated_m)) if stated_m else np.nan,
     }
-
-
-def _percent(hits: Mask) -> float:
-    return 100 * float(np.mean(hits)) if len(hits) else np.nan
 
 
 def _is_covered(track: Track3D, position: Array) -> bool:

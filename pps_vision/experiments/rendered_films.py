@@ -45,12 +45,8 @@ class RenderedFilm(Film):
         if self._moves == "head":
             return super().head_joints(t_s)
         half = float(np.arctan2(0.034, self.scene.distance_m))
-        turn: Array = np.zeros(3)
-        if self._moves == "rotating":
-            turn[1] = np.deg2rad(self.scene.rotation_deg) * np.sin(2 * np.pi * self.scene.rotation_hz * t_s)
-        elif self._moves == "shaking":
-            turn = self._shake(t_s)
-        neck = dict(zip(("neck_pitch", "neck_yaw", "neck_roll"), turn.tolist(), strict=True))
+        turn = self.turn(self._moves, t_s).tolist()
+        neck = dict(zip(("neck_pitch", "neck_yaw", "neck_roll"), turn, strict=True))
         return {**neck, "left_eye_pan": half, "right_eye_pan": -half}
 
     def joints(self, t_s: float) -> Array | None:

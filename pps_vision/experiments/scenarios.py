@@ -1,6 +1,6 @@
 """Recordings with their truth for the tracking studies, drawn by our renderer or by the independent ray caster."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from pps_vision.experiments.study import NOISE_SIGMA, SceneSource
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home, icub_rig, icub_setup, load_icub
 from pps_vision.robot.model import Robot
-from pps_vision.types import Array, Mask, StereoFrame
+from pps_vision.types import Array, Mask, StereoFrame, Truth
 from rendering.motions import Motion
 from rendering.names import MotionName
 from rendering.scene import Placed, SceneState
@@ -156,17 +156,16 @@ def film(
         views = rig.view_of(frame)
         left = sphere_box(views.left, row.position, row.radius_m) if row.visible_left else None
         boxes.append((left, sphere_box(views.right, row.position, row.radius_m) if row.visible_right else None))
-    return Footage(
-        tuple(frames),
-        np.array([row.position for row in truth]),
-        np.array([row.velocity for row in truth]),
-        np.array([row.visible_left and row.visible_right for row in truth]),
-        tuple(boxes),
-        stimulus.radius_m,
-        rig,
-        own_body_of(source, robot),
-        stimulus.name,
-    )
+    return _footage(tuple(frames), truth, tuple(boxes), rig, own_body_of(source, robot), stimulus.name)
+
+
+def _footage(
+    frames: tuple[StereoFrame, ...], truth: Sequence[Truth], boxes: tuple[Boxes, ...], rig: StereoRig, *told: Any
+) -> Footage:
+    """`told`: own body and name of the object."""
+    seen = np.array([row.visible_left and row.visible_right for row in truth])
+    path, velocity = (np.array([getattr(row, name) for row in truth]) for name in ("position", "velocity"))
+    return Footage(frames, path, velocity, seen, boxes, float(truth[0].radius_m), rig, *told)
 
 
 def rendered(what: RenderParams, source: SceneSource = "rendered") -> Footage:
@@ -247,14 +246,5 @@ def turning(robot: Robot, rng: np.random.Generator, point: Array, speed_rad_s: f
 
 def from_film(independent: Any) -> Footage:
     """Return a film of the independent scene source, which shows no robot."""
-    frames, truth = tuple(independent), independent.truth
-    return Footage(
-        frames,
-        np.array([row.position for row in truth]),
-        np.array([row.velocity for row in truth]),
-        np.array([row.visible_left and row.visible_right for row in truth]),
-        ((None, None),) * len(frames),
-        float(truth[0].radius_m),
-        independent.rig,
-        own_body_of("independent", load_icub()),
-    )
+    frames, own_body = tuple(independent), own_body_of("independent", load_icub())
+    return _footage(frames, independent.truth, ((None, None),) * len(frames), independent.rig, own_body)

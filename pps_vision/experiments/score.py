@@ -31,12 +31,12 @@ def steps_of(recording: Footage, seed: int, mode: str | None = None) -> tuple[li
     return timed_steps(tracker.step, recording.frames)
 
 
-def tracker(mode: str | None = None, settle_s: float = SETTLE_S) -> Method:
+def tracker(mode: str | None = None) -> Method:
     """Our tracker as a study's method, in the mode for the recording's object or in the given one."""
 
     def run(recording: Footage, seed: int) -> Values:
         steps, ms = steps_of(recording, seed, mode)
-        return judge(recording, [step.track for step in steps], settle_s) | {"ms": ms}
+        return judge(recording, [step.track for step in steps]) | {"ms": ms}
 
     return run
 
@@ -51,17 +51,17 @@ def baseline_tracks(recording: Footage, name: StereoPipelineName) -> tuple[list[
     return known + tracks, ms
 
 
-def baseline(name: StereoPipelineName, settle_s: float = SETTLE_S) -> Method:
+def baseline(name: StereoPipelineName) -> Method:
     """A baseline's pipeline as a study's method."""
 
     def run(recording: Footage, seed: int) -> Values:
         tracks, ms = baseline_tracks(recording, name)
-        return judge(recording, tracks, settle_s) | {"ms": ms}
+        return judge(recording, tracks) | {"ms": ms}
 
     return run
 
 
-def judge(recording: Footage, tracks: Sequence[Track3D], settle_s: float = SETTLE_S) -> dict[str, Array]:
+def judge(recording: Footage, tracks: Sequence[Track3D]) -> dict[str, Array]:
     """Return the values that `METRICS` summarizes.
 
     Over the frames that count: whether the track is near the object (within a sixth of its distance from the eyes),
@@ -69,7 +69,7 @@ def judge(recording: Footage, tracks: Sequence[Track3D], settle_s: float = SETTL
     not near and farther off than three of its own standard deviations. Of two equally good objects the one followed
     first counts.
     """
-    counts = recording.judged(settle_s)
+    counts = recording.judged(SETTLE_S)
     known = np.array([track.is_known for track in tracks])
     path = np.array([track.position for track in tracks])
     truth = recording.position

@@ -33,6 +33,7 @@ from pps_vision.recordings.video import open_video
 from pps_vision.recordings.yarp_writer import YarpWriter
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import home, icub_setup, load_icub
+from pps_vision.robot.setup import RobotSetup
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import StereoFrame, Truth
 from rendering.stimulus_file import load_stimulus
@@ -65,10 +66,14 @@ def _recording(folder: Path) -> list[Path]:
     return sorted(file for file in (folder / "rec").rglob("*") if file.is_file())
 
 
-def _read_recording(folder: Path) -> None:
-    for frame in (recording := open_recording(folder / "rec")):
+def _read_frames(folder: Path, robot: RobotSetup | None = None) -> None:
+    for frame in (recording := open_recording(folder, robot=robot)):
         if recording.rig is not None:
             recording.rig.view_of(frame)
+
+
+def _read_recording(folder: Path) -> None:
+    _read_frames(folder / "rec")
 
 
 def _dumped_videos(folder: Path) -> list[Path]:
@@ -222,12 +227,6 @@ def _kitti(folder: Path) -> list[Path]:
     return sorted(file for file in folder.rglob("*") if file.is_file())
 
 
-def _read_frames(folder: Path) -> None:
-    for frame in (recording := open_recording(folder)):
-        if recording.rig is not None:
-            recording.rig.view_of(frame)
-
-
 _JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="0 0 0.3"/>
   <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
 """
@@ -363,9 +362,7 @@ def _bag(storage: Literal["ros1", "sqlite3", "mcap"]) -> Reader:
 
     def read(folder: Path) -> None:
         for robot in (None, icub_setup()):
-            for frame in (recording := open_recording(folder / name, robot=robot)):
-                if recording.rig is not None:
-                    recording.rig.view_of(frame)
+            _read_frames(folder / name, robot)
 
     return Reader(write, read)
 

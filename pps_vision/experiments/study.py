@@ -27,7 +27,7 @@ from tqdm import tqdm
 from pps_vision.errors import InputError
 from pps_vision.experiments.timing import timed
 from pps_vision.recordings.outputs import whole_file, write_json
-from pps_vision.types import Array
+from pps_vision.types import Array, Mask
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,7 +182,7 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else np.nan
 
 
-def mean(values: Array) -> float:
+def mean(values: Array | Mask) -> float:
     """Return the mean (the share, of booleans); NaN of nothing."""
     return float(np.mean(values)) if len(values) else np.nan
 
@@ -192,7 +192,7 @@ def median(values: Array) -> float:
     return float(np.median(values)) if len(values) else np.nan
 
 
-def percent(values: Array) -> float:
+def percent(values: Array | Mask) -> float:
     """Return 100 times the mean; NaN of nothing."""
     return 100 * mean(values)
 

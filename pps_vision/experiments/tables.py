@@ -39,10 +39,10 @@ def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
     return texts[0] if texts[0] == "–" or len(texts) == 1 else f"{texts[0]} ({texts[1]}–{texts[2]})"
 
 
-def median_first(quartiles: Sequence[float | None], digits: int = 3) -> str:
+def median_first(quartiles: Sequence[float | None]) -> str:
     """Return [first quartile, median, third quartile] as "median (first–third)"."""
     first, middle, third = quartiles
-    return estimate([middle, first, third], digits)
+    return estimate([middle, first, third])
 
 
 def judged(text: str, missed: bool) -> str:

@@ -15,7 +15,18 @@ from pps_vision.experiments.charts import PAGE_IN, panels, speed_error
 from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.experiments.scenarios import EYES_M, FPS, Footage, film, from_film, turning, watching
 from pps_vision.experiments.sensor_chain import SensorChain
-from pps_vision.experiments.study import DATA, NOISE_SIGMA, TURNS, Method, Metric, SampledStudy, Values, compare, mean
+from pps_vision.experiments.study import (
+    DATA,
+    NOISE_SIGMA,
+    TURNS,
+    Method,
+    Metric,
+    SampledStudy,
+    Values,
+    compare,
+    mean,
+    percent,
+)
 from pps_vision.experiments.tables import Table, estimate, median_first
 from pps_vision.experiments.timing import timed
 from pps_vision.geometry.camera import Camera, View
@@ -45,7 +56,7 @@ _OWN_SHARE = 0.3  # of a region on the robot itself, above which it is no alarm
 _HEAD_RATE, _FOCAL = 3.9, 0.86  # of an independent film: fastest turn per amplitude (1/s); focal length per width
 _METRICS = {
     "alarms_per_minute": Metric("alarm", lambda values: 60 * FPS * mean(values)),
-    "found_in_3_percent": Metric("delay", lambda values: 100 * float(np.mean(values <= 3)) if len(values) else np.nan),
+    "found_in_3_percent": Metric("delay", lambda values: percent(values <= 3)),
     "delay_frames": Metric("delay", mean),
 }
 

@@ -1,9 +1,9 @@
 """One encounter without rendering: the arm obeys, the object moves on its path, the skin is touched or not."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -67,10 +67,6 @@ class Outcome:
     """Smallest self-collision distance."""
     faults: tuple[str, ...]
     """Limits that were left, rates that are no numbers."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the row."""
-        return asdict(self)
 
 
 class Frame(NamedTuple):

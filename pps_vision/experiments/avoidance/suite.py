@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
@@ -118,8 +119,8 @@ def _rows(task: Task, number: int, kept: Path) -> Rows:
         new = new_controller(name.partition("#")[0], task.numbers.get(name))
         track = true if name == TRUE else seen
         asked = _maps(kept)[encounter.side] if name == ASKING else None
-        row = meet(arena, _memories(kept)[encounter.side], encounter, name, new, track, None, asked).to_json()
-        found.append({**row, "reachable": reachable})
+        outcome = meet(arena, _memories(kept)[encounter.side], encounter, name, new, track, None, asked)
+        found.append({**asdict(outcome), "reachable": reachable})
     return found
 
 

@@ -22,8 +22,13 @@ def midpoint(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
 
 def linear(view: StereoView, left_px: Array, right_px: Array) -> Array | None:
     """Return OpenCV's direct linear transformation (3,)."""
+    return _triangulated(view, *_normalised(view, left_px, right_px))
+
+
+def _triangulated(view: StereoView, left: Array, right: Array) -> Array:
+    """(3,) by OpenCV, of normalised pixels (2, 1)."""
     projections = view.left.T_camera_root[:3], view.right.T_camera_root[:3]
-    homogeneous = cv2.triangulatePoints(*projections, *_normalised(view, left_px, right_px))[:, 0]
+    homogeneous = cv2.triangulatePoints(*projections, left, right)[:, 0]
     return np.asarray(homogeneous[:3] / homogeneous[3])
 
 
@@ -34,9 +39,7 @@ def corrected(view: StereoView, left_px: Array, right_px: Array) -> Array | None
     x, y, z = T_right_left[:3, 3]
     essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ T_right_left[:3, :3]
     a2, b2 = cv2.correctMatches(essential, a.reshape(1, 1, 2), b.reshape(1, 1, 2))
-    projections = view.left.T_camera_root[:3], view.right.T_camera_root[:3]
-    homogeneous = cv2.triangulatePoints(*projections, a2.reshape(2, 1), b2.reshape(2, 1))[:, 0]
-    return np.asarray(homogeneous[:3] / homogeneous[3])
+    return _triangulated(view, *(np.asarray(px, dtype=float).reshape(2, 1) for px in (a2, b2)))
 
 
 def _normalised(view: StereoView, left: Array, right: Array) -> tuple[Array, Array]:

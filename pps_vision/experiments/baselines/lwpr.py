@@ -40,13 +40,12 @@ _PAIRS_AT_ONCE = 4_000_000  # queries × fields looked at together
 
 @dataclass(frozen=True)
 class LWPRParams:
-    """Defaults of the authors' library.  A field is born, `init_D` wide, where none responds above `w_gen`; of two that
-    respond above `w_prune` the narrower one dies; what responds below `cutoff` is neither updated nor asked.
-    `init_D` and the metric's rates fit inputs and outputs of the order of 1."""
+    """Defaults of the authors' library.  A field is born, `init_D` wide, where none responds above `w_gen`; what
+    responds below `cutoff` is neither updated nor asked.  No field is ever pruned: by the library's default that takes
+    a response above 1.  `init_D` and the metric's rates fit inputs and outputs of the order of 1."""
 
     init_D: float = 25.0
     w_gen: float = 0.1
-    w_prune: float = 1.0
     cutoff: float = 0.001
     metric: MetricParams = MetricParams()
     regression: RegressionParams = RegressionParams()
@@ -79,14 +78,10 @@ class LWPR:
         if not (shapes and all(map(math.isfinite, [*x.tolist(), *y.tolist()]))):
             raise ValueError(f"sample {x}, {y}: expected {self.n_inputs} and {self.n_outputs} finite numbers")
         p = self.params
-        best, doomed = _learn(
-            self.fields.groups, self.fields.forms, x, y, self._rates, p.metric.full, p.cutoff, p.w_prune
-        )
+        best = _learn(self.fields.groups, self.fields.forms, x, y, self._rates, p.metric.full, p.cutoff)
         for output, (first, w) in enumerate(best.tolist()):
             if w <= p.w_gen:
                 self._add(x, y[output], output, self.fields.rows[int(first)] if w > 0.1 * p.w_gen else None)
-        if narrower := [k for k in doomed.tolist() if k >= 0]:
-            self.fields.remove(narrower)
 
     def _add(self, x: Array, y: float, output: int, like: np.void | None) -> None:
         """A new field about x, as wide as that which responds most if it has seen enough."""
@@ -159,16 +154,14 @@ def _learn(
     rates: tuple[float, float, float, float, float, float],
     full: bool,
     cutoff: float,
-    w_prune: float,
-) -> tuple[Array, NDArray[np.intp]]:
+) -> Array:
     """Update in place all fields that a sample x (inputs,), y (outputs,) activates.
 
-    Returns for each output the index and activation of the field that it activates most, (outputs, 2), 0 without one;
-    and the one to remove (outputs,), −1 for none.
+    Returns for each output the index and activation of the field that it activates most, (outputs, 2), 0 without one.
     """
     last_forgetting, forgetting_pace, add_threshold, rate, penalty, meta_rate = rates
     n, farthest = len(x), -2 * math.log(cutoff)
-    best, second = np.zeros((len(y), 2)), np.zeros((len(y), 2))
+    best = np.zeros((len(y), 2))
     for k in range(len(forms)):
         form, q, m = forms[k], forms[k, 0], 1 + n
         for i in range(n):
@@ -187,15 +180,5 @@ def _learn(
             write_form(form, row.matrices[METRIC], row.vectors[CENTER])
         add_projection(row, add_threshold)
         if w > best[output, 1]:
-            second[output] = best[output]
             best[output, 0], best[output, 1] = k, w
-        elif w > second[output, 1]:
-            second[output, 0], second[output, 1] = k, w
-    doomed = np.full(len(y), -1)
-    for output in range(len(y)):
-        if second[output, 1] > w_prune:  # of the two that respond most, the narrower
-            a, b = int(best[output, 0]), int(second[output, 0])
-            doomed[output] = (
-                a if (table.matrices[a, METRIC] ** 2).sum() >= (table.matrices[b, METRIC] ** 2).sum() else b
-            )
-    return best, doomed
+    return best

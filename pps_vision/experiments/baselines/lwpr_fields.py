@@ -125,8 +125,3 @@ class Fields:
         self._rows[self.n] = row[0]
         write_form(self._forms[self.n], row["metric"][0], row["center"][0])
         self.n += 1
-
-    def remove(self, index: list[int]) -> None:
-        keep = np.delete(np.arange(self.n), index)
-        self._rows[: len(keep)], self._forms[: len(keep)] = self._rows[keep], self._forms[keep]
-        self.n = len(keep)

@@ -39,9 +39,8 @@ class ArmToGaze:
     The regressor sees joint angles scaled to [−1, 1] by their limits, and the point where the lines of sight cross.
     """
 
-    def __init__(self, regressor: Regressor, limits: ArmLimits | None = None) -> None:
-        self.regressor = regressor
-        limits = limits or ArmLimits()
+    def __init__(self, regressor: Regressor) -> None:
+        self.regressor, limits = regressor, ArmLimits()
         lower, upper = np.array(limits.lower_rad), np.array(limits.upper_rad)
         self.middle, self.half = (lower + upper) / 2, (upper - lower) / 2
 

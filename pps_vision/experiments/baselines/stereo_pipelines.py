@@ -16,6 +16,7 @@ from pps_vision.types import Array, Image, Status, StereoFrame, Track3D
 from tracking.kalman import Belief, KalmanParams, predict, scaled, start, update
 
 StereoPipelineName = Literal["two hue blobs", "two CamShift", "two KCF", "two CSRT", "SGBM + blob"]
+_DISPARITIES, _BLOCK_PX = 112, 5  # of SGBM
 _POINT_STD_PX = 1.0  # what the filter is told of the baselines' centres: their boxes are whole pixels
 
 
@@ -84,11 +85,11 @@ class BlobInDisparity:
     That is taken for the centre's: a smooth ball has disparity at its rim only, which is as far as its centre.
     """
 
-    def __init__(self, rig: StereoRig, n_disparities: int = 112, block_px: int = 5) -> None:
+    def __init__(self, rig: StereoRig) -> None:
         self._rig = rig
-        price = 3 * block_px**2  # of three channels: in grey, small objects drown in the background's disparity
+        price = 3 * _BLOCK_PX**2  # of three channels: in grey, small objects drown in the background's disparity
         self._matcher = cv2.StereoSGBM.create(
-            0, n_disparities, block_px, 8 * price, 32 * price, uniquenessRatio=5, mode=cv2.StereoSGBM_MODE_SGBM_3WAY
+            0, _DISPARITIES, _BLOCK_PX, 8 * price, 32 * price, uniquenessRatio=5, mode=cv2.StereoSGBM_MODE_SGBM_3WAY
         )
         self._model: HueModel | None = None
 
@@ -154,11 +155,9 @@ class FilteredPipeline:
     `lost_after_s` without a point, and known again with the next one.
     """
 
-    def __init__(
-        self, pipeline: StereoPipeline, rig: StereoRig, params: KalmanParams | None = None, lost_after_s: float = 0.5
-    ) -> None:
+    def __init__(self, pipeline: StereoPipeline, rig: StereoRig, lost_after_s: float = 0.5) -> None:
         self._pipeline, self._rig, self._lost_after_s = pipeline, rig, lost_after_s
-        self._default = self._params = params or KalmanParams()
+        self._params = KalmanParams()
         self._belief: Belief | None = None
         self._seen_s = -np.inf
 
@@ -177,7 +176,7 @@ class FilteredPipeline:
         if point is not None and (cov := _cov(view, point)) is not None:
             self._seen_s = stamp_s
             if self._belief is None:
-                self._params = scaled(self._default, float(np.linalg.norm(point - view.left.center)))
+                self._params = scaled(KalmanParams(), float(np.linalg.norm(point - view.left.center)))
                 self._belief = start(self._params, stamp_s, point, cov)
             else:
                 self._belief = update(self._params, predict(self._params, self._belief, stamp_s), point, cov)

@@ -1,20 +1,17 @@
 """Do predicted probabilities come true? Held-out rendered approaches, 0.15 s before their end."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
-from scipy.stats import binomtest
 
 from learning.pps.scores import auroc, brier, brier_gain, expected_calibration_error
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.perceived import HORIZON_S, in_taxel_frames
 from pps_vision.experiments.pps.predictors import (
     Predictor,
+    Score,
     Trials,
     by_base_rate,
     by_displacement,
@@ -24,9 +21,10 @@ from pps_vision.experiments.pps.predictors import (
     combined,
     corrected,
     outcomes,
+    score_interval,
 )
 from pps_vision.experiments.pps.trials import SessionStudy
-from pps_vision.experiments.study import interval
+from pps_vision.experiments.study import percent_of
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.types import Array, Mask
 
@@ -99,26 +97,14 @@ def scores(touched: Mask, p: Array, combination: Array) -> dict[str, list[float]
 
     Each with its 95 % interval over the trials; arguments (trials, taxels).
     """
-    units = list(np.stack([touched, p], axis=-1))
-    of = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
-    found = {name: interval(units, partial(_score_of_rows, score)) for name, score in of.items()}
+    of: dict[str, Score] = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
+    found = {name: score_interval(score, touched, p) for name, score in of.items()}
     return {**found, "above_combination": list(brier_gain(touched, combination, p))}
 
 
-def _score_of_rows(score: Callable[[ArrayLike, ArrayLike], float], rows: Array) -> float:
-    """A score of rows (n, 2) of outcome and probability."""
-    return score(rows[:, 0], rows[:, 1])
-
-
 def shares(touched: Mask, p: Array) -> list[list[float] | None]:
-    """Return the share touched (percent) by tenths of the probability."""
+    """Return the share touched (percent, with Wilson's interval, which takes taxels as independent) by tenths of the
+    probability; None of a tenth without any."""
     tenth = np.minimum((BINS * p).astype(int), BINS - 1)
-    return [_share(touched[tenth == k]) for k in range(BINS)]
-
-
-def _share(touched: Mask) -> list[float] | None:
-    """Percentage with Wilson's 95 % interval, which takes taxels as independent; None of nothing."""
-    if not touched.size:
-        return None
-    of = binomtest(int(touched.sum()), touched.size).proportion_ci(method="wilson")
-    return [100 * float(value) for value in (touched.mean(), of.low, of.high)]
+    of_tenths = [touched[tenth == k] for k in range(BINS)]
+    return [percent_of(int(some.sum()), some.size) if some.size else None for some in of_tenths]

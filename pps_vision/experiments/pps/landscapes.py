@@ -27,6 +27,7 @@ TITLES: dict[SessionName, str] = {
     "palm": "objects, palm (Fig 7)",
 }
 AFTER = (1, 4, 53)  # trials (Fig 9)
+_DRAWS = 200  # of the trials, for an interval
 
 
 @dataclass(frozen=True)
@@ -89,11 +90,11 @@ def _pooled(session: Session, counts: Counts) -> Counts:
     return pooled
 
 
-def _width_interval(by_trial: list[Counts], seed: int, draws: int = 200) -> list[float]:
+def _width_interval(by_trial: list[Counts], seed: int) -> list[float]:
     """Ridge width in cm, [value, low, high], with 95 % by resampling trials."""
     counts = np.array(by_trial)
     rng = np.random.default_rng(seed)
-    times = rng.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), draws)
+    times = rng.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), _DRAWS)
     widths = [100 * ridge_width(np.tensordot(of, counts, 1)) for of in times]
     low, high = np.percentile(widths, (2.5, 97.5))
     return [100 * ridge_width(counts.sum(axis=0)), float(low), float(high)]

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logit
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.isotonic import IsotonicRegression
@@ -26,6 +26,8 @@ from pps_vision.types import Array, Mask
 Trials = Sequence[Trial]
 Predictor = Callable[[Trials, Trials, float], Array]
 """Training trials, test trials, horizon_s → probabilities (test trials, taxels)."""
+Score = Callable[[ArrayLike, ArrayLike], float]
+"""Outcomes and probabilities → score."""
 
 FOLDS = 8
 PRIORS = (1.0, 10.0, 100.0, 1000.0, 1e9)
@@ -194,7 +196,7 @@ def corrected(predictor: Predictor) -> Predictor:
     def predict(training: Trials, test: Trials, horizon_s: float) -> Array:
         every = np.arange(len(training))
         folds = [every[k::FOLDS] for k in range(FOLDS)]
-        p = [predictor(_take(training, np.setdiff1d(every, f)), _take(training, f), horizon_s) for f in folds]
+        p = [predictor(take(training, np.setdiff1d(every, f)), take(training, f), horizon_s) for f in folds]
         touched = outcomes(training)[np.concatenate(folds)]
         return _calibrate(np.concatenate(p), touched, predictor(training, test, horizon_s))
 
@@ -213,15 +215,21 @@ def scored(predictor: Predictor, sets: Iterable[tuple[Trials, Trials]]) -> dict[
     return {score.__name__: interval([[score(*one)] for one in found]) for score in (auroc, brier)}
 
 
+def score_interval(score: Score, touched: Mask, p: Array) -> list[float]:
+    """Return a score of probabilities (trials, taxels) with its 95 % interval by resampling trials."""
+    return interval(list(np.stack([touched, p], axis=-1)), lambda rows: score(rows[:, 0], rows[:, 1]))
+
+
 def in_blocks(predictor: Predictor, trials: Trials, horizon_s: float, blocks: int | None = None) -> Array:
     """Return probabilities (trials, taxels), each block of consecutive trials predicted from the others (default: every
     trial from all others)."""
     every = np.arange(len(trials))
     parts = np.array_split(every, min(blocks or len(trials), len(trials)))
     return np.concatenate([
-        predictor(_take(trials, np.setdiff1d(every, part)), _take(trials, part), horizon_s) for part in parts
+        predictor(take(trials, np.setdiff1d(every, part)), take(trials, part), horizon_s) for part in parts
     ])  # fmt: skip
 
 
-def _take(trials: Trials, which: NDArray[np.intp]) -> Trials:
-    return [trials[i] for i in which]
+def take(trials: Trials, which: NDArray[np.intp]) -> tuple[Trial, ...]:
+    """Return the trials of these indices."""
+    return tuple(trials[i] for i in which)

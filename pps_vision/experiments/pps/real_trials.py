@@ -28,10 +28,12 @@ from pps_vision.experiments.pps.predictors import (
     by_displacement_of_session,
     in_blocks,
     outcomes,
+    score_interval,
+    take,
 )
 from pps_vision.experiments.study import DATA, SeededStudy, interval
 from pps_vision.experiments.tables import Table, estimate
-from pps_vision.types import Array, Mask
+from pps_vision.types import Array
 
 HORIZONS_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.5)
 OFFSETS_M = (0.0, 0.01, 0.02)
@@ -138,7 +140,7 @@ def _scores(method: Predictor, trials: tuple[Trial, ...]) -> dict[str, Any]:
     for name, (test, predict) in splits.items():
         touched, p, base = outcomes(test), predict(method), predict(by_base_rate)
         found[name] = {
-            "auroc": _interval_of(touched, p),
+            "auroc": score_interval(auroc, touched, p),
             "brier": interval(list((p - touched) ** 2)),
             "gain": list(brier_gain(touched, p, base)),
         }
@@ -149,8 +151,8 @@ def _grouped(trials: tuple[Trial, ...]) -> list[dict[str, Any]]:
     """Predictions by quarters of the session in groups of like probability: the mean stated, the mean interval, and the
     share touched with its 95 % interval by resampling trials."""
     parts, every = np.array_split(np.arange(len(trials)), BLOCKS), np.arange(len(trials))
-    models = [learn_contact(HORIZON_S, _take(trials, np.setdiff1d(every, part))) for part in parts]
-    blocks = [predict_contact(HORIZON_S, of, _take(trials, part)) for of, part in zip(models, parts, strict=True)]
+    models = [learn_contact(HORIZON_S, take(trials, np.setdiff1d(every, part))) for part in parts]
+    blocks = [predict_contact(HORIZON_S, of, take(trials, part)) for of, part in zip(models, parts, strict=True)]
     p, low, high = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("probability", "lower", "upper"))
     group, touched, found = np.digitize(p, GROUPS), outcomes(trials), []
     for g in range(len(GROUPS) + 1):
@@ -163,29 +165,19 @@ def _grouped(trials: tuple[Trial, ...]) -> list[dict[str, Any]]:
     return found
 
 
-def _take(trials: tuple[Trial, ...], which: NDArray[np.intp]) -> tuple[Trial, ...]:
-    return tuple(trials[i] for i in which)
-
-
-def _interval_of(touched: Mask, p: Array) -> list[float]:
-    """AUROC with 95 % by resampling trials."""
-    units = np.stack([touched, p], axis=-1)
-    return interval(list(units), lambda rows: auroc(rows[:, 0], rows[:, 1]))
-
-
 def displaced(
     predict: Predict, trials: tuple[Trial, ...], splits: Sequence[tuple[NDArray[np.intp], NDArray[np.intp]]]
 ) -> list[dict[str, float]]:
     """Return scores on test trials displaced as by another calibration, means over splits and six directions."""
     found = []
-    models = [learn_contact(HORIZON_S, _take(trials, train)) for train, _ in splits]
+    models = [learn_contact(HORIZON_S, take(trials, train)) for train, _ in splits]
     for offset_m in OFFSETS_M:
         rows = []
         for shift in offset_m * np.concatenate([np.eye(3), -np.eye(3)]):
             for (train, test), learned in zip(splits, models, strict=True):
-                moved = tuple(replace(trial, d_m=trial.d_m + shift) for trial in _take(trials, test))
+                moved = tuple(replace(trial, d_m=trial.d_m + shift) for trial in take(trials, test))
                 touched, p = outcomes(moved), predict(HORIZON_S, learned, moved).probability
-                base_rate = by_base_rate(_take(trials, train), moved, HORIZON_S)
+                base_rate = by_base_rate(take(trials, train), moved, HORIZON_S)
                 rows.append((auroc(touched, p), brier(touched, p), brier(touched, base_rate)))
         means = map(float, np.mean(rows, axis=0))
         found.append({"offset_m": offset_m} | dict(zip(("auroc", "brier", "base_rate_brier"), means, strict=True)))

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 from tqdm import tqdm
 
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments import charts
 from pps_vision.experiments.reach.map_truth import closed_form
-from pps_vision.experiments.study import SampledStudy
+from pps_vision.experiments.study import SampledStudy, percent_of
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
@@ -58,8 +57,7 @@ class ErrorBound(SampledStudy):
                         }
                     )
         held = sum(one["measured"] <= one["stated"] for one in maps)
-        ends = binomtest(held, len(maps)).proportion_ci(method="wilson")
-        return {"maps": maps, "hold_percent": [100 * x for x in (held / len(maps), float(ends.low), float(ends.high))]}
+        return {"maps": maps, "hold_percent": percent_of(held, len(maps))}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
         """Draw the measured share over the stated bound."""

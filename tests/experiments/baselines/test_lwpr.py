@@ -1,7 +1,5 @@
 """LWPR against the figures of the authors' library, linear least squares and a numerical derivative."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -127,15 +125,6 @@ def test_it_forgets(rng):
     params = LWPRParams(init_D=20, metric=MetricParams(rate=0), regression=RegressionParams(0.99, 0.99))
     model = taught(params, x, np.where(np.arange(1200) < 600, 1.0, -1.0)[:, None] * x)
     np.testing.assert_allclose(model.predict([[0.5], [-0.5]])[:, 0], [-0.5, 0.5], atol=0.05)
-
-
-def test_the_narrower_of_two_that_say_the_same_is_pruned():
-    params = replace(CROSS, w_prune=0.8)
-    model = LWPR(2, 1, params)
-    for x, scale in (([0.0, 0.0], 50.0), ([0.01, 0.0], 80.0), ([0.8, 0.8], 50.0)):
-        model.fields.append(new_field(np.array(x), 0.0, 0, np.sqrt(scale) * np.eye(2), 0.0, 0.999))
-    model.update([0.0, 0.0], [0.0])
-    assert model.fields.rows["center"].tolist() == [[0.0, 0.0], [0.8, 0.8]]
 
 
 def test_activation_is_linear_in_the_monomials(rng):
