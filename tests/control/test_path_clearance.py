@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
 from control.avoidance import AvoidanceParams, AvoidanceState, step
@@ -93,6 +94,50 @@ def test_no_direction_is_needed_for_what_misses_rests_or_is_escaped(robot: Robot
         track = track_at(position, velocity)
         rates_towards = withdrawing(robot, taxel)
         assert direction_off_path(posture, arm_of(robot), SKIN, track, rates_towards, 0.05, None, all_of_it) is None
+
+
+def test_another_direction_is_looked_for_where_withdrawal_leaves_too_little(robot: Robot) -> None:
+    """A millimetre more or less than is left; and of the withdrawal counts what the body leaves of it."""
+    posture, taxel = robot.at(home(robot)), SKIN.index("left_forearm:27")
+    taxels, normals = SKIN.at(posture)
+    track = track_at(taxels[taxel] + 0.15 * normals[taxel], -0.3 * normals[taxel])
+    rates_towards = withdrawing(robot, taxel)
+    given = posture, arm_of(robot), SKIN, track
+    for share in (1.0, 0.5):
+        (left_m,) = predicted_distances(*given[:3], share * rates_towards(None)[None], track)
+        assert direction_off_path(*given, rates_towards, left_m - 0.001, None, lambda rates, s=share: s) is None  # type: ignore[misc]
+        assert direction_off_path(*given, rates_towards, left_m + 0.001, None, lambda rates, s=share: s) is not None  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(("speed_m_s", "expected"), [(0.009, False), (0.012, True)])
+def test_what_is_slower_than_a_centimetre_per_second_has_no_path(
+    robot: Robot, speed_m_s: float, expected: bool
+) -> None:
+    """A ball at the skin that cannot withdraw."""
+    posture, taxel = robot.at(home(robot)), SKIN.index("left_forearm:27")
+    taxels, normals = SKIN.at(posture)
+    track = track_at(taxels[taxel] + (BALL_M + 0.01) * normals[taxel], -speed_m_s * normals[taxel])
+    moves = withdrawing(robot, taxel)
+    given = posture, arm_of(robot), SKIN, track, lambda one: moves(one) * (one is not None), 0.5
+    assert (direction_off_path(*given, None, all_of_it) is not None) == expected
+
+
+@pytest.mark.parametrize(("better_m", "expected"), [(0.008, False), (0.012, True)])
+def test_withdrawal_is_preferred_to_what_leaves_less_than_a_centimetre_more(
+    robot: Robot, better_m: float, expected: bool
+) -> None:
+    """All directions move the taxels alike, by so much farther from a ball that flies at them."""
+    posture, columns, taxel = robot.at(home(robot)), arm_of(robot), SKIN.index("left_forearm:27")
+    taxels, normals = SKIN.at(posture)
+    track = track_at(taxels[taxel] + 0.15 * normals[taxel], -0.3 * normals[taxel])
+    withdraws = withdrawing(robot, taxel)(None)
+
+    def left_m(faster: float) -> float:
+        return float(predicted_distances(posture, columns, SKIN, faster * withdraws[None], track)[0])
+
+    faster = brentq(lambda faster: left_m(faster) - left_m(1.0) - better_m, 1.0, 3.0)
+    given = posture, columns, SKIN, track, lambda one: withdraws * (1.0 if one is None else faster), 0.5
+    assert (direction_off_path(*given, None, all_of_it) is not None) == expected
 
 
 def test_a_direction_in_which_the_body_slows_the_arm_is_judged_by_what_is_left(robot: Robot) -> None:
