@@ -12,7 +12,7 @@ from pps_vision.geometry.camera import View
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Observation3D
 from tracking import masks
-from tracking.appearance import N_BINS, ColorModel, color_bins, histogram, is_same_object
+from tracking.appearance import N_BINS, ColorModel, all_colors, color_bins, histogram, is_same_object
 from tracking.marker import MarkerParams, find_markers, threshold
 from tracking.outline import Optics
 from tracking.particle_filter import Cloud, Prior, propagate, resample, spawn, weigh
@@ -175,3 +175,26 @@ def test_colours_in_either_eye_and_size_must_agree(left: float, right: float, ra
 
 def test_a_marker_has_no_colours_to_compare() -> None:
     assert is_same_object((None, model(0.9)), 0.03, (model(0.1), None), 0.03)
+
+
+def test_pixels_count_by_their_weights() -> None:
+    counted = histogram(np.array([[3, 3, 5]], np.uint8), np.array([[1.0, 2.0, 1.0]], np.float32))
+    np.testing.assert_allclose(counted[[3, 5]], [0.75, 0.25])
+    assert counted.sum() == pytest.approx(1)
+    np.testing.assert_allclose(histogram(np.array([3, 3, 5, 7], np.uint8))[[3, 5, 7]], [0.5, 0.25, 0.25])
+
+
+def test_the_backdrop_has_more_of_a_colour_than_one_pixel_in_250_beyond_the_object() -> None:
+    colors, around = np.zeros(N_BINS), np.zeros(N_BINS)
+    colors[:3], around[:4] = (0.2, 0.2, 0.6), (0.1, 0.202, 0.61, 0.003)
+    assert np.flatnonzero(ColorModel(colors, around).backdrop()).tolist() == [2]
+    around[3] = 0.005
+    assert np.flatnonzero(ColorModel(colors, around).backdrop()).tolist() == [2, 3]
+
+
+def test_all_colours_are_the_middles_of_their_steps() -> None:
+    """Two bits a channel: 32, 96, 160, 224, blue changing fastest, as they are counted."""
+    colors = all_colors(2)
+    assert colors.shape == (1, 64, 3)
+    assert colors[0, :5].tolist() == [[32, 32, 32], [32, 32, 96], [32, 32, 160], [32, 32, 224], [32, 96, 32]]
+    assert colors[0, 63].tolist() == [224, 224, 224]

@@ -153,3 +153,9 @@ def test_process_wide_state_is_left_alone(rig: StereoRig) -> None:
     after = torch.random.get_rng_state(), torch.get_num_threads(), torch.get_default_dtype()
     assert torch.equal(before[0], after[0])
     assert before[1:] == after[1:]
+
+
+def test_images_of_another_size_are_left_to_the_search_frame_by_frame(rig: StereoRig) -> None:
+    right, wrong = (np.zeros((rig.left.height - k, rig.left.width, 3), np.uint8) for k in (0, 1))
+    assert batch.find(MarkerParams(), [right, wrong], Optics(rig.left), DEVICES[0]) == [None, None]
+    assert batch.find(MarkerParams(), [right], Optics(rig.left), DEVICES[0]) == [[]]

@@ -4,10 +4,20 @@ import cv2
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
 from pps_vision.experiments.independent_scenes import procedural
 from pps_vision.types import Array, Image
 from tracking import template
-from tracking.box_tracker import ALIKE, LEAST_SCORE, LOST_SCORE, Appearance, BoxPx, BoxTracker
+from tracking.box_tracker import (
+    ALIKE,
+    LEAST_SCORE,
+    LOST_SCORE,
+    Appearance,
+    BoxDetection,
+    BoxPx,
+    BoxTracker,
+    assumed_optics,
+)
 from tracking.image_tracker import ImageTrackerParams
 
 
@@ -202,3 +212,52 @@ def test_an_object_that_turns_is_followed(rng: np.random.Generator) -> None:
         overlap.append(_overlap(found.box_px, box))
     assert min(overlap) > 0.6
     assert found.score >= LEAST_SCORE
+
+
+@pytest.mark.parametrize(
+    ("box", "taken"),
+    [
+        ((0.0, 0.0, 10.0, 10.0), True),
+        ((54.0, 38.0, 10.0, 10.0), True),
+        ((20.0, 20.0, 2.0, 2.0), True),
+        ((-0.5, 5.0, 10.0, 10.0), False),
+        ((5.0, -0.5, 10.0, 10.0), False),
+        ((54.5, 5.0, 10.0, 10.0), False),
+        ((5.0, 38.5, 10.0, 10.0), False),
+        ((20.0, 20.0, 1.9, 10.0), False),
+        ((20.0, 20.0, 10.0, 1.9), False),
+        ((20.0, np.nan, 10.0, 10.0), False),
+    ],
+)
+def test_a_first_box_lies_within_the_image(box: BoxPx, taken: bool, rng: np.random.Generator) -> None:
+    image = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    if taken:
+        assert _tracker(rng).start(image, box) == BoxDetection(box, 1.0)
+    else:
+        with pytest.raises(InputError, match="expected a box inside the 64×48 image"):
+            _tracker(rng).start(image, box)
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 480), (480, 640)])
+def test_an_unknown_lens_sees_about_thirty_degrees(width: int, height: int) -> None:
+    camera = assumed_optics(width, height).camera
+    sides = [camera.bearing_map[v, u] for v, u in ((0, 0), (height - 1, width - 1))]
+    assert (camera.width, camera.height) == (width, height)
+    np.testing.assert_allclose(sides[0][:2], -sides[1][:2])
+    longest = 2 * np.degrees(np.arctan2(max(np.abs(sides[0][:2])), sides[0][2]))
+    assert longest == pytest.approx(30, abs=3)
+
+
+def test_colours_follow_an_object_that_they_show_and_its_template_one_that_they_do_not(
+    rng: np.random.Generator,
+) -> None:
+    """A ball of its own colour; a piece of the texture that is around it.  What is asked for is done."""
+    ball, piece = _tracker(rng), _tracker(rng)
+    ball.start(_draw(_scene(rng), (200, 200), 20, rng), (180, 180, 40, 40))
+    piece.start(*_textured(0, rng))
+    assert (ball.appearance, piece.appearance) == ("colour", "template")
+    assert ball.similarity < 0.3 < ALIKE <= piece.similarity <= 1
+    for appearance in ("colour", "template"):
+        asked = _tracker(rng, appearance)
+        asked.start(*_textured(0, rng))
+        assert asked.appearance == appearance

@@ -1,11 +1,14 @@
 """A thrown ball's motion against a fine integration of its equations, and its bounce against energy and sampling."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from throw import DRAG_PER_M, FPS, HIDDEN, RIG, UP, thrown
 
+from pps_vision.errors import InputError
 from pps_vision.types import Array, Status, Track3D
 from tracking.flight import FlightParams, derivatives, forecast, start
 from tracking.kalman import Belief, update
@@ -274,3 +277,49 @@ def test_a_flight_is_smoothed_by_its_own_model() -> None:
         assert _errors(after, path, row)[known].max() < 0.5 * _errors(before, path, row)[known].max()
     accelerations = np.gradient(path[:, 3:], 1 / FPS, axis=0)
     np.testing.assert_allclose([t.mean[2] for t in after[known]], accelerations[known], atol=1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "refused", "taken"),
+    [
+        ("drag_per_m", (-0.01, np.nan), (0.0,)),
+        ("noise_density", (0.0, np.nan), (1e-9,)),
+        ("restitution", (-0.01, 1.01), (0.0, 1.0)),
+        ("up", ((0.0, 0.0, 0.0), (np.inf, 0.0, 0.0), (np.nan, 0.0, 1.0)), ((0.0, 0.0, -1e-3),)),
+    ],
+)
+def test_parameters_outside_their_range_are_refused(
+    name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
+) -> None:
+    for value in refused:
+        with pytest.raises(InputError, match="expected"):
+            FlightParams(**{name: value})
+    for value in taken:
+        assert getattr(FlightParams(**{name: value}), name) == value
+
+
+def test_what_is_below_the_floor_bounces_at_once_if_it_falls_and_else_rises() -> None:
+    """By a ball's radius below it: errors of measurement put it there."""
+    params, dt = FlightParams(drag_per_m=0.0, noise_density=1e-9, drive_m=0.0), 0.01
+    for speed, after in ((-2.0, 0.935 * 2.0 - 9.81 * dt), (2.0, 2.0 - 9.81 * dt)):
+        ahead = forecast(params, _belief((0, 0, 0.006), (0, 0, speed), (0, 0, 0)), dt)[0]
+        assert ahead.mean[1, 2] == pytest.approx(after, abs=1e-4)
+        assert ahead.mean[0, 2] == pytest.approx(0.006 + dt * (after + 0.5 * 9.81 * dt), abs=1e-5)
+
+
+def test_what_rests_in_the_air_or_falls_straight_has_a_motion_too() -> None:
+    """Nothing is divided by its speed, or by that along the floor."""
+    mean, cov = derivatives(FlightParams(), _belief((0, 0, 1), (0, 0, 0), (0.1, 0, 0)))
+    np.testing.assert_allclose(mean[2], [0, 0, -9.81])
+    assert np.isfinite(cov).all()
+    params = FlightParams(noise_density=1e-9)
+    ahead = forecast(params, _belief((0, 0, 0.03), (0, 0, -2.0), (0, 0, 0)), 0.02)[0]
+    assert ahead.mean[1, 2] > 0
+    assert np.linalg.eigvalsh(ahead.cov).min() > 0
+    assert ahead.cov[5, 5] == pytest.approx(0.08**2, rel=0.01)
+
+
+def test_a_forecast_keeps_what_the_filter_counts_but_its_noise_is_its_own() -> None:
+    belief = _belief((0, 0, 1), (1, 0, 0), (0, 0, 0))._replace(rejections=2, nis=4.0, noise_scale=3.0, updated_s=-1.0)
+    ahead = forecast(STILL_AIR, belief, 0.1)[0]
+    assert (ahead.stamp_s, ahead.rejections, ahead.nis, ahead.updated_s, ahead.noise_scale) == (0.1, 2, 4.0, -1.0, 1.0)

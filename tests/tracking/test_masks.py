@@ -110,3 +110,29 @@ def test_an_ellipse_has_its_width_height_and_centre() -> None:
     v, u = np.nonzero(found)
     assert (u.min() + 10, u.max() + 10, v.min() + 20, v.max() + 20) == (25, 65, 45, 65)
     assert found.sum() == pytest.approx(np.pi / 4 * 40 * 20, rel=0.02)
+
+
+@pytest.mark.parametrize(("gap", "one"), [(1, True), (2, True), (3, False)])
+def test_parts_up_to_two_pixels_apart_are_one_component_without_holes(gap: int, one: bool) -> None:
+    left, right = rectangle(10, 10, 30, 40), rectangle(30 + gap, 10, 50, 40)
+    hole = rectangle(15, 15, 22, 22)
+    found = masks.closed_component((left & ~hole) | right, rectangle(10, 10, 14, 14))
+    assert found is not None
+    assert np.array_equal(found, rectangle(10, 10, 50, 40) if one else left)
+    kept = masks.closed_component((left & ~hole) | right, rectangle(10, 10, 14, 14), hole)
+    assert kept is not None
+    assert not kept[16:21, 16:21].any()
+    assert masks.closed_component(left, rectangle(60, 50, 70, 55)) is None
+
+
+def test_solidity_is_the_share_of_the_convex_hull() -> None:
+    """Of a square all, of three of its quarters 6/7; a pixel is solid."""
+    square, quarter = rectangle(10, 5, 60, 55), rectangle(35, 5, 60, 30)
+    assert masks.solidity(square) == pytest.approx(1, abs=0.05)
+    assert masks.solidity(square & ~quarter) == pytest.approx(6 / 7, abs=0.05)
+    assert masks.solidity(rectangle(3, 3, 4, 4)) == 1
+
+
+def test_an_empty_region_has_no_pixels_of_an_ellipse() -> None:
+    assert masks.ellipse((10, 10, 5, 20), np.array([8.0, 15.0]), 4.0, 4.0).shape == (10, 0)
+    assert masks.ellipse((10, 20, 15, 10), np.array([8.0, 15.0]), 4.0, 4.0).shape == (0, 5)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tracking.particle_filter import SHARPNESS, Cloud, Prior, box_sums, propagate, spawn, weigh
+from tracking.particle_filter import SHARPNESS, Cloud, Prior, box_sums, propagate, resample, spawn, weigh
 
 
 def test_around_a_certain_prior_they_keep_some_spread(rng: np.random.Generator) -> None:
@@ -47,3 +47,27 @@ def test_weights_add_up_to_one_even_where_no_box_holds_the_object() -> None:
     np.testing.assert_allclose(weights[:3], 1 / 3)
     shifted = weigh(Cloud(now[3:], now[3:]), 1e3 * integral, (0, 0), (0.01, 0.01))
     np.testing.assert_allclose(shifted, 0.5)
+
+
+def test_without_a_prediction_they_go_on_and_spread_by_a_quarter_of_the_size(rng: np.random.Generator) -> None:
+    """And their scale by 4 %; where they were is remembered."""
+    cloud = spawn(4000, np.array([100.0, 80.0]), 40.0, 2.0, rng, np.array([5.0, -3.0]))
+    np.testing.assert_allclose(cloud.now[:, :2].std(axis=0), 2.0, rtol=0.1)
+    np.testing.assert_allclose(cloud.now - cloud.before, np.tile([5.0, -3.0, 0.0], (4000, 1)), atol=1e-9)
+    assert (cloud.now[:, 2] == 40.0).all()
+    moved = propagate(cloud, None, rng)
+    np.testing.assert_allclose((moved.now - cloud.now)[:, :2].mean(axis=0), [5.0, -3.0], atol=0.6)
+    np.testing.assert_allclose((moved.now - cloud.now)[:, :2].std(axis=0), 10.0, rtol=0.08)
+    assert np.log(moved.now[:, 2] / 40.0).std() == pytest.approx(0.04, rel=0.1)
+    assert moved.before is cloud.now
+    rests = spawn(10, np.array([100.0, 80.0]), 40.0, 2.0, rng)
+    np.testing.assert_array_equal(rests.now, rests.before)
+
+
+def test_resampled_particles_keep_their_past(rng: np.random.Generator) -> None:
+    now = rng.random((50, 3))
+    chosen = resample(Cloud(now, now - 1.0), rng.dirichlet(np.ones(50)), rng)
+    np.testing.assert_allclose(chosen.now - chosen.before, 1.0)
+    last = np.zeros(50)
+    last[-1] = 0.3  # of rounding no sum of weights need reach one
+    np.testing.assert_array_equal(resample(Cloud(now, now), last, rng).now, np.tile(now[-1], (50, 1)))

@@ -144,3 +144,38 @@ def test_the_shift_of_all_points_turns_what_follows_it() -> None:
     _, _, following, _ = _fitted_rotation(before, before.copy(), np.zeros(3), shift, cut)
     turned, _, _, _ = _fitted_rotation(before, before + shift, np.zeros(3), shift, cut)
     np.testing.assert_allclose(following, turned, rtol=0.02, atol=1e-8)
+
+
+def test_a_rotation_is_measured_under_another_light(wall: Image, rng: np.random.Generator) -> None:
+    """Lucas–Kanade alone takes the change for motion, of twice as much as is allowed here."""
+    turn = np.deg2rad([0.3, -0.6, 0.5])
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
+    for gain in (0.9, 1.1):
+        image = np.clip(gain * seen(wall, turn, rng).astype(float), 0, 255).astype(np.uint8)
+        found = reference.misalignment(image, STILL, 1.2, np.zeros(3))
+        assert found is not None
+        assert np.abs(found.rotation - turn)[:2].max() < 0.1 / CAMERA.fx
+
+
+def test_where_too_few_corners_are_in_view_or_found_again_there_is_no_rotation(
+    wall: Image, rng: np.random.Generator
+) -> None:
+    """The camera is told to look elsewhere, or the image shows nothing, or its corners in a part alone."""
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng), np.eye(4))
+    away = View(CAMERA, transform(cv2.Rodrigues(np.deg2rad([0.0, 60.0, 0.0]))[0]))
+    plain = np.full((240, 320, 3), 128, np.uint8)
+    assert reference.misalignment(seen(wall, np.zeros(3), rng), away, 1.2, np.zeros(3)) is None
+    assert reference.misalignment(plain, STILL, 1.2, np.zeros(3)) is None
+    assert reference.misalignment(covered(seen(wall, np.zeros(3), rng), 0.8), STILL, 1.2, np.zeros(3)) is None
+
+
+def test_an_error_of_the_rooms_depth_turns_what_is_found_as_stated(wall: Image, rng: np.random.Generator) -> None:
+    """The reference is told to be 3 cm aside: the nearer the room, the more of that is a rotation."""
+    aside = transform(translation=(0.03, -0.01, 0.0))
+    reference, image = Reference(CAMERA, seen(wall, np.zeros(3), rng), aside), seen(wall, np.zeros(3), rng)
+    far, near = (reference.misalignment(image, STILL, 1 / inverse_m, np.zeros(3)) for inverse_m in (0.8, 0.9))
+    assert far is not None
+    assert near is not None
+    stated = 0.05 * (far.by_parallax + near.by_parallax)
+    assert abs(stated[1]) > 2e-3
+    np.testing.assert_allclose(near.rotation - far.rotation, -stated, rtol=0.1, atol=2e-4)
