@@ -66,7 +66,7 @@ def learned_from(
         raise InputError(
             "reachable-space map", f"{into.side}, {into.limits}; expected one of {side}, {limits}, to continue from"
         )
-    softness, expected, good_enough, risk = np.nan, 1.0, 0.5 * params.max_error, 1 - params.confidence
+    good_enough, risk = 0.5 * params.max_error, 1 - params.confidence
     while (left := params.n_labels - spent) >= params.round_labels:
         n = max(params.round_labels, len(labels.gaze_rad) // _ROUNDS)
         n = n if left >= n + params.round_labels else left

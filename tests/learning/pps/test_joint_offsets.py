@@ -7,7 +7,7 @@ import pytest
 from data import SEED
 
 from control.fixation import gaze_at
-from learning.pps.joint_offsets import felt_position, joint_offsets
+from learning.pps.joint_offsets import _robust, felt_position, joint_offsets
 from learning.pps.trials import TouchTrial
 from pps_vision.experiments.pps.robot_errors import ErringRobot, only
 from pps_vision.geometry.se3 import inverse, move_points
@@ -128,3 +128,13 @@ def test_two_touches_reduce_the_error() -> None:
     others = lying(24, SEED + 1)
     for n in (2, 4):
         assert miss_mm(off.calibrated(seen(off, lying(n, SEED))), others) < miss_mm(off, others)
+
+
+def test_a_residual_counts_by_the_logarithm_of_its_square() -> None:
+    """Cauchy's loss, as SciPy defines it: C² ln(1 + (r/C)²), and the residual's own direction."""
+    residuals = np.array([[0.003, 0.0, 0.004], [3.0, 0.0, 4.0], [30.0, -40.0, 0.0], [0.0, 0.0, 0.0]])
+    bounded = _robust(residuals, 2.0)
+    np.testing.assert_allclose(np.sum(bounded**2, axis=1), 4 * np.log1p(np.array([0.005, 5.0, 50.0, 0.0]) ** 2 / 4))
+    np.testing.assert_allclose(
+        bounded[:3], residuals[:3] * np.linalg.norm(bounded[:3], axis=1)[:, None] / [[0.005], [5], [50]]
+    )

@@ -75,6 +75,7 @@ def test_a_query_is_answered_by_signed_distance_and_degree():
     np.testing.assert_allclose(said.degree[inside], np.where(signed > 0, 0.8, 0.25)[inside], atol=1e-12)
     beyond = replace(learned, optimality=1.4 + 0 * learned.optimality, error_m=0.3 + 0 * learned.error_m).query(gaze)
     np.testing.assert_array_equal(beyond.degree, np.where(signed > 0, 1.0, 0.0))
+    np.testing.assert_array_equal(learned.query(gaze).reachable, signed > 0)  # more likely than not
     assert learned.query([LIMITS.lower, LIMITS.upper]).within_limits.all()
 
 
@@ -106,6 +107,12 @@ def test_thresholds_have_bounds():
 def test_maps_that_could_not_be_asked_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         reachable_map(lambda at: at[:, 0], **changes)
+
+
+def test_maps_of_different_lattices_are_not_combined():
+    one, other = (reachable_map(lambda at: at[:, 0], shape) for shape in ((9, 10, 60), (9, 10, 59)))
+    with pytest.raises(ValueError, match="same limits and lattice"):
+        both(one, other)
 
 
 def test_every_number_is_saved(tmp_path):

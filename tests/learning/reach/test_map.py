@@ -276,9 +276,11 @@ def test_there_is_a_left_and_a_right_arm():
         ({"n_labels": 100, "round_labels": 60}, "expected at least two rounds"),
         ({"round_labels": 0}, "expected at least two rounds"),
         ({"max_error": 1.0}, "at least 0 and below 1"),
+        ({"max_error": -0.01}, "at least 0 and below 1"),
         ({"n_test": -1}, "test postures"),
         ({"confidence": 1.0}, "confidence"),
-        ({"n_babble": 10}, "expected at least 16"),
+        ({"confidence": 0.0}, "confidence"),
+        ({"n_babble": 15}, "expected at least 16"),
     ],
 )
 def test_params_that_make_no_sense(changes, message):
