@@ -89,6 +89,24 @@ def test_normals_turn_with_the_body_but_are_not_translated() -> None:
         np.testing.assert_allclose(tips[i], above, atol=1e-12)
 
 
+def test_taxels_move_as_their_jacobians_say() -> None:
+    """By differences, for joints of both arms and the torso, in any order."""
+    robot, skin = load_icub(), icub_skin()
+    q, joints = home(robot), robot.indices(("right_wrist_yaw", "torso_yaw", "left_elbow", "right_elbow"))
+    J = skin.jacobians(robot.at(q), joints)
+    assert J.shape == (32, 3, 4)
+    for k, joint in enumerate(joints):
+        step = 1e-6 * np.eye(robot.n_joints)[joint]
+        expected = (skin.at(robot.at(q + step))[0] - skin.at(robot.at(q - step))[0]) / 2e-6
+        np.testing.assert_allclose(J[:, :, k], expected, atol=1e-8)
+
+
+def test_an_arms_skin_is_what_its_joints_move() -> None:
+    robot, skin = load_icub(), icub_skin()
+    for side in ("left", "right"):
+        assert [part.name for part in skin.on_arm(robot, side).parts] == [f"{side}_forearm", f"{side}_palm"]
+
+
 @pytest.mark.parametrize("part", icub_skin().parts, ids=lambda part: part.name)
 def test_taxel_frames_have_z_along_the_normal_and_are_right_handed(part: SkinPart) -> None:
     for position, normal in zip(part.positions_m, part.normals, strict=True):
