@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pps_vision.geometry.camera import View
 from pps_vision.jit import njit
-from pps_vision.types import Array, Image, Mask
+from pps_vision.types import Image, Mask
 from tracking import masks
 from tracking.background_edge import ASIDE_PX, LEAST_PLACE_PX, SURELY_EMPTY, edge_of_background
 from tracking.ego_motion import Box, EgoMotion
@@ -39,7 +39,7 @@ class Background:
         self._last: View | None = None
         self._mean: Pixels
         self._recent: Image
-        self._since_s: Array  # when the pixel took the colour that it shows now
+        self._since_s: NDArray[np.float64]  # when the pixel took the colour that it shows now
         self._rests: Mask  # what stays the same but differs from the background
         self._measured: Image | None = None
         self._gain_and_noise: tuple[float, float]
