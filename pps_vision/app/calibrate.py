@@ -156,7 +156,7 @@ class StereoCalibration:
         """Reprojection errors: as arrows where they are in both images, against each other, and by view."""
         figure = Figure(figsize=(11, 7.5), layout="constrained")
         axes = figure.subplots(2, 2)
-        colors = [f"C{k % 10}" for k in range(len(self.views))]
+        colors = [f"C{k}" for k in range(len(self.views))]
         width, height = self.image_size
         for side, (axis, title) in enumerate(zip(axes[0], ("left", "right"), strict=True)):
             for (view, both), color in zip(self._both(), colors, strict=True):

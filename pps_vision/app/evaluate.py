@@ -108,7 +108,7 @@ def read_path(file: Path, fps: float | None = None) -> Path3D:
     for (_, before), (line, row) in pairwise(known):
         if not row[0] > before[0]:
             raise InputError(file, f"stamp {row[0]} after {before[0]}; expected stamps that increase", line)
-    table = np.array([row for _, row in known]).reshape(len(known), -1) if known else np.zeros((0, 4))
+    table = np.array([row for _, row in known] or np.zeros((0, 4)))
     cov = covariances(table[:, 4:]) if table.shape[1] == 10 else np.full((len(table), 3, 3), np.nan)
     return Path3D(str(file), table[:, 0], table[:, 1:4], cov, len(values) - len(known), tuple(sorted(missing)))
 

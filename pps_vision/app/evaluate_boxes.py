@@ -180,7 +180,7 @@ def _clear(track: Boxes, truth: Boxes) -> tuple[int, int, int, int]:
     n = missed = false = switches = 0
     last: dict[int, int] = {}
     for frame in sorted(truth.frames.keys() | track.frames.keys()):
-        true, found = dict(truth.frames.get(frame, {})), dict(track.frames.get(frame, {}))
+        true, found = truth.frames.get(frame, {}), track.frames.get(frame, {})
         n += len(true)
         matched = {
             name: last[name]

@@ -1,6 +1,7 @@
 """Boards drawn through two known cameras, and what the calibration says of them."""
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -8,10 +9,11 @@ import numpy as np
 import pytest
 from data import SEED
 from flat_patterns import SIZE, K, R, T, seen
+from matplotlib.quiver import Quiver
 from scipy.spatial.transform import Rotation
 from videos import write_video
 
-from pps_vision.app.calibrate import Board, BoardView, board_pairs, calibrate, find_views
+from pps_vision.app.calibrate import Board, BoardView, StereoCalibration, board_pairs, calibrate, find_views
 from pps_vision.app.cli import main
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_file import ImageFile
@@ -50,6 +52,7 @@ def test_known_cameras_are_found(tmp_path: Path, charuco: bool, capsys: pytest.C
     main([*words, *size, "--out", str(out)])
     said = capsys.readouterr()
     assert "left99.png and right99.png: no board found" in said.err
+    assert re.match(r"7 of 8 pairs; RMS left 0\.\d{3}, .* baseline 1[12]\d\.\d{2} mm, .* px → ", said.out)
     left, right, T_left_right = read_stereo_calibration([out / "calibration.yml"], SIZE)
     for camera, truth in ((left, K[0]), (right, K[1])):
         np.testing.assert_allclose([camera.fx, camera.fy], [truth[0, 0], truth[1, 1]], rtol=0.004)
@@ -97,8 +100,9 @@ def test_what_cannot_be_calibrated(tmp_path: Path, refused) -> None:
     assert "positive length" in refused(*images, "--board", 8, 5, "--square-mm", 0)
     assert "less than the squares" in refused(*images, "--board", 8, 5, "--square-mm", 30, "--marker-mm", 31)
     assert not (tmp_path / "o").exists()
-    with pytest.raises(InputError, match="expected a larger one"):
-        Board(20, 20, 0.03, 0.02).find(np.zeros((60, 80, 3), np.uint8))
+    with pytest.raises(InputError, match="110 markers, and 5X5_100 has 100; expected a larger one"):
+        Board(20, 11, 0.03, 0.02).find(np.zeros((60, 80, 3), np.uint8))
+    assert len(Board(20, 10, 0.03, 0.02).corners) == 19 * 9  # with 100 markers
 
 
 def test_too_few_views(tmp_path: Path, refused_with) -> None:
@@ -133,8 +137,88 @@ def test_boards_that_all_face_the_same_way_are_refused(turned: tuple[float, floa
     rng = np.random.default_rng(SEED)
     with pytest.raises(InputError, match=r"same direction in all 8 views .*; expected some tilted by 20° or more"):
         calibrate(SIZE, corners_seen(0.0, turned, rng))
-    found = calibrate(SIZE, corners_seen(20.0, turned, rng))
-    np.testing.assert_allclose(found.K[:, 0, 0], [520, 498], rtol=0.03)
+    with pytest.raises(InputError, match="same direction"):
+        calibrate(SIZE, corners_seen(4.5, turned, rng))
+    for tilt_deg, within in ((5.5, 0.06), (20.0, 0.03)):  # to either side: the boards differ by twice that
+        found = calibrate(SIZE, corners_seen(tilt_deg, turned, rng))
+        np.testing.assert_allclose(found.K[:, 0, 0], [520, 498], rtol=within)
+
+
+def test_what_is_left_is_the_noise_of_the_corners() -> None:
+    """0.1 px in both coordinates, less what the 72 parameters took of 1280 coordinates; lengths as they were drawn."""
+    found = calibrate(SIZE, corners_seen(20.0, (0.5, 0.2, 0.0), np.random.default_rng(SEED)))
+    noise_px = np.sqrt(2) * 0.1 * np.sqrt(1 - 72 / 1280)
+    assert [found.rms_of(0), found.rms_of(1), found.rms_px] == pytest.approx([noise_px] * 3, rel=0.03)
+    both = np.concatenate([np.concatenate(one) for one in found.residuals_px])
+    assert both.mean(axis=0) == pytest.approx(0, abs=0.01)
+    np.testing.assert_allclose(found.T, T, atol=2e-3)
+    np.testing.assert_allclose(found.R, R, atol=5e-3)
+    assert (np.abs(found.K[:, 0, 0] - [520, 498]) < 3 * found.focal_std_px).all()
+    assert (found.focal_std_px < 5).all()
+
+
+def test_three_views_are_enough_and_each_must_span_a_plane() -> None:
+    views = corners_seen(20.0, (0.5, 0.2, 0.0), np.random.default_rng(SEED))
+    np.testing.assert_allclose(calibrate(SIZE, views[:3]).K[:, 0, 0], [520, 498], rtol=0.03)
+    with pytest.raises(InputError, match="in 2 pairs; expected at least 3"):
+        calibrate(SIZE, views[:2])
+    in_a_row = [BoardView(one.name, one.corners[:8], one.left_px[:8], one.right_px[:8]) for one in views]
+    with pytest.raises(InputError, match=r"the views do not determine the cameras \(.*\); add others"):
+        calibrate(SIZE, in_a_row)
+    nowhere = [BoardView(one.name, one.corners, np.nan * one.left_px, one.right_px) for one in views]
+    with pytest.raises(InputError, match="the views do not determine the cameras; add boards at other angles"):
+        calibrate(SIZE, nowhere)
+
+
+def test_a_calibration_is_summed_up_and_drawn() -> None:
+    """Two views of two corners each; the root mean square of 5 and 0 px is √12.5 px."""
+    left, right = (np.array([[3.0, 4.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 0.0]]))
+    at = np.array([[100.0, 200.0], [300.0, 50.0]])
+    views = tuple(BoardView(name, np.zeros((2, 3)), at + k, at + 10 + k) for k, name in enumerate("ab"))
+    residuals = ((left, right), (2 * left, 3 * right))
+    shift, std = np.array([-0.12, 0.05, 0.0]), np.array([1.0, 2.0])
+    one = StereoCalibration(SIZE, np.stack(K), np.zeros((2, 5)), R, shift, 0.7, std, views, residuals)
+    rms = {"left": np.sqrt((25 + 100) / 4), "right": np.sqrt((1 + 9) / 4), "stereo": 0.7}
+    summary = one.summary()
+    assert summary["rms_px"] == pytest.approx(rms)
+    assert (summary["pairs"], summary["corners"], summary["baseline_mm"]) == (2, 4, pytest.approx(130))
+    np.testing.assert_array_equal(summary["focal_px"], [520, 498])
+    np.testing.assert_array_equal(summary["focal_std_px"], std)
+    by_view = {"a": [np.sqrt(12.5), np.sqrt(0.5)], "b": [np.sqrt(50), np.sqrt(4.5)]}
+    assert summary["views"] == {name: pytest.approx(both) for name, both in by_view.items()}
+    figure = one.figure()
+    *images, against, bars = figure.axes
+    for side, axis in enumerate(images):
+        for k, arrows in enumerate(axis.collections):
+            assert isinstance(arrows, Quiver)
+            np.testing.assert_allclose(arrows.get_offsets(), at + k + 10 * side)
+            np.testing.assert_allclose(np.transpose([arrows.U, arrows.V]), residuals[k][side])
+            assert 1 / arrows.scale == pytest.approx(50)  # as the title says
+        assert (axis.get_xlim(), axis.get_ylim(), axis.get_aspect()) == ((0, 640), (480, 0), 1)
+        assert axis.get_title() == f"{('left', 'right')[side]}: RMS {one.rms_of(side):.3f} px; errors 50 times enlarged"
+        assert len(axis.collections) == 2
+    for drawn, both in zip(against.collections, residuals, strict=True):
+        np.testing.assert_allclose(drawn.get_offsets(), np.concatenate(both))
+    heights = [bar.get_height() for bar in bars.patches]
+    assert heights == pytest.approx([by_view["a"][0], by_view["b"][0], by_view["a"][1], by_view["b"][1]])
+    left_ends = [bar.get_x() for bar in bars.patches]
+    assert left_ends[2:] == pytest.approx([bar.get_x() + bar.get_width() for bar in bars.patches[:2]])
+    assert bars.get_xticks() == pytest.approx(left_ends[2:])
+    assert left_ends[1] - left_ends[0] == pytest.approx(1)
+    assert [label.get_text() for label in bars.get_xticklabels()] == ["a", "b"]
+    assert [text.get_text() for text in bars.get_legend().texts] == ["left", "right"]
+    assert figure.get_suptitle() == "stereo RMS 0.700 px, 2 views, baseline 130.00 mm"
+
+
+def test_images_of_a_board_are_paired_by_number_and_videos_without_a_pair_give_none(tmp_path: Path) -> None:
+    for name in ("l1", "l2", "l3", "r1", "r3"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros((48, 64, 3), np.uint8))
+    problems: list[Problem] = []
+    pairs = board_pairs([str(tmp_path / "l*.png")], [str(tmp_path / "r*.png")], None, 0.01, problems)
+    assert [[file.title for file in pair] for pair in pairs] == [["l1.png", "r1.png"], ["l3.png", "r3.png"]]
+    assert ["l2.png is unpaired" in str(one) for one in problems] == [True]
+    early, late = write_video(tmp_path / "l.mp4", [0.0, 0.1]), write_video(tmp_path / "r.mp4", [0.05, 0.15])
+    assert board_pairs([str(early)], [str(late)], None, 0.01, problems) == ()
 
 
 def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> None:
@@ -159,7 +243,7 @@ def test_two_videos_of_a_board_are_paired_by_their_stamps(tmp_path: Path) -> Non
 @pytest.mark.parametrize(("turned", "found"), [(False, "left"), (True, "right")])
 def test_a_chessboard_upside_down_in_one_image_is_numbered_alike(tmp_path: Path, turned: bool, found: str) -> None:
     """OpenCV numbers a board of 8×5 inner corners from either end; the same corner has the same number here."""
-    board, corners = Board(8, 5, SQUARE_M), np.array([[x, y] for y in range(5) for x in range(8)], np.float32)
+    board, corners = Board(8, 5, SQUARE_M), np.array([[x, y] for y in range(2, 7) for x in range(3, 11)], np.float32)
     file = tmp_path / "a.png"
     cv2.imwrite(str(file), np.zeros((48, 64, 3), np.uint8))
     pixels = iter([10 * corners, 10 * corners[::-1] if turned else 10 * corners])
@@ -195,7 +279,9 @@ def test_a_view_needs_six_corners_in_common(tmp_path: Path, common: int, seen: b
         ((2, 5, 0.03), "2×5; expected 3 to 100"),
         ((5, 101, 0.03), "5×101; expected 3 to 100"),
         ((5, 5, 0.0), "expected a positive length"),
+        ((5, 5, np.inf), "expected a positive length"),
         ((5, 5, 0.03, 0.03), "expected less than the squares"),
+        ((5, 5, 0.03, 0.0), "markers of 0 mm; expected less than the squares"),
         ((5, 5, 0.03, 0.02, "7X7_9"), "dictionary '7X7_9'; expected one of OpenCV's"),
     ],
 )

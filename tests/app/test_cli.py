@@ -80,6 +80,23 @@ def test_learning_says_what_became_of_each_recording(
     assert (load_memory(tmp_path / "more.npz").counts == 19).all()
 
 
+def test_a_batch_gives_each_of_its_recordings_the_options_for_all() -> None:
+    """With --learn only those that learning knows; the others are refused."""
+    bare = Batch(("a",), Path("out"))
+    assert bare._options() == ["--mode=generic", "--seed=0", f"--order={Track.order}", "--unit-m=1.0"]
+    common = {"mode": "marker", "seed": 4, "max_skew_s": 0.1, "calib": (Path("c.yml"),)}
+    tracking = {"fps": 5.0, "unit_m": 0.01, "order": 2, "smooth": True, "also": ("tum", "mot"), "report": True}
+    one = replace(bare, **common, **tracking)  # type: ignore[arg-type]
+    start, calib = ["--mode=marker", "--seed=4", "--max-skew-s=0.1"], ["--calib", str(Path("c.yml").resolve())]
+    words = ["--order=2", "--unit-m=0.01", "--fps=5.0", "--smooth", "--report", "--also", "tum", "mot"]
+    assert one._options() == [*start, *words, *calib]
+    learning = replace(bare, **common, learn=True)  # type: ignore[arg-type]
+    assert learning._options() == [*start, *calib]
+    for name, value in tracking.items():
+        with pytest.raises(InputError, match=f"--learn with --{name.replace('_', '-')}; expected it without"):
+            replace(learning, **{name: value})._options()  # type: ignore[arg-type]
+
+
 def test_show_draws_the_taxels_that_were_stimulated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -54,7 +54,9 @@ def convert(*args: object) -> None:
     [MemoryParams(ttc_range_s=(0.0, 1.2)), MemoryParams((-0.05, 0.45), (-np.inf, np.inf), (20, 1))],
     ids=["2D", "1D"],
 )
-def test_a_memory_goes_to_the_robot_and_back(params: MemoryParams, like: Path, tmp_path: Path) -> None:
+def test_a_memory_goes_to_the_robot_and_back(
+    params: MemoryParams, like: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     memory = learned(params)
     save_memory(tmp_path / "m.npz", memory)
     convert(tmp_path / "m.npz", tmp_path / "taxels.ini", "--like", like)
@@ -66,6 +68,10 @@ def test_a_memory_goes_to_the_robot_and_back(params: MemoryParams, like: Path, t
     np.testing.assert_array_equal(palm.counts[137], memory.counts[-1])
     convert(tmp_path / "taxels.ini", tmp_path / "back.npz")
     back = load_memory(tmp_path / "back.npz")
+    assert capsys.readouterr().out.splitlines() == [  # nothing is left out
+        f"{len(SKIN.taxel_ids)} taxels on l_forearm, r_hand → {tmp_path / 'taxels.ini'}",
+        f"{len(SKIN.taxel_ids)} taxels on left_forearm, right_palm → {tmp_path / 'back.npz'}",
+    ]
     assert (back.taxel_ids, back.params) == (memory.taxel_ids, memory.params)
     np.testing.assert_array_equal(back.counts, memory.counts)
     np.testing.assert_array_equal(back.part_index, memory.part_index)

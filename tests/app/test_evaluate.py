@@ -11,10 +11,10 @@ from evo.tools.file_interface import read_tum_trajectory_file
 from scipy.spatial.transform import Rotation
 
 from pps_vision.app.cli import main
-from pps_vision.app.evaluate import Path3D, errors_of, evaluate, read_path, rigid_alignment
+from pps_vision.app.evaluate import Path3D, errors_of, evaluate, path_of_tracks, read_path, rigid_alignment
 from pps_vision.errors import InputError
 from pps_vision.recordings.exchange import TrackedPair, open_forms, write_tum_rows
-from pps_vision.recordings.tables import TRAJECTORY, trajectory_row, write_table
+from pps_vision.recordings.tables import COVARIANCE, TRAJECTORY, trajectory_row, write_table
 from pps_vision.types import Status, Track3D
 
 STAMPS = 1403636579.75 + np.arange(400) / 20
@@ -38,6 +38,26 @@ def test_a_constant_error() -> None:
     np.testing.assert_allclose(found, [5, 5, 5, 3, -4, 0], atol=1e-9)
     assert (score.compared, score.lost_share, score.lag_s) == (400, 0, 0)
     assert np.isnan([score.coverage_95, score.nees]).all()
+
+
+def test_quantiles_of_errors_from_1_to_400_mm() -> None:
+    off = np.arange(1, 401) / 1000
+    score = evaluate(path(curve(STAMPS) - off[:, None] * [0.0, 1.0, 0.0]), TRUTH)
+    assert (score.rows, score.unknown, score.compared) == (400, 0, 400)
+    rms = np.sqrt(401 * 801 / 6)  # of the first n numbers: (n + 1)(2n + 1) / 6
+    np.testing.assert_allclose(
+        [score.rmse_mm, score.median_mm, score.p95_mm, score.bias_y_mm], [rms, 200.5, 1 + 0.95 * 399, -200.5]
+    )
+
+
+def test_coverage_and_nees_are_of_covariances_that_can_be_one() -> None:
+    """χ² of three dimensions is below 7.815 with a probability of 95 %."""
+    cov = np.tile(1e-6 * np.eye(3), (400, 1, 1))
+    cov[:100], cov[100:200], cov[200:300] = np.nan, 0.0, np.diag([1e-6, 1e-6, -1e-6])
+    nees = np.full(400, 7.7)
+    nees[350:] = 7.9
+    score = evaluate(path(curve(STAMPS) + 1e-3 * np.sqrt(nees)[:, None] * [0.6, 0.0, 0.8], cov=cov), TRUTH)
+    assert (score.nees, score.coverage_95) == pytest.approx((7.8, 0.5))
 
 
 def test_true_covariances_hold_their_share() -> None:
@@ -65,6 +85,25 @@ def test_the_lag_is_found(lag_s: float, align: bool) -> None:
         assert evaluate(late, TRUTH).rmse_mm > 5
 
 
+def test_a_lag_is_looked_for_within_half_a_second_and_where_half_of_the_positions_have_a_truth() -> None:
+    for lag_s, found_s in ((0.49, 0.49), (-0.49, -0.49), (0.7, 0.5)):
+        score = evaluate(path(curve(STAMPS), STAMPS + lag_s), TRUTH, lag=True)
+        assert score.lag_s == pytest.approx(found_s, abs=0.006)
+    for n, found_s in ((240, 0.1), (180, -0.5)):  # the smallest lag, where none has enough positions
+        part = path(curve(STAMPS[:n]), STAMPS[:n])
+        assert evaluate(path(curve(STAMPS), STAMPS + 0.1), part, lag=True).lag_s == pytest.approx(found_s, abs=2e-3)
+
+
+@pytest.mark.parametrize(("stamps", "within_s", "beyond_s"), [([0, 0.05, 0.1], 7.55e-5, 7.7e-5), ([0], 9e-7, 1.1e-6)])
+def test_a_stamp_that_differs_by_rounding_is_the_same(stamps: list[float], within_s: float, beyond_s: float) -> None:
+    """By a thousandth of what is a gap, and a microsecond."""
+    truth = path(np.zeros((len(stamps), 3)), np.array(stamps))
+    for sign, end in ((-1, stamps[0]), (1, stamps[-1])):
+        for late_s, n in ((within_s, 1), (beyond_s, 0)):
+            at = path(np.zeros((1, 3)), np.array([end + sign * late_s]))
+            assert len(errors_of(at, truth)[0]) == n
+
+
 def test_alignment_is_scipys() -> None:
     rng = np.random.default_rng(SEED)
     points = curve(STAMPS)
@@ -77,6 +116,14 @@ def test_alignment_is_scipys() -> None:
     score = evaluate(path(points), path(onto), align=True)
     np.testing.assert_allclose(score.rmse_mm, 1000 * distance / np.sqrt(400))
     assert evaluate(path(points), path(onto)).rmse_mm > 1000
+
+
+def test_three_positions_can_be_scored_and_aligned() -> None:
+    turn = Rotation.from_rotvec([0.5, -1.2, 2.0]).as_matrix()
+    turned = curve(STAMPS) @ turn.T + [1.0, 2.0, 3.0]
+    assert evaluate(path(turned[:3], STAMPS[:3]), TRUTH, align=True).rmse_mm == pytest.approx(0, abs=1e-6)
+    with pytest.raises(InputError, match=r"2 of 2 positions have a truth .*; expected at least 3"):
+        evaluate(path(turned[:2], STAMPS[:2]), TRUTH, align=True)
 
 
 def test_alignment_turns_the_covariances_too() -> None:
@@ -126,6 +173,15 @@ def tracks() -> list[Track3D]:
     return unknown + known
 
 
+def test_a_path_of_tracks_is_what_is_known_of_them() -> None:
+    found = path_of_tracks("a", tracks())
+    np.testing.assert_array_equal(found.stamps_s, STAMPS)
+    np.testing.assert_allclose(found.position, curve(STAMPS) + np.array([0.002, 0, 0]))
+    np.testing.assert_array_equal(found.cov[7], [[1e-6, 2e-7, 0], [2e-7, 1e-6, 0], [0, 0, 1e-6]])
+    assert (found.name, found.unknown, found.missing) == ("a", 1, ())
+    assert path_of_tracks("a", tracks()[:1]).position.shape == (0, 3)
+
+
 def write_tum(file: Path) -> None:
     known = tracks()[1:]
     write_tum_rows(file, [track.stamp_s for track in known], [track.position for track in known])
@@ -142,6 +198,27 @@ def test_files_say_the_same(tmp_path: Path) -> None:
     assert rows.shape == (400, 8)
     np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1)
     np.testing.assert_array_equal(rows[:, 0], STAMPS)
+
+
+def test_a_row_is_of_use_with_all_three_coordinates_whatever_its_covariance(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    cov = "1,0,0,1,0,1"
+    rows = [
+        f"0,1,2,3,{cov}",
+        "1,1,2,3,,,,,,",
+        f"2,,2,3,{cov}",
+        f"3,1,nan,3,{cov}",
+        f"4,1,2,,{cov}",
+        f"5,4,5,6,{cov}",
+    ]
+    file.write_text("\n".join([",".join(["stamp_s", "x_m", "y_m", "z_m", *COVARIANCE]), *rows]) + "\n")
+    read = read_path(file)
+    np.testing.assert_array_equal(read.stamps_s, [0, 1, 5])
+    np.testing.assert_array_equal(read.position, [[1, 2, 3], [1, 2, 3], [4, 5, 6]])
+    assert np.isfinite(read.cov).all(axis=(1, 2)).tolist() == [True, False, True]
+    assert (read.unknown, read.missing) == (3, (4, 5, 6))
+    file.write_text("# stamp x y z\n\n 1 2 3 4 0 0 0 1\n2 3 4 5\n")
+    np.testing.assert_array_equal(read_path(file).position, [[2, 3, 4], [3, 4, 5]])
 
 
 @pytest.mark.parametrize("separator", ['","', ", "])
@@ -206,7 +283,10 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert ours["nees"] == pytest.approx(4 / (1 - 0.2**2), rel=1e-3)  # of (2, 0, 0) mm
     main(["evaluate", *files, "--figure", str(tmp_path / "errors.pdf")])
     assert (tmp_path / "errors.pdf").stat().st_size > 5000
-    assert [len(line.split()) for line in capsys.readouterr().out.splitlines()] == [14, 14, 14]
+    lines = capsys.readouterr().out.splitlines()
+    assert [len(line.split()) for line in lines] == [14, 14, 14]
+    assert len({len(line) for line in lines}) == 1  # columns are aligned
+    assert lines[1].split()[:4] == [files[0], "400", "2", "2"]
 
 
 def test_rows_without_a_position_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

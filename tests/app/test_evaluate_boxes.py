@@ -129,7 +129,12 @@ def test_misses_and_switches_are_trackevals() -> None:
 def test_the_figure_shows_both_curves_of_every_track() -> None:
     """Half of a box 10 px beside it, and the box itself: overlaps of 1/3 and 1."""
     truth, aside = one((0, 0, 20, 20)), one((10, 0, 20, 20))
-    lines = [line for axis in box_curves([aside, truth], truth).axes for line in axis.lines]
+    axes = box_curves([aside, truth], truth).axes
+    assert [axis.get_xlim() for axis in axes] == [(0, 1), (0, 50)]
+    assert axes[0].get_ylim() == axes[1].get_ylim() == (0, 1)
+    names = [[text.get_text() for text in axis.get_legend().texts] for axis in axes]
+    assert names == [["one: area 0.333", "one: area 0.952"], ["one: 1.000 at 20 px"] * 2]
+    lines = [line for axis in axes for line in axis.lines]
     shares = lambda x: x < 1 / 3, lambda x: x < 1, lambda x: x >= 10, lambda x: x >= 0
     for line, share in zip(lines, shares, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), share(line.get_xdata()))
@@ -163,6 +168,7 @@ def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ("1,2,3\n", "a:1: fewer than 6"),
         ("1,1,2,3,x,5,1\n", "a:1: "),
         ("1.5,1,2,3,4,5,1\n", "a:1: frame 1.5"),
+        ("1,1.5,2,3,4,5,1\n", "a:1: frame 1, track 1.5"),
         ("1,1,2,3,4,5,1\n1,1,2,3,4,5,1\n", "a:2: track 1 twice"),
         ("nan,nan,nan,nan\n", "no box"),
         ("1,2,0,4\n1,2,3,0\n", "no box"),
@@ -175,8 +181,25 @@ def test_a_bad_file_is_named(tmp_path: Path, content: str, message: str) -> None
         read_boxes(tmp_path / "a")
 
 
+def test_rows_of_boxes_and_polygons_may_be_mixed(tmp_path: Path) -> None:
+    """All count from 0 then, as polygons do; a frame without a box has none, and one of a pixel's width is one."""
+    (tmp_path / "a").write_text("1,2,1,4\nnan,nan,nan,nan\n\n1,2,2,2,2,6,1,6\n")
+    frames = read_boxes(tmp_path / "a").frames
+    assert {frame: box[1].tolist() for frame, box in frames.items() if box} == {1: [1, 2, 1, 4], 3: [1, 2, 1, 4]}
+
+
+def test_a_track_that_never_has_a_box_where_there_is_a_true_one() -> None:
+    score = evaluate_boxes(one((9, 9, 4, 4), None), one(None, (0, 0, 4, 4)))
+    assert (score.mean_iou, score.success_auc, score.precision_20px) == (0, 0, 0)
+    assert np.isnan(score.center_median_px)
+    assert (score.missed_share, score.false_share, score.mota) == (1, 1, -1)
+
+
 def test_several_boxes_in_a_frame_have_no_success_curve() -> None:
     one, two = Boxes("one", {1: {1: (0, 0, 4, 4)}}), Boxes("two", {1: {1: (0, 0, 4, 4), 2: (9, 9, 4, 4)}})
     for pair in ((one, two), (two, one)):
         with pytest.raises(InputError, match="two: 2 boxes in frame 1; expected one for a success curve"):
             per_frame(*pair)
+    score = evaluate_boxes(two, two)
+    assert np.isnan([score.mean_iou, score.success_auc, score.precision_20px, score.center_median_px]).all()
+    assert (score.boxes, score.mota) == (2, 1)

@@ -2,18 +2,22 @@
 
 import importlib.metadata
 import json
+import re
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from videos import write_calibration, write_video
 
 from pps_vision.app.cli import main
-from pps_vision.app.info import info
+from pps_vision.app.info import _turn_deg, info
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.testing import check_error
@@ -57,6 +61,46 @@ def test_videos(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert "unit" not in warnings
     command = shlex.split(found["command"])
     assert command == ["pps-vision", "track", *videos, "--unit-m", "0.01", "--out", "path"]
+
+
+def test_the_words(videos: list[str]) -> None:
+    found = info(open_recording(left=videos[1:2], right=videos[3:4], calib=videos[5:6], unit_m=0.01))
+    other = replace(found, source="here", skipped={"image": 2, "stamp": 0}, warnings=("odd",), touches=3, truth_rows=7)
+    assert str(other).splitlines() == [
+        "here: 20 pairs of 160×120 pixels, 1.10 s at 20 pairs/s",
+        "intervals: longest 200.0 ms, 1 gaps",
+        "right minus left stamp: median +15.00 ms, largest 15.00 ms (only stamps are compared: whether left and right "
+        "images show the same moment is for you to see)",
+        "cameras: 120 mm apart (measure it: all lengths scale with it), focal length 80.0 px, field of view 90°",
+        "motion of the cameras: declared fixed",
+        "touches: 3; rows of truth: 7",
+        "skipped: 2 image",
+        "warning: odd",
+    ]
+    turning = str(replace(found, robot=True, cameras_turn_deg=12.345))
+    assert "motion of the cameras: with joints, by which the left camera turns up to 12.35°\n" in turning + "\n"
+
+
+@pytest.mark.parametrize(
+    ("turns_deg", "largest_deg"),
+    [((0.0, 0.04), 0.0), ((0.0, -0.06), 0.06), ((2.0, 5.0, -4.0, 3.0), 6.0), ((7.0,), 0.0)],
+)
+def test_a_camera_turns_from_its_first_pose_by_more_than_an_encoder_resolves(
+    turns_deg: tuple[float, ...], largest_deg: float
+) -> None:
+    def eye_poses(turn_deg: float) -> tuple[np.ndarray, None]:
+        pose = np.eye(4)
+        pose[:3, :3] = (
+            Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix()
+            @ Rotation.from_euler("y", turn_deg, degrees=True).as_matrix()
+        )
+        return pose, None
+
+    class Turning(tuple[float, ...]):
+        robot = SimpleNamespace(eye_poses=eye_poses)
+        pairs = property(lambda self: [(SimpleNamespace(joints_rad=turn_deg), None) for turn_deg in self])
+
+    assert _turn_deg(Turning(turns_deg)) == pytest.approx(largest_deg, abs=1e-6)  # type: ignore[arg-type]
 
 
 def test_an_implausible_unit(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,7 +169,8 @@ def test_version_and_versions(approach: Path, tmp_path: Path, capsys: pytest.Cap
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["versions"]["av"] == av.__version__
     assert summary["versions"]["numpy"] == np.__version__
-    capsys.readouterr()
+    said = capsys.readouterr().out
+    assert re.match(r"\d\d of 80 pairs tracked, median .* mm across .* → ", said)
     main(
         [
             "evaluate",

@@ -1,6 +1,7 @@
 """The report of a tracked recording and of a batch: made from files alone, complete, and whole in one page."""
 
 import html
+import json
 import re
 import shlex
 import warnings
@@ -16,7 +17,8 @@ from videos import write_video
 from pps_vision.app.batch import TRACK_TABLE
 from pps_vision.app.cli import main
 from pps_vision.app.report import page
-from pps_vision.app.report.tracking import read_tracked, report_folder, warnings_of
+from pps_vision.app.report.approach import distance_and_ttc_of_origin
+from pps_vision.app.report.tracking import _batch_figure, read_tracked, report_folder, warnings_of
 from pps_vision.errors import InputError
 from pps_vision.recordings.tables import write_table
 
@@ -40,6 +42,52 @@ def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     assert list(tracked.activation) == ["arm:1", "arm:2", "hand:1"]
     np.testing.assert_allclose(tracked.activation["arm:2"], np.arange(40) / 40)
     np.testing.assert_allclose(tracked.reach, np.arange(40) / 40)
+
+
+def test_the_tables_of_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers with four digits; what is not known is a dash, or left out."""
+    monkeypatch.setattr(page, "image", lambda figure: "")
+    folder = write_results(tmp_path / "results")
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["errors"] = {"position_rms_mm": 3.14159, "tracked_share": None}
+    summary["cameras"] |= {"shift_mm": None}
+    summary["ms_per_pair"]["draw"] = {"median_ms": 2.5}
+    summary["object"] = {"diameter_m": 0.06012, "low_95_m": 0.0581, "high_95_m": 0.06199}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    report_folder(folder)
+    text = (folder / "report.html").read_text()
+    rows = [re.findall("<t[dh]>(.*?)</t[dh]>", row) for row in re.findall("<tr>(.*?)</tr>", text)]
+    start = rows.index(["", "value"])
+    assert [row for row in rows[start:] if row[0] not in summary["versions"]] == [
+        ["", "value"],
+        *(["pairs " + status, str(n)] for status, n in summary["status"].items()),
+        ["position_rms_mm", "3.142"],
+        ["tracked_share", "–"],
+        ["reach: max_fp", "0.001"],
+        ["reach: reachable", "40"],
+        ["cameras: rotation_deg", "0.1"],
+        ["stage", "median", "lower quartile", "upper quartile", "runs"],
+        ["total", "1.5", "1", "2", "40"],
+        ["draw", "2.5", "–", "–", "–"],
+        ["setting or package", "value"],
+        ["mode", "generic"],
+        ["seed", "3"],
+        ["device", "–"],
+    ]
+    assert "37 of 40 stereo pairs measured, 40 rows, object 60.1 mm across (95 %: 58.1–62)" in text
+    assert f"<title>{summary['source']}</title>" in text
+
+
+@pytest.mark.parametrize(("closing_m_s", "is_approach"), [(0.012, True), (0.008, False), (-1.0, False), (0.0, False)])
+def test_time_to_contact_is_of_what_comes_nearer_at_a_centimetre_a_second(
+    closing_m_s: float, is_approach: bool
+) -> None:
+    """Whatever it does across the line of sight; at the origin itself there is none."""
+    position = np.array([[0.6, 0.0, 0.8], [0.0, 0.0, 0.0]])
+    across = np.array([0.0, 5.0, 0.0])
+    distance, ttc = distance_and_ttc_of_origin(position, across - closing_m_s * position)
+    np.testing.assert_allclose(distance, [1, 0])
+    np.testing.assert_allclose(ttc, [1 / closing_m_s if is_approach else np.nan, np.nan])
 
 
 def test_a_report_without_memory_and_map(tmp_path: Path) -> None:
@@ -76,6 +124,14 @@ def test_colours_that_stand_for_times_have_a_scale(tmp_path: Path, monkeypatch: 
     report_folder(write_results(tmp_path / "results"))
     (in_images,) = (one for one in figures if one.axes[0].get_xlabel() == "u (px)")
     assert [axis.get_ylabel() for axis in in_images.axes] == ["v (px)", "v (px)", "time (s)", "time (s)"]
+    known = [k for k in range(40) if k not in (0, 20)]
+    for axis, side in zip(in_images.axes[:2], ("left", "right"), strict=True):
+        (points,) = axis.collections
+        np.testing.assert_allclose(points.get_offsets()[:, 0], [160 + 9 * np.cos(0.3 * k) for k in known], atol=1e-3)
+        np.testing.assert_allclose(points.get_offsets()[:, 1], 120)
+        np.testing.assert_allclose(points.get_array(), [0.05 * (k - 1) for k in known], atol=1e-9)
+        assert axis.get_ylim()[0] > axis.get_ylim()[1]  # v points down
+        assert (axis.get_title(), axis.get_aspect()) == (side, 1)
 
 
 def test_the_report_of_a_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,7 +162,8 @@ def test_the_report_of_a_batch_says_how_to_repeat_it(tmp_path: Path, calib: Path
     assert found
     assert shlex.split(html.unescape(found[1])) == ["pps-vision", "batch", *words]
     rows = dict(re.findall("<tr><td>([^<]*)</td><td>([^<]*)</td></tr>", page))
-    assert (rows["order"], rows["max_skew_s"], rows["numpy"]) == ("3", "0.02", np.__version__)
+    assert (rows["workers"], rows["order"], rows["max_skew_s"]) == ("1", "3", "0.02")
+    assert rows["numpy"] == np.__version__
     assert datetime.now(UTC) - datetime.fromisoformat(rows["started"]) < timedelta(minutes=10)
     assert 0 < float(rows["seconds"]) < 600
     (out / "summary.json").write_text("{}")
@@ -129,6 +186,9 @@ def test_a_batch_is_drawn_with_a_mark_for_every_recording(tmp_path: Path, monkey
     drawn = [[line.get_xydata().tolist() for line in axis.lines] for axis in (share, time_ms)]
     assert drawn == [[[[92.5, 0], [50, 2]], [[0, 1]]], [[[1.5, 0], [2.5, 2]], [[0, 1]]]]
     assert [label.get_text() for label in share.get_yticklabels()] == ["a", "b", "c"]
+    assert share.get_ylim() == (2.5, -0.5)  # the first on top
+    assert share.get_xlim()[0] == time_ms.get_xlim()[0] == 0
+    assert 100 < share.get_xlim()[1] < 110
     write_table(tmp_path / "batch.csv", list(TRACK_TABLE), rows[:1])
     report_folder(tmp_path)
     with warnings.catch_warnings():
@@ -137,6 +197,14 @@ def test_a_batch_is_drawn_with_a_mark_for_every_recording(tmp_path: Path, monkey
     write_table(tmp_path / "batch.csv", list(TRACK_TABLE), [("a", "done", 40, 40, "much", "", 1.5, "0.2.0", "")])
     with pytest.raises(InputError, match=r"batch.csv:2: .*'much'; expected finite numbers"):
         report_folder(tmp_path)
+
+
+@pytest.mark.parametrize(("n", "is_named"), [(80, True), (81, False)])
+def test_so_many_recordings_of_a_batch_are_named(n: int, is_named: bool) -> None:
+    rows = [{"name": f"film {k}", "status": "done", "tracked_share": "0.5", "ms_per_pair": "2"} for k in range(n)]
+    names = [label.get_text() for label in _batch_figure(rows).axes[0].get_yticklabels()]
+    assert (names == [row["name"] for row in rows]) == is_named
+    assert any("film" in name for name in names) == is_named
 
 
 def test_what_holds_no_results(tmp_path: Path, refused) -> None:

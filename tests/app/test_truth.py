@@ -1,5 +1,6 @@
 """A tag drawn through two known cameras, and the path that is read from it."""
 
+import re
 from pathlib import Path
 
 import cv2
@@ -41,17 +42,34 @@ def test_the_path_of_a_point_behind_the_tag(tmp_path: Path, tagged, capsys: pyte
     words = ["truth", *options, "--aruco", "7", "--offset-mm", "0", "0", "-30", "--out", str(tmp_path / "truth.tum")]
     main([*words, "--tag-mm", str(TAG_MM)])
     said = capsys.readouterr()
-    assert "in 4 of 4 pairs" in said.out
+    assert re.match(r"tag 7 in 4 of 4 pairs, 4[78]\.\d\d mm → ", said.out)
     assert said.err == ""
     path = read_path(tmp_path / "truth.tum")
     np.testing.assert_allclose(path.stamps_s, [0, 0.1, 0.2, 0.3])
-    np.testing.assert_allclose(path.position, truth, atol=1.5e-3)
-    main([*words, "--tag-mm", "60"])
-    assert "warning: the tag measures 4" in capsys.readouterr().err
+    np.testing.assert_allclose(path.position, truth, atol=6e-4)
+    for stated_mm, doubted in (("45", True), ("46.5", False), ("49.5", False), ("51.5", True)):  # by 5 %
+        main([*words, "--tag-mm", stated_mm])
+        said = capsys.readouterr().err
+        warning = f"warning: the tag measures 4[78]\\.\\d mm, not {stated_mm}: wrong unit\\?\n"
+        assert re.fullmatch(warning if doubted else "", said)
+
+
+def test_without_an_offset_it_is_the_tags_centre_where_both_eyes_see_it_once(tmp_path: Path, tagged) -> None:
+    options, truth = tagged
+    hidden, twice = tmp_path / "right1.png", tmp_path / "left2.png"
+    cv2.imwrite(str(hidden), 0 * cv2.imread(str(hidden)))
+    cv2.imwrite(str(twice), np.hstack([cv2.imread(str(twice))[:, 160:480]] * 2))
+    main(["truth", *options, "--aruco", "7", "--tag-mm", str(TAG_MM), "--out", str(tmp_path / "truth.tum")])
+    path = read_path(tmp_path / "truth.tum")
+    np.testing.assert_allclose(path.stamps_s, [0, 0.3])
+    turns = [Rotation.from_rotvec([0.1 * k, -0.25 + 0.1 * k, 0.15 * k]).as_matrix() for k in (0, 3)]
+    centre = truth[[0, 3]] - 0.03 * np.array([turn[:, 2] for turn in turns])
+    np.testing.assert_allclose(path.position, centre, atol=6e-4)
 
 
 def test_what_shows_no_tag(tmp_path: Path, tagged, refused) -> None:
     words = ["truth", *tagged[0], "--out", tmp_path / "a"]
     assert "no pair shows tag 8" in refused(*words, "--aruco", 8, "--tag-mm", 48)
-    assert "positive length" in refused(*words, "--aruco", 7, "--tag-mm", 0)
+    for length_mm in (0, "inf"):
+        assert "positive length" in refused(*words, "--aruco", 7, "--tag-mm", length_mm)
     assert "dictionary 'x'" in refused(*words, "--aruco", 7, "--tag-mm", 48, "--dictionary", "x")
