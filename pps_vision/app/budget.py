@@ -112,16 +112,14 @@ def cheapest(
                 f"{probe.expected_mm:.2g} mm, is within {max_error_mm:g} mm"
             )
             return Choice(max_error_mm, ordered[-1], True, reason, tuple(probes))
-    k = int(np.nanargmin([_regret(probe) for probe in probes]))
-    reason = f"none of {count} is within {max_error_mm:g} mm; the most accurate of those that track the object"
-    if not probes[k].tracked_share >= _MIN_TRACKED:
-        reason = f"none of {count} tracks the object in the first seconds; the default"
+    tracking = [k for k, probe in enumerate(probes) if probe.tracked_share >= _MIN_TRACKED]
+    if tracking:
+        k = min(tracking, key=lambda k: probes[k].expected_mm)
+        reason = f"none of {count} is within {max_error_mm:g} mm; the most accurate of those that track the object"
+    else:
         k = next(i for i, c in enumerate(configurations) if c.params == TrackerParams())
+        reason = f"none of {count} tracks the object in the first seconds; the default"
     return Choice(max_error_mm, ordered[k], False, reason, tuple(probes))
-
-
-def _regret(probe: Probe) -> float:
-    return probe.expected_mm if probe.tracked_share >= _MIN_TRACKED and np.isfinite(probe.expected_mm) else 1e9
 
 
 def _follow(frames: Iterable[StereoFrame], tracker: Tracker) -> tuple[list[TrackerStep], list[float]]:
