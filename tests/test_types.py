@@ -1,9 +1,37 @@
 """The messages: their arrays cannot be changed, and do not share their flag with the sender's."""
 
+from dataclasses import FrozenInstanceError, fields, is_dataclass
+
 import numpy as np
 import pytest
 
-from pps_vision.types import Activation, JointVelocity, Status, StereoFrame, Track3D
+from pps_vision import types
+from pps_vision.types import (
+    Activation,
+    Detection2D,
+    JointVelocity,
+    Observation3D,
+    Reachability,
+    ReachStatus,
+    Status,
+    StereoFrame,
+    TaxelEvents,
+    Track3D,
+    Truth,
+)
+
+ZERO = np.zeros(3)
+MESSAGES = [
+    StereoFrame(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8), 1.0, 1.5, ZERO, ZERO),
+    Detection2D(0.0, "left", np.zeros(2), np.eye(2), 0.5, 0.1, (0, 0, 1, 1)),
+    Truth(0.0, ZERO, ZERO, 0.03, np.zeros(2), np.zeros(2), True, True),
+    Observation3D(0.0, ZERO, np.eye(3), 0.03, 1e-6, 0.1),
+    Track3D.unknown(0.0, Status.LOST),
+    TaxelEvents(0.0, ("a:1",), np.zeros(1), np.zeros(1), np.zeros(1, bool)),
+    Activation(0.0, ("a:1",), np.zeros(1)),
+    Reachability.without_answer(0.0, ReachStatus.UNKNOWN),
+    JointVelocity(0.0, ZERO, 0.5),
+]
 
 
 def test_arrays_of_a_message_are_read_only_and_the_senders_stays_writeable() -> None:
@@ -15,12 +43,39 @@ def test_arrays_of_a_message_are_read_only_and_the_senders_stays_writeable() -> 
     assert sent.flags.writeable
 
 
-def test_every_array_of_a_message_is_read_only_and_none_stays() -> None:
+def test_every_message_stays_as_it_is_and_takes_no_other_names() -> None:
+    assert {type(message) for message in MESSAGES} == {one for one in vars(types).values() if is_dataclass(one)}
+    for message in MESSAGES:
+        with pytest.raises(FrozenInstanceError):
+            setattr(message, fields(message)[0].name, 2.0)
+        assert not hasattr(message, "__dict__"), "a message comes with every frame: slots keep it small"
+        arrays = {
+            one.name: value for one in fields(message) if isinstance(value := getattr(message, one.name), np.ndarray)
+        }
+        assert arrays
+        assert [name for name, array in arrays.items() if array.flags.writeable] == []
+
+
+def test_a_camera_without_joints_has_none() -> None:
     image = np.zeros((2, 2, 3), np.uint8)
-    frame = StereoFrame(image, image, 0.0, 0.0, np.zeros(2))
-    messages = [frame, Track3D.unknown(0.0, Status.LOST), Activation(0.0, ("a:1",), np.zeros(1))]
-    arrays = [getattr(message, name) for message in messages for name in type(message).__slots__]
-    arrays = [array for array in arrays if isinstance(array, np.ndarray)]
-    assert len(arrays) == 6
-    assert not any(array.flags.writeable for array in arrays)
+    frame = StereoFrame(image, image, 1.0, 1.5, np.zeros(2))
     assert frame.joints_right_rad is None
+    assert frame.stamp_s == 1.25
+
+
+def test_what_is_not_known_is_no_number() -> None:
+    nothing, lost = Track3D.unknown(1.0), Track3D.unknown(1.0, Status.LOST)
+    assert (nothing.stamp_s, nothing.status, lost.status) == (1.0, Status.SEARCHING, Status.LOST)
+    assert (nothing.mean.shape, nothing.cov.shape) == ((4, 3), (12, 12))
+    assert np.isnan([*nothing.mean.ravel(), *nothing.cov.ravel(), nothing.radius_m, nothing.radius_var_m2]).all()
+    known = Track3D(0.0, np.arange(12.0).reshape(4, 3), np.eye(12), 0.03, 1e-6, Status.COASTING)
+    assert known.position.tolist() == [0, 1, 2]
+    assert known.velocity.tolist() == [3, 4, 5]
+    assert [one.is_known for one in (nothing, lost, known)] == [False, False, True]
+    unsaid = Reachability.without_answer(2.0, ReachStatus.NOT_FIXATED)
+    assert (unsaid.stamp_s, unsaid.status, unsaid.is_reachable) == (2.0, ReachStatus.NOT_FIXATED, False)
+    assert np.isnan([*unsaid.gaze_rad, unsaid.probability, unsaid.degree]).all()
+    assert len(unsaid.gaze_rad) == 3
+    assert Reachability(2.0, ZERO, 0.9, 0.8, ReachStatus.REACHABLE).is_reachable
+    seen = Observation3D(0.0, ZERO, np.eye(3), 0.03, 1e-6, 0.1)
+    np.testing.assert_array_equal(seen.correlated_cov_root, np.zeros((3, 3)))
