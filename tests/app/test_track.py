@@ -12,8 +12,12 @@ from tracks import track_at
 from videos import write_calibration
 
 from pps_vision.app.cli import main
-from pps_vision.app.track import PathNumbers, chunks, errors_against
-from pps_vision.types import Status, Track3D, Truth
+from pps_vision.app.track import PathNumbers, TrackedRecording, _CameraNumbers, chunks, errors_against
+from pps_vision.recordings.image_file import ImageFile
+from pps_vision.recordings.recording import Recording
+from pps_vision.types import Observation3D, Status, Track3D, Truth
+from tracking.camera_pose import CameraMotion
+from tracking.tracker import TrackerParams, TrackerStep
 
 FRAMES = 10
 """That come first and are not counted."""
@@ -71,6 +75,9 @@ def test_a_share_of_no_frame_is_none() -> None:
     numbers = PathNumbers()
     assert numbers.tracked_share == 0
     assert np.isnan(numbers.errors()["tracked_share"])
+    numbers.add(track(0.0, 1.0))
+    assert numbers.tracked_share == 1
+    numbers = PathNumbers()
     for one in later(track(0.1, 0.0, Status.COASTING)):
         numbers.add(one)
     assert numbers.tracked_share == pytest.approx(10 / 11)
@@ -102,3 +109,72 @@ def test_a_throw_is_predicted_by_its_flight_where_that_is_asked_for(tmp_path: Pa
     assert error_m["flight"] < 0.7 * error_m["kalman"]
     summary = json.loads((tmp_path / "flight" / "summary.json").read_text())
     assert summary["followed_by"] == {"colour": summary["status"]["tracking"] + summary["status"]["coasting"]}
+
+
+def test_the_residual_is_the_median_of_the_pairs_that_measured() -> None:
+    numbers = PathNumbers()
+    assert np.isnan(numbers.residual_px)
+    for residual_px in (0.3, np.nan, 0.5, 0.9):
+        numbers.add(track(0.0, 0.0), residual_px)
+    assert numbers.residual_px == 0.5
+
+
+def recorded(*stamps_s: tuple[float, float]) -> TrackedRecording:
+    """Pairs of images that no file holds."""
+    pairs = tuple(
+        (ImageFile(Path(f"left{k}"), left_s), ImageFile(Path(f"right{k}"), right_s))
+        for k, (left_s, right_s) in enumerate(stamps_s)
+    )
+    return TrackedRecording(Recording("made up", pairs, (40, 30), []), TrackerParams())
+
+
+def test_a_pair_s_track_is_that_of_its_mean_stamp() -> None:
+    """The second pair of three is not tracked; the right image is later."""
+    run = recorded((0.0, 0.5), (1.0, 1.5), (2.0, 2.5))
+    seen = Observation3D(2.25, np.zeros(3), np.eye(3), 0.03, 1e-6, 0.25)
+    steps = [TrackerStep(track(t, 0.0), (), of, np.zeros(3)) for t, of in ((0.25, None), (2.25, seen))]
+    pairs = list(run.tracked_pairs(steps))
+    assert [[image.name for image in pair.images] for pair in pairs] == [["left0", "right0"], ["left2", "right2"]]
+    assert [pair.track for pair in pairs] == [step.track for step in steps]
+    assert np.isnan(pairs[0].residual_px)
+    assert pairs[1].residual_px == 0.25
+
+
+def test_of_what_is_not_tracked_yet_nothing_is_said() -> None:
+    summary = recorded((0.0, 0.0), (0.1, 0.1)).summary(PathNumbers())
+    assert (summary["pairs"], summary["frames"], summary["status"]) == (2, 0, dict.fromkeys(Status, 0))
+    assert (summary["followed_by"], summary["ms_per_pair"]) == ({}, {})
+    assert summary["cameras"] == pytest.approx(
+        {"rotation_deg": 0.0, "rotation_deg_s": 0.0, "joint_delay_ms": np.nan, "joint_delay_std_ms": np.nan},
+        nan_ok=True,
+    )
+    assert {"object", "residual_px", "max_error", "diagnosis", "errors"}.isdisjoint(summary)
+
+
+def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last() -> None:
+    warned: list[str] = []
+    cameras = _CameraNumbers(warned.append)
+    for k, (turn, rate) in enumerate(((0.0, 0.0), (0.05, 0.02), (0.03, 0.04))):
+        cameras.add(CameraMotion(np.array([0.0, 0.6, 0.8]) * turn, rate, 0.002 * k, 0.001 * k), 0.5 * k)
+    assert cameras.summary() == pytest.approx(
+        {"rotation_deg": 2.8648, "rotation_deg_s": 2.2918, "joint_delay_ms": 4.0, "joint_delay_std_ms": 2.0}, rel=1e-4
+    )
+    assert warned == ["the cameras move although declared fixed, at 0.50 s; only their rotation is compensated"]
+
+
+def test_the_headline_says_what_is_known() -> None:
+    """3 mm off where it is tracked, 5 mm where it is predicted."""
+    run = recorded((0.0, 0.0))
+    run.stopwatch.ms["total"].extend([2.0, 3.0, 10.0])
+    numbers = PathNumbers()
+    numbers.add(Track3D.unknown(0.0))
+    assert run.headline(numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
+    run.recording = replace(run.recording, truth=(truth(0.1), truth(0.11)))
+    assert run.headline(numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
+    numbers = PathNumbers(run.recording.truth)
+    for one in later(track(0.1, 0.003), track(0.11, 0.005, Status.COASTING)):
+        numbers.add(one)
+    assert run.headline(numbers) == (
+        "11 of 12 pairs tracked, median 3.0 ms a pair, 3D RMS 3.00 mm where tracked, 4.12 mm with predicted positions, "
+        "object 60 mm across (95 %: 56.1–63.9)"
+    )
