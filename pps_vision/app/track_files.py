@@ -132,11 +132,11 @@ class TrackFiles:
     def _draw(self, k: int, frame: StereoFrame, step: TrackerStep, touched: tuple[Activation, Array] | None) -> None:
         """The pair's picture, where it goes into the video or is a key frame."""
         is_key = self._extras.key_frames and k % self._every == self._every // 2
-        rig = self._run.recording.rig
-        if rig is None or not (self._extras.video or is_key):
+        if not (self._extras.video or is_key):
             return
         skin = (touched[1], touched[0].probability) if touched else ()
-        drawn = draw_pair(frame, rig.view_of(frame), step.track, step.detections, *skin)
+        view = self._run.recording.calibrated().view_of(frame)
+        drawn = draw_pair(frame, view, step.track, step.detections, *skin)
         if self._extras.video:
             self._film.add(drawn)
         if is_key:
