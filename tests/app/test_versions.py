@@ -1,0 +1,44 @@
+"""What a result was made with and on."""
+
+import os
+import platform
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+
+from pps_vision.app import versions
+
+
+def test_versions_are_those_of_the_packages_themselves() -> None:
+    found = versions.versions()
+    assert (found["numpy"], found["scipy"], found["python"]) == (
+        *(np.__version__, scipy.__version__, platform.python_version()),
+    )
+    told = versions.machine("abc1234")
+    assert {key: told[key] for key in ("numpy", "python", "pps-vision", "commit")} == {
+        **{key: found[key] for key in ("numpy", "python", "pps-vision")},
+        "commit": "abc1234",
+    }
+    assert told["processor"].endswith(f", {os.cpu_count()} cores")
+
+
+@pytest.mark.parametrize(
+    ("cpuinfo", "told"),
+    [
+        ("processor\t: 0\nmodel name\t: One: 3 GHz\nprocessor\t: 1\nmodel name\t: Two\n", "One: 3 GHz"),
+        ("processor\t: 0\nBogoMIPS\t: 50\n", "its family"),
+        (None, "its family"),
+    ],
+)
+def test_the_processor_is_told_where_the_system_names_it(
+    cpuinfo: str | None, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if cpuinfo is not None:
+        (tmp_path / "cpuinfo").write_text(cpuinfo)
+    monkeypatch.setattr(versions, "Path", lambda _: tmp_path / "cpuinfo")
+    monkeypatch.setattr(platform, "processor", lambda: "its family")
+    assert versions._processor() == told
+    monkeypatch.setattr(platform, "processor", lambda: "")
+    assert versions._processor() == (told if cpuinfo and "model" in cpuinfo else platform.machine())
