@@ -21,6 +21,7 @@ import pytest
 from videos import write_video
 
 from learning.pps.memory import load_memory
+from pps_vision.app.batch import Job, jobs_of
 from pps_vision.app.cli import main
 from pps_vision.recordings.outputs import BUSY
 
@@ -123,6 +124,7 @@ def test_a_manifest(tmp_path: Path, calib: Path, refused) -> None:
         ("name;rec\na;b\n", ":1: column 'name;rec'; expected .* separated by commas"),
         ("name,rec,rec\na,b,c\n", ":1: column 'rec'; expected .* each once"),
         ("name,rec\n../a,x\n", ":2: name '../a'; expected the name of a new folder"),
+        ("name,rec\n.a,x\n", ":2: name '.a'; expected the name of a new folder"),
         ("name,rec\na,x\n\n,y\n", ":4: name ''; expected the name of a new folder"),
         ("name,rec\na,x\na,y\n", ":3: name 'a' is that of .*list.csv:2 too; expected distinct names"),
         ("name,rec\nsettings.json,x\n", ":2: a result called settings.json; expected none of"),
@@ -140,6 +142,23 @@ def test_a_manifest_is_refused_before_anything_starts(content: str, said: str, t
     line = refused("batch", tmp_path / "list.csv", "--out", tmp_path / "out")
     assert re.match(re.escape(f"pps-vision: {tmp_path / 'list.csv'}") + said, line), line
     assert not (tmp_path / "out").exists()
+
+
+def test_a_row_of_a_manifest_and_a_folder_of_recordings_are_jobs(tmp_path: Path) -> None:
+    (tmp_path / "list.csv").write_text("name,rec,max_skew_s,fps,calib\na,l;r,0,1e-9,b;c\n\nd,,,,\n")
+    columns = ("rec", "max_skew_s", "fps", "calib")
+    one, other = jobs_of([str(tmp_path / "list.csv")], columns)
+    options = ("--max-skew-s", "0", "--fps", "1e-9", "--calib", "b", "c")
+    assert one == Job("a", ("l", "r"), options, tmp_path, f"{tmp_path / 'list.csv'}:2")
+    assert other == Job("d", (), (), tmp_path, f"{tmp_path / 'list.csv'}:4")
+    (tmp_path / "deep" / "deeper").mkdir(parents=True)
+    for name in ("deep/b.mp4", "deep/deeper/a.mp4"):
+        (tmp_path / name).touch()
+    found = jobs_of([f"{tmp_path}/**/*.mp4"], columns)
+    assert [(job.name, job.source) for job in found] == [
+        ("b.mp4", str(tmp_path / "deep" / "b.mp4")),
+        ("a.mp4", str(tmp_path / "deep" / "deeper" / "a.mp4")),
+    ]
 
 
 def test_nothing_to_do(tmp_path: Path, refused) -> None:
@@ -324,6 +343,8 @@ def test_why_a_recording_s_process_ended(
     monkeypatch.setattr(sys, "executable", str(python))
     monkeypatch.setattr("pps_vision.app.batch._BUSY_S", 0.01)
     assert "0 workers; expected at least 1" in refused_with("batch", "a.mp4", "--workers", 0, "--out", "out")[-1]
+    n_open = len(os.listdir("/proc/self/fd"))
     assert "none of 1 recordings could be tracked" in refused_with("batch", "a.mp4", "--out", "out")[-1]
+    assert len(os.listdir("/proc/self/fd")) == n_open
     assert table(tmp_path / "out")["a.mp4"]["reason"] == reason
     assert (tmp_path / "runs").read_text().split() == ["run"] * runs

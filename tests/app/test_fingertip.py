@@ -12,9 +12,9 @@ from learning.pps.memory import PPSMemory
 from pps_vision.app.fingertip import FingertipTracker
 from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.experiments.pps.movements import plans
-from pps_vision.robot.icub import load_icub
+from pps_vision.robot.icub import home, load_icub
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Array
+from pps_vision.types import Array, Status
 
 ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
@@ -64,3 +64,23 @@ def test_the_arm_avoids_its_own_finger_after_it_has_felt_it(touches: list[Double
         _, nearest, first = touch(untaught, movement, obeys=True)
         assert nearest < 0.06, "only links without skin are kept clear, 3 cm of theirs"
         assert first < 0.06
+
+
+def test_the_fingertip_s_track_is_that_of_the_joints() -> None:
+    """A wrist that turns: position within 1 mm, velocity from the last frame within 1 cm/s; none after a gap."""
+    tracker, q, joint = FingertipTracker(ROBOT), home(ROBOT), ROBOT.indices(("right_wrist_pitch",))[0]
+    tips, tracks = [], []
+    for k, stamp_s in enumerate((1.0, 1.1, 1.1, 1.6, 2.2)):
+        turned = q.copy()
+        turned[joint] -= 0.02 * k
+        tips.append(ROBOT.at(turned).point(TIP))
+        step = tracker.step(frame_at(stamp_s, turned))
+        tracks.append(step.track)
+        assert (step.detections, step.observation, step.midpoint_root.shape) == ((), None, (3,))
+    assert [one.status for one in tracks] == [
+        *(Status.SEARCHING, Status.TRACKING, Status.SEARCHING, Status.TRACKING, Status.SEARCHING)
+    ]
+    for k, elapsed_s in ((1, 0.1), (3, 0.5)):
+        np.testing.assert_allclose(tracks[k].mean, [tips[k], (tips[k] - tips[k - 1]) / elapsed_s, [0] * 3, [0] * 3])
+        np.testing.assert_allclose(np.sqrt(np.diag(tracks[k].cov)), np.repeat([0.001, 0.01, 0, 0], 3), atol=1e-12)
+        assert not (tracks[k].cov - np.diag(np.diag(tracks[k].cov))).any()

@@ -117,3 +117,5 @@ def test_touches_are_the_latest_and_not_stale() -> None:
     names = [np.array(skin.taxel_ids)[touched_at(touches, t, skin)].tolist() for t in (0.9, 1.0, 1.05, 1.1, 1.22, 1.5)]
     assert names == [[], ["left_forearm:3"], ["left_forearm:3"], [], ["right_palm:101"], []]
     assert not touched_at((), 1.0, skin).any()
+    for age_s, heard in ((-1e-7, True), (0.059, True), (0.061, False)):  # stamps are written to the microsecond
+        assert touched_at(touches[:1], 1.0 + age_s, skin).any() == heard

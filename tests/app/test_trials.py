@@ -12,6 +12,7 @@ from trials_made_up import approach, session, write
 from learning.pps.contact import learn_contact, predict_session
 from learning.pps.scores import auroc, brier
 from pps_vision.app.cli import main
+from pps_vision.app.trials import _one_class, _print_scores
 
 
 @pytest.fixture
@@ -89,6 +90,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(files, tmp_path, refused) -> N
     taxels = np.array([[-0.015, 0, 0], [0.015, 0, 0]])
     two = write(tmp_path / "two.npz", (approach(rng, 0, taxels=taxels), approach(rng, 1, taxels=taxels)))
     never = write(tmp_path / "never.npz", [replace(t, touched=np.zeros(3, bool)) for t in session(rng, 3)])
+    always = write(tmp_path / "always.npz", [replace(t, touched=np.ones(3, bool)) for t in session(rng, 3)])
     bare = write(tmp_path / "bare.npz", session(rng, 3), velocity_m_s=None)
     lost = session(rng, 3)
     for trial in lost:
@@ -98,6 +100,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(files, tmp_path, refused) -> N
     assert "nowhere.npz: no position is finite" in refused("trials", nowhere, test, "--out", out)
     assert "two.npz: 2 taxels; expected the 3 of" in refused("trials", train, two, "--out", out)
     assert "never.npz: outcome is -1 throughout" in refused("trials", never, test, "--out", out)
+    assert "always.npz: outcome is 1 throughout; expected both" in refused("trials", always, test, "--out", out)
     assert "bare.npz: no velocity_m_s" in refused("trials", bare, test, "--out", out)
     assert "gone.npz" in refused("trials", train, tmp_path / "gone.npz", "--out", out)
     assert "horizon" in refused("trials", train, test, "--out", out, "--horizon-s", "-1")
@@ -113,3 +116,34 @@ def test_a_session_without_a_touch_is_predicted_all_the_same(files, tmp_path, ca
     main(["trials", str(files[0]), str(never), "--out", str(tmp_path / "p.csv")])
     assert re.search(r"AUROC +nan +nan  \(never touched\)", capsys.readouterr().out)
     assert len(rows_of(tmp_path / "p.csv")) == 9
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_scores_stand_beside_those_of_the_base_rate(n: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """A touch foreseen with 0.9 and none with 0.2: (0.01 + 0.04) / 2 against 0.25; one trial tells no gain."""
+    probability, touched = np.array([[0.9], [0.2]])[:n], np.array([[True], [False]])[:n]
+    _print_scores(probability, np.array([0.5]), touched)
+    title, area, squares, *rest = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert title == ["learned", "base", "rate"]
+    assert squares == (["Brier", "0.025", "0.250"] if n == 2 else ["Brier", "0.010", "0.250"])
+    assert area == (["AUROC", "1.000", "0.500"] if n == 2 else ["AUROC", "nan", "nan", "(always", "touched)"])
+    assert rest[-1] == ["taxel", "0", *area[1:]]
+    assert len(rest) == n
+    assert n == 1 or " ".join(rest[0]).startswith("Brier below the base rate's by +0.2250 (+0.")
+
+
+def test_what_has_only_one_outcome_is_said_to() -> None:
+    said = [_one_class(np.array(happened)) for happened in ([True, True], [False, False], [True, False])]
+    assert said == ["  (always touched)", "  (never touched)", ""]
+
+
+def test_pairs_out_of_reach_are_counted_apart_from_lost_ones(files, tmp_path, capsys) -> None:
+    """Two trials of three taxels: in one the object is lost, in the other too far away to touch within the horizon."""
+    rng = np.random.default_rng(1)
+    lost, far = approach(rng, 0), approach(rng, 1)
+    lost.d_m[:], far.d_m[:] = np.nan, 5.0
+    file = write(tmp_path / "two.npz", (lost, far))
+    main(["trials", str(files[0]), str(file), "--out", str(tmp_path / "p.csv")])
+    printed = capsys.readouterr().err
+    assert "two.npz: 3 of 6 pairs of trial and taxel are out of reach 0.15 s before the end" in printed
+    assert "two.npz: 3 of 6 pairs of trial and taxel are lost 0.15 s before the end" in printed
