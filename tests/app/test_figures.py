@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from episodes import T, episode_log
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.figure import Figure
 from results import write_results
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation
@@ -40,6 +42,7 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
     one, t = episode_log(with_reach), 0.1 * np.arange(T)
     figure = figures.episodes([one, one], 0.4)
     assert len(figure.axes) == (8 if with_reach else 6)
+    assert len(figures.episodes([one], 0.4).axes) == (4 if with_reach else 3)
     gap, activity, speed = figure.axes[0], figure.axes[2], figure.axes[4]
     for axis, expected, level in ((gap, 100 * one.surface_gap_m, 2), (activity, one.activations, 0.4)):
         *taxels, limit = lines(axis)
@@ -55,6 +58,9 @@ def test_an_episode_shows_gaps_activations_speed_and_reach_over_time(with_reach:
     for axis in (gap, activity, speed):
         assert shaded(axis) == [pytest.approx((0.35, 0.55))]  # half a step about the touched stamps
     assert gap.get_ylim() == (0, 30)
+    low, high = activity.get_ylim()
+    assert (low, high) == pytest.approx((0, 1), abs=0.04)
+    assert low < 0 < 1 < high  # lines at the ends are seen
     assert gap.get_title() == "approach"
     assert "2 cm" in gap.get_ylabel()
     assert "0.4" in activity.get_ylabel()
@@ -107,6 +113,9 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     assert image.origin == "lower"
     assert len(figure.axes) == 3  # two panels and the scale
     assert len(figures.landscapes(memory, [1]).axes) == 2
+    assert not any(axis.get_visible() for axis in figures.landscapes(memory, []).axes)
+    bare = Figure().subplots()
+    assert figures.draw_landscape(bare, found).get_extent() == [-10, 20, 0, 3]
 
 
 def test_the_lowest_landscape_of_every_column_is_labelled() -> None:
@@ -156,11 +165,17 @@ def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
     t = np.arange(0, 4, 0.1)
     truth = Path3D("truth", t, np.column_stack([np.sin(t), np.cos(t), t]), np.full((len(t), 3, 3), np.nan))
     off = np.where(np.arange(len(t)) % 2 == 0, 0.002, 0.006)
-    path = Path3D("one", t, truth.position + off[:, None] * [1.0, 0.0, 0.0], truth.cov)
+    path = Path3D("one", t + 7, truth.position + off[:, None] * [1.0, 0.0, 0.0], truth.cov)
+    truth = replace(truth, stamps_s=t + 7)
     over_time, share = path_errors([path], truth, [evaluate(path, truth)], align=False).axes
     ((x, y),) = lines(over_time)
-    assert sorted(set(np.round(y, 1))) == [2.0, 6.0]
-    assert x[0] >= 0
+    np.testing.assert_allclose(x, t, atol=1e-9)
+    np.testing.assert_allclose(y, 1000 * off)
+    assert over_time.get_ylim()[0] == share.get_xlim()[0] == 0
+    assert share.get_ylim() == (0, 1)
+    late = replace(path, stamps_s=path.stamps_s + 0.2)
+    ((_, lagging),) = lines(path_errors([late], truth, [evaluate(late, truth, lag=True)], align=False).axes[0])
+    assert np.median(lagging) < 8  # 0.2 s late would be more than 200 mm off
     ((x, y),) = lines(share)
     assert (np.diff(x) >= 0).all()
     assert y[0] == pytest.approx(1 / len(x))
@@ -191,8 +206,12 @@ def test_what_was_tracked_is_shown_over_time_with_its_uncertainty(tmp_path: Path
     np.testing.assert_allclose(reach, np.arange(40) / 40)
     assert set(half) == {0.5}
     spans = [pytest.approx(one) for one in ((0.925, 0.975), (0.975, 1.025), (0.0, 0.025))]
-    for axis in figure.axes:  # predicted at the 19th, lost at the 20th, searching at the first
+    for k, axis in enumerate(figure.axes):  # predicted at the 19th, lost at the 20th, searching at the first
         assert shaded(axis)[-3:] == spans
+        assert len(shaded(axis)) == 3 + (k < 3)  # with the band of ± 2σ
+    assert figure.axes[4].get_ylim() == (0, 5)
+    assert figure.axes[5].get_ylim() == (0, 1)
+    assert len(_over_time(replace(tracked, reach=None, truth=tracked.truth[:0])).axes) == 5
     assert figure.axes[2].get_ylabel() == "z (m)"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tracks import track_at
 
-from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_png
+from pps_vision.app.report.overlay import VideoFile, draw_legend, draw_pair, flash, save_jpeg, save_png
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.types import Detection2D, Status, StereoFrame, Track3D
 
@@ -30,6 +30,7 @@ def test_the_cross_is_centred_on_the_projected_position(pixel: tuple[float, floa
     centre = np.average(columns, weights=light[rows, columns]), np.average(rows, weights=light[rows, columns])
     wanted = [scale * (value + 0.5) - 0.5 for value in pixel]
     np.testing.assert_allclose(centre, [wanted[0], wanted[1] - TEXT_ROWS], atol=0.15)
+    assert [np.ptp(columns), np.ptp(rows)] == pytest.approx([7 * scale] * 2, abs=2)  # arms of 3.5 px
 
 
 def test_each_caption_has_a_line_of_its_own() -> None:
@@ -52,12 +53,17 @@ def test_the_colours_of_the_legend_are_those_of_the_taxels() -> None:
     canvas = np.zeros((480, 640, 3), np.uint8)
     draw_legend(canvas)
     bar = canvas[455, 160:360].astype(int)
+    for words in (canvas[455:, :160], canvas[455:, 360:380]):
+        assert words.max() > 200  # on both sides it says what the ends mean
     camera = Camera(320, 240, 200.0, 200.0, 160.0, 120.0)
     view, black = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.zeros((240, 320, 3), np.uint8)
     for activation in (0.1, 0.5, 1.0):
         frame, ahead = StereoFrame(black, black, 0.0, 0.0), np.array([[0.0, 0.0, 1.0]])
         image = draw_pair(frame, view, Track3D.unknown(0.0), (), ahead, np.array([activation]))
         np.testing.assert_allclose(image[240, 320], bar[min(int(200 * activation), 199)], atol=4)
+        np.testing.assert_allclose(image[240, 320], (255, 255 * (1 - activation), 0), atol=1)  # yellow to red
+    at_rest = draw_pair(frame, view, Track3D.unknown(0.0), (), ahead, np.array([0.02]))[240, 320]
+    assert np.ptp(at_rest.astype(int)) < 30  # grey
 
 
 def test_a_touch_is_flashed_in_red() -> None:
@@ -66,6 +72,22 @@ def test_a_touch_is_flashed_in_red() -> None:
     assert (canvas[:, 2] == [250, 40, 40]).all()
     assert (canvas[2] == [250, 40, 40]).all()
     assert not canvas[240, 320].any()
+    white = np.full((480, 640, 3), 255, np.uint8)
+    flash(white)
+    word = white[360:440, 20:300]
+    assert (word == [250, 40, 40]).all(axis=2).sum() > 1000
+    assert (word == 0).all(axis=2).sum() > 300  # its outline
+
+
+def test_words_have_an_outline_and_the_colour_of_the_status() -> None:
+    camera = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
+    view, white = StereoRig.fixed(camera, camera, np.eye(4)).view(), np.full((240, 320, 3), 255, np.uint8)
+    drawn = draw_pair(StereoFrame(white, white, 0.0, 0.0), view, Track3D.unknown(0.0, Status.LOST))
+    for color in ((250, 70, 60), (0, 0, 0)):
+        rows, columns = np.nonzero((np.abs(drawn.astype(int) - color) < 60).all(axis=2))
+        assert len(rows) > 50
+        assert rows.max() < TEXT_ROWS
+        assert columns.min() < 12
 
 
 def test_a_detection_is_a_ring_of_its_angular_size_in_the_colour_of_the_status() -> None:
@@ -94,6 +116,8 @@ def test_only_taxels_in_view_are_drawn_the_larger_the_likelier() -> None:
     lit = pair[TEXT_ROWS:, :200].any(axis=2)
     assert 0 < lit[:, :100].sum() < 0.3 * lit[:, 100:].sum()
     assert not lit[:, 160:].any()
+    areas = [pair[TEXT_ROWS:, k : k + 100].max(axis=2).sum() / top for k, top in ((0, 170), (100, 255))]
+    assert areas == pytest.approx([np.pi * (2 * (1.2 + 3 * a)) ** 2 for a in (0.01, 0.99)], rel=0.25)
 
 
 def test_a_film_holds_every_image_cut_to_even_sides_and_without_an_image_is_no_file(tmp_path: Path) -> None:
@@ -106,6 +130,11 @@ def test_a_film_holds_every_image_cut_to_even_sides_and_without_an_image_is_no_f
         images = [one.to_ndarray(format="rgb24") for one in read.decode(video=0)]
     assert [image.shape for image in images] == [(30, 42, 3)] * 3
     np.testing.assert_allclose([image.mean() for image in images], (40, 120, 200), atol=3)
+
+
+def test_a_jpeg_shows_the_image_in_its_colours(tmp_path: Path) -> None:
+    save_jpeg(tmp_path / "a.jpg", np.full((40, 60, 3), (200, 120, 40), np.uint8))
+    np.testing.assert_allclose(cv2.imread(str(tmp_path / "a.jpg"))[20, 30], (40, 120, 200), atol=4)  # blue first
 
 
 def test_a_png_with_a_palette_shows_the_image(tmp_path: Path) -> None:

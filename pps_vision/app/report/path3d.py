@@ -47,15 +47,15 @@ draw();})();
 
 
 def path3d(lines: Sequence[tuple[str, Array]], at: Array, cov: Array) -> str:
-    """Return lines (color, points (n, 3) in m; NaN is a gap) and the 95 % ellipsoids of positions, as HTML.
+    """Return lines (color, points (n ≥ 1, 3) in m; NaN is a gap) and the 95 % ellipsoids of positions, as HTML.
 
     Args:
-        lines: The lines; the first is drawn thicker.
+        lines: One or more; the first is drawn thicker.
         at: (m, 3) positions with a covariance.
         cov: (m, 3, 3) m².
     """
-    shown = [(color, points[:: -(-len(points) // _MOST_POINTS) or 1]) for color, points in lines]
-    known = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown] or [np.zeros((0, 3))])
+    shown = [(color, points[:: -(-len(points) // _MOST_POINTS)]) for color, points in lines]
+    known = np.concatenate([points[np.isfinite(points).all(axis=1)] for _, points in shown])
     if not len(known):
         return "<p>No position is known.</p>"
     low, high = known.min(axis=0), known.max(axis=0)
