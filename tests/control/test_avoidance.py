@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from control.arm import MovingPoint
 from control.avoidance import (
     _WAIT_S,
     AvoidanceParams,
@@ -14,6 +15,7 @@ from control.avoidance import (
     control_points,
     step,
 )
+from control.avoidance_params import Mode
 from control.avoidance_response import _EASE_IN_S, kept_clear, return_home
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from control.reaching import distances_ahead, first_to_touch, other_parts, taxel_to_touch
@@ -763,6 +765,45 @@ def test_an_object_of_unknown_radius_counts_as_a_point(robot: Robot, distance_m:
         AT_ONCE, AvoidanceState(), robot.at(home(robot)), FOREARM, np.zeros(12), 0.0, track=track, bare_links=links
     )
     assert response.mode == mode
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "speed_m_s", "mode"),
+    [(0.078, 0.1, "avoid"), (0.082, 0.1, "idle"), (0.028, 0.012, "avoid"), (0.028, 0.008, "idle")],
+)
+def test_a_bare_link_responds_to_what_will_be_nearer_than_three_centimetres(
+    robot: Robot, gap_m: float, speed_m_s: float, mode: str
+) -> None:
+    """In half a second, and by more than 5 mm nearer than now."""
+    way, links = np.array([0.0, -1.0, 0.0]), BareLinks(robot, FOREARM, "left")
+    posture = robot.at(home(robot))
+    track = track_at(posture.point("left_lower_arm") + (0.036 + BALL_M + gap_m) * way, -speed_m_s * way)
+    given = posture, FOREARM, np.zeros(12), 0.0
+    assert step(AT_ONCE, AvoidanceState(), *given, track=track, bare_links=links)[2].mode == mode
+
+
+@pytest.mark.parametrize(
+    ("before", "behaviour", "elapsed_s", "off_deg", "mode"),
+    [
+        ("reach", "reach", 2.9, 20.0, "reach"),
+        ("reach", "reach", 3.1, 20.0, "return"),
+        ("return", "avoid", 5.9, 20.0, "return"),
+        ("return", "avoid", 6.1, 20.0, "idle"),
+        ("return", "avoid", 1.0, 0.25, "return"),
+        ("return", "avoid", 1.0, 0.15, "idle"),
+        ("return", "avoid", 1.0, -0.25, "return"),
+    ],
+)
+def test_without_activation_the_arm_goes_home_in_time_and_rests_there(
+    robot: Robot, before: Mode, behaviour: str, elapsed_s: float, off_deg: float, mode: Mode
+) -> None:
+    """It reaches on for 3 s, and returns for 6 s or until each joint is within 0.2° of home."""
+    q = home(robot)
+    q[robot.indices(("left_elbow",))] += off_deg * DEG
+    points = (MovingPoint("left_forearm", np.zeros(3), np.zeros(3)),) if before == "reach" else ()
+    state, params = AvoidanceState(before, 100.0, points=points), replace(PARAMS, behaviour=behaviour)  # type: ignore[arg-type]
+    given = robot.at(q), FOREARM, np.zeros(12), 100.0 + elapsed_s
+    assert step(params, state, *given, may_reach=True)[2].mode == mode
 
 
 @pytest.mark.parametrize(("moved_m", "mode"), [(0.04, "hold"), (0.06, "return")])

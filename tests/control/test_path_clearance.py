@@ -198,6 +198,23 @@ def test_fewer_balls_that_fly_through_touch_where_taxels_may_leave_their_path(ro
     assert touched[0] <= 0.6 * touched[1]
 
 
+def test_eight_directions_all_around_the_path_are_tried(robot: Robot) -> None:
+    """Of unit length, across it, 45° apart."""
+    posture, taxel, tried = robot.at(home(robot)), SKIN.index("left_forearm:27"), list[Array]()
+    taxels, normals = SKIN.at(posture)
+    track = track_at(taxels[taxel] + 0.15 * normals[taxel], -0.3 * normals[taxel])
+
+    def rates_towards(direction: Array | None) -> Array:
+        if direction is not None:
+            tried.append(direction)
+        return np.zeros(7)
+
+    assert direction_off_path(posture, arm_of(robot), SKIN, track, rates_towards, 0.5, None, all_of_it) is None
+    cosines = np.sort(np.array(tried) @ np.array(tried).T, axis=1)
+    np.testing.assert_allclose(np.array(tried) @ normals[taxel], 0.0, atol=1e-9)
+    np.testing.assert_allclose(cosines, np.tile(np.sort(np.cos(np.arange(8) * np.pi / 4)), (8, 1)), atol=1e-9)
+
+
 def test_the_direction_lies_across_the_path_and_is_kept(robot: Robot) -> None:
     """It is not given up for one that is better by less than a centimetre."""
     posture = robot.at(home(robot))
