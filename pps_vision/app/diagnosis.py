@@ -56,8 +56,8 @@ def diagnose(
     mode: Mode,
     counts: Mapping[str, int],
     tracked_share: float,
-    turn_deg: tuple[float, float] = (0.0, 0.0),
-    residual_px: float = np.nan,
+    turn_deg: tuple[float, float],
+    residual_px: float,
 ) -> Diagnosis | None:
     """Return the likely causes why hardly anything was tracked in this mode, from what the search met.
 
@@ -243,7 +243,7 @@ def _some_frames(recording: Recording) -> list[StereoFrame]:
 
 def _in_a_row(recording: Recording) -> list[tuple[StereoFrame, StereoFrame]]:
     """A few frames, spread over the recording, each with the next one."""
-    starts = np.unique(np.linspace(0, max(0, len(recording) - 2), _LOOKED_AT).astype(int))
+    starts = np.unique(np.linspace(0, len(recording) - 2, _LOOKED_AT).astype(int))
     both = [list(replace(recording, pairs=recording.pairs[k : k + 2])) for k in starts]
     return [(two[0], two[1]) for two in both if len(two) == 2]
 

@@ -14,7 +14,7 @@ import pytest
 
 from pps_vision.app import diagnosis as diagnosis_module
 from pps_vision.app.cli import main
-from pps_vision.app.diagnosis import _by_counts, _epipolar, _misfit_px
+from pps_vision.app.diagnosis import Diagnosis, _by_counts, _epipolar, _misfit_px, diagnose, length
 from pps_vision.app.track import PathNumbers, track
 from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.geometry.camera import Camera, StereoRig, View
@@ -117,6 +117,9 @@ def test_points_fit_the_cameras_that_have_seen_them(vergence_deg: float, offset_
     left, right = (View(camera, pose) for pose in poses)
     points = np.column_stack([rng.uniform(-0.4, 0.4, 300), rng.uniform(-0.3, 0.3, 300), rng.uniform(0.6, 2.0, 300)])
     a, b = left.project(points), right.project(points) + (0.0, offset_px) + 0.3 * rng.standard_normal((300, 2))
+    to_both = [(view.center - points) / np.linalg.norm(view.center - points, axis=1)[:, None] for view in (left, right)]
+    between_px = 257.0 * np.arccos(np.sum(to_both[0] * to_both[1], axis=1))
+    np.testing.assert_allclose(np.median(_epipolar(left, right, a, b)[1]), np.median(between_px), rtol=0.02)
     as_is, exchanged = _misfit_px(_epipolar(left, right, a, b)), _misfit_px(_epipolar(left, right, b, a))
     assert as_is < 0.4
     assert exchanged > 2.5 * as_is
@@ -124,19 +127,34 @@ def test_points_fit_the_cameras_that_have_seen_them(vergence_deg: float, offset_
 
 
 @pytest.mark.parametrize(
-    ("as_is", "other", "said"),
-    [(np.inf, 0.5, True), (5.0, 0.5, True), (0.5, 5.0, False), (0.6, 0.5, False), (90.0, 5.0, False)],
+    ("at_px", "behind_px", "misfit_px"), [(11.0, -0.9, 3.0), (-11.0, 5.0, 3.0), (8.0, -1.1, np.inf)]
+)
+def test_an_offset_of_8_pixels_is_forgiven_and_a_point_behind_by_one(
+    at_px: float, behind_px: float, misfit_px: float
+) -> None:
+    assert _misfit_px(np.array([[at_px] * 5, [behind_px] * 5])) == misfit_px
+
+
+@pytest.mark.parametrize(
+    ("as_is", "other", "n", "said"),
+    [
+        *((np.inf, 0.5, 50, True), (np.inf, 0.5, 49, False), (5.0, 0.5, 60, True), (0.5, 5.0, 60, False)),
+        *((0.6, 0.5, 60, False), (5.0, 1.9, 60, True), (5.0, 2.2, 60, False), (90.0, 2.9, 60, True)),
+        (90.0, 3.1, 60, False),
+    ],
 )
 def test_images_are_called_exchanged_where_that_fits_well_and_far_better(
-    monkeypatch: pytest.MonkeyPatch, as_is: float, other: float, said: bool
+    monkeypatch: pytest.MonkeyPatch, as_is: float, other: float, n: int, said: bool
 ) -> None:
     misfits, grey = iter((as_is, other)), np.zeros((240, 320, 3), np.uint8)
-    monkeypatch.setattr(diagnosis_module, "_matches", lambda left, right: (np.full((60, 2), 90.0),) * 2)
+    monkeypatch.setattr(diagnosis_module, "_matches", lambda left, right: (np.full((n, 2), 90.0),) * 2)
     monkeypatch.setattr(diagnosis_module, "_misfit_px", lambda found: next(misfits))
     camera = Camera(320, 240, 257.0, 257.0, 159.5, 119.5)
     rig = StereoRig.fixed(camera, camera, transform(None, (0.07, 0.0, 0.0)))
     found = list(diagnosis_module.exchanged([StereoFrame(grey, grey, 0.0, 0.0, None, None)], rig))
     assert bool(found) == said
+    fits = "most lie behind the cameras" if as_is == np.inf else f"within {as_is:.1f} px"
+    assert not found or found[0].endswith(f"then fit the cameras within {other:.1f} px (median), as they are {fits}")
 
 
 def test_a_wrong_mode(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -271,6 +289,8 @@ FRAMES = {"frames": 20}
             FRAMES | {"motion_left": 5, "motion_right": 4, "candidates_left": 3, "candidates_right": 2},
             "a longer recording: candidates were found",
         ),
+        ("generic", FRAMES | {"motion_left": 5, "motion_right": 4, "candidates_left": 3}, "an object whose colours"),
+        ("generic", FRAMES | {"motion_left": 5, "motion_right": 4, "candidates_right": 3}, "an object whose colours"),
         (
             "generic",
             FRAMES | {"motion_left": 5, "motion_right": 4, "rejected by colour": 2, "rejected by size": 1},
@@ -360,18 +380,140 @@ def test_a_wide_video_of_one_camera_is_not_taken_for_two(
 def test_what_is_implausible_and_what_only_just_is_not(
     grey: int, apart_m: float, joints_deg: float | None, advice: str | None
 ) -> None:
-    """Two plain pairs whose images differ by a pixel."""
+    found = list(diagnosis_module.faults_of(plain_pairs(grey, apart_m, joints_deg)))
+    assert len(found) == (advice is not None)
+    assert (advice or "") in "".join(found)
+
+
+def plain_pairs(grey: int = 90, apart_m: float = 0.1, joints_deg: float | None = None, n: int = 2) -> Recording:
+    """Plain pairs, a second apart, whose images differ by a pixel, of cameras far from the origin."""
     camera, images = Camera(40, 30, 30.0, 30.0, 19.5, 14.5), [np.full((30, 40, 3), grey, np.uint8) for _ in range(2)]
     images[1][0, 0] += 1
     joints = None if joints_deg is None else np.deg2rad([0.0, -joints_deg])
-    pair = tuple(
-        MadeUp(Path(f"{side}.png"), 0.0, joints_rad=joints, pixels=image)
-        for side, image in zip(("left", "right"), images, strict=True)
+    pairs = [
+        tuple(
+            MadeUp(Path(f"{side}.png"), float(k), joints_rad=joints, pixels=image)
+            for side, image in zip(("left", "right"), images, strict=True)
+        )
+        for k in range(n)
+    ]
+    poses = tuple(transform(translation=(3.0 + x_m, 0.0, 0.0)) for x_m in (0.0, apart_m))
+    return Recording("made up", tuple(pairs), (40, 30), [], rig=StereoRig(camera, camera, lambda _: poses))  # type: ignore[arg-type,return-value]
+
+
+@pytest.mark.parametrize(
+    ("share", "residual_px", "advice"),
+    [
+        (0.11, 0.9, None),
+        (0.11, np.nan, None),
+        (0.11, 1.1, ["another calibration, or left and right images of the same moment: what is tracked fits both"]),
+        (0.09, 0.9, ["other images: every frame is dark"]),
+        (0.09, 1.1, ["another calibration, or left", "other images: every frame is dark"]),
+    ],
+)
+def test_what_is_hardly_tracked_or_fits_badly_is_explained(
+    share: float, residual_px: float, advice: list[str] | None
+) -> None:
+    """Hardly: in less than a tenth of the pairs.  Badly: more than a pixel off."""
+    found = diagnose(plain_pairs(), "generic", {}, share, (0.0, 0.0), residual_px)
+    assert (found is None) == (advice is None)
+    if found and advice:
+        assert [said[: len(one)] for said, one in zip(found.advice, advice, strict=True)] == advice
+
+
+def test_a_diagnosis_in_words() -> None:
+    counts = {"frames": 9, "candidates_left": 1, "candidates_right": 2}
+    assert str(Diagnosis(counts, ("more light",))) == (
+        "searched 9 frames: 1 left and 2 right candidates for the object\n  try more light"
     )
-    rig = StereoRig.fixed(camera, camera, transform(translation=(apart_m, 0.0, 0.0)))
-    found = list(diagnosis_module.faults_of(Recording("made up", (pair, pair), (40, 30), [], rig=rig)))
-    assert len(found) == (advice is not None)
-    assert (advice or "") in "".join(found)
+    counts |= {"motion_left": 3, "motion_right": 4, "rejected by size": 5}
+    assert str(Diagnosis(counts, ())) == (
+        "searched 9 frames: motion in 3 left and 4 right images, 1 left and 2 right candidates for the object, "
+        "5 pairs rejected by size"
+    )
+
+
+def test_a_length_is_in_metres_from_one_metre_on() -> None:
+    assert [length(metres) for metres in (2.54, 1.0, 0.99, 0.0254, 1e-7)] == [
+        *("2.54 m", "1 m", "990 mm", "25.4 mm", "0.0001 mm")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("unit_m", "baseline_m", "said"),
+    [
+        (1.0, 2.5, "; --unit-m 0.01 makes it 25 mm; --unit-m 0.0254 makes it 63.5 mm"),
+        (1.0, 47.0, "; --unit-m 0.001 makes it 47 mm; --unit-m 0.01 makes it 470 mm"),
+        (0.001, 0.0001, "; --unit-m 1 makes it 100 mm"),
+        (0.001, 1e-7, ""),
+        (1.0, 0.019, ""),
+    ],
+)
+def test_units_are_proposed_by_which_the_cameras_are_2_cm_to_1_m_apart(
+    unit_m: float, baseline_m: float, said: str
+) -> None:
+    recording = replace(plain_pairs(), unit_m=unit_m)
+    assert diagnosis_module._units(recording, baseline_m) == said
+
+
+@pytest.mark.parametrize(("n", "stamps_s"), [(10, [0, 2, 4, 6, 9]), (3, [0, 1, 2]), (1, [0])])
+def test_the_frames_looked_at_are_spread_over_the_recording(n: int, stamps_s: list[int]) -> None:
+    assert [frame.stamp_s for frame in diagnosis_module._some_frames(plain_pairs(n=n))] == stamps_s
+    in_a_row = [(then.stamp_s, now.stamp_s) for then, now in diagnosis_module._in_a_row(plain_pairs(n=n))]
+    expected = {10: [0, 2, 4, 6, 8], 3: [0, 1], 1: []}[n]
+    assert in_a_row == [(k, k + 1) for k in expected]
+
+
+def frame_of(image: np.ndarray) -> StereoFrame:
+    return StereoFrame(image, image, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("moved", "shift_px"), [((0, 0, 5), 0.0), ((0, 3, 5), 3.0), ((4, 3, 5), 4.0)])
+def test_images_shift_where_they_do_twice(
+    monkeypatch: pytest.MonkeyPatch, moved: tuple[int, ...], shift_px: float
+) -> None:
+    """By the second largest of the shifts: something large may move once before cameras that rest."""
+    pairs = [(frame_of(texture()[:, :320]), frame_of(texture()[:, k : k + 320])) for k in moved]
+    monkeypatch.setattr(diagnosis_module, "_in_a_row", lambda recording: pairs)
+    fixed = SimpleNamespace(robot=None)
+    assert diagnosis_module._image_shift_px(fixed) == pytest.approx(shift_px, abs=0.1)  # type: ignore[arg-type]
+
+
+def test_a_change_is_the_median_of_the_pixels_and_of_the_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    images = [np.full((30, 40, 3), grey, np.uint8) for grey in (100, 93, 95, 155)]
+    images[1][0] = 0
+    pairs = [(frame_of(images[0]), frame_of(image)) for image in images[1:]]
+    monkeypatch.setattr(diagnosis_module, "_in_a_row", lambda recording: pairs)
+    assert diagnosis_module._change(plain_pairs()) == 7.0
+    pairs.clear()
+    assert diagnosis_module._change(plain_pairs()) == 0.0
+
+
+@pytest.mark.parametrize(("seam", "n_alike", "is_one"), [(39, 39, True), (41, 39, False), (39, 41, False)])
+def test_the_halves_of_one_image_continue_each_other_and_show_little_in_common(
+    monkeypatch: pytest.MonkeyPatch, seam: int, n_alike: int, is_one: bool
+) -> None:
+    """Where the halves meet, grey changes by less than four times the 10 levels of other columns; 8 % of 500 points."""
+    column = np.array([100, 110] * 10)
+    left = np.tile(column[:, None], (30, 1, 3)).astype(np.uint8)
+    right = np.tile((column + seam)[::-1, None], (30, 1, 3)).astype(np.uint8)
+    alike = np.zeros((n_alike, 2))
+    monkeypatch.setattr(diagnosis_module, "_matches", lambda left, right: (alike, alike))
+    assert right[0, 0, 0] - int(left[0, -1, 0]) == seam
+    assert diagnosis_module._one_image([StereoFrame(left, right, 0.0, 0.0)]) == is_one
+
+
+def test_points_match_where_both_images_show_the_same() -> None:
+    """A view and another 12 px to the side; hardly any where they show different things, none on a plain wall."""
+    wall = texture(1.5)
+    left_px, right_px = diagnosis_module._matches(wall[:, 12:332], wall[:, :320])
+    assert len(left_px) > 200
+    same = np.abs(right_px - left_px - (12.0, 0.0)).max(axis=1) < 1
+    assert same.mean() > 0.9
+    mirrored = np.ascontiguousarray(wall[:, 319::-1])
+    assert len(diagnosis_module._matches(wall[:, :320], mirrored)[0]) < 40
+    for images in ((wall, np.zeros_like(wall)), (np.zeros_like(wall), wall)):
+        assert [found.shape for found in diagnosis_module._matches(*images)] == [(0, 2), (0, 2)]
 
 
 @pytest.fixture(scope="module")
