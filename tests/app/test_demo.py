@@ -4,20 +4,25 @@ import json
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
+import cv2
 import numpy as np
 import pytest
 from episodes import STAMPS, T, episode_log
+from tracks import track_at
 
 from learning.pps.memory import PPSMemory, load_memory
 from learning.reach.labels import Labels
 from learning.reach.lattice import Lattice
 from learning.reach.map import ReachableMap
 from pps_vision.app import demo as module
-from pps_vision.app.demo import THRESHOLD, _cell, _numbers, demo
+from pps_vision.app.demo import THRESHOLD, _cell, _numbers, _scene, demo, drawn
 from pps_vision.app.simulation import World
-from pps_vision.types import Reachability, ReachStatus, Status
+from pps_vision.robot.icub import icub_setup
+from pps_vision.robot.skin import icub_skin
+from pps_vision.types import Reachability, ReachStatus, Status, StereoFrame
 
 
 def test_an_episodes_row_says_what_happened() -> None:
@@ -64,7 +69,7 @@ def test_the_demo_writes_its_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Three frames of each episode, a memory of one taxel, and a map where the right of the neck is reachable."""
-    seeds = []
+    seeds, speeds_m_s = [], []
 
     def trained(world: World, trials: int, touch_every: int) -> PPSMemory:
         memory = PPSMemory.empty(world.skin)
@@ -79,6 +84,7 @@ def test_the_demo_writes_its_report(
 
     def short(world: World, episode: object, step: object, avoid: bool) -> object:
         seeds.append((episode.motion(0.0)[0].tolist(), avoid))  # type: ignore[attr-defined]
+        speeds_m_s.append(np.linalg.norm(episode.motion(0.01)[1]))  # type: ignore[attr-defined]
         return islice(whole(world, episode, step, avoid), 3)  # type: ignore[arg-type]
 
     whole = module.simulate
@@ -91,6 +97,7 @@ def test_the_demo_writes_its_report(
     assert seeds[0] == (seeds[1][0], False)  # the same path with avoidance and without
     assert [avoid for _, avoid in seeds] == [False, True, True, True]
     assert seeds[2][0] != seeds[0][0]
+    assert speeds_m_s == pytest.approx([0.1] * 4)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["seed"], summary["trials"], summary["noise_grey_levels"]) == (3, 7, 2.0)
     assert {"pps-vision", "python", "numpy"} <= set(summary["versions"])
@@ -102,14 +109,81 @@ def test_the_demo_writes_its_report(
     assert "after 7 rendered approaches" in text
     assert shown == [[0]]
     assert "seed 3" in text
+    assert "pps-vision demo --trials 7 --noise 2 --seed 3" in text
+    assert cv2.imread(str(tmp_path / "out" / "demo.png")).shape == (480, 2 * 640, 3)
     with av.open(str(tmp_path / "out" / "demo.mp4")) as film:
         assert sum(1 for _ in film.decode(video=0)) == 6  # two and two beside each other
     assert load_memory(tmp_path / "out" / "memory.npz").counts.sum() == 50 + 148
     assert ReachableMap.load(tmp_path / "out" / "reach.npz").side == "left"
-    said = capsys.readouterr().out.splitlines()
+    printed = capsys.readouterr()
+    assert {"reachable space: 0 of 1 after 00:00", "episodes: 0 of 4 after 00:00"} <= set(printed.err.splitlines())
+    said = printed.out.splitlines()
     assert len(said) == 5
+    assert said[4] == f"→ {tmp_path / 'out' / 'report.html'}"
     assert said[0].split() == ["octopus", "approaching,", "avoidance", "off", "not", "touched", "arm", "still"]
 
 
 def test_no_encounters_are_refused(refused) -> None:
     assert "--encounters 0; expected at least 1" in refused("demo", "--encounters", "0", "--out", "never")
+
+
+@pytest.fixture(scope="module")
+def unseen() -> World:
+    """A world that nobody renders."""
+    return World(icub_setup(icub_skin(("left_forearm", "left_palm"))), None, np.random.default_rng(0), "left")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("touched", [False, True])
+def test_a_frame_shows_the_left_eye_and_in_its_corner_the_right_one(
+    unseen: World, touched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Grey 80 and 200; the right eye at three tenths of its size, 8 px from the border; a touch is flashed."""
+    captions, draw = [], module.draw_pair
+    monkeypatch.setattr(module, "draw_pair", lambda *args: captions.append(args[-1]) or draw(*args))
+    monkeypatch.setattr(module, "draw_legend", lambda image: captions.append("legend"))
+    images, q = [np.full((240, 320, 3), grey, np.uint8) for grey in (80, 200)], unseen.home
+    probability, taxels = np.zeros(len(unseen.skin.taxel_ids)), unseen.skin.at(unseen.robot.at(q))[0] + 9.0
+    probability[2] = 0.25
+    active = SimpleNamespace(probability=probability, taxel_ids=unseen.skin.taxel_ids)
+    tracking = SimpleNamespace(track=track_at((-9.0, 0.0, 0.0), status=Status.SEARCHING), detections=())
+    for reach, said in (
+        (None, []),
+        (Reachability(0.0, np.zeros(3), 0.9, 0.75, ReachStatus.REACHABLE), ["left hand: reachable (R 0.75)"]),
+        (Reachability.without_answer(0.0, ReachStatus.NOT_FIXATED), ["left hand: not fixated"]),
+    ):
+        step = SimpleNamespace(activation=active, reachability=reach, tracking=tracking)
+        frame, felt = StereoFrame(images[0], images[1], 0.0, 0.0, q, q), np.array([touched])
+        row = SimpleNamespace(step=step, frame=frame, taxels=taxels, touched=felt)
+        image = drawn(unseen, row, "title")  # type: ignore[arg-type]
+        assert captions[-2:] == [["title", f"activation 0.25 at {unseen.skin.taxel_ids[2]}", *said], "legend"]
+    assert image.shape == (480, 640, 3)
+    corner = np.zeros((480, 640), bool)
+    corner[480 - 8 - 144 : 480 - 8, 640 - 8 - 192 : 640 - 8] = True
+    inside = np.zeros((480, 640), bool)
+    margin = 20 if touched else 4  # a flash is drawn along the border, its word on the left
+    inside[150 : 480 - margin, 320 : 640 - margin] = True
+    assert (image[corner & inside] == 200).all()
+    assert (image[~corner & inside] == 80).all()
+    assert (image[240, 1] == [250, 40, 40]).all() == touched
+
+
+def test_the_scene_shows_the_robot_at_the_start_and_where_its_arm_has_moved_farthest(unseen: World) -> None:
+    """Of three postures the second; each taxel is a line of 12 mm along its normal."""
+    q = np.tile(unseen.home, (3, 1))
+    q[1:, unseen.arm[0]] += (0.4, 0.1)
+    q[2, unseen.robot.indices(("neck_yaw",))[0]] += 0.5
+    log = replace(episode_log(False), q_rad=q)
+    lines = _scene(unseen, log)
+    np.testing.assert_array_equal(lines[0][1], log.track_m)
+    np.testing.assert_array_equal(lines[1][1], log.truth_m)
+    assert len(lines) == 2 + 2 * 3
+    for (bodies, eyes, skin), joints in ((lines[2:5], q[0]), (lines[5:8], q[1])):
+        points, normals = unseen.skin.at(unseen.robot.at(joints))
+        begin, end, gap = np.swapaxes(skin[1].reshape(-1, 3, 3), 0, 1)
+        np.testing.assert_allclose(begin, points)
+        np.testing.assert_allclose(end - begin, 0.012 * normals, atol=1e-12)
+        assert np.isnan(gap).all()
+        view = unseen.rig.view(joints)
+        np.testing.assert_allclose(eyes[1], [view.left.center, view.right.center])
+        assert bodies[0] == eyes[0]
+        assert bodies[1].shape[1] == 3
