@@ -1,5 +1,7 @@
 """One camera's box tracker: where the object is, how sure it is, and what it takes for another thing."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from tracking.box_tracker import (
     BoxDetection,
     BoxPx,
     BoxTracker,
+    TemplateTracker,
+    _regions,
     assumed_optics,
 )
 from tracking.image_tracker import ImageTrackerParams
@@ -261,3 +265,83 @@ def test_colours_follow_an_object_that_they_show_and_its_template_one_that_they_
         asked = _tracker(rng, appearance)
         asked.start(*_textured(0, rng))
         assert asked.appearance == appearance
+
+
+def _on_ball(rng: np.random.Generator) -> TemplateTracker:
+    """One that knows a ball of 20 px at (199.5, 199.5)."""
+    image = _draw(_scene(np.random.default_rng(1)), (199.5, 199.5), 20, rng)
+    return TemplateTracker(ImageTrackerParams(), image, (180.0, 180.0, 40.0, 40.0), rng)
+
+
+def test_a_box_that_was_found_otherwise_is_judged_and_followed_if_it_holds_the_object(rng: np.random.Generator) -> None:
+    tracker, image = _on_ball(rng), _draw(_scene(np.random.default_rng(1)), (299.5, 229.5), 22, rng)
+    assert tracker.judge(image, (400.0, 100.0, 44.0, 44.0)) < LOST_SCORE
+    assert tracker._state.center == pytest.approx([199.5, 199.5])  # nothing was learned from it
+    assert tracker.judge(image, (278.0, 208.0, 44.0, 44.0)) > 0.8
+    assert tracker._state.center == pytest.approx([299.5, 229.5])
+    assert (tracker._state.size, tracker._state.lost) == (pytest.approx(44.0), 0)
+    assert len(tracker._state.cloud.now) == ImageTrackerParams().particles
+    x, y, w, h = tracker.step(image).box_px
+    np.testing.assert_allclose([x + (w - 1) / 2, y + (h - 1) / 2], [299.5, 229.5], atol=2)
+
+
+def test_a_size_is_at_least_six_pixels_and_at_most_nine_tenths_of_the_image(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = _on_ball(rng)
+    for image, growth, size in (
+        ((480, 640), 100.0, 432.0),
+        ((480, 640), 1e-3, 6.0),
+        ((480, 640), 2.0, 80.0),
+        ((5, 5), 1.0, 6.0),
+    ):
+        monkeypatch.setattr(template, "growth", lambda *_, growth=growth: growth)
+        assert tracker._grown(tracker._state, np.zeros((*image, 3), np.uint8)) == pytest.approx(size)
+
+
+def test_a_lost_object_is_searched_where_it_was_and_ever_wider_around(rng: np.random.Generator) -> None:
+    """Every other frame; by 15 % of its size of 40 px more a frame, within the image."""
+    tracker, image = _on_ball(rng), np.zeros((480, 640, 3), np.uint8)
+    for lost in (0, 2, 4):
+        assert tracker._place(replace(tracker._state, lost=lost), image) == pytest.approx([199.5, 199.5])
+    for lost, std in ((1, 46.0), (3, 58.0)):
+        places = [tracker._place(replace(tracker._state, lost=lost), image) for _ in range(600)]
+        np.testing.assert_allclose(np.mean(places, axis=0), 199.5, atol=8)
+        np.testing.assert_allclose(np.std(places, axis=0), std, rtol=0.12)
+    places = [tracker._place(replace(tracker._state, lost=101), image) for _ in range(100)]
+    assert (np.min(places, axis=0).tolist(), np.max(places, axis=0).tolist()) == ([0, 0], [639, 479])
+
+
+def test_while_an_object_is_gone_its_last_box_stays_with_a_low_score(rng: np.random.Generator) -> None:
+    tracker, scene = _on_ball(rng), _scene(np.random.default_rng(1))
+    found = [
+        tracker.step(np.clip(scene + 3 * rng.standard_normal(scene.shape), 0, 255).astype(np.uint8)) for _ in range(4)
+    ]
+    assert max(one.score for one in found) <= 0.5 * LOST_SCORE
+    assert [one.box_px for one in found] == [pytest.approx((180, 180, 40, 40))] * 4
+    assert tracker._state.lost == 4
+
+
+def test_what_is_remembered_moves_half_the_way_in_140_images(rng: np.random.Generator) -> None:
+    one, other = _on_ball(rng)._state, _on_ball(rng)._state
+    memory, newer = one.memory, other.memory
+    for _ in range(139):
+        memory = memory.blend(other.template, 2 * newer.cells, 3 * newer.colors)
+    np.testing.assert_allclose(memory.colors, 0.5 * one.memory.colors + 1.5 * newer.colors, atol=5e-3)
+    np.testing.assert_allclose(memory.cells, 0.5 * one.memory.cells + newer.cells, atol=5e-3)
+    middle = 0.5 * (one.memory.template.places + other.template.places)
+    np.testing.assert_allclose(memory.template.places, middle, atol=5e-3 * np.abs(middle).max())
+
+
+def test_the_object_s_colours_are_those_inside_its_box_and_its_surroundings_those_around(
+    rng: np.random.Generator,
+) -> None:
+    """Of a patch of 160 px, four sizes wide: four fifths of the box; from a tenth beside it up to half a size away."""
+    for shape in ((1.0, 1.0), (1.5, 1 / 1.5)):
+        inside, around, cells = _regions(shape)
+        (w, h), away = (40 * side for side in shape), np.abs(np.arange(160) - 79.5)
+        wide, high = np.array([[0.8 * s, 1.1 * s, s + 40] for s in (w, h)]) / 2
+        boxes = [(away[:, None] < y) & (away < x) for x, y in zip(wide, high, strict=True)]
+        np.testing.assert_array_equal(inside, boxes[0])
+        np.testing.assert_array_equal(around, boxes[2] & ~boxes[1])
+        assert cells.sum() == pytest.approx(1.1**2 * 100, rel=0.2)
