@@ -303,10 +303,10 @@ class Pipeline:
             return None, still
         if leaning is None:
             is_active = bool(np.any(active.probability[arm.on_arm] > arm.params.threshold))
-            if may_reach or not is_active or not track.is_known:
+            if may_reach or not is_active:  # without a track nothing is active
                 return None, still
             leaning = _Leaning(posture.q_rad[torso])
-        elif not leaning.back and (not track.is_known or touched[arm.on_arm].any()):
+        elif not track.is_known or touched[arm.on_arm].any():
             leaning = leaning._replace(back=True)
         if leaning.back:
             command = lean.upright(params, posture, leaning.home_rad, self.params.hold_s, track.stamp_s)

@@ -14,7 +14,7 @@ from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, sooner
 from pps_vision.errors import InputError
-from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, load_icub
+from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, icub_setup, load_icub
 from pps_vision.robot.skin import icub_skin
 from pps_vision.types import Array, StereoFrame
 from tracking.tracker import Tracker, TrackerParams
@@ -256,10 +256,23 @@ def anxious(distance_m: float, speed_m_s: float, cov: Array | None = None) -> Pi
     return pipeline
 
 
-BAD_COVARIANCES = [np.full((12, 12), np.nan), np.full((12, 12), np.inf), np.diag([1.0] * 5 + [-1e-3] + [1.0] * 6)]
+def uncertain(*variances: float) -> Array:
+    """A covariance with these of the velocity, m²/s²."""
+    return np.diag([*[1.0] * 3, *variances, *[1.0] * 6])
 
 
-@pytest.mark.parametrize("cov", BAD_COVARIANCES, ids=["NaN", "infinite", "indefinite"])
+BAD_COVARIANCES = {
+    **{"NaN": np.full((12, 12), np.nan), "infinite": np.full((12, 12), np.inf)},
+    **{"indefinite": uncertain(1.0, 1.0, -1e-3), "hardly indefinite": uncertain(1e-6, 1e-2, -1e-10)},
+}
+
+
+@pytest.mark.parametrize("cov", [uncertain(0.0, 1e-6, 1e-2), uncertain(-3e-12, 1e-6, 1e-2)], ids=["flat", "rounded"])
+def test_a_velocity_that_is_certain_in_one_direction_can_be_acted_on(cov: Array) -> None:
+    anxious(0.1, 0.05, cov).step(frame_at(0.0, home(ROBOT)))
+
+
+@pytest.mark.parametrize("cov", BAD_COVARIANCES.values(), ids=BAD_COVARIANCES.keys())
 def test_a_track_without_a_covariance_is_refused_and_changes_nothing(cov: Array) -> None:
     pipeline = anxious(0.1, 0.05, cov)
     before = pipeline._state
@@ -268,7 +281,7 @@ def test_a_track_without_a_covariance_is_refused_and_changes_nothing(cov: Array)
     assert pipeline._state is before
 
 
-@pytest.mark.parametrize(("row", "value"), [(0, np.nan), (1, np.nan), (0, np.inf), (0, 1e300), (1, -1e7)])
+@pytest.mark.parametrize(("row", "value"), [(0, np.nan), (1, np.nan), (0, np.inf), (0, 1e300), (1, -1.2e6)])
 def test_a_track_that_is_nowhere_is_refused(row: int, value: float) -> None:
     motion = np.array([[-0.3, 0.0, 0.2], [0.0, 0.0, 0.0]])
     motion[row, 1] = value
@@ -302,6 +315,72 @@ def test_commands_are_valid_for_the_time_asked_for_and_keep_the_limits() -> None
             q = q + min(DT, hold_s) * step.command.dq_rad_s
         assert step.response.mode == "avoid"
         assert np.any(step.command.dq_rad_s[ROBOT.indices(ROBOT.names.arm("left"))])
+
+
+def test_gaze_searches_for_half_a_minute_where_nothing_else_is_asked_for() -> None:
+    known = np.array([-0.35, 0.0, 0.3]), np.zeros(3)
+    pipeline = following(lambda t: known if t == 0 else None)
+    moves = [bool(pipeline.step(frame_at(t, home(ROBOT))).command.dq_rad_s.any()) for t in (0.0, 29.9, 30.1)]
+    assert moves[1:] == [True, False]
+
+
+@pytest.mark.parametrize(("beside_m", "avoided"), [(0.0, True), (0.2, False)])
+def test_an_object_whose_path_passes_by_is_not_avoided(beside_m: float, avoided: bool) -> None:
+    """It comes at 10 cm/s from 18 cm before a taxel, towards it or beside it; the skin expects a touch of either."""
+    begin, towards = before_taxel_3(0.18), before_taxel_3(0.0) - before_taxel_3(0.1)
+    aside = np.cross(towards, [0.0, 0.0, -1.0])
+    way = beside_m * aside / np.linalg.norm(aside) + towards
+    velocity = 0.1 * way / np.linalg.norm(way)
+    pipeline = anxious(0.1, 0.1)
+    pipeline.tracker = KnownTrack(lambda t: (begin + t * velocity, velocity))  # type: ignore[assignment]
+    steps = [pipeline.step(frame_at(DT * k, home(ROBOT))) for k in range(18)]
+    assert max(step.activation.probability.max() for step in steps) > 0.9
+    assert ("avoid" in [step.response.mode for step in steps]) == avoided
+
+
+def test_what_came_near_and_touched_nothing_is_learned_as_that() -> None:
+    towards = before_taxel_3(0.0) - before_taxel_3(0.1)
+    pipeline = following(lambda t: (before_taxel_3(0.1) + t * towards, towards))
+    for k in range(8):
+        pipeline.step(frame_at(DT * k, home(ROBOT)))
+    assert pipeline.memory.counts.sum() == 0
+    learned = pipeline.miss()
+    assert learned.counts[..., 1].sum() > 0
+    assert learned.counts[..., 0].sum() == 0
+    assert pipeline.memory is learned
+
+
+def before_taxel_3(distance_m: float) -> Array:
+    """A point before a taxel of the robot at home."""
+    skin = icub_skin(("left_forearm",))
+    points, normals = skin.at(ROBOT.at(home(ROBOT)))
+    return points[skin.index("left_forearm:3")] + distance_m * normals[skin.index("left_forearm:3")]
+
+
+def test_a_command_is_obeyed_for_half_a_second_after_it_took_effect() -> None:
+    """0.2 s late: the one of 0.4 s ago still turns the robot until the next takes effect, one of 0.8 s ago does not."""
+    known = np.array([-0.35, -0.15, 0.3]), np.array([0.0, 0.2, 0.0])
+    for elapsed_s, turns_s in ((0.4, 0.2), (0.8, 0.0)):
+        pipeline = following(lambda t: known, PipelineParams(latency_s=0.2))
+        command = pipeline.step(frame_at(0.0, home(ROBOT))).command.dq_rad_s
+        assert command.any()
+        pipeline.step(frame_at(elapsed_s, home(ROBOT)))
+        assert pipeline._state.last_q_rad is not None
+        np.testing.assert_allclose(pipeline._state.last_q_rad - home(ROBOT), turns_s * command, atol=1e-9)
+
+
+def test_what_lasted_more_than_half_a_second_is_no_rate() -> None:
+    pipeline = following(lambda t: None)
+    assert pipeline._since_last(5.0) == 0
+    pipeline.step(frame_at(5.0, home(ROBOT)))
+    assert [pipeline._since_last(t) for t in (5.0, 5.3, 5.6)] == pytest.approx([0.0, 0.3, 0.0])
+
+
+def test_an_arm_avoids_as_its_side_is_asked_to() -> None:
+    setup = icub_setup()
+    assert PipelineParams.of(setup).avoidance.side == "left"
+    right = PipelineParams.of(setup, "right").avoidance
+    assert (right.side, right.home_arm_rad) == ("right", tuple(setup.home_arm("right")))
 
 
 def test_taxels_of_a_frame_with_the_same_stamp_count_as_resting() -> None:
