@@ -153,6 +153,23 @@ def test_a_trackers_path_is_smoothed_where_it_is_known(rng: np.random.Generator)
     assert np.linalg.eigvalsh(tracks[last].cov[:3, :3]).min() > 1e-6  # the error of a shape stays
 
 
+def test_a_sighting_before_a_gap_is_no_part_of_a_later_track(rng: np.random.Generator) -> None:
+    """One elsewhere, then nothing for one step: the track is smoothed as if neither had been; nor is a track joined
+    with the one before it."""
+    steps, _ = _steps(rng)
+    elsewhere = Observation3D(-0.1, np.array([0.2, 0.3, 0.1]), np.diag([4e-6, 4e-6, 1e-5]), 0.03, 1e-6, 0.1)
+    before = [TrackerStep(Track3D.unknown(t), (), one, np.zeros(3)) for t, one in ((-0.1, elsewhere), (-0.05, None))]
+    alone = list(smoothed_steps(KalmanParams(), steps))
+    later = [replace(step, track=replace(step.track, stamp_s=step.track.stamp_s + 2.0)) for step in steps]
+    for more, part in (([*before, *steps], slice(2, None)), ([*steps, *later], slice(0, len(steps)))):
+        found = list(smoothed_steps(KalmanParams(), more))
+        assert len(found) == len(more)
+        for one, other in zip(found[part], alone, strict=True):
+            assert one.track.status == other.track.status
+            np.testing.assert_array_equal(one.track.mean, other.track.mean)
+            np.testing.assert_array_equal(one.track.cov, other.track.cov)
+
+
 def test_what_a_track_says_beyond_its_filter_is_still_said(rng: np.random.Generator) -> None:
     """Added to every track's position it is added to every smoothed one's; where a track says less than the filter
     that is run again (its own had begun anew), only the error that its measurements share comes on top."""
