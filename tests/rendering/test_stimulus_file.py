@@ -92,6 +92,28 @@ def test_an_open_mesh_can_be_looked_into(tmp_path: Path) -> None:
     assert one == pytest.approx(-other)
 
 
+@pytest.mark.parametrize("corner", [4, 9, -1])
+def test_a_triangle_whose_corner_is_none_of_the_file_is_refused(tmp_path: Path, corner: int) -> None:
+    kinds = [f"property float {axis}" for axis in "xyz"]
+    header = ["ply", "format ascii 1.0", "element vertex 4", *kinds, "element face 4"]
+    header += ["property list uchar int vertex_indices", "end_header"]
+    corners, faces = ["0 0 0", "0.1 0 0", "0 0.1 0", "0 0 0.1"], ["3 0 2 1", "3 0 1 3", "3 0 3 2"]
+    file = tmp_path / "solid.ply"
+    file.write_text("\n".join([*header, *corners, *faces, "3 1 2 3", ""]))
+    assert len(load_stimulus(file).parts) == 1
+    file.write_text("\n".join([*header, *corners, *faces, f"3 1 2 {corner}", ""]))
+    with pytest.raises(InputError, match="has triangles without vertices in space"):
+        load_stimulus(file)
+
+
+def test_a_mesh_that_is_inside_out_is_turned_over(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.05, 0.06, 0.07))
+    box.invert()
+    box.export(tmp_path / "box.stl")
+    (part,) = load_stimulus(tmp_path / "box.stl").parts
+    assert part.mesh.volume == pytest.approx(0.05 * 0.06 * 0.07)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
