@@ -53,9 +53,9 @@ class CameraMotion:
     its standard deviation."""
 
     rotation_rad: Array
-    rate_rad_s: float = 0.0
-    delay_s: float = 0.0
-    delay_std_s: float = math.nan
+    rate_rad_s: float
+    delay_s: float
+    delay_std_s: float
 
 
 class PoseEstimator:

@@ -135,6 +135,64 @@ def test_an_old_delay_is_forgotten_within_tens_of_seconds() -> None:
     assert late.delay_s == pytest.approx(0.020, rel=0.01)
 
 
+def test_a_delay_is_as_certain_as_what_was_measured_scattered() -> None:
+    """The assumed noise counts for six angles that scatter as it says; each measurement is three, here without any."""
+    late, change = _LateJoints(TURNING, PRIOR_S), np.array([0.0, 0.5, 0.0])
+    rotation = np.zeros(3)
+    for n in (1, 2, 3):
+        late._take(measured(rotation), change, 1.0)
+        var = 1 / (PRIOR_S**-2 + n * 0.5**2 / (1e-4**2 + (0.05 / 280) ** 2))
+        assert late.std_s == pytest.approx(exact_or_late(0.0, 6 / (6 + 3 * n) * var, PRIOR_S)[1])
+
+
+def test_what_no_delay_explains_is_the_rotation_of_one_image(rng: np.random.Generator) -> None:
+    """2 mrad about each axis in each of two images, beside the noise of their registration."""
+    late, stds = _LateJoints(TURNING, PRIOR_S), []
+    assert late._rotation_std_rad == 0
+    noise = np.sqrt(1e-4**2 + (0.05 / 280) ** 2 + 2 * 2e-3**2)
+    for k in range(600):
+        change = rng.normal(0, 0.5, 3)
+        late._take(measured(0.012 * change + noise * rng.standard_normal(3)), change, 0.02 * k)
+        stds.append(late._rotation_std_rad)
+    assert np.sqrt(np.mean(np.square(stds[100:]))) == pytest.approx(2e-3, rel=0.1)
+
+
+def test_what_was_before_a_gap_tells_no_delay() -> None:
+    stamps = [0.0, 0.04, 0.08]
+    assert late_after(stamps, lambda t: t)._reference is not None
+    assert late_after([*stamps, 0.5], lambda t: t)._reference is None
+
+
+def test_poses_that_no_image_corrects_are_those_that_are_told() -> None:
+    q = np.array([0.1])
+    frame = StereoFrame(NO_IMAGE, NO_IMAGE, 0.0, 0.0, q, q)
+    for poses in (PoseEstimator(TURNING, 0.0), PoseEstimator(TURNING, PRIOR_S)):
+        for found in (poses.nominal(frame), poses.step(frame)):
+            assert found.is_known
+            assert np.array_equal(found.view.left.T_root_camera, posed(0.1)[0])
+            assert np.array_equal(found.view.right.T_root_camera, posed(0.1)[1])
+
+
+def test_the_first_rotation_of_an_alternating_series_by_hand() -> None:
+    """c + a, c - a, c + a, …: two images differ by 2a, of which one has half the square; the mean of nine is c + a/9,
+    and the variance of that (9 - 1/9)/(9·8) of a's square, a third about each axis."""
+    a, c, jitter = np.array([1.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0]), Jitter()
+    for k in range(9):
+        rotation, var = jitter.first()
+        if k < 2:
+            assert not rotation.any()
+            assert var == 0
+        if k == 2:  # of which the mean is as uncertain as one of both
+            assert not rotation.any()
+            assert var == pytest.approx(4 / 6)
+        jitter.add(c + a if k % 2 == 0 else c - a)
+    of_one, of_mean = 4 / 6, (9 - 1 / 9) / (9 * 8) / 3
+    share = 1 - 4 * of_mean / of_one  # twice the standard error
+    rotation, var = jitter.first()
+    np.testing.assert_allclose(rotation, -share * (c + a / 9))
+    assert var == pytest.approx((1 - share) ** 2 * of_one + share**2 * of_mean)
+
+
 @cache
 def far_wall() -> Image:
     """(480, 640, 3) blobs of all sizes."""

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from pps_vision.errors import InputError
+from pps_vision.geometry.camera import Camera, StereoRig
+from pps_vision.geometry.se3 import transform
 from pps_vision.types import Image, StereoFrame
-from tracking.frame_checks import Fingerprints, fingerprints, is_blind
+from tracking.frame_checks import Fingerprints, check, fingerprints, is_blind
 
 
 def picture(rng: np.random.Generator, contrast: float = 40.0) -> Image:
@@ -99,3 +102,44 @@ def test_a_picture_with_the_same_pixels_elsewhere_is_new(rng: np.random.Generato
     blindness, left, right = Blindness(), picture(rng), picture(rng)
     assert not blindness.step(pair(left, right, 0.0))
     assert not blindness.step(pair(left[:, ::-1].copy(), right[:, ::-1].copy(), 0.1))
+
+
+@pytest.mark.parametrize(("brightest", "is_dark"), [(5.9, True), (8.7, False)])
+def test_a_dark_picture_shows_something_from_a_spread_of_two_levels_on(brightest: float, is_dark: bool) -> None:
+    """A ramp from 0; its standard deviation is its height by √12, 1.7 or 2.5."""
+    ramp = np.rint(np.linspace(0, brightest, 160))[None, :, None] * np.ones((48, 1, 3))
+    other = picture(np.random.default_rng(0))
+    assert Blindness().step(pair(ramp.astype(np.uint8), other, 0.0)) == is_dark
+
+
+@pytest.mark.parametrize(
+    ("rgb", "is_dark"), [((12, 12, 12), True), ((20, 20, 20), False), ((2, 2, 20), False), ((20, 2, 2), False)]
+)
+def test_black_has_less_than_sixteen_levels_in_each_channel(
+    rgb: tuple[int, int, int], is_dark: bool, rng: np.random.Generator
+) -> None:
+    dim = np.clip(np.rint(rgb + rng.standard_normal((48, 64, 3))), 0, 255).astype(np.uint8)
+    assert Blindness().step(pair(picture(rng), dim, 0.0)) == is_dark
+
+
+CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
+RIG = StereoRig.fixed(CAMERA, CAMERA, transform(translation=(0.06, 0.0, 0.0)))
+
+
+def test_a_frame_comes_after_the_last_one_in_both_eyes(rng: np.random.Generator) -> None:
+    images = picture(rng), picture(rng)
+    check(StereoFrame(*images, 0.2, 0.3), RIG, (0.1, 0.2))
+    check(StereoFrame(*images, -5.0, -5.0), RIG, (-np.inf, -np.inf))
+    for left_s, right_s, name in ((0.1, 0.3, "left"), (0.2, 0.2, "right"), (0.2, 0.1, "right"), (np.inf, 0.3, "left")):
+        with pytest.raises(InputError, match=f"{name} stamp .* expected rising stamps"):
+            check(StereoFrame(*images, left_s, right_s), RIG, (0.1, 0.2))
+
+
+@pytest.mark.parametrize("shape", [(48, 64, 4), (64, 48, 3), (48, 64)])
+def test_a_frame_has_the_images_of_its_cameras(shape: tuple[int, ...], rng: np.random.Generator) -> None:
+    other = np.zeros(shape, np.uint8)
+    for images, name in (((other, picture(rng)), "left"), ((picture(rng), other), "right")):
+        with pytest.raises(InputError, match=rf"{name} image .*expected \(48, 64, 3\) uint8"):
+            check(StereoFrame(*images, 0.0, 0.0), RIG, (-np.inf, -np.inf))
+    with pytest.raises(InputError, match=r"right image .* int16"):
+        check(StereoFrame(picture(rng), picture(rng).astype(np.int16), 0.0, 0.0), RIG, (-np.inf, -np.inf))  # type: ignore[arg-type]

@@ -10,14 +10,16 @@ from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D
 from tracking import motion_model
+from tracking.acquisition import Candidate
 from tracking.appearance import ColorModel
 from tracking.camera_pose import CameraPoses
 from tracking.camera_tracker import CameraState, CameraTracker
 from tracking.image_tracker import ImageDetection
 from tracking.kalman import KalmanParams
+from tracking.optical_flow import Flow2D
 from tracking.outline import Outline
 from tracking.smoother import smoothed_steps
-from tracking.stereo import Association, StereoParams
+from tracking.stereo import Association, StereoParams, camera_frames
 from tracking.tracker import (
     Tracker,
     TrackerParams,
@@ -489,3 +491,83 @@ def test_the_search_for_a_lost_object_takes_only_what_looks_and_moves_like_it() 
     left, right = both()
     assert not passes((left, right and replace(right, center_px=right.center_px + np.array([0.0, 15.0]))))
     assert tracker._passes_gate(state, None, eyes, both(radius_m=0.1), 5 * DT, (other, other))  # type: ignore[arg-type]
+
+
+def found_by(tracker: Tracker, patch: pytest.MonkeyPatch, pair: tuple[Candidate, Candidate] | None) -> list[Array]:
+    """Let the search find this pair; the colours of places that are forgotten as background are listed."""
+    forgotten = list[Array]()
+    patch.setattr(tracker._acquisition, "step", lambda *_: pair)
+    for one in tracker._cameras:
+        patch.setattr(one.background, "forget", lambda _image, _view, mask, _box: forgotten.append(mask))
+    return forgotten
+
+
+@pytest.mark.parametrize("by_color", [(True, True), (True, False)])
+def test_the_particles_of_what_was_found_go_on_as_its_flow_says(
+    by_color: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 40 px/s that is 2.4 px in the 60 ms from one left image to the next; without flow they rest.
+
+    What colours do not tell fills as much of its box as it did, and is followed by the background, of which then
+    nothing is forgotten.
+    """
+    tracker, model = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), ColorModel(np.eye(110)[3], np.eye(110)[9])
+    flow = Flow2D(np.zeros(2), np.eye(2), np.array([24.0, 20.0]), np.array([20.0, 23.0]), LEFT, 0.1)
+    outlines = both()
+    pair = tuple(
+        Candidate(one, model, 1.0, seen_flow, is_color, np.ones((4, 4), bool), (20, 15, 24, 19))
+        for one, seen_flow, is_color in zip(outlines, (flow, None), by_color, strict=True)
+        if one is not None
+    )
+    forgotten = found_by(tracker, monkeypatch, pair)  # type: ignore[arg-type]
+    images = frames(2)
+    before = tracker.state._replace(
+        stamps_s=(1.0, 1.01), cameras=(CameraState(emptiness=0.2), CameraState(emptiness=0.2))
+    )
+    later = replace(images[1], stamp_left_s=1.06, stamp_right_s=1.12)
+    view = StereoView(LEFT, RIGHT)
+    after, detections = tracker._acquire(before, camera_frames(later, view), view, 1.09)
+    is_told = all(by_color)
+    for state, one, outline, shift in zip(after.cameras, detections, outlines, ([2.4, -1.8], [0.0, 0.0]), strict=True):
+        target = state.target
+        assert target is not None
+        assert one is not None
+        assert one.outline is outline
+        assert target.model is model
+        moved = target.cloud.now[:, :2] - target.cloud.before[:, :2]
+        np.testing.assert_allclose(moved, np.broadcast_to(shift, moved.shape), atol=1e-9)
+        assert (state.by_background, state.emptiness) == (not is_told, 0.0)
+        if not is_told:
+            assert target.fill == pytest.approx(254 / 18**2)
+    assert len(forgotten) == (2 if is_told else 0)
+    assert after.acquired == pair
+
+
+def test_of_what_the_border_cuts_the_whole_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A box of 8 x 18 px at the left border stands for one of 18 x 18 px, of which it covers the share it had."""
+    tracker, model = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), ColorModel(np.eye(110)[3], np.eye(110)[9])
+    view, (whole, _) = StereoView(LEFT, RIGHT), both()
+    assert whole is not None
+    cut = replace(whole, box_px=(0.0, 10.0, 8.0, 18.0), area_px=100.0, is_partial=True)
+    one, other = (Candidate(o, model, 1.0, None, True, np.ones((4, 4), bool), (20, 15, 24, 19)) for o in (cut, whole))
+    found_by(tracker, monkeypatch, (one, other))
+    after, _ = tracker._acquire(tracker.state, camera_frames(frames(1)[0], view), view, 0.0)
+    target = after.cameras[0].target
+    assert target is not None
+    assert target.size == pytest.approx(18.0)
+    assert target.fill == pytest.approx(100 / (8 * 18))
+    assert target.cloud.now[:, 0].mean() == pytest.approx(-1.5, abs=0.3)  # the middle of columns -10 to 7
+
+
+def test_a_search_that_finds_nothing_or_another_thing_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker, view = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), StereoView(LEFT, RIGHT)
+    model, cameras = ColorModel(np.eye(110)[3], np.eye(110)[9]), camera_frames(frames(1)[0], view)
+    given_pair = tuple(
+        Candidate(one, model, 1.0, None, True, np.ones((4, 4), bool), (20, 15, 24, 19)) for one in both() if one
+    )
+    for pair, is_open in ((None, True), (given_pair, False)):
+        found_by(tracker, monkeypatch, pair)  # type: ignore[arg-type]
+        monkeypatch.setattr(tracker, "_passes_gate", lambda *_, is_open=is_open: is_open)
+        after, detections = tracker._acquire(tracker.state, cameras, view, 0.0)
+        assert after is tracker.state
+        assert detections == NOTHING

@@ -12,7 +12,7 @@ from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
 from tracking.ego_motion import EgoMotion
-from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
+from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams, _median, _surroundings
 
 RED = (210.0, 45.0, 40.0)
 DT = 0.05
@@ -335,6 +335,72 @@ def test_bad_parameters_are_named() -> None:
         TriggerParams(central=1.5)
     with pytest.raises(ValueError, match=r"min_moving=0"):
         TriggerParams(min_moving=0.0)
+
+
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        ({"interval_s": 0.6}, {"interval_s": 0.61}),
+        ({"interval_s": 0.01}, {"interval_s": 0.0}),
+        ({"tolerance_px": 0.1}, {"tolerance_px": 0.0}),
+        ({"min_area_px": 1}, {"min_area_px": 0}),
+        ({"central": 1.0}, {"central": 1.1}),
+        ({"central": 0.1}, {"central": 0.0}),
+        ({"max_regions": 1}, {"max_regions": 0}),
+        ({"min_moving": 1.0}, {"min_moving": 1.1}),
+    ],
+)
+def test_the_limits_of_the_parameters(good: dict[str, float], bad: dict[str, float]) -> None:
+    TriggerParams(**good)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="expected rising positive intervals"):
+        TriggerParams(**bad)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("px", "flow", "does"), [(0, True, False), (3, True, True), (0, False, True)])
+def test_a_mask_moves_if_most_of_its_points_do_or_flow_is_off(px: int, flow: bool, does: bool) -> None:
+    rng = np.random.default_rng(6)
+    wall, square = textured(rng), textured(rng, 150.0)[:24, :24]
+    trigger = MotionTrigger(TriggerParams(flow=flow), LEFT_EYE)
+    for k in range(4):
+        image, x = wall.copy(), 100 + px * k
+        image[100:124, x : x + 24] = square
+        trigger.remember(np.clip(image, 0, 255).astype(np.uint8), FIXED, DT * k)
+    mask = np.zeros((60, 60), bool)
+    mask[20 : 20 + 24, x - 80 : x - 80 + 24] = True
+    assert trigger.moves(mask, (80, 80, 140, 140)) == does
+    if flow:
+        around = np.zeros((60, 60), bool)
+        around[2:14, 2:50] = True
+        assert not trigger.moves(around, (80, 80, 140, 140))
+
+
+def test_images_are_kept_for_twice_the_long_interval() -> None:
+    trigger, image = MotionTrigger(TriggerParams(), LEFT_EYE), np.zeros((240, 320, 3), np.uint8)
+    for k in range(60):
+        trigger.remember(image, FIXED, DT * k)
+    assert 24 <= len(trigger._past) <= 26  # 1.2 s
+
+
+def test_around_each_blob_of_a_coarse_residual_a_part_of_the_field_is_compared() -> None:
+    """24 px more to all sides, within the field; what overlaps is one part; the largest comes first."""
+    field, residual = (10, 12, 300, 230), np.zeros((100, 150), np.uint8)
+    residual[40:46, 20:30] = 9  # of the box at (2, 3): from (44, 86) to (64, 98) px
+    residual[70:72, 120:123] = 9
+    residual[90, 5:8] = 9  # too small
+    first, second = (20, 62, 88, 122), (220, 122, 274, 174)
+    assert _surroundings((2, 3, 152, 103), residual, field, 4) == [first, second]
+    residual[55:58, 22:30] = 9  # from (48, 116) to (64, 122) px
+    assert _surroundings((2, 3, 152, 103), residual, field, 4) == [(20, 62, 88, 146), second]
+    residual[:] = 0
+    residual[1:4, 1:4] = residual[97:, 146:149] = 9
+    corners = [(272, 176, 300, 230), (10, 12, 36, 38)]
+    assert _surroundings((2, 3, 152, 103), residual, field, 4) == corners
+
+
+def test_the_upper_median_of_an_even_number_of_values(rng: np.random.Generator) -> None:
+    for n in (1, 2, 7, 10):
+        values = rng.integers(-50, 50, (n, 3))
+        assert _median(values) == np.sort(values.ravel())[3 * n // 2]
 
 
 # The residual of a plane at a known distance, seen through a pinhole by an eye that shifts.

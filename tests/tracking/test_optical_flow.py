@@ -11,7 +11,17 @@ from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
 from tracking.ego_motion import EgoMotion
 from tracking.motion_trigger import TriggerParams
-from tracking.optical_flow import Flow2D, GreyImage, Match, match, velocity
+from tracking.optical_flow import (
+    Flow2D,
+    GreyImage,
+    Match,
+    _grid,
+    _median,
+    _most_alike,
+    _surroundings,
+    match,
+    velocity,
+)
 from tracking.particle_filter import propagate, spawn
 from tracking.tracker import Tracker, TrackerParams
 
@@ -254,3 +264,57 @@ def test_particles_begin_with_the_image_motion(rng: np.random.Generator) -> None
         cloud = propagate(spawn(120, np.array([100.0, 80.0]), 10.0, 0.5, rng, shift), None, rng)
         expected = np.array([100.0, 80.0]) + (0 if shift is None else shift)
         np.testing.assert_allclose(cloud.now[:, :2].mean(axis=0), expected, atol=1.0)
+
+
+def test_points_lie_on_a_square_grid_about_forty_of_them_at_most() -> None:
+    """Of what is smaller all; where a thin mask misses the grid, its first forty pixels."""
+    small, large, thin = (np.zeros((60, 90), bool) for _ in range(3))
+    small[3:8, 4:12] = True
+    assert sorted(map(tuple, _grid(small))) == [(x, y) for x in range(4, 12) for y in range(3, 8)]
+    large[:] = True
+    points = _grid(large)  # 5400 / 40 is 11.6²
+    assert sorted(map(tuple, points)) == [(x, y) for x in range(0, 90, 12) for y in range(0, 60, 12)]
+    thin[25] = True  # 90 pixels in an odd row, of which the grid has none
+    assert _grid(thin).tolist() == [[float(x), 25.0] for x in range(40)]
+
+
+@pytest.mark.parametrize(
+    ("boxes", "around"),
+    [
+        ([(100, 80, 10, 20)], (80, 60, 130, 120)),
+        ([(100, 80, 10, 20), (150, 100, 50, 10)], (50, 30, 250, 160)),
+        ([(5, 3, 10, 20)], (0, 0, 35, 43)),
+        ([(300, 230, 10, 8)], (280, 210, 320, 240)),
+        ([(100, 40, 20, 80)], (60, 0, 160, 160)),
+    ],
+)
+def test_the_surroundings_are_half_as_wide_as_all_regions_and_twenty_pixels_at_least(
+    boxes: list[tuple[int, int, int, int]], around: tuple[int, int, int, int]
+) -> None:
+    assert _surroundings(boxes, (240, 320)) == around
+
+
+def test_the_surroundings_flow_is_a_median_of_four_points_or_more(rng: np.random.Generator) -> None:
+    flow = np.array([2.0, -1.0]) + 0.3 * rng.standard_normal((4000, 2))
+    flow[:400] += 20
+    median, std = _median(flow)
+    np.testing.assert_allclose(median, [2.0, -1.0], atol=0.1)
+    assert std == pytest.approx(0.3, rel=0.2)
+    assert _median(flow[400:404])[1] > 0
+    assert not any(np.any(one) for one in _median(flow[400:403]))
+
+
+def test_points_move_alike_that_one_shift_and_expansion_explain() -> None:
+    """Up to half a pixel and 15 % of the flow; of two motions that of more points."""
+    x, y = np.meshgrid(np.arange(0, 60, 10.0), np.arange(0, 60, 10.0))
+    points, all_move = np.column_stack([x.ravel(), y.ravel()]), np.ones(36, bool)
+    grown = 0.1 * (points - 25.0) + [2.0, 0.0]
+    assert _most_alike(points, grown, all_move).all()
+    several = np.where((points[:, :1] < 20), [4.0, 0.0], [0.0, 4.0])
+    assert np.array_equal(_most_alike(points, several, all_move), points[:, 0] >= 20)
+    for off, alike in ((1.0, True), (2.5, False)):  # 0.5 + 0.6 px beside 4 px, of both together twice that
+        flow = np.broadcast_to([4.0, 0.0], (36, 2)).copy()
+        flow[7, 1] = off
+        assert _most_alike(points, flow, all_move)[7] == alike
+    assert not _most_alike(points, grown, ~all_move).any()
+    assert np.array_equal(_most_alike(points, grown, points[:, 1] > 20), points[:, 1] > 20)
