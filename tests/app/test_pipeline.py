@@ -369,6 +369,15 @@ def test_a_command_is_obeyed_for_half_a_second_after_it_took_effect() -> None:
         np.testing.assert_allclose(pipeline._state.last_q_rad - home(ROBOT), turns_s * command, atol=1e-9)
 
 
+def test_commands_are_obeyed_one_after_the_other() -> None:
+    """0.2 s late: from 0.45 to 0.65 s the one of 0 s is obeyed until that of 0.35 s takes effect."""
+    known = np.array([-0.35, -0.15, 0.3]), np.array([0.0, 0.2, 0.0])
+    pipeline = following(lambda t: known, PipelineParams(latency_s=0.2))
+    one, other, _ = (pipeline.step(frame_at(t, home(ROBOT))).command.dq_rad_s for t in (0.0, 0.35, 0.45))
+    assert pipeline._state.last_q_rad is not None
+    np.testing.assert_allclose(pipeline._state.last_q_rad - home(ROBOT), 0.1 * one + 0.1 * other, atol=1e-9)
+
+
 def test_what_lasted_more_than_half_a_second_is_no_rate() -> None:
     pipeline = following(lambda t: None)
     assert pipeline._since_last(5.0) == 0
