@@ -680,6 +680,8 @@ def test_the_path_that_an_object_was_seen_on_decides_which_taxel_it_comes_to(rob
     before = at + 0.05 * 0.5 * normals[first]  # half a second ago, at 5 cm/s
     assert taxel_to_touch(FOREARM, posture, track, [(100.0, before), (100.5, at)]) == first
     assert taxel_to_touch(FOREARM, posture, track, [(100.5, at)]) == second
+    straight = track_at(at, -0.05 * normals[first])
+    assert taxel_to_touch(FOREARM, posture, straight, [(100.0, at - 0.1 * to_second), (100.5, at)]) == second
 
 
 def test_how_near_an_object_comes_by_hand() -> None:
