@@ -49,8 +49,9 @@ def bench(
     """
     known = catalogue()
     chosen = [name for name in known if any(_is_asked(name, one) for one in asked)]
-    workers = int(overrides.get("workers", 1)) if len(chosen) > 1 else 1
+    workers = 1
     if len(chosen) > 1:
+        workers = int(overrides.get("workers", 1))
         overrides = {name: value for name, value in overrides.items() if name != "workers"}
     for one in asked:
         if not any(_is_asked(name, one) for name in known):

@@ -269,6 +269,14 @@ def test_a_study_alone_runs_in_this_process_and_has_the_workers_for_itself(
     bench.bench(["own"])
     bench.bench(["own"], {"workers": 3})
     assert runs(fake) == f"{os.getpid()}:1 {os.getpid()}:3 "
+    own, other = Entry("own_study", "Fake", "", {"workers": "1"}), Entry("fake_study", "Fake", "", {"seed": "0"})
+    monkeypatch.setattr(bench, "catalogue", lambda: {"own": own, "other": other})
+    asked: list[tuple[dict[str, Study], int]] = []
+    monkeypatch.setattr(bench, "_measure_all", lambda studies, *_: asked.append((studies, _[-1])))
+    bench.bench(["own", "other"], {"workers": 3})
+    ((together, workers), (after, alone)) = asked
+    assert (together["own"].workers, sorted(together), workers) == (1, ["other", "own"], 3)  # type: ignore[attr-defined]
+    assert (after, alone) == ({}, 1)  # those of other studies' results
 
 
 def test_processor_time_is_of_the_run_in_minutes_and_counts_every_process(

@@ -23,6 +23,13 @@ from pps_vision.errors import InputError
 from pps_vision.recordings.tables import write_table
 
 
+def lines_of_path(text: str) -> list[list[object]]:
+    """The points of every line of a report's 3D path."""
+    found = re.search(r'id="path-data">(.*?)</script>', text)
+    assert found
+    return [line["points"] for line in json.loads(found[1])["lines"]]
+
+
 def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     folder = write_results(tmp_path / "results")
     assert report_folder(folder) == "37 of 40 stereo pairs measured"
@@ -33,6 +40,8 @@ def test_a_report_shows_what_the_files_hold(tmp_path: Path) -> None:
     assert text.count('src="data:image/') == 5  # two key frames, tracks in the images, figures over time, the skin
     assert "<td>reach: reachable</td><td>40</td>" in text
     assert "pps-vision track rec --seed 3 --out out" in text
+    track, truth = lines_of_path(text)
+    assert (track[0], len(track), len(truth)) == (None, 40, 40)
     assert "numpy" in text
     assert not re.search(r'(src|href)="(?!data:)', text)
     assert not re.search(r"https?://|@import|url\(", text)
@@ -93,8 +102,11 @@ def test_time_to_contact_is_of_what_comes_nearer_at_a_centimetre_a_second(
 def test_a_report_without_memory_and_map(tmp_path: Path) -> None:
     folder = write_results(tmp_path / "results")
     (folder / "activation.csv").unlink()
+    (folder / "source" / "truth.csv").unlink()
     report_folder(folder)
-    assert "Activation over the body" not in (folder / "report.html").read_text()
+    text = (folder / "report.html").read_text()
+    assert "Activation over the body" not in text
+    assert len(lines_of_path(text)) == 1  # nor is there a truth
 
 
 def test_activations_of_another_run(tmp_path: Path, refused) -> None:
