@@ -38,8 +38,11 @@ def later(*tracks: Track3D) -> list[Track3D]:
 
 
 def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted() -> None:
-    rows = [truth(0.01 * k) for k in range(20)]
-    tracks = later(track(0.1, 0.003), track(0.11, -0.004), track(0.12, 0.012, Status.COASTING), Track3D.unknown(0.13))
+    rows, at_m = [truth(0.01 * k, -1.0) for k in range(20)], -1.0
+    tracks = later(
+        *(track(0.1, at_m + 0.003), track(0.11, at_m - 0.004), track(0.12, at_m + 0.012, Status.COASTING)),
+        Track3D.unknown(0.13),
+    )
     found = errors_against(rows, tracks)
     assert found["tracked_share"] == 0.5
     assert found["position_rms_mm"] == pytest.approx(np.sqrt((9 + 16) / 2))
@@ -50,8 +53,8 @@ def test_errors_are_those_of_what_is_tracked_and_of_what_is_predicted() -> None:
 
 @pytest.mark.parametrize(("late_s", "counts"), [(0.018, True), (-0.018, True), (0.022, False), (-0.022, False)])
 def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s: float, counts: bool) -> None:
-    """An object at 2 m/s that is where it is said to be; of two rows of truth the nearer one counts."""
-    rows = [truth(0.5 + late_s, 2.0 * late_s, 2.0), truth(0.9, 7.0)]
+    """An object at 2 m/s that is where it is said to be; of three rows of truth the nearest counts."""
+    rows = [truth(0.45, 7.0), truth(0.5 + late_s, 2.0 * late_s, 2.0), truth(0.9, 7.0)]
     found = errors_against(rows, later(track(0.5, 0.001)))
     assert found["tracked_share"] == counts
     if counts:
