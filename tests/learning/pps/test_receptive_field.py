@@ -65,6 +65,9 @@ def test_surface_instead_of_centre():
     assert one((0, 0, 0.10), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((0.07, 1.4))
     assert one((0, 0, 0.02), (0, 0, -0.05), field, radius_m=0.03) == pytest.approx((-0.01, 0.0))
     assert one((0, 0, 0.10), (0, 0, -0.05), radius_m=0.03) == pytest.approx((0.10, 2.0))
+    assert one((0, 0, 0.10), (0, 0, -0.05), field) == pytest.approx((0.10, 2.0))  # of a point
+    assert np.ravel(distance_and_ttc(field, [(0, 0, 0.10)], UP, (0, 0, -0.05))) == pytest.approx([0.10, 2.0])
+    assert ReceptiveField(base_radius_m=0.0).base_radius_m == 0  # a cone with its apex on the taxel
 
 
 @pytest.mark.parametrize("v", [(0, 0, -0.05), (0, 0, 0), (0, 0, 0.05), (0.1, 0, 0)])
