@@ -269,7 +269,8 @@ def test_a_path_in_3d_holds_its_points_with_gaps_and_its_ellipsoids() -> None:
 
 
 def test_edges_of_bodies_lie_on_them() -> None:
-    """Each body's edges, in its own frame, are as long and wide as it is."""
+    """Each body's edges, in its own frame, are as long and wide as it is, and together as long as those of a box, or
+    circles as polygons of twelve sides."""
     robot = load_icub()
     posture = robot.at(home(robot))
     points = body_lines(posture)
@@ -278,9 +279,23 @@ def test_edges_of_bodies_lie_on_them() -> None:
     per_body = {"sphere": 3, "cylinder": 6, "box": 6}
     assert len(lines) == sum(per_body[body.shape] for body in robot.bodies)
     for body in robot.bodies:
-        own, lines = np.concatenate(lines[: per_body[body.shape]]), lines[per_body[body.shape] :]
         T = posture.T_root(body.frame) @ body.T_frame_body
-        extent = np.ptp((own - T[:3, 3]) @ T[:3, :3], axis=0)
+        edges = [(line - T[:3, 3]) @ T[:3, :3] for line in lines[: per_body[body.shape]]]
+        own, lines = np.concatenate(edges), lines[per_body[body.shape] :]
+        extent = np.ptp(own, axis=0)
         size = body.size_m
+        long = sum(np.linalg.norm(np.diff(edge, axis=0), axis=1).sum() for edge in edges)
+        around = 24 * np.sin(np.pi / 12) * size[0]
+        if body.shape == "sphere":
+            np.testing.assert_allclose(np.linalg.norm(own, axis=1), size[0])
+            assert [int(np.ptp(edge, axis=0).argmin()) for edge in edges] == [2, 1, 0]  # one in each plane
+            assert long == pytest.approx(3 * around)
+        elif body.shape == "cylinder":
+            np.testing.assert_allclose(np.hypot(own[:, 0], own[:, 1]), size[0])
+            np.testing.assert_allclose(np.abs(own[:, 2]), size[1] / 2)
+            assert long == pytest.approx(2 * around + 4 * size[1])
+        else:
+            np.testing.assert_allclose(np.abs(own), np.broadcast_to(np.array(size) / 2, own.shape))
+            assert long == pytest.approx(4 * sum(size))
         wide = {"sphere": [2 * size[0]] * 3, "cylinder": [2 * size[0]] * 2 + [size[-1]], "box": size}[body.shape]
         np.testing.assert_allclose(extent, wide, atol=1e-9)

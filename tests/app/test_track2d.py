@@ -72,6 +72,14 @@ def test_an_image_that_cannot_be_read_has_no_box(
     assert len(coco["images"]) == N
 
 
+def test_without_the_image_of_the_first_box_there_is_nothing_to_follow(frames: Path, tmp_path: Path, refused) -> None:
+    (frames / "1.png").write_bytes(b"")
+    line = refused("track2d", frames, *INIT, "--out", tmp_path / "boxes.csv")
+    assert "track2d: --init is the box in that image: " in line
+    assert "1.png" in line
+    assert not (tmp_path / "boxes.csv").exists()
+
+
 def test_what_it_is_followed_by_can_be_chosen(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said: list[str] = []
     rows = follow(open_frames(frames), box(0), 0, "template", said.append)
