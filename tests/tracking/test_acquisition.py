@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,14 +13,25 @@ from pps_vision.geometry.camera import StereoRig, StereoView, View
 from pps_vision.robot.icub import home
 from pps_vision.robot.model import Robot
 from pps_vision.types import Image, StereoFrame
-from tracking.acquisition import Acquisition, Candidate, SearchCounts, joined, segment
+from tracking.acquisition import (
+    Acquisition,
+    Candidate,
+    SearchCounts,
+    _model,
+    _sine,
+    _with_both_colors,
+    joined,
+    segment,
+)
+from tracking.appearance import ColorModel, color_bins
 from tracking.background import Background
 from tracking.change import ChangeOfMovingEye, ChangeOfRestingEye
 from tracking.ego_motion import EgoMotion
-from tracking.marker import MarkerParams
+from tracking.marker import MarkerParams, find_markers
+from tracking.marker_acquisition import _holds, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
-from tracking.outline import Optics
-from tracking.stereo import Association, StereoParams, camera_frames
+from tracking.outline import Optics, Outline
+from tracking.stereo import Association, CameraFrame, StereoParams, camera_frames
 
 DT = 0.05
 
@@ -451,3 +463,116 @@ def test_what_has_another_colour_in_the_other_eye_is_another_object(
     assert any(pairs) == is_one
     assert search.counts["candidates_left"] > 0 < search.counts["candidates_right"]
     assert (search.counts["rejected by colour"] > 0) == (not is_one)
+
+
+@pytest.mark.parametrize(
+    ("box", "taken"),
+    [
+        ((0, 30, 20, 50), False),
+        ((1, 30, 21, 50), True),
+        ((30, 0, 50, 20), False),
+        ((30, 1, 50, 21), True),
+        ((300, 30, 320, 50), False),
+        ((299, 30, 319, 50), True),
+        ((30, 220, 50, 240), False),
+        ((30, 219, 50, 239), True),
+    ],
+)
+def test_of_what_the_images_border_cuts_the_size_is_unknown(
+    box: tuple[int, int, int, int], taken: bool, rng: np.random.Generator, rig: StereoRig, robot: Robot
+) -> None:
+    """A green square at each border, or a pixel away from it."""
+    view = rig.view(home(robot)).left
+    image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
+    image[box[1] : box[3], box[0] : box[2]] = (25, 200, 40)
+    camera, background = CameraFrame(image, view, 0.0, None), Background(EgoMotion(rig.left), 0.3)
+    found = moved_markers(MarkerParams(), camera, Optics(rig.left), background)
+    assert len(found) == taken
+
+
+def green(*boxes: tuple[int, int, int, int], of: tuple[int, int, int] = (25, 200, 40)) -> Image:
+    image = np.random.default_rng(5).integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
+    for x0, y0, x1, y1 in boxes:
+        image[y0:y1, x0:x1] = of
+    return image
+
+
+def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig: StereoRig, robot: Robot) -> None:
+    """Searched, or of the outlines that were found beforehand; before what has its hue, what differs from that."""
+    view, optics, params = rig.view(home(robot)).left, Optics(rig.left), MarkerParams()
+    resting, come = (60, 60, 80, 80), (150, 100, 170, 120)
+    background = learned_from(lambda: green(resting), view)
+    camera = CameraFrame(green(resting, come), view, 1.0, None)
+    (found,) = moved_markers(params, camera, optics, background)
+    np.testing.assert_allclose(found.center_px, [159.5, 109.5], atol=0.3)
+    both = find_markers(params, camera.image, optics)
+    assert len(both) == 2
+    (again,) = moved_markers(params, camera._replace(found=both), optics, background)
+    np.testing.assert_allclose(again.center_px, [159.5, 109.5], atol=0.3)
+    wall = learned_from(lambda: green((0, 0, 320, 240), of=(60, 140, 75)), view)
+    before = green((0, 0, 320, 240), of=(60, 140, 75))
+    before[100:120, 150:170] = (25, 170, 40)
+    (found,) = moved_markers(params, camera._replace(image=before), optics, wall)
+    np.testing.assert_allclose(found.center_px, [159.5, 109.5], atol=0.5)
+
+
+def test_an_outline_holds_what_has_its_centre_in_its_box() -> None:
+    one = Outline(np.array([15.0, 25.0]), np.eye(2), 0.1, 1e-6, (10.0, 20.0, 10.0, 8.0), 60.0, False)
+    for u, v, holds in ((9, 25, 0), (10, 25, 1), (19, 25, 1), (20, 25, 0), (15, 19, 0), (15, 20, 1), (15, 28, 0)):
+        assert _holds(one, replace(one, center_px=np.array([u, v], float))) == bool(holds)
+
+
+def test_the_sine_of_an_angle_is_that_of_any_two_lengths() -> None:
+    for deg in (10.0, 90.0, 150.0):
+        other = 3.0 * np.array([np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg)), 0.0])
+        assert _sine(np.array([0.5, 0.0, 0.0]), other) == pytest.approx(np.sin(np.deg2rad(deg)))
+
+
+def test_beside_vivid_colours_those_of_low_saturation_are_none_of_the_objects() -> None:
+    """A violet square in whose mask is as much grey; a grey one keeps its grey."""
+    image = green((20, 20, 40, 40), of=(120, 20, 220))
+    bins, mask = color_bins(image[:80, :80]), np.zeros((80, 80), bool)
+    mask[20:40, 20:60] = True
+    model = _model(bins, mask)
+    assert model.object[int(bins[30, 30])] == pytest.approx(1.0)
+    assert model.background.sum() == pytest.approx(1.0)
+    assert model.background[int(bins[30, 30])] == 0
+    grey = np.zeros((80, 80), bool)
+    grey[50:70, 50:70] = True
+    assert _model(bins, grey).object[100:].sum() == pytest.approx(1.0)
+
+
+def test_the_evidence_of_a_colour_is_its_regions_residual_as_far_as_it_stands_out(rig: StereoRig) -> None:
+    """Violet before grey stands out wholly."""
+    optics, region = Optics(rig.left), Region2D((150, 100, 20, 20), np.ones((20, 20), bool), 3.0)
+    alone = segment(violet((150, 100, 170, 120)), region, optics)
+    assert alone is not None
+    assert alone.evidence == pytest.approx(3.0, abs=0.01)
+    assert alone.by_color
+    assert alone.flow is None
+    assert alone.box == (124, 74, 196, 146)  # its size and 6 px more on all sides
+
+
+def test_both_eyes_know_the_colours_that_either_sees() -> None:
+    models = [ColorModel(np.eye(110)[k], np.eye(110)[k + 1]) for k in (3, 8)]
+    one = Outline(np.array([15.0, 25.0]), np.eye(2), 0.1, 1e-6, (10.0, 20.0, 10.0, 8.0), 60.0, False)
+    pair = [Candidate(one, model, 1.0, None, True, np.ones((4, 4), bool), (0, 0, 4, 4)) for model in models]
+    for candidate, model in zip(_with_both_colors(*pair), models, strict=True):
+        assert (candidate.model.object[3], candidate.model.object[8]) == (0.5, 0.5)
+        assert candidate.model.object.sum() == 1
+        assert candidate.model.background is model.background
+
+
+def test_what_the_search_has_met_is_counted(robot: Robot, rig: StereoRig) -> None:
+    """A ball that moves from the fifth frame on."""
+    q, rng = home(robot), np.random.default_rng(3)
+    view, search = rig.view(q), Search(rig)
+    for k in range(7):
+        p = view.left.center + 0.4 * view.left.rays([160.0, 110.0 + 8 * max(k - 4, 0)])
+        pair = search.step(frame(rig, q, [Sphere(p, 0.03, (210, 45, 40))], DT * k, rng), view)
+    assert pair is not None
+    assert pair[0].model.object is pair[1].model.object
+    counts = search.counts
+    assert counts["frames"] == 7
+    assert counts["motion_left"] == counts["motion_right"] == 2
+    assert counts["candidates_left"] == counts["candidates_right"] == 2
