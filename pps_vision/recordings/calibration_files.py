@@ -35,7 +35,7 @@ Matrices = dict[str, Array]
 their names those of both."""
 
 
-def read_matrices(file: Path, text: str, cameras: tuple[int, int] = (0, 1)) -> Matrices | None:
+def read_matrices(file: Path, text: str, cameras: tuple[int, int]) -> Matrices | None:
     """Return what a calibration of one of these tools holds, None if it is of another; lengths in its own unit.
 
     Args:

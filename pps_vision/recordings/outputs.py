@@ -203,7 +203,7 @@ def _rename(partial: Path, final: Path, output: Path) -> None:
 
 def write_json(file: Path, content: Mapping[str, object]) -> None:
     """Write JSON: NumPy numbers, arrays and paths as plain ones, NaN and infinity as null."""
-    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(plain(content), indent=2, ensure_ascii=False) + "\n"
     file.write_text(text, encoding="utf-8", errors="backslashreplace")  # a file's name may hold any bytes
 
 

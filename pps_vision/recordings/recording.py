@@ -121,7 +121,7 @@ def usual_size(source: Path | str, pairs: tuple[Pair, ...], problems: list[Probl
     """(width, height) that most of the first readable images have; InputError, with the first problem, if no pair is
     readable, and if left and right images differ."""
     sizes = Counter[tuple[int, int]](), Counter[tuple[int, int]]()  # of left and right images
-    bad = problems[:1]
+    bad = [*problems]
     for pair in pairs:
         images = [decode(file) for file in pair]
         read = [image for image in images if not isinstance(image, Problem)]

@@ -72,8 +72,8 @@ def read_robot(file: Path, urdf: Path | None = None, skin: Path | None = None) -
     robot = Robot(urdf_file, names, links["root"] or None, mounted)
     for key in _JOINTS:
         toml.check_known(key, joints[key], robot.joint_names)
-    for key in (*_LINKS, *_EYES):
-        toml.check_known(key, [links[key]] if links.get(key) else [], robot.frame_ids)
+    for key in _LINKS:
+        toml.check_known(key, [links[key]] if links[key] else [], robot.frame_ids)
     for side in ("left", "right"):
         if bool(names.arm(side)) != bool(links[f"{side}_palm"]):
             key = f"{side}_arm" if names.arm(side) else f"{side}_palm"

@@ -234,7 +234,6 @@ class Messages:
             return message
         if index < at or at < 0:
             self._next, at = iter(self.bag.reader.messages([self.connection])), -1
-        data: Any = b""
         while at < index:
             (_, _, data), at = next(self._next), at + 1
         self._last = at, self.bag.reader.deserialize(data, self.connection.msgtype)
