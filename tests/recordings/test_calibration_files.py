@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from pps_vision.errors import InputError
 from pps_vision.recordings.stereo_calibration import read_stereo_calibration
@@ -102,14 +103,17 @@ def test_kitti(tmp_path: Path, form: str) -> None:
     np.testing.assert_allclose(T[:3, 3], [386.1448 / 718.856, 0, 0])
     assert (left, left.fx, left.cx, left.distortion) == (right, 718.856, 607.1928, (0,) * 5)
     _, _, T = read_stereo_calibration([tmp_path / "calib.txt"], (1241, 376), kitti=(2, 3))
-    np.testing.assert_allclose(T[:3, 3], [0.5327, -0.0031, -0.0011], atol=2e-3)
+    places = [np.linalg.solve(left.K, np.array(words.split(), float)) for words in others[2:]]
+    np.testing.assert_allclose(T[:3, 3], places[0] - places[1], atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("write", "found", "instead", "message"),
     [
         (kalibr, "cam1:", "cam1: 3\ncam2:", "cam1 is '3.0'; expected the entries of a camera"),
-        (kalibr, "intrinsics: [", "intrinsics: [1e99, ", "intrinsics is .* expected 4 numbers"),
+        (kalibr, "cam1:", "cam2:", r"camchain\.yaml: cannot be parsed"),
+        (kalibr, "intrinsics: [500.0", "intrinsics: [1.2e9", "intrinsics is .* expected 4 numbers"),
+        (kalibr, "cam0", "# " + "x" * 2**18 + "\ncam0", "more than 262144 characters or is nested"),
         (kalibr, "cam0", "#" + 200_000 * "[" + "\ncam0", "characters or is nested; expected a calibration"),
         (kalibr, "radtan", "equidistant", "distortion_model equidistant; expected one of radtan"),
         (kalibr, "camera_model: pinhole", "camera_model: omni", "camera_model omni; expected pinhole"),
@@ -138,6 +142,8 @@ def test_what_cannot_be_used_is_named(
         ("P1:", "P0:", r"P0 2 times; expected it once, with 12 numbers"),
         ("P1:", "P7:", r"P1 0 times; expected it once"),
         ("P0: 718.856", "P0: -718.856", r"projection .*; expected \[K \| K t\] with positive focal lengths"),
+        ("P0: 718.856", "P0: 0", r"projection .*; expected \[K \| K t\] with positive focal lengths"),
+        ("0 718.856 185", "0 0 185", r"projection .*; expected \[K \| K t\] with positive focal lengths"),
         ("P0: 718.856 0", "P0: 718.856 x", "P0 is .*; expected 3×4 numbers"),
     ],
 )
@@ -168,6 +174,34 @@ def test_yaml() -> None:
 @pytest.mark.parametrize(
     "text",
     [
+        "# only a note\n\n",
+        "16: a\n'b c': \"d: e\"\n-x: .5\n",
+        "a:\n  - b: 1\n    c: [2, 3]\n  -\n    - 4\n    - - 5\n      - 6\nd: {}\ne: []\n",
+        "a:\n- 1\n- 2\nb:\nc: x y  # z\n",
+        "- a: 1\n- b:\n    - {c: [1, {d: 'e,f'}], \"g h\": -2.5}\n- '# no note'\n",
+        "[1, [2, [3]],\n   {a: b}]",
+        "[" * 16 + "1" + "]" * 16,
+        "- " * 16 + "1",
+        "'a # b'",
+        "a: [p#q, '']\n",
+    ],
+)
+def test_yaml_is_read_as_pyyaml_reads_it(text: str) -> None:
+    """But for keys, which are words here."""
+    assert parse_yaml(Path("f"), text) == yaml.load(text, _WordsAsKeys)
+
+
+class _WordsAsKeys(yaml.SafeLoader):
+    """PyYAML with keys as they are written."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[str, object]:
+        return {key.value: self.construct_object(value, deep=True) for key, value in node.value}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("- " * 17 + "1", "a: 1]", "a: {it's: [ 'x}'", "a: [b]]\n- [", "- [1]\n- &c 1"),
         *("a: *b", "a: |\n  b", "[" * 99, "- " * 99 + "1", "a: [1", "a: 1\n b: 2", "a: {b: 1, b: 2}"),
         *("a:\n\tb: 1", "a: [1] 2", "a: [b: 1]", "a: {b, c}", "a: [, 1]", "a: {b: c: 1}", "a: [1}"),
     ],

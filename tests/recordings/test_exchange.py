@@ -1,5 +1,6 @@
 """What is written for other tools is what their own libraries read."""
 
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from pycocotools.coco import COCO
 from rosbags.highlevel import AnyReader
 from tracks import track_at
 
+from pps_vision.errors import InputError
 from pps_vision.recordings import Form
 from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_coco, open_forms, write_mot
 from pps_vision.types import Detection2D, Status, Track3D
@@ -115,6 +117,12 @@ def test_one_view(tmp_path: Path) -> None:
     assert (read.loadImgs([annotation["image_id"]])[0]["file_name"], annotation["area"]) == ("2.png", 12)
 
 
+def test_without_rosbags_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    with pytest.raises(InputError, match=r"trajectory_ros2: needs the extra ros: pip install 'pps-vision\[ros\]'"):
+        write(tmp_path, "ros2", [])
+
+
 def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     write(tmp_path, "ros2", pairs)
     known = [pair.track for pair in pairs if pair.track.is_known]
@@ -127,4 +135,6 @@ def test_rosbags_reads_ros2(tmp_path: Path, pairs: list[TrackedPair]) -> None:
         assert [point.x, point.y, point.z] == track.position.tolist()
         assert [turn.x, turn.y, turn.z, turn.w] == [0, 0, 0, 1]
         assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(track.stamp_s, abs=1e-6)
-        np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6)[:3, :3], track.cov[:3, :3])
+        covariance = message.pose.covariance.reshape(6, 6)
+        np.testing.assert_array_equal(covariance[:3, :3], track.cov[:3, :3])
+        np.testing.assert_array_equal(covariance[3:, 3:], -np.eye(3))  # unknown, as ROS's messages say it

@@ -194,10 +194,12 @@ def png(width: int, height: int) -> bytes:
     ("name", "content"),
     [
         ("a.png", png(20_000, 20_000)),
+        ("a.png", png(10_000, 10_000)),  # of which PIL only warns
+        ("a.png", png(8192, 4097)),  # 2^25 pixels and a row more
         ("a.ppm", b"P6 99999 99999 255\n\x00"),
         ("a.bmp", cv2.imencode(".bmp", np.zeros((4, 4, 3), np.uint8))[1].tobytes()),
     ],
-    ids=["png", "ppm", "bmp"],
+    ids=["png", "large png", "png just too large", "ppm", "bmp"],
 )
 def test_an_image_that_states_too_many_pixels_is_not_decoded(tmp_path: Path, name: str, content: bytes) -> None:
     if name.endswith("bmp"):

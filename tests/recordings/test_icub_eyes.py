@@ -37,6 +37,7 @@ def test_tabs_comments_and_foreign_keys_are_taken(ini: Path) -> None:
         ("fx 219.057", "fx nan", r"icubEyes\.ini:5: fx nan; expected a finite number"),
         ("fx 219.057", "fx 0", r"icubEyes\.ini:5: fx 0; expected a positive"),
         ("w 320", "w 0.3", r"icubEyes\.ini:3: w 0\.3; expected a whole number"),
+        ("w 320", "w 65537", r"icubEyes\.ini:3: w 65537; expected a whole number of pixels, at most 65536"),
         ("h 240", "h 0", r"icubEyes\.ini:4: h 0; expected a positive number"),
         ("h 240", "h 240.5", r"icubEyes\.ini:4: h 240\.5; expected a whole number"),
         ("fx 219.057", "fx 1e308", r"icubEyes\.ini: .*fx 1e\+308.*; expected a camera whose"),
@@ -54,6 +55,12 @@ def test_what_is_missing_is_named(ini: Path, old: str, new: str, message: str) -
     ini.write_text(ini.read_text().replace(old, new))
     with pytest.raises(InputError, match=message):
         read_icub_eyes(ini)
+
+
+def test_the_widest_image_has_65536_pixels(tmp_path: Path) -> None:
+    wide = Camera(2**16, 2**15, 5e4, 5e4, 32767.5, 16383.5)
+    write_icub_eyes(tmp_path / "wide.ini", wide, wide)
+    assert read_icub_eyes(tmp_path / "wide.ini") == (wide, wide)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

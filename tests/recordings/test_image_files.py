@@ -59,3 +59,4 @@ def test_what_cannot_be_opened_is_named(tmp_path: Path, name: str) -> None:
 def test_the_last_number_of_a_name() -> None:
     names = {"1L05.jpg": 5, "cam0_frame0012.png": 12, "00000796.ppm": 796, "left.png": None, "a7.mp4": 7}
     assert {name: number_in(Path(name)) for name in names} == names
+    assert number_in(Path(f"{'9' * 40}.png")) < 2**63, "tables hold it as 64 bits"

@@ -153,6 +153,9 @@ def test_a_folder_without_frames_is_refused(tmp_path: Path) -> None:
         open_frames(tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         open_frames(tmp_path / "none")
+    (tmp_path / "notes.txt").write_text("no video")
+    with pytest.raises(InputError, match=r"notes\.txt: is no folder and no video"):
+        open_frames(tmp_path / "notes.txt")
 
 
 def test_a_frame_of_another_size_than_the_first_is_left_out(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.outputs import whole_file, whole_folder, write_json
+from pps_vision.recordings.outputs import locked_folder, remove_unfinished, whole_file, whole_folder, write_json
 
 
 def test_a_folder_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -175,6 +175,45 @@ def test_what_is_read_is_not_written_over(tmp_path: Path, link: str) -> None:
     with pytest.raises(InputError, match=r"belongs to .*source\.npz, which is read"), whole_file(out, [None, source]):
         pytest.fail("entered")
     assert source.read_text() == "mine"
+
+
+def test_what_others_read_or_nobody_has_does_not_keep_a_file_from_being_replaced(tmp_path: Path) -> None:
+    for name in ("out.npz", "other.npz"):
+        (tmp_path / name).write_text("old")
+    with whole_file(tmp_path / "out.npz", [tmp_path / "gone.npz", tmp_path / "other.npz"]) as partial:
+        partial.write_text("new")
+    assert [(tmp_path / name).read_text() for name in ("out.npz", "other.npz")] == ["new", "old"]
+
+
+def test_folders_made_for_an_output_that_failed_are_removed(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), whole_file(tmp_path / "deep" / "er" / "a.csv") as partial:
+        partial.write_text(f"broken {1 / 0}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_locked_folder_is_made_and_held_by_one_until_the_block_ends(tmp_path: Path) -> None:
+    folder = tmp_path / "deep" / "out"
+    for _ in range(2):
+        with locked_folder(folder):
+            with pytest.raises(InputError, match="out: another run is writing to it"), locked_folder(folder):
+                pytest.fail("entered")
+            (folder / "a").write_text("1")
+        assert os.listdir(folder) == ["a"]
+    with pytest.raises(InputError, match="a: is no folder"), locked_folder(folder / "a"):
+        pytest.fail("entered")
+    with pytest.raises(InputError, match="b: cannot be written: Not a directory"), locked_folder(folder / "a" / "b"):
+        pytest.fail("entered")
+
+
+def test_a_signal_removes_what_this_process_has_begun_and_nothing_else(tmp_path: Path) -> None:
+    with whole_file(tmp_path / "done.csv") as partial:
+        partial.write_text("1")
+    (tmp_path / ".done.csv.lock").write_text("of another process, by now")
+    with suppress(OSError), whole_folder(tmp_path / "out") as folder:
+        (folder / "a").write_text("1")
+        remove_unfinished()
+        assert sorted(os.listdir(tmp_path)) == [".done.csv.lock", "done.csv"]
+    assert sorted(os.listdir(tmp_path)) == [".done.csv.lock", "done.csv"]
 
 
 def test_a_file_of_a_folder_that_is_read_is_not_written_over_but_a_new_one_may_lie_there(tmp_path: Path) -> None:

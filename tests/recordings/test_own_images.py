@@ -8,11 +8,13 @@ import pytest
 from videos import write_calibration
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.stereo_images import open_stereo_images
+from pps_vision.geometry.camera import Camera
+from pps_vision.geometry.se3 import transform
+from pps_vision.recordings.formats.stereo_images import open_stereo_images, rig_of
 from pps_vision.recordings.image_file import stamp_in
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import ProblemKind
-from pps_vision.recordings.recording import Recording
+from pps_vision.recordings.recording import Recording, replaced_rate
 from pps_vision.recordings.times import read_times
 
 NS = [1403636579763555584 + 50_000_000 * k for k in range(4)]
@@ -67,6 +69,25 @@ def test_a_rate_that_replaces_stamps_in_names_is_told(tmp_path: Path) -> None:
     assert open_stereo_images(*sides, fps=30).warnings == ("--fps 30 replaces the files' own 20.00",)
 
 
+@pytest.mark.parametrize(("fps", "is_told"), [(20.15, False), (20.25, True), (19.85, False), (19.75, True)])
+def test_a_rate_within_a_hundredth_is_the_same(fps: float, is_told: bool) -> None:
+    assert bool(replaced_rate(fps, [7.0, 7.05])) == is_told
+    assert replaced_rate(fps, [7.0]) == (), "one image has no rate"
+
+
+@pytest.mark.parametrize(("baseline_m", "is_one"), [(1.1e-5, True), (0.9e-5, False), (0.9e4, True), (1.1e4, False)])
+def test_cameras_are_between_a_hundredth_of_a_millimetre_and_ten_kilometres_apart(
+    baseline_m: float, is_one: bool
+) -> None:
+    camera = Camera(8, 6, 10.0, 10.0, 4.0, 3.0)
+    cameras = (camera, camera, transform(translation=(0.0, -baseline_m, 0.0)))
+    if is_one:
+        assert rig_of(cameras, Path("a.yml")).view().right.center[1] == -baseline_m
+    else:
+        with pytest.raises(InputError, match=r"a\.yml: the cameras are .* m apart; expected 0.01 mm to 10 km"):
+            rig_of(cameras, Path("a.yml"))
+
+
 def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"0001\.png: its name is no stamp; expected --fps, --times, or"):
         own(tmp_path, ["0001.png"], ["0001.png"])
@@ -79,6 +100,14 @@ def test_names_that_are_no_stamps_need_times_or_a_rate(tmp_path: Path) -> None:
 def test_a_file_of_stamps(tmp_path: Path, times: str) -> None:
     names = ["b2.png", "b10.png", "b11.png"]
     assert [f.stamp_left_s for f in own(tmp_path, names, names, times)] == [0.5, 0.75, 2]
+
+
+@pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
+def test_stamps_in_digits_are_ns_us_or_ms_and_a_third_word_is_none(tmp_path: Path, unit: int) -> None:
+    names = ["1.png", "2.png"]
+    rows = "".join(f"{t // 10**6 * 10**6 // unit} {name} rgb\n" for t, name in zip(NS, names, strict=False))
+    found = [f.stamp_left_s for f in own(tmp_path, names, names, rows)]
+    np.testing.assert_allclose(found, [1403636579.763, 1403636579.813], atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -188,6 +217,6 @@ def test_a_rate_and_stamps_exclude_each_other_and_a_rate_is_positive(tmp_path: P
     sides = {side: [str(tmp_path / side)] for side in ("left", "right")} | {"calib": calib}
     with pytest.raises(InputError, match="fps and times; expected one of them"):
         open_recording(**sides, fps=5.0, times=tmp_path / "times.txt")
-    for fps in (0.0, -1.0, float("nan")):
+    for fps in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match=r"fps .*; expected a positive number of frames a second"):
             open_recording(**sides, fps=fps)

@@ -103,6 +103,16 @@ def test_of_several_files_with_one_stamp_the_first_is_kept_and_the_others_are_na
     ] * 2
 
 
+def test_left_images_of_another_size_than_all_right_ones_are_refused(tmp_path: Path) -> None:
+    pairs = []
+    for k, left in enumerate([(4, 3), (5, 3), (6, 3)]):
+        for side, (width, height) in (("L", left), ("R", (8, 6))):
+            cv2.imwrite(str(tmp_path / f"{side}{k}.png"), np.zeros((height, width, 3), np.uint8))
+        pairs.append((ImageFile(tmp_path / f"L{k}.png", float(k)), ImageFile(tmp_path / f"R{k}.png", float(k))))
+    with pytest.raises(InputError, match=r"L0\.png: 4×3 pixels; right images are 8×6; expected one size"):
+        usual_size("made up", tuple(pairs), [])
+
+
 @pytest.mark.parametrize(
     ("stamps", "fps"), [([0.0, 0.1, 0.2, 0.9], 10.0), ([0.0, 0.25], 4.0), ([0.0], 20.0), ([], 20.0), ([1.0, 1.0], 20.0)]
 )
@@ -120,6 +130,9 @@ def test_the_usual_size_is_that_of_the_first_images(tmp_path: Path) -> None:
         pairs.append((ImageFile(file, float(k)), ImageFile(file, float(k))))
     assert usual_size("made up", tuple(pairs), []) == (8, 6)
     assert usual_size("made up", tuple(pairs[3:]), []) == (16, 12)
+    large_at = (0, 1, 5, 6)  # a majority of four pairs, and half of six: only of five have most the small size
+    mixed = [pairs[11 - k if k in large_at else k % 5] for k in range(8)]
+    assert usual_size("made up", tuple(mixed), []) == (8, 6)
     (tmp_path / "0.png").unlink()
     assert usual_size("made up", tuple(pairs), []) == (8, 6)
     with pytest.raises(InputError, match="no usable frame"):

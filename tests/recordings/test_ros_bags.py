@@ -1,5 +1,6 @@
 """Small bags that rosbags writes: ROS 1, ROS 2 and MCAP, raw and compressed images, calibration and joints."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -178,6 +179,17 @@ def test_what_a_bag_lacks(tmp_path: Path) -> None:
         open_recording(bag, taxels="t.ini")
     with pytest.raises(InputError, match="either REC, or left and right"):
         open_recording(tmp_path, left=["a"], right=["b"], calib=["c"])
+
+
+def test_taxels_do_not_go_with_a_bag_and_a_bag_needs_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = write(tmp_path, "ros2")
+    with pytest.raises(InputError, match=r"taxels t\.ini with a ROS bag; expected it with an iCub's folder REC"):
+        open_recording(bag, robot=icub_setup(), taxels="t.ini")
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(
+        InputError, match=r"ros2: is a ROS bag; expected the extra ros: pip install 'pps-vision\[ros\]'"
+    ):
+        open_recording(bag)
 
 
 @pytest.mark.parametrize("kind", ["ros1.bag", "one.mcap"])

@@ -102,6 +102,9 @@ def test_trailing_zero_coefficients_are_none(tmp_path: Path) -> None:
         ({"T": np.zeros((4, 1))}, "T has 4 numbers; expected 3"),
         ({"K2": None}, "no K2; expected"),
         ({"K1": np.diag([0.0, 500, 1])}, "K1 is .* with fx, fy > 0"),
+        ({"K1": np.diag([500.0, 0, 1])}, "K1 is .* with fx, fy > 0"),
+        ({"R": 1.0006 * R}, "R is .* expected a rotation matrix"),
+        ({"K1": K1 + np.array([[0, 6e-4, 0], [0, 0, 0], [0, 0, 0]])}, "K1 is .* expected"),
         ({"K1": K1 + np.array([[0, 9.0, 0], [0, 0, 0], [0, 0, 0]])}, "K1 is .* expected"),
         ({"K1": K1 * np.nan}, "K1 is .*nan.* expected finite"),
         ({"D1": FISHY}, "D1 is .*0.7.*; expected none but k1, k2, p1, p2, k3"),
@@ -166,5 +169,30 @@ def test_images_with_a_calibration_are_opened_in_metres(tmp_path: Path) -> None:
 def test_no_file_or_no_unit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no K1"):
         read_stereo_calibration([], SIZE)
-    with pytest.raises(ValueError, match="unit_m 0"):
-        read_stereo_calibration([stereo(tmp_path / "a.xml")], SIZE, unit_m=0)
+    for unit_m in (0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match=f"unit_m {unit_m}"):
+            read_stereo_calibration([stereo(tmp_path / "a.xml")], SIZE, unit_m=unit_m)
+
+
+def test_matrices_may_be_rounded(tmp_path: Path) -> None:
+    skew = np.array([[0, 4e-4, 0], [0, 0, 0], [0, 0, 0]])
+    rounded = stereo(tmp_path / "a.xml", K1=K1 + skew, R=0.9996 * R)
+    assert read_stereo_calibration([rounded], SIZE)[0].fx == K1[0, 0]
+
+
+def test_a_long_file_is_read_up_to_a_limit(tmp_path: Path) -> None:
+    file = stereo(tmp_path / "a.yml")
+    text = file.read_text()
+    file.write_text(text + "more:\n" + "   - 1\n" * 1500)
+    check([file])
+    file.write_text(text + "# " + "x" * (2**22 - len(text)))
+    with pytest.raises(InputError, match=r"a\.yml: has more than 4194304 characters or 2000 nodes"):
+        read_stereo_calibration([file], SIZE)
+
+
+def test_a_scaled_calibration_is_noted_once(tmp_path: Path) -> None:
+    file, warnings = stereo(tmp_path / "a.yml", image_width=1280, image_height=960), list[str]()
+    read_stereo_calibration([file], SIZE, warnings=warnings)
+    assert warnings == [f"{file} is for 1280×960 pixels, scaled to images of 640×480"]
+    read_stereo_calibration([file], (1280, 960), warnings=(unscaled := []))
+    assert unscaled == []

@@ -13,8 +13,12 @@ from pps_vision.recordings.outputs import write_json
 from pps_vision.recordings.problems import ProblemKind
 from pps_vision.recordings.tables import (
     DETECTIONS,
+    REACHABILITY,
     TRAJECTORY,
+    column_names,
+    covariances,
     detection_row,
+    numbers,
     read_gaze,
     read_joint_offsets,
     read_table,
@@ -22,11 +26,12 @@ from pps_vision.recordings.tables import (
     trajectory_row,
     write_boxes,
     write_joint_offsets,
+    write_reachability,
     write_table,
     write_truth,
 )
 from pps_vision.recordings.text import first_row
-from pps_vision.types import Detection2D, Status, Track3D, Truth
+from pps_vision.types import Detection2D, Reachability, ReachStatus, Status, Track3D, Truth
 
 JOINTS = ("neck_pitch", "eyes_tilt", "left_elbow")
 HEADER = (
@@ -85,6 +90,7 @@ def test_a_summary_is_json_that_any_reader_takes(tmp_path: Path) -> None:
     file = tmp_path / "summary.json"
     summary = {"n": np.int64(3), "ms": np.array([1.0, np.nan]), "error": float("inf"), "on": np.True_, "kind": (1, "σ")}
     write_json(file, summary)
+    assert '"σ"' in file.read_text(), "as a person reads it"
     assert json.loads(file.read_text()) == {"n": 3, "ms": [1.0, None], "error": None, "on": True, "kind": [1, "σ"]}
 
 
@@ -112,6 +118,7 @@ def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
         (GOOD.replace("0.03", "abc"), "abc"),
         (GOOD.replace("0.1,1", "0.1,"), "expected finite"),
         (GOOD.replace(",1,0", ",2,0"), "visible 2,0"),
+        (GOOD.replace(",1,0", ",x,0"), "visible x,0"),
     ],
 )
 def test_a_bad_row_is_named_and_skipped(tmp_path: Path, row: str, message: str) -> None:
@@ -190,3 +197,39 @@ def test_gaze_postures_in_any_columns_and_order(tmp_path: Path) -> None:
     (tmp_path / "gaze.csv").write_text("name,vergence_deg,yaw_deg, pitch_deg\na,20,-90,45\n\nb,10,0,0\n")
     expected = [[-np.pi / 2, np.pi / 4, np.pi / 9], [0, 0, np.pi / 18]]
     np.testing.assert_allclose(read_gaze(tmp_path / "gaze.csv"), expected)
+    (tmp_path / "gaze.csv").write_text("yaw_deg,pitch_deg,vergence_deg\nnan,NaN,180\n")
+    np.testing.assert_allclose(read_gaze(tmp_path / "gaze.csv"), [[np.nan, np.nan, np.pi]])
+    (tmp_path / "gaze.csv").write_text("yaw_deg,pitch_deg,vergence_deg\n")
+    assert read_gaze(tmp_path / "gaze.csv").shape == (0, 3)
+
+
+def test_numbers_of_a_row_are_finite_or_missing() -> None:
+    np.testing.assert_array_equal(numbers(Path("a.csv"), 3, ["1.5", "", "NaN"]), [1.5, np.nan, np.nan])
+    for word in ("inf", "x", "1_0"):
+        with pytest.raises(InputError, match=rf"a\.csv:3: .*{word}.*; expected finite numbers"):
+            numbers(Path("a.csv"), 3, ["1", word])
+
+
+def test_six_fields_are_a_symmetric_matrix() -> None:
+    cov = np.arange(18.0).reshape(2, 3, 3)
+    cov += cov.transpose(0, 2, 1)
+    np.testing.assert_array_equal(covariances(np.array([one[np.triu_indices(3)] for one in cov])), cov)
+
+
+def test_the_columns_of_a_file_are_its_first_row(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(' a ,"b,c", d\n1,2,3\n')
+    assert column_names(tmp_path / "a.csv") == ["a", "b,c", "d"]
+    assert column_names(tmp_path / "gone.csv") == []
+
+
+def test_reachability_is_in_degrees_and_with_a_track(tmp_path: Path) -> None:
+    reach = Reachability(0.5, np.deg2rad([10.0, -20.0, 30.0]), 0.75, 0.5, ReachStatus.REACHABLE)
+    row = trajectory_row(Track3D.unknown(0.5), reach)
+    assert len(row) == len(TRAJECTORY) + len(REACHABILITY)
+    assert row[len(TRAJECTORY) : -3] == pytest.approx((10, -20, 30))
+    assert row[-3:] == (0.75, 0.5, "reachable")
+    write_reachability(tmp_path / "a.csv", [(1.0, 2.0, 3.0, True, 0.5, np.nan), (1.0, 2.0, 3.0, np.False_, 0.5, 1)])
+    rows = (tmp_path / "a.csv").read_text()
+    assert rows == (
+        "yaw_deg,pitch_deg,vergence_deg,reachable,probability,degree\n1.0,2.0,3.0,1,0.5,\n1.0,2.0,3.0,0,0.5,1\n"
+    )

@@ -75,6 +75,10 @@ def _without_white_space(file: Path) -> list[list[str]]:
         ("7 (1 2 3)", "7 (1 2 3.5)", 8, "found '3.5' is no whole number"),
         ("7 (1 2 3)", "7 (1 -2 3)", 8, "expected counts from 0"),
         ("7 (1 2 3)", "7 (1 99999999999999999999 3)", 8, "expected counts from 0 to 2^53"),
+        ("7 (1 2 3)", "7 (1 9007199254740993 3)", 8, "expected counts from 0 to 2^53"),
+        ("7 (1 2 3)", "1234567890 (1 2 3)", 8, "and the numbers of taxels"),
+        ("(-0.05 0.45)", "(0.45 0.45)", 5, "expected ranges from low to high"),
+        ("0.0 1.2", "1.2 0.0", 15, "expected ranges from low to high"),
         ("7 (1 2 3) (4 5 6)", "7 (1 2 3)", 8, "expected 2 × (3 numbers), found 1 lists"),
         ("7 (1 2 3)", "4 (1 2 3)", 9, "4 (0 0 4000000000) (0 1 0); expected each key once in [l_hand]"),
         ("modality\t1D\n", "modality 1D\ncolour\tred\n", 3, "colour red; expected modality, size"),
@@ -89,6 +93,11 @@ def test_what_is_wrong_is_named_with_its_line(hand: Path, old: str, new: str, wh
         read_taxels(hand)
     assert str(error.value).startswith(f"{hand}:{where}: ")
     assert says in str(error.value)
+
+
+def test_the_largest_count_is_read(hand: Path) -> None:
+    hand.write_text(HAND.replace("4000000000", str(2**53)))
+    assert read_taxels(hand)[0].counts[4][2, 0, 0] == 2**53
 
 
 def test_no_file_and_no_section(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Reading a recording that is damaged: what is named and skipped, and what ends it."""
 
 import shutil
+import sys
 from pathlib import Path
 from time import process_time
 
@@ -308,6 +309,12 @@ def test_an_empty_log_is_named_even_if_nothing_says_what_it_holds(rec: Written) 
     (rec.folder / "cam/left/info.log").unlink()
     (rec.folder / "cam/left/data.log").write_text("")
     with pytest.raises(InputError, match=r"cam/left/data\.log: names no image"):
+        open_recording(rec.folder)
+
+
+def test_without_kinematics_a_robots_recording_is_refused(rec: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pps_vision.robot.icub", None)
+    with pytest.raises(InputError, match=r"is of a robot, and .* is not installed; expected the whole of pps-vision's"):
         open_recording(rec.folder)
 
 

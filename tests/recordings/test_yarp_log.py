@@ -37,7 +37,7 @@ def test_an_empty_payload_and_blank_lines_are_no_problem(log: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "row", ["1 2.0 7", "1 2.0 2.1 2.2 7 8", "x 2.0 7 8", "1 nan 7 8", "1 2.0 7 eight", "1 9e99 7 8"]
+    "row", ["1 2.0 7", "1 2.0 2.1 2.2 7 8", "x 2.0 7 8", "1 nan 7 8", "1 2.0 7 eight", "1 9e99 7 8", "1 1.2e12 7 8"]
 )
 def test_a_row_of_another_form_is_skipped(log: Path, row: str) -> None:
     rows, problems = read(log, f"0 1.0 7 8\n{row}\n2 3.0 7 8\n", 2)
