@@ -42,6 +42,20 @@ def test_parameters_of_parts_are_changed_alone() -> None:
     assert {"confirm_frames", "trigger.interval_s"} <= set(parameters(params))
 
 
+def test_differences_are_means_over_the_films_in_which_both_have_a_value() -> None:
+    nan = float("nan")
+    before = [{"right_percent": right, "false_percent": 1.0, "covered_percent": nan} for right in (90.0, 80.0, nan)]
+    after = [{"right_percent": right, "false_percent": 3.5, "covered_percent": 95.0} for right in (91.0, nan, 50.0)]
+    found = constants.differences(after, before)
+    assert found is not None
+    assert (found["right"], found["false claims"]) == (1.0, 2.5)
+    assert found["95 % ellipsoid"] != found["95 % ellipsoid"], "NaN"
+    assert constants.differences(None, before) is None
+    numbers = {"a.B": {"0.7": found | {"95 % ellipsoid": None}, "1.4": None}}
+    (row,) = Constants().tables({"constants": numbers})[""].rows
+    assert row == ["`a.B`", "+1.0", "refused", "+2.5", "refused", "–", "refused"]
+
+
 def test_a_constant_without_which_nothing_is_tracked_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     """A track that needs more frames than the film has is never confirmed."""
     small = [

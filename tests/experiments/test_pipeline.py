@@ -1,5 +1,6 @@
 """The baselines' pipelines against the rendered truth, and the time to contact against plain division."""
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -73,6 +74,19 @@ def test_time_to_contact_error_is_relative() -> None:
     assert ttc_error(track, end, way, 0.5) == pytest.approx(0.2)
     assert ttc_error(track, end, -way, 0.5) == 1.0  # it goes away
     assert ttc_error(Track3D.unknown(0.0), end, way, 0.5) == 1.0
+
+
+@pytest.mark.parametrize("name", ["two hue blobs", "SGBM + blob"])
+def test_where_nothing_has_the_hues_of_the_object_there_is_no_point(name: StereoPipelineName, film: Footage) -> None:
+    frame, (left, right) = film.frames[0], film.boxes[0]
+    assert left is not None
+    assert right is not None
+    pipeline = stereo_pipeline(name, film.rig)
+    with pytest.raises(ValueError, match="before start"):
+        pipeline.step(frame)
+    pipeline.start(frame, (left, right))
+    assert pipeline.step(frame) is not None
+    assert pipeline.step(replace(frame, left=0 * frame.left, right=0 * frame.right)) is None
 
 
 def test_bad_use_is_named(film: Footage) -> None:

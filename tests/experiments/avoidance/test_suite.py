@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tracks import track_at
 
 from pps_vision.app.simulation import Side
 from pps_vision.errors import InputError
 from pps_vision.experiments import encounters
 from pps_vision.experiments.avoidance import suite
-from pps_vision.experiments.avoidance.baselines import nearest_rates
+from pps_vision.experiments.avoidance.baselines import depth_space, nearest_rates
+from pps_vision.experiments.avoidance.controllers import Setting
 from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
 from pps_vision.experiments.avoidance.kinematic import meet
 from pps_vision.experiments.avoidance.registry import ASKING, BASELINES, NAMES, NONE, OURS, TRUE, new_controller
@@ -130,6 +132,32 @@ def test_others_plug_their_controller_in_and_a_run_goes_on(tmp_path: Path, monke
     assert all(row["commands"] > 5 for row in rows[1::2])
     with pytest.raises(InputError, match="theirs:old"):
         suite.run_suite(study, {"stop": 1}, 3, ("theirs:old",), 1, 0.01)
+
+
+def test_the_depth_space_baseline_moves_what_the_object_comes_before_or_hides(
+    arena: Arena, memories: dict[Side, Memories], slow: Encounter
+) -> None:
+    """A ball 3 cm from a taxel, and one that hides the taxel from the left eye halfway, push it; one far aside or
+    unknown does not.  The taxel leaves the ball in the eye's view."""
+    skin, q = arena.skins["left"], slow.q_rad
+    given = arena.robot, skin, "left", q, arena.self_collision, memories["left"].of_distance
+    setting, posture = Setting(*given), arena.robot.at(q)  # type: ignore[arg-type]
+    taxels, normals = skin.at(posture)
+    k = skin.index(slow.taxel)
+    J, eye = skin.jacobians(posture, arena.arm("left"))[k], posture.T_root(arena.robot.names.left_eye)[:3, 3]
+
+    def moved(at: Array) -> Array:
+        act = depth_space(setting, {**TUNED["depth space"], "range_m": 0.2})
+        dq = act(np.zeros(len(taxels)), track_at(at, 0.1 * (taxels[k] - at)), posture)
+        assert not np.any(np.delete(dq, arena.arm("left")))
+        return np.asarray(J @ dq[arena.arm("left")])
+
+    ball = taxels[k] + 0.06 * normals[k]
+    assert moved(ball) @ (taxels[k] - ball) > 0
+    assert np.linalg.norm(moved((eye + taxels[k]) / 2)) > 1e-4
+    assert not moved(ball + np.array([0.0, 1.0, 0.0])).any()
+    rest = depth_space(setting, TUNED["depth space"])(np.zeros(len(taxels)), Track3D.unknown(0.0), posture)
+    assert not rest.any()
 
 
 def made_up(controller: str, condition: str, number: int, *, touched: bool, commands: int = 1) -> dict[str, object]:
