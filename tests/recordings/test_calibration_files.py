@@ -175,6 +175,7 @@ def test_yaml() -> None:
     "text",
     [
         "# only a note\n\n",
+        "a: 1\nb:\n",
         "16: a\n'b c': \"d: e\"\n-x: .5\n",
         "a:\n  - b: 1\n    c: [2, 3]\n  -\n    - 4\n    - - 5\n      - 6\nd: {}\ne: []\n",
         "a:\n- 1\n- 2\nb:\nc: x y  # z\n",
