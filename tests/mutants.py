@@ -1,8 +1,8 @@
 """Random mutants of the packages, and whether a test notices: `python -m tests.mutants --seed 7 --out FILE.json`.
 
-A copy of the tree with one mutation runs the module's own tests, then those that import it, then those of its folder,
-for `--seconds` (unmutated).  The mutant is killed if one fails; if they take five times as long it is out of time,
-which on a busy machine is to be tried again.  Who judges a survivor equivalent enters the reason under "judged".
+A copy of the tree with one mutation runs what holds for every file and the module's own tests, then those that import
+it, then those of its folder, for `--seconds` (unmutated).  The mutant is killed if one fails; if they take five times
+as long it is out of time, which on a busy machine is to be tried again.  Who judges a survivor equivalent enters the reason under "judged".
 """
 
 import argparse
@@ -21,17 +21,20 @@ from tests.helpers.mutations import SHARE_OF_EXPERIMENTS, draw
 
 
 def tests_of(root: Path, file: str) -> list[str]:
-    """The test files of a tree: those named like a module, those that import it, those of its folder, the others; of
-    each, first those that name it most."""
+    """The test files of a tree: of every file's conventions, those named like a module, those that import it or the
+    public names, those of its folder, the others; of each, first those that name it most."""
     path = Path(file)
     folder, stem = path.parent.name, path.stem.replace("__init__", path.parent.name)
     package = ".".join(path.parts[:-1] if path.stem != "__init__" else path.parts[:-2])
-    imported = re.compile(rf"from {package}\.{stem}\b|from {package} import \(?[\w, \n]*\b{stem}\b")
+    from_package = rf"from {package}\.{stem}\b|from {package} import \(?[\w, \n]*\b{stem}\b"
+    imported = re.compile(rf"{from_package}|import {path.parts[0]} as ")
 
-    def rank(test: Path) -> tuple[bool, bool, bool, int, Path]:
+    def rank(test: Path) -> tuple[Any, ...]:
         text, is_near = test.read_text(), folder == test.parent.name or test.parent.name in path.parts
         named = len(re.findall(stem.replace("_", "|"), text))
-        return not (is_near and test.stem == f"test_{stem}"), not imported.search(text), not is_near, -named, test
+        is_own = is_near and test.stem == f"test_{stem}"
+        of_all = test.stem == "test_conventions"
+        return not of_all, not is_own, not imported.search(text), not is_near, -named, test
 
     tests = [test for test in (root / "tests").rglob("test_*.py") if test.name != "test_wheel.py"]
     return [str(test.relative_to(root)) for test in sorted(tests, key=rank)]
@@ -49,7 +52,7 @@ def tried(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[st
     """Outcome of a mutant in a copy; `seconds`: of each test file unmutated, 0 for one that fails."""
     place = copy / mutant["file"]
     fresh = {"NUMBA_CACHE_DIR": f"{copy}/{time.time_ns()}"} if "njit" in mutant["source"] else {}
-    for batch in tests[:1], tests[1:]:
+    for batch in tests[:2], tests[2:]:
         used = list[str]()
         while batch and sum(seconds[test] for test in used) < most_s:
             start, (test, *batch) = time.monotonic(), batch

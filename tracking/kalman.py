@@ -309,7 +309,8 @@ def _white(params: KalmanParams, noise_scale: float, cov: Array, correlated: Arr
 
 def _adapted_scale(params: KalmanParams, before: float, nis: float) -> float:
     """Up where innovations are larger than expected, down where they are smaller."""
-    return min(max(before * math.exp(params.adaptation_rate * (nis / 3 - 1)), _NOISE_SCALES[0]), _NOISE_SCALES[1])
+    factor = math.exp(min(params.adaptation_rate * (nis / 3 - 1), 100.0))  # a wide gate does not overflow
+    return min(max(before * factor, _NOISE_SCALES[0]), _NOISE_SCALES[1])
 
 
 @njit(cache=True, error_model="numpy")

@@ -501,3 +501,13 @@ def test_in_no_time_nothing_changes(order: int, rng: np.random.Generator) -> Non
     np.testing.assert_allclose(after.mean, belief.mean)
     np.testing.assert_allclose(after.cov, belief.cov)
     np.testing.assert_allclose(cross, belief.cov)
+
+
+def test_a_gate_that_lets_everything_through_does_not_overflow() -> None:
+    """A measurement a kilometre off only makes the motion as unsteady as it can be: e to its distance has no number."""
+    params = KalmanParams(gate_chi2=1e12)
+    belief = start(params, 0.0, np.zeros(3), 1e-8 * np.eye(3))
+    far = update(params, predict(params, belief, 0.05), np.array([1000.0, 0.0, 0.0]), 1e-8 * np.eye(3))
+    near = update(params, predict(params, belief, 0.05), np.array([0.1, 0.0, 0.0]), 1e-8 * np.eye(3))
+    assert far.nis > 1e5 > near.nis
+    assert 1.0 < near.noise_scale <= far.noise_scale == 30.0
