@@ -2,7 +2,8 @@
 
 A copy of the tree with one mutation runs what holds for every file and the module's own tests, then those that import
 it, then those of its folder, for `--seconds` (unmutated).  The mutant is killed if one fails; if they take five times
-as long it is out of time, which on a busy machine is to be tried again.  Who judges a survivor equivalent enters the reason under "judged".
+as long it is out of time, which on a busy machine is to be tried again.  Who judges a survivor equivalent enters the
+reason under "judged".
 """
 
 import argparse
