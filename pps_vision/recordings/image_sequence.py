@@ -60,4 +60,4 @@ def images_in(folder: Path) -> list[Path]:
 def natural_order(path: Path) -> tuple[tuple[int, str], ...]:
     """A sorting key under which frame2 comes before frame10."""
     words = re.findall(r"[0-9]+|[^0-9]+", str(path))
-    return tuple((int(word[-18:]), "") if word[0] in "0123456789" else (-1, word) for word in words)
+    return tuple((int(word), "") if word[0] in "0123456789" else (-1, word) for word in words)

@@ -173,3 +173,8 @@ def test_natural_order_mixes_words_and_numbers() -> None:
     ordered = [path.name for path in sorted(map(Path, names), key=natural_order)]
     assert ordered.index("a2.png") < ordered.index("a10.png")
     assert ordered.index("2.png") < ordered.index("10a1.png")
+
+
+def test_stamps_of_nineteen_digits_are_compared_whole() -> None:
+    names = ["1999999999999999999.png", "2000000000000000001.png", "0999999999999999999.png"]
+    assert [path.stem[0] for path in sorted(map(Path, names), key=natural_order)] == ["0", "1", "2"]
