@@ -54,6 +54,15 @@ def test_speed_error_marks_default_front_and_failures(axis) -> None:
     points = {tuple(line.get_xydata()[0]): line for line in axis.lines if line.get_markersize() == 5}
     assert points[1, 5].get_color() != points[10, 1].get_color() == points[2, 5 * 1.15].get_color()
     assert points[2, 5 * 1.15].get_marker() == "x", "above all others"
+    drawn = [(list(line.get_xdata()), list(line.get_ydata())) for line in axis.lines]
+    for quartiles_and_interval in (([0.9, 1.1], [5, 5]), ([1, 1], [4, 6]), ([9, 11], [1, 1]), ([10, 10], [0.5, 2])):
+        assert quartiles_and_interval in drawn
+    assert ([1, 3], [5 * 1.15] * 2) in drawn
+    assert axis.get_ylim() == pytest.approx((0, 1.1 * 6)), "from 0 to beyond the highest interval"
+    named = {line.get_label(): line.get_color() for line in axis.lines if line.get_label()[0] != "_"}
+    assert set(named) == {"ours", "baseline", "default"}
+    assert named["ours"] == points[10, 1].get_color()
+    assert named["baseline"] == points[1, 5].get_color()
 
 
 def test_methods_that_had_no_frame_to_work_on_are_left_out(axis) -> None:
@@ -85,8 +94,15 @@ def test_names_of_near_points_neither_meet_nor_leave_the_axes() -> None:
 
 
 def test_errors_that_span_decades_are_drawn_on_a_logarithmic_axis(axis) -> None:
-    speed_error(axis, {"a": {"ms": 1, "error": 1}, "b": {"ms": 2, "error": 31}}, "error")
+    speed_error(axis, {"a": {"ms": 1, "error": 1}, "b": {"ms": 2, "error": 31}, "c": {"ms": 3, "error": None}}, "error")
     assert axis.get_yscale() == "log"
+    assert next(line.get_ydata()[0] for line in axis.lines if line.get_marker() == "x") == pytest.approx(1.8 * 31)
+
+
+@pytest.mark.parametrize("least", [1.1, 0.0, -1.0])
+def test_errors_of_one_size_or_not_above_0_are_drawn_on_a_linear_axis(axis, least: float) -> None:
+    speed_error(axis, {"a": {"ms": 1, "error": least}, "b": {"ms": 2, "error": 31}}, "error")
+    assert axis.get_yscale() == "linear"
 
 
 def test_speed_errors_have_a_panel_for_each_scenario_two_side_by_side() -> None:
