@@ -279,6 +279,17 @@ def test_scores_count_what_they_say() -> None:
     assert found["median_mm"] == pytest.approx(10)
     assert found["covered_percent"] == 75  # of the eight claimed: two are 4 and 6 σ off
     assert found["stated_mm"] == pytest.approx(10)
+    assert found["radius_percent"] == pytest.approx(0, abs=1e-9)
+    assert found["found_s"] == 0
+    late = [*(Track3D.unknown(row.stamp_s) for row in film.truth[:7]), *tracks[7:12], *tracks[12:16], *tracks[16:]]
+    assert score(late, film.truth)["found_s"] == pytest.approx(0.7)
+    late[7:10] = [track(k, 0.031) for k in range(7, 10)]  # not right
+    late_of_moving = score([replace(one, radius_m=0.033) for one in late], film.truth, 0.5)
+    assert late_of_moving["found_s"] == pytest.approx(0.5), "from 0.5 s, when it moves, to 1.0 s"
+    assert late_of_moving["judged"] == 5
+    assert late_of_moving["radius_percent"] == pytest.approx(10)
+    one_eye = [replace(row, visible_right=k < 15) for k, row in enumerate(film.truth)]
+    assert score(tracks, one_eye)["judged"] == 5
     nothing = score([Track3D.unknown(row.stamp_s) for row in film.truth], film.truth)
     assert nothing["right_percent"] == nothing["false_percent"] == 0
     assert np.isnan(nothing["median_mm"])

@@ -175,15 +175,21 @@ def test_rates_and_differences_by_hand() -> None:
         for k in range(10):
             row = made_up(name, "reach", k, touched=k < 8, commands=int(k < 8 or name == OURS))
             rows.append(row | {"reachable": k < 8})
+    rows += [made_up(name, "through", k, touched=True) for name in NAMES for k in (10, 11)]  # more than of the others
     rows[0]["self_distance_m"] = 0.019
+    rows[1]["lead_s"], rows[2]["distance_m"] = None, 0.05
     found = summary(rows, NAMES)
     ours, other = found["controllers"][OURS], found["controllers"]["R eq. 6"]
     assert ours["untouched"]["press"] == pytest.approx([80, 49.02, 94.33], abs=0.01)  # Wilson, 8 of 10
     assert ours["stop, slow"][0] == pytest.approx(100 / 3)  # 0.10, 0.12, 0.14 m/s
-    assert other["press and through, beyond ours"][0] == pytest.approx(-30)
+    assert ours["stop, slow, distance_mm"] == pytest.approx([20, 20, 35])
+    assert ours["stop, slow, lead_s"] == [0.5, 0.5, 0.5]
+    assert other["press and through, beyond ours"][0] == pytest.approx(-600 / 22)
+    assert (ours["fast"][0], other["fast"][0]) == pytest.approx((100, 500 / 7)), "0.16–0.28 m/s, as many of each"
+    assert other["fast, beyond ours"][0] == pytest.approx(-200 / 7)
     assert other["press and through, beyond ours"][2] < 0
     assert ours["press and through, beyond ours"] == [0, 0, 0]
-    assert ours["still"]["harmless_static"][0] == 25
+    assert ours["still"]["harmless_static"][0] == ours["still, all"][0] == 25
     assert np.isnan(ours["still"]["harmless_head"][0])
     assert found["limits"]["left"] == 1
     # 0.30, 0.38, 0.46, 0.54 m/s: the first two are not touched
@@ -192,7 +198,7 @@ def test_rates_and_differences_by_hand() -> None:
     tables = encounters.tables(found)
     goals = {what: measured for what, _, measured in tables["goals"].rows}
     assert goals["stop, ≤ 15 cm/s: not touched (%)"].startswith("**33.3")
-    assert goals["the same: above distance only"].startswith("30 (")
+    assert goals["the same: above distance only"].startswith("27.3 (")
     assert goals["asking the map: attempted of what cannot be (%)"].startswith("0 (")
     assert goals["encounters that left a limit"] == "**1**"
     assert goals["smallest self-collision distance (mm)"] == "**19**"
