@@ -16,6 +16,7 @@ from pps_vision.experiments.study import (
     mean,
     median,
     percent,
+    percent_of,
     rms,
 )
 
@@ -93,6 +94,22 @@ def test_units_without_values_count_for_nothing_and_nothing_is_unknown() -> None
     assert 2 <= low < 3 < high <= 10, "also where some of the resamples hold nothing"
     assert np.isnan(interval([[], []], rms)).all()
     assert np.isnan(interval([])).all()
+
+
+def test_percentages_have_wilsons_interval() -> None:
+    """(p + z²/2n ± z √(p(1 − p)/n + z²/4n²)) / (1 + z²/n) for 8 of 10, with z = 1.96."""
+    z, p, n = 1.959964, 0.8, 10
+    middle, half = p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    ends = [100 * (middle + sign * half) / (1 + z**2 / n) for sign in (-1, 1)]
+    assert percent_of(8, 10) == pytest.approx([80, *ends], abs=1e-4)
+    assert np.isnan(percent_of(0, 0)).tolist() == [True] * 3
+
+
+def test_times_are_the_quartiles_of_all_frames_and_unknown_without_any() -> None:
+    methods = {"ours": lambda _, seed: {"ms": np.arange(101.0)}, "nothing": lambda _, __: {"ms": []}}
+    cells = compare({"a": int}, methods, {}, (1,))["a"]
+    assert cells["ours"]["ms"] == [25, 50, 75]
+    assert np.isnan(cells["nothing"]["ms"]).tolist() == [True] * 3
 
 
 @pytest.mark.parametrize(
