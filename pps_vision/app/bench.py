@@ -129,7 +129,8 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
         numbers = {**setting, _MINUTES: _rounded((_processor_s() - begun_s) / 60), **numbers}
         partial.write_text(_compact(numbers))
         _draw(study, name, json.loads(partial.read_text()), out)
-    print(f"→ {file} ({perf_counter() - begun:.0f} s)", flush=True)
+    missing = f"; skipped: {numbers['skipped']}" if "skipped" in numbers else ""
+    print(f"→ {file} ({perf_counter() - begun:.0f} s{missing})", flush=True)
 
 
 def _processor_s() -> float:
@@ -161,8 +162,10 @@ def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
             study = max(studies, key=len)
             file = out / "results" / f"{study}.json"
             if file.exists():
-                of_study = load(known[study])().tables(json.loads(file.read_text()))
-                part = name[len(study) + 1 :]
+                numbers = json.loads(file.read_text())
+                of_study, part = load(known[study])().tables(numbers), name[len(study) + 1 :]
+                if part not in of_study and "skipped" in numbers:  # its table stays as it is
+                    continue
                 if part not in of_study:
                     raise InputError(document, f"table {name}; expected one of {study}'s: {', '.join(of_study)}")
                 tables[name] = markdown(of_study[part])

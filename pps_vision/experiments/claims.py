@@ -165,7 +165,7 @@ class Claims(Study):
                 "measured": claim.measured(found[claim.study]),
             }
             for claim in CLAIMS
-            if claim.study in found
+            if claim.study in found and "skipped" not in found[claim.study]
         ]
         studies = [{"study": name, "what": known[name].summary, **_run_as(numbers)} for name, numbers in found.items()]
         return {"claims": claims, "studies": studies}

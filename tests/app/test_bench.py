@@ -340,3 +340,16 @@ def test_without_options_studies_run_in_full_into_the_documents(monkeypatch: pyt
         (["filter"], {}, Path("docs"), plain),
         (["filter"], {"n": 3}, Path("elsewhere"), dict.fromkeys(plain, True)),
     ]
+
+
+def test_without_the_data_the_studies_say_so_and_the_tables_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(Path(__file__).parents[2])
+    words = ["--short", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "out")]
+    main(["bench", "pps_real_trials", "claims", *words])
+    said = capsys.readouterr().out
+    assert f"skipped: no {tmp_path / 'none'}" in said
+    assert json.loads((tmp_path / "out" / "results" / "claims.json").read_text())["claims"] == []
+    written, before = (folder / "peripersonal_space.md" for folder in (tmp_path / "out", Path("docs")))
+    assert written.read_text() == before.read_text()
