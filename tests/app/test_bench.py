@@ -17,6 +17,8 @@ from pps_vision.errors import InputError
 from pps_vision.experiments import study
 from pps_vision.experiments.study import Entry, Study, catalogue, load
 
+KNOWN = catalogue()
+
 FAKE = '''
 from dataclasses import dataclass
 from pps_vision.experiments.study import Study
@@ -171,9 +173,8 @@ def test_studies_run_at_once_and_one_that_fails_stops_no_other(
     assert done == ["bad", "worse", "b", "a"]
 
 
-@pytest.mark.parametrize("name", list(catalogue()))
-def test_parameters_below_the_least_are_refused_by_every_study(name: str) -> None:
-    entry = catalogue()[name]
+@pytest.mark.parametrize(("name", "entry"), KNOWN.items(), ids=list(KNOWN))
+def test_parameters_below_the_least_are_refused_by_every_study(name: str, entry: Entry) -> None:
     least = {field: 0 for field, default in entry.fields.items() if default.isdigit() and field != "seed"}
     others = {"seed": -1, "share": 0.0, "seconds": 0.09}
     least |= {field: value for field, value in others.items() if field in entry.fields}
