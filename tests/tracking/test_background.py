@@ -7,7 +7,7 @@ import pytest
 from pps_vision.geometry.camera import View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
-from tracking.background import Background
+from tracking.background import Background, _gain_and_noise, _learn
 from tracking.ego_motion import EgoMotion
 
 VIEW = View(LEFT_EYE, transform())
@@ -227,3 +227,131 @@ def test_what_is_absorbed_is_background_under_any_light(rng: np.random.Generator
     for k in range(12, 40):  # it has been learned, not marked as changing
         background.learn(draw(rng, patch), VIEW, DT * k, None)
     assert background.evidence(draw(rng, patch), VIEW, WHOLE)[INNER].max() < 0.5
+
+
+def test_evidence_rises_with_the_difference_and_is_one_half_at_the_threshold(rng: np.random.Generator) -> None:
+    """Without noise, of 3.5 grey levels: a seventh for each, but none for less than half of the threshold."""
+    background = learned(rng, noise=0.0)
+    for levels, share in ((1, 0), (2, 2 / 7), (3, 3 / 7), (4, 4 / 7), (6, 6 / 7), (7, 1), (9, 1)):
+        image = draw(rng, tuple(one + levels for one in WALL), noise=0.0)
+        np.testing.assert_allclose(background.evidence(image, VIEW, WHOLE)[INNER], share, rtol=1e-6)
+        assert background.differs(image, VIEW, WHOLE)[INNER].all() == (levels >= 4)
+
+
+def test_a_pixel_differs_from_five_deviations_of_the_smoothed_noise_on(rng: np.random.Generator) -> None:
+    """Of 12 grey levels, 4 of the mean of nine pixels: from 20 levels."""
+    background = learned(rng, noise=12.0)
+    for levels, differs in ((12, False), (28, True)):
+        image = draw(rng, tuple(one + levels for one in WALL), noise=12.0)
+        assert (background.differs(image, VIEW, WHOLE)[INNER].mean() > 0.5) == differs
+
+
+@pytest.mark.parametrize("box", [BOX, (-10.0, -5.0, 40.0, 30.0), (300.0, 225.0, 40.0, 30.0)])
+def test_what_an_object_hides_at_first_is_unknown(
+    box: tuple[float, float, float, float], rng: np.random.Generator
+) -> None:
+    background = Background(EgoMotion(LEFT_EYE), 0.3)
+    background.learn(draw(rng, noise=0.0), VIEW, 0.0, box)
+    hidden = np.zeros((240, 320), bool)
+    x, y, w, h = (int(one) for one in box)
+    hidden[max(y, 0) : y + h, max(x, 0) : x + w] = True
+    np.testing.assert_array_equal(background.differs(draw(rng, noise=0.0), VIEW, WHOLE), hidden)
+
+
+def test_what_an_object_hides_at_first_is_what_the_moving_eye_had_learned_there(rng: np.random.Generator) -> None:
+    """It knew the wall but for a corner of the box; from now on the eye rests."""
+    background, mean = Background(EgoMotion(LEFT_EYE), 0.3), np.full((240, 320, 3), WALL, np.float32)
+    mean[100:110, 150:160] = -1
+    background.moving.start(mean, VIEW, 0.0)
+    patch = draw(rng, noise=0.0)
+    patch[102:128, 152:188] = (160, 150, 170)
+    background.learn(patch, VIEW, 0.1, BOX)
+    unknown = background.differs(draw(rng, noise=0.0), VIEW, WHOLE)
+    assert unknown[101:109, 151:159].all()
+    unknown[99:111, 149:161] = False
+    assert not unknown.any()
+    assert not background.moving.is_known
+
+
+def test_beside_what_is_unknown_a_pixel_is_compared_with_itself(rng: np.random.Generator) -> None:
+    """On a ramp of 20 grey levels a pixel, shifted by one: in the range of its neighbours, but for the pixel whose
+    neighbour is unknown."""
+    ramp = np.repeat(np.clip(np.arange(320.0) - 150, 0, 10)[None, :, None] * 20 + np.full(3, 30), 240, axis=0)
+    image, background = ramp.astype(np.uint8), Background(EgoMotion(LEFT_EYE), 0.3)
+    background.learn(image, VIEW, 0.0, (100.0, 60.0, 54.0, 120.0))  # up to column 153
+    here, shifted = (background.differs(one, VIEW, WHOLE) for one in (image, np.roll(image, 1, axis=1)))
+    assert here[120, 152:156].tolist() == [True, True, False, False]
+    assert shifted[120, 152:158].tolist() == [True, True, True, False, False, False]
+
+
+def test_three_tenths_of_its_size_around_the_object_nothing_is_learned(rng: np.random.Generator) -> None:
+    """Of 40 × 30 px: 12 to both sides, 9 above and below, but for the pixels that have a neighbour beyond that."""
+    background, image = learned(rng, noise=0.0), draw(rng, noise=0.0)
+    image[60:180, 100:240] = (160, 150, 170)
+    for k in range(12, 32):
+        background.learn(image, VIEW, DT * k, BOX)
+    kept = np.zeros((240, 320), bool)
+    kept[92:138, 139:201] = True
+    np.testing.assert_array_equal(background.differs(image, VIEW, WHOLE), kept)
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_a_pixel_follows_rests_or_becomes_background_as_it_and_its_past_say(channel: int) -> None:
+    """Of an image twice as bright as a background of 50, at 1 s; what has been for more than 0.5 s is background."""
+    now, mean, recent = (np.full((1, 5, 3), level, kind) for level, kind in ((100, "u1"), (50, "f4"), (50, "u1")))
+    since_s, rests = np.array([[0.2, 0.5, 0.4, 0.2, 0.2]]), np.array([[True, False, True, True, True]])
+    now[0, :, channel] = 108, 120, 120, 121, 121  # within the threshold of 4; three that differ; one near the object
+    recent[0, 1:3, channel] = 60
+    _learn(now, mean, recent, since_s, rests, 2.0, 4.0, 1.0, 0.5, (4, 0, 5, 1))
+    np.testing.assert_allclose(mean[0, :, channel], [50.4, 50, 60, 50, 50], rtol=1e-6)
+    assert recent[0, :, channel].tolist() == [50, 60, 60, 61, 61]
+    assert since_s.tolist() == [[0.2, 0.5, 0.4, 1.0, 1.0]]
+    assert rests.tolist() == [[False, True, False, False, False]]
+    for other in {0, 1, 2} - {channel}:
+        assert (mean[..., other] == 50).all()
+        assert (recent[..., other] == 50).all()
+
+
+def test_the_mean_moves_a_tenth_of_the_way_outside_the_object_s_box() -> None:
+    """All channels by themselves; and what would be brighter than white is white."""
+    mean, recent = np.full((3, 6, 3), 50, np.float32), np.full((3, 6, 3), 50, np.uint8)
+    now = np.broadcast_to(np.array([53, 52, 49], np.uint8), (3, 6, 3)).copy()
+    _learn(now, mean, recent, np.zeros((3, 6)), np.zeros((3, 6), bool), 1.0, 4.0, 1.0, 0.5, (2, 1, 4, 2))
+    kept = np.zeros((3, 6), bool)
+    kept[1, 2:4] = True
+    np.testing.assert_allclose(mean[kept], 50)
+    np.testing.assert_allclose(mean[~kept], np.broadcast_to([50.3, 50.2, 49.9], (16, 3)), rtol=1e-6)
+    now[:] = 200
+    _learn(now, mean, recent, np.zeros((3, 6)), np.zeros((3, 6), bool), 0.5, 4.0, 1.0, 0.5, (0, 0, 0, 0))
+    assert (recent == 255).all()  # as it has just taken this colour, it is not background yet
+    _learn(now, mean, recent, np.zeros((3, 6)), np.zeros((3, 6), bool), 0.5, 4.0, 1.0, 0.5, (0, 0, 0, 0))
+    assert (mean == 255).all()
+
+
+def _halves(share: float, left: float, right: float, axis: int = 1) -> np.ndarray:
+    """(240, 320, 3) one level up to a share of the columns or rows, another beyond."""
+    values = np.where(np.arange((240, 320)[axis]) < share * (240, 320)[axis], left, right)
+    return np.broadcast_to(values[(None, slice(None)) if axis else (slice(None), None)][..., None], (240, 320, 3))
+
+
+@pytest.mark.parametrize(
+    ("image", "background", "gain", "noise"),
+    [
+        (_halves(0.55, 150, 100), _halves(1, 100, 100), 1.5, 0),  # that of most of the image
+        (_halves(0.45, 150, 100), _halves(1, 100, 100), 1.0, 0),
+        (_halves(0.55, 150, 100, axis=0), _halves(1, 100, 100), 1.5, 0),
+        (_halves(0.45, 150, 100, axis=0), _halves(1, 100, 100), 1.0, 0),
+        (_halves(0.6, 42, 120), _halves(0.6, 21, 100), 2.0, 0),
+        (_halves(0.6, 38, 120), _halves(0.6, 19, 100), 1.2, 38 - 1.2 * 19),  # what is dark tells no gain
+        (_halves(0.6, 200, 120), _halves(0.6, -1e4, 100), 1.2, 0),  # what is unknown tells nothing
+        (_halves(1, 5, 5), _halves(1, 0, 0), 1.0, 5),
+        (_halves(1, 5, 5), _halves(1, -1e4, 0), 1.0, 0),
+    ],
+)
+def test_gain_is_the_median_over_lit_pixels_and_noise_what_it_does_not_explain(
+    image: np.ndarray, background: np.ndarray, gain: float, noise: float, rng: np.random.Generator
+) -> None:
+    found = _gain_and_noise(image.astype(np.uint8), background.astype(np.float32))
+    np.testing.assert_allclose(found, (gain, noise), atol=1e-5)
+    noisy = np.clip(np.rint(100 + 12 * rng.standard_normal((240, 320, 3))), 0, 255).astype(np.uint8)
+    assert _gain_and_noise(noisy, np.full((240, 320, 3), 100, np.float32)) == pytest.approx((1, 0.6745 * 4), rel=0.15)
