@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -21,7 +22,7 @@ import pytest
 from videos import write_video
 
 from learning.pps.memory import load_memory
-from pps_vision.app.batch import Job, jobs_of
+from pps_vision.app.batch import Job, Task, jobs_of
 from pps_vision.app.cli import main
 from pps_vision.recordings.outputs import BUSY
 
@@ -95,6 +96,24 @@ def test_settings_that_are_none(tmp_path: Path, refused) -> None:
         (tmp_path / "settings.json").write_text(content)
         line = refused("batch", tmp_path / "a.mp4", "--out", tmp_path)
         assert re.search("settings.json: .*; expected the settings of a batch", line)
+
+
+def test_a_row_says_what_became_of_a_recording(tmp_path: Path) -> None:
+    job, task = Job("a", ("a.mp4",), (), tmp_path), Task("track", (), tmp_path)
+    (tmp_path / "a").mkdir()
+    assert not task.is_done(job)
+    found = {"pairs": 9, "frames": 8, "status": {"tracking": 6}, "versions": {"pps-vision": "1.2"}}
+    found |= {"ms_per_pair": {"total": {"median_ms": 2.5}}}
+    row = {"name": "a", "status": "done", "pairs": 9, "frames": 8, "tracked_share": 0.75, "position_rms_mm": None}
+    row |= {"ms_per_pair": 2.5, "version": "1.2", "reason": None}
+    for errors, rms_mm in (({}, None), ({"errors": {"position_rms_mm": 3.5}}, 3.5)):
+        (tmp_path / "a" / "summary.json").write_text(json.dumps(found | errors))
+        assert task.row(job, "") == row | {"position_rms_mm": rms_mm}
+    assert task.is_done(job)
+    assert {key: value for key, value in task.row(job, "odd").items() if value} == {
+        **{"name": "a", "status": "failed", "reason": "odd"}
+    }
+    assert task.row(replace(job, row="list.csv:3"), "odd")["reason"] == "list.csv:3: odd"
 
 
 def test_the_skew_of_pairs_is_that_of_all_or_of_a_row(tmp_path: Path, calib: Path) -> None:

@@ -48,6 +48,7 @@ def test_videos(videos: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     main(["info", *videos, "--unit-m", "0.01", "--json"])
     found = json.loads(capsys.readouterr().out)
     assert (found["pairs"], found["image_size"], found["robot"], found["gaps"]) == (20, [160, 120], False, 1)
+    assert found["cameras_turn_deg"] == 0
     assert found["pairs_per_s"] == pytest.approx(20)
     assert {"pps-vision", "python", "numpy"} <= set(found["versions"])
     assert found["duration_s"] == pytest.approx(1.1)

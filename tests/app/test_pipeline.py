@@ -263,7 +263,7 @@ def uncertain(*variances: float) -> Array:
 
 BAD_COVARIANCES = {
     **{"NaN": np.full((12, 12), np.nan), "infinite": np.full((12, 12), np.inf)},
-    **{"indefinite": uncertain(1.0, 1.0, -1e-3), "hardly indefinite": uncertain(1e-6, 1e-2, -1e-10)},
+    **{"indefinite": uncertain(1.0, 1.0, -1e-3), "hardly indefinite": uncertain(1e-6, 1e-2, -1.2e-11)},
 }
 
 

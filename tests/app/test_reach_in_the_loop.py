@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from data import SEED
 from known_track import DT, KnownTrack, frame_at, run
+from tracks import track_at
 
 from control.avoidance import AvoidanceParams
 from control.lean import LeanParams
@@ -16,13 +17,14 @@ from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
-from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
+from pps_vision.app import pipeline as module
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, _Leaning
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Array, ReachStatus
+from pps_vision.types import Activation, Array, JointVelocity, ReachStatus, Track3D
 
 ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
@@ -112,6 +114,69 @@ def test_the_torso_leans_until_the_hand_can_touch_and_stands_up_again(left: Reac
     assert leans[-1] < np.deg2rad(1)
     avoiding, _ = run(pipeline(comes, AVOID, left, leans=True))
     assert not any(step.command.dq_rad_s[torso].any() for step in avoiding)
+
+
+@pytest.mark.parametrize(
+    ("leaning", "of_threshold", "may_reach", "known", "felt", "status", "then", "moves"),
+    [
+        (None, 1.01, True, True, False, "leaning", None, None),
+        (None, 0.99, False, True, False, "leaning", None, None),
+        (None, 1.01, False, True, False, "leaning", False, "on"),
+        (None, 1.01, False, True, True, "leaning", False, "on"),
+        (False, 0.0, False, True, False, "leaning", False, "on"),
+        (False, 0.0, True, True, False, "leaning", False, None),
+        (False, 0.0, False, True, False, "out of reach", True, "on"),
+        (False, 0.0, False, False, False, "leaning", True, "back"),
+        (False, 0.0, True, True, True, "leaning", True, "back"),
+        (True, 1.01, True, True, False, "leaning", True, "back"),
+    ],
+)
+def test_a_lean_goes_on_until_the_object_is_reached_lost_or_out_of_reach(
+    left: ReachableMap,
+    monkeypatch: pytest.MonkeyPatch,
+    leaning: bool | None,
+    of_threshold: float,
+    may_reach: bool,
+    known: bool,
+    felt: bool,
+    status: str,
+    then: bool | None,
+    moves: str | None,
+) -> None:
+    """`leaning` and `then`: not, towards the object (False), or back (True), to the joints that it began at."""
+    one, q, rates = pipeline(lambda _: None, REACH, left, leans=True), home(ROBOT), {"on": 0.1, "back": -0.2}
+    torso = ROBOT.indices(ROBOT.names.torso)
+    q[torso] = begun = np.array([0.1, -0.05, 0.2])[: len(torso)]
+    said = {name: JointVelocity(0.0, np.full(ROBOT.n_joints, rate), 0.5) for name, rate in rates.items()}
+    monkeypatch.setattr(module.lean, "step", lambda *_: (status, said["on"]))
+    monkeypatch.setattr(module.lean, "upright", lambda *_: said["back"])
+    probability, touched = np.zeros(len(SKIN.taxel_ids)), np.arange(len(SKIN.taxel_ids)) == 5 * felt - (not felt)
+    probability[3] = of_threshold * REACH.threshold
+    track = track_at((-0.3, 0.0, 0.2)) if known else Track3D.unknown(0.0)
+    state = replace(one._state, leaning=None if leaning is None else _Leaning(begun, leaning))
+    active = Activation(0.0, SKIN.taxel_ids, probability)
+    found, command = one._lean(state, ROBOT.at(q), active, may_reach, track, touched)
+    assert (found and found.back) == then
+    assert found is None or found.home_rad.tolist() == begun.tolist()
+    assert command.dq_rad_s.tolist() == [rates.get(moves or "", 0.0)] * ROBOT.n_joints
+    said["back"] = JointVelocity(0.0, np.zeros(ROBOT.n_joints), 0.5)
+    if moves == "back":
+        assert one._lean(state, ROBOT.at(q), active, may_reach, track, touched)[0] is None
+
+
+def test_the_palm_goes_to_what_the_torso_leans_for(left: ReachableMap) -> None:
+    """Its nearest taxel is stimulated, though others of the arm are nearer."""
+    one, posture = pipeline(lambda _: None, REACH, left), ROBOT.at(home(ROBOT))
+    points = SKIN.at(posture)[0]
+    track = track_at(points[2] + 0.03 * SKIN.at(posture)[1][2])
+    active = Activation(0.0, SKIN.taxel_ids, np.full(len(points), 0.25))
+    palm = [k for k, name in enumerate(SKIN.taxel_ids) if name.startswith("left_palm")]
+    nearest = palm[int(np.linalg.norm(points[palm] - track.position, axis=1).argmin())]
+    for leaning, at in ((_Leaning(np.zeros(3)), [nearest]), (_Leaning(np.zeros(3), back=True), []), (None, [])):
+        wanted = one._wanted(one._arms[0], active, leaning, posture, track)
+        assert np.flatnonzero(wanted != 0.25).tolist() == at
+        assert wanted[nearest] == (1.0 if at else 0.25)
+    assert (active.probability == 0.25).all()
 
 
 def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: ReachableMap) -> None:

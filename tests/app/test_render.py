@@ -15,7 +15,9 @@ from pps_vision.app.render import _before_the_eyes, record, scene, stimulus_of
 from pps_vision.app.render_params import RenderParams
 from pps_vision.errors import InputError
 from pps_vision.recordings.robot_file import robot_setup
+from rendering.fidelity import Fidelity
 from rendering.scene import SceneState
+from rendering.sensor import Sensor
 
 SETUP = robot_setup(None)
 
@@ -137,8 +139,11 @@ def test_a_recording_holds_every_frame_and_counts_those_with_a_touch(
     def writer(out: Path, setup: object) -> Iterator[Writer]:
         yield Writer()
 
+    sensors = []
+
     @contextmanager
     def eyes(*args: object, **options: object) -> Iterator[SimpleNamespace]:
+        sensors.append((args[4], options["fidelity"]))
         truth = lambda state, t: SimpleNamespace(position=state.position, stamp_s=t)  # noqa: E731
         yield SimpleNamespace(truth=truth, render=lambda state, t, rng: t)
 
@@ -155,3 +160,6 @@ def test_a_recording_holds_every_frame_and_counts_those_with_a_touch(
     ((summary,),) = written["write_summary"]  # type: ignore[misc]
     assert (summary["render"]["seed"], summary["render"]["out"]) == (5, None)
     assert "numpy" in summary["versions"]
+    record(RenderParams("ball", "circle", Path("never"), noise=3, shot=0.1, exposure=2, blur_s=0.01, scale=1.5))
+    asked = Sensor(noise_sigma=3, shot=0.1, exposure=2, blur_s=0.01), Fidelity(scale=1.5)
+    assert sensors == [(Sensor(), Fidelity()), asked]
