@@ -113,7 +113,7 @@ class TrackedRecording:
             self._cameras.add(tracker.camera_motion, steps[-1].track.stamp_s)
             yield from ((number, frame, step) for (number, frame), step in zip(chunk, steps, strict=True))
 
-    def path(self, steps: Iterable[TrackerStep], smooth: bool = False) -> Iterator[TrackerStep]:
+    def path(self, steps: Iterable[TrackerStep], smooth: bool) -> Iterator[TrackerStep]:
         """Yield `steps`; with `smooth` they come later, their tracks corrected by later measurements (RTS smoothing).
 
         Raises:

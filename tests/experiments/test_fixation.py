@@ -7,6 +7,7 @@ from control.fixation import fixation_error
 from pps_vision.experiments import fixation
 from pps_vision.experiments.fixation import METHODS, Condition, Fixation, _last_above, _motion, _Robot, _start_and_point
 from pps_vision.experiments.scenarios import EYES_M
+from tracking import kalman
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +65,17 @@ def test_six_joints_settle_and_predict_and_are_best_where_they_know_the_motion(
     rms = [study._moving(eyes, name, late, ("circle",))["rms_deg"][0] for name in names]
     assert rms == sorted(rms)
     assert rms[0] < 0.3 < rms[3]
+
+
+def test_a_target_is_where_it_will_be_and_stays_where_it_is_seen_if_the_latency_is_ignored(eyes: _Robot) -> None:
+    p, v = np.array([-0.4, 0.1, 0.2]), np.array([0.1, 0.0, -0.2])
+    belief = kalman.start(kalman.KalmanParams(), 1.0, p, 1e-6 * np.eye(3), v, 1e-6 * np.eye(3))
+    at = {name: eyes._target(METHODS[name], belief, lambda t: (p, v), 1.0, 0.05) for name in METHODS}
+    aimed, ignored = at["six joints"], at["six joints, latency ignored"]
+    assert aimed is not None
+    assert ignored is not None
+    np.testing.assert_allclose(aimed[0], p + 0.05 * v, atol=1e-5)
+    np.testing.assert_allclose(ignored[0], p, atol=1e-9)
 
 
 def test_of_what_is_not_in_view_at_first_ever_more_is_seen(eyes: _Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """Videos that PyAV wrote with known stamps and brightness."""
 
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -10,11 +11,13 @@ from videos import number_of, write_calibration, write_video
 
 from pps_vision.app.track import track
 from pps_vision.errors import InputError
+from pps_vision.recordings import video as reader
+from pps_vision.recordings.formats.stereo_video import _ends_early
 from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import ProblemKind
 from pps_vision.recordings.recording import Recording
-from pps_vision.recordings.video import Video, open_video
+from pps_vision.recordings.video import Video, open_halves, open_video
 
 UNEVEN = [0.0, 0.033, 0.1, 0.104, 0.25, 0.3]  # a variable frame rate
 
@@ -46,6 +49,22 @@ def test_any_frame_is_found_in_any_order(tmp_path: Path, codec: str) -> None:
     video = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(300)], codec, **options))
     asked = [0, 250, 251, 3, 3, 299, 120, 119, 0, 130]
     assert [number_of(video.load(k)) for k in asked] == asked
+
+
+def test_the_next_frame_costs_one_frame_and_one_far_ahead_or_before_a_seek(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a key frame every twelve, a seek to half a hundred frames before it costs less than 63."""
+    decoded, pixels = list[object](), reader._pixels
+    monkeypatch.setattr(reader, "_pixels", lambda *frame: decoded.append(frame) or pixels(*frame))
+    video, costs = Video(write_video(tmp_path / "v.mp4", [k / 50 for k in range(252)], size=(80, 60))), []
+    for k in (0, 1, 1, 101, 202, 201, 3, 250):
+        decoded.clear()
+        assert number_of(video.load(k)) == k
+        costs.append(len(decoded))
+    assert costs[:4] == [1, 1, 0, 100]
+    assert all(50 < cost < 63 for cost in (*costs[4:6], costs[7]))
+    assert costs[6] == 4  # from the beginning
 
 
 def test_two_videos_pair_by_stamp(tmp_path: Path, calib: Path) -> None:
@@ -89,7 +108,7 @@ def test_one_name_is_enough_for_each_option(tmp_path: Path, calib: Path) -> None
         open_recording(right=right, calib=calib)
 
 
-@pytest.mark.parametrize(("more", "warned"), [(2, False), (33, True)])
+@pytest.mark.parametrize(("more", "warned"), [(2, False), (3, True)])
 def test_a_video_that_ends_early_is_the_one_that_is_named(tmp_path: Path, calib: Path, more: int, warned: bool) -> None:
     recording = two(tmp_path, calib, [k / 25 for k in range(17)], [k / 25 for k in range(17 + more)])
     left, right = tmp_path / "l.mp4", tmp_path / "r.mp4"
@@ -106,6 +125,33 @@ def test_a_video_without_its_end(tmp_path: Path, calib: Path, suffix: str, share
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
     found = "".join(open_recording(file, calib=calib).warnings)
     assert (f"{file} ends early (" in found, said in found) == (bool(said), True)
+
+
+@pytest.mark.parametrize(("stated_s", "is_early"), [(0.86, False), (0.89, True), (0.0, False)])
+def test_a_header_that_states_three_frames_more_than_there_are_shows_an_early_end(
+    tmp_path: Path, stated_s: float, is_early: bool
+) -> None:
+    """Of 20 frames the last is at 0.76 s, and three in twenty more are 0.874 s; whatever stamps they are given."""
+    file = write_video(tmp_path / "v.mkv", [k / 25 for k in range(20)])
+    left = [replace(frame, stamp_s=frame.stamp_s + 7) for frame in open_video(file, fps=None)]
+    left[0].video.stated_s = stated_s
+    said = f"{file} ends early (20 frames, 0.76 s); its header states {stated_s:.2f} s"
+    assert list(_ends_early(left, left, 0.02)) == ([said] if is_early else [])
+
+
+def test_only_the_header_of_a_matroska_file_without_sound_states_how_long_its_images_last(tmp_path: Path) -> None:
+    stamps = [k / 25 for k in range(50)]
+    assert Video(write_video(tmp_path / "v.mkv", stamps)).stated_s == pytest.approx(2.0, abs=0.05)
+    assert Video(write_video(tmp_path / "v.mp4", stamps)).stated_s == 0
+    with av.open(str(tmp_path / "v.mkv")) as images, av.open(str(tmp_path / "sound.mkv"), "w") as both:
+        stream, sound = both.add_stream_from_template(images.streams.video[0]), both.add_stream("pcm_s16le", 8000)
+        for packet in images.demux(video=0):
+            packet.stream = stream
+            both.mux(packet) if packet.size else None
+        silence = av.AudioFrame.from_ndarray(np.zeros((1, 80000), np.int16), format="s16", layout="mono")
+        silence.sample_rate = 8000
+        both.mux([*sound.encode(silence), *sound.encode()])
+    assert Video(tmp_path / "sound.mkv").stated_s == 0
 
 
 def test_a_video_that_was_cut_before_its_index_is_refused_in_words(tmp_path: Path) -> None:
@@ -134,7 +180,7 @@ def test_side_by_side(tmp_path: Path, calib: Path) -> None:
     with pytest.raises(InputError, match=r"both\.mp4: holds no calibration; expected one by --calib"):
         list(track(bare))
     with pytest.raises(InputError, match="no usable frame; expected at least one readable stereo pair"):
-        list(track(recording).path([]))
+        list(track(recording).path([], smooth=False))
     odd = write_video(tmp_path / "odd.avi", [0.0, 0.05], "mjpeg", size=(161, 120))
     with pytest.raises(InputError, match="is 161 pixels wide; expected two halves"):
         open_recording(odd, calib=[calib])
@@ -144,11 +190,11 @@ def test_side_by_side(tmp_path: Path, calib: Path) -> None:
 
 def test_frames_without_stamps_need_a_rate(tmp_path: Path) -> None:
     file = tmp_path / "raw.avi"
-    write_video(file, [k / 25 for k in range(8)], "mpeg4", bf="2")  # AVI has none for B-frames
+    write_video(file, [k / 25 for k in range(120)], "mpeg4", bf="2")  # AVI has none for B-frames
     with pytest.raises(InputError, match="not every frame has a stamp of its own; expected --fps"):
         open_video(file, fps=None)
     frames = open_video(file, fps=25)
-    assert [number_of(frame.load()) for frame in frames] == [*range(8)]
+    assert [number_of(frame.load()) for frame in (frames[110], *frames)] == [110, *range(120)]  # they are counted
 
 
 def test_a_broken_frame_is_noted_and_the_rest_is_read(tmp_path: Path) -> None:
@@ -186,6 +232,37 @@ def test_a_video_one_pixel_high_is_read(tmp_path: Path) -> None:
     video = Video(tmp_path / "v.mkv")
     assert video.image_size == (16, 1)
     assert np.array_equal(video.load(0), row)
+
+
+def test_a_video_of_no_frames_of_too_many_pixels_or_of_an_unknown_kind_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write_video(tmp_path / "v.avi", UNEVEN[:2], "mjpeg")
+    whole = file.read_bytes()
+    file.write_bytes(whole[: whole.index(b"movi") + 4])
+    with pytest.raises(InputError, match=r"v\.avi: 0 frames of 160×120 pixels; expected frames of at most"):
+        Video(file)
+    file.write_bytes(whole.replace(b"MJPG", b"xqzw"))
+    with pytest.raises(InputError, match=r"v\.avi: cannot be read: no decoder for it"):
+        Video(file)
+    with pytest.raises(InputError, match="is a folder; expected a video"):
+        Video(tmp_path)
+    file.write_bytes(whole)
+    monkeypatch.setattr(reader, "MOST_PIXELS", 160 * 120)
+    video = Video(file)
+    monkeypatch.setattr(reader, "MOST_PIXELS", 160 * 120 - 1)
+    with pytest.raises(
+        InputError, match=r"v\.avi: \d frames of 160×120 pixels; expected frames of at most 19199 pixels"
+    ):
+        Video(file)
+    assert isinstance(video.load(0), str), "nor is a frame decoded that turns out to be larger than its header says"
+
+
+def test_what_is_wrong_with_a_frame_is_said_and_half_a_frame_is_none(tmp_path: Path) -> None:
+    assert reader._pixels(av.VideoFrame(8, 6, "rgb24"), (6, 8)) == "is 8×6 pixels"
+    (left, _), _ = open_halves(write_video(tmp_path / "v.mp4", [0.0, 0.1]), None)
+    left.path.unlink()
+    assert left.load() == "cannot be decoded (No such file or directory)"
 
 
 @pytest.mark.parametrize(
