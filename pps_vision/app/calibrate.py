@@ -110,7 +110,6 @@ class StereoCalibration:
         D: Lenses (2, 5): k1, k2, p1, p2, k3.
         R: (3, 3), p_right = R p_left + T.
         T: (3,) m.
-        rms_px: RMS reprojection error of both cameras together.
         focal_std_px: (2,) standard deviation of fx, each camera calibrated by itself.
         views: The views that were used.
         residuals_px: For every view those of the left and of the right image, (n, 2) each.
@@ -121,10 +120,14 @@ class StereoCalibration:
     D: Array
     R: Array
     T: Array
-    rms_px: float
     focal_std_px: Array
     views: tuple[BoardView, ...]
     residuals_px: tuple[tuple[Array, Array], ...]
+
+    @property
+    def rms_px(self) -> float:
+        """RMS reprojection error of both cameras together."""
+        return _rms(np.concatenate([residuals for both in self.residuals_px for residuals in both]))
 
     def rms_of(self, side: int) -> float:
         """RMS reprojection error of the left (0) or the right (1) images, px."""
@@ -250,13 +253,13 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
             raise InputError("calibrate", f"{found}; expected some tilted by 20° or more to different sides")
         (_, K1, D1, *_), (_, K2, D2, *_) = singles
         flags = cv2.CALIB_USE_INTRINSIC_GUESS
-        rms, *matrices, _, _, rotations, shifts, _ = cv2.stereoCalibrateExtended(
+        _, *matrices, _, _, rotations, shifts, _ = cv2.stereoCalibrateExtended(
             corners, left_px, right_px, K1, D1, K2, D2, image_size, np.eye(3), np.zeros(3), flags=flags
         )
     except cv2.error as error:
         raise InputError("calibrate", f"the views do not determine the cameras ({error.err}); add others") from error
     KL, DL, KR, DR, R, T = (np.array(matrix, dtype=float) for matrix in matrices)
-    if not all(np.isfinite(matrix).all() for matrix in (rms, KL, DL, KR, DR, R, T)):
+    if not all(np.isfinite(matrix).all() for matrix in (KL, DL, KR, DR, R, T)):
         raise InputError("calibrate", "the views do not determine the cameras; add boards at other angles")
     residuals = []
     for view, turn, shift in zip(views, rotations, shifts, strict=True):
@@ -269,7 +272,6 @@ def calibrate(image_size: tuple[int, int], views: Sequence[BoardView]) -> Stereo
         np.stack([DL.ravel()[:5], DR.ravel()[:5]]),
         R,
         T.ravel(),
-        float(rms),
         np.array([single[5].ravel()[0] for single in singles]),
         tuple(views),
         tuple(residuals),

@@ -177,8 +177,8 @@ def test_a_calibration_is_summed_up_and_drawn() -> None:
     views = tuple(BoardView(name, np.zeros((2, 3)), at + k, at + 10 + k) for k, name in enumerate("ab"))
     residuals = ((left, right), (2 * left, 3 * right))
     shift, std = np.array([-0.12, 0.05, 0.0]), np.array([1.0, 2.0])
-    one = StereoCalibration(SIZE, np.stack(K), np.zeros((2, 5)), R, shift, 0.7, std, views, residuals)
-    rms = {"left": np.sqrt((25 + 100) / 4), "right": np.sqrt((1 + 9) / 4), "stereo": 0.7}
+    one = StereoCalibration(SIZE, np.stack(K), np.zeros((2, 5)), R, shift, std, views, residuals)
+    rms = {"left": np.sqrt((25 + 100) / 4), "right": np.sqrt((1 + 9) / 4), "stereo": np.sqrt(135 / 8)}
     summary = one.summary()
     assert summary["rms_px"] == pytest.approx(rms)
     assert (summary["pairs"], summary["corners"], summary["baseline_mm"]) == (2, 4, pytest.approx(130))
@@ -207,7 +207,7 @@ def test_a_calibration_is_summed_up_and_drawn() -> None:
     assert left_ends[1] - left_ends[0] == pytest.approx(1)
     assert [label.get_text() for label in bars.get_xticklabels()] == ["a", "b"]
     assert [text.get_text() for text in bars.get_legend().texts] == ["left", "right"]
-    assert figure.get_suptitle() == "stereo RMS 0.700 px, 2 views, baseline 130.00 mm"
+    assert figure.get_suptitle() == "stereo RMS 4.108 px, 2 views, baseline 130.00 mm"
 
 
 def test_images_of_a_board_are_paired_by_number_and_videos_without_a_pair_give_none(tmp_path: Path) -> None:
