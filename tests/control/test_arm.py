@@ -204,3 +204,12 @@ def test_the_palm_slows_down_from_two_centimetres_before_its_sphere(robot: Robot
 def test_a_velocity_that_is_not_finite_is_refused(robot: Robot, velocity: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="expected three finite numbers"):
         rates(robot, home(robot), MovingPoint("left_palm", (0, 0, 0), velocity))
+
+
+def test_bodies_within_ten_centimetres_are_kept_clear_of_and_those_farther_apart_not_looked_at(robot: Robot) -> None:
+    """Each row leaves half a second for what its pair is farther apart than 2.5 cm."""
+    bodies, posture = SelfCollision(robot), robot.at(home(robot))
+    every, _ = bodies.parting(posture.q_rad, 0.5, robot.indices(robot.names.arm("left")))
+    most = arm_constraints(PARAMS, posture, "left", REST, None, 0.5, bodies).most
+    np.testing.assert_allclose(0.025 + 0.5 * most, every[every < 0.1], atol=1e-6)
+    assert 0 < np.count_nonzero(every < 0.1) < np.count_nonzero(every < 0.145)

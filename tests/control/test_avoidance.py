@@ -8,7 +8,6 @@ import pytest
 
 from control.arm import MovingPoint
 from control.avoidance import (
-    _WAIT_S,
     AvoidanceParams,
     AvoidanceState,
     Response,
@@ -752,7 +751,7 @@ def test_lost_in_mid_avoidance_the_arm_holds_still_then_goes_home(robot: Robot) 
         modes.append(response.mode)
         q = q + DT * command.dq_rad_s
     assert modes[:10] == ["avoid"] * 10
-    assert DT * modes.count("hold") == pytest.approx(_WAIT_S, abs=2 * DT)
+    assert DT * modes.count("hold") == pytest.approx(1.0, abs=2 * DT)
     assert modes == sorted(modes, key=["avoid", "hold", "return", "idle"].index)
     np.testing.assert_allclose(q, home(robot), atol=0.3 * DEG)
 
@@ -782,6 +781,24 @@ def test_a_bare_link_responds_to_what_will_be_nearer_than_three_centimetres(
     track = track_at(posture.point("left_lower_arm") + (0.036 + BALL_M + gap_m) * way, -speed_m_s * way)
     given = posture, FOREARM, np.zeros(12), 0.0
     assert step(AT_ONCE, AvoidanceState(), *given, track=track, bare_links=links)[2].mode == mode
+
+
+def test_a_bare_link_responds_to_what_is_past_it_in_half_a_second(robot: Robot) -> None:
+    """At 80 cm/s it is at the elbow in a quarter of a second, and 20 cm beyond in another."""
+    way, links, posture = np.array([0.0, -1.0, 0.0]), BareLinks(robot, FOREARM, "left"), robot.at(home(robot))
+    track = track_at(posture.point("left_lower_arm") + np.array([0.0, 0.0, -0.06]) + 0.2 * way, -0.8 * way)
+    given = posture, FOREARM, np.zeros(12), 0.0
+    assert step(AT_ONCE, AvoidanceState(), *given, track=track, bare_links=links)[2].mode == "avoid"
+
+
+@pytest.mark.parametrize(("gap_m", "mode"), [(0.106, "avoid"), (0.114, "idle")])
+def test_what_comes_within_three_seconds_counts(robot: Robot, gap_m: float, mode: str) -> None:
+    """At 2 cm/s: 6 cm nearer, to 5 cm from a taxel or not."""
+    posture, taxel = robot.at(home(robot)), FOREARM.index("left_forearm:27")
+    points, normals = FOREARM.at(posture)
+    track = track_at(points[taxel] + (BALL_M + gap_m) * normals[taxel], -0.02 * normals[taxel])
+    given = posture, FOREARM, activations_of(FOREARM, left_forearm_27=0.9), 0.0
+    assert step(replace(AT_ONCE, come_m=0.0), AvoidanceState(), *given, track=track)[2].mode == mode
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 from data import SEED
+from scipy.optimize import brentq
 
 from control.double_touch import (
     FINGERTIP_RADIUS_M,
@@ -14,6 +15,7 @@ from control.double_touch import (
     Infeasible,
     minimum_jerk,
 )
+from pps_vision.robot.icub import HOME_ARM_RAD, home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import SkinPart, icub_skin
 
@@ -55,6 +57,7 @@ def test_most_starts_lead_to_a_touch_and_the_others_have_a_reason(planned):
 
 
 def test_the_fingertip_arrives_along_the_normal(robot, touches):
+    starts_aside = []
     for taxel, touch in touches:
         height, aside = by_the_skin(robot, taxel, touch)
         assert height[-1] == pytest.approx(FINGERTIP_RADIUS_M, abs=1e-4)
@@ -62,7 +65,9 @@ def test_the_fingertip_arrives_along_the_normal(robot, touches):
         near = height < 0.05
         assert aside[near].max() < 0.005
         assert np.all(np.diff(height) < 0)
-        assert height[0] > 0.95 * PARAMS.start_m
+        assert 0.209 < height[0] < 0.2191
+        starts_aside.append(aside[0])
+    assert 0.04 < max(starts_aside) < 0.06
 
 
 def test_the_finger_opposes_the_normal_at_the_touch(robot, touches):
@@ -81,7 +86,7 @@ def test_joints_keep_their_limits_and_never_jump(robot, touches):
         steps = np.diff(touch.stamps_s)
         np.testing.assert_allclose(steps, 0.05)
         rates = np.diff(touch.joints_rad, axis=0) / steps[:, None]
-        assert np.abs(rates).max() <= PARAMS.max_rate_rad_s
+        assert np.abs(rates).max() <= np.deg2rad(60)
         assert np.abs(np.diff(rates, axis=0)).max() < np.deg2rad(25)  # 500°/s²: no jump in velocity either
 
 
@@ -99,7 +104,7 @@ def test_the_speed_is_that_of_a_minimum_jerk_movement_that_presses_on(robot, tou
     for taxel, touch in touches:
         height, _ = by_the_skin(robot, taxel, touch)
         speed = -np.diff(height) / 0.05
-        assert PARAMS.peak_m_s[0] * 0.97 < speed.max() < PARAMS.peak_m_s[1] * 1.01
+        assert 0.097 < speed.max() < 0.162
         assert 0.4 < speed[-1] / speed.max() < 0.9  # still moving when it touches
         assert speed[0] < 0.2 * speed.max()
 
@@ -150,3 +155,28 @@ def test_the_line_leads_aside_with_the_square_of_the_height(robot):
         offset = line[:3] - taxel
         assert offset @ normal == pytest.approx(height)
         assert np.linalg.norm(offset - height * normal) == pytest.approx(aside, abs=1e-9)
+
+
+def test_a_movement_is_judged_by_its_rates_and_distances(robot):
+    """Of arms at home, 3° in a step of 50 ms are too fast; of crossing arms, 5 mm between them are too near."""
+    planner, arms = DoubleTouching(robot, PART), np.tile([*HOME_ARM_RAD[:5], *HOME_ARM_RAD], (6, 1))
+    before_s = 0.05 * np.arange(5, -1, -1)
+    for degrees, found in ((2.9, DoubleTouch), (3.1, str)):
+        arms[-1, 6] = HOME_ARM_RAD[1] + np.deg2rad(degrees)
+        assert isinstance(planner._checked(before_s, arms), found)
+    np.testing.assert_allclose(planner._checked(before_s, 0 * arms + arms[0]).stamps_s, 0.05 * np.arange(6))
+
+    def crossing(share):
+        one = arms[0].copy()
+        one[[2, 7]] += share * np.deg2rad(60)
+        one[[3, 8]] += share * np.deg2rad(30)
+        return one
+
+    def distance_m(share):
+        q = home(robot)
+        q[planner._columns] = crossing(share)
+        return planner._self_collision.distance_m(q)
+
+    for wanted_m, found in ((0.006, DoubleTouch), (0.004, str)):
+        share = brentq(lambda share, m=wanted_m: distance_m(share) - m, 0.0, 1.0)
+        assert isinstance(planner._checked(before_s, np.tile(crossing(share), (6, 1))), found)

@@ -168,6 +168,16 @@ def test_the_arm_at_home_is_fixated_with_the_eyes_tilt(robot: Robot, frame: str)
     assert fixation_error(robot.at(q), p) < 0.1 * DEG
     assert pitch == pytest.approx(-40 * DEG, abs=0.1 * DEG)
     assert tilt < -5 * DEG
+    assert features(robot.at(q), p)[0][2] == pytest.approx(0.05**2 * 0.5 * -tilt / 0.8, rel=0.05), "its return"
+
+
+def test_where_the_neck_ends_the_tilt_all_but_stays(robot: Robot) -> None:
+    """It returns to zero at the share w²/(s² + w²) of its rate, with the slope s of the elevation and its weight."""
+    q = set_gaze(robot, home(robot), pitch=-40 * DEG, tilt=-8 * DEG)
+    p = fixation_point(robot.at(q))
+    slope = (features(robot.at(q), p)[1] @ gaze_columns(robot))[2, 2]
+    dq = step(PARAMS, robot.at(q), p, hold_s=DT).dq_rad_s[robot.indices(("neck_pitch", "eyes_tilt"))]
+    np.testing.assert_allclose(dq, [0.0, 0.05**2 / (slope**2 + 0.05**2) * 16 * DEG], rtol=1e-3, atol=1e-9)
 
 
 def test_the_tilt_goes_back_as_the_neck_takes_over(robot: Robot) -> None:

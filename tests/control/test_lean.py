@@ -131,3 +131,22 @@ def test_the_torso_stands_up_straight_and_then_rests():
     np.testing.assert_allclose(directions, np.tile(np.array([12.0, -8.0]) / np.hypot(12, 8), (10, 1)), atol=1e-6)
     assert np.linalg.norm(q[TORSO] - home) < np.deg2rad(0.1)
     assert not lean.upright(PARAMS, ROBOT.at(q), home, DT, 3.0).dq_rad_s.any()
+
+
+@pytest.mark.parametrize(("off_deg", "turns"), [(0.08, False), (0.12, True)])
+def test_a_tenth_of_a_degree_from_upright_is_upright(off_deg, turns):
+    q = START.copy()
+    q[TORSO[0]] += np.deg2rad(off_deg)
+    assert lean.upright(PARAMS, ROBOT.at(q), START[TORSO], DT, 3.0).dq_rad_s.any() == turns
+
+
+def test_torso_postures_four_degrees_apart_are_looked_at():
+    """From the lower limits on: 30 yaws between ±59°, 27 pitches between −22° and 84°, and the present posture."""
+    asked = []
+
+    def nowhere(gaze):
+        asked.append(len(gaze))
+        return np.zeros(len(gaze), dtype=bool)
+
+    lean.step(PARAMS, MODEL, LIMITS, nowhere, ROBOT.at(START), ASIDE, DT, 3.0)
+    assert asked == [1 + 30 * 27]

@@ -124,3 +124,42 @@ def test_the_directions_that_a_hand_takes_in_the_plane_are_those_near_the_plane(
     assert np.count_nonzero(met[0] != near) <= 1
     met = covered_directions(planar, pointing, np.tile(target, (2, 1)), q, q[0] - 1e-3, q[0] + 1e-3, coverage, params)
     np.testing.assert_array_equal(met[0], coverage.directions[:, 1] >= np.cos(np.deg2rad(20)))
+
+
+def on_a_circle(q):
+    """Two joints whose squares sum to x: the curve is a circle."""
+    return np.sum(q * q, axis=1, keepdims=True), 2 * q[:, None]
+
+
+def test_sixteen_steps_each_way_then_eight_of_an_eighth_of_their_length():
+    """Along a unit circle from (1, 0), where a step of 0.3 along the tangent turns by atan 0.3; two Newton steps for
+    the root of r² = 1 bring each back, the radius r to (r + 1/r)/2."""
+    seen = []
+
+    def all_alike(q, J):
+        np.testing.assert_array_equal(J, 2 * q[:, None])
+        seen.append(q[0])
+        return np.zeros(len(q))
+
+    walked, _ = walk(
+        on_a_circle, np.ones((1, 1)), np.array([[1.0, 0.0]]), -2 * np.ones(2), 2 * np.ones(2), all_alike, WalkParams()
+    )
+    np.testing.assert_array_equal(walked, [[1.0, 0.0]])
+    x, y = np.array(seen).T
+    angle, turn, finer = np.unwrap(np.arctan2(y, x)), np.arctan(0.3), np.arctan(0.3 / 8)
+    assert len(seen) == 1 + 2 * 16 + 2 * 8
+    for first, n, step in ((1, 16, -turn), (17, 16, turn), (33, 8, -finer), (41, 8, finer)):
+        expected = step * np.arange(1, n + 1)
+        np.testing.assert_allclose(np.exp(1j * angle[first : first + n]), np.exp(1j * expected), atol=1e-5)
+    r = np.hypot(1, 0.3)
+    for _ in range(2):
+        r = (r + 1 / r) / 2
+    assert np.hypot(x[1], y[1]) - 1 == pytest.approx(r - 1, rel=0.02)
+
+
+@pytest.mark.parametrize(("step_rad", "counts"), [(0.554, True), (0.591, False)])
+def test_a_ten_thousandth_from_the_target_counts_as_reached(step_rad, counts):
+    """After the two corrections x is 0.8 or 1.25 ten-thousandths too large."""
+    wide, params = np.full(2, 2.0), WalkParams(step_rad, 1, finer=1)
+    good = walk(on_a_circle, np.ones((1, 1)), np.array([[1.0, 0.0]]), -wide, wide, lambda q, J: q[:, 1], params)[1]
+    assert (good[0] > 0.3) == counts

@@ -133,7 +133,8 @@ def test_unknown_taxels_are_answered_with_the_known_ones() -> None:
 
 def test_a_part_must_have_one_unit_normal_a_taxel() -> None:
     one = np.array([[0.0, 0.0, 1.0]])
-    with pytest.raises(ValueError, match="2 ids, expected as many positions and normals"):
-        SkinPart("nose", "head", (1, 2), one, one)
+    for positions, normals in ((one, one), (np.vstack([one, one]), one), (one, np.vstack([one, one]))):
+        with pytest.raises(ValueError, match="2 ids, expected as many positions and normals"):
+            SkinPart("nose", "head", (1, 2), positions, normals)
     with pytest.raises(ValueError, match=r"normals of length 2\.000–2\.000, not 1"):
         Skin((SkinPart("nose", "head", (1,), one, 2 * one),))

@@ -6,9 +6,9 @@ from data import SEED
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
-from pps_vision.robot.inverse_kinematics import IKParams
+from pps_vision.robot.inverse_kinematics import IKParams, IKSolution
 from pps_vision.robot.self_motion import FarFromLimits
-from pps_vision.robot.two_stage import TwoStageParams, two_stage
+from pps_vision.robot.two_stage import TwoStageParams, best_of_starts, two_stage
 
 ROBOT = load_icub()
 LOWER, UPPER = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])  # J's
@@ -67,3 +67,33 @@ def test_what_does_not_converge_is_not_called_reachable():
     found = two_stage(CHAIN.positions, points, starts, LOWER, UPPER, EFFORT, hasty)
     assert found.reachable.sum() == (found.error <= 1e-4).sum() < 20
     assert np.isfinite(found.error).all()
+
+
+def test_the_best_of_what_stages_give_by_hand():
+    """Three starts: the first target is reached by two of them, the second by none; the third by the last."""
+    starts = np.arange(9.0).reshape(3, 3, 1)
+    errors = np.array([[0.05, 3.0, 2.0], [0.01, 1.0, 4.0], [0.03, 2.0, 0.06]])
+    stage = iter([IKSolution(q, error, error < 0.1) for q, error in zip(starts + 0.5, errors, strict=True)])
+    quality = {0.5: 0.2, 3.5: 0.1, 6.5: 0.3, 8.5: -5.0}
+
+    def improve(targets, q):
+        return q + 100 * targets, np.array([quality[one] for one in q[:, 0]])
+
+    found = best_of_starts(lambda targets, start: next(stage), improve, np.array([[1.0], [2.0], [3.0]]), starts)
+    np.testing.assert_allclose(found.q_rad[:, 0], [106.5, 4.5, 308.5])
+    np.testing.assert_allclose(found.error, [0.01, 1.0, 0.06])
+    np.testing.assert_array_equal(found.reachable, [True, False, True])
+    np.testing.assert_allclose(found.quality, [0.3, np.nan, -5.0])
+
+
+def test_the_first_stage_takes_a_hundred_steps_and_gives_up_below_three_ten_thousandths():
+    """Each step takes a tenth of what is left: of 20 m, at 0.1 m/rad, or of 1 m, at 1 m/rad."""
+    for slope, target, left in (
+        (0.1, 20.0, 20 * 0.9**100),
+        (1.0, 1.0, 0.9 ** (1 + np.ceil(np.log(3e-3) / np.log(0.9)))),
+    ):
+        forward = lambda q, s=slope: (s * q, np.full((*q.shape, 1), 10 * s))  # noqa: E731
+        wide = np.array([1e6])
+        found = two_stage(forward, np.array([[target]]), np.zeros((1, 1, 1)), -wide, wide, lambda q, J: q[:, 0])
+        np.testing.assert_allclose(found.error, left, rtol=2e-3)
+        assert not found.reachable
