@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from control.arm import MovingPoint
+from control.arm import ArmParams, MovingPoint
 from control.avoidance import (
     AvoidanceParams,
     AvoidanceState,
@@ -846,3 +846,48 @@ def test_the_arm_waits_until_what_interrupted_its_return_has_moved_away(
 def test_another_weighting_or_control_point_is_refused(change: dict[str, str]) -> None:
     with pytest.raises(ValueError, match="expected sum or count, taxels or point"):
         AvoidanceParams((0.0,) * 7, **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("shares", "chosen"), [((1.0, 1.0), 1), ((1.0, 0.5), 0), ((0.5, 1.0), 1)])
+def test_an_arm_reaches_with_the_damping_that_touches_first(
+    robot: Robot, shares: tuple[float, float], chosen: int
+) -> None:
+    """With one joint, a taxel at r from its axis, and dampings d of 3 cm and 3 mm: rates as 1/(r² + d²), slowed by the
+    share that the last stage lets through."""
+    changes = list[Array]()
+
+    class Watched(SelfCollision):
+        def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
+            assert clearance_m == LimitParams().clearance_m
+            changes.append(change_rad)
+            return shares[len(changes) - 1]
+
+    posture, skin, (pitch,) = robot.at(home(robot)), FOREARM.parts[0], robot.indices(("left_shoulder_pitch",))
+    one = Skin((SkinPart("one", skin.frame, (0,), skin.positions_m[:1], skin.normals[:1]),))
+    (at,), _ = one.at(posture)
+    moves = posture.jacobian(skin.frame, skin.positions_m[0])[:3, pitch]
+    track = track_at(at + 0.2 * moves / np.linalg.norm(moves), np.zeros(3))
+    params = replace(AT_ONCE, behaviour="reach", come_m=0.0, path_m=np.inf, arm=ArmParams(resting=6))
+    given = posture, one, np.ones(1), 0.0
+    _, command, _ = step(
+        params, AvoidanceState(), *given, may_reach=True, hold_s=0.4, self_collision=Watched(robot), track=track
+    )
+    rates = np.array(changes)[:, pitch] / 0.4
+    r2 = moves @ moves
+    np.testing.assert_allclose(rates, 0.1 * np.sqrt(r2) / (r2 + np.array([0.03, 0.003]) ** 2), rtol=1e-3)
+    assert command.dq_rad_s[pitch] == pytest.approx(rates[chosen], rel=1e-6)
+
+
+def test_an_arm_that_reaches_takes_no_point_that_is_farther_from_the_object(robot: Robot) -> None:
+    """With R's control points, of two taxels that become active in turn."""
+    posture, params = robot.at(home(robot)), replace(AT_ONCE, behaviour="reach", withdraws="point", come_m=0.0)
+    points, normals = FOREARM.at(posture)
+    first, second = FOREARM.index("left_forearm:3"), FOREARM.index("left_forearm:159")
+    for near, expected in ((first, first), (second, second)):
+        state = AvoidanceState()
+        track = track_at(points[near] + 0.1 * normals[near], -0.05 * normals[near])
+        for i, active in enumerate((first, second)):
+            state, _, response = step(
+                params, state, posture, FOREARM, np.eye(12)[active], i * DT, may_reach=True, track=track
+            )
+        np.testing.assert_allclose(response.point_root, points[expected])

@@ -12,7 +12,7 @@ from control.avoidance import AvoidanceParams, AvoidanceState, step
 from control.path_clearance import direction_off_path, predicted_distances
 from pps_vision.robot.icub import HOME_ARM_RAD, home
 from pps_vision.robot.model import Robot
-from pps_vision.robot.skin import TOUCH_RADIUS_M, icub_skin, touched_taxels
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin, touched_taxels
 from pps_vision.types import Array, Status, Track3D
 
 DT = 0.05
@@ -57,6 +57,22 @@ def test_a_joint_at_its_limit_is_predicted_to_stay(robot: Robot) -> None:
     ball = track_at(SKIN.at(posture)[0][0] + [0.0, 0.0, 0.3], np.array([0.0, 0.0, -0.1]))
     rests, pushes = predicted_distances(posture, columns, SKIN, np.array([np.zeros(7), np.ones(7)]), ball)
     assert pushes == pytest.approx(rests, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "speed_m_s", "left_m"),
+    [(0.55, 0.3, 0.0), (1.0, 0.05, 0.85), (-0.2, 1.2, 0.21)],
+    ids=["passes", "in three seconds", "has passed"],
+)
+def test_an_object_is_followed_to_five_centimetres_beyond_the_last_taxel(
+    robot: Robot, ahead_m: float, speed_m_s: float, left_m: float
+) -> None:
+    """At twelve instants, here 5 cm apart, of three seconds at most, or of a tenth of one at least."""
+    way, posture = np.array([0.6, 0.0, 0.8]), robot.at(home(robot))
+    skin = Skin((SkinPart("one", "left_palm", (0,), np.zeros((1, 3)), np.eye(3)[2:]),))
+    track = track_at(posture.point("left_palm") - ahead_m * way, speed_m_s * way)
+    (found,) = predicted_distances(posture, arm_of(robot), skin, np.zeros((1, 7)), track)
+    assert found == pytest.approx(left_m - BALL_M, abs=1e-6)
 
 
 def all_of_it(rates: Array) -> float:
