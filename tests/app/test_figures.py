@@ -87,6 +87,7 @@ def test_a_path_shows_each_coordinate_with_two_standard_deviations_and_the_error
     ((_, off),) = lines(error)
     np.testing.assert_allclose(off, np.full(T, 5.0))  # mm
     assert error.get_ylim()[0] == 0
+    assert (error.get_xlabel(), error.get_ylabel()) == ("time (s)", "3D error (mm)")
     assert coordinates[0].get_title() == "approach"
     assert {text.get_text() for text in coordinates[0].get_legend().texts} == {"tracked ± 2σ", "truth"}
 
@@ -112,6 +113,7 @@ def test_a_landscape_is_the_activation_over_the_memorys_ranges() -> None:
     assert image.get_clim() == (0, 1)
     assert image.origin == "lower"
     assert len(figure.axes) == 3  # two panels and the scale
+    assert (figure.get_supxlabel(), figure.get_supylabel()) == ("distance D (cm)", "time to contact TTC (s)")
     assert len(figures.landscapes(memory, [1]).axes) == 2
     assert not any(axis.get_visible() for axis in figures.landscapes(memory, []).axes)
     bare = Figure().subplots()
@@ -152,6 +154,7 @@ def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> N
     for axis in panels:
         (image,) = axis.images
         assert image.get_extent() == pytest.approx([-40, 60, -30, 10])
+        assert (image.get_clim(), image.origin) == ((0, 1), "lower")
         degree = np.asarray(image.get_array())
         assert degree[:, : int(0.38 * 120)].max() < 0.5 < degree[:, int(0.42 * 120) :].min()
         border = np.vstack([p.vertices for c in axis.collections for p in c.get_paths()])
@@ -159,6 +162,11 @@ def test_the_reachable_space_is_drawn_for_the_vergences_within_its_limits() -> N
     assert not any(axis.get_visible() and not axis.get_title() and axis.images for axis in figure.axes)
     assert [axis.get_visible() for axis in figure.axes[:4]] == [True, True, True, False]  # two rows of two
     assert "the left hand" in figure.get_suptitle()
+    assert (figure.get_supxlabel(), figure.get_supylabel()) == ("neck yaw (°)", "neck pitch (°)")
+    alone = replace(one, limits=replace(lattice.limits, vergence_rad=tuple(np.deg2rad((12, 14)).tolist())))
+    panel, scale = figures.reachable_space(alone, load_icub()).axes
+    assert (panel.get_title()[:12], scale.get_ylabel()[:25]) == ("vergence 13°", "degree of reachability R ")
+    assert figure.axes[-1].get_ylabel() == "degree of reachability R (joint-limits; reachable above 0.5)"
 
 
 def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
@@ -181,6 +189,7 @@ def test_errors_of_paths_are_in_millimetres_and_sorted_shares() -> None:
     assert y[0] == pytest.approx(1 / len(x))
     assert y[-1] == 1
     assert y[x < 4].max() == pytest.approx(0.5, abs=0.03)
+    assert [axis.get_xlabel() for axis in (over_time, share)] == ["time (s)", "3D error (mm)"]
     (name,) = (text.get_text() for text in over_time.get_legend().texts)
     assert name.startswith("one: RMSE 4.4")
 
@@ -212,7 +221,9 @@ def test_what_was_tracked_is_shown_over_time_with_its_uncertainty(tmp_path: Path
     assert figure.axes[4].get_ylim() == (0, 5)
     assert figure.axes[5].get_ylim() == (0, 1)
     assert len(_over_time(replace(tracked, reach=None, truth=tracked.truth[:0])).axes) == 5
-    assert figure.axes[2].get_ylabel() == "z (m)"
+    quantities = ("x (m)", "y (m)", "z (m)", "distance (m)", "time to contact (s)", "degree of reach")
+    assert tuple(axis.get_ylabel() for axis in figure.axes) == quantities
+    assert figure.axes[-1].get_xlabel().startswith("time (s); shaded: ")
 
 
 def test_activations_over_the_body_have_a_row_for_each_taxel(tmp_path: Path) -> None:
@@ -220,10 +231,11 @@ def test_activations_over_the_body_have_a_row_for_each_taxel(tmp_path: Path) -> 
     axis, scale = _over_the_body(tracked).axes
     shown = np.asarray(axis.collections[0].get_array()).reshape(3, 40)
     np.testing.assert_allclose(shown, [np.zeros(40), np.arange(40) / 40, 1 - np.arange(40) / 40])
+    assert axis.collections[0].get_clim() == (0, 1)
     assert axis.get_yticks().tolist() == [0, 2]
     assert [label.get_text() for label in axis.get_yticklabels()] == ["arm", "hand"]
     assert axis.get_ylim()[0] > axis.get_ylim()[1]
-    assert scale.get_ylabel() == "activation"
+    assert (axis.get_xlabel(), scale.get_ylabel()) == ("time (s)", "activation")
     borders = axis.collections[1]
     assert not isinstance(borders, PathCollection)
     assert [p.vertices[0, 1] for p in borders.get_paths()] == [-0.5, 1.5]
