@@ -15,7 +15,7 @@ from tracks import track_at
 
 from pps_vision.errors import InputError
 from pps_vision.recordings import Form
-from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_coco, open_forms, write_mot
+from pps_vision.recordings.exchange import SeenBox, TrackedPair, open_coco, open_forms, write_mot, write_tum_rows
 from pps_vision.types import Detection2D, Status, Track3D
 
 N = 12
@@ -56,6 +56,10 @@ def test_evo_reads_tum(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     np.testing.assert_array_equal(read.timestamps, [track.stamp_s for track in known])
     np.testing.assert_array_equal(read.positions_xyz, [track.position for track in known])
     assert read.check()[0]
+    write_tum_rows(tmp_path / "again.tum", [track.stamp_s for track in known], [track.position for track in known])
+    written = (tmp_path / "trajectory.tum").read_text()
+    assert (tmp_path / "again.tum").read_text() == written
+    assert written.startswith(f"# pps-vision {version('pps-vision')}: stamp_s x_m y_m z_m qx qy qz qw\n")
 
 
 def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
@@ -73,6 +77,7 @@ def test_pandas_reads_anipose(tmp_path: Path, pairs: list[TrackedPair]) -> None:
     np.testing.assert_allclose(table["object_score"], [0.8 * pair.track.is_known for pair in pairs])
     np.testing.assert_array_equal(table["object_error"], [0.25 if p.track.is_known else np.nan for p in pairs])
     np.testing.assert_array_equal(table[[f"M_{i}{i}" for i in range(3)]], 1)
+    np.testing.assert_array_equal(table[[f"center_{axis}" for axis in range(3)]], 0)
 
 
 def test_motmetrics_reads_mot(tmp_path: Path, pairs: list[TrackedPair]) -> None:
@@ -97,6 +102,7 @@ def test_pycocotools_reads_coco(tmp_path: Path, pairs: list[TrackedPair]) -> Non
         assert image["file_name"] == f"{image['camera']}/{k}.png"
         assert annotation["bbox"] == [10.0 + k, 20.5, 8.0, 6.0 + (image["camera"] == "right")]
         assert annotation["track_id"] == (1 if k < 5 else 2)
+        assert annotation["iscrowd"] == 0, "an object, not a crowd"
         assert read.annToMask(annotation | {"segmentation": [[0, 0, 4, 0, 4, 4, 0, 4]]}).shape == (240, 320)
 
 

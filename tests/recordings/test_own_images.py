@@ -220,3 +220,4 @@ def test_a_rate_and_stamps_exclude_each_other_and_a_rate_is_positive(tmp_path: P
     for fps in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match=r"fps .*; expected a positive number of frames a second"):
             open_recording(**sides, fps=fps)
+    assert len(open_recording(**sides, fps=0.5)) == 1

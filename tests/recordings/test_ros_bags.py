@@ -4,6 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.bags import BagWriter
+from pps_vision.recordings.formats import ros_bag
+from pps_vision.recordings.formats.ros_bag import _pixels
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording
 from pps_vision.robot.icub import icub_setup
@@ -108,6 +111,7 @@ def test_joints_of_a_robot_are_interpolated(tmp_path: Path) -> None:
     setup = icub_setup()
     recording: Recording = open_recording(write(tmp_path, "ros2_mcap", with_joints=True), robot=setup)
     assert recording.robot is setup.robot
+    assert (recording.rig.left.fx, recording.rig.eye_poses) == (30, setup.robot.eye_poses)
     for k, frame in enumerate(recording):
         for side, q in enumerate((frame.joints_left_rad, frame.joints_right_rad)):
             expected = 0.01 * (stamp(side, k) - START_S) / 0.0125 * np.arange(1, setup.robot.n_joints + 1)
@@ -115,12 +119,16 @@ def test_joints_of_a_robot_are_interpolated(tmp_path: Path) -> None:
 
 
 def test_encodings(tmp_path: Path) -> None:
-    """Grey, alpha, and Bayer patterns of one colour, whose inside is that colour."""
-    grey = images()[0, 0, ..., :1]
-    bayer = np.zeros((SIZE[1], SIZE[0], 1), np.uint8)
-    bayer[::2, ::2] = 200  # red where rows and columns are even
-    rgba = np.dstack([images()[0, 0], grey])
-    written = {"mono8": grey, "rgba8": rgba, "bayer_rggb8": bayer, "bayer_bggr8": bayer, "yuv9": grey}
+    """Grey, alpha, and Bayer patterns of red alone, whose inside is red; a pattern is called by its first four pixels,
+    row by row."""
+    rgb, grey = images()[0, 0], images()[0, 0, ..., :1]
+    bayer = {pattern: np.zeros((SIZE[1], SIZE[0], 1), np.uint8) for pattern in ("rggb", "bggr", "gbrg", "grbg")}
+    for pattern, image in bayer.items():
+        row, column = divmod(pattern.index("r"), 2)
+        image[row::2, column::2] = 200
+    written = {"mono8": grey, "8UC1": grey, "rgba8": np.dstack([rgb, grey]), "8UC3": rgb[..., ::-1]}
+    written |= {"bgra8": np.dstack([rgb[..., ::-1], grey]), "rgb8": rgb}
+    written |= {f"bayer_{pattern}8": image for pattern, image in bayer.items()} | {"yuv9": grey}
     with writing(tmp_path, "ros2") as bag:
         for k, (encoding, image) in enumerate(written.items()):
             for side in ("left", "right"):
@@ -132,13 +140,11 @@ def test_encodings(tmp_path: Path) -> None:
     storage.release()
     recording = open_recording(bag.path, calib=[tmp_path / "calib.yml"])
     loaded = [pair[0].load() for pair in recording.pairs]
-    np.testing.assert_array_equal(loaded[0], np.repeat(grey, 3, axis=2))
-    np.testing.assert_array_equal(loaded[1], images()[0, 0])
-    for image, channel in ((loaded[2], 0), (loaded[3], 2)):
-        inside = np.asarray(image)[4:-4, 4:-4].mean(axis=(0, 1))
-        assert inside[channel] == 200
-        assert inside.sum() == 200
-    assert "encoding 'yuv9'" in str(loaded[4])
+    np.testing.assert_array_equal(loaded[:2], [np.repeat(grey, 3, axis=2)] * 2)
+    np.testing.assert_array_equal(loaded[2:6], [rgb] * 4)
+    for image in loaded[6:10]:
+        assert np.asarray(image)[4:-4, 4:-4].mean(axis=(0, 1)).tolist() == [200, 0, 0]
+    assert "encoding 'yuv9'" in str(loaded[10])
     list(recording)
     assert "encoding 'yuv9'" in str(recording.problems[0])
 
@@ -150,6 +156,7 @@ def test_encodings(tmp_path: Path) -> None:
         ("image_rect_color/compressed", True),
         ("direct/image_raw", False),
         ("image_correct", False),
+        ("rect/camera/image_raw", False),
     ],
 )
 def test_only_rectified_topics_are_taken_as_rectified(tmp_path: Path, name: str, rectified: bool) -> None:
@@ -168,6 +175,9 @@ def test_what_a_bag_lacks(tmp_path: Path) -> None:
     bag = write(tmp_path, "ros2", calibrated=False)
     bare = open_recording(bag)
     assert (bare.rig, bare.calibration_at) == (None, "/stereo/left/camera_info, or one by --calib")
+    second = bare.pairs[1][0]
+    np.testing.assert_array_equal(second.load(), images()[0, 1])  # before any other
+    assert (second.number, second.title) == (1, "/stereo/left/image_raw 1")
     with pytest.raises(InputError, match=r"no topic /a among /stereo/left/image_raw, /stereo/right"):
         open_recording(bag, left=["/a"], right=["/stereo/left/image_raw"])
     bag = write(tmp_path, "ros1.bag")
@@ -179,6 +189,71 @@ def test_what_a_bag_lacks(tmp_path: Path) -> None:
         open_recording(bag, taxels="t.ini")
     with pytest.raises(InputError, match="either REC, or left and right"):
         open_recording(tmp_path, left=["a"], right=["b"], calib=["c"])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"step": 8}, {"height": 3}, {"width": 4}, {"width": 0}, {"height": 0}, {"data": bytes(17)}],
+    ids=["short rows", "too high", "too wide", "no width", "no height", "too little"],
+)
+def test_an_image_whose_bytes_are_not_those_of_its_size_is_none(change: dict[str, int | bytes]) -> None:
+    """Two rows of three pixels of three bytes."""
+    message = {"encoding": "rgb8", "height": 2, "width": 3, "step": 9, "data": bytes(range(18))}
+    whole = _pixels(
+        SimpleNamespace(**{k: np.frombuffer(v, np.uint8) if k == "data" else v for k, v in message.items()})
+    )
+    np.testing.assert_array_equal(whole, np.arange(18).reshape(2, 3, 3))
+    message |= change
+    said = _pixels(SimpleNamespace(**message | {"data": np.frombuffer(message["data"], np.uint8)}))
+    what = f"states {message['width']}×{message['height']} pixels, {message['step']} bytes a row"
+    assert said == f"{what}, and holds {len(message['data'])} bytes"
+
+
+def test_an_image_has_at_most_so_many_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    message = SimpleNamespace(encoding="mono8", height=2, width=3, step=3, data=np.zeros(6, np.uint8))
+    for most, is_read in ((6, True), (5, False)):
+        monkeypatch.setattr(ros_bag, "MOST_PIXELS", most)
+        assert isinstance(_pixels(message), np.ndarray) == is_read
+
+
+def test_a_message_that_cannot_be_read_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def torn(*_: object) -> None:
+        raise ValueError("torn")
+
+    recording = open_recording(write(tmp_path, "ros2"))
+    monkeypatch.setattr(ros_bag.Messages, "message", torn)
+    assert recording.pairs[0][0].load() == "cannot be read: ValueError torn; expected a ROS bag"
+
+
+def test_a_camera_info_names_a_lens_that_is_known_or_none(tmp_path: Path) -> None:
+    for lens in ("", "fisheye of my own"):
+        with writing(tmp_path / (lens or "none"), "ros2") as bag:
+            for side in (0, 1):
+                info = bag.camera_info(projection(0.12 * side), SIZE)
+                info.distortion_model = lens
+                bag.write(f"/{'lr'[side]}/camera_info", info, 10)
+                bag.write(f"/{'lr'[side]}/image", bag.image(images()[side, 0], "rgb8", 10), 10)
+        if lens:
+            with pytest.raises(InputError, match="distortion_model fisheye of my own; expected one of"):
+                open_recording(bag.path, left="/l/image", right="/r/image")
+        else:
+            assert open_recording(bag.path, left="/l/image", right="/r/image").rig is not None
+
+
+def test_of_two_topics_of_one_side_one_is_to_be_named(tmp_path: Path) -> None:
+    topics = ("/a/left", "/b/left", "/right")
+    with writing(tmp_path, "ros2") as bag:
+        for topic in topics:
+            bag.write(topic, bag.image(images()[0, topics.index(topic)], "rgb8", 10), 10)
+        robot = icub_setup().robot
+        for k in range(2):
+            bag.write("/joint_states", bag.joints(robot.joint_names, np.zeros(robot.n_joints), 20 + k), 20)
+    with pytest.raises(InputError, match="2 left image topics among /a/left, /b/left, /right; expected one, by --left"):
+        open_recording(bag.path)
+    recording = open_recording(bag.path, left="/b/left", right="/right")
+    np.testing.assert_array_equal(recording.pairs[0][0].load(), images()[0, 1])
+    with pytest.raises(InputError, match=r"no pair has joints; .* has no .* joints"):  # which begin ten seconds later
+        open_recording(bag.path, left="/b/left", right="/right", robot=icub_setup())
 
 
 def test_taxels_do_not_go_with_a_bag_and_a_bag_needs_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,6 +51,17 @@ def test_a_physical_taxel_outside_the_mapping_is_left_out(
     assert read_touches(log, {"left_forearm": mapping}, [])[0].taxel_ids == touched
 
 
+@pytest.mark.parametrize(
+    ("number", "part"),
+    [(1, "left_palm"), (2, "left_forearm"), (4, "right_palm"), (5, "right_forearm"), (3, ""), (6, "")],
+)
+def test_skin_parts_have_the_numbers_of_the_robots_skin_library(tmp_path: Path, number: int, part: str) -> None:
+    """iCub's skinDynLib: hand, forearm and upper arm on the left are 1, 2 and 3, on the right 4, 5 and 6."""
+    log = log_of(tmp_path, [ROWS[1].replace("12 3 4 2", f"12 3 4 {number}")])
+    every = {f"{side}_{name}": (7,) for side in ("left", "right") for name in ("palm", "forearm", "upper_arm")}
+    assert read_touches(log, every, [])[0].taxel_ids == ((f"{part}:7",) if part else ())
+
+
 def test_names_of_virtual_taxels_need_no_mapping(tmp_path: Path) -> None:
     log = log_of(tmp_path, ["0 1.0 left_forearm:3 left_palm:101", "1 2.0"])
     expected = (Touch(1.0, ("left_forearm:3", "left_palm:101")), Touch(2.0, ()))

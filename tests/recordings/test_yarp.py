@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from recorded import ROBOT, START_S, Written, write_recording
 
 from pps_vision.errors import InputError
-from pps_vision.recordings.formats.yarp import interpolated
+from pps_vision.recordings.formats.yarp import _covers, interpolated
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.problems import ProblemKind
 
@@ -50,6 +50,21 @@ def test_joints_between_samples_cost_the_same_in_a_long_log() -> None:
     assert ms[1] < 20 * ms[0]
 
 
+@pytest.mark.parametrize(
+    ("stamp_s", "is_covered"),
+    [
+        *[(0.0, True), (0.2, True), (0.3, True), (0.31, False), (0.54, False), (0.55, True)],
+        *[(-0.025, True), (-0.03, False), (0.575, True), (0.58, False)],
+    ],
+)
+def test_joints_are_known_a_tenth_of_a_second_from_a_sample_and_25_ms_past_the_ends(
+    stamp_s: float, is_covered: bool
+) -> None:
+    """Between samples 0.2 s apart, not between those 0.25 s apart."""
+    assert _covers(np.array([0.0, 0.1, 0.3, 0.55]), stamp_s) == is_covered
+    assert _covers(np.array([0.0]), min(stamp_s, 0.0)) == (stamp_s > -0.03)
+
+
 @pytest.mark.parametrize("damage", ["empty", "cut", "missing"])
 def test_a_bad_image_is_skipped(rec: Written, damage: str) -> None:
     file = rec.folder / "cam/right/00000002.ppm"
@@ -69,6 +84,22 @@ def test_a_bad_log_row_is_skipped(rec: Written) -> None:
         (ProblemKind.UNPAIRED, "cam/right/data.log", 3),
     ]
     assert numbers == [0, 1, 3]
+
+
+def test_a_row_of_an_image_with_more_than_a_pixel_code_is_skipped(rec: Written) -> None:
+    change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} 00000001.ppm [rgb] more")
+    recording = open_recording(rec.folder)
+    assert "data.log:2: 3 words; expected index, stamp and the name of an image" in str(recording.problems[0])
+    assert [number for number, _ in recording.numbered()] == [0, 2, 3]
+
+
+def test_one_calibration_goes_with_a_robots_recording_and_replaces_its_own(rec: Written, tmp_path: Path) -> None:
+    own = (rec.folder / "icubEyes.ini").read_text()
+    (tmp_path / "other.ini").write_text(own.replace("cx 174.742", "cx 165.742"))
+    mine, other = open_recording(rec.folder).rig, open_recording(rec.folder, calib=tmp_path / "other.ini").rig
+    assert mine.left.cx - other.left.cx == pytest.approx(9 * 8 / 320)  # the images are 8 pixels wide, not 320
+    with pytest.raises(InputError, match=r"calib has 2 files; expected one icubEyes\.ini with REC"):
+        open_recording(rec.folder, calib=[tmp_path / "other.ini"] * 2)
 
 
 def test_a_backwards_stamp_is_skipped(rec: Written) -> None:
@@ -97,7 +128,7 @@ def test_one_frame_remains_of_stamps_that_are_all_equal(rec: Written) -> None:
     assert numbers == [0]
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "1e30"])
+@pytest.mark.parametrize("value", ["nan", "inf", "1.2e4"])
 def test_a_joint_sample_that_is_no_angle_is_skipped_and_bridged(rec: Written, value: str) -> None:
     change(rec.folder / "torso/data.log", 3, f"2 {START_S + 0.05} 0 {value} 0")
     problems, numbers = problems_of(rec.folder)
@@ -251,10 +282,12 @@ def test_all_images_that_the_dumper_writes_are_read(rec: Written, kind: str, wit
 
 def test_a_row_without_a_frame_of_the_video_is_named(rec: Written) -> None:
     as_dumped(rec, "mkv")
-    change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} frame_00000007")
+    change(rec.folder / "cam/left/data.log", 2, f"1 {START_S + 0.05} frame_00000004")
     problems, numbers = problems_of(rec.folder)
     assert problems[0] == (ProblemKind.IMAGE, "cam/left/data.log", 2)
     assert numbers == [0, 2, 3]
+    said = "frame_00000004 of 4 frames in video.mkv; expected a frame for each row"
+    assert said in str(open_recording(rec.folder).problems[0])
     (rec.folder / "cam/left/video.mkv").unlink()
     with pytest.raises(InputError, match=r"left/data\.log: names frames of a video; expected video\.mkv or video\.avi"):
         open_recording(rec.folder)
@@ -341,6 +374,9 @@ def test_offsets_are_added_to_the_encoders(rec: Written, tmp_path: Path) -> None
 
 def test_a_folder_of_no_known_format_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"{tmp_path}: an empty folder; expected a EuRoC folder, .*; or a yarpdata"):
+        open_recording(tmp_path)
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(InputError, match=f"{tmp_path}: no recording; expected a EuRoC folder"):
         open_recording(tmp_path)
 
 
