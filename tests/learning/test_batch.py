@@ -30,9 +30,8 @@ def rows(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int
 @pytest.mark.parametrize("bins", [(8, 4), (8, 1)])
 def test_activation(device: str, bins: tuple[int, int], rows: int, rng: np.random.Generator) -> None:
     """As without torch, 0 outside the ranges and for NaN."""
-    memory = PPSMemory(
-        ("a", "b", "c"), np.zeros(3, np.intp), rng.integers(0, 20, (3, *bins, 2)), MemoryParams(bins=bins)
-    )
+    counts, params = rng.integers(0, 20, (3, *bins, 2)), MemoryParams(bins=bins, sigma_bins=1.5)
+    memory = PPSMemory(("a", "b", "c"), np.zeros(3, np.intp), counts, params)
     D, TTC = rng.uniform(-0.15, 0.25, (50, 3)), rng.uniform(-0.5, 3.5, (50, 3))
     D[3, 1] = np.nan
     plain, found = activation(memory, D, TTC), activation(memory, D, TTC, device=device)

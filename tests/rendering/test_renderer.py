@@ -173,3 +173,13 @@ def test_the_box_of_a_node_has_the_corners_of_its_bounds_at_its_pose() -> None:
     expected = corners @ turned(0.7).T + [0.1, 0.2, 0.3]
     assert node.box_root.shape == (8, 3)
     np.testing.assert_allclose(np.unique(node.box_root.round(9), axis=0), np.unique(expected.round(9), axis=0))
+
+
+@pytest.mark.parametrize(("width", "height"), [(7, 3), (3, 7)])
+def test_depth_is_that_of_the_middle_pixel_of_any_shape(width: int, height: int) -> None:
+    """A ball of one pixel's radius there; two pixels aside there is nothing."""
+    node = Node(surface_of([sphere(0.005, (1, 0, 0))]), transform(translation=(0, 0, 0.5)))
+    for right, down in ((0, 0), (2, 0), (0, 2), (-2, 0), (0, -2)):
+        camera = Camera(width, height, 100, 100, width // 2 + right, height // 2 + down)
+        seen = np.isfinite(shared_renderer().depth([node], View(camera, np.eye(4))))
+        assert seen == ((right, down) == (0, 0))

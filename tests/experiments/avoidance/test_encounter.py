@@ -1,11 +1,14 @@
 """Would-be contacts by hand, and what every kind of encounter does to an arm at rest."""
 
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
-from pps_vision.app.simulation import own_rate
+from pps_vision.app.simulation import Side, own_rate
+from pps_vision.experiments.avoidance import encounter as drawing
 from pps_vision.experiments.avoidance.encounter import (
     BEYOND_M,
     HARMLESS,
@@ -15,10 +18,14 @@ from pps_vision.experiments.avoidance.encounter import (
     Arena,
     Condition,
     Encounter,
+    Part,
     draw,
+    draw_one,
+    draw_posture,
     would_touch,
 )
 from pps_vision.experiments.avoidance.kinematic import can_touch
+from pps_vision.experiments.pps.movements import start_posture
 from pps_vision.experiments.raycast import CYLINDER_COLUMNS, PANEL_COLUMNS, ball_row, first_hit
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.skin import TOUCH_RADIUS_M
@@ -154,3 +161,54 @@ def test_an_arm_that_swings_by_itself_stays_clear_of_the_body(arena: Arena) -> N
             q = arena.robot.clamp(q + 0.05 * own_rate(arena.robot, "arm", arm, 0.05 * k))
             clearest = min(clearest, arena.self_collision.distance_m(q))
         assert clearest > 0.02
+
+
+@pytest.mark.parametrize("part", ["inner forearm", "outer forearm", "palm"])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_arm_is_about_the_parts_posture_and_the_other_one_hangs(arena: Arena, side: Side, part: Part) -> None:
+    robot, rng = arena.robot, np.random.default_rng(0)
+    sessions = {"inner forearm": ("inner", "left"), "outer forearm": ("outer", "left"), "palm": ("palm", "right")}
+    session, carrier = sessions[part]
+    arm, other = arena.arm(side), arena.arm("left" if side == "right" else "right")
+    awaiting = start_posture(robot, session)[arena.arm(carrier)]
+    hanging = start_posture(robot, "palm")[arena.arm("left")]
+    for _ in range(5):
+        q = draw_posture(arena, side, part, rng)
+        np.testing.assert_allclose(q[other], hanging)
+        inside = np.clip(awaiting, robot.lower_rad[arm] + np.deg2rad(3), robot.upper_rad[arm] - np.deg2rad(3))
+        assert 0.1 < np.abs(q[arm] - inside).max() < np.deg2rad(15) + 1e-9
+        assert np.all(np.minimum(q - robot.lower_rad, robot.upper_rad - q)[arm] > np.deg2rad(3) - 1e-9)
+        assert arena.self_collision.distance_m(q) > 0.03
+
+
+def test_after_six_paths_that_end_too_early_another_posture_is_drawn(arena: Arena) -> None:
+    tried, paths = [], drawing.draw_path("stop")
+
+    def path(*given: Any) -> drawing.Path:
+        tried.append(given[2])
+        motion, seconds, contact_s = paths(*given)
+        return motion, seconds, 0.3 if len(tried) <= 7 else contact_s
+
+    found = draw_one(arena, "stop", "left", "palm", "ball", 0.1, np.random.default_rng(1), path=path)
+    assert len(tried) > 7
+    assert found.contact_s > 0.3
+    same = [np.array_equal(a, b) for a, b in pairwise(tried[:7])]
+    assert same == [True] * 5 + [False]
+
+
+def test_parts_sides_and_objects_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All 24 of them in as many encounters, the part first."""
+    monkeypatch.setattr(drawing, "draw_one", lambda *given: given[2:6])
+    turns: list[Any] = [draw(None, "through_fast" if k % 2 else "stop", k, 0) for k in range(24)]  # type: ignore[arg-type]
+    assert len({turn[:3] for turn in turns}) == 24
+    assert len({turn[:2] for turn in turns[:6]}) == 6
+    assert len({turn[1] for turn in turns[:3]}) == 3
+    speeds = np.array([turn[3] for turn in turns])
+    assert 0.05 <= speeds[::2].min() < speeds[::2].max() <= 0.3 <= speeds[1::2].min() < speeds[1::2].max() <= 0.6
+
+
+def test_a_line_is_lowered_until_it_is_near_the_first_taxel() -> None:
+    """Along x, 1 m above; the taxel 3 cm beside it is met 4 cm above its height, one at 6 cm is not."""
+    taxels = np.array([[0.3, 0.03, 0.0], [0.1, 0.0, -0.2], [0.2, 0.06, 0.5]])
+    x, _, z = np.eye(3)
+    assert drawing._lowered(z, z, x, taxels, 0.05) == pytest.approx(0.96)

@@ -381,7 +381,12 @@ def test_labels_are_asked_for_near_the_border_and_far_from_earlier_ones():
     assert near.mean() == pytest.approx(1 - params.inside_share, abs=0.01)
     assert (asked[~near, 0] > high).all()
     assert (asked[:, 1] > 0.5 * (LIMITS.lower[1] + LIMITS.upper[1])).mean() > 0.7
+    assert (asked[~near, 1] > 0.5 * (LIMITS.lower[1] + LIMITS.upper[1])).all()
     assert share == pytest.approx((high - low) / (LIMITS.upper[0] - LIMITS.lower[0]), rel=0.15)
+    narrow = replace(params, border_band=(-1e-4, 1e-4), inside_share=0.0)
+    asked, share = _near_border(lambda gaze: gaze[:, 0], labels, 300, narrow, rng)
+    assert share < 0.01
+    assert np.abs(asked[:, 0]).max() < 0.15 * (LIMITS.upper[0] - LIMITS.lower[0]) / 2, "those nearest to it, an eighth"
 
 
 def test_problems_without_an_answer_are_counted_and_not_learned_from():

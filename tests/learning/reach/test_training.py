@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from data import SEED
 
+from learning.reach.gaze_spline import GazeSpline
 from learning.reach.labels import HandModel, Labels, ReachOracle, _slope
-from learning.reach.lattice import isotropic
+from learning.reach.lattice import Lattice, isotropic
 from learning.reach.params import ArmLimits, MapParams
-from learning.reach.training import _consistent, _nodes, _softness, learned_from
+from learning.reach.training import _consistent, _nodes, _on_lattice, _softness, learned_from
 from pps_vision.errors import InputError
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import load_icub
@@ -186,3 +187,71 @@ def test_the_arm_has_the_limits_of_the_paper():
     """J: shoulder −95…10, 0…160 and −20…80°, elbow 15…105°."""
     np.testing.assert_allclose(np.rad2deg(ArmLimits().lower_rad), [-95, 0, -20, 15])
     np.testing.assert_allclose(np.rad2deg(ArmLimits().upper_rad), [10, 160, 80, 105])
+
+
+def test_the_lattice_holds_the_splines_own_values_where_they_matter():
+    """The distance near the border, the degree up to a step beyond it; elsewhere interpolation is enough."""
+    rng = np.random.default_rng(SEED)
+    labels = plane(rng.uniform(LIMITS.lower, LIMITS.upper, (300, 3)))
+    inside = labels.reachable
+    labels.optimality[inside] = rng.random(inside.sum())
+    gaze, learned = Lattice.of_spacing(LIMITS, 0.2).gaze_rad, _on_lattice("left", labels, 0.1, 0.01, 0, PARAMS)
+    signed, good = GazeSpline(*_nodes(labels, PARAMS))(gaze), learned.optimality.ravel()
+    near, within = np.abs(signed) < 0.3, signed > -0.2
+    np.testing.assert_allclose(learned.signed_distance.ravel()[near], signed[near], atol=1e-9)
+    assert np.max(np.abs(learned.signed_distance.ravel() - signed)) < 0.1
+    own = GazeSpline(labels.gaze_rad[inside], labels.optimality[inside])(gaze)
+    np.testing.assert_allclose(good[within], own[within], atol=1e-9)
+    error = GazeSpline(labels.gaze_rad[~inside], labels.error_m[~inside])(gaze)
+    np.testing.assert_allclose(learned.error_m.ravel(), error, atol=0.1)
+
+
+def oracle_of(place, tried=None):
+    """One whose gaze and points are the same numbers, and whose hand is at `place` of joints 1 and 2 and at joint 3."""
+
+    def forward(q):
+        (x, slope), J = place(q[:, 0], q[:, 1]), np.zeros((len(q), 3, 4))
+        J[:, :2, :2], J[:, 2, 2] = np.moveaxis(np.array(slope) * np.eye(2)[:, :, None], 2, 0), 1
+        return np.column_stack([*x, q[:, 2]]), J
+
+    hand = HandModel(forward, lambda gaze: gaze, lambda points, _: points, tried)
+    return ReachOracle(load_icub(), "right", replace(PARAMS, n_babble=500), np.random.default_rng(SEED), hand)
+
+
+def test_labels_of_a_hand_in_a_box_by_hand():
+    """Joints are places: beyond the box the nearest point is its side, edge or corner."""
+    low, high = np.array(ArmLimits().lower_rad)[:3], np.array(ArmLimits().upper_rad)[:3]
+    gaze = np.random.default_rng(SEED).uniform(low - 0.5, high + 0.5, (200, 3))
+    labels = oracle_of(lambda a, b: ((a, b), (1 + 0 * a, 1 + 0 * b))).label(gaze)
+    nearest = gaze.clip(low, high)
+    inside = (gaze == nearest).all(axis=1)
+    assert 0.1 < inside.mean() < 0.9
+    np.testing.assert_array_equal(labels.reachable, inside)
+    np.testing.assert_allclose(labels.error_m[~inside], np.linalg.norm(gaze - nearest, axis=1)[~inside], atol=1e-6)
+    np.testing.assert_allclose(labels.border_rad[~inside], nearest[~inside], atol=1e-3)
+    assert np.isnan(labels.border_rad[inside]).all()
+    assert np.isnan(labels.optimality[~inside]).all()
+
+
+def test_what_lies_in_a_gap_of_a_forward_model_has_no_answer():
+    """The hand leaps by 0.4 m as joint 1 passes 0: from either side it would still come nearer."""
+    oracle = oracle_of(lambda a, b: ((a + 0.4 * (a > 0), b), (1 + 0 * a, 1 + 0 * b)))
+    labels = oracle.label(np.array([[-0.1, 0.5, 0.2], [0.15, 0.5, 0.2], [0.45, 0.5, 0.2]]))
+    assert labels.reachable.tolist() == [True, False, True]
+    assert labels.answered.tolist() == [True, False, True]
+    assert np.isnan(labels.border_rad).all()
+
+
+def test_what_one_of_sixteen_near_postures_reaches_is_reachable():
+    """Joint 2 lifts the hand to 0.3 m at 0.5 rad, lowers it until 1 rad, then lifts it higher; fifteen are caught."""
+
+    def place(a, b):
+        first = b < 1
+        rise = np.where(first, 0.3 * np.sin(np.pi * b), b - 1)
+        return (a, rise), (1 + 0 * a, np.where(first, 0.3 * np.pi * np.cos(np.pi * b), 1.0))
+
+    caught, free = np.array([-0.5, 0.45, 0.2, 0.5]), np.array([-0.5, 1.2, 0.2, 0.5])
+    ask = np.array([[-0.5, 0.39, 0.2], [-0.5, 0.42, 0.2]])
+    fifteen = np.tile(caught, (15, 1))
+    assert oracle_of(place, np.vstack([fifteen, free])).verdicts(ask).tolist() == [True, False], "0.12 m is too far"
+    assert oracle_of(place, np.vstack([fifteen, caught])).verdicts(ask).tolist() == [False, False]
