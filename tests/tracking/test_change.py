@@ -60,6 +60,7 @@ def test_colours_are_confirmed_where_what_differs_encloses_them(differs: Mask, c
     ("then", "seen"),
     [
         (disc(54, 45, 15), True),
+        (disc(15, 45, 15), True),  # it was far away
         (disc(60, 45, 15), False),  # it rests
         (disc(59, 45, 15), False),  # covers 4 % anew
         (NOTHING, False),  # it has uncovered nothing

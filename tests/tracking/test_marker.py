@@ -137,6 +137,15 @@ def test_candidates_are_judged_by_their_box_in_the_image() -> None:
     assert asked == [(101, 61, 19, 19), (34, 54, 13, 13)]
 
 
+def test_no_more_than_the_forty_largest_are_judged() -> None:
+    """Of 48 discs of 3 px and two of 4 px, however far down in the image these are."""
+    places = [(8 + 18 * column, 8 + 18 * row, 3) for row in range(6) for column in range(8)]
+    widths = []
+    image = drawn(*places, (152, 8, 4), (152, 110, 4))
+    find_markers(MarkerParams(), image, OPTICS, is_candidate=lambda x, y, w, h: widths.append(w) is not None)
+    assert widths == [9, 9] + [7] * 38
+
+
 def test_nothing_stands_out_of_what_is_of_the_full_saturation() -> None:
     image = np.full((120, 160, 3), (0, 220, 0), np.uint8)
     cv2.circle(image, (80, 60), 12, GREEN, cv2.FILLED)

@@ -72,6 +72,16 @@ def test_an_eye_that_rests_is_still_through_noise_and_a_change_of_light(wall: Im
         assert reference.is_still(np.clip(0.9 * seen(wall, np.zeros(3), rng), 0, 255).astype(np.uint8))
 
 
+@pytest.mark.parametrize(("shift_px", "still"), [(0.07, True), (0.14, False)])
+def test_an_eye_is_still_where_corners_move_by_less_than_a_tenth_of_a_pixel(
+    shift_px: float, still: bool, wall: Image, rng: np.random.Generator
+) -> None:
+    reference = Reference(CAMERA, seen(wall, np.zeros(3), rng, noise=0.5), np.eye(4))
+    for way in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)):
+        turn = shift_px / CAMERA.fx * np.array(way)
+        assert reference.is_still(seen(wall, turn, rng, noise=0.5)) == still
+
+
 def test_a_rotation_is_measured_on_a_blurred_wall(wall: Image, rng: np.random.Generator) -> None:
     """Low contrast out of focus: corners are told by more pixels."""
     soft, turn = cv2.GaussianBlur((64 + wall / 2).astype(np.uint8), (0, 0), 2.0), np.deg2rad([0.1, -0.2, 0.0])

@@ -226,6 +226,26 @@ def test_the_variance_of_a_first_pair_is_stated_four_times_as_large() -> None:
     assert one.pairs == 100
 
 
+def test_what_is_learned_follows_its_pairs_at_its_own_rate() -> None:
+    """Outlines of 20 px that agree exactly, then one eye's second harmonic of 2 %, or that of both: their variance
+    follows by a fifth, that of all pairs by one of eleven, the gate's by a twentieth; the first pair counts whole."""
+    exact = replace(SHAPE, cov_px=1e-15 * np.eye(2))
+    uneven, untrained = replace(exact, harmonics=(0.02, 0.0, 0.0, 0.0)), Association.untrained(StereoParams(), 320)
+    differs, shared = 0.2 * 0.5 * (20 * 0.02) ** 2, 0.25 * (20 * 0.02) ** 2  # of five differences; of four products
+    trained = untrained
+    for _ in range(10):
+        trained = trained.learned(VIEW, SEEN, exact, exact)
+    assert trained.gate_var_px2 == pytest.approx(0.95**10 * untrained.gate_var_px2)
+    one, both = trained.learned(VIEW, SEEN, uneven, exact), trained.learned(VIEW, SEEN, uneven, uneven)
+    assert one.outline_var_px2 == pytest.approx(0.2 * differs)
+    assert one.mean_outline_var_px2 == pytest.approx(differs / 11)
+    assert (one.shared_var_px2, both.shared_var_px2) == pytest.approx((0, 0.2 * 2.5 * shared))
+    assert both.outline_var_px2 == pytest.approx(0, abs=1e-9)
+    first = untrained.learned(VIEW, SEEN, uneven, exact)
+    assert first.outline_var_px2 == first.mean_outline_var_px2 == pytest.approx(differs)
+    assert first.learned(VIEW, SEEN, exact, exact).outline_var_px2 == pytest.approx(0.5 * differs)
+
+
 def test_only_what_is_less_round_than_a_blurred_ball_may_be_flat() -> None:
     """A blur by σ = √2 px adds 2σ² to the mean square of R²/2: 8/R² of it, here of 12 px."""
     association, blurred = Association.untrained(StereoParams(unknown_error=1e-9), 320), 8.0 / 12**2
