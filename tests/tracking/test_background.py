@@ -355,3 +355,15 @@ def test_gain_is_the_median_over_lit_pixels_and_noise_what_it_does_not_explain(
     np.testing.assert_allclose(found, (gain, noise), atol=1e-5)
     noisy = np.clip(np.rint(100 + 12 * rng.standard_normal((240, 320, 3))), 0, 255).astype(np.uint8)
     assert _gain_and_noise(noisy, np.full((240, 320, 3), 100, np.float32)) == pytest.approx((1, 0.6745 * 4), rel=0.15)
+
+
+def test_all_rows_are_learned_once_in_a_fifth_of_a_second_from_the_first_on(rng: np.random.Generator) -> None:
+    """A strip that is 3 levels brighter is a tenth of that further after 0.2 s; a quarter of its rows once more after
+    another 50 ms, the next after another."""
+    background, image = Background(EgoMotion(LEFT_EYE), 10.0), draw(rng, noise=0.0)
+    background.learn(image, VIEW, 0.0, None)
+    image[:, :42] += 3
+    for stamp_s, learned_twice in ((0.2, 0), (0.25, 60), (0.3, 120)):
+        background.learn(image.copy(), VIEW, stamp_s, None)
+        expected = np.where(np.arange(240) < learned_twice, 3 * (1 - 0.9**2), 0.3)
+        np.testing.assert_allclose(background._mean[:, 20, 0] - WALL[0], expected, atol=1e-3)

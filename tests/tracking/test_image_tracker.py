@@ -15,7 +15,15 @@ from pps_vision.types import Array
 from tracking.acquisition import segment
 from tracking.appearance import color_bins
 from tracking.camera_tracker import CameraState, CameraTracker
-from tracking.image_tracker import ImageDetection, ImageTracker, ImageTrackerParams, _mode
+from tracking.image_tracker import (
+    ImageDetection,
+    ImageTracker,
+    ImageTrackerParams,
+    _box_mean,
+    _is_off,
+    _mode,
+    _without_thin_parts,
+)
 from tracking.kalman import Belief, KalmanParams, predict
 from tracking.marker import MarkerParams
 from tracking.motion_trigger import Region2D
@@ -246,10 +254,10 @@ def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_backgr
 
 
 def test_of_two_candidates_the_mean_lies_at_one() -> None:
-    """Particles 4 px apart count together, those 30 px away do not, for all their weight."""
-    now = np.array([[100.0, 50.0, 20.0], [104.0, 50.0, 20.0], [130.0, 50.0, 20.0], [130.0, 52.0, 20.0]])
+    """Particles up to half a size of 20 px apart count together, those farther do not, for all their weight."""
+    now = np.array([[100.0, 50.0, 20.0], [109.0, 50.0, 20.0], [111.0, 50.0, 20.0], [100.0, 61.0, 20.0]])
     mode = _mode(Cloud(now, now), np.array([0.3, 0.2, 0.25, 0.25]), 20.0)
-    np.testing.assert_allclose(mode, [101.6, 50.0])
+    np.testing.assert_allclose(mode, [103.6, 50.0])
 
 
 def test_in_a_wide_prior_what_lies_as_the_object_does_is_taken(rng: np.random.Generator) -> None:
@@ -427,3 +435,152 @@ def test_what_is_followed_before_the_background_is_empty_where_its_edge_is_the_b
     for k in range(16, 40):
         state, _ = tracker.find(state, camera._replace(stamp_s=0.05 * k), prior)
     assert state.emptiness >= -3  # so that a thing that leaves later can still be noticed
+
+
+FREE = (0, 0, LEFT_EYE.width, LEFT_EYE.height)
+
+
+def _eye(rng: np.random.Generator) -> ImageTracker:
+    return ImageTracker(ImageTrackerParams(), Optics(LEFT_EYE), rng)
+
+
+def _blocks(*blocks: tuple[int, int, int, int]) -> np.ndarray:
+    """(240, 320) 1 in blocks x0, y0, x1, y1."""
+    likelihood = np.zeros((240, 320), np.float32)
+    for x0, y0, x1, y1 in blocks:
+        likelihood[y0:y1, x0:x1] = 1
+    return likelihood
+
+
+def test_colours_are_taken_from_well_inside_a_box_and_well_outside(rng: np.random.Generator) -> None:
+    """A disc of 40 px: not from the ring of 0.9 to 1.2 of its size, nor from farther than 1.2 sizes and 4 px from its
+    middle.  Its particles are half a pixel apart, and moved as it is told."""
+    v, u = np.mgrid[:240, :320]
+    far, colors = np.hypot(u - 149.5, v - 109.5), ((200, 30, 30), (30, 200, 30), (30, 30, 200), (200, 200, 30))
+    image = np.full((240, 320, 3), 120, np.uint8)
+    image[far < 17] = colors[0]
+    image[(far >= 18.1) & (far < 23.9)] = colors[1]
+    image[:, :97] = colors[2]
+    image[:, 200:203] = colors[3]
+    target = _eye(rng).start(image, (130.0, 90.0, 40.0, 40.0), shift_px=np.array([3.0, -2.0]))
+    red, green, blue, yellow = (int(color_bins(np.array([[c]], np.uint8)).item()) for c in colors)
+    assert target.model.object[red] > 0.85
+    assert target.model.object[green] == target.model.background[green] == target.model.background[red] == 0
+    assert target.model.background[blue] == 0
+    assert target.model.background[yellow] > 0
+    np.testing.assert_allclose(target.cloud.now[:, :2].std(axis=0), 0.5, rtol=0.25)
+    np.testing.assert_allclose((target.cloud.now - target.cloud.before)[:, :2], np.tile([3.0, -2.0], (120, 1)))
+    assert (target.size, target.shape) == (40, (1, 1))
+
+
+def test_an_outline_that_is_followed_sets_place_and_size(rng: np.random.Generator) -> None:
+    """Of a thing that fills 0.6 of its box, 1500 px are a box of 2500."""
+    eye = _eye(rng)
+    target = eye.start(_discs(rng, (150, 110, 18)), (132.0, 92.0, 37.0, 37.0), fill=0.6)
+    outline = Outline(np.array([90.0, 70.0]), np.eye(2), 0.1, 1e-6, (65.0, 45.0, 50.0, 50.0), 1500.0, False)
+    moved = eye.follow(target, outline)
+    assert moved.size == pytest.approx(50)
+    np.testing.assert_allclose(moved.cloud.now.mean(axis=0), [90, 70, 50])
+    np.testing.assert_allclose(moved.cloud.now[:, :2].std(axis=0), target.cloud.now[:, :2].std(axis=0))
+    assert (moved.model, moved.shape, moved.fill) == (target.model, target.shape, 0.6)
+
+
+@pytest.mark.parametrize(("off_px", "is_off"), [(4.9, False), (5.1, True)])
+def test_of_two_that_touch_one_is_off_by_three_deviations_and_a_twentieth_of_its_size(
+    off_px: float, is_off: bool
+) -> None:
+    outline = Outline(np.array([90.0, 70.0]), np.eye(2), 0.1, 1e-6, (65.0, 45.0, 40.0, 40.0), 1500.0, False)
+    for way in ((1, 0), (0, -1), (-0.6, 0.8)):
+        assert _is_off(outline, Prior(outline.center_px + off_px * np.array(way), 1.0, 1.0), 40.0) == is_off
+
+
+@pytest.mark.parametrize(("apart", "near", "found"), [(41, 0.8, 41), (46, 0.8, 0), (46, 0.0, 46), (75, 0.0, 0)])
+def test_in_a_wide_prior_what_stands_out_more_may_be_farther_away(
+    apart: int, near: float, found: int, rng: np.random.Generator
+) -> None:
+    """Things of 20 px, σ = 20 px: one of probability 1 has e^2.4 times the likelihood of one of 0.8, which is that of
+    2.2 σ.  Beyond two σ and a size nothing is searched."""
+    eye = _eye(rng)
+    target = eye.start(_discs(rng, (150, 110, 10)), (140.0, 100.0, 20.0, 20.0))
+    likelihood = near * _blocks((150, 110, 171, 131)) + _blocks((150 + apart, 110, 171 + apart, 131))
+    prior = eye._narrowed(
+        target,
+        Prior(np.array([160.0, 120.0]), 20.0, 1.1),
+        lambda roi: (np.zeros((1, 1), np.uint8), likelihood[roi[1] : roi[3], roi[0] : roi[2]]),
+    )
+    assert abs(prior.center_px[0] - 160 - found) <= 2
+    assert abs(prior.center_px[1] - 120) <= 1
+    assert (prior.std_px, prior.growth) == (5, 1.1)
+
+
+def test_a_box_s_mean_is_over_an_odd_number_of_pixels() -> None:
+    dot = _blocks((100, 80, 101, 81))
+    for width, height, across, down in ((4.0, 6.5, 5, 7), (5.9, 3.0, 5, 3)):
+        mean = _box_mean(dot, width, height)
+        rows, columns = np.nonzero(mean)
+        assert (np.ptp(columns) + 1, np.ptp(rows) + 1) == (across, down)
+        assert (columns.mean(), rows.mean()) == (100, 80)
+        assert mean.max() == pytest.approx(1 / (across * down))
+
+
+@pytest.mark.parametrize(
+    ("size", "known_background", "gap", "joined"),
+    [
+        *((60, True, 6, True), (60, True, 7, False), (60, False, 2, True), (60, False, 3, False)),
+        *((12, True, 2, True), (12, True, 3, False), (11, True, 1, False)),
+    ],
+)
+def test_gaps_are_closed_by_the_size_of_what_they_divide(
+    size: int, known_background: bool, gap: int, joined: bool, rng: np.random.Generator
+) -> None:
+    """Up to a tenth of the size before a known background, else 2 px; none in what is small."""
+    x0, x1 = 150 - size // 2, 150 + size // 2
+    halves = _blocks((x0, 90, 150, 90 + size), (150 + gap, 90, x1 + gap, 90 + size))
+    backdrop = None if known_background else np.zeros((240, 320), bool)
+    center = np.array([149.0, 90 + (size - 1) / 2])
+    found = _eye(rng)._mask(halves, backdrop, FREE, center, float(size), (1.0, 1.0))
+    assert found is not None
+    assert bool(found[0][:, 151 + gap :].any()) == joined
+
+
+@pytest.mark.parametrize(
+    ("block", "seen"),
+    [
+        *(((150, 110, 153, 113), False), ((150, 110, 155, 112), True)),  # 9 px, 10 px
+        *(((158, 109, 162, 112), True), ((163, 109, 167, 112), False)),  # 8 and 13 px from the middle
+        *(((149, 118, 152, 122), True), ((149, 123, 152, 127), False)),
+    ],
+)
+def test_a_mask_has_ten_pixels_and_some_near_the_middle(
+    block: tuple[int, int, int, int], seen: bool, rng: np.random.Generator
+) -> None:
+    """Within 0.3 of the size."""
+    found = _eye(rng)._mask(_blocks(block), None, FREE, np.array([150.0, 110.0]), 40.0, (1.0, 1.0))
+    assert (found is not None) == seen
+
+
+@pytest.mark.parametrize(("length", "touches"), [(24, False), (42, True)])
+def test_what_reaches_far_beyond_an_object_s_size_is_another_thing(
+    length: int, touches: bool, rng: np.random.Generator
+) -> None:
+    """A disc of 20 px and a bar of 10 px that goes on for so much beyond 25 px: more than a quarter of the disc's area,
+    or less.  The disc alone is left of it."""
+    v, u = np.mgrid[:240, :320]
+    disc = np.hypot(u - 150, v - 110) < 20
+    both = (_blocks((150, 105, 176 + length, 115)) > 0) | disc
+    found = _eye(rng)._mask(both.astype(np.float32), None, FREE, np.array([150.0, 110.0]), 40.0, (1.0, 1.0), np.pi / 4)
+    assert found is not None
+    mask, joined = found
+    assert np.count_nonzero(mask ^ disc) < 0.05 * np.count_nonzero(disc)
+    assert (joined is not None) == touches
+    assert joined is None or np.count_nonzero(joined ^ both) < 10
+
+
+@pytest.mark.parametrize(("arm", "length", "kept"), [(16, 20, False), (18, 20, True), (16, 40, True)])
+def test_parts_of_less_than_half_the_width_are_cut_off_unless_they_are_much_of_it(
+    arm: int, length: int, kept: bool
+) -> None:
+    """Of a square of 40 px; an arm of 16 px and 40 px length is more than a quarter of both.  What is small stays."""
+    mask = _blocks((100, 100, 140, 140), (140, 110, 140 + length, 110 + arm)) > 0
+    assert bool(_without_thin_parts(mask, 40.0)[:, 150:].any()) == kept
+    np.testing.assert_array_equal(_without_thin_parts(mask, 12.0), mask)
