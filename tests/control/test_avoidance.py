@@ -638,6 +638,19 @@ def test_taxels_that_are_moving_aside_go_on_as_they_do(robot: Robot) -> None:
     assert kept >= 2
 
 
+@pytest.mark.parametrize(("speed_m_s", "aside"), [(0.15, False), (0.2, True)])
+def test_taxels_move_aside_where_withdrawal_leaves_less_than_five_centimetres(
+    robot: Robot, speed_m_s: float, aside: bool
+) -> None:
+    """Of a ball 25 cm from the skin it is predicted to leave 5.5 to 6 cm, or 2 to 3 if it is faster."""
+    points, normals = FOREARM.at(robot.at(home(robot)))
+    track, a = track_at(points[1] + 0.25 * normals[1], -speed_m_s * normals[1]), np.eye(12)[1]
+    given = AvoidanceState(), robot.at(home(robot)), FOREARM, a, 0.0
+    for change, expected in (({"clear_m": 0.02}, False), ({}, aside), ({"clear_m": 0.06}, True)):
+        state, _, _ = step(replace(AT_ONCE, come_m=0.0, **change), *given, track=track)
+        assert (state.aside is not None) == expected
+
+
 def test_the_taxel_aimed_at_changes_with_an_activation_alone(robot: Robot) -> None:
     """A ball on its way to one taxel turns to another while nothing is felt; felt again, it is followed."""
     posture, params = robot.at(home(robot)), replace(AT_ONCE, behaviour="reach", come_m=0.0)
