@@ -8,7 +8,7 @@ from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Image
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
-from rendering.scene import SceneState
+from rendering.scene import Placed, SceneState
 from rendering.sensor import Sensor
 from rendering.shutter import instants
 from rendering.stimuli import make_stimulus
@@ -83,3 +83,21 @@ def test_motion_below_four_tenths_of_a_step_is_one_instant(robot: Robot, rig: St
             state = SceneState(q, PLACE, velocity=drift_px / px_per_m / 0.04 * sideways)
             found = instants(robot, rig, state, 0.04, Fidelity(blur_step_px=step_px))
             assert len(found) == n
+
+
+@pytest.mark.parametrize(("drift_px", "n"), [(6.0, 3), (80.0, 24)])
+def test_instants_spread_as_an_open_shutter_does(
+    robot: Robot, rig: StereoRig, q: Array, drift_px: float, n: int
+) -> None:
+    """Evenly about the stamp, with the variance of a uniform distribution; 24 at most, also for a prop that moves."""
+    eye = rig.view(q).left
+    sideways = eye.T_root_camera[:3, 0]
+    velocity = drift_px / np.linalg.norm(eye.project_jacobian(PLACE) @ sideways) / 0.004 * sideways
+    for state in (SceneState(q, PLACE, velocity), SceneState(q, props=(None, Placed(PLACE, velocity)))):
+        found = instants(robot, rig, state, 0.004, Fidelity())
+        assert len(found) == n
+        places = [one.props[1].position if one.props else one.position for one in found]  # type: ignore[union-attr]
+        after_s = (np.array(places) - PLACE) @ velocity / (velocity @ velocity)
+        assert np.ptp(np.diff(after_s)) < 1e-9
+        assert after_s.mean() == pytest.approx(0, abs=1e-12)
+        assert after_s.var() == pytest.approx(0.004**2 / 12)

@@ -14,6 +14,7 @@ from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
 from rendering.eyes import Eyes
+from rendering.names import Unit
 from rendering.scene import Placed, SceneState
 from rendering.shapes import board
 from rendering.stimulus_file import load_stimulus
@@ -165,3 +166,10 @@ def test_an_object_fits_the_eyes_view(size_mm: float, fits: bool, tmp_path: Path
     with nullcontext() if fits else pytest.raises(InputError, match=r"expected 0\.002 to 0\.6 m"):
         load_stimulus(file, "mm")
     assert load_stimulus(file, "mm", 0.03).radius_m == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(("unit", "m"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001)])
+def test_a_file_is_in_its_unit(unit: Unit, m: float, tmp_path: Path) -> None:
+    trimesh.creation.box((0.04 / m, 0.05 / m, 0.06 / m)).export(tmp_path / "box.STL")
+    (part,) = load_stimulus(tmp_path / "box.STL", unit).parts
+    assert part.mesh.extents == pytest.approx([0.04, 0.05, 0.06])

@@ -201,7 +201,7 @@ def test_parts_sides_and_objects_take_turns(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(drawing, "draw_one", lambda *given: given[2:6])
     turns: list[Any] = [draw(None, "through_fast" if k % 2 else "stop", k, 0) for k in range(24)]  # type: ignore[arg-type]
     assert len({turn[:3] for turn in turns}) == 24
-    assert len({turn[:2] for turn in turns[:6]}) == 6
+    assert [turn[0] for turn in turns[:6]] == ["left"] * 3 + ["right"] * 3
     assert len({turn[1] for turn in turns[:3]}) == 3
     speeds = np.array([turn[3] for turn in turns])
     assert 0.05 <= speeds[::2].min() < speeds[::2].max() <= 0.3 <= speeds[1::2].min() < speeds[1::2].max() <= 0.6

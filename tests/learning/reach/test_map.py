@@ -378,6 +378,7 @@ def test_labels_are_asked_for_near_the_border_and_far_from_earlier_ones():
     asked, share = _near_border(lambda gaze: 0.3 * gaze[:, 0], labels, 300, params, rng)
     low, high = np.array(params.border_band) / 0.3
     near = (asked[:, 0] >= low) & (asked[:, 0] <= high)
+    assert asked.shape == (300, 3)
     assert near.mean() == pytest.approx(1 - params.inside_share, abs=0.01)
     assert (asked[~near, 0] > high).all()
     assert (asked[:, 1] > 0.5 * (LIMITS.lower[1] + LIMITS.upper[1])).mean() > 0.7
