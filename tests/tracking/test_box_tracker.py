@@ -1,6 +1,8 @@
 """One camera's box tracker: where the object is, how sure it is, and what it takes for another thing."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,7 +11,8 @@ import pytest
 from pps_vision.errors import InputError
 from pps_vision.experiments.independent_scenes import procedural
 from pps_vision.types import Array, Image
-from tracking import template
+from tracking import box_tracker, template
+from tracking.appearance import ColorModel, color_bins
 from tracking.box_tracker import (
     ALIKE,
     LEAST_SCORE,
@@ -19,8 +22,10 @@ from tracking.box_tracker import (
     BoxPx,
     BoxTracker,
     TemplateTracker,
+    _gives_back,
     _regions,
     assumed_optics,
+    confidence,
 )
 from tracking.image_tracker import ImageTrackerParams
 
@@ -345,3 +350,161 @@ def test_the_object_s_colours_are_those_inside_its_box_and_its_surroundings_thos
         np.testing.assert_array_equal(inside, boxes[0])
         np.testing.assert_array_equal(around, boxes[2] & ~boxes[1])
         assert cells.sum() == pytest.approx(1.1**2 * 100, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("traits", "low", "high"),
+    [
+        ((1.0, 0.6, 1.6, 0.7), 0.9, 1.0),  # of its colours, before others, a clear peak, gradients alike
+        ((1.0, 0.9, 1.1, 0.5), 0.0, LOST_SCORE),  # of its colours, which are around it too
+        ((0.5, 0.5, 1.1, 0.9), 0.0, LOST_SCORE),  # gradients alone
+        ((0.9, 0.6, 1.6, 0.5), LEAST_SCORE, 1.0),
+        ((1e6, 0.0, 0.0, 0.0), 1 - 1e-12, 1.0),
+        ((0.0, 1e6, 0.0, 0.0), 0.0, 1e-12),
+    ],
+)
+def test_no_trait_alone_makes_an_object(traits: tuple[float, ...], low: float, high: float) -> None:
+    assert low <= confidence(np.array(traits)) <= high
+
+
+def test_an_object_in_the_middle_of_a_sample_has_its_own_traits(rng: np.random.Generator) -> None:
+    """In the image that it was learned from; up to two cells of 4 px aside its response's peak counts, farther not."""
+    image = _draw(_scene(np.random.default_rng(1)), (199.5, 199.5), 20, rng)
+    tracker = TemplateTracker(ImageTrackerParams(), image, (180.0, 180.0, 40.0, 40.0), rng)
+
+    def traits(aside_px: float) -> Array:
+        seen = template.sample(image, np.array([199.5 + aside_px, 199.5]), 40.0)
+        return tracker._traits(tracker._state, seen, *tracker._colors(seen))
+
+    colors, around, peak, gradients = traits(0.0)
+    assert (colors, gradients) == pytest.approx((1, 1), abs=1e-6)
+    assert around == pytest.approx(tracker.similarity)
+    assert around < 0.3
+    fit = template.response(tracker._state.template, template.sample(image, np.array([199.5, 199.5]), 40.0))
+    assert peak == pytest.approx(np.log(fit.max() / fit.std()), abs=1e-4)
+    for way in (-1, 1):
+        assert traits(8.0 * way)[2] > peak - 0.25
+        assert traits(20.0 * way)[2] < peak - 0.5
+    assert traits(160.0)[3] < 0.5
+
+
+@pytest.mark.parametrize(("w", "h"), [(40, 40), (60, 30)])
+def test_colours_gain_by_the_share_of_the_box_that_has_them(w: int, h: int, rng: np.random.Generator) -> None:
+    """A box of one colour on another: all of it, half of it half a box aside, nothing a box aside."""
+    image = np.full((400, 400, 3), (90, 90, 90), np.uint8)
+    image[200 - h // 2 : 200 + h // 2, 200 - w // 2 : 200 + w // 2] = (200, 30, 30)
+    tracker = TemplateTracker(ImageTrackerParams(), image, (200 - w / 2, 200 - h / 2, w, h), rng)
+    seen, size = template.sample(image, np.array([199.5, 199.5]), float(np.sqrt(w * h))), np.sqrt(w * h)
+    red, grey = np.zeros((2, 110))
+    red[color_bins(image[200:201, 200:201])] = grey[color_bins(image[:1, :1])] = 1.0
+    gain, middle = tracker._gain(ColorModel(red, grey), seen), template.CELLS // 2
+    assert gain.shape == (template.CELLS, template.CELLS)
+    for share in (0.0, 0.5, -0.5, 1.2):
+        across, down = (round(share * side / (0.1 * size)) for side in (w, h))  # cells
+        for found, cells, side in ((gain[middle, middle + across], across, w), (gain[middle + down, middle], down, h)):
+            assert found == pytest.approx(1 - 2 * min(abs(cells) * 0.1 * size / side, 1), abs=0.13)
+
+
+@pytest.mark.parametrize(
+    ("lost", "score", "seen", "learned", "remembered"),
+    [
+        (0, 0.35, False, False, False),
+        (0, 0.45, True, False, False),
+        (0, 0.55, True, True, False),
+        (0, 0.85, True, True, False),
+        (0, 0.95, True, True, True),
+        (3, 0.85, False, False, False),
+        (3, 0.95, True, True, True),
+    ],
+)
+def test_what_is_learned_depends_on_the_score(
+    lost: int,
+    score: float,
+    seen: bool,
+    learned: bool,
+    remembered: bool,
+    rng: np.random.Generator,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Seen from 0.4 on, found again from 0.9 on; learned from 0.5 on, remembered from 0.9 on."""
+    tracker = _on_ball(rng)
+    before = tracker._state = replace(tracker._state, lost=lost)
+    monkeypatch.setattr(box_tracker, "confidence", lambda _: score)
+    image = _draw(_scene(np.random.default_rng(1)), (202.5, 199.5), 20, rng)
+    found, after = tracker.step(image), tracker._state
+    assert found.score == (score if seen else 0.2)
+    assert after.lost == (0 if seen else lost + 1)
+    assert (after.template is not before.template, after.memory is not before.memory) == (learned, remembered)
+    assert (after.model is not before.model) == learned
+    if learned:
+        colors, around = tracker._colors(template.sample(image, after.center, after.size))
+        np.testing.assert_allclose(after.model.object, 0.97 * before.model.object + 0.03 * colors)
+        np.testing.assert_allclose(after.model.background, 0.9 * before.model.background + 0.1 * around)
+
+
+@pytest.mark.parametrize(("score", "follows"), [(0.45, False), (0.55, True)])
+def test_a_box_that_is_judged_is_learned_from_one_half_on(
+    score: float, follows: bool, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = _on_ball(rng)
+    before = tracker._state = replace(tracker._state, lost=2)
+    monkeypatch.setattr(box_tracker, "confidence", lambda _: score)
+    assert tracker.judge(_scene(np.random.default_rng(1)), (280.0, 210.0, 50.0, 30.0)) == score
+    assert (tracker._state is before) != follows
+    if follows:
+        assert tracker._state.center == pytest.approx([304.5, 224.5])
+        assert (tracker._state.size, tracker._state.lost) == (pytest.approx(np.sqrt(1500)), 0)
+        assert tracker._state.memory is not before.memory
+        assert tracker._state.template is before.template
+
+
+@pytest.mark.parametrize(
+    ("similarity", "seen", "given_back"),
+    [
+        (0.2, (10.0, 20.0, 100.0, 50.0), True),
+        (0.3, (10.0, 20.0, 100.0, 50.0), False),  # its colours are around it too
+        (0.2, (18.0, 20.0, 100.0, 50.0), True),  # they share 92 of 108
+        (0.2, (19.0, 20.0, 100.0, 50.0), False),
+        (0.2, (10.0, 24.0, 100.0, 50.0), True),
+        (0.2, (10.0, 15.0, 100.0, 50.0), False),  # 45 of 55
+        (0.2, (10.0, 20.0, 86.0, 50.0), True),
+        (0.2, (10.0, 20.0, 84.0, 50.0), False),
+        (0.2, (210.0, 120.0, 100.0, 50.0), False),
+        (0.2, None, False),
+    ],
+)
+def test_colours_show_an_object_where_they_give_back_its_box(
+    similarity: float, seen: BoxPx | None, given_back: bool
+) -> None:
+    model = SimpleNamespace(similarity=lambda _: similarity, background=None)
+    tracker: Any = SimpleNamespace(step=lambda *_: (None, seen and SimpleNamespace(box_px=seen)))
+    target: Any = SimpleNamespace(model=model)
+    assert _gives_back(tracker, target, np.zeros((1, 1, 3), np.uint8), (10.0, 20.0, 100.0, 50.0)) == given_back
+
+
+@pytest.mark.parametrize(
+    ("by_color", "judged", "found", "result", "started"),
+    [
+        *((True, 0.5, 0.9, "colour", False), (True, 0.45, 0.5, "template", True)),
+        *((True, 0.45, 0.45, "template", False), (False, 0.9, 0.9, "template", True)),
+    ],
+)
+def test_colours_lead_where_the_template_confirms_them(
+    by_color: bool, judged: float, found: float, result: str, started: bool, rng: np.random.Generator
+) -> None:
+    """Else the template searches, and from what it finds with certainty colours begin again, with what they knew."""
+    boxes: dict[str, BoxPx] = {"colour": (1.0, 2.0, 30.0, 40.0), "template": (5.0, 6.0, 30.0, 40.0)}
+    tracker, image, asked = _tracker(rng), np.zeros((60, 80, 3), np.uint8), list[Any]()
+    target: Any = SimpleNamespace(model="model", fill=0.7)
+
+    def start(*args: Any, **kwargs: Any) -> str:
+        asked.append((args[1:], kwargs))
+        return "anew"
+
+    seen = SimpleNamespace(box_px=boxes["colour"]) if by_color else None
+    colors: Any = SimpleNamespace(step=lambda *_: ("moved", seen), start=start)
+    own: Any = SimpleNamespace(judge=lambda *_: judged, step=lambda _: BoxDetection(boxes["template"], found))
+    tracker._template, tracker._by_color = own, (colors, target)
+    assert tracker.step(image) == BoxDetection(boxes[result], judged if result == "colour" else found)
+    assert asked == [((boxes["template"], "model"), {"fill": 0.7})] * started
+    assert tracker._by_color == (colors, "anew" if started else "moved" if result == "colour" else target)
