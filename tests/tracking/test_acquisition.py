@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from ball_scenes import Sphere, frame
@@ -28,7 +29,7 @@ from tracking.background import Background
 from tracking.change import ChangeOfMovingEye, ChangeOfRestingEye
 from tracking.ego_motion import EgoMotion
 from tracking.marker import MarkerParams, find_markers
-from tracking.marker_acquisition import _holds, moved_markers
+from tracking.marker_acquisition import _holds, is_nearer_than_surroundings, moved_markers
 from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 from tracking.outline import Optics, Outline
 from tracking.stereo import Association, CameraFrame, StereoParams, camera_frames
@@ -576,3 +577,86 @@ def test_what_the_search_has_met_is_counted(robot: Robot, rig: StereoRig) -> Non
     assert counts["frames"] == 7
     assert counts["motion_left"] == counts["motion_right"] == 2
     assert counts["candidates_left"] == counts["candidates_right"] == 2
+
+
+def candidate(evidence: float, like: float = 1.0, angle_rad: float = 0.1, **changes: object) -> Candidate:
+    """One that is no disc, whose colours have a Bhattacharyya coefficient of `like` with those of one where it is 1."""
+    colors = like**2 * np.eye(110)[3] + (1 - like**2) * np.eye(110)[8]
+    outline = Outline(np.array([15.0, 25.0]), np.eye(2), angle_rad, 1e-6, (10.0, 20.0, 10.0, 30.0), 200.0, False)
+    one = Candidate(
+        outline, ColorModel(colors, np.eye(110)[20]), evidence, None, True, np.ones((4, 4), bool), (0, 0, 4, 4)
+    )
+    return replace(one, **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("lefts", "rights", "best", "refused"),
+    [
+        ([candidate(0.5)], [candidate(0.1)], (0, 0), {}),
+        ([candidate(4.0), candidate(9.0)], [candidate(1.0)], (1, 0), {}),
+        ([candidate(9.0), candidate(4.0)], [candidate(1.0)], (0, 0), {}),
+        ([candidate(1.0)], [candidate(9.0, 0.8), candidate(5.0)], (0, 0), {}),  # 0.8 · 3 is more than √5
+        ([candidate(1.0)], [candidate(9.0, 0.72), candidate(5.0)], (0, 1), {}),
+        ([candidate(1.0)], [candidate(9.0, 0.72)], (0, 0), {}),
+        ([candidate(1.0)], [candidate(9.0, 0.68)], None, {"colour": 1}),
+        ([candidate(1.0, angle_rad=0.119)], [candidate(9.0)], (0, 0), {}),
+        ([candidate(1.0)], [candidate(9.0, angle_rad=0.119)], (0, 0), {}),
+        ([candidate(1.0, angle_rad=0.121)], [candidate(9.0)], None, {"size": 1}),
+        ([candidate(1.0)], [candidate(9.0, angle_rad=0.121)], None, {"size": 1}),
+        ([candidate(1.0, emerges=True)], [candidate(9.0, angle_rad=0.09)], (0, 0), {}),
+        ([candidate(1.0, emerges=True)], [candidate(9.0, angle_rad=0.101)], None, {"half hidden": 1}),
+        ([candidate(1.0, emerges=True)], [candidate(9.0, emerges=True)], None, {"half hidden": 1}),
+    ],
+)
+def test_the_best_pair_has_most_evidence_of_those_that_may_be_one_object(
+    lefts: list[Candidate],
+    rights: list[Candidate],
+    best: tuple[int, int] | None,
+    refused: dict[str, int],
+    rig: StereoRig,
+    robot: Robot,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Evidence is the likeness of their colours times the geometric mean of both; likeness 0.7 and sizes to 1.2."""
+    search, view, black = Search(rig), rig.view(home(robot)), np.zeros((240, 320, 3), np.uint8)
+    cameras = camera_frames(StereoFrame(black, black, 0.0, 0.0), view)
+    for fits in (True, False):
+        monkeypatch.setattr(Association, "observe", lambda *_, fits=fits: fits or None)
+        monkeypatch.setattr(Association, "refusal", lambda *_: "epipolar gate")
+        found = search._acquisition._best_pair(search._association, cameras, view, lefts, rights, 0.0)
+        if best is None or not fits:
+            assert found is None
+        else:
+            assert found == (lefts[best[0]], rights[best[1]])
+        if fits:
+            assert {key.split(" ", 2)[2]: n for key, n in search.counts.items() if n} == refused
+    assert (search.counts["rejected by epipolar gate"] > 0) == (best is not None)
+
+
+@pytest.mark.parametrize(
+    ("nearness", "is_nearer"), [(1.0, False), (0.9, False), (0.75, True), (0.3, True), (0.06, True), (0.0, False)]
+)
+def test_an_object_is_nearer_than_what_surrounds_it_from_a_fifth_on(
+    nearness: float, is_nearer: bool, rig: StereoRig, robot: Robot
+) -> None:
+    """A sphere of spots about the left eye, beside that of an object at 0.3 m; of 0 the right eye sees another one."""
+    view, rng = rig.view(home(robot)), np.random.default_rng(7)
+    p = view.left.center + 0.3 * view.left.rays([160.0, 110.0])
+    left = cv2.GaussianBlur(rng.uniform(0, 255, (240, 320, 3)), (0, 0), 2.0)
+    left = np.clip((left - 127.5) * 4 + 127.5, 0, 255).astype(np.uint8)
+    rows, columns = np.mgrid[:240, :320].reshape(2, -1)
+    rays, base = view.right.rays(np.stack([columns, rows], axis=-1).astype(float)), view.right.center - view.left.center
+    along = rays @ base
+    far = -along + np.sqrt(along**2 - base @ base + (0.3 / max(nearness, 0.06)) ** 2)
+    at = view.left.project(view.right.center + far[:, None] * rays).astype(np.float32).reshape(240, 320, 2)
+    right = np.asarray(cv2.remap(left, at, np.empty(0, np.float32), cv2.INTER_LINEAR), np.uint8)
+    if nearness == 0.0:
+        right = right[::-1, ::-1].copy()
+    outlines = []
+    for eye in (view.left, view.right):
+        u, v = eye.project(p).tolist()
+        box = (u - 10, v - 10, 20.0, 20.0)
+        outlines.append(Outline(np.array([u, v]), 0.01 * np.eye(2), 10 / rig.left.focal_px, 1e-6, box, 314.0, False))
+    cameras = camera_frames(StereoFrame(left, right, 0.0, 0.0), view)
+    association = Association.untrained(StereoParams(), rig.left.width)
+    assert is_nearer_than_surroundings(association, cameras, view, outlines[0], outlines[1]) == is_nearer

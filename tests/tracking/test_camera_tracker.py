@@ -77,6 +77,36 @@ def test_what_comes_nearer_is_expected_to_grow(
         np.testing.assert_allclose(prior.center_px, view.project(center + now_m * ray) + state.offset_px, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("std_m", "std_px"),
+    [((0.02, 0.0), 10.0), ((0.0, 0.01), 5.0), ((0.03, 0.04), 25.0), ((0.001, 0.0), 0.7), ((0.1, 0.0), 40.0)],
+)
+def test_a_place_is_as_uncertain_as_the_track_across_the_line_of_sight(
+    std_m: tuple[float, float], std_px: float, rng: np.random.Generator
+) -> None:
+    """As many times 2 mm away as the focal length has pixels: 2 mm are a pixel; 0.7 px at least, 40 at most."""
+    far, cov = 2 * 1e-3 * LEFT_EYE.focal_px, np.zeros((6, 6))
+    cov[0, 0], cov[1, 1], cov[2, 2] = std_m[0] ** 2, std_m[1] ** 2, 1.0
+    cov[3:, 3:] = np.eye(3)
+    principal = VIEW.project(np.array([0.0, 0.0, far]))
+    belief = at(np.array([0.0, 0.0, far]))._replace(cov=cov)
+    prior = camera_tracker(rng).predict(CameraState(size_px=30.0), seen_from(picture(rng)), belief, belief)
+    assert prior is not None
+    np.testing.assert_allclose(prior.center_px, principal)
+    assert prior.std_px == pytest.approx(std_px, rel=0.02)
+    assert prior.growth == 1.0
+
+
+@pytest.mark.parametrize(("u", "is_seen"), [(-14.0, True), (-16.0, False), (333.0, True), (335.5, False)])
+def test_an_object_is_in_view_if_a_part_of_it_is(u: float, is_seen: bool, rng: np.random.Generator) -> None:
+    """A disc of 30 px, at most half of it beyond the image's border; the border is at -0.5 and 319.5 px."""
+    belief = at(0.4 * VIEW.rays([150.0, 110.0]))
+    for offset in (u - 150.0, 0.0), (0.0, (u if u < 0 else u - 80) - 110.0):
+        state = CameraState(offset_px=offset, size_px=30.0)
+        prior = camera_tracker(rng).predict(state, seen_from(picture(rng)), belief, belief)
+        assert (prior is not None) == is_seen
+
+
 def test_what_is_known_of_it_is_remembered_and_reported(rng: np.random.Generator) -> None:
     tracker, one = camera_tracker(rng), of_size(36.0, (154.0, 108.0))
     position = 0.4 * VIEW.rays([150.0, 110.0])

@@ -1,5 +1,7 @@
 """Flow of regions on drawn images whose motion is known, and the velocity that it starts a track with."""
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
+from tracking import optical_flow
 from tracking.ego_motion import EgoMotion
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import (
@@ -45,7 +48,7 @@ def pair(rng: np.random.Generator, object_px: tuple[int, int], wall_px: tuple[in
 
 
 def measured(images: list[np.ndarray], then: View = VIEW, tolerance_px: float = 1.0) -> Match:
-    old, new = GreyImage(images[0], then, 0.0), GreyImage(images[1], VIEW, DT)
+    old, new = GreyImage(images[0], then, 1.0), GreyImage(images[1], VIEW, 1.0 + DT)
     return match(EgoMotion(LEFT_EYE), old, new, 1.2, tolerance_px, [(BOX, np.ones((30, 30), bool))])[0]
 
 
@@ -318,3 +321,46 @@ def test_points_move_alike_that_one_shift_and_expansion_explain() -> None:
         assert _most_alike(points, flow, all_move)[7] == alike
     assert not _most_alike(points, grown, ~all_move).any()
     assert np.array_equal(_most_alike(points, grown, points[:, 1] > 20), points[:, 1] > 20)
+
+
+def matched_with(flow: Callable[[np.ndarray], np.ndarray], tolerance_px: float, then: View = VIEW) -> Match:
+    """`measured` of plain images, if `flow` gives the flow of points (n, 2) of the cut, all of them matched."""
+    images = [np.zeros((240, 320), np.uint8)] * 2
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            optical_flow, "_lucas_kanade", lambda _new, _old, points: (flow(points), np.ones(len(points), bool))
+        )
+        return measured(images, then, tolerance_px)
+
+
+@pytest.mark.parametrize(
+    ("spread_px", "tolerance_px", "moves_px", "moves"),
+    [(1.0, 0.5, 4.3, False), (1.0, 0.5, 4.6, True), (0.1, 0.9, 0.85, False), (0.1, 0.9, 0.95, True)],
+)
+def test_points_move_that_differ_from_the_surroundings_by_three_standard_deviations_and_the_tolerance(
+    spread_px: float, tolerance_px: float, moves_px: float, moves: bool
+) -> None:
+    """Two of three points of the surroundings are off by a spread in each coordinate; of a normal distribution with
+    that median the standard deviation is 1.4826 times as large."""
+
+    def flow(points: np.ndarray) -> np.ndarray:
+        of_region = ((points >= 20) & (points < 50)).all(axis=1)
+        assert not ((points >= 16) & (points < 54)).all(axis=1)[~of_region].any()  # none beside the region
+        off = spread_px * (np.arange(len(points))[:, None] % 3 - 1) * [1.0, -1.0]
+        return np.array([7.0, -3.0]) + np.where(of_region[:, None], [0.6 * moves_px, -0.8 * moves_px], off)
+
+    found = matched_with(flow, tolerance_px)
+    assert (found.moving, found.unmatched) == (float(moves), 0.0)
+    if moves:
+        assert found.flow is not None
+        shift = np.array([0.6, -0.8]) * moves_px
+        np.testing.assert_allclose(found.flow.velocity_px_s, shift / DT)
+        np.testing.assert_allclose(found.flow.now_px, [162.5, 122.5])  # the middle of every sixth pixel
+        np.testing.assert_allclose(found.flow.now_px - found.flow.then_px, shift)
+        np.testing.assert_allclose(found.flow.cov, (0.1 / DT) ** 2 * np.eye(2), atol=1e-9)
+        assert found.flow.interval_s == pytest.approx(DT)
+        beside = View(LEFT_EYE, transform(translation=(0.02, 0.0, 0.0)))  # 0.4: of a wall's inverse distance
+        moved = matched_with(flow, tolerance_px, beside).flow
+        assert moved is not None
+        shift_px = 0.4 * LEFT_EYE.focal_px * 0.02 / 1.2
+        np.testing.assert_allclose((moved.cov - found.flow.cov) * DT**2, shift_px**2 * np.eye(2), atol=1e-9)
