@@ -15,7 +15,7 @@ from pps_vision.app import versions
 from pps_vision.app.report.figure_file import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import Entry, Study, catalogue, load, short_parameters
-from pps_vision.experiments.tables import filled, markdown, names
+from pps_vision.experiments.tables import filled, markdown, names, not_measured
 from pps_vision.recordings.outputs import plain, whole_file
 from pps_vision.worker_pool import worker_pool
 
@@ -75,7 +75,7 @@ def bench(
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
-                _draw(study, name, json.loads(file.read_text()), out)
+                _draw(study, name, _read(file), out)
     else:
         of_results = {name for name in chosen if "results" in known[name].fields}
         longest_first = sorted(set(chosen) - of_results, key=lambda name: (-_minutes(_result(name, out)), name))
@@ -86,6 +86,11 @@ def bench(
 
 def _result(name: str, out: Path) -> Path:
     return out / "results" / f"{name}.json"
+
+
+def _read(file: Path) -> Any:
+    """What a study has written, for its chart and tables."""
+    return not_measured(json.loads(file.read_text()))
 
 
 def _minutes(file: Path) -> float:
@@ -128,7 +133,7 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
         numbers = _rounded(plain(study.run()))
         numbers = {**setting, _MINUTES: _rounded((_processor_s() - begun_s) / 60), **numbers}
         partial.write_text(_compact(numbers))
-        _draw(study, name, json.loads(partial.read_text()), out)
+        _draw(study, name, _read(partial), out)
     missing = f"; skipped: {numbers['skipped']}" if "skipped" in numbers else ""
     print(f"→ {file} ({perf_counter() - begun:.0f} s{missing})", flush=True)
 
@@ -162,7 +167,7 @@ def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
             study = max(studies, key=len)
             file = out / "results" / f"{study}.json"
             if file.exists():
-                numbers = json.loads(file.read_text())
+                numbers = _read(file)
                 of_study, part = load(known[study])().tables(numbers), name[len(study) + 1 :]
                 if part not in of_study and "skipped" in numbers:  # its table stays as it is
                     continue

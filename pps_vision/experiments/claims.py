@@ -1,7 +1,6 @@
 """What README.md claims, beside its goal, and what was measured at all: read from the results of the other studies."""
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 from pps_vision.experiments.consistency import GOALS, misses
 from pps_vision.experiments.pipeline import GOAL_MS, MEANT_FOR
 from pps_vision.experiments.study import Study, catalogue
-from pps_vision.experiments.tables import Table, estimate, judged
+from pps_vision.experiments.tables import Table, estimate, judged, not_measured
 
 Cells = Mapping[str, Any]
 _GOAL_MIN = 180  # of all studies by the clock on two cores
@@ -134,15 +133,6 @@ CLAIMS = (
 )
 
 
-def _without_null(value: Any) -> Any:
-    """NaN instead of null: a short run has numbers that nothing was measured for."""
-    if isinstance(value, dict):
-        return {key: _without_null(x) for key, x in value.items()}
-    if isinstance(value, list):
-        return [_without_null(x) for x in value]
-    return math.nan if value is None else value
-
-
 @dataclass(frozen=True)
 class Claims(Study):
     """What README.md claims beside its goals, and every study with seed, commit and time, from the results that are
@@ -156,7 +146,7 @@ class Claims(Study):
         known, found = catalogue(), {}
         for file in sorted(self.results.glob("*.json")):
             if file.stem in known and "results" not in known[file.stem].fields:
-                found[file.stem] = _without_null(json.loads(file.read_text()))
+                found[file.stem] = not_measured(json.loads(file.read_text()))
         claims = [
             {
                 "what": claim.what,

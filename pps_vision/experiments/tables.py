@@ -1,5 +1,6 @@
 """Generated tables in documents: what stands between `<!-- table: NAME -->` and `<!-- end -->`."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -37,6 +38,15 @@ def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
     """Return [value, low, high] as "value (low–high)"; a dash where there is no value."""
     texts = ["–" if number is None or number != number else f"{number:.{digits}g}" for number in numbers]
     return texts[0] if texts[0] == "–" or len(texts) == 1 else f"{texts[0]} ({texts[1]}–{texts[2]})"
+
+
+def not_measured(value: Any) -> Any:
+    """What was read from JSON with NaN in place of each null of a list: a short run has nothing to measure some by."""
+    if isinstance(value, dict):
+        return {key: not_measured(x) for key, x in value.items()}
+    if isinstance(value, list):
+        return [math.nan if x is None else not_measured(x) for x in value]
+    return value
 
 
 def median_first(quartiles: Sequence[float | None]) -> str:

@@ -57,10 +57,12 @@ def test_what_the_documents_claim_follows_from_the_results(claim) -> None:
 
 
 def test_what_a_short_run_could_not_measure_is_not_a_number(tmp_path: Path) -> None:
-    maps = {"ours": {"true": {"je": None}, "learned": {"je": 0.25}}}
-    (tmp_path / "reach_whole_paper.json").write_text(json.dumps({**RUN, "maps": maps}))
+    lost = {"mean_recording_mm": [None] * 3, "worst_recording_mm": [None] * 3, "near_percent": [0.0, 0.0, 0.0]}
+    found = {"mean_recording_mm": [0.4, 0.3, 0.5], "worst_recording_mm": [2, 1, 3], "near_percent": [100, 99, 100]}
+    cells = {"rendered, ball": {"tracker": lost}, "rendered, marker": {"tracker": found}}
+    (tmp_path / "tracking.json").write_text(json.dumps({**RUN, "cells": cells}))
     (row,) = Claims(tmp_path).run()["claims"]
-    assert row["measured"] == "nan / **0.25** %"
+    assert row["measured"] == "nan / 0.40 mm, worst recording nan / 2.00 mm; tracked **0** / 100 % of the time"
 
 
 def test_every_study_has_a_row_and_a_test_in_the_protocol() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pps_vision.experiments.claims import CLAIMS
 from pps_vision.experiments.study import catalogue, load
-from pps_vision.experiments.tables import markdown
+from pps_vision.experiments.tables import markdown, not_measured
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 KNOWN = catalogue()
@@ -22,7 +22,7 @@ def bold(text: str) -> int:
 
 def changed(study: str, place: Place, value: object) -> dict[str, Any]:
     """The results of a study with another number at a place; a number stands for itself and its interval."""
-    numbers: dict[str, Any] = json.loads((RESULTS / f"{study}.json").read_text())
+    numbers: dict[str, Any] = not_measured(json.loads((RESULTS / f"{study}.json").read_text()))
     *way, last = place
     of: Any = numbers
     for key in way:

@@ -2,12 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import catalogue, load
-from pps_vision.experiments.tables import Table, break_points, estimate, filled, markdown, names
+from pps_vision.experiments.tables import Table, break_points, estimate, filled, markdown, names, not_measured
 
 KNOWN, DOCS = catalogue(), Path(__file__).parents[2] / "docs"
 TEXT = "a\n<!-- table: one -->\nold | row\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n"
@@ -46,9 +47,30 @@ def test_break_points_have_a_row_for_each_disturbance() -> None:
 @pytest.mark.parametrize("study", KNOWN)
 def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) -> None:
     """As `bench --redraw` fills them."""
-    numbers = json.loads((DOCS / "results" / f"{study}.json").read_text())
+    numbers = not_measured(json.loads((DOCS / "results" / f"{study}.json").read_text()))
     tables = load(KNOWN[study])().tables(numbers)
     made = {f"{study}_{part}" if part else study: markdown(table) for part, table in tables.items()}
     for document in (*DOCS.glob("*.md"), DOCS.parent / "README.md"):
         text = document.read_text()
         assert filled(text, made, document) == text
+
+
+@pytest.mark.parametrize("study", KNOWN)
+def test_tables_are_made_of_runs_too_short_to_measure_an_estimate(study: str) -> None:
+    """JSON has null for [value, low, high] of nothing; a table still has all its rows."""
+    numbers = not_measured(json.loads((DOCS / "results" / f"{study}.json").read_text()))
+    short = not_measured(_without_estimates({key: numbers[key] for key in numbers if key not in ("parameters", "n")}))
+    kept = {key: numbers[key] for key in ("parameters", "n") if key in numbers}
+    of_short, of_all = (load(KNOWN[study])().tables(one) for one in (short | kept, numbers))
+    assert {part: len(table.rows) for part, table in of_short.items()} == {
+        part: len(table.rows) for part, table in of_all.items()
+    }
+
+
+def _without_estimates(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: x if key in ("severities", "sizes") else _without_estimates(x) for key, x in value.items()}
+    if isinstance(value, list):
+        is_estimate = len(value) == 3 and all(isinstance(x, float | int) for x in value)
+        return [None] * 3 if is_estimate else [_without_estimates(x) for x in value]
+    return value
