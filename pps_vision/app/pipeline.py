@@ -320,15 +320,16 @@ class Pipeline:
     def _wanted(
         self, arm: _Arm, active: Activation, leaning: _Leaning | None, posture: Posture, track: Track3D
     ) -> Array:
-        """Activations (n,) that an arm responds to: those of its taxels; and that of the palm's taxel nearest to an
-        object that the torso leans for counts as 1, because the object need not be near the skin any more."""
+        """Activations (n,) that an arm responds to: those of its taxels; and that of the palm's taxel (or any, of a palm
+        without skin) nearest to an object that the torso leans for counts as 1, as the object need not be near."""
         probability = active.probability[arm.on_arm]
         if leaning is None or leaning.back or arm is not self._arms[0]:
             return probability
         palm = self.robot.names.palm(arm.params.side)
         of_palm = [part.frame == palm for part in arm.skin.parts]
         distance = np.linalg.norm(arm.skin.at(posture)[0] - track.position, axis=1)
-        distance[~np.array(of_palm)[arm.skin.part_index]] = np.inf if any(of_palm) else 0.0
+        if any(of_palm):
+            distance[~np.array(of_palm)[arm.skin.part_index]] = np.inf
         probability = probability.copy()
         probability[distance.argmin()] = 1.0
         return probability

@@ -23,7 +23,7 @@ from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
-from pps_vision.robot.skin import icub_skin
+from pps_vision.robot.skin import Skin, icub_skin
 from pps_vision.types import Activation, Array, JointVelocity, ReachStatus, Track3D
 
 ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
@@ -177,6 +177,17 @@ def test_the_palm_goes_to_what_the_torso_leans_for(left: ReachableMap) -> None:
         assert np.flatnonzero(wanted != 0.25).tolist() == at
         assert wanted[nearest] == (1.0 if at else 0.25)
     assert (active.probability == 0.25).all()
+
+
+def test_of_a_palm_without_skin_the_taxel_nearest_to_the_object_goes(left: ReachableMap) -> None:
+    one, posture = pipeline(lambda _: None, REACH, left), ROBOT.at(home(ROBOT))
+    forearm = Skin(tuple(part for part in SKIN.parts if part.frame != ROBOT.names.palm("left")))
+    bare = one._arms[0]._replace(skin=forearm, on_arm=np.ones(len(forearm.taxel_ids), bool))
+    points, normals = forearm.at(posture)
+    active = Activation(0.0, forearm.taxel_ids, np.zeros(len(points)))
+    for k in (1, len(points) - 2):
+        wanted = one._wanted(bare, active, _Leaning(np.zeros(3)), posture, track_at(points[k] + 0.02 * normals[k]))
+        assert np.flatnonzero(wanted).tolist() == [k]
 
 
 def test_what_leaves_reach_is_given_up_at_once_and_a_lost_object_too(left: ReachableMap) -> None:
