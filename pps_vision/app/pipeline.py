@@ -320,8 +320,8 @@ class Pipeline:
     def _wanted(
         self, arm: _Arm, active: Activation, leaning: _Leaning | None, posture: Posture, track: Track3D
     ) -> Array:
-        """Activations (n,) that an arm responds to: those of its taxels; and that of the palm's taxel (or any, of a palm
-        without skin) nearest to an object that the torso leans for counts as 1, as the object need not be near."""
+        """Activations (n,) that an arm responds to: those of its taxels; and that of the palm's taxel (of any, if it
+        has none) nearest to an object that the torso leans for counts as 1, as the object need not be near."""
         probability = active.probability[arm.on_arm]
         if leaning is None or leaning.back or arm is not self._arms[0]:
             return probability
