@@ -22,6 +22,7 @@ from pps_vision.worker_pool import worker_pool
 _DOCUMENTS = Path("docs")
 _GROUPS = ("pps", "reach")
 _MINUTES = "processor_min"
+_DENSE = ",", ":"  # separators of JSON
 
 
 def listing() -> str:
@@ -182,7 +183,7 @@ def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
 
 def _compact(numbers: Mapping[str, Any]) -> str:
     """JSON with one line for every name of the outermost level."""
-    lines = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in numbers.items())
+    lines = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False, separators=_DENSE)}" for key, value in numbers.items())
     return "{\n " + ",\n ".join(lines) + "\n}\n"
 
 

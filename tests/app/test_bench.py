@@ -223,7 +223,7 @@ def test_results_are_compact_and_documents_filled(fake: Path) -> None:
     bench.bench(["fake"], {"seed": 1})
     lines = (fake / "docs" / "results" / "fake.json").read_text().splitlines()
     assert '"half": 0.33333,' in [line.strip() for line in lines]
-    assert '"cells": {"größe": [1, 0.66667]}' in [line.strip() for line in lines]
+    assert '"cells": {"größe":[1,0.66667]}' in [line.strip() for line in lines]
     numbers = json.loads("".join(lines))
     assert (numbers["study"], numbers["parameters"]) == ("fake", {"seed": 1})
     assert {file.name for file in (fake / "docs" / "figures").iterdir()} == {"fake.png", "fake_other.png"}
