@@ -183,7 +183,10 @@ def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
 
 def _compact(numbers: Mapping[str, Any]) -> str:
     """JSON with one line for every name of the outermost level."""
-    lines = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False, separators=_DENSE)}" for key, value in numbers.items())
+    lines = (
+        f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False, separators=_DENSE)}"
+        for key, value in numbers.items()
+    )
     return "{\n " + ",\n ".join(lines) + "\n}\n"
 
 
