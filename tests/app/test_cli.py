@@ -1,7 +1,7 @@
 """What the commands say, and what they hand on to what does the work."""
 
 import sys
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from importlib.metadata import version
 from inspect import signature
 from pathlib import Path
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from learning.pps.memory import PPSMemory, load_memory, save_memory
 from learning.reach.track_reachability import TrackReachability
-from pps_vision.app.cli import main
+from pps_vision.app.cli import COMMANDS, _class, main
 from pps_vision.app.cli.batch import Batch
 from pps_vision.app.cli.demo import Demo
 from pps_vision.app.cli.joints import Joints
@@ -48,6 +48,13 @@ def test_defaults_are_those_that_the_documents_and_the_classes_state() -> None:
     assert f"contacts predicted {Trials.horizon_s:g} s ahead" in (ROOT / "README.md").read_text()
     assert Demo.noise == NOISE_SIGMA
     assert {command.seed for command in (Track, Track2d, Learn, Joints, Train, Batch, Demo, RenderParams)} == {0}
+
+
+def test_every_switch_is_off_unless_it_is_given() -> None:
+    commands = [_class(name) for name in COMMANDS]
+    switches = [field for one in commands if is_dataclass(one) for field in fields(one) if field.type is bool]
+    assert len(switches) > 12
+    assert [field.name for field in switches if field.default is not False] == []
 
 
 def test_learning_says_what_became_of_each_recording(
