@@ -403,6 +403,7 @@ def test_two_markers_are_one_if_they_are_as_large_and_may_be_one_point(
     said = [key for key, n in counts.items() if key.startswith("rejected by") and n]
     assert len(said) == (refused is not None)
     assert (refused or "") in "".join(said)
+    assert counts["rejected since it did not move"] == (refused is None)
 
 
 def half(of: int, width: int) -> np.ndarray:
