@@ -36,17 +36,17 @@ _KEY_FRAMES = 8  # of a report without a video
 class Extras:
     """What is written beside detections.csv and trajectory.csv."""
 
-    also: tuple[Form, ...] = ()
+    also: tuple[Form, ...]
     """Forms of other tools."""
-    video: bool = False
+    video: bool
     """overlay.mp4."""
-    viewer: bool = False
+    viewer: bool
     """view.rrd."""
-    key_frames: bool = False
+    key_frames: bool
     """Eight pictures for the report."""
-    reach: "TrackReachability | None" = None
+    reach: "TrackReachability | None"
     """Columns of reachability in trajectory.csv."""
-    activation: "TrackActivation | None" = None
+    activation: "TrackActivation | None"
     """activation.csv, and taxels in the pictures."""
 
 
