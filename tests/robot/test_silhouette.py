@@ -7,7 +7,7 @@ from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import inverse, move_points
 from pps_vision.robot.icub import LEFT_EYE, home, icub_rig, load_icub, set_gaze
 from pps_vision.robot.model import Body
-from pps_vision.robot.silhouette import Silhouette
+from pps_vision.robot.silhouette import Silhouette, _hull_points
 
 
 def _hits(body: Body, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
@@ -97,3 +97,11 @@ def test_a_view_away_from_the_body_is_free() -> None:
 def test_bad_margin_is_named() -> None:
     with pytest.raises(ValueError, match="margin -1"):
         Silhouette(load_icub(), margin_px=-1)
+
+
+def test_a_ball_s_hull_lies_just_outside_of_it() -> None:
+    points = _hull_points(Body("one", "root", "sphere", (0.1,), np.eye(4), (0.0, 0.0, 0.0)))
+    from_center = np.linalg.norm(points, axis=1)
+    assert from_center.min() > 0.1
+    assert from_center.max() < 0.11
+    np.testing.assert_allclose(points.mean(axis=0), 0, atol=1e-12)
