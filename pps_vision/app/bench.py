@@ -15,7 +15,7 @@ from pps_vision.app import versions
 from pps_vision.app.report.figure_file import save
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import Entry, Study, catalogue, load, short_parameters
-from pps_vision.experiments.tables import filled, markdown, names, not_measured
+from pps_vision.experiments.tables import filled, markdown, names, read_numbers
 from pps_vision.recordings.outputs import plain, whole_file
 from pps_vision.worker_pool import worker_pool
 
@@ -76,7 +76,7 @@ def bench(
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
-                _draw(study, name, _read(file), out)
+                _draw(study, name, read_numbers(file), out)
     else:
         of_results = {name for name in chosen if "results" in known[name].fields}
         longest_first = sorted(set(chosen) - of_results, key=lambda name: (-_minutes(_result(name, out)), name))
@@ -87,11 +87,6 @@ def bench(
 
 def _result(name: str, out: Path) -> Path:
     return out / "results" / f"{name}.json"
-
-
-def _read(file: Path) -> Any:
-    """What a study has written, for its chart and tables."""
-    return not_measured(json.loads(file.read_text()))
 
 
 def _minutes(file: Path) -> float:
@@ -134,7 +129,7 @@ def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> No
         numbers = _rounded(plain(study.run()))
         numbers = {**setting, _MINUTES: _rounded((_processor_s() - begun_s) / 60), **numbers}
         partial.write_text(_compact(numbers))
-        _draw(study, name, _read(partial), out)
+        _draw(study, name, read_numbers(partial), out)
     missing = f"; skipped: {numbers['skipped']}" if "skipped" in numbers else ""
     print(f"→ {file} ({perf_counter() - begun:.0f} s{missing})", flush=True)
 
@@ -168,13 +163,12 @@ def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
             study = max(studies, key=len)
             file = out / "results" / f"{study}.json"
             if file.exists():
-                numbers = _read(file)
+                numbers = read_numbers(file)
                 of_study, part = load(known[study])().tables(numbers), name[len(study) + 1 :]
-                if part not in of_study and "skipped" in numbers:  # its table stays as it is
-                    continue
-                if part not in of_study:
+                if part in of_study:
+                    tables[name] = markdown(of_study[part])
+                elif "skipped" not in numbers:
                     raise InputError(document, f"table {name}; expected one of {study}'s: {', '.join(of_study)}")
-                tables[name] = markdown(of_study[part])
         target, new = document if out == _DOCUMENTS else out / document.name, filled(text, tables, document)
         if names(text) and not (target.exists() and target.read_text() == new):
             with whole_file(target) as partial:

@@ -1,6 +1,5 @@
 """What README.md claims, beside its goal, and what was measured at all: read from the results of the other studies."""
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any, NamedTuple
 from pps_vision.experiments.consistency import GOALS, misses
 from pps_vision.experiments.pipeline import GOAL_MS, MEANT_FOR
 from pps_vision.experiments.study import Study, catalogue
-from pps_vision.experiments.tables import Table, estimate, judged, not_measured
+from pps_vision.experiments.tables import Table, estimate, judged, read_numbers
 
 Cells = Mapping[str, Any]
 _GOAL_MIN = 180  # of all studies by the clock on two cores
@@ -146,7 +145,7 @@ class Claims(Study):
         known, found = catalogue(), {}
         for file in sorted(self.results.glob("*.json")):
             if file.stem in known and "results" not in known[file.stem].fields:
-                found[file.stem] = not_measured(json.loads(file.read_text()))
+                found[file.stem] = read_numbers(file)
         claims = [
             {
                 "what": claim.what,

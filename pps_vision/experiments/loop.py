@@ -72,7 +72,7 @@ class Loop(SampledStudy):
         rows = []
         for case in LOOP_CASES:
             counts = numbers[case]
-            gaps = [gap for gap in counts["smallest_gap_mm"] if gap == gap]
+            gaps = [gap for gap in counts["smallest_gap_mm"] if np.isfinite(gap)]
             n = counts["episodes"]
             both = ((counts[key], estimate(percent_of(counts[key], n))) for key in ("touched", "commanded"))
             shares = (f"{counted} of {n}: {percentage} %" for counted, percentage in both)

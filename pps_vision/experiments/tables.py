@@ -1,5 +1,6 @@
 """Generated tables in documents: what stands between `<!-- table: NAME -->` and `<!-- end -->`."""
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -38,6 +39,12 @@ def estimate(numbers: Sequence[float | None], digits: int = 3) -> str:
     """Return [value, low, high] as "value (low–high)"; a dash where there is no value."""
     texts = ["–" if number is None or number != number else f"{number:.{digits}g}" for number in numbers]
     return texts[0] if texts[0] == "–" or len(texts) == 1 else f"{texts[0]} ({texts[1]}–{texts[2]})"
+
+
+def read_numbers(file: Path) -> dict[str, Any]:
+    """What a study has written, for its chart, its tables and the claims."""
+    numbers: dict[str, Any] = not_measured(json.loads(file.read_text()))
+    return numbers
 
 
 def not_measured(value: Any) -> Any:

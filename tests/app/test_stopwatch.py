@@ -7,7 +7,7 @@ from pps_vision.app.stopwatch import Stopwatch
 
 
 def test_the_times_of_a_stage_are_its_quartiles_in_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs of 1, 2, 3, 4 and 5 s, and a block of 8 s that stands for four equal ones."""
+    """Runs of 1, 2, 3, 4 and 5 s, and a block of 8 s of four equal runs."""
     clock = iter((10.0, 11.0, 20.0, 22.0, 30.0, 33.0, 40.0, 44.0, 50.0, 55.0, 60.0, 68.0))
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
     stopwatch = Stopwatch()

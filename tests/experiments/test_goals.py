@@ -1,7 +1,6 @@
 """What misses its goal is bold in a study's table, and what just meets it is not: published results with one number
 changed."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import pytest
 
 from pps_vision.experiments.claims import CLAIMS
 from pps_vision.experiments.study import catalogue, load
-from pps_vision.experiments.tables import markdown, not_measured
+from pps_vision.experiments.tables import markdown, read_numbers
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 KNOWN = catalogue()
@@ -21,8 +20,8 @@ def bold(text: str) -> int:
 
 
 def changed(study: str, place: Place, value: object) -> dict[str, Any]:
-    """The results of a study with another number at a place; a number stands for itself and its interval."""
-    numbers: dict[str, Any] = not_measured(json.loads((RESULTS / f"{study}.json").read_text()))
+    """The results of a study with another number at a place; a number is its own interval."""
+    numbers: dict[str, Any] = read_numbers(RESULTS / f"{study}.json")
     *way, last = place
     of: Any = numbers
     for key in way:

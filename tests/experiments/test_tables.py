@@ -1,6 +1,5 @@
 """Tables between markers of a document."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,16 @@ import pytest
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.study import catalogue, load
-from pps_vision.experiments.tables import Table, break_points, estimate, filled, markdown, names, not_measured
+from pps_vision.experiments.tables import (
+    Table,
+    break_points,
+    estimate,
+    filled,
+    markdown,
+    names,
+    not_measured,
+    read_numbers,
+)
 
 KNOWN, DOCS = catalogue(), Path(__file__).parents[2] / "docs"
 TEXT = "a\n<!-- table: one -->\nold | row\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n"
@@ -47,7 +55,7 @@ def test_break_points_have_a_row_for_each_disturbance() -> None:
 @pytest.mark.parametrize("study", KNOWN)
 def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) -> None:
     """As `bench --redraw` fills them."""
-    numbers = not_measured(json.loads((DOCS / "results" / f"{study}.json").read_text()))
+    numbers = read_numbers(DOCS / "results" / f"{study}.json")
     tables = load(KNOWN[study])().tables(numbers)
     made = {f"{study}_{part}" if part else study: markdown(table) for part, table in tables.items()}
     for document in (*DOCS.glob("*.md"), DOCS.parent / "README.md"):
@@ -58,7 +66,7 @@ def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) 
 @pytest.mark.parametrize("study", KNOWN)
 def test_tables_are_made_of_runs_too_short_to_measure_an_estimate(study: str) -> None:
     """JSON has null for [value, low, high] of nothing; a table still has all its rows."""
-    numbers = not_measured(json.loads((DOCS / "results" / f"{study}.json").read_text()))
+    numbers = read_numbers(DOCS / "results" / f"{study}.json")
     short = not_measured(_without_estimates({key: numbers[key] for key in numbers if key not in ("parameters", "n")}))
     kept = {key: numbers[key] for key in ("parameters", "n") if key in numbers}
     of_short, of_all = (load(KNOWN[study])().tables(one) for one in (short | kept, numbers))

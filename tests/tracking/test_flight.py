@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ranges import check_range
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from throw import DRAG_PER_M, FPS, HIDDEN, RIG, UP, thrown
 
-from pps_vision.errors import InputError
 from pps_vision.types import Array, Status, Track3D
 from tracking.flight import FlightParams, derivatives, forecast, start
 from tracking.kalman import Belief, update
@@ -291,11 +291,7 @@ def test_a_flight_is_smoothed_by_its_own_model() -> None:
 def test_parameters_outside_their_range_are_refused(
     name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
 ) -> None:
-    for value in refused:
-        with pytest.raises(InputError, match="expected"):
-            FlightParams(**{name: value})
-    for value in taken:
-        assert getattr(FlightParams(**{name: value}), name) == value
+    check_range(FlightParams, name, refused, taken, lambda _: "expected")
 
 
 def test_what_is_below_the_floor_bounces_at_once_if_it_falls_and_else_rises() -> None:

@@ -544,7 +544,7 @@ def test_the_particles_of_what_was_found_go_on_as_its_flow_says(
 
 
 def test_of_what_the_border_cuts_the_whole_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A box of 8 x 18 px at the left border stands for one of 18 x 18 px, of which it covers the share it had."""
+    """A box of 8 x 18 px at the left border shows part of one of 18 x 18 px, of which it covers the share it had."""
     tracker, model = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), ColorModel(np.eye(110)[3], np.eye(110)[9])
     view, (whole, _) = StereoView(LEFT, RIGHT), both()
     assert whole is not None

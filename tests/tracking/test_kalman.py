@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from filterpy.common import Q_continuous_white_noise
 from linear_model import corrected, discretised, matrices, system
+from ranges import check_range
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from pps_vision.errors import InputError
 from pps_vision.types import Status, Track3D
 from rendering.motions import make_motion
 from tracking import kalman
@@ -430,11 +430,7 @@ def test_process_noise_grows_no_more_than_thirtyfold_and_starts_at_once_its_own(
 def test_parameters_outside_their_range_are_refused(
     name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
 ) -> None:
-    for value in refused:
-        with pytest.raises(InputError, match=f"{re.escape(str(value))}.*expected"):
-            KalmanParams(**{name: value})
-    for value in taken:
-        assert getattr(KalmanParams(**{name: value}), name) == value
+    check_range(KalmanParams, name, refused, taken, lambda value: f"{re.escape(str(value))}.*expected")
 
 
 def test_bad_input_is_named() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from ranges import check_range
 
-from pps_vision.errors import InputError
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import move_points, transform
 from pps_vision.robot.icub import home, set_gaze
@@ -168,11 +168,7 @@ def test_why_two_outlines_are_no_pair_is_said() -> None:
 def test_parameters_outside_their_range_are_refused(
     name: str, refused: tuple[Any, ...], taken: tuple[Any, ...]
 ) -> None:
-    for value in refused:
-        with pytest.raises(InputError, match="expected positive numbers and a rising range"):
-            StereoParams(**{name: value})
-    for value in taken:
-        assert getattr(StereoParams(**{name: value}), name) == value
+    check_range(StereoParams, name, refused, taken, lambda _: "expected positive numbers and a rising range")
 
 
 def test_before_any_pair_the_calibration_is_taken_to_be_off_by_a_share_of_the_width() -> None:
