@@ -18,7 +18,7 @@ from shutil import copytree, ignore_patterns
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tests.helpers.mutations import SHARE_OF_EXPERIMENTS, draw
+from tests.helpers.mutations import PACKAGES, SHARE_OF_EXPERIMENTS, draw, replay
 
 
 def tests_of(root: Path, file: str) -> list[str]:
@@ -72,23 +72,42 @@ def tried(copy: Path, mutant: dict[str, Any], tests: list[str], seconds: dict[st
 def main() -> None:
     """Try mutants; the file is written after each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--n", type=int, default=112, help="number of mutants")
-    parser.add_argument("--seed", type=int, required=True, help="of their draw")
-    parser.add_argument("--out", type=Path, required=True, help="what is found")
+    parser.add_argument("--n", type=int, default=112, help="number of mutants to draw")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the draw")
+    parser.add_argument("--only", nargs="+", default=PACKAGES, metavar="FOLDER", help="mutate only files below these")
+    parser.add_argument(
+        "--from",
+        dest="earlier",
+        type=Path,
+        metavar="FILE.json",
+        help="replay a round where its lines still exist",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="JSON file for the outcomes")
     parser.add_argument("--seconds", type=float, default=90.0, help="of tests for a mutant, after its module's own")
     parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="the tree")
-    parser.add_argument("--resume", action="store_true", help="go on where the round ended")
+    parser.add_argument("--resume", action="store_true", help="continue an interrupted round")
     words = parser.parse_args()
-    done: dict[str, Any] = {"seed": words.seed, "share_of_experiments": SHARE_OF_EXPERIMENTS, "seconds": {}}
-    done = json.loads(words.out.read_text()) if words.resume else {**done, "mutants": []}
+    results: dict[str, Any] = {"seed": words.seed, "share_of_experiments": SHARE_OF_EXPERIMENTS, "seconds": {}}
+    results = json.loads(words.out.read_text()) if words.resume else {**results, "mutants": []}
+    if words.earlier:
+        chosen = replay(words.root, json.loads(words.earlier.read_text())["mutants"], words.only)
+    else:
+        chosen = draw(words.root, words.n, words.seed, words.only)
     os.environ.setdefault("PPS_VISION_DATA", str(words.root.parent / "shared/data"))
     with TemporaryDirectory() as folder:
         copy = copytree(words.root, Path(folder, "tree"), ignore=ignore_patterns(".*", "demo", "site", "shared"))
-        for one in draw(words.root, words.n, words.seed)[len(done["mutants"]) :]:
-            found = tried(copy, one, tests_of(words.root, one["file"]), done["seconds"], words.seconds)
-            done["mutants"].append(one | {"source": None, "outcome": found, "judged": None})
-            words.out.write_text(json.dumps(done, indent=1))
-            print(len(done["mutants"]), one["file"], one["line"], one["mutation"], found, flush=True)
+        for mutant in chosen[len(results["mutants"]) :]:
+            result = tried(copy, mutant, tests_of(words.root, mutant["file"]), results["seconds"], words.seconds)
+            results["mutants"].append(mutant | {"source": None, "outcome": result, "judged": None})
+            words.out.write_text(json.dumps(results, indent=1))
+            print(
+                f"{len(results['mutants'])}/{len(chosen)}",
+                mutant["file"],
+                mutant["line"],
+                mutant["mutation"],
+                result,
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 
@@ -17,10 +18,7 @@ def test_what_no_test_notices_survives(tmp_path: Path) -> None:
     for name, text in files.items():
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).write_text(text)
-    words = ["--root", str(tmp_path), "--out", str(tmp_path / "found.json"), "--n", "4", "--seed", "1"]
-    env = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    subprocess.run([sys.executable, "-m", "tests.mutants", *words], cwd=ROOT, env=env, check=True)
-    mutants = json.loads((tmp_path / "found.json").read_text())["mutants"]
+    mutants = mutate(tmp_path, "found.json", "--n", "4", "--seed", "1", "--only", "pps_vision")
     assert {one["mutation"]: one["outcome"] for one in mutants} == {
         "x > 3 -> (x >= 3)": "survived",
         "x > 3 -> (x < 3)": "killed",
@@ -29,3 +27,23 @@ def test_what_no_test_notices_survives(tmp_path: Path) -> None:
     }
     assert {(one["file"], one["line"]) for one in mutants} == {("pps_vision/gate.py", 6)}
     assert (tmp_path / "pps_vision/gate.py").read_text() == source
+
+    # a round is replayed where its line still stands, also if it has moved to another file
+    moved = source.replace("def is_far", "def is_near") + "\n\nX = 3\n"
+    (tmp_path / "pps_vision/moved.py").write_text(moved)
+    (tmp_path / "pps_vision/gate.py").unlink()
+    (tmp_path / "tests/test_gate.py").unlink()
+    replayed = mutate(tmp_path, "again.json", "--from", str(tmp_path / "found.json"))
+    assert [(one["file"], one["mutation"]) for one in replayed] == [
+        ("pps_vision/moved.py", one["mutation"]) for one in mutants
+    ]
+    assert {one["outcome"] for one in replayed} == {"survived"}
+
+
+def mutate(tree: Path, out: str, *words: str) -> list[dict[str, Any]]:
+    """Run a round of mutants on a tree and return what it wrote."""
+    env = os.environ | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    command = [sys.executable, "-m", "tests.mutants", "--root", str(tree), "--out", str(tree / out), *words]
+    subprocess.run(command, cwd=ROOT, env=env, check=True)
+    mutants: list[dict[str, Any]] = json.loads((tree / out).read_text())["mutants"]
+    return mutants

@@ -2,7 +2,7 @@
 
 import ast
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,21 +48,58 @@ def mutations(statement: ast.stmt) -> list[tuple[Any, str]]:
     return found
 
 
-def draw(root: Path, n: int, seed: int) -> list[dict[str, Any]]:
-    """`n` different mutants of the packages below a folder: file, line, mutation and source of each."""
-    rng, statements, drawn = random.Random(seed), list[tuple[float, Path, ast.stmt]](), dict[Any, dict[str, Any]]()
-    for file in sorted(file for package in PACKAGES for file in (root / package).rglob("*.py")):
-        weight = SHARE_OF_EXPERIMENTS if "experiments" in file.parts else 1.0
-        statements += [(weight, file, s) for s in ast.walk(ast.parse(file.read_text())) if isinstance(s, ast.stmt)]
-    weights = [weight for weight, _, _ in statements]
+def draw(root: Path, n: int, seed: int, folders: Sequence[str] = PACKAGES) -> list[dict[str, Any]]:
+    """Draw `n` different mutants of the files below `folders` of a tree.
+
+    Returns: One dictionary each: file, line, text (the source line, stripped), mutation, and source (the whole file).
+    """
+    rng = random.Random(seed)
+    statements = list(_statements(root, folders))
+    weights = [SHARE_OF_EXPERIMENTS if "experiments" in file.parts else 1.0 for file, _ in statements]
+    drawn = dict[Any, dict[str, Any]]()
     while len(drawn) < n:
-        _, file, statement = rng.choices(statements, weights)[0]
-        if found := mutations(statement):
-            node, other = rng.choice(found)
-            lines = file.read_bytes().splitlines(keepends=True)
-            start = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
-            end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
-            source = (file.read_bytes()[:start] + other.encode() + file.read_bytes()[end:]).decode()
-            what = {"line": node.lineno, "mutation": f"{ast.unparse(node)} -> {other}", "source": source}
-            drawn[file, source] = {"file": str(file.relative_to(root)), **what}
+        file, statement = rng.choices(statements, weights)[0]
+        if choices := mutations(statement):
+            mutant = _mutant(root, file, *rng.choice(choices))
+            drawn[mutant["file"], mutant["source"]] = mutant
     return list(drawn.values())
+
+
+def replay(root: Path, mutants: Sequence[dict[str, Any]], folders: Sequence[str] = PACKAGES) -> list[dict[str, Any]]:
+    """Return those of earlier `mutants` whose source line still stands in a tree, in the same file if it does."""
+    wanted = {(mutant["text"], mutant["mutation"]) for mutant in mutants}
+    texts = {text for text, _ in wanted}
+    present = dict[Any, list[dict[str, Any]]]()
+    for file, statement in _statements(root, folders):
+        lines = file.read_text().splitlines()
+        if any(line.strip() in texts for line in lines[statement.lineno - 1 : statement.end_lineno]):
+            for node, replacement in mutations(statement):
+                mutant = _mutant(root, file, node, replacement)
+                if (key := (mutant["text"], mutant["mutation"])) in wanted:
+                    present.setdefault(key, []).append(mutant)
+    replayed = []
+    for mutant in mutants:
+        places = present.get((mutant["text"], mutant["mutation"]), [])
+        replayed += sorted(places, key=lambda place: place["file"] != mutant["file"])[:1]
+    return replayed
+
+
+def _statements(root: Path, folders: Sequence[str]) -> Iterator[tuple[Path, ast.stmt]]:
+    """Yield every statement of the Python files below `folders`, with its file."""
+    for file in sorted(file for folder in folders for file in (root / folder).rglob("*.py")):
+        yield from ((file, node) for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.stmt))
+
+
+def _mutant(root: Path, file: Path, node: Any, replacement: str) -> dict[str, Any]:
+    """Return the mutant in which `replacement` stands in place of a node."""
+    content = file.read_bytes()
+    lines = content.splitlines(keepends=True)
+    start = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
+    end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
+    return {
+        "file": str(file.relative_to(root)),
+        "line": node.lineno,
+        "text": lines[node.lineno - 1].decode().strip(),
+        "mutation": f"{ast.unparse(node)} -> {replacement}",
+        "source": (content[:start] + replacement.encode() + content[end:]).decode(),
+    }
