@@ -6,10 +6,10 @@ long as a command is valid.
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.special import chdtri
@@ -45,6 +45,8 @@ class AdversarialControl(Study):
 
     A fault is any exception but InputError, a limit of the robot that is left, or an earlier violation that grows.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"steps": 200}
 
     steps: int = 300_000
     """Frames."""

@@ -144,7 +144,7 @@ class Claims(Study):
         """Return for each claim its text, goal, study and what was measured; for each study how it was run."""
         known, found = catalogue(), {}
         for file in sorted(self.results.glob("*.json")):
-            if file.stem in known and "results" not in known[file.stem].fields:
+            if file.stem in known and "results" not in known[file.stem].defaults():
                 found[file.stem] = read_numbers(file)
         claims = [
             {
@@ -156,7 +156,9 @@ class Claims(Study):
             for claim in CLAIMS
             if claim.study in found and "skipped" not in found[claim.study]
         ]
-        studies = [{"study": name, "what": known[name].summary, **_run_as(numbers)} for name, numbers in found.items()]
+        studies = [
+            {"study": name, "what": known[name].summary(), **_run_as(numbers)} for name, numbers in found.items()
+        ]
         return {"claims": claims, "studies": studies}
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -66,6 +66,8 @@ class Consistency(TrackingStudy):
     Coverage on the scenes that the covariance's constants were fitted on stands beside that on held-out ones of the
     same kind: rendered recordings, and films of the tracking table.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"cases": ("vivid, red",)}
 
     seconds: float = 5.0
     """Length of the recordings that are no approaches."""

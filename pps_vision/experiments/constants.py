@@ -2,13 +2,13 @@
 
 import ast
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -47,6 +47,8 @@ class Constants(Study):
     that compiled functions have built in.  One film of each case; a difference is the mean over the films of
     the score with the changed constant less that with the default.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"cases": ("vivid, red",), "only": "confirm_frames"}
 
     seed: int = 0
     """Seed of the first film; the others count up."""

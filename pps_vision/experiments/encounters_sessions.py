@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -59,6 +59,8 @@ _LINKS = {
 class EncountersSessions(SeededStudy):
     """R's sessions of avoidance and reaching with ours, the wrist at rest (Figs 10, 11, S1, Tables 6, 7), and of
     avoidance with distance only (after S2 Fig): an octopus at 5–15 cm/s, left inner forearm and right palm in turn."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.01}
 
     avoidance_min: float = 20.0
     """Length of the session of avoidance, and of the one with distance only."""

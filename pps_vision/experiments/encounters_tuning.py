@@ -1,7 +1,8 @@
 """Parameters of the controllers: random search, the same number of draws on the same encounters for each."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ _LOGARITHMIC = "gain"
 class EncountersTuning(Study):
     """Random search for the parameters of every baseline controller of `encounters`, and of ours beside its defaults:
     the fewest approaching objects that touch and harmless ones that move the arm, both in percent."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"draws": 1}
 
     tuning_seed: int = 9783
     """Seed of the encounters and the draws; not `seed`, because `bench --seed` is that of the encounters that count."""

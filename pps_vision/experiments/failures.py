@@ -1,9 +1,9 @@
 """Where tracking breaks: one disturbance at a time, from mild to hopeless, ours beside the baselines."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple, get_args
+from typing import Any, ClassVar, NamedTuple, get_args
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -55,6 +55,8 @@ class Failures(TrackingStudy):
     Success: the track is within a sixth of the ball's distance of it, in the frames 0.5 s after the ball comes into
     sight. A method breaks where success falls below 90 %.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"only": "distance"}
 
     n: int = 1
     """Recordings of every severity."""

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -57,6 +57,8 @@ class Scene(NamedTuple):
 class Fidelity(SampledStudy):
     """Rendered balls and markers, drawn in many ways, beside ray-cast images: error over the object and at its rim, and
     3D error of the tracker before its filter."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"seconds": 1.0}
 
     seconds: float = 2.0
     """Length of the recording of each object that is tracked, 20 pairs a second, pixel noise 2 of 255."""

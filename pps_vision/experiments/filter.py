@@ -1,11 +1,11 @@
 """The Kalman filter's order, gain and smoother beside OpenCV's and filterpy's filters, on the same measurements."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -117,6 +117,8 @@ class Filter(TrackingStudy):
     The flight model's default constants are fitted to all flights.  "held out": constants fitted anew, from rough
     guesses, to every second flight, on the others, and the other way round.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"evaluations": 2}
 
     n: int = 1
     """Recordings of each object on each motion and at each speed of approach."""

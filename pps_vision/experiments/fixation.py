@@ -6,7 +6,7 @@ controllers get the filter's track, and their commands, limited as all are, take
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from tqdm import tqdm
@@ -194,6 +194,8 @@ class _Robot:
 @dataclass(frozen=True)
 class Fixation(SampledStudy):
     """Gaze on seen targets: settling on a point at rest, error of following, and time until a lost target is seen."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"axes": ("angle",)}
 
     n: int = 16
     """Targets of each kind."""

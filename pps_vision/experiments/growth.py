@@ -3,14 +3,14 @@
 import math
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -61,6 +61,8 @@ class Growth(SampledStudy):
     in use then. Skin: as `pps_whole_skin`, the usual case. Map: training with true kinematics, and one query.
     The exponent is the slope of log time over log size between the two largest sizes.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)}
 
     n: int = 3
     """Turns in which everything is timed at each size."""

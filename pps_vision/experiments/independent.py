@@ -1,9 +1,9 @@
 """Tracking on independent scenes and on rendered ones, case by case, beside baselines and goals."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from matplotlib.figure import Figure
 from tqdm import tqdm
@@ -38,6 +38,8 @@ class Independent(TrackingStudy):
     Of two balls that nothing tells apart either may be tracked, but the same one throughout: all numbers refer to the
     ball for which most frames are right. Baselines are told the true boxes in the first frame that shows the object.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"only": "head moves, 10 ms stale"}
 
     n: int = 6
     """Independent films of each case, over different photographs."""

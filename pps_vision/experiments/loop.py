@@ -1,8 +1,9 @@
 """The closed loop, many times: who is touched, and who moves without cause."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from tqdm import tqdm
@@ -48,6 +49,8 @@ class Loop(SampledStudy):
 
     Cases: approach with avoidance on and off, receding, standing still, own arm moving with nothing near.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"training_trials": 2}
 
     n: int = 20
     """Episodes of every case."""

@@ -1,11 +1,11 @@
 """`bench robustness`: attacks on the program; what it refuses, what breaks it, and what is lost when it is killed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class Robustness(Study):
     A fault of a reader is any exception but InputError and OSError, more than 10 s or 800 MB, a process that ends, or
     a file that is damaged.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"commands": ("track2d", "trials"), "mutants": 3}
 
     n: int = 4
     """Kills of each command that strike it while it runs."""

@@ -1,29 +1,30 @@
 """What a study is, and the harness that measures every method on every scenario with every seed.
 
-A study is one file in `pps_vision/experiments`, `experiments/pps` or `experiments/reach` that holds one frozen
-dataclass derived from `Study`. `pps-vision bench` finds it there; its name is the file's, after the folder's
-(`pps_single_touch`).
+A study is a module, or a package, directly in `pps_vision/experiments` that holds exactly one frozen dataclass derived
+from `Study`. `pps-vision bench` finds it there by the module's name; the summary is the module's docstring.
 """
 
-import ast
 import hashlib
+import inspect
 import json
 import os
+import pkgutil
 import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import gettempdir
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 from tqdm import tqdm
 
+from pps_vision import experiments
 from pps_vision.errors import InputError
 from pps_vision.experiments.timing import timed
 from pps_vision.recordings.outputs import whole_file, write_json
@@ -51,42 +52,7 @@ TURNS = 3
 """How many times by turns methods are timed on a recording, where their times are compared."""
 _RESAMPLED = 1000
 _LEAST = {"seed": 0, "seconds": 0.1, "share": 0.01}
-
-SHORT: Mapping[str, Mapping[str, Any]] = {
-    "": {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2},
-    "adversarial_control": {"steps": 200},
-    "consistency": {"cases": ("vivid, red",)},
-    "constants": {"cases": ("vivid, red",), "only": "confirm_frames"},
-    "encounters_sessions": {"share": 0.01},
-    "encounters_tuning": {"draws": 1},
-    "failures": {"only": "distance"},
-    "fidelity": {"seconds": 1.0},
-    "filter": {"evaluations": 2},
-    "fixation": {"axes": ("angle",)},
-    "growth": {"images": ((320, 240),), "pairs": (20, 40), "labels": (300, 600)},
-    "independent": {"only": "head moves, 10 ms stale"},
-    "loop": {"training_trials": 2},
-    "pps_compensation": {"n_single": 1},
-    "pps_double_touches": {"starts": 4},
-    "pps_landscapes": {"share": 0.1},
-    "pps_misaimed": {"share": 0.05},
-    "pps_real_trials": {"permutations": 1},
-    "pps_single_touch": {"n": 5},
-    "pps_table5": {"share": 0.1},
-    "reach_deviations": {"samples": 200},
-    "reach_error_bound": {"requested": (0.05,)},
-    "reach_forward_model": {"sizes": (100, 200)},
-    "reach_lean": {"n": 4},
-    "reach_lwpr": {"share": 0.05},
-    "reach_maps": {"labels": (600, 1200)},
-    "reach_repeated_maps": {"lattice": 0.1},
-    "reach_severity": {"n_labels": 200},
-    "reach_solvers": {"n": 100, "n_single": 10},
-    "reach_whole_paper": {"n_tried": 500, "labels": 600, "labels_of_j": 600},
-    "robustness": {"commands": ("track2d", "trials"), "mutants": 3},
-    "trigger": {"watched": 1},
-}
-"""Parameters of a short run, which shows that every study works but measures nothing: by study, "" for all."""
+_SHORT = {"n": 1, "seconds": 2.0, "n_labels": 600, "n_test": 500, "share": 0.2}  # of every study that has them
 
 
 class Study(ABC):
@@ -96,13 +62,37 @@ class Study(ABC):
         InputError: A parameter is below what any study can do with.
     """
 
+    SHORT: ClassVar[Mapping[str, Any]] = {}
+    """Parameters of a short run, which shows that the study works but measures nothing."""
+
     def __post_init__(self) -> None:
         """Check the parameters: counts (all whole numbers but the seed), seed, seconds and shares."""
         for name, value in vars(self).items():
             least = _LEAST.get(name, 1 if type(value) is int else None)
             if least is not None and not value >= least:
-                study = self.__module__.removeprefix("pps_vision.experiments.").replace(".", "_")
-                raise InputError(f"bench {study}", f"--{name} {value}; expected at least {least:g}")
+                raise InputError(f"bench {self.name()}", f"--{name} {value}; expected at least {least:g}")
+
+    @classmethod
+    def name(cls) -> str:
+        """Return the study's name, which is its module's."""
+        return cls.__module__.removeprefix(f"{experiments.__name__}.").replace(".", "_")
+
+    @classmethod
+    def summary(cls) -> str:
+        """Return the first paragraph of the module's docstring."""
+        paragraph, _, _ = (inspect.getmodule(cls).__doc__ or "").partition("\n\n")
+        return paragraph.strip().replace("\n", " ")
+
+    @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """Return the parameters with their defaults."""
+        return {field.name: field.default for field in fields(cls)}  # type: ignore[arg-type]
+
+    @classmethod
+    def short(cls) -> dict[str, Any]:
+        """Return the parameters of a short run."""
+        common = {name: value for name, value in _SHORT.items() if name in cls.defaults()}
+        return {**common, **cls.SHORT}
 
     @abstractmethod
     def run(self) -> dict[str, Any]:
@@ -115,6 +105,74 @@ class Study(ABC):
     def tables(self, numbers: dict[str, Any]) -> "dict[str, Table]":
         """Return the tables for the documents by name; the name "" is the study's own."""
         return {}
+
+
+class Part(NamedTuple):
+    """One part of a study: functions that measure it (from the study's parameters), draw it and tabulate it.
+
+    A chart or table is the part's own, or several by name. `chart` and `table` are given the part's numbers, and are
+    not called where the part was skipped: where `run` returned {"skipped": the reason}.
+    """
+
+    run: Callable[[Any], dict[str, Any]]
+    chart: "Callable[[dict[str, Any]], Figure | dict[str, Figure]] | None" = None
+    table: "Callable[[dict[str, Any]], Table | dict[str, Table]] | None" = None
+
+
+@dataclass(frozen=True)
+class PartsStudy(Study):
+    """Base of the studies of several parts, each measured, drawn and tabulated for itself.
+
+    The result file holds each part's numbers under its name, with the parameters, machine and time of its run; figures
+    are `STUDY_part.png` and `STUDY_part_name.png`, tables `STUDY_part` and `STUDY_part_name`.
+
+    Raises:
+        InputError: A part is not one of the study's.
+    """
+
+    PARTS: ClassVar[Mapping[str, Part]] = {}
+    """The parts by name."""
+
+    parts: tuple[str, ...] = ()
+    """Parts to run (default: all)."""
+
+    def __post_init__(self) -> None:
+        """Check the parameters and the names of parts."""
+        super().__post_init__()
+        for part in self.parts:
+            if part not in self.PARTS:
+                raise InputError(f"bench {self.name()}", f"--parts {part}; expected of {', '.join(self.PARTS)}")
+
+    def tasks(self) -> dict[str, Callable[[], dict[str, Any]]]:
+        """Return what measures each chosen part."""
+        return {
+            name: partial(part.run, self) for name, part in self.PARTS.items() if name in (self.parts or self.PARTS)
+        }
+
+    def run(self) -> dict[str, Any]:
+        """Return the numbers of each part."""
+        return {name: task() for name, task in self.tasks().items()}
+
+    def chart(self, numbers: dict[str, Any]) -> "dict[str, Figure]":
+        """Draw the parts that were measured."""
+        return _by_part({name: part.chart for name, part in self.PARTS.items()}, numbers)
+
+    def tables(self, numbers: dict[str, Any]) -> "dict[str, Table]":
+        """Return the tables of the parts that were measured."""
+        return _by_part({name: part.table for name, part in self.PARTS.items()}, numbers)
+
+
+def _by_part(
+    functions: Mapping[str, Callable[[dict[str, Any]], Any] | None], numbers: dict[str, Any]
+) -> dict[str, Any]:
+    """Results of the functions of the measured parts, by "part" or "part_name"."""
+    results: dict[str, Any] = {}
+    for part, function in functions.items():
+        if function is not None and part in numbers and "skipped" not in numbers[part]:
+            result = function(numbers[part])
+            named = result if isinstance(result, dict) else {"": result}
+            results |= {f"{part}_{name}" if name else part: value for name, value in named.items()}
+    return results
 
 
 @dataclass(frozen=True)
@@ -324,60 +382,21 @@ def breaks_at(severities: Sequence[float], values: Sequence[float], breaks: Brea
     return None
 
 
-class Entry(NamedTuple):
-    """A study that can be run: where its class stands, what it measures, and its fields with their defaults."""
-
-    module: str
-    cls: str
-    summary: str
-    fields: dict[str, str]
-
-
-def catalogue() -> dict[str, Entry]:
-    """Return every study by name, read from the files without importing them."""
-    here = Path(__file__).parent
-    files = sorted({*here.glob("*.py"), *here.glob("pps/*.py"), *here.glob("reach/*.py")})
-    nodes = [(file, node) for file in files for node in ast.parse(file.read_text()).body]
-    defined = [(file, node) for file, node in nodes if isinstance(node, ast.ClassDef)]
-    classes = {node.name: node for _, node in defined}
-    found: dict[str, Entry] = {}
-    for file, node in defined:
-        line = _descent(node, classes)
-        if line[0].name == "Study" and len(line) > 1 and _runs(node):
-            parts = file.relative_to(here).with_suffix("").parts
-            summary = (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")
-            fields = {name: default for one in line for name, default in _fields(one).items()}
-            found["_".join(parts)] = Entry(".".join(["pps_vision.experiments", *parts]), node.name, summary, fields)
-    return found
+@cache
+def catalogue() -> dict[str, type[Study]]:
+    """Return the class of every study by the study's name."""
+    studies = {}
+    for group in ("", ".pps", ".reach"):
+        package = import_module(f"{experiments.__name__}{group}")
+        for info in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+            for value in vars(import_module(info.name)).values():
+                if _is_study(value) and value.__module__ == info.name != __name__:
+                    studies[value.name()] = value
+    return studies
 
 
-def _runs(node: ast.ClassDef) -> bool:
-    """Whether a class has its own `run`, which the bases of the studies leave to them."""
-    return any(isinstance(item, ast.FunctionDef) and item.name == "run" for item in node.body)
-
-
-def _descent(node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> list[ast.ClassDef]:
-    """A class after its first base, after the base's first base, and so on."""
-    base = next(iter(node.bases), None)
-    known = classes.get(base.id) if isinstance(base, ast.Name) else None
-    return [node] if known is None or known is node else [*_descent(known, classes), node]
-
-
-def _fields(node: ast.ClassDef) -> dict[str, str]:
-    """Names and defaults of a class's own fields."""
-    given = [item for item in node.body if isinstance(item, ast.AnnAssign)]
-    return {ast.unparse(item.target): ast.unparse(item.value) for item in given if item.value is not None}
-
-
-def short_parameters(name: str, entry: Entry) -> dict[str, Any]:
-    """Return the parameters of a study's short run: what `SHORT` has for all studies and for this one."""
-    return {field: value for field, value in {**SHORT[""], **SHORT.get(name, {})}.items() if field in entry.fields}
-
-
-def load(entry: Entry) -> type[Study]:
-    """Import a study's class."""
-    cls: type[Study] = getattr(import_module(entry.module), entry.cls)
-    return cls
+def _is_study(value: Any) -> bool:
+    return inspect.isclass(value) and issubclass(value, Study) and not inspect.isabstract(value)
 
 
 def run_parts(study: Study, tasks: Mapping[str, Callable[[], Any]]) -> dict[str, Any]:

@@ -1,10 +1,10 @@
 """How soon, how quietly and at what cost a motion trigger finds what moves by itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -70,6 +70,8 @@ class Trigger(SampledStudy):
     recording of that setting. Regions on the robot's own body count for no method. Our alarms before photographs are
     those of longer watching, since a minute shows none.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"watched": 1}
 
     n: int = 2
     """Recordings of each kind, each in both eyes."""

@@ -19,7 +19,7 @@ from pps_vision.experiments.charts import (
     speed_error,
     speed_errors,
 )
-from pps_vision.experiments.study import catalogue, load
+from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import read_numbers
 
 KNOWN, DOCS = catalogue(), Path(__file__).parents[2] / "docs"
@@ -162,7 +162,7 @@ def test_calibration_curves_and_bars_draw_values_with_intervals(axis) -> None:
 @pytest.mark.parametrize("study", [pytest.param(s, marks=[pytest.mark.long] * (s in SLOW)) for s in KNOWN])
 def test_the_documents_charts_follow_from_the_results(study: str) -> None:
     """Each published figure of a study is drawn from its numbers, and no other."""
-    drawn = load(KNOWN[study])().chart(read_numbers(DOCS / "results" / f"{study}.json"))
+    drawn = KNOWN[study]().chart(read_numbers(DOCS / "results" / f"{study}.json"))
     charts = {"": drawn} if isinstance(drawn, Figure) else drawn
     files = {f"{study}_{part}.png" if part else f"{study}.png" for part in charts}
     others = [name for name in KNOWN if name.startswith(f"{study}_")]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pps_vision.experiments.claims import CLAIMS
-from pps_vision.experiments.study import catalogue, load
+from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import markdown, read_numbers
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
@@ -64,7 +64,7 @@ GOALS: list[tuple[str, str, Place, float, float]] = [
 
 @pytest.mark.parametrize(("study", "table", "place", "met", "missed"), GOALS)
 def test_a_table_marks_what_misses_its_goal(study: str, table: str, place: Place, met: float, missed: float) -> None:
-    make = load(KNOWN[study])().tables
+    make = KNOWN[study]().tables
     kept, lost = (bold(markdown(make(changed(study, place, value))[table])) for value in (met, missed))
     assert lost == kept + 1
 
@@ -95,7 +95,7 @@ def test_a_claim_marks_what_misses_its_goal(study: str, place: Place, met: float
 
 @pytest.mark.parametrize(("key", "met", "missed"), [("auroc", 0.95, 0.94), ("calibration_error", 0.05, 0.06)])
 def test_a_calibration_meets_both_goals_or_not(key: str, met: float, missed: float) -> None:
-    method, make = "fine map, displacement, landing, corrected", load(KNOWN["pps_calibration"])().tables
+    method, make = "fine map, displacement, landing, corrected", KNOWN["pps_calibration"]().tables
     numbers = (changed("pps_calibration", ("methods", method, "scores", key), value) for value in (met, missed))
     assert [{row[0]: row[-1] for row in make(of)[""].rows}[method] for of in numbers] == ["yes", "no"]
 
@@ -104,7 +104,7 @@ def test_a_calibration_meets_both_goals_or_not(key: str, met: float, missed: flo
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_a_constant_that_matters_more_than_a_limit_has_a_row(word: str, limit: float, sign: int) -> None:
     """On its own that constant does not matter."""
-    place, make = ("constants", "acquisition._MARGIN", "0.7", word), load(KNOWN["constants"])().tables
+    place, make = ("constants", "acquisition._MARGIN", "0.7", word), KNOWN["constants"]().tables
     few, more = (len(make(changed("constants", place, sign * value))[""].rows) for value in (limit, limit + 0.1))
     assert more == few + 1
 
@@ -119,7 +119,7 @@ def test_bounds_of_maps_are_counted_where_they_hold_and_where_they_are_what_was_
             ("right", 1000, 0.004, 0.002),
         )
     ]
-    study = load(KNOWN["reach_error_bound"])()
+    study = KNOWN["reach_error_bound"]()
     rows = study.tables({"maps": maps, "hold_percent": [75.0, 30.1, 95.4]})[""].rows
     assert [list(row) for row in rows] == [
         ["1 %, left", "3", "2", "2", "1.2", "1", "2000"],

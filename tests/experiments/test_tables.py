@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pps_vision.errors import InputError
-from pps_vision.experiments.study import catalogue, load
+from pps_vision.experiments.study import catalogue
 from pps_vision.experiments.tables import (
     Table,
     break_points,
@@ -56,7 +56,7 @@ def test_break_points_have_a_row_for_each_disturbance() -> None:
 def test_the_documents_hold_the_tables_that_follow_from_the_results(study: str) -> None:
     """As `bench --redraw` fills them."""
     numbers = read_numbers(DOCS / "results" / f"{study}.json")
-    tables = load(KNOWN[study])().tables(numbers)
+    tables = KNOWN[study]().tables(numbers)
     made = {f"{study}_{part}" if part else study: markdown(table) for part, table in tables.items()}
     for document in (*DOCS.glob("*.md"), DOCS.parent / "README.md"):
         text = document.read_text()
@@ -69,7 +69,7 @@ def test_tables_are_made_of_runs_too_short_to_measure_an_estimate(study: str) ->
     numbers = read_numbers(DOCS / "results" / f"{study}.json")
     short = not_measured(_without_estimates({key: numbers[key] for key in numbers if key not in ("parameters", "n")}))
     kept = {key: numbers[key] for key in ("parameters", "n") if key in numbers}
-    of_short, of_all = (load(KNOWN[study])().tables(one) for one in (short | kept, numbers))
+    of_short, of_all = (KNOWN[study]().tables(one) for one in (short | kept, numbers))
     assert {part: len(table.rows) for part, table in of_short.items()} == {
         part: len(table.rows) for part, table in of_all.items()
     }

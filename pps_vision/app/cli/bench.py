@@ -25,6 +25,8 @@ class Bench:
     """Length of a recording."""
     scenes: Literal["rendered", "independent", "both"] | None = None
     """Scenes of the project's renderer, of the independent ray caster, or both."""
+    parts: tuple[str, ...] | None = None
+    """Parts of a study that has several (default: all)."""
     data: Path | None = None
     """Folder of the real data (default: PPS_VISION_DATA, else ../shared/data)."""
     controller: str | None = None
@@ -44,11 +46,11 @@ class Bench:
 
     def run(self) -> None:
         """Run what is asked for."""
-        from pps_vision.app.bench import bench, listing
+        from pps_vision.experiments.bench import bench, listing
 
         if not self.names:
             print(listing())
             return
-        given = "n", "seed", "seconds", "scenes", "data", "controller", "json", "workers"
+        given = "n", "seed", "seconds", "scenes", "parts", "data", "controller", "json", "workers"
         overrides = {name: getattr(self, name) for name in given if getattr(self, name) is not None}
         bench(self.names, overrides, self.out, again=self.again, redraw=self.redraw, short=self.short)

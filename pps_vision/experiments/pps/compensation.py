@@ -5,8 +5,9 @@ taxel, in which a constant error cancels (`learning/pps/contact.py`), and encode
 touches (`learning/pps/joint_offsets.py`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,6 +35,8 @@ class Compensation(SampledStudy):
 
     R: "the learned representations automatically compensate".
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"n_single": 1}
 
     n: int = 20
     """Robots with all sources together."""

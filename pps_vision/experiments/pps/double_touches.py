@@ -1,7 +1,8 @@
 """Double touch (R milestone 1): the taxels that the finger can reach, and those it touches with encoder offsets."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,6 +24,8 @@ class DoubleTouches(SampledStudy):
 
     R aimed at eight inner taxels, of which six were ever touched.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"starts": 4}
 
     starts: int = 24
     """Random start postures for each taxel."""

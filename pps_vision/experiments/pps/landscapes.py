@@ -1,8 +1,9 @@
 """R Figs 4, 5, 7 and 9: the map of one taxel after each of R's sessions, and after 1, 4 and 53 trials."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -37,6 +38,8 @@ class Landscapes(SessionStudy):
     The ridge's width is the standard deviation of the positive samples' D about their line in (D, TTC), over all
     taxels aimed at. Robots that err as R's sources say take the same sessions with exactly known objects.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.1}
 
     n: int = 8
     """Robots that err, each in its own way."""

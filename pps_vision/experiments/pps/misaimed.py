@@ -1,9 +1,10 @@
 """R's felt double touches by robots that misjudge themselves, at R's speeds: the finger is aimed by the robot's model
 and touches what it happens to."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from tqdm import tqdm
@@ -30,6 +31,8 @@ _LEAST_STEPS = 3  # of a movement, for its velocity
 @dataclass(frozen=True)
 class Misaimed(SampledStudy):
     """Samples and taxels touched in R's felt double touches (R Table 5) by robots with R's sources of error."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.05}
 
     n: int = 5
     """Robots, each with its own errors."""

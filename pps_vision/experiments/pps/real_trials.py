@@ -5,10 +5,10 @@ single trials would lower each taxel's rate of touch exactly where it is touched
 within a taxel to 0.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -57,6 +57,8 @@ OTHER_SESSION: dict[str, Predict] = {
 @dataclass(frozen=True)
 class RealTrials(SeededStudy):
     """Touches predicted 0.15 s ahead on the authors' real trials, beside R's map and the base rate."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"permutations": 1}
 
     data: Path = DATA
     """Folder of pps_real_robot (default: PPS_VISION_DATA, else ../shared/data)."""

@@ -1,7 +1,8 @@
 """What is learned from a single touch: when the touched taxel predicts the same approach again."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -36,6 +37,8 @@ APPROACHES = {
 class SingleTouch(SampledStudy):
     """Activation during a repeated approach of a ball after one touch by it (R Fig 9, first panel): four maps, D to its
     surface and to its centre."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"n": 5}
 
     n: int = 300
     """Approaches of each kind, each learned and repeated alone."""

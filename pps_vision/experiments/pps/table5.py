@@ -1,7 +1,8 @@
 """R Table 5: minutes, trials and samples of the five sessions, beside the paper's."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +27,8 @@ class Table5(SessionStudy):
     A sample is a step of 50 ms in which some taxel of the part perceives the object. Our minutes are those of the
     movements; R's include the way back and the experimenter's pauses.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.1}
 
     def run(self) -> dict[str, Any]:
         """Return ours and the paper's numbers by session."""

@@ -1,9 +1,9 @@
 """Forward model of robots that are no chain of ideal joints: what the structure leaves and what the process learns."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -117,6 +117,8 @@ class Deviations(SampledStudy):
 
     None of the deviations but the neck's order is in the class of the structure, and none in that of the process.
     """
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"samples": 200}
 
     n: int = 3
     """Sets of babbled postures."""

@@ -1,7 +1,8 @@
 """Does the stated bound of a map's error hold?  Maps of both arms, learned until the bound or the budget is met."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,6 +23,8 @@ ARMS = ("left", "right")
 @dataclass(frozen=True)
 class ErrorBound(SampledStudy):
     """Stated upper bound of the share misjudged beside the share measured by closed-form inverse kinematics."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"requested": (0.05,)}
 
     n: int = 10
     """Maps of each arm for each requested bound."""

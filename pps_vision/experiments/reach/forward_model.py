@@ -1,9 +1,9 @@
 """Forward model arm → gaze from motor babbling: error over samples, and time against error (J Fig 2)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -83,6 +83,8 @@ def mean_row(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 @dataclass(frozen=True)
 class ForwardModel(SampledStudy):
     """The model of revolute joints, LWPR as in J, and other regressors, learned from the same fixated postures."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"sizes": (100, 200)}
 
     n: int = 3
     """Sets of postures, each with its own test set."""

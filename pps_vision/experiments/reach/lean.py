@@ -4,8 +4,9 @@ By kinematics: joints obey and the object's position is known.  The truth, from 
 fixated and reached, is closed form on a grid of torso postures.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from tqdm import tqdm
@@ -108,6 +109,8 @@ def draw_unreachable(robot: Robot, n: int, rng: np.random.Generator) -> Array:
 @dataclass(frozen=True)
 class Lean(SampledStudy):
     """Objects that the right hand reaches only with the torso turned: touched, refused, and fixation meanwhile."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"n": 4}
 
     n: int = 200
     """Objects out of reach of the upright robot."""

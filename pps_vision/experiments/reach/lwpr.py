@@ -1,8 +1,8 @@
 """LWPR on the cross function: receptive fields, error and update time beside the authors' C library."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -83,6 +83,8 @@ def judge(model: LWPR) -> dict[str, float]:
 @dataclass(frozen=True)
 class LwprCross(SampledStudy):
     """LWPR, the regressor of J, on the function by which its authors judge it, in three settings."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"share": 0.05}
 
     n: int = 5
     """Models per setting, the independent units."""

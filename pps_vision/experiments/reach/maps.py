@@ -1,9 +1,9 @@
 """Reachable-space map: error over the inverse-kinematics solutions spent, thresholds and calibration (J Figs 4–9)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -52,6 +52,8 @@ BASELINES = {"nearest of labels everywhere": nearest_label, "regular grid": regu
 @dataclass(frozen=True)
 class Maps(SeededStudy):
     """Basic and Enhanced map of the right arm over the labels spent, with true kinematics, judged by closed form."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"labels": (600, 1200)}
 
     n_test: int = 20_000
     """Gaze postures they are judged on."""

@@ -1,8 +1,9 @@
 """The map that `reach train` learns by default, of either arm and of both at once, with several seeds, judged by closed
 form."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,6 +26,8 @@ from pps_vision.types import Array
 @dataclass(frozen=True)
 class RepeatedMaps(SampledStudy):
     """Basic and Enhanced map of each arm, and of what both reach at once, learned anew with every seed."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"lattice": 0.1}
 
     n: int = 5
     """Maps of each arm."""

@@ -5,10 +5,10 @@ of revolute joints, labels at the border, signed distance.  J's: LWPR of the arm
 0.25.  Both are judged against the closed-form inverse kinematics of the true arm.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -181,6 +181,8 @@ def _flipping(label: Oracle, share: float, rng: np.random.Generator) -> Oracle:
 @dataclass(frozen=True)
 class Severity(SampledStudy):
     """Forward model and map under six disturbances of babbling and labels, ours beside J's method."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"n_labels": 200}
 
     n: int = 3
     """Seeds, the independent units."""

@@ -4,10 +4,10 @@ All solvers take the same problems and start from the same babbled postures: the
 and of the next fifteen the one most unlike it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -37,6 +37,8 @@ Solve = Callable[[Array, Array], TwoStage]
 @dataclass(frozen=True)
 class Solvers(SampledStudy):
     """Time per problem and verdicts of the batched solver, SciPy and IPOPT, from one start and two."""
+
+    SHORT: ClassVar[Mapping[str, Any]] = {"n": 100, "n_single": 10}
 
     n: int = 52_000
     """Problems for the batched solvers, as many as J solved."""

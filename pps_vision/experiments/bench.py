@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from pps_vision.app import versions
 from pps_vision.app.report.figure_file import save
 from pps_vision.errors import InputError
-from pps_vision.experiments.study import Entry, Study, catalogue, load, short_parameters
-from pps_vision.experiments.tables import filled, markdown, names, read_numbers
+from pps_vision.experiments.study import PartsStudy, Study, catalogue
+from pps_vision.experiments.tables import Table, filled, markdown, names, read_numbers
 from pps_vision.recordings.outputs import plain, whole_file
 from pps_vision.worker_pool import worker_pool
 
@@ -28,9 +28,10 @@ _DENSE = ",", ":"  # separators of JSON
 def listing() -> str:
     """Return every study's name, what it measures, and its parameters."""
     lines = []
-    for name, entry in catalogue().items():
-        fields = ", ".join(f"{field} = {value}" for field, value in entry.fields.items())
-        lines.append(f"{name}: {entry.summary}\n    {fields}")
+    for name, study in catalogue().items():
+        parameters = ", ".join(f"{field} = {value!r}" for field, value in study.defaults().items())
+        parts = f"; parts: {', '.join(study.PARTS)}" if issubclass(study, PartsStudy) else ""
+        lines.append(f"{name}: {study.summary()}\n    {parameters}{parts}")
     return "\n".join(lines)
 
 
@@ -44,7 +45,7 @@ def bench(
 ) -> None:
     """Run the studies that are asked for; with `redraw` only draw and fill what was measured.
 
-    A `short` run takes each study's smallest parameters (`study.SHORT`), where `overrides` give no others. Studies of
+    A `short` run takes each study's smallest parameters (`Study.SHORT`), where `overrides` give no others. Studies of
     other studies' results come last and read those in `out`.  Of several studies, `workers` of the overrides run at
     once, those that took longest first; one that fails does not stop the others.
     """
@@ -60,7 +61,7 @@ def bench(
                 "bench", f"no study {one}; expected all, {', '.join(_GROUPS)} or one of {', '.join(known)}"
             )
     for name, value in overrides.items():
-        if len(asked) == len(chosen) and not any(name in known[study].fields for study in chosen):
+        if len(asked) == len(chosen) and not any(name in known[study].defaults() for study in chosen):
             raise InputError("bench", f"{', '.join(asked)} takes no {name} ({value}); see `bench` without a name")
     commit = versions.commit()
     if out == _DOCUMENTS and not redraw and commit.endswith("dirty"):
@@ -69,16 +70,16 @@ def bench(
         raise InputError("bench", "a short run measures nothing; give --out FOLDER for its results")
     studies = {}
     for name in chosen:
-        fields = known[name].fields
+        fields = known[name].defaults()
         given = {field: value for field, value in overrides.items() if field in fields}
         given |= {"results": out / "results"} if "results" in fields else {}
-        studies[name] = load(known[name])(**(short_parameters(name, known[name]) if short else {}) | given)
+        studies[name] = known[name](**(known[name].short() if short else {}) | given)
     if redraw:
         for name, study in studies.items():
             if (file := _result(name, out)).exists():
                 _draw(study, name, read_numbers(file), out)
     else:
-        of_results = {name for name in chosen if "results" in known[name].fields}
+        of_results = {name for name in chosen if "results" in known[name].defaults()}
         longest_first = sorted(set(chosen) - of_results, key=lambda name: (-_minutes(_result(name, out)), name))
         _measure_all({name: studies[name] for name in longest_first}, commit, out, again, workers)
         _measure_all({name: studies[name] for name in chosen if name in of_results}, commit, out, again, 1)
@@ -91,7 +92,11 @@ def _result(name: str, out: Path) -> Path:
 
 def _minutes(file: Path) -> float:
     """Processor time of a study when it was measured last; infinite where it was not."""
-    return float(json.loads(file.read_text())[_MINUTES]) if file.exists() else math.inf
+    if not file.exists():
+        return math.inf
+    results = json.loads(file.read_text())
+    runs = [results, *(value for value in results.values() if isinstance(value, dict))]
+    return sum(float(run.get(_MINUTES, 0)) for run in runs)
 
 
 def _measure_all(studies: Mapping[str, Study], commit: str, out: Path, again: bool, workers: int) -> None:
@@ -113,25 +118,34 @@ def _is_asked(name: str, asked: str) -> bool:
 
 
 def _measure(name: str, study: Study, commit: str, out: Path, again: bool) -> None:
-    """Run a study and write its result and charts; nothing where this commit has measured the same."""
+    """Run a study, part by part, and write its result and charts; skip what this commit has measured the same way."""
     file = _result(name, out)
     fields: dict[str, Any] = asdict(study)  # type: ignore[call-overload]
+    fields.pop("parts", None)
     parameters = {key: value.name if isinstance(value, Path) else value for key, value in fields.items()}
-    setting = {"study": name, "parameters": plain(parameters), "machine": versions.machine(commit)}
-    again = again or "results" in fields  # which may have changed
-    if not again and not commit.endswith(("dirty", "unknown")) and file.exists():
-        before = json.loads(file.read_text())
-        if all(before.get(key) == value for key, value in setting.items()):
-            print(f"= {file} (already measured by this commit with these parameters)")
-            return
-    begun, begun_s = perf_counter(), _processor_s()
-    with whole_file(file) as partial:
-        numbers = _rounded(plain(study.run()))
-        numbers = {**setting, _MINUTES: _rounded((_processor_s() - begun_s) / 60), **numbers}
-        partial.write_text(_compact(numbers))
-        _draw(study, name, read_numbers(partial), out)
-    missing = f"; skipped: {numbers['skipped']}" if "skipped" in numbers else ""
-    print(f"→ {file} ({perf_counter() - begun:.0f} s{missing})", flush=True)
+    setting = {"parameters": plain(parameters), "machine": versions.machine(commit)}
+    again = again or "results" in fields or commit.endswith(("dirty", "unknown"))  # the results may have changed
+    results = json.loads(file.read_text()) if file.exists() else {}
+    for part, task in (study.tasks() if isinstance(study, PartsStudy) else {"": study.run}).items():
+        measured = results.get(part, {}) if part else results
+        label = f"{file}, {part}" if part else f"{file}"
+        if not again and all(measured.get(key) == value for key, value in setting.items()):
+            print(f"= {label} (already measured by this commit with these parameters)")
+            continue
+        start = perf_counter()
+        processor_start = _processor_s()
+        numbers = _rounded(plain(task()))
+        numbers = {**setting, _MINUTES: _rounded((_processor_s() - processor_start) / 60), **numbers}
+        if isinstance(study, PartsStudy):
+            results[part] = numbers
+            numbers = {key: results[key] for key in study.PARTS if key in results}
+        with whole_file(file) as partial:
+            partial.write_text(_json({"study": name, **numbers}, levels=2 if part else 1) + "\n")
+            written = read_numbers(partial)
+            _draw(study, name, {part: written[part]} if part else written, out)
+            skipped = (written[part] if part else written).get("skipped")
+        missing = f"; skipped: {skipped}" if skipped else ""
+        print(f"→ {label} ({perf_counter() - start:.0f} s{missing})", flush=True)
 
 
 def _processor_s() -> float:
@@ -149,39 +163,50 @@ def _draw(study: Study, name: str, numbers: dict[str, Any], out: Path) -> None:
         print(f"→ {file}")
 
 
-def _fill_documents(known: Mapping[str, Entry], out: Path) -> None:
+def _fill_documents(known: Mapping[str, type[Study]], out: Path) -> None:
     """Fill the marked tables of the documents and of README.md from the results that are there.
 
     With another folder than the documents' own the filled documents are written there.
     """
     for document in [*sorted(_DOCUMENTS.glob("*.md")), *Path().glob("README.md")]:
-        tables, text = {}, document.read_text()
+        text = document.read_text()
+        tables = {}
         for name in names(text):
             studies = [study for study in known if name == study or name.startswith(f"{study}_")]
             if not studies:
                 raise InputError(document, f"table {name}; expected the name of a study (and of its table)")
-            study = max(studies, key=len)
-            file = out / "results" / f"{study}.json"
-            if file.exists():
-                numbers = read_numbers(file)
-                of_study, part = load(known[study])().tables(numbers), name[len(study) + 1 :]
-                if part in of_study:
-                    tables[name] = markdown(of_study[part])
-                elif "skipped" not in numbers:
-                    raise InputError(document, f"table {name}; expected one of {study}'s: {', '.join(of_study)}")
-        target, new = document if out == _DOCUMENTS else out / document.name, filled(text, tables, document)
+            table = _table(known, max(studies, key=len), name, out, document)
+            if table is not None:
+                tables[name] = markdown(table)
+        target = document if out == _DOCUMENTS else out / document.name
+        new = filled(text, tables, document)
         if names(text) and not (target.exists() and target.read_text() == new):
             with whole_file(target) as partial:
                 partial.write_text(new)
 
 
-def _compact(numbers: Mapping[str, Any]) -> str:
-    """JSON with one line for every name of the outermost level."""
-    lines = (
-        f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False, separators=_DENSE)}"
-        for key, value in numbers.items()
-    )
-    return "{\n " + ",\n ".join(lines) + "\n}\n"
+def _table(known: Mapping[str, type[Study]], study: str, name: str, out: Path, document: Path) -> Table | None:
+    """The table `name` of a study; None where it was not measured."""
+    file = _result(study, out)
+    if not file.exists():
+        return None
+    cls = known[study]
+    numbers = read_numbers(file)
+    tables = cls().tables(numbers)
+    table = name[len(study) + 1 :]
+    parts = cls.PARTS if issubclass(cls, PartsStudy) else {}
+    measured = [numbers.get(part, {"skipped": ""}) for part in parts if f"{table}_".startswith(f"{part}_")] or [numbers]
+    if table not in tables and not any("skipped" in value for value in measured):
+        raise InputError(document, f"table {name}; expected one of {study}'s: {', '.join(tables)}")
+    return tables.get(table)
+
+
+def _json(value: Any, levels: int, indent: str = "") -> str:
+    """JSON with one line for every name of the outermost levels."""
+    if levels == 0 or not isinstance(value, dict):
+        return json.dumps(value, ensure_ascii=False, separators=_DENSE)
+    items = (f"{indent} {json.dumps(key)}: {_json(item, levels - 1, indent + ' ')}" for key, item in value.items())
+    return "{\n" + ",\n".join(items) + f"\n{indent}}}"
 
 
 def _rounded(value: Any) -> Any:

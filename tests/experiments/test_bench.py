@@ -1,0 +1,275 @@
+"""What `bench` runs, skips and refuses, and what it writes."""
+
+import importlib
+import json
+import os
+import re
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pps_vision.app import versions
+from pps_vision.app.cli import main
+from pps_vision.errors import InputError
+from pps_vision.experiments import bench
+from pps_vision.experiments.study import PartsStudy, Study, catalogue
+
+KNOWN = catalogue()
+
+FAKE = '''
+"""Thirds of a seed.
+
+More of it.
+"""
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+from pps_vision.experiments.charts import panels, bars
+from pps_vision.experiments.study import Part, PartsStudy, Study
+from pps_vision.experiments.tables import Table
+
+def draw(numbers):
+    figure, (axis,) = panels(1)
+    bars(axis, ["a"], {"third": [numbers["third"]]}, "third")
+    return {"": figure, "other": figure}
+
+def tabulate(numbers):
+    values = {"": numbers["third"], "ten_times": 10 * numbers["third"]}
+    return {name: Table(["what", "value"], [["third", f"{value:.3g}"]]) for name, value in values.items()}
+
+def measure(study):
+    with open("runs.txt", "a") as runs:
+        runs.write(f"{study.seed} ")
+    return {"third": study.seed / 3, "cells": {"größe": [1, 2 / 3]}}
+
+@dataclass(frozen=True)
+class Fake(Study):
+    SHORT: ClassVar[Mapping[str, Any]] = {"seed": 9}
+    seed: int = 0
+    def run(self):
+        return measure(self)
+    def chart(self, numbers):
+        return draw(numbers)
+    def tables(self, numbers):
+        return tabulate(numbers)
+
+@dataclass(frozen=True)
+class Workers(Fake):
+    workers: int = 1
+    def run(self):
+        return {"third": self.workers / 3, "process": os.getpid()}
+
+@dataclass(frozen=True)
+class Parts(PartsStudy):
+    PARTS: ClassVar[Mapping[str, Part]] = {
+        "first": Part(measure, draw, tabulate),
+        "plain": Part(measure),
+        "no_data": Part(lambda study: {"skipped": "no such folder"}, draw, tabulate),
+    }
+    seed: int = 0
+
+@dataclass(frozen=True)
+class Fails(Fake):
+    def run(self):
+        return self.nothing
+'''
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to run in, where the commit is 1234567 and the studies are those of `FAKE`."""
+    (tmp_path / "fake_study.py").write_text(FAKE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    module = importlib.reload(importlib.import_module("fake_study"))
+    studies = {"fake": module.Fake, "fake_more": module.Fake, "parts": module.Parts, "pps_w": module.Workers}
+    monkeypatch.setattr(bench, "catalogue", lambda: studies)
+    set_commit(monkeypatch, "1234567")
+    (tmp_path / "docs").mkdir()
+    return tmp_path
+
+
+def set_commit(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(versions, "commit", lambda: name)
+
+
+def seeds_run(folder: Path) -> str:
+    file = folder / "runs.txt"
+    return file.read_text() if file.exists() else ""
+
+
+def result(folder: Path, name: str) -> dict[str, Any]:
+    numbers: dict[str, Any] = json.loads((folder / "docs" / "results" / f"{name}.json").read_text())
+    return numbers
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.bench(["fake"], {"seed": 1})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["→ docs/figures/fake.png", "→ docs/figures/fake_other.png"]
+    assert re.fullmatch(r"→ docs/results/fake\.json \(\d s\)", lines[2])
+    bench.bench(["fake"], {"seed": 1})
+    assert seeds_run(folder) == "1 "
+    skipped = "= docs/results/fake.json (already measured by this commit with these parameters)\n"
+    assert capsys.readouterr().out == skipped
+    bench.bench(["fake"], {"seed": 1}, again=True)
+    bench.bench(["fake"], {"seed": 2})
+    assert seeds_run(folder) == "1 1 2 ", "other parameters are another measurement"
+    set_commit(monkeypatch, "7654321")
+    bench.bench(["fake"], {"seed": 2})
+    assert seeds_run(folder) == "1 1 2 2 ", "other code is another measurement"
+    (folder / "docs" / "figures" / "fake.png").unlink()
+    bench.bench(["fake"], redraw=True)
+    assert (folder / "docs" / "figures" / "fake.png").exists()
+    assert seeds_run(folder) == "1 1 2 2 ", "redrawing measures nothing"
+
+
+def test_parts_are_measured_each_for_itself(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = folder / "docs" / "page.md"
+    markers = [f"<!-- table: parts_{name} -->\n<!-- end -->\n" for name in ("first", "first_ten_times", "no_data")]
+    page.write_text("".join(markers))
+    bench.bench(["parts"], {"parts": ("first",), "seed": 3})
+    assert list(result(folder, "parts")) == ["study", "first"]
+    assert {file.name for file in (folder / "docs" / "figures").iterdir()} == {
+        "parts_first.png",
+        "parts_first_other.png",
+    }
+    bench.bench(["parts"], {"parts": ("no_data", "plain"), "seed": 6})
+    bench.bench(["parts"], {"seed": 3})
+    assert seeds_run(folder) == "3 6 3 ", "the first part was known, the second not with this seed"
+    numbers = result(folder, "parts")
+    assert list(numbers) == ["study", "first", "plain", "no_data"]
+    assert numbers["first"]["parameters"] == {"seed": 3}
+    assert numbers["plain"]["third"] == 1.0
+    assert "no_data (0 s; skipped: no such folder)" in capsys.readouterr().out
+    assert [line for line in page.read_text().splitlines() if "third" in line] == ["| third | 1 |", "| third | 10 |"]
+    assert page.read_text().endswith(markers[2]), "a table without its data stays as it is"
+    with pytest.raises(InputError, match="--parts second; expected of first, plain, no_data"):
+        bench.bench(["parts"], {"parts": ("second",)})
+
+
+def test_uncommitted_code_never_writes_into_the_documents(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    set_commit(monkeypatch, "1234567-dirty")
+    with pytest.raises(InputError, match="uncommitted"):
+        bench.bench(["all"])
+    assert seeds_run(folder) == ""
+    bench.bench(["fake"], out=folder / "elsewhere")
+    bench.bench(["fake"], out=folder / "elsewhere")
+    assert seeds_run(folder) == "0 0 ", "uncommitted code is always measured"
+
+
+def test_a_short_run_leaves_the_documents_alone(folder: Path) -> None:
+    """Documents with their tables go where the results go."""
+    page = "<!-- table: fake -->\n<!-- end -->\n"
+    (folder / "docs" / "page.md").write_text(page)
+    (folder / "docs" / "plain.md").write_text("no table\n")
+    with pytest.raises(InputError, match="short"):
+        bench.bench(["all"], short=True)
+    bench.bench(["fake"], out=folder / "elsewhere", short=True)
+    bench.bench(["fake"], {"seed": 2}, out=folder / "elsewhere", short=True)
+    assert seeds_run(folder) == "9 2 "
+    assert (folder / "docs" / "page.md").read_text() == page
+    assert "| third | 0.667 |" in (folder / "elsewhere" / "page.md").read_text()
+    assert not (folder / "elsewhere" / "plain.md").exists()
+
+
+def test_a_study_that_fails_stops_no_other(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Several studies run at once, those that took longest first; each result says how long it took."""
+    module = importlib.import_module("fake_study")
+    studies = {"a": module.Fake, "bad": module.Fails, "b": module.Fake, "worse": module.Fails}
+    monkeypatch.setattr(bench, "catalogue", lambda: studies)
+    with pytest.raises(AttributeError, match="nothing"):
+        bench.bench(["all"], {"seed": 3, "workers": 2})
+    assert sorted(file.name for file in (folder / "docs" / "results").iterdir()) == ["a.json", "b.json"]
+    assert result(folder, "b")["third"] == 1.0
+    assert 0 < result(folder, "b")["processor_min"] < 1
+    assert re.findall(r"^! .*", capsys.readouterr().out, re.M) == ["! 'Fails' object has no attribute 'nothing'"]
+    for name, numbers in (("a", {"processor_min": 1.0}), ("b", {"part": {"processor_min": 2.0}})):
+        (folder / "docs" / "results" / f"{name}.json").write_text(json.dumps(numbers))
+    order = []
+    monkeypatch.setattr(bench, "_measure", lambda name, *_: order.append(name))
+    bench.bench(["all"])
+    assert order == ["bad", "worse", "b", "a"]
+
+
+def test_a_study_alone_runs_in_this_process_and_has_the_workers_for_itself(folder: Path) -> None:
+    bench.bench(["pps"], {"workers": 3})
+    numbers = result(folder, "pps_w")
+    assert numbers["parameters"] == {"seed": 0, "workers": 3}
+    assert numbers["process"] == os.getpid()
+
+
+def test_results_are_compact_and_documents_filled(folder: Path) -> None:
+    """A table is of the study with the longest name that it begins with."""
+    page = folder / "docs" / "page.md"
+    names = ("fake", "fake_ten_times", "fake_more", "fake_more_ten_times")
+    page.write_text("text\n" + "".join(f"<!-- table: {name} -->\nold\n<!-- end -->\n" for name in names))
+    (folder / "README.md").write_text("<!-- table: fake -->\n<!-- end -->\n")
+    bench.bench(["fake"], {"seed": 1})
+    lines = [line.strip() for line in (folder / "docs" / "results" / "fake.json").read_text().splitlines()]
+    assert '"third": 0.33333,' in lines
+    assert '"cells": {"größe":[1,0.66667]}' in lines
+    assert json.loads("".join(lines))["study"] == "fake"
+    table = "<!-- table: fake -->\n| what | value |\n| --- | ---: |\n| third | 0.333 |\n<!-- end -->\n"
+    assert (folder / "README.md").read_text() == table
+    assert page.read_text().startswith(f"text\n{table}<!-- table: fake_ten_times -->")
+    assert page.read_text().count("old") == 2
+    bench.bench(["fake_more"], {"seed": 2})
+    values = [line.split()[3] for line in page.read_text().splitlines() if "third" in line]
+    assert values == ["0.333", "3.33", "0.667", "6.67"]
+
+
+@pytest.mark.parametrize("table", ["gone", "fake_gone", "parts_first_gone", "parts_gone"])
+def test_a_table_that_no_study_makes_is_refused(folder: Path, table: str) -> None:
+    (folder / "docs" / "page.md").write_text(f"<!-- table: {table} -->\n<!-- end -->")
+    with pytest.raises(InputError, match="gone"):
+        bench.bench(["fake", "parts"])
+
+
+def test_unknown_studies_and_options_are_refused(folder: Path) -> None:
+    with pytest.raises(InputError, match="no study fame"):
+        bench.bench(["fame"])
+    with pytest.raises(InputError, match="takes no n"):
+        bench.bench(["fake"], {"n": 3})
+
+
+def test_the_list_shows_every_study_with_its_parameters(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["bench"])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["fake: Thirds of a seed.", "    seed = 0"]
+    assert "    parts = (), seed = 0; parts: first, plain, no_data" in lines
+
+
+@pytest.mark.parametrize(("name", "cls"), KNOWN.items(), ids=list(KNOWN))
+def test_a_study_is_a_dataclass_that_checks_its_parameters(name: str, cls: type[Study]) -> None:
+    assert is_dataclass(cls)
+    assert cls.summary()
+    defaults = cls.defaults()
+    assert [field.name for field in fields(cls)] == list(defaults)
+    wrong = {field: 0 for field, default in defaults.items() if type(default) is int and field != "seed"}
+    limits = {"seed": -1, "share": 0.0, "seconds": 0.09}
+    wrong |= {field: value for field, value in limits.items() if field in defaults}
+    for field, value in wrong.items():
+        with pytest.raises(InputError, match=f"bench {name}: --{field} {value}; expected at least"):
+            cls(**{field: value})
+    cls(**cls.short())
+    assert isinstance(cls(), PartsStudy) == hasattr(cls, "PARTS")
+
+
+def test_options_reach_the_studies(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    monkeypatch.setattr(bench, "bench", lambda *words, **options: calls.append((words, options)))
+    main(["bench", "filter"])
+    main(["bench", "filter", "--n", "3", "--parts", "a", "b", "--short", "--again", "--redraw", "--out", "elsewhere"])
+    flags = {"again": False, "redraw": False, "short": False}
+    assert [(list(words[0]), *words[1:], options) for words, options in calls] == [
+        (["filter"], {}, Path("docs"), flags),
+        (["filter"], {"n": 3, "parts": ("a", "b")}, Path("elsewhere"), dict.fromkeys(flags, True)),
+    ]
