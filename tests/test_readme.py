@@ -34,7 +34,7 @@ INSTEAD = {  # of what is not here, or takes an hour
     "--viewer": "--viewer" if find_spec("rerun") else "",
     "bench loop --n 20": "bench loop --short --out measured --n 1",
 }
-LONG = ("render", "reach train", "demo", "bench", "batch", "--report", "--device", "--max-error-mm")
+LONG = ("render", "reach train", "demo", "bench", "batch", "--report", "--device")
 KALIBR = """{name}:
   camera_model: pinhole
   distortion_coeffs: [0, 0, 0, 0]

@@ -6,7 +6,6 @@ This module holds the names that a user chooses from; importing them loads nothi
 from typing import Literal
 
 Mode = Literal["generic", "marker"]
-Model = Literal["kalman", "flight"]
 FollowedBy = Literal["colour", "background", "hue"]
 
 DEFAULT_ORDER = 4  # of the Kalman filter: position, velocity, acceleration and jerk (R)

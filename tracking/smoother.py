@@ -1,18 +1,14 @@
 """Rauch–Tung–Striebel smoother: the path given all measurements, later ones too."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from pps_vision.types import Array, Track3D
-from tracking import kalman, motion_model
+from tracking import kalman
 from tracking.kalman import Belief, KalmanParams, gate, update
-from tracking.motion_model import MotionModel, measured_with
 from tracking.tracker import TrackerStep
-
-Forecast = Callable[[Belief, float], tuple[Belief, Array]]
 
 LAG = 400
 """Steps after which measurements no longer change a track: by less than 1e-9 of its standard deviation."""
@@ -38,17 +34,11 @@ class Passage:
     expected: tuple[Belief, Array] | None
 
 
-def follow(
-    params: KalmanParams, begin: Belief, measured: Sequence[Measurement], forecast: Forecast | None = None
-) -> list[Passage]:
-    """Run the filter from a first belief through later measurements in the order of their stamps.
-
-    `forecast` predicts the state (default: the Kalman filter's).
-    """
-    ahead = forecast or (lambda belief, stamp_s: kalman.forecast(params, belief, stamp_s))
+def follow(params: KalmanParams, begin: Belief, measured: Sequence[Measurement]) -> list[Passage]:
+    """Run the filter from a first belief through later measurements in the order of their stamps."""
     passages = [Passage(begin, None)]
     for one in measured:
-        expected, cross = ahead(passages[-1].belief, one.stamp_s)
+        expected, cross = kalman.forecast(params, passages[-1].belief, one.stamp_s)
         if one.position is None or one.cov is None:
             passages.append(Passage(expected, (expected, cross)))
             continue
@@ -76,8 +66,8 @@ def smooth(passages: Sequence[Passage]) -> list[Belief]:
     return smoothed[::-1]
 
 
-def smoothed_steps(model: MotionModel, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
-    """Yield a tracker's steps (`model` its filter's) with their tracks smoothed where they are known.
+def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
+    """Yield a tracker's steps (`params` its filter's) with their tracks smoothed where they are known.
 
     The correlated error that the track adds to the filter's covariance stays.  A step comes once `LAG` more
     are there or its track has ended; how many are held does not depend on how many there are.
@@ -87,7 +77,7 @@ def smoothed_steps(model: MotionModel, steps: Iterable[TrackerStep]) -> Iterator
         if run is None or not run.continues_with(step):
             if run is not None:
                 yield from run.pop(len(run.steps))
-            run = _Run(model, step)
+            run = _Run(params, step)
             continue
         run.steps.append(step)
         if len(run.steps) == 2 * LAG:
@@ -100,14 +90,14 @@ class _Run:
     """Steps of one track, from the first of the unbroken observations that led to it, which later measurements may
     still change; a step without a track and an observation is one by itself."""
 
-    def __init__(self, model: MotionModel, first: TrackerStep) -> None:
+    def __init__(self, params: KalmanParams, first: TrackerStep) -> None:
         self.steps = [first]
         self._begin: Belief | None = None
         if first.observation is not None:
             distance_m = float(np.linalg.norm(first.observation.p_root - first.midpoint_root))
-            self._model = motion_model.scaled(model, distance_m)
-            self._begin = motion_model.start(
-                *(self._model, first.track.stamp_s, first.observation.p_root, first.observation.cov_root),
+            self._params = kalman.scaled(params, distance_m)
+            self._begin = kalman.start(
+                *(self._params, first.track.stamp_s, first.observation.p_root, first.observation.cov_root),
                 correlated=first.observation.correlated_cov_root,
             )
 
@@ -128,15 +118,11 @@ class _Run:
             Measurement(t) if one is None else Measurement(t, one.p_root, one.cov_root, one.correlated_cov_root)
             for t, one in seen
         ]
-        passages = follow(
-            measured_with(self._model), self._begin, measured, partial(motion_model.forecast, self._model)
-        )
+        passages = follow(self._params, self._begin, measured)
         if self.steps:
             self._begin = passages[n].belief
         return [
-            replace(step, track=_replaced(self._model, step.track, passage.belief, belief))
-            if step.track.is_known
-            else step
+            replace(step, track=_replaced(step.track, passage.belief, belief)) if step.track.is_known else step
             for step, passage, belief in zip(steps[:n], passages, smooth(passages), strict=False)
         ]
 
@@ -146,9 +132,9 @@ def _is_sighting(step: TrackerStep) -> bool:
     return not step.track.is_known and step.observation is not None
 
 
-def _replaced(model: MotionModel, track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
+def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
     mean, cov, n = track.mean.copy(), np.zeros((12, 12)), len(smoothed.mean)
-    mean[:n], cov[: 3 * n, : 3 * n] = motion_model.derivatives(model, smoothed)
+    mean[:n], cov[: 3 * n, : 3 * n] = smoothed.mean, smoothed.cov
     beyond: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
     if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had restarted with another filter
         beyond = filtered.correlated_cov

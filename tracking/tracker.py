@@ -13,17 +13,15 @@ from pps_vision.errors import InputError
 from pps_vision.geometry.camera import StereoRig, StereoView, reduced_image
 from pps_vision.jit import njit
 from pps_vision.types import Array, Detection2D, Observation3D, Status, StereoFrame, Track3D
-from tracking import FollowedBy, Mode, frame_checks, kalman, motion_model
+from tracking import FollowedBy, Mode, frame_checks, kalman
 from tracking.acquisition import Acquisition, Candidate, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
 from tracking.camera_tracker import WHOLE, CameraState, CameraTracker
-from tracking.flight import FlightParams
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
 from tracking.marker import MarkerParams
-from tracking.motion_model import MotionModel, measured_with
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
@@ -66,13 +64,6 @@ class TrackerParams:
     """Stereo association."""
     kalman: KalmanParams = field(default_factory=KalmanParams)
     """Kalman filter, for an object at 0.4 m."""
-    flight: FlightParams | None = None
-    """Flight of a thrown ball, instead of the Kalman filter's own model of motion; None: the latter."""
-
-    @property
-    def motion_model(self) -> MotionModel:
-        """What predicts the object's motion."""
-        return self.flight or self.kalman
 
     def __post_init__(self) -> None:
         if self.mode not in ("generic", "marker"):
@@ -113,7 +104,7 @@ class TrackerState(NamedTuple):
     motion trigger keeps."""
 
     association: Association
-    model: MotionModel
+    kalman: KalmanParams
     """Scaled to the object's distance."""
     appearance: tuple[Appearance, Appearance] | None = None
     cameras: tuple[CameraState, CameraState] = (CameraState(), CameraState())
@@ -163,7 +154,7 @@ class Tracker:
         backgrounds = self._cameras[0].background, self._cameras[1].background
         self._acquisition = Acquisition(params.trigger, self._optics, backgrounds, own_body, stages, self.search_counts)
         untrained = Association.untrained(params.stereo, rig.left.width)
-        self._initial = TrackerState(untrained, params.motion_model, (marker, marker) if marker else None)
+        self._initial = TrackerState(untrained, params.kalman, (marker, marker) if marker else None)
         self.state = self._initial
 
     @property
@@ -209,7 +200,7 @@ class Tracker:
         poses = self._poses.nominal(frame) if blind else self._poses.step(frame)
         view, blind = poses.view, blind or not poses.is_known
         cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
-        predicted = None if state.belief is None else motion_model.predict(state.model, state.belief, stamp_s)
+        predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
         was_tracked = predicted is not None and state.hits >= self.params.confirm_frames
         state, predicted, detections = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)
         with self.stages("triangulation"):
@@ -362,7 +353,7 @@ class Tracker:
         if observation is None or not is_same_object(known, state.radius_m, models, observation.radius_m):
             return False
         measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-        return kalman.gate(measured_with(state.model), predicted, *measurement) is not None
+        return kalman.gate(state.kalman, predicted, *measurement) is not None
 
     def _associate(
         self,
@@ -421,17 +412,16 @@ class Tracker:
             return state, predicted, False
         if predicted is not None:
             measurement = observation.p_root, observation.cov_root, observation.correlated_cov_root
-            belief = kalman.update(measured_with(state.model), predicted, *measurement)
+            belief = kalman.update(state.kalman, predicted, *measurement)
             return state, belief, belief.rejections == 0
-        model = motion_model.scaled(self.params.motion_model, math.dist(observation.p_root, view.midpoint))
+        params = kalman.scaled(self.params.kalman, math.dist(observation.p_root, view.midpoint))
         flows = (state.acquired[0].flow, state.acquired[1].flow) if state.acquired else (None, None)
-        position_px = math.sqrt(measured_with(model).white_share) * state.association.error_px
-        prior_std = motion_model.prior_std(model)
-        measured = velocity(flows, view, observation.p_root, prior_std, position_px) or (None, None)
-        belief = motion_model.start(
-            *(model, stamp_s, observation.p_root, observation.cov_root, *measured, observation.correlated_cov_root)
+        position_px = math.sqrt(params.white_share) * state.association.error_px
+        measured = velocity(flows, view, observation.p_root, params.prior_std[:2], position_px) or (None, None)
+        belief = kalman.start(
+            *(params, stamp_s, observation.p_root, observation.cov_root, *measured, observation.correlated_cov_root)
         )
-        return state._replace(model=model), belief, True
+        return state._replace(kalman=params), belief, True
 
     def _manage(
         self,
@@ -458,8 +448,7 @@ class Tracker:
             return state, Track3D.unknown(stamp_s)
         status = Status.COASTING if observation is None else Status.TRACKING
         ahead = belief.mean[0] - poses.view.midpoint
-        known = motion_model.derivatives(state.model, belief)
-        mean, cov = _full_state(*known, belief.correlated_cov, ahead, poses.rotation_std_rad)
+        mean, cov = _full_state(belief.mean, belief.cov, belief.correlated_cov, ahead, poses.rotation_std_rad)
         return state, Track3D(stamp_s, mean, cov, state.radius_m, state.radius_var_m2, status)
 
     def _learn(

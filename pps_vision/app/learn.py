@@ -9,7 +9,7 @@ import numpy as np
 from learning.pps.memory import PPSMemory
 from learning.pps.trials import TouchTrial
 from pps_vision.app.pipeline import Pipeline, PipelineParams, joints_of
-from pps_vision.app.track import tracker_for
+from pps_vision.app.track import tracker_for, tracker_params
 from pps_vision.errors import InputError
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.recording import Recording, Touch
@@ -18,7 +18,6 @@ from pps_vision.robot.setup import RobotSetup
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Mask
 from tracking import Mode
-from tracking.tracker import TrackerParams
 
 _MAX_TOUCH_AGE_S = 0.06  # of a report of the skin, which comes every 0.02 to 0.05 s
 
@@ -70,7 +69,7 @@ def learn_from(
     skin = setup.skin
     if recording.robot is None:
         raise InputError(recording.name, "has no joints; expected the recording of a robot")
-    tracker = tracker_for(recording, TrackerParams(mode=mode), seed)
+    tracker = tracker_for(recording, tracker_params(mode), seed)
     pipeline = Pipeline(PipelineParams.of(setup), recording.robot, skin, tracker, memory, np.random.default_rng(seed))
     for frame in recording:
         pipeline.step(frame, touched_at(recording.touches, frame.stamp_s, skin))
@@ -80,7 +79,7 @@ def learn_from(
 
 def tracked_touches(recording: Recording, skin: Skin, mode: Mode, seed: int) -> list[TouchTrial]:
     """The first frame of each contact in which the object is tracked."""
-    tracker = tracker_for(recording, TrackerParams(mode=mode), seed)
+    tracker = tracker_for(recording, tracker_params(mode), seed)
     found, counted = [], False
     for frame in recording:
         track, touched = tracker.step(frame).track, touched_at(recording.touches, frame.stamp_s, skin)

@@ -1,16 +1,15 @@
 """The Kalman filter's order, gain and smoother beside OpenCV's and filterpy's filters, on the same measurements."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import cv2
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.optimize import minimize
 
 from pps_vision.errors import InputError
 from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilter, OpenCVFilter
@@ -36,8 +35,7 @@ from pps_vision.geometry.camera import Camera, StereoView, View
 from pps_vision.geometry.se3 import inverse, transform
 from pps_vision.geometry.triangulation import triangulate
 from pps_vision.types import Array, Mask
-from tracking import DEFAULT_ORDER, flight, kalman
-from tracking.flight import FlightParams
+from tracking import DEFAULT_ORDER, kalman
 from tracking.kalman import Belief, KalmanParams
 from tracking.smoother import Measurement, follow, smooth
 
@@ -48,19 +46,6 @@ GOAL_TT3D_MM = {DEFAULT: 17.3, f"{DEFAULT}, RTS": 12.1}
 _SETTLED = 10  # measurements before a filter is judged
 _LATE_S = (0.02, 0.5)
 _PIXEL_STD = 2.0  # of the noisy tt3d projections, found between the two cameras' rays
-# Of a thrown ball's constants, from which they are fitted, and the logarithm of the largest factor.
-_GUESSES = {
-    "drag_per_m": 0.1,
-    "noise_density": 0.3,
-    "restitution": 0.8,
-    "grip": 0.8,
-    "drive_m": 0.3,
-    "spin_kept": 0.8,
-    "lift_std": 0.5,
-    "bounce_std": 0.3,
-    "bounce_lift_std": 0.3,
-}
-_WIDEST = 2.5
 _METRICS = {
     "position_mm": Metric("position_mm", rms),
     "velocity_mm_s": Metric("velocity_mm_s", rms),
@@ -112,20 +97,12 @@ class Measurements:
 @dataclass(frozen=True)
 class Filter(TrackingStudy):
     """Filters of orders 1–4, with constant gain, and with RTS smoothing, beside OpenCV's and filterpy's, on what the
-    tracker measured of balls and markers, and on the table-tennis flights of tt3d.
-
-    The flight model's default constants are fitted to all flights.  "held out": constants fitted anew, from rough
-    guesses, to every second flight, on the others, and the other way round.
-    """
-
-    SHORT: ClassVar[Mapping[str, Any]] = {"evaluations": 2}
+    tracker measured of balls and markers, and on the table-tennis flights of tt3d."""
 
     n: int = 1
     """Recordings of each object on each motion and at each speed of approach."""
     seconds: float = 5.0
     """Length of the recordings that are no approaches."""
-    evaluations: int = 200
-    """Evaluations of the error in each fit of the flight model's constants."""
     data: Path = DATA
     """Folder that holds tt3d (default: PPS_VISION_DATA, else ../shared/data)."""
 
@@ -139,13 +116,9 @@ class Filter(TrackingStudy):
         if not folder.exists():
             return {"cells": cells, "skipped": f"tt3d: no {folder}"}
         thrown = flights(folder)
-        fitted = [fitted_flight(thrown[other::2], self.evaluations) for other in (1, 0)]
-        throws = methods()
-        for name, params in {"flight": [FlightParams()] * 2, "flight, held out": fitted}.items():
-            throws[name] = partial(_per_update, partial(_of_half, _flight, params))
-            throws[f"{name}, RTS"] = partial(_per_update, partial(_of_half, _smoothed_flight, params))
         return {
-            "cells": cells | compare({"tt3d": thrown.__getitem__}, throws, _METRICS, range(len(thrown)), "cv2", TURNS)
+            "cells": cells
+            | compare({"tt3d": thrown.__getitem__}, methods(), _METRICS, range(len(thrown)), "cv2", TURNS)
         }
 
     def _measured(self, source: SceneSource, number: int) -> Measurements:
@@ -255,46 +228,6 @@ def _online(make: Callable[[Measurements], OnlineFilter], data: Measurements, se
 def _smoothed(order: int, data: Measurements, seed: int) -> Values:
     params = data.params(order)
     passages = follow(params, data.first(params), [Measurement(*row) for row in data.later()])
-    return errors(data, [belief.mean for belief in smooth(passages)])
-
-
-def _of_half(
-    run: Callable[[FlightParams, Measurements], Values], params: Sequence[FlightParams], data: Measurements, number: int
-) -> Values:
-    """The values of a flight with the constants for its half of all flights, the even or the odd ones."""
-    return run(replace(params[number % 2], white_share=data.white_share), data)
-
-
-def fitted_flight(thrown: Sequence[Measurements], evaluations: int) -> FlightParams:
-    """The flight model's constants with the least causal error on flights, by Powell's method from rough guesses."""
-
-    def params(factors: Array) -> FlightParams:
-        values = {name: value * factor for (name, value), factor in zip(_GUESSES.items(), np.exp(factors), strict=True)}
-        lift_std, bounce_std = values.pop("lift_std"), values.pop("bounce_std")
-        values["restitution"] = min(values["restitution"], 1.0)
-        return FlightParams(lift_std=(lift_std, lift_std), bounce_std=(bounce_std,) * 3, **values)
-
-    def error_mm(factors: Array) -> float:
-        of = params(factors)
-        values = [_flight(replace(of, white_share=one.white_share), one)["position_mm"] for one in thrown]
-        return rms(np.concatenate([np.asarray(one) for one in values]))
-
-    bounds = [(-_WIDEST, _WIDEST)] * len(_GUESSES)
-    options = {"maxfev": evaluations}
-    return params(minimize(error_mm, np.zeros(len(_GUESSES)), method="Powell", bounds=bounds, options=options).x)
-
-
-def _flight(params: FlightParams, data: Measurements) -> Values:
-    beliefs = [flight.start(params, data.stamps_s[0], data.positions[0], data.covs[0])]
-    for stamp_s, position, cov in data.later():
-        beliefs.append(kalman.update(params.filter, flight.forecast(params, beliefs[-1], stamp_s)[0], position, cov))
-    return errors(data, [belief.mean for belief in beliefs])
-
-
-def _smoothed_flight(params: FlightParams, data: Measurements) -> Values:
-    first = flight.start(params, data.stamps_s[0], data.positions[0], data.covs[0])
-    rows = [Measurement(*row) for row in data.later()]
-    passages = follow(params.filter, first, rows, lambda belief, stamp_s: flight.forecast(params, belief, stamp_s))
     return errors(data, [belief.mean for belief in smooth(passages)])
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from pps_vision.app.cli import main
 from pps_vision.app.cli.batch import Batch
 from pps_vision.app.cli.learn import Learn
 from pps_vision.app.cli.track import Track
+from tracking.kalman import KalmanParams
+from tracking.tracker import TrackerParams
 
 NAMES = {"InputError", "Pipeline", "ReachableMap", "Tracker", "__version__", "learn", "open_recording", "render"}
 
@@ -25,10 +28,11 @@ def test_the_names_are_there() -> None:
 
 
 def test_arrays_are_the_path_that_the_command_writes(approach: Path, tmp_path: Path) -> None:
-    main(["track", str(approach), "--out", str(tmp_path / "out"), "--seed", "3", "--smooth"])
+    options = ("--order", "2", "--reduction", "2", "--seed", "3", "--smooth")
+    main(["track", str(approach), "--out", str(tmp_path / "out"), *options])
     rows = [line.split(",") for line in (tmp_path / "out" / "trajectory.csv").read_text().splitlines()[1:]]
     written = np.array([[float(cell or "nan") for cell in row[:14]] for row in rows])
-    path = pv.track(approach, seed=3).arrays(smooth=True)
+    path = pv.track(approach, order=2, reduction=2, seed=3).arrays(smooth=True)
     found = np.column_stack([path.stamps_s, path.position, path.velocity])
     np.testing.assert_allclose(found, written[:, :7], rtol=0, atol=1e-5, equal_nan=True)
     upper = path.cov[:, :3, :3][:, *np.triu_indices(3)]
@@ -73,11 +77,32 @@ def test_bad_input_has_one_exception(approach: Path, tmp_path: Path) -> None:
         pv.open_recording(tmp_path / "nowhere")
     with pytest.raises(pv.InputError, match="either REC"):
         pv.open_recording()
-    with pytest.raises(pv.InputError, match="max_error_mm"):
-        pv.track(approach, "marker", max_error_mm=5.0)
     (tmp_path / "map.npz").write_text("none")
     with pytest.raises(pv.InputError, match=r"map\.npz"):
         pv.ReachableMap.load(tmp_path / "map.npz")
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"mode": "marker"}, "mode marker contradicts params with mode generic"),
+        ({"order": 2}, "order 2 contradicts params with order 4"),
+        ({"order": 0}, "order 0 contradicts params with order 4"),
+        ({"reduction": 2}, "reduction 2 contradicts params with reduction 1"),
+    ],
+)
+def test_an_option_that_contradicts_params_is_refused(approach: Path, options: dict[str, Any], expected: str) -> None:
+    with pytest.raises(pv.InputError, match=f"track: {expected}; expected one of the two"):
+        pv.track(approach, params=TrackerParams(), **options)
+
+
+def test_options_are_the_tracker_s_parameters(approach: Path) -> None:
+    params = pv.track(approach, "marker", 2, reduction=2).params
+    assert params == TrackerParams(mode="marker", reduction=2, kalman=KalmanParams.of_order(2))
+    assert pv.track(approach, "marker", 2, reduction=2, params=params).params is params
+    assert pv.track(approach).params == TrackerParams()
+    with pytest.raises(pv.InputError, match="filter order 0; expected 1, 2, 3 or 4"):
+        pv.track(approach, order=0)
 
 
 def test_what_is_left_out_means_the_same_in_functions_and_commands() -> None:
@@ -90,7 +115,7 @@ def test_what_is_left_out_means_the_same_in_functions_and_commands() -> None:
         return {one.name: one.default for one in dataclasses.fields(command)}
 
     defaults = [
-        (of_function(pv.track), of_command(Track), {"mode", "order", "reduction", "max_error_mm", "device", "seed"}),
+        (of_function(pv.track), of_command(Track), {"device", "seed"}),
         (of_function(pv.learn), of_command(Learn), {"mode", "seed", "into"}),
         (
             of_function(pv.open_recording),

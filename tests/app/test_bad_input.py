@@ -243,19 +243,3 @@ def test_what_needs_a_robot_or_one_of_its_parts(refused, tmp_path: Path, calib: 
     save_memory(tmp_path / "m.npz", PPSMemory.empty(icub_skin()))
     assert "m.npz" in refused("show", tmp_path / "m.npz", *arm7, "--out", tmp_path / "m.png")
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("--up", "0", "0", "1"), "--up (0.0, 0.0, 1.0); expected it only with --model flight"),
-        (("--floor-m", "-1.5"), "--floor-m -1.5; expected it only with --model flight"),
-        (("--model", "flight", "--order", "2"), "--order 2; expected it only with --model kalman"),
-        (("--model", "flight", "--up", "0", "0", "0"), "upward direction (0.0, 0.0, 0.0)"),
-        (("--model", "flight", "--max-error-mm", "5"), "max_error_mm chooses mode, order, model and reduction"),
-    ],
-)
-def test_options_of_the_other_motion_model(
-    refused, approach: Path, tmp_path: Path, words: tuple[str, ...], expected: str
-) -> None:
-    assert expected in refused("track", approach, "--out", tmp_path / "out", *words)

@@ -7,7 +7,6 @@ from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -127,18 +126,6 @@ def test_show_draws_the_taxels_that_were_stimulated(
     assert drawn == [None, [1, 3]]
     lines = [f"{n} of {len(memory.taxel_ids)} taxels were stimulated → {out}" for n in (0, 2)]
     assert capsys.readouterr().out.splitlines() == lines
-
-
-def test_a_flight_is_upwards_on_a_robot_and_in_an_image_and_does_not_bounce_unless_asked_to() -> None:
-    robot, film = SimpleNamespace(robot=object()), SimpleNamespace(robot=None)
-    flying = Track(Path("rec"), out=Path("out"), model="flight")
-    found = [flying._flight(one) for one in (robot, film)]  # type: ignore[arg-type]
-    assert [one.up for one in found if one] == [(0, 0, 1), (0, -1, 0)]
-    assert [one.floor_m for one in found if one] == [-np.inf] * 2
-    told = replace(flying, up=(1.0, 0.0, 0.0), floor_m=-0.4)._flight(robot)  # type: ignore[arg-type]
-    assert told is not None
-    assert (told.up, told.floor_m) == ((1, 0, 0), -0.4)
-    assert replace(flying, model="kalman")._flight(robot) is None  # type: ignore[arg-type]
 
 
 def test_render_and_demo_hand_on_their_options(

@@ -15,7 +15,9 @@ import pytest
 from pps_vision.app import diagnosis as diagnosis_module
 from pps_vision.app.cli import main
 from pps_vision.app.diagnosis import Diagnosis, _by_counts, _epipolar, _misfit_px, diagnose, length
-from pps_vision.app.track import PathNumbers, track
+from pps_vision.app.track import track
+from pps_vision.app.track_statistics import PathStatistics
+from pps_vision.app.track_summary import diagnosis_of, summary
 from pps_vision.experiments.independent_films import Film, IndependentScene
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
@@ -542,13 +544,13 @@ def test_left_and_right_of_different_moments_or_a_wrong_calibration(
     )
     right = replace(crossing.rig.right, cy=crossing.rig.right.cy + off_px)
     rig = StereoRig(crossing.rig.left, right, crossing.rig.eye_poses)
-    run, numbers = track(Recording("crossing", pairs, (320, 240), [], rig=rig)), PathNumbers()
+    run, numbers = track(Recording("crossing", pairs, (320, 240), [], rig=rig)), PathStatistics()
     for pair in run.tracked_pairs(run):
         numbers.add(pair.track, pair.residual_px)
-    found = run.diagnosis(numbers)
+    found = diagnosis_of(run, numbers)
     assert numbers.tracked_share > 0.4
     assert (numbers.residual_px > 1.0) == told == (found is not None)
-    assert run.summary(numbers)["residual_px"] == numbers.residual_px
+    assert summary(run, numbers)["residual_px"] == numbers.residual_px
     if found:
         (advice,) = found.advice
         assert advice.startswith("another calibration, or left and right images of the same moment: what is tracked")

@@ -19,7 +19,7 @@ from learning.reach.map import ReachableMap
 from pps_vision.app.cli import main
 from pps_vision.app.render import scene
 from pps_vision.app.render_params import RenderParams
-from pps_vision.app.track import errors_against
+from pps_vision.app.track_statistics import errors_against
 from pps_vision.recordings.open import open_recording
 from pps_vision.recordings.robot_file import robot_setup
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
@@ -223,22 +223,6 @@ def test_errors_are_of_the_tracked_rows_and_of_all_rows_with_a_position() -> Non
     assert errors["position_median_mm"] == pytest.approx(4.0)
     assert errors["velocity_rms_m_s"] == pytest.approx(0.1)
     assert np.isnan(errors_against(truth, warm_up)["position_rms_all_mm"])
-
-
-@pytest.mark.parametrize("asked_mm", [5.0, 0.001])
-def test_the_cheapest_way_within_an_asked_for_error(approach: Path, tmp_path: Path, asked_mm: float) -> None:
-    main(["track", str(approach), "--max-error-mm", str(asked_mm), "--out", str(tmp_path / "out")])
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    choice = summary["max_error"]
-    assert choice["asked_mm"] == asked_mm
-    assert choice["meets"] == (asked_mm == 5.0)
-    assert [tried["name"] for tried in choice["tried"]] == ["marker", "pixels 2 × 2", "all pixels"][
-        : len(choice["tried"])
-    ]
-    assert summary["mode"] == "generic"  # a red ball is no marker
-    assert choice["tried"][0]["tracked_share"] == 0
-    if choice["meets"]:
-        assert summary["errors"]["position_rms_mm"] <= asked_mm
 
 
 @pytest.mark.parametrize("reduction", [1, 2])

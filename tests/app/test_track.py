@@ -1,18 +1,15 @@
 """The numbers of a path against a truth that is known, on made-up tracks."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from throw import CENTER_PX, FOCAL_PX, FPS, HIDDEN, thrown
 from tracks import track_at
-from videos import write_calibration
 
-from pps_vision.app.cli import main
-from pps_vision.app.track import PathNumbers, TrackedRecording, _CameraNumbers, chunks, errors_against
+from pps_vision.app.track import TrackedRecording, chunks
+from pps_vision.app.track_statistics import CameraStatistics, PathStatistics, errors_against
+from pps_vision.app.track_summary import headline, summary
 from pps_vision.recordings.image_file import ImageFile
 from pps_vision.recordings.recording import Recording
 from pps_vision.types import Observation3D, Status, Track3D, Truth
@@ -66,7 +63,7 @@ def test_a_truth_of_another_moment_is_moved_on_for_a_fiftieth_of_a_second(late_s
 
 def test_the_objects_size_is_the_median_where_it_is_tracked() -> None:
     """Radii of 30, 31 and 40 mm with standard deviations of 1 mm; what is predicted does not count."""
-    numbers = PathNumbers()
+    numbers = PathStatistics()
     for radius_m in (0.04, 0.03, 0.031):
         numbers.add(replace(track(0.1, 0.0), radius_m=radius_m))
     numbers.add(replace(track(0.2, 0.0, Status.COASTING), radius_m=9.0))
@@ -75,12 +72,12 @@ def test_the_objects_size_is_the_median_where_it_is_tracked() -> None:
 
 
 def test_a_share_of_no_frame_is_none() -> None:
-    numbers = PathNumbers()
+    numbers = PathStatistics()
     assert numbers.tracked_share == 0
     assert np.isnan(numbers.errors()["tracked_share"])
     numbers.add(track(0.0, 1.0))
     assert numbers.tracked_share == 1
-    numbers = PathNumbers()
+    numbers = PathStatistics()
     for one in later(track(0.1, 0.0, Status.COASTING)):
         numbers.add(one)
     assert numbers.tracked_share == pytest.approx(10 / 11)
@@ -92,30 +89,8 @@ def test_chunks_hold_everything_in_order() -> None:
     assert list(chunks([], 2)) == []
 
 
-def test_a_throw_is_predicted_by_its_flight_where_that_is_asked_for(tmp_path: Path) -> None:
-    """With the left camera's upward axis as the default; where the ball is hidden for the longest."""
-    frames, path = thrown()
-    for name in ("left", "right"):
-        (tmp_path / name).mkdir()
-        for k, frame in enumerate(frames):
-            image = cv2.cvtColor(getattr(frame, name), cv2.COLOR_RGB2BGR)
-            cv2.imwrite(str(tmp_path / name / f"{k:03d}.png"), image)
-    images = "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--fps", str(FPS)
-    calib = write_calibration(tmp_path / "c.yml", FOCAL_PX, CENTER_PX)
-    error_m, last = {}, HIDDEN.stop - 1
-    for model in ("kalman", "flight"):
-        main(["track", *images, "--calib", str(calib), "--model", model, "--out", str(tmp_path / model)])
-        assert json.loads((tmp_path / model / "summary.json").read_text())["model"] == model
-        found = np.genfromtxt(tmp_path / model / "trajectory.csv", delimiter=",", names=True, dtype=None, encoding=None)
-        assert found["status"][last] == "coasting"
-        error_m[model] = np.linalg.norm([found[f"{axis}_m"][last] for axis in "xyz"] - path[last, :3])
-    assert error_m["flight"] < 0.7 * error_m["kalman"]
-    summary = json.loads((tmp_path / "flight" / "summary.json").read_text())
-    assert summary["followed_by"] == {"colour": summary["status"]["tracking"] + summary["status"]["coasting"]}
-
-
 def test_the_residual_is_the_median_of_the_pairs_that_measured() -> None:
-    numbers = PathNumbers()
+    numbers = PathStatistics()
     assert np.isnan(numbers.residual_px)
     for residual_px in (0.3, np.nan, 0.5, 0.9):
         numbers.add(track(0.0, 0.0), residual_px)
@@ -144,19 +119,19 @@ def test_a_pair_s_track_is_that_of_its_mean_stamp() -> None:
 
 
 def test_of_what_is_not_tracked_yet_nothing_is_said() -> None:
-    summary = recorded((0.0, 0.0), (0.1, 0.1)).summary(PathNumbers())
-    assert (summary["pairs"], summary["frames"], summary["status"]) == (2, 0, dict.fromkeys(Status, 0))
-    assert (summary["followed_by"], summary["ms_per_pair"]) == ({}, {})
-    assert summary["cameras"] == pytest.approx(
+    content = summary(recorded((0.0, 0.0), (0.1, 0.1)), PathStatistics())
+    assert (content["pairs"], content["frames"], content["status"]) == (2, 0, dict.fromkeys(Status, 0))
+    assert (content["followed_by"], content["ms_per_pair"]) == ({}, {})
+    assert content["cameras"] == pytest.approx(
         {"rotation_deg": 0.0, "rotation_deg_s": 0.0, "joint_delay_ms": np.nan, "joint_delay_std_ms": np.nan},
         nan_ok=True,
     )
-    assert {"object", "residual_px", "max_error", "diagnosis", "errors"}.isdisjoint(summary)
+    assert {"object", "residual_px", "diagnosis", "errors"}.isdisjoint(content)
 
 
 def test_cameras_are_said_to_have_moved_by_the_most_and_their_delay_is_the_last() -> None:
     warned: list[str] = []
-    cameras = _CameraNumbers(warned.append)
+    cameras = CameraStatistics(warned.append)
     for k, (turn, rate) in enumerate(((0.0, 0.0), (0.05, 0.02), (0.03, 0.04))):
         cameras.add(CameraMotion(np.array([0.0, 0.6, 0.8]) * turn, rate, 0.002 * k, 0.001 * k), 0.5 * k)
     assert cameras.summary() == pytest.approx(
@@ -169,15 +144,15 @@ def test_the_headline_says_what_is_known() -> None:
     """3 mm off where it is tracked, 5 mm where it is predicted."""
     run = recorded((0.0, 0.0))
     run.stopwatch.ms["total"].extend([2.0, 3.0, 10.0])
-    numbers = PathNumbers()
+    numbers = PathStatistics()
     numbers.add(Track3D.unknown(0.0))
-    assert run.headline(numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
+    assert headline(run, numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
     run.recording = replace(run.recording, truth=(truth(0.1), truth(0.11)))
-    assert run.headline(numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
-    numbers = PathNumbers(run.recording.truth)
+    assert headline(run, numbers) == "0 of 1 pairs tracked, median 3.0 ms a pair"
+    numbers = PathStatistics(run.recording.truth)
     for one in later(track(0.1, 0.003), track(0.11, 0.005, Status.COASTING)):
         numbers.add(one)
-    assert run.headline(numbers) == (
+    assert headline(run, numbers) == (
         "11 of 12 pairs tracked, median 3.0 ms a pair, 3D RMS 3.00 mm where tracked, 4.12 mm with predicted positions, "
         "object 60 mm across (95 %: 56.1–63.9)"
     )

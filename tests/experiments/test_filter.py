@@ -11,16 +11,13 @@ from pps_vision.experiments.baselines.filters import ConstantGain, FilterPyFilte
 from pps_vision.experiments.filter import (
     Filter,
     Measurements,
-    _flight,
     _smoothed,
     errors,
-    fitted_flight,
     flights,
     methods,
 )
 from pps_vision.experiments.study import median, rms
 from tracking import kalman
-from tracking.flight import FlightParams
 
 STD = np.array([1e-4, 1e-4, 3e-4])
 
@@ -126,23 +123,9 @@ def test_flights_are_triangulated_from_their_images(tmp_path: Path) -> None:
     path = _write_flight(tmp_path / "tt3d")
     (flight,) = flights(tmp_path / "tt3d")
     np.testing.assert_allclose(flight.positions, path, atol=1e-6)
-    ballistic, usual = _flight(FlightParams(white_share=1.0), flight), _smoothed(2, flight, 0)
-    assert rms(np.asarray(ballistic["position_mm"])) < rms(np.asarray(usual["position_mm"]))
-    assert len(ballistic["velocity_mm_s"]) == 0
-
-
-def test_a_fit_finds_constants_with_a_smaller_error_than_the_guesses(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Of noisy flights without a bounce, which tell drag and noise."""
-    _write_flight(tmp_path / "tt3d")
-    (exact,) = flights(tmp_path / "tt3d")
-    noisy = [replace(exact, positions=exact.path + 0.01 * rng.standard_normal(exact.path.shape)) for _ in range(4)]
-    noisy = [replace(one, covs=np.tile(1e-4 * np.eye(3), (len(one.stamps_s), 1, 1))) for one in noisy]
-    guessed, fitted = fitted_flight(noisy, 1), fitted_flight(noisy, 60)
-    rough, fine = (
-        np.concatenate([_flight(params, one)["position_mm"] for one in noisy]) for params in (guessed, fitted)
-    )
-    assert rms(fine) < 0.98 * rms(rough)
-    assert fitted.noise_density < guessed.noise_density
+    fourth, second = _smoothed(4, flight, 0), _smoothed(2, flight, 0)
+    assert rms(np.asarray(fourth["position_mm"])) < rms(np.asarray(second["position_mm"]))
+    assert len(fourth["velocity_mm_s"]) == 0
 
 
 def test_the_chart_has_a_panel_for_all_data_and_the_table_marks_what_misses_its_goal() -> None:

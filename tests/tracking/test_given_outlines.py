@@ -9,7 +9,7 @@ import pytest
 from pps_vision.geometry.camera import Camera, StereoRig, StereoView, View
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.types import Array, Detection2D, Status, StereoFrame, Track3D
-from tracking import motion_model
+from tracking import kalman
 from tracking.acquisition import Candidate
 from tracking.appearance import ColorModel
 from tracking.camera_pose import CameraPoses
@@ -479,7 +479,7 @@ def test_the_search_for_a_lost_object_takes_only_what_looks_and_moves_like_it() 
     target = replace(tracker._cameras[0].image_tracker.start(frame.left, (20, 15, 18, 18)), model=first)
     state = tracker.state._replace(cameras=(CameraState(target), CameraState(target)))
     assert state.belief is not None
-    later = motion_model.predict(state.model, state.belief, 5 * DT)
+    later = kalman.predict(state.kalman, state.belief, 5 * DT)
 
     def passes(outlines: Pair, models: tuple[ColorModel, ColorModel] = (first, first)) -> bool:
         return tracker._passes_gate(state, later, eyes, outlines, 5 * DT, models)  # type: ignore[arg-type]

@@ -1,6 +1,5 @@
 """`pps-vision track`: a recording, or any stereo images, to a 3D path with its covariance."""
 
-import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,12 @@ from tyro import MISSING
 from pps_vision.app.cli.options import SourceOptions, command_line, print_skipped
 from pps_vision.errors import InputError
 from pps_vision.recordings import SUMMARY, Form
-from tracking import DEFAULT_ORDER, Mode, Model
+from tracking import DEFAULT_ORDER, Mode
 
 if TYPE_CHECKING:
     from learning.reach.track_reachability import TrackReachability
     from pps_vision.app.pipeline import TrackActivation
     from pps_vision.recordings.recording import Recording
-    from tracking.flight import FlightParams
 
 
 @dataclass(frozen=True)
@@ -44,20 +42,9 @@ class Track(SourceOptions):
     """generic: whatever moves; marker: a green marker (faster)."""
     order: int = DEFAULT_ORDER
     """Order of the Kalman filter, 1–4: position, velocity, acceleration, jerk."""
-    model: Model = "kalman"
-    """What predicts the motion. kalman: position and its derivatives (--order), for what is moved; flight: a thrown
-    table-tennis ball's gravity, drag, spin and bounce."""
-    up: tuple[float, float, float] | None = None
-    """Of --model flight: the upward direction in the root frame (default: z on a robot, else up in the left image)."""
-    floor_m: float | None = None
-    """Of --model flight: height along --up at which the ball's centre bounces, from the root frame's origin (default:
-    no bounce)."""
     reduction: int = 1
-    """Average each block of so many pixels a side to one before looking: about half the time in large images at 2, for
-    two to three times the error."""
-    max_error_mm: float | None = None
-    """Instead of --mode, --order, --model and --reduction: the fastest configuration whose 3D RMS error is within this;
-    summary.json says which and why."""
+    """Average each block of this many pixels a side to one before searching: about half the time in large images at 2,
+    for two to three times the error."""
     device: str | None = None
     """Process batches of frames with torch on this device (cpu, cuda, cuda:1), for long recordings; default: frame by
     frame, without torch."""
@@ -79,37 +66,36 @@ class Track(SourceOptions):
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Read, track, and write everything at once; what had to be skipped is printed."""
+        """Track the recording, write all files at once, and print the headline and what was skipped."""
         from tqdm import tqdm
 
         from pps_vision.app.progress import progress
         from pps_vision.app.report.tracking import write_report
-        from pps_vision.app.track import PathNumbers, track
+        from pps_vision.app.track import track
         from pps_vision.app.track_files import Extras, TrackFiles
+        from pps_vision.app.track_statistics import PathStatistics
+        from pps_vision.app.track_summary import diagnosis_of, headline, summary
         from pps_vision.app.versions import versions
         from pps_vision.recordings.outputs import whole_folder, write_json
         from pps_vision.types import ReachStatus
-        from tracking.kalman import KalmanParams
-        from tracking.tracker import TrackerParams
 
-        self._refuse_without(self.rec is not None, "with --left and --right; expected it with REC")
+        self._check_robot_options(self.rec is not None, "with --left and --right; expected it with REC")
         with whole_folder(self.out) as folder:
             recording = self.open()
-            self._refuse_without(recording.robot is not None, "without a robot; expected it with an iCub's REC")
-            kalman, flight = KalmanParams.of_order(self.order), self._flight(recording)
-            params = TrackerParams(self.mode, self.reduction, kalman=kalman, flight=flight)
-            run = track(recording, params=params, max_error_mm=self.max_error_mm, device=self.device, seed=self.seed)
-            reach, activation = self._reach(recording), self._activation(recording)
-            numbers = PathNumbers(recording.truth)
-            extras = Extras(self.also, self.video, self.viewer, self.report, reach, activation)
+            has_robot = recording.robot is not None
+            self._check_robot_options(has_robot, "without a robot; expected it with an iCub's REC")
+            run = track(recording, self.mode, self.order, reduction=self.reduction, device=self.device, seed=self.seed)
+            reach = self._reach(recording)
+            extras = Extras(self.also, self.video, self.viewer, self.report, reach, self._activation(recording))
+            statistics = PathStatistics(recording.truth)
             with TrackFiles(folder, run, extras) as files:
                 numbered = run.numbered(lambda line: tqdm.write(f"warning: {line}", file=sys.stderr))
-                bar = progress(numbered, total=len(run), desc="track", unit="pair")
-                for pair in run.tracked_pairs(run.path(files.steps(bar), self.smooth)):
-                    numbers.add(pair.track, pair.residual_px)
+                steps = files.steps(progress(numbered, total=len(run), desc="track", unit="pair"))
+                for pair in run.tracked_pairs(run.path(steps, self.smooth)):
+                    statistics.add(pair.track, pair.residual_px)
                     files.add(pair)
-            diagnosis = run.diagnosis(numbers)
-            summary = run.summary(numbers, diagnosis) | {
+            diagnosis = diagnosis_of(run, statistics)
+            content = summary(run, statistics, diagnosis) | {
                 "smoothed": self.smooth,
                 "joints": self.joints,
                 "map": self.map,
@@ -119,40 +105,23 @@ class Track(SourceOptions):
             }
             if reach:
                 counts = {status.value: files.reached[status] for status in ReachStatus}
-                summary["reach"] = {"max_fp": self.max_fp, **counts}
-            write_json(folder / SUMMARY, summary)
+                content["reach"] = {"max_fp": self.max_fp, **counts}
+            write_json(folder / SUMMARY, content)
             if self.report:
                 write_report(folder)
         print_skipped(recording.problems, recording.warnings)
-        print(run.headline(numbers), f"→ {self.out}")
+        print(headline(run, statistics), f"→ {self.out}")
         if diagnosis:
             print(diagnosis)
 
-    def _refuse_without(self, robot: bool, why: str) -> None:
-        """InputError for what is only of use with a robot, where there is none."""
+    def _check_robot_options(self, has_robot: bool, message: str) -> None:
+        """InputError for --map or --memory without a robot."""
         for option, file in {"--map": self.map, "--memory": self.memory}.items():
-            if file and not robot:
-                raise InputError("track", f"{option} {file} {why}")
-
-    def _flight(self, recording: "Recording") -> "FlightParams | None":
-        """What --model flight, --up and --floor-m say; InputError for options of the other model."""
-        from tracking.flight import FlightParams
-
-        flight = self.model == "flight"
-        others = (("order", DEFAULT_ORDER),) if flight else (("up", None), ("floor_m", None))
-        for name, default in others:
-            if (value := getattr(self, name)) != default:
-                option = f"--{name.replace('_', '-')}"
-                raise InputError(
-                    "track", f"{option} {value}; expected it only with --model {'kalman' if flight else 'flight'}"
-                )
-        if not flight:
-            return None
-        up = self.up or ((0.0, 0.0, 1.0) if recording.robot else (0.0, -1.0, 0.0))
-        return FlightParams(up=up, floor_m=-math.inf if self.floor_m is None else self.floor_m)
+            if file and not has_robot:
+                raise InputError("track", f"{option} {file} {message}")
 
     def _reach(self, recording: "Recording") -> "TrackReachability | None":
-        """What --map answers."""
+        """Return the reachability of a track by --map."""
         if not (self.map and recording.robot):
             return None
         from learning.reach.map import ReachableMap
@@ -161,13 +130,14 @@ class Track(SourceOptions):
         return TrackReachability(recording.robot, ReachableMap.load(self.map), self.max_fp)
 
     def _activation(self, recording: "Recording") -> "TrackActivation | None":
-        """What --memory answers."""
+        """Return the activation of the skin by --memory."""
         if not (self.memory and recording.robot):
             return None
         from learning.pps.memory import load_memory
         from pps_vision.app.pipeline import TrackActivation, check_memory
         from pps_vision.robot.skin import icub_skin
 
-        memory, skin = load_memory(self.memory), icub_skin()
+        memory = load_memory(self.memory)
+        skin = icub_skin()
         check_memory(memory, skin, self.memory)
         return TrackActivation(recording.robot, skin, memory)

@@ -310,11 +310,7 @@ def _times(summary: Mapping[str, Any]) -> str:
 
 def _repeat(summary: Mapping[str, Any]) -> str:
     command = html.escape(str(summary.get("command", "")))
-    known = {
-        key: summary[key]
-        for key in ("mode", "seed", "device", "smoothed", "map", "memory", "max_error")
-        if key in summary
-    }
+    known = {key: summary[key] for key in ("mode", "seed", "device", "smoothed", "map", "memory") if key in summary}
     rows = [[key, _text(value)] for key, value in (*known.items(), *summary.get("versions", {}).items())]
     return f"<pre>{command}</pre>" + page.table(["setting or package", "value"], rows)
 

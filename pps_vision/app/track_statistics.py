@@ -1,0 +1,141 @@
+"""Statistics of a tracked path and of its cameras, against the truth where there is one."""
+
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from pps_vision.types import Array, Status, Track3D, Truth
+from tracking.camera_pose import CameraMotion
+
+_WARM_UP = 10  # frames before errors count
+_MAX_TRUTH_AGE_S = 0.02  # between the stamps of a track and of its truth
+
+
+class CameraStatistics:
+    """Largest errors of the cameras' nominal poses over a recording."""
+
+    def __init__(self, warn: Callable[[str], None] = lambda _: None) -> None:
+        self._warn = warn
+        self._rotation_rad = 0.0
+        self._rate_rad_s = 0.0
+        self._last: CameraMotion | None = None
+
+    @property
+    def rotation_deg(self) -> float:
+        """Largest rotation of cameras that are declared fixed."""
+        return float(np.rad2deg(self._rotation_rad))
+
+    @property
+    def rotation_deg_s(self) -> float:
+        """Largest rate of this rotation."""
+        return float(np.rad2deg(self._rate_rad_s))
+
+    def add(self, motion: CameraMotion, stamp_s: float) -> None:
+        """Add a frame; the first rotation of fixed cameras is passed to `warn`."""
+        if motion.rotation_rad.any() and not self._rotation_rad:
+            self._warn(
+                f"the cameras move although declared fixed, at {stamp_s:.2f} s; only their rotation is compensated"
+            )
+        self._rotation_rad = max(self._rotation_rad, float(np.linalg.norm(motion.rotation_rad)))
+        self._rate_rad_s = max(self._rate_rad_s, motion.rate_rad_s)
+        self._last = motion
+
+    def summary(self) -> dict[str, float]:
+        """Return the largest rotation and rate, and the delay of the joints at the end with its standard deviation."""
+        return {
+            "rotation_deg": self.rotation_deg,
+            "rotation_deg_s": self.rotation_deg_s,
+            "joint_delay_ms": 1000 * self._last.delay_s if self._last else np.nan,
+            "joint_delay_std_ms": 1000 * self._last.delay_std_s if self._last else np.nan,
+        }
+
+
+class PathStatistics:
+    """Counts and errors of a path, and the object's size; `add` keeps 40 bytes of each track.
+
+    Attributes:
+        frames: Number of tracks.
+        status: Number of tracks by status.
+    """
+
+    def __init__(self, truth: Sequence[Truth] = ()) -> None:
+        self.frames = 0
+        self.status = Counter[Status]()
+        self._truth = sorted(truth, key=lambda row: row.stamp_s)
+        self._truth_stamps_s = np.array([row.stamp_s for row in self._truth])
+        self._tracking_errors = array("d")  # of position and velocity in turn
+        self._coasting_errors = array("d")
+        self._radii = array("d")  # radius and its standard deviation in turn, where tracked
+        self._residuals_px = array("d")
+
+    @property
+    def tracked_share(self) -> float:
+        """Share of tracks with the status tracking."""
+        return self.status[Status.TRACKING] / max(1, self.frames)
+
+    @property
+    def residual_px(self) -> float:
+        """Median RMS reprojection error of the pairs that measured the position; NaN without any."""
+        return float(np.median(self._residuals_px)) if self._residuals_px else np.nan
+
+    def add(self, track: Track3D, residual_px: float = np.nan) -> None:
+        """Add the next track, and the RMS reprojection error of its pair (NaN: not measured)."""
+        self.frames += 1
+        self.status[track.status] += 1
+        if track.status == Status.TRACKING:
+            self._radii.extend((track.radius_m, track.radius_var_m2**0.5))
+        if np.isfinite(residual_px):
+            self._residuals_px.append(residual_px)
+        if not self._truth or self.frames <= _WARM_UP or not track.is_known:
+            return
+        index = int(np.searchsorted(self._truth_stamps_s, track.stamp_s))
+        neighbours = self._truth[max(0, index - 1) : index + 1]
+        nearest = min(neighbours, key=lambda row: abs(row.stamp_s - track.stamp_s))
+        age_s = track.stamp_s - nearest.stamp_s
+        if abs(age_s) < _MAX_TRUTH_AGE_S:
+            true_position = nearest.position + age_s * nearest.velocity
+            errors = self._tracking_errors if track.status == Status.TRACKING else self._coasting_errors
+            errors.append(float(np.linalg.norm(track.position - true_position)))
+            errors.append(float(np.linalg.norm(track.velocity - nearest.velocity)))
+
+    def diameter(self) -> dict[str, float]:
+        """Return the median diameter of the object where it is tracked, and its 95 % interval, m.
+
+        The size errors of all frames have a common cause (the outline, the calibration), so that the median's error is
+        that of a single frame.
+        """
+        radius_m, std_m = np.median(np.reshape(self._radii, (-1, 2)), axis=0)
+        low_m = max(radius_m - 1.96 * std_m, 0.0)
+        high_m = radius_m + 1.96 * std_m
+        return {"diameter_m": 2 * float(radius_m), "low_95_m": 2 * float(low_m), "high_95_m": 2 * float(high_m)}
+
+    def errors(self) -> dict[str, float]:
+        """Return tracked share, RMS and median position error and RMS velocity error after the first ten frames.
+
+        The errors are of the frames with status tracking; `position_rms_all_mm` is of all frames with a position,
+        predicted ones (coasting) included.
+        """
+        tracking = np.reshape(self._tracking_errors, (-1, 2))
+        coasting = np.reshape(self._coasting_errors, (-1, 2))
+        n = self.frames - _WARM_UP
+        return {
+            "tracked_share": len(tracking) / n if n > 0 else np.nan,
+            "position_rms_mm": 1000 * _rms(tracking[:, 0]),
+            "position_rms_all_mm": 1000 * _rms(np.concatenate([tracking[:, 0], coasting[:, 0]])),
+            "position_median_mm": 1000 * float(np.median(tracking[:, 0])) if len(tracking) else np.nan,
+            "velocity_rms_m_s": _rms(tracking[:, 1]),
+        }
+
+
+def errors_against(truth: Sequence[Truth], tracks: Iterable[Track3D]) -> dict[str, float]:
+    """Return the errors of tracks, as `PathStatistics.errors`."""
+    statistics = PathStatistics(truth)
+    for track in tracks:
+        statistics.add(track)
+    return statistics.errors()
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
