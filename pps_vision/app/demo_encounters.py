@@ -7,14 +7,14 @@ from tempfile import TemporaryDirectory
 from typing import get_args
 
 from pps_vision.app.demo import THRESHOLD, drawn, write_side_by_side
+from pps_vision.app.encounters.encounter import HAZARDS, Arena, Encounter, draw
+from pps_vision.app.encounters.rendered import open_encounter
+from pps_vision.app.encounters.training import learn
 from pps_vision.app.progress import progress
 from pps_vision.app.report import figures, page
 from pps_vision.app.simulation import Episode, EpisodeLog, Side, log_of, new_pipeline, simulate
 from pps_vision.app.versions import versions
 from pps_vision.errors import InputError
-from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
-from pps_vision.experiments.avoidance.rendered import open_encounter
-from pps_vision.experiments.avoidance.training import learn
 from pps_vision.recordings import REPORT, SUMMARY
 from pps_vision.recordings.outputs import whole_folder, write_json
 from pps_vision.robot.skin import TOUCH_RADIUS_M

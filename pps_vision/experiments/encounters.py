@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pps_vision.experiments.avoidance.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition
-from pps_vision.experiments.avoidance.registry import ASKING, BASELINES, NAMES, NONE, OURS, REACHING, TRUE
-from pps_vision.experiments.avoidance.suite import Rows, run_suite
+from pps_vision.app.encounters.encounter import FAST_M_S, HARMLESS, HAZARDS, SPEED_M_S, Condition
+from pps_vision.app.encounters.registry import ASKING, BASELINES, NAMES, NONE, OURS, REACHING, TRUE
+from pps_vision.app.encounters.suite import Rows, run_suite
 from pps_vision.experiments.charts import curves, panels
-from pps_vision.experiments.study import SampledStudy, interval, median, percent_of
+from pps_vision.experiments.study import SampledStudy, interval, kept_folder, median, percent_of
 from pps_vision.experiments.tables import Table, estimate, judged
 from pps_vision.recordings.outputs import whole_file, write_json
 from pps_vision.types import Array
@@ -51,7 +51,7 @@ class Encounters(SampledStudy):
     share: float = 1.0
     """Share of R's numbers of approaches (Table 5) that the memories are learned from."""
     controller: str = ""
-    """A further controller, "MODULE:FUNCTION" (`pps_vision.experiments.avoidance.controllers`)."""
+    """A further controller, "MODULE:FUNCTION" (`pps_vision.app.encounters.controllers`)."""
     json: Path | None = None
     """File for a row of every encounter."""
     workers: int = 2
@@ -61,7 +61,7 @@ class Encounters(SampledStudy):
         """Return rates by condition, speed and controller, and paired differences from ours."""
         names = (*NAMES, self.controller) if self.controller else NAMES
         some = {condition: ceil(share * self.n) for condition, share in _SHARES.items()}
-        rows = run_suite(self, some, self.seed, (*names, ASKING), self.workers, self.share)
+        rows = run_suite(kept_folder(self), some, self.seed, (*names, ASKING), self.workers, self.share)
         write_rows(self.json, rows)
         return summary(rows, names)
 

@@ -7,16 +7,16 @@ from typing import Any, get_args
 
 import numpy as np
 
+from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS, Arena, Condition, draw
+from pps_vision.app.encounters.kinematic import Outcome, meet
+from pps_vision.app.encounters.registry import OURS, new_controller
+from pps_vision.app.encounters.rendered import Seen, meet_rendered
+from pps_vision.app.encounters.suite import track_rng
+from pps_vision.app.encounters.tracks import ERRORS, track_of
+from pps_vision.app.encounters.training import learn
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.avoidance.encounter import HARMLESS, HAZARDS, Arena, Condition, draw
-from pps_vision.experiments.avoidance.kinematic import Outcome, meet
-from pps_vision.experiments.avoidance.registry import OURS, new_controller
-from pps_vision.experiments.avoidance.rendered import Seen, meet_rendered
-from pps_vision.experiments.avoidance.suite import track_rng
-from pps_vision.experiments.avoidance.tracks import ERRORS, track_of
-from pps_vision.experiments.avoidance.training import learn
 from pps_vision.experiments.encounters import SLOW_M_S, counts, rate, write_rows
-from pps_vision.experiments.study import SampledStudy, interval, median, run_parts
+from pps_vision.experiments.study import NOISE_SIGMA, SampledStudy, interval, median, run_parts
 from pps_vision.experiments.tables import Table, estimate, judged
 
 _LATE_S, _LARGE_M = 0.3, 0.02  # of a track: first known later, larger error
@@ -46,7 +46,7 @@ class EncountersRendered(SampledStudy):
                 track_of(arena, encounter, track_rng(self.seed, condition, number)),
             )
             without = meet(arena, learned, encounter, OURS, new_controller(OURS), tracks)
-            return compared(meet_rendered(arena, learned, encounter, self.seed + number), without)
+            return compared(meet_rendered(arena, learned, encounter, NOISE_SIGMA, self.seed + number), without)
 
         some = [(c, k) for c, n in counts(self.n).items() for k in range(n)]
         rows = list(run_parts(self, {f"{c} {k}": partial(both, c, k) for c, k in some}).values())

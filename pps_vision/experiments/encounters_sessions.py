@@ -9,15 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from control.fixation import gaze_at
+from pps_vision.app.encounters.controllers import RADIUS_M, felt_by_distance
+from pps_vision.app.encounters.encounter import Arena, Condition, Encounter, Part, draw_path
+from pps_vision.app.encounters.kinematic import Frame, meet
+from pps_vision.app.encounters.postures import start_posture
+from pps_vision.app.encounters.registry import WRIST_AT_REST, new_controller
+from pps_vision.app.encounters.tracks import track_of
+from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import PERIOD_S, SPEED_M_S, Side, can_follow
-from pps_vision.experiments.avoidance.controllers import RADIUS_M, felt_by_distance
-from pps_vision.experiments.avoidance.encounter import Arena, Condition, Encounter, Part, draw_path
-from pps_vision.experiments.avoidance.kinematic import Frame, meet
-from pps_vision.experiments.avoidance.registry import WRIST_AT_REST, new_controller
-from pps_vision.experiments.avoidance.tracks import track_of
-from pps_vision.experiments.avoidance.training import Memories, learn
 from pps_vision.experiments.charts import panels
-from pps_vision.experiments.pps.movements import start_posture
 from pps_vision.experiments.study import SeededStudy, percent_of
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.robot.model import Robot

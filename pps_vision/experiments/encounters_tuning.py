@@ -6,12 +6,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pps_vision.experiments.avoidance.controllers import Numbers
-from pps_vision.experiments.avoidance.encounter import HARMLESS, HAZARDS
-from pps_vision.experiments.avoidance.registry import OURS, TUNABLE, Baseline
-from pps_vision.experiments.avoidance.suite import Rows, run_suite
+from pps_vision.app.encounters.controllers import Numbers
+from pps_vision.app.encounters.encounter import HARMLESS, HAZARDS
+from pps_vision.app.encounters.registry import OURS, TUNABLE, Baseline
+from pps_vision.app.encounters.suite import Rows, run_suite
 from pps_vision.experiments.encounters import counts
-from pps_vision.experiments.study import Study
+from pps_vision.experiments.study import Study, kept_folder
 from pps_vision.experiments.tables import Table
 
 _LOGARITHMIC = "gain"
@@ -42,7 +42,9 @@ class EncountersTuning(Study):
             for j, (name, baseline) in enumerate(TUNABLE.items())
             for k in range(self.draws)
         }
-        rows = run_suite(self, counts(self.n), self.tuning_seed, (OURS, *numbers), self.workers, self.share, numbers)
+        folder = kept_folder(self)
+        names = (OURS, *numbers)
+        rows = run_suite(folder, counts(self.n), self.tuning_seed, names, self.workers, self.share, numbers)
         scores = {name: score([row for row in rows if row["controller"] == name]) for name in (OURS, *numbers)}
         best = {
             name: min((k for k in numbers if k.startswith(f"{name}#")), key=lambda k: scores[k]) for name in TUNABLE

@@ -15,9 +15,9 @@ from episodes import episode_log
 from pps_vision.app import demo_encounters as module
 from pps_vision.app.demo import write_side_by_side
 from pps_vision.app.demo_encounters import Met, _page, chosen, demo_encounters
+from pps_vision.app.encounters.encounter import HAZARDS
 from pps_vision.app.report import page
 from pps_vision.app.simulation import Episode, EpisodeLog
-from pps_vision.experiments.avoidance.encounter import HAZARDS
 from pps_vision.robot.skin import TOUCH_RADIUS_M
 
 

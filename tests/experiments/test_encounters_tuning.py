@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pps_vision.experiments.avoidance.registry import BASELINES
+from pps_vision.app.encounters.registry import BASELINES
 from pps_vision.experiments.encounters_tuning import draw_numbers, score
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import cache
 from itertools import count, cycle, islice
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,8 +11,11 @@ from scipy.spatial.transform import Rotation
 from control.double_touch import FINGERTIP_RADIUS_M, DoubleTouch, DoubleTouching
 from control.fixation import gaze_at
 from learning.pps.trials import TouchTrial
+from pps_vision.app.encounters.postures import TRIALS as TRIALS
+from pps_vision.app.encounters.postures import SessionName as SessionName
+from pps_vision.app.encounters.postures import start_posture as start_posture
 from pps_vision.app.simulation import can_follow
-from pps_vision.robot.icub import home, icub_rig, load_icub
+from pps_vision.robot.icub import icub_rig, load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import INNER_FOREARM, OUTER_FOREARM, Skin, icub_skin, taxel_frame, touched_taxels
 from pps_vision.types import Array, Mask
@@ -20,11 +23,6 @@ from rendering.motions import make_reach
 from rendering.names import StimulusName
 from rendering.stimuli import make_stimulus
 
-SessionName = Literal["motor", "visual", "inner", "outer", "palm"]
-"""motor, visual: double touches of the inner left forearm with the right index finger, felt or seen (its marker).
-inner, outer, palm: a ball and a cube in turn approach the inner or outer left forearm or the right palm."""
-TRIALS: dict[SessionName, int] = {"motor": 82, "visual": 45, "inner": 53, "outer": 34, "palm": 77}
-"""Trials of each session (R Table 5)."""
 AIMED: dict[SessionName, tuple[str, tuple[int, ...]]] = {
     "motor": ("left_forearm", INNER_FOREARM),
     "visual": ("left_forearm", INNER_FOREARM),
@@ -35,10 +33,6 @@ AIMED: dict[SessionName, tuple[str, tuple[int, ...]]] = {
 """The skin part and its taxels that each session aims at."""
 STEP_S = 0.05
 
-# Arms in chain order, degrees; both eyes see the taxels aimed at.  The other arm hangs down.
-_OUTER_ARM_DEG = (-29.4, 18.2, 87.2, 37.6, 39.1, -16.3, -12.2)
-_PALM_ARM_DEG = (-25.6, 24.5, -19.6, 24.2, -41.1, 3.0, -16.0)
-_HANGING_ARM_DEG = (0.0, 15.0, 0.0, 20.0, 0.0, 0.0, 0.0)
 _OBJECTS: tuple[StimulusName, ...] = ("ball", "cube")
 _START_M = (0.21, 0.25)  # just beyond the receptive field, so that the eyes have it when it enters
 _PEAK_M_S = (0.10, 0.25)
@@ -70,15 +64,6 @@ def movements(session: SessionName, n: int, seed: int) -> tuple[Movement, ...]:
     if session in ("motor", "visual"):
         return tuple(islice(_double_touches(session, seed), n))
     return tuple(_approach(session, k, seed) for k in range(n))
-
-
-def start_posture(robot: Robot, session: SessionName) -> Array:
-    """Return the joints (k,) rad in which the skin awaits objects: within sight of both eyes."""
-    q = home(robot)
-    arms = {"outer": (_OUTER_ARM_DEG, _HANGING_ARM_DEG), "palm": (_HANGING_ARM_DEG, _PALM_ARM_DEG)}.get(session, ())
-    for side, degrees in zip(("left", "right"), arms, strict=False):
-        q[robot.indices(robot.names.arm(side))] = np.deg2rad(degrees)
-    return q
 
 
 def gaze_mask(robot: Robot) -> Mask:

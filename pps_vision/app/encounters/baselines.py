@@ -5,7 +5,7 @@ from qpsolvers import solve_qp
 
 from control.arm import ArmParams, KeepIn
 from control.limits import MAX_HOLD_S
-from pps_vision.experiments.avoidance.controllers import (
+from pps_vision.app.encounters.controllers import (
     RADIUS_M,
     SPEED_M_S,
     Controller,

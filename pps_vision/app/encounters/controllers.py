@@ -19,9 +19,9 @@ from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
 from learning.pps.memory import PPSMemory
 from learning.reach.track_reachability import TrackReachability
+from pps_vision.app.encounters.training import FIELD
 from pps_vision.app.pipeline import activation_by
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.avoidance.training import FIELD
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.model import Posture, Robot
 from pps_vision.robot.self_collision import SelfCollision

@@ -1,7 +1,6 @@
 """The suite: every controller avoids a slow object, others plug in, an interrupted run goes on."""
 
 import json
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,19 +8,19 @@ import numpy as np
 import pytest
 from tracks import track_at
 
+from pps_vision.app.encounters import suite
+from pps_vision.app.encounters.baselines import depth_space, nearest_rates
+from pps_vision.app.encounters.controllers import Setting
+from pps_vision.app.encounters.encounter import HAZARDS, Arena, Encounter, draw
+from pps_vision.app.encounters.kinematic import meet
+from pps_vision.app.encounters.registry import ASKING, BASELINES, NAMES, NONE, OURS, TRUE, new_controller
+from pps_vision.app.encounters.tracks import ERRORS, measured_error, track_of, true_track_of
+from pps_vision.app.encounters.training import Memories
+from pps_vision.app.encounters.tuned import TUNED
 from pps_vision.app.simulation import Side
 from pps_vision.errors import InputError
 from pps_vision.experiments import encounters
-from pps_vision.experiments.avoidance import suite
-from pps_vision.experiments.avoidance.baselines import depth_space, nearest_rates
-from pps_vision.experiments.avoidance.controllers import Setting
-from pps_vision.experiments.avoidance.encounter import HAZARDS, Arena, Encounter, draw
-from pps_vision.experiments.avoidance.kinematic import meet
-from pps_vision.experiments.avoidance.registry import ASKING, BASELINES, NAMES, NONE, OURS, TRUE, new_controller
-from pps_vision.experiments.avoidance.tracks import ERRORS, measured_error, track_of, true_track_of
-from pps_vision.experiments.avoidance.training import Memories
-from pps_vision.experiments.avoidance.tuned import TUNED
-from pps_vision.experiments.encounters import Encounters, rate, summary
+from pps_vision.experiments.encounters import rate, summary
 from pps_vision.types import Array, Reachability, ReachStatus, Track3D
 from rendering.names import StimulusName
 
@@ -106,7 +105,6 @@ def test_jacobians_of_taxels_are_derivatives(arena: Arena, slow: Encounter) -> N
 def test_others_plug_their_controller_in_and_a_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "theirs.py").write_text(PLUGIN)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "kept"))
     monkeypatch.setattr(suite, "_PART", 1)
     met: list[str] = []
 
@@ -116,22 +114,22 @@ def test_others_plug_their_controller_in_and_a_run_goes_on(tmp_path: Path, monke
         met.append(f"{encounter.number} {name}")
         return meet(arena, memories, encounter, name, *rest)  # type: ignore[arg-type]
 
-    study = Encounters(n=2, seed=3)
+    folder = tmp_path / "kept"
     given = {"stop": 2}, 3, (NONE, "theirs:new"), 1, 0.01
     monkeypatch.setattr(suite, "meet", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        suite.run_suite(study, *given)  # type: ignore[arg-type]
+        suite.run_suite(folder, *given)  # type: ignore[arg-type]
     met.clear()
-    rows = suite.run_suite(study, *given)  # type: ignore[arg-type]
+    rows = suite.run_suite(folder, *given)  # type: ignore[arg-type]
     assert met == ["1 no avoidance", "1 theirs:new"], "the first encounter was kept"
-    assert list((tmp_path / "kept").iterdir()) == []
+    assert not folder.exists()
     assert [(row["number"], row["controller"]) for row in rows] == [
         (k, name) for k in range(2) for name in (NONE, "theirs:new")
     ]
     assert all(row["commands"] == 0 for row in rows[::2])
     assert all(row["commands"] > 5 for row in rows[1::2])
     with pytest.raises(InputError, match="theirs:old"):
-        suite.run_suite(study, {"stop": 1}, 3, ("theirs:old",), 1, 0.01)
+        suite.run_suite(folder, {"stop": 1}, 3, ("theirs:old",), 1, 0.01)
 
 
 def test_the_depth_space_baseline_moves_what_the_object_comes_before_or_hides(

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pps_vision.app.simulation import Side, own_rate
-from pps_vision.experiments.avoidance import encounter as drawing
-from pps_vision.experiments.avoidance.encounter import (
+from pps_vision.app.encounters import encounter as drawing
+from pps_vision.app.encounters.encounter import (
     BEYOND_M,
     HARMLESS,
     HAZARDS,
@@ -24,8 +23,9 @@ from pps_vision.experiments.avoidance.encounter import (
     draw_posture,
     would_touch,
 )
-from pps_vision.experiments.avoidance.kinematic import can_touch
-from pps_vision.experiments.pps.movements import start_posture
+from pps_vision.app.encounters.kinematic import can_touch
+from pps_vision.app.encounters.postures import start_posture
+from pps_vision.app.simulation import Side, own_rate
 from pps_vision.experiments.raycast import CYLINDER_COLUMNS, PANEL_COLUMNS, ball_row, first_hit
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.robot.skin import TOUCH_RADIUS_M

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pps_vision.app.encounters.encounter import Arena, draw
+from pps_vision.app.encounters.kinematic import meet
+from pps_vision.app.encounters.registry import OURS, new_controller
+from pps_vision.app.encounters.rendered import meet_rendered
+from pps_vision.app.encounters.tracks import track_of
+from pps_vision.app.encounters.training import Memories
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.avoidance.encounter import Arena, draw
-from pps_vision.experiments.avoidance.kinematic import meet
-from pps_vision.experiments.avoidance.registry import OURS, new_controller
-from pps_vision.experiments.avoidance.rendered import meet_rendered
-from pps_vision.experiments.avoidance.tracks import track_of
-from pps_vision.experiments.avoidance.training import Memories
 from pps_vision.experiments.encounters_rendered import compared, summary
 
 
@@ -30,7 +30,7 @@ def test_a_fast_ball_is_met_alike_with_and_without_rendering(arena: Arena, memor
         new_controller(OURS),
         track_of(arena, encounter, np.random.default_rng(0)),
     )
-    seen = meet_rendered(arena, memories["left"], encounter, 5)
+    seen = meet_rendered(arena, memories["left"], encounter, 2.0, 5)
     assert seen.known > 0.5
     assert seen.error_m < 0.01
     assert seen.outcome.touched == without.touched

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from pps_vision.app.encounters.encounter import Arena
+from pps_vision.app.encounters.kinematic import Frame
+from pps_vision.app.encounters.training import Memories
+from pps_vision.app.encounters.tuned import TUNED
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.avoidance.encounter import Arena
-from pps_vision.experiments.avoidance.kinematic import Frame
-from pps_vision.experiments.avoidance.training import Memories
-from pps_vision.experiments.avoidance.tuned import TUNED
 from pps_vision.experiments.encounters_sessions import EncountersSessions, _at_rest, _awaiting, _path, _ranges
 
 

@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from pps_vision.app.encounters.encounter import Arena, Encounter
+from pps_vision.app.encounters.kinematic import Outcome, Watch
+from pps_vision.app.encounters.tracks import TrackError, measured_error
+from pps_vision.app.encounters.training import Memories
 from pps_vision.app.simulation import Episode, World, new_pipeline, simulate
-from pps_vision.experiments.avoidance.encounter import Arena, Encounter
-from pps_vision.experiments.avoidance.kinematic import Outcome, Watch
-from pps_vision.experiments.avoidance.tracks import TrackError, measured_error
-from pps_vision.experiments.avoidance.training import Memories
-from pps_vision.experiments.study import NOISE_SIGMA
 from pps_vision.robot.icub import icub_setup
 from rendering.eyes import Eyes
 from rendering.fidelity import Fidelity
@@ -39,8 +38,11 @@ class Seen:
     """Errors of the triangulated positions; NaN without one."""
 
 
-def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, seed: int) -> Seen:
-    """Return what becomes of an encounter with the pipeline, from what the eyes see; it ends with the first touch."""
+def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, noise_sigma: float, seed: int) -> Seen:
+    """Return what becomes of an encounter with the pipeline, from what the eyes see; it ends with the first touch.
+
+    `noise_sigma`: pixel noise, grey levels of 255.
+    """
     watch, arm = Watch(arena, encounter), arena.arm(encounter.side)
     episode = Episode(
         encounter.condition, encounter.stimulus, encounter.motion, encounter.seconds, encounter.own_motion
@@ -49,7 +51,7 @@ def meet_rendered(arena: Arena, memories: Memories, encounter: Encounter, seed: 
     observed, lines = [], []
     known: list[bool] = []
     first_s = np.inf
-    with open_encounter(arena, encounter, NOISE_SIGMA, seed, lit=True) as world:
+    with open_encounter(arena, encounter, noise_sigma, seed, lit=True) as world:
         steps = simulate(world, episode, new_pipeline(world, memories.of_both).step)
         for now, later in pairwise(steps):
             t, track = now.frame.stamp_s, now.step.tracking.track

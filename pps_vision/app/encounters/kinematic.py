@@ -10,11 +10,11 @@ from scipy.optimize import least_squares
 
 from control.limits import MAX_HOLD_S, LimitParams, limit
 from learning.reach.track_reachability import TrackReachability
+from pps_vision.app.encounters.controllers import RADIUS_M, Controller, Setting
+from pps_vision.app.encounters.encounter import Arena, Encounter
+from pps_vision.app.encounters.training import FIELD, Memories
 from pps_vision.app.pipeline import activation_by
 from pps_vision.app.simulation import PERIOD_S, own_rate
-from pps_vision.experiments.avoidance.controllers import RADIUS_M, Controller, Setting
-from pps_vision.experiments.avoidance.encounter import Arena, Encounter
-from pps_vision.experiments.avoidance.training import FIELD, Memories
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M
 from pps_vision.types import Array, JointVelocity, Track3D
 

@@ -11,8 +11,8 @@ import coal
 import numpy as np
 
 from control.fixation import gaze_at
+from pps_vision.app.encounters.postures import start_posture
 from pps_vision.app.simulation import PERIOD_S, REACH_M, OwnMotion, Side, at_taxel, can_follow, first_contact, own_rate
-from pps_vision.experiments.pps.movements import start_posture
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.geometry.se3 import rotation_to, transform
 from pps_vision.robot.icub import icub_rig, load_icub

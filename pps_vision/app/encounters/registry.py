@@ -6,9 +6,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
-from pps_vision.errors import InputError
-from pps_vision.experiments.avoidance.baselines import depth_space, potential_field, taxel_constraints
-from pps_vision.experiments.avoidance.controllers import (
+from pps_vision.app.encounters.baselines import depth_space, potential_field, taxel_constraints
+from pps_vision.app.encounters.controllers import (
     Controller,
     Numbers,
     Setting,
@@ -18,7 +17,8 @@ from pps_vision.experiments.avoidance.controllers import (
     paper,
     wrist_at_rest,
 )
-from pps_vision.experiments.avoidance.tuned import TUNED
+from pps_vision.app.encounters.tuned import TUNED
+from pps_vision.errors import InputError
 
 NewController = Callable[[Setting], Controller]
 OURS, TRUE, NONE = "ours", "true positions", "no avoidance"

@@ -1,5 +1,6 @@
 """Run encounters in parallel processes, and go on where an interrupted run stopped."""
 
+import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -15,14 +16,14 @@ from learning.reach.map import ReachableMap
 from learning.reach.params import MapParams
 from learning.reach.track_reachability import TrackReachability
 from learning.reach.training import train_reachable_map
+from pps_vision.app.encounters.controllers import Numbers
+from pps_vision.app.encounters.encounter import Arena, Condition, draw
+from pps_vision.app.encounters.kinematic import can_touch, meet
+from pps_vision.app.encounters.registry import ASKING, NONE, REACHING, TRUE, new_controller
+from pps_vision.app.encounters.tracks import track_of, true_track_of
+from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.avoidance.controllers import Numbers
-from pps_vision.experiments.avoidance.encounter import Arena, Condition, draw
-from pps_vision.experiments.avoidance.kinematic import can_touch, meet
-from pps_vision.experiments.avoidance.registry import ASKING, NONE, REACHING, TRUE, new_controller
-from pps_vision.experiments.avoidance.tracks import track_of, true_track_of
-from pps_vision.experiments.avoidance.training import Memories, learn
-from pps_vision.experiments.study import Study, kept_folder, part
+from pps_vision.recordings.outputs import plain, whole_file
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.worker_pool import worker_pool
 
@@ -46,7 +47,7 @@ class Task(NamedTuple):
 
 
 def run_suite(
-    study: Study,
+    folder: Path,
     counts: Mapping[Condition, int],
     seed: int,
     controllers: Sequence[str],
@@ -57,7 +58,7 @@ def run_suite(
     """Return a row for each encounter and controller; they do not depend on the number of `workers`.
 
     Args:
-        study: Names the folder in which finished parts are kept.
+        folder: Where finished parts are kept until all are; an interrupted run with the same arguments goes on there.
         counts: How many encounters of each condition.
         seed: Of encounters and of the memories' training.
         controllers: Names in the registry, "MODULE:FUNCTION", or names of `numbers`.
@@ -65,23 +66,22 @@ def run_suite(
         share: Of the training approaches, and of the labels of the reachable-space maps.
         numbers: Parameters by a name "CONTROLLER#k".
     """
-    kept = kept_folder(study)
     for name in controllers:
         new_controller(name.partition("#")[0])  # refuse an unknown one at once
-    _train(kept, seed, share, needs_map=ASKING in controllers and counts.get("reach", 0) > 0)
+    _train(folder, seed, share, needs_map=ASKING in controllers and counts.get("reach", 0) > 0)
     tasks = [
         Task(condition, first, min(_PART, n - first), seed, tuple(controllers), numbers or {})
         for condition, n in counts.items()
         for first in range(0, n, _PART)
     ]
-    files = [kept / f"{task.condition} {task.first}.json" for task in tasks]
+    files = [folder / f"{task.condition} {task.first}.json" for task in tasks]
     show = {"desc": "encounters", "unit": "part", "total": len(tasks), "disable": None}
     if workers == 1:
         parts = list(tqdm(map(_run, tasks, files), **show))
     else:
         with worker_pool(workers) as pool:
             parts = list(tqdm(pool.map(_run, tasks, files), **show))
-    shutil.rmtree(kept)
+    shutil.rmtree(folder)
     _memories.cache_clear()
     _maps.cache_clear()
     return [row for rows in parts for row in rows]
@@ -101,8 +101,13 @@ def _train(kept: Path, seed: int, share: float, needs_map: bool) -> None:
 
 
 def _run(task: Task, file: Path) -> Rows:
-    rows: Rows = part(file, lambda: [row for k in range(task.n) for row in _rows(task, task.first + k, file.parent)])
-    return rows
+    """The rows of a task; those that `file` holds already are not made again."""
+    if not file.exists():
+        rows = [row for k in range(task.n) for row in _rows(task, task.first + k, file.parent)]
+        with whole_file(file) as partial:
+            partial.write_text(json.dumps(plain(rows)))
+    made: Rows = json.loads(file.read_text())
+    return made
 
 
 def _rows(task: Task, number: int, kept: Path) -> Rows:

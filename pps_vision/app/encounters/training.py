@@ -10,10 +10,10 @@ from learning.pps.buffer import EventBuffer
 from learning.pps.learner import LearnerState
 from learning.pps.memory import MemoryParams, PPSMemory
 from learning.pps.receptive_field import ReceptiveField, perceive
+from pps_vision.app.encounters.encounter import OBJECTS, Arena, Encounter, Part, approach, draw_one
+from pps_vision.app.encounters.postures import TRIALS
+from pps_vision.app.encounters.tracks import track_of
 from pps_vision.app.simulation import REACH_M, SPEED_M_S, Side
-from pps_vision.experiments.avoidance.encounter import OBJECTS, Arena, Encounter, Part, approach, draw_one
-from pps_vision.experiments.avoidance.tracks import track_of
-from pps_vision.experiments.pps.movements import TRIALS
 from pps_vision.robot.skin import touched_taxels
 from pps_vision.types import TaxelEvents
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pps_vision.app.encounters.encounter import Arena, Encounter
 from pps_vision.app.simulation import PERIOD_S
-from pps_vision.experiments.avoidance.encounter import Arena, Encounter
 from pps_vision.geometry.se3 import rotation_to
 from pps_vision.types import Array, Status, Track3D
 from tracking import kalman

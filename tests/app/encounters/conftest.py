@@ -2,9 +2,9 @@
 
 import pytest
 
+from pps_vision.app.encounters.encounter import Arena
+from pps_vision.app.encounters.training import Memories, learn
 from pps_vision.app.simulation import Side
-from pps_vision.experiments.avoidance.encounter import Arena
-from pps_vision.experiments.avoidance.training import Memories, learn
 
 
 @pytest.fixture(scope="session")
