@@ -72,7 +72,7 @@ class DoubleTouching:
         self.robot, self.part, self.params = robot, part, params or DoubleTouchParams()
         left, right = robot.names.arm("left")[:5], robot.names.arm("right")  # the left wrist moves no forearm
         self._T_root_skin, self._chain = _from_skin_to_finger(
-            Chain.of(robot, left, part.frame), Chain.of(robot, right, robot.names.index_tips[1])
+            robot.chain(left, part.frame), robot.chain(right, robot.names.index_tips[1])
         )
         self._columns = robot.indices(left + right)
         self._limits = robot.lower_rad[self._columns], robot.upper_rad[self._columns]

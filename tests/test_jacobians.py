@@ -8,14 +8,13 @@ import pytest
 from control.arm import KeepIn
 from control.fixation import features
 from control.head import gaze_columns, gaze_of
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import home, load_icub, set_gaze
 from pps_vision.types import Array
 
 ROBOT = load_icub()
 POINT = np.array([0.03, -0.05, 0.08])
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
-CHAIN = Chain.of(ROBOT, ROBOT.names.arm("left"), "left_palm", home(ROBOT))
+CHAIN = ROBOT.chain(ROBOT.names.arm("left"), "left_palm", home(ROBOT))
 
 
 def central_differences(f: Callable[[Array], Array], x: Array, h: float = 1e-6) -> Array:

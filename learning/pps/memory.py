@@ -21,6 +21,7 @@ MOST_COUNTS = 2**53
 
 _KIND, _VERSION = "PPS memory", 3  # up to version 2, D was to the centre of the object
 _LARGEST = 1e9  # of the limits of a range, and inverse of its least width; keeps divisions finite
+_TORCH_ROWS = 1 << 18  # cases at a time on a torch device, about 100 MB
 
 Counts = NDArray[np.integer[Any] | np.floating[Any]]
 
@@ -175,9 +176,7 @@ def activation(memory: PPSMemory, distance_m: ArrayLike, ttc_s: ArrayLike, devic
     found = np.zeros(inside.shape)
     at = np.nonzero(inside)  # few of a whole skin's taxels perceive one stimulus
     if len(at[0]) and device is not None:
-        from learning import batch  # loads torch, which takes seconds
-
-        found[at] = batch.activation(memory, distance, ttc, inside, device)
+        found[at] = _weighted_by_torch(memory, at[-1], distance[at], ttc[at], device)
     elif len(at[0]):
         p = memory.params
         ranges = np.array([p.distance_range_m, p.ttc_range_s])
@@ -205,6 +204,33 @@ def _weighted(
             total += w_distance[j] * row
         found[i] = total / (w_distance.sum() * w_ttc.sum())
     return found
+
+
+def _weighted_by_torch(
+    memory: PPSMemory, taxel: NDArray[np.intp], distance_m: Array, ttc_s: Array, device: str
+) -> Array:
+    """The same (k,) as `_weighted`, on a torch device."""
+    import torch  # takes seconds to load
+
+    def weights(value: torch.Tensor, limits: tuple[float, float], n: int) -> torch.Tensor:
+        if n == 1:
+            return torch.ones_like(value)[:, None]
+        per_unit = n / (limits[1] - limits[0])
+        bins = torch.arange(n, device=value.device, dtype=value.dtype)
+        offset = (value * per_unit)[:, None] - (limits[0] * per_unit + 0.5 + bins)
+        return torch.softmax(-offset.square() / (2 * params.sigma_bins**2), dim=1)
+
+    params = memory.params
+    frequency = torch.from_numpy(memory.frequency).to(device)
+    activations = []
+    for start in range(0, len(taxel), _TORCH_ROWS):
+        rows = slice(start, start + _TORCH_ROWS)
+        index, distance, ttc = (torch.from_numpy(values[rows]).to(device) for values in (taxel, distance_m, ttc_s))
+        w_distance = weights(distance, params.distance_range_m, params.bins[0])
+        w_ttc = weights(ttc, params.ttc_range_s, params.bins[1])
+        activations.append(torch.einsum("kd,kdt,kt->k", w_distance, frequency[index], w_ttc))
+    result: Array = torch.cat(activations).cpu().numpy()
+    return result
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from learning.reach.params import ArmLimits
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array
@@ -49,7 +48,7 @@ def gaze_at_hand(robot: Robot, side: str, arm_rad: Array, limits: GazeLimits | N
     """(N, 3) rad: the gaze postures that by kinematics fixate the hand of arm postures (N, 4); NaN where the limits
     forbid it.  ValueError for an unknown side."""
     palm = robot.names.palm(side)
-    hands = Chain.of(robot, robot.names.arm(side)[: arm_rad.shape[1]], palm).positions(arm_rad)[0]
+    hands = robot.chain(robot.names.arm(side)[: arm_rad.shape[1]], palm).positions(arm_rad)[0]
     return gaze_for_points(robot, hands, limits)
 
 

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from learning.reach.params import N_NEAR, MapParams
 from pps_vision.errors import InputError
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, GazeModel
 from pps_vision.robot.inverse_kinematics import ForwardModel, IKParams, solve_ik
 from pps_vision.robot.model import Robot
@@ -97,7 +96,7 @@ class ReachOracle:
         self.robot, self.params = robot, params
         palm = robot.names.palm(side)
         self.lower, self.upper = np.array(params.arm_limits.lower_rad), np.array(params.arm_limits.upper_rad)
-        own = Chain.of(robot, robot.names.arm(side)[: len(self.lower)], palm).positions
+        own = robot.chain(robot.names.arm(side)[: len(self.lower)], palm).positions
         self.hand = hand or HandModel.of(robot, own)
         self.forward, tried = self.hand.forward, self.hand.tried
         if tried is None:

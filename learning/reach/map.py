@@ -25,6 +25,7 @@ _NUMBERS = ("signed_distance", "optimality", "error_m", "max_error_m", "softness
 _BOUND = "error_bound"
 _NAMES = ("end_point", "measure")
 _LABELS = tuple(f.name for f in fields(Labels))
+_TORCH_ROWS = 1 << 18  # gaze postures at a time on a torch device, which take about 100 MB
 
 
 @dataclass(frozen=True)
@@ -144,15 +145,37 @@ class ReachableMap:
         within: Mask = np.asarray(((gaze >= lower) & (gaze <= upper)).all(axis=1))
         gaze = np.where(within[:, None], gaze, lower)
         if device is not None and len(gaze):
-            from learning import batch  # loads torch, which takes seconds
-
-            probability, degree = batch.reachability(self, gaze, device)
+            probability, degree = self._query_by_torch(gaze, device)
         else:
             signed, good, bad = self.lattice.interpolate(self._values, gaze).T
             degree = np.where(signed > 0, 0.5 + 0.5 * good, 0.5 - 0.5 * bad).clip(0, 1)
             probability = expit(signed / self.softness)
         probability[~within] = degree[~within] = np.nan
         return MapPrediction(within, within & (probability > threshold), probability, degree)
+
+    def _query_by_torch(self, gaze_rad: Array, device: str) -> tuple[Array, Array]:
+        """Probability and degree (N,) of gaze postures (N, 3) within the limits, on a torch device."""
+        import torch  # takes seconds to load
+        from torch.nn import functional
+
+        def isotropic(gaze: Array) -> torch.Tensor:  # as `lattice.isotropic`
+            tensor = torch.from_numpy(gaze).to(device)
+            return torch.cat([tensor[..., :2], torch.tan(tensor[..., 2:] / 2).log()], dim=-1)
+
+        field = np.stack([self.signed_distance, self.optimality, self.error_m / self.max_error_m])
+        values = torch.from_numpy(field)[None].to(device)
+        low = isotropic(self.limits.lower)
+        high = isotropic(self.limits.upper)
+        results = []
+        for start in range(0, len(gaze_rad), _TORCH_ROWS):
+            gaze = isotropic(gaze_rad[start : start + _TORCH_ROWS])
+            place = (2 * (gaze - low) / (high - low) - 1).flip(-1).view(1, -1, 1, 1, 3)  # the last axis comes first
+            between = functional.grid_sample(values, place, "bilinear", "border", align_corners=True)
+            signed, good, bad = between.view(len(field), -1)
+            degree = torch.where(signed > 0, 0.5 + 0.5 * good, 0.5 - 0.5 * bad).clamp(0, 1)
+            results.append(torch.stack([torch.sigmoid(signed / self.softness), degree]))
+        probability, degrees = torch.cat(results, dim=1).cpu().numpy()
+        return probability, degrees
 
 
 def both(left: ReachableMap, right: ReachableMap) -> ReachableMap:

@@ -8,17 +8,12 @@ called, which takes seconds once; the code is then kept beside this file.
 from dataclasses import dataclass
 from functools import cached_property
 from math import cos, sin
-from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pps_vision.jit import njit
 from pps_vision.types import Array
-
-if TYPE_CHECKING:
-    from pps_vision.robot.model import Robot
 
 Vector = tuple[float, float, float]
 
@@ -35,22 +30,6 @@ class Chain:
     """(k, 6) (v, ω) of each joint in the root frame with the chain's joints at zero."""
     T_root_frame: Array
     """(4, 4) pose of the frame with the chain's joints at zero."""
-
-    @classmethod
-    def of(cls, robot: "Robot", joints: tuple[str, ...], frame: str, q_base: ArrayLike | None = None) -> "Chain":
-        """The chain of the named joints that ends at `frame`, other joints at `q_base` (default zero).
-
-        Raises:
-            ValueError: the robot has no such joint or frame.
-        """
-        indices = robot.indices(joints)
-        q = np.zeros(robot.n_joints) if q_base is None else np.array(q_base, dtype=float)
-        q[indices] = 0.0
-        T_root_frame = np.ascontiguousarray(robot.at(q).T_root(frame))
-        model, data = robot.model, robot.model.createData()
-        J = pin.computeFrameJacobian(model, data, q, robot.frame_ids[frame], pin.ReferenceFrame.WORLD)
-        order = tuple(int(i) for i in np.argsort(indices))  # Pinocchio numbers parents before children
-        return cls(joints, order, np.ascontiguousarray(J.T[indices]), T_root_frame)
 
     def frames(self, q_rad: ArrayLike) -> tuple[Array, Array]:
         """Rotations (N, 3, 3) and origins (N, 3) in m of the frame at postures `q_rad` (N, k)."""

@@ -35,12 +35,12 @@ class EndPoint:
         if name == "palm":
             palm = robot.names.palm(side)
             normal = next((part.normals[0] for part in parts if part.frame == palm), np.array([0.0, 0.0, 1.0]))
-            return cls(name, Chain.of(robot, joints, palm), np.zeros(3), normal)
+            return cls(name, robot.chain(joints, palm), np.zeros(3), normal)
         taxels = {f"{part.name}:{i}": (part, k) for part in parts for k, i in enumerate(part.ids)}
         if name not in taxels:
             raise InputError("end point", f"{name!r} of the {side} arm; expected palm or one of {', '.join(taxels)}")
         part, k = taxels[name]
-        return cls(name, Chain.of(robot, joints, part.frame), part.positions_m[k], part.normals[k])
+        return cls(name, robot.chain(joints, part.frame), part.positions_m[k], part.normals[k])
 
     def positions(self, q_rad: Array) -> tuple[Array, Array]:
         """Positions (N, 3) in the root frame, m, at postures (N, k), and Jacobians (N, 3, k), m/rad."""

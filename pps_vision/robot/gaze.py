@@ -71,11 +71,11 @@ class GazeModel:
             self._of_fixed_cameras(robot)
             return
         yaw, pitch, _, left_pan, right_pan = names.gaze_joints
-        self._left: Chain | None = Chain.of(robot, (yaw, pitch, left_pan), names.left_eye)
-        self._right: Chain | None = Chain.of(robot, (yaw, pitch, right_pan), names.right_eye)
+        self._left: Chain | None = robot.chain((yaw, pitch, left_pan), names.left_eye)
+        self._right: Chain | None = robot.chain((yaw, pitch, right_pan), names.right_eye)
         moving = robot.moving(names.left_eye)
         trunk = moving[: min(moving.index(yaw), moving.index(pitch))]
-        self._trunk, self._trunk_joints = Chain.of(robot, trunk, names.left_eye), robot.indices(trunk)
+        self._trunk, self._trunk_joints = robot.chain(trunk, names.left_eye), robot.indices(trunk)
         # the directions of the closed form: ahead, where a positive yaw turns what is ahead, and up
         (v_yaw, w_yaw), (v_pitch, w_pitch) = ((screw[:3], screw[3:]) for screw in self._left.screws[:2])
         ahead = self._left.T_root_frame[:3, 2]
@@ -98,7 +98,7 @@ class GazeModel:
         names = robot.names
         (left, right), hands = robot.eye_poses(np.zeros(robot.n_joints)), [palm for palm in names.palms if palm]
         trunk = tuple(j for j in robot.moving(names.left_eye) if all(j in robot.moving(palm) for palm in hands))
-        self._trunk, self._trunk_joints = Chain.of(robot, trunk, names.left_eye), robot.indices(trunk)
+        self._trunk, self._trunk_joints = robot.chain(trunk, names.left_eye), robot.indices(trunk)
         leftwards = left[:3, 3] - right[:3, 3]
         self._half_baseline_m = 0.5 * float(np.linalg.norm(leftwards))
         sideways, between = 0.5 * leftwards / self._half_baseline_m, left[:3, 2] + right[:3, 2]

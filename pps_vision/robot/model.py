@@ -186,8 +186,23 @@ class Robot:
         found = []
         for eye in (self.names.left_eye, self.names.right_eye):
             joints = self.moving(eye)
-            found.append((Chain.of(self, joints, eye), self.indices(joints)))
+            found.append((self.chain(joints, eye), self.indices(joints)))
         return found
+
+    def chain(self, joints: tuple[str, ...], frame: str, q_base: ArrayLike | None = None) -> Chain:
+        """Return the chain of the named joints that ends at `frame`, with the other joints at `q_base` (default zero).
+
+        Raises:
+            ValueError: The robot has no such joint or frame.
+        """
+        indices = self.indices(joints)
+        q = np.zeros(self.n_joints) if q_base is None else np.array(q_base, dtype=float)
+        q[indices] = 0.0
+        T_root_frame = np.ascontiguousarray(self.at(q).T_root(frame))
+        data = self.model.createData()
+        J = pin.computeFrameJacobian(self.model, data, q, self.frame_ids[frame], pin.ReferenceFrame.WORLD)
+        order = tuple(int(i) for i in np.argsort(indices))  # Pinocchio numbers parents before children
+        return Chain(joints, order, np.ascontiguousarray(J.T[indices]), T_root_frame)
 
     def moving(self, frame: str) -> tuple[str, ...]:
         """The names of the joints that move a frame, from root to tip."""

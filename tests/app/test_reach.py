@@ -16,7 +16,6 @@ from learning.reach.params import MapParams
 from pps_vision.app.cli import main
 from pps_vision.app.report.figures import reachable_space
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 
@@ -43,7 +42,7 @@ def test_the_table_says_what_the_closed_form_says(learned: Path, tmp_path: Path)
     rows = query(learned, tmp_path, GAZE + "".join(f"{y},{p},{v}\n" for y, p, v in gaze))
     robot = load_icub()
     arm = SphericalArm.of(
-        Chain.of(robot, robot.names.arm("right")[:4], "right_palm"),
+        robot.chain(robot.names.arm("right")[:4], "right_palm"),
         np.deg2rad([-95, 0, -20, 15]),
         np.deg2rad([10, 160, 80, 105]),
     )

@@ -20,7 +20,6 @@ from learning.reach.training import train_reachable_map
 from pps_vision.app import pipeline as module
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, _Leaning
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
 from pps_vision.robot.skin import Skin, icub_skin
@@ -29,7 +28,7 @@ from pps_vision.types import Activation, Array, JointVelocity, ReachStatus, Trac
 ROBOT, SKIN = load_icub(), icub_skin(("left_forearm", "left_palm"))
 ARM = ROBOT.indices(ROBOT.names.arm("left"))
 TRUTH = SphericalArm.of(
-    Chain.of(ROBOT, ROBOT.names.arm("left")[:4], "left_palm"), ArmLimits().lower_rad, ArmLimits().upper_rad
+    ROBOT.chain(ROBOT.names.arm("left")[:4], "left_palm"), ArmLimits().lower_rad, ArmLimits().upper_rad
 )
 REACH, AVOID = AvoidanceParams(HOME_ARM_RAD, behaviour="reach"), AvoidanceParams(HOME_ARM_RAD)
 

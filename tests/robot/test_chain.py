@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import home, load_icub
 
 ROBOT = load_icub()
@@ -22,7 +21,7 @@ def test_positions_frames_and_jacobians(joints, frame):
     base, point = rng.uniform(ROBOT.lower_rad, ROBOT.upper_rad), rng.normal(size=3) * 0.1
     indices = ROBOT.indices(joints)
     q = rng.uniform(-np.pi, np.pi, (20, len(joints)))
-    chain = Chain.of(ROBOT, joints, frame, base)
+    chain = ROBOT.chain(joints, frame, base)
     rotations, origins = chain.frames(q)
     positions, jacobians = chain.positions(q, point)
     for i in range(len(q)):
@@ -55,7 +54,7 @@ def test_a_sliding_joint_too(tmp_path):
     )  # fmt: skip
     robot = type(ROBOT)(urdf)
     q = np.random.default_rng(1).uniform(-1, 1, (5, 2))
-    positions, jacobians = Chain.of(robot, ("turn", "slide"), "slid").positions(q)
+    positions, jacobians = robot.chain(("turn", "slide"), "slid").positions(q)
     indices = robot.indices(("turn", "slide"))
     for i in range(5):
         full = np.zeros(robot.n_joints)
@@ -65,10 +64,10 @@ def test_a_sliding_joint_too(tmp_path):
 
 
 def test_wrong_shapes_and_names_are_refused():
-    chain = Chain.of(ROBOT, ROBOT.names.arm("left"), "left_palm", home(ROBOT))
+    chain = ROBOT.chain(ROBOT.names.arm("left"), "left_palm", home(ROBOT))
     with pytest.raises(ValueError, match=r"expected \(N, 7\)"):
         chain.positions(np.zeros(7))
     with pytest.raises(ValueError, match="no joint 'left_knee'"):
-        Chain.of(ROBOT, ("left_knee",), "left_palm")
+        ROBOT.chain(("left_knee",), "left_palm")
     with pytest.raises(ValueError, match="no frame 'left_foot'"):
-        Chain.of(ROBOT, ("left_elbow",), "left_foot")
+        ROBOT.chain(("left_elbow",), "left_foot")

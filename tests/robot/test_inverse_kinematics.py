@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams, solve_ik
 
@@ -15,7 +14,7 @@ LOWER, UPPER = (bound[ROBOT.indices(ARM)] for bound in (ROBOT.lower_rad, ROBOT.u
 
 def test_positions_of_random_postures_are_reached():
     rng = np.random.default_rng(0)
-    chain = Chain.of(ROBOT, ARM, "right_index_tip")
+    chain = ROBOT.chain(ARM, "right_index_tip")
     targets, _ = chain.positions(rng.uniform(LOWER, UPPER, (500, 7)))
     starts = rng.uniform(LOWER, UPPER, (6, 500, 7))
     solution = solve_ik(chain.positions, targets, starts, LOWER, UPPER)
@@ -79,7 +78,7 @@ def test_another_start_is_tried_only_where_one_failed():
 
 def test_fifty_thousand_targets_at_once():
     rng = np.random.default_rng(2)
-    chain = Chain.of(ROBOT, ARM[:4], "right_palm")
+    chain = ROBOT.chain(ARM[:4], "right_palm")
     q = rng.uniform(LOWER[:4], UPPER[:4], (50_000, 4))
     targets, _ = chain.positions(q)
     starts = np.clip(q + rng.normal(0, 0.2, q.shape), LOWER[:4], UPPER[:4])[None]

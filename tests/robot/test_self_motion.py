@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from data import SEED
 
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import (
     DirectionCoverage,
@@ -80,7 +79,7 @@ def test_manipulability_is_the_volume_and_vanishes_where_the_arm_is_straight():
 def test_another_measure_finds_other_postures():
     robot = load_icub()
     lower, upper = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])
-    chain = Chain.of(robot, robot.names.arm("right")[:4], "right_palm")
+    chain = robot.chain(robot.names.arm("right")[:4], "right_palm")
     q = np.random.default_rng(SEED).uniform(lower, upper, (200, 4))
     targets, J = chain.positions(q)
     even = Manipulability(isotropy=True)

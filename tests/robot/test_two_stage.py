@@ -4,7 +4,6 @@ import numpy as np
 from data import SEED
 
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import IKParams, IKSolution
 from pps_vision.robot.self_motion import FarFromLimits
@@ -12,7 +11,7 @@ from pps_vision.robot.two_stage import TwoStageParams, best_of_starts, two_stage
 
 ROBOT = load_icub()
 LOWER, UPPER = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])  # J's
-CHAIN = Chain.of(ROBOT, ROBOT.names.arm("left")[:4], "left_palm")
+CHAIN = ROBOT.chain(ROBOT.names.arm("left")[:4], "left_palm")
 ARM = SphericalArm.of(CHAIN, LOWER, UPPER)
 EFFORT = FarFromLimits(LOWER, UPPER)
 

@@ -13,13 +13,12 @@ from learning.reach.lattice import isotropic
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import learned_from, train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
 ROBOT, LIMITS = load_icub(), GazeLimits()
 SMALL = MapParams(n_labels=400, round_labels=100, n_babble=5000, lattice=0.12)
-ARM = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm")
+ARM = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm")
 
 
 def rng():

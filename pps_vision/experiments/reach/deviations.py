@@ -24,7 +24,7 @@ from pps_vision.types import Array
 
 _N_TEST, _FIXATED = 700, 0.2  # less than the share of arm postures that can be fixated
 _ROBOT, _LIMITS = load_icub(), GazeLimits()
-_ARM = Chain.of(_ROBOT, _ROBOT.names.arm("right")[:4], "right_palm")
+_ARM = _ROBOT.chain(_ROBOT.names.arm("right")[:4], "right_palm")
 _SAG_RAD, _LEVER_M = np.deg2rad(2), 0.05
 _TEETH, _GEAR_RAD = 8, np.deg2rad(0.5)
 _TALK = 0.015

@@ -13,7 +13,6 @@ from learning.reach.params import ArmLimits, MapParams
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.study import percent, rms
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.model import Robot
 from pps_vision.types import Array, Mask
@@ -105,7 +104,7 @@ def closed_form(robot: Robot, side: str = "right", limits: ArmLimits | None = No
     """Return the exact inverse kinematics of an arm, by default within J's limits."""
     limits = limits or ArmLimits()
     palm = robot.names.palm(side)
-    return SphericalArm.of(Chain.of(robot, robot.names.arm(side)[:4], palm), limits.lower_rad, limits.upper_rad)
+    return SphericalArm.of(robot.chain(robot.names.arm(side)[:4], palm), limits.lower_rad, limits.upper_rad)
 
 
 def exact_map(robot: Robot, max_error_m: float, side: str = "right") -> jamone.MapQuery:

@@ -21,7 +21,6 @@ from pps_vision.experiments.reach.map_truth import closed_form
 from pps_vision.experiments.study import SampledStudy, rms
 from pps_vision.experiments.tables import Table
 from pps_vision.experiments.timing import timed
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import FarFromLimits
@@ -90,7 +89,7 @@ def solvers(oracle: ReachOracle) -> dict[str, Solve]:
     """Return every solver by name."""
     limits, inverse = (oracle.lower, oracle.upper), oracle.params.inverse
     measure, names = FarFromLimits(*limits), oracle.robot.names
-    chain = Chain.of(oracle.robot, names.arm("right")[: len(oracle.lower)], names.palms[1])
+    chain = oracle.robot.chain(names.arm("right")[: len(oracle.lower)], names.palms[1])
 
     def batched(n_starts: int, points: Array, starts: Array) -> TwoStage:
         return two_stage(oracle.forward, points, starts[:n_starts], *limits, measure, inverse)

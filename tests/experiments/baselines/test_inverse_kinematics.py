@@ -6,13 +6,12 @@ from data import SEED
 
 from pps_vision.experiments.baselines.inverse_kinematics import Solver, two_stage_by
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.self_motion import FarFromLimits
 
 ROBOT = load_icub()
 LOWER, UPPER = np.deg2rad([-95.0, 0, -20, 15]), np.deg2rad([10.0, 160, 80, 105])  # J's
-CHAIN = Chain.of(ROBOT, ROBOT.names.arm("left")[:4], "left_palm")
+CHAIN = ROBOT.chain(ROBOT.names.arm("left")[:4], "left_palm")
 ARM = SphericalArm.of(CHAIN, LOWER, UPPER)
 EFFORT = FarFromLimits(LOWER, UPPER)
 

@@ -6,13 +6,12 @@ from data import SEED
 from scipy.optimize import minimize
 
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.inverse_kinematics import solve_ik
 
 ROBOT = load_icub()
 LOWER, UPPER = np.deg2rad([-95, 0, -20, 15]), np.deg2rad([10, 160, 80, 105])  # J's
-CHAINS = {side: Chain.of(ROBOT, ROBOT.names.arm(side)[:4], f"{side}_palm") for side in ("left", "right")}
+CHAINS = {side: ROBOT.chain(ROBOT.names.arm(side)[:4], f"{side}_palm") for side in ("left", "right")}
 
 
 def palm(side, q):
@@ -107,8 +106,8 @@ def test_least_effort_is_never_beaten(arm, side, rng):
 
 def test_arms_of_other_geometry_are_refused(arm):
     with pytest.raises(ValueError, match="four joints"):
-        SphericalArm.of(Chain.of(ROBOT, ROBOT.names.arm("left")[:3], "left_palm"), LOWER, UPPER)
+        SphericalArm.of(ROBOT.chain(ROBOT.names.arm("left")[:3], "left_palm"), LOWER, UPPER)
     with pytest.raises(ValueError, match="spherical shoulder"):
-        SphericalArm.of(Chain.of(ROBOT, ROBOT.names.arm("left")[1:5], "left_palm"), LOWER, UPPER)
+        SphericalArm.of(ROBOT.chain(ROBOT.names.arm("left")[1:5], "left_palm"), LOWER, UPPER)
     with pytest.raises(ValueError, match=r"\(N, 3\)"):
         arm.solve(np.zeros(3))

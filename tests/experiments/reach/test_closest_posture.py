@@ -3,14 +3,13 @@
 import numpy as np
 
 from learning.reach.params import ArmLimits
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeModel
 from pps_vision.robot.icub import load_icub
 
 
 def test_the_closest_posture_is_where_j_has_it_and_too_rare_for_4400_samples() -> None:
     robot, limits, rng = load_icub(), ArmLimits(), np.random.default_rng(0)
-    arm = Chain.of(robot, robot.names.arm("right")[:4], "right_palm")
+    arm = robot.chain(robot.names.arm("right")[:4], "right_palm")
     q = rng.uniform(limits.lower_rad, limits.upper_rad, (300_000, 4))
     vergence = np.rad2deg(GazeModel(robot).gaze(arm.positions(q)[0])[:, 2])
     fixated = vergence[np.isfinite(vergence)]

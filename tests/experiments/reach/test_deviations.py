@@ -6,7 +6,6 @@ from drawn_study import run_and_draw
 
 from pps_vision.experiments.reach import deviations
 from pps_vision.experiments.reach.deviations import DEVIATIONS, Deviations, samples
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import fixation_points
 from pps_vision.robot.icub import load_icub
 
@@ -16,7 +15,7 @@ def test_the_eyes_of_the_deviating_head_meet_at_the_deviating_hand(deviation: st
     bend, eyes = DEVIATIONS[deviation]
     found = samples(deviation, 300, np.random.default_rng(1))
     robot = load_icub()
-    hand = Chain.of(robot, robot.names.arm("right")[:4], "right_palm").positions(bend(found.arm_rad))[0]
+    hand = robot.chain(robot.names.arm("right")[:4], "right_palm").positions(bend(found.arm_rad))[0]
     assert len(hand) > 50
     np.testing.assert_allclose(eyes.points(found.gaze_rad), hand, atol=1e-6)
     ideal = np.linalg.norm(fixation_points(robot, found.gaze_rad) - hand, axis=1)

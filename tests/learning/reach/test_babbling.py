@@ -6,7 +6,6 @@ import pytest
 from learning.reach.babbling import Babbled, babble, crossing, gaze_at
 from learning.reach.params import ArmLimits
 from pps_vision.experiments.reach.map_truth import gaze_rmse_deg
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points
 from pps_vision.robot.icub import load_icub
 
@@ -19,7 +18,7 @@ def babbled():
 
 
 def test_what_is_fixated_is_the_hand(babbled):
-    palms = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm").positions(babbled.arm_rad)[0]
+    palms = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm").positions(babbled.arm_rad)[0]
     np.testing.assert_allclose(fixation_points(ROBOT, babbled.gaze_rad), palms, atol=1e-6)
 
 

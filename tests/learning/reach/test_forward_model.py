@@ -11,7 +11,6 @@ from learning.reach.forward_model import RevoluteArm, _fixated, _gauss_newton, _
 from learning.reach.labels import HandModel, ReachOracle
 from learning.reach.params import ArmLimits, MapParams
 from pps_vision.experiments.reach.map_truth import gaze_rmse_deg
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
@@ -42,7 +41,7 @@ def test_two_hundred_samples_teach_the_arm_and_the_head(model, babbled):
 def test_where_babbling_never_was_it_knows_too(model):
     """Postures whose hand cannot be fixated within the gaze limits, seen by a head that turns farther."""
     arm = np.random.default_rng(32).uniform(ArmLimits().lower_rad, ArmLimits().upper_rad, (400, 4))
-    hand = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm").positions(arm)[0]
+    hand = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm").positions(arm)[0]
     wide = GazeLimits((-1.5, 1.5), (-1.5, 1.5), (0.02, 2.0))
     seen, never = gaze_for_points(ROBOT, hand, wide), np.isnan(gaze_for_points(ROBOT, hand)).any(axis=1)
     known = never & np.isfinite(seen).all(axis=1)

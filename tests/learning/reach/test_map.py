@@ -12,14 +12,13 @@ from learning.reach.map import ReachableMap, both
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import _near_border, learned_from, train_reachable_map
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
-from pps_vision.robot.chain import Chain
 from pps_vision.robot.gaze import GazeLimits, fixation_points, gaze_for_points
 from pps_vision.robot.icub import load_icub
 
 ROBOT = load_icub()
 LIMITS = GazeLimits()
 LOWER, UPPER = np.array(ArmLimits().lower_rad), np.array(ArmLimits().upper_rad)
-ARM = Chain.of(ROBOT, ROBOT.names.arm("right")[:4], "right_palm")
+ARM = ROBOT.chain(ROBOT.names.arm("right")[:4], "right_palm")
 
 
 @pytest.fixture(scope="module")
