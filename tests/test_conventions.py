@@ -6,8 +6,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("pps_vision", "rendering", "tracking", "learning", "control")
-MUTABLE = {"yaml_subset.py": {"_Row"}, "renderer.py": {"Node", "_Uploaded"}}
-"""Dataclasses that a reader or a renderer works on, and hands to nobody."""
+MUTABLE = {
+    "kinematic.py": {"Watch"},
+    "controllers.py": {"Home"},
+    "yaml_subset.py": {"_Row"},
+    "renderer.py": {"Node", "_Uploaded"},
+}
+"""Dataclasses that a reader, a renderer or an encounter works on, and hands to nobody."""
 
 
 def decorated(name: str) -> Iterator[tuple[Path, str, dict[str, object]]]:
