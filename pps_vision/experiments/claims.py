@@ -78,13 +78,6 @@ def _loop(numbers: Cells) -> str:
     return f"{judged(str(on), on > 0)} / {judged(str(off), off < n)} of {n}; {told} of {n}"
 
 
-def _contact(numbers: Cells) -> str:
-    of, base = (numbers["methods"][m]["blocked"] for m in ("displacement (ours)", "base rate"))
-    gain, low, high = of["gain"]
-    brier = judged(f"{of['brier'][0]:.3f}", of["brier"][0] > base["brier"][0])
-    return f"Brier {brier} ({base['brier'][0]:.3f}), lower by {gain:.3f} ({low:.3f} to {high:.3f})"
-
-
 def _map(numbers: Cells) -> str:
     errors = [numbers["maps"]["ours"][truth]["je"] for truth in ("true", "learned")]
     return " / ".join(judged(f"{je:.2f}", je > 0.2) for je in errors) + " %"
@@ -116,12 +109,6 @@ CLAIMS = (
         "0 / all; 0",
         "loop",
         _loop,
-    ),
-    Claim(
-        "contact on a real robot, quarters of 37 trials (choices were made on them; base rate)",
-        "not above",
-        "pps_real_trials",
-        _contact,
     ),
     Claim(
         "misjudged gaze postures, against true / learned kinematics (simulated, exact fixation)",

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -51,7 +50,6 @@ COMMANDS = (
     Writing("track2d rec/cam/left --init 100 80 40 40 --out out.csv", "out.csv"),
     Writing("learn rec --out out.npz", "out.npz"),
     Writing("joints rec --out out.csv", "out.csv"),
-    Writing("trials train.npz test.npz --out out.csv", "out.csv"),
     Writing("show memory.npz --out out.png", "out.png"),
     Writing("convert-taxels memory.npz out.ini --like robot.ini", "out.ini"),
     Writing("reach train --arm left --ik-budget 600 --out out.npz", "out.npz"),
@@ -64,7 +62,7 @@ COMMANDS = (
 
 
 def prepare(folder: Path, commands: Sequence[Writing] = COMMANDS) -> None:
-    """Write what the commands read: a memory, trials, a robot's map, gaze postures, and, as they take longest, a
+    """Write what the commands read: a memory, a robot's map, gaze postures, and, as they take longest, a
     recording with a touch and a reachable-space map only where one of them reads it."""
     (folder / "list.csv").write_text("name,rec\nfirst,rec\nsecond,rec\nthird,rec\n")
     if any({"rec", "list.csv"} & set(command.words.replace("/", " ").split()) for command in commands):
@@ -79,25 +77,6 @@ def prepare(folder: Path, commands: Sequence[Writing] = COMMANDS) -> None:
     counts = {int(name.split(":")[1]): np.zeros((8, 4, 2), np.int64) for name in skin.taxel_ids}
     write_taxels(folder / "robot.ini", [PartMap("l_forearm", (-0.1, 0.2, 0.0, 3.0), (8, 4), tuple(range(400)), counts)])
     (folder / "gaze.csv").write_text("yaw_deg,pitch_deg,vergence_deg\n" + "0,-20,20\n" * 1000)
-    for name, side in (("train", 0), ("test", 1)):
-        np.savez(folder / f"{name}.npz", **_trials(side))
-
-
-def _trials(first: int) -> dict[str, Any]:
-    """Straight approaches to one of two taxels in turn or past both, as `pps-vision trials` reads them."""
-    taxels, n, samples, v = np.array([[-0.03, 0, 0], [0.03, 0, 0]]), 8, 40, np.array([0.0, 0.0, -0.1])
-    before_s = np.linspace(2.0, 0.0, samples)[:, None]
-    position, outcome = [], []
-    for k in range(first, first + n):
-        aimed = np.array([0.3, 0, 0]) if k % 4 == 3 else taxels[k % 2]
-        position += [aimed - v * before_s - taxel for taxel in taxels]
-        outcome.append([1 if k % 4 != 3 and k % 2 == j else -1 for j in range(2)])
-    return {
-        "position_m": np.concatenate(position),
-        "velocity_m_s": np.tile(v, (2 * n * samples, 1)),
-        "offsets": samples * np.arange(2 * n + 1),
-        "outcome": np.array(outcome),
-    }
 
 
 def run(words: str, folder: Path) -> float:

@@ -11,7 +11,6 @@ import numpy as np
 import trimesh
 
 from learning.pps.memory import MemoryParams, PPSMemory, activation, load_memory, save_memory
-from learning.pps.trials import load_trials
 from learning.reach.labels import Labels
 from learning.reach.map import ReachableMap
 from pps_vision.app.batch import jobs_of
@@ -387,15 +386,6 @@ def _memory(folder: Path) -> list[Path]:
     return [folder / "memory.npz"]
 
 
-def _trials(folder: Path) -> list[Path]:
-    rng = np.random.default_rng(0)
-    position_m, velocity_m_s = rng.normal(size=(2, 60, 3))
-    outcome, offsets = np.array([[1, -1], [-1, 1], [-1, -1]]), np.arange(0, 61, 10)
-    file = folder / "trials.npz"
-    np.savez(file, position_m=position_m, velocity_m_s=velocity_m_s, outcome=outcome, offsets=offsets)
-    return [file]
-
-
 def _map(folder: Path) -> list[Path]:
     rng = np.random.default_rng(0)
     signed, optimality, error_m = rng.uniform(-1, 1, (3, 3, 4, 5))
@@ -442,6 +432,5 @@ READERS: Mapping[str, Reader] = {
     "times": Reader(_times, lambda folder: read_times(folder / "times.csv")),
     **{f"mesh_{suffix}": _mesh(suffix) for suffix in ("stl", "obj", "ply")},
     "memory": Reader(_memory, lambda folder: _use_memory(load_memory(folder / "memory.npz"))),
-    "trials": Reader(_trials, lambda folder: load_trials(folder / "trials.npz")),
     "map": Reader(_map, _read_map),
 }

@@ -151,8 +151,6 @@ def test_a_figure_of_an_unknown_format(refused, tmp_path: Path, suffix: str) -> 
         "learn FOLDER --joints FILE --out FILE",
         "joints FOLDER --out FOLDER/head/data.log",
         "joints FOLDER --calib FILE --out FILE",
-        "trials FILE OTHER --out FILE",
-        "trials OTHER FILE --out FILE",
         "show FILE --out FILE",
         "convert-taxels OTHER FILE --like FILE",
         "reach query FILE OTHER --out FILE",
@@ -177,13 +175,6 @@ def test_no_command_writes_over_what_it_reads(refused, tmp_path: Path, words: st
     assert "which is read" in line or f"{folder}: already holds a.png" in line
     assert {place: place.read_text() for place in contents} == contents
     assert sorted(p for p in tmp_path.rglob("*") if p.is_file()) == sorted(contents)
-
-
-def test_trials_are_not_predicted_from_themselves(refused, tmp_path: Path) -> None:
-    (tmp_path / "trials.npz").touch()
-    (tmp_path / "again.npz").symlink_to(tmp_path / "trials.npz")
-    line = refused("trials", tmp_path / "trials.npz", tmp_path / "again.npz", "--out", tmp_path / "p.csv")
-    assert "again.npz: is also TRAIN; expected other trials than those learned from" in line
 
 
 def test_a_first_box_in_an_image_that_cannot_be_read(refused, approach: Path, tmp_path: Path) -> None:

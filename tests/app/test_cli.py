@@ -20,7 +20,6 @@ from pps_vision.app.cli.learn import Learn
 from pps_vision.app.cli.reach import Train
 from pps_vision.app.cli.track import Track
 from pps_vision.app.cli.track2d import Track2d
-from pps_vision.app.cli.trials import Trials
 from pps_vision.app.learn import Learned
 from pps_vision.app.pipeline import PipelineParams
 from pps_vision.app.render_params import RenderParams
@@ -44,7 +43,6 @@ def test_defaults_are_those_that_the_documents_and_the_classes_state() -> None:
     assert f"default of {Train.ik_budget // 1000} {Train.ik_budget % 1000:03} labels" in text
     max_fp = signature(TrackReachability).parameters["max_false_positives"].default
     assert Track.max_fp == PipelineParams.max_false_positives == max_fp
-    assert f"contacts predicted {Trials.horizon_s:g} s ahead" in (ROOT / "README.md").read_text()
     assert Demo.noise == NOISE_SIGMA
     assert {command.seed for command in (Track, Track2d, Learn, Joints, Train, Batch, Demo, RenderParams)} == {0}
 

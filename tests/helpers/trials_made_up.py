@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from learning.pps.trials import Trial
+from pps_vision.experiments.pps.taxel_trials import Trial
 
 TAXELS = np.array([[-0.015, 0, 0], [0.015, 0, 0], [0.0, 0.025, 0]])
 

@@ -10,7 +10,7 @@ from data import SEED
 from pps_vision.experiments import kills
 from pps_vision.experiments.kills import COMMANDS, COUNTS, Writing, kill_at_random, prepare, run
 
-KILLED = {"trials": (), "render": pytest.mark.long, "batch": pytest.mark.long}
+KILLED = {"convert-taxels": (), "render": pytest.mark.long, "batch": pytest.mark.long}
 COUNTED = {"kills": 1, **dict.fromkeys(COUNTS[2:], 0)}
 
 
@@ -19,7 +19,7 @@ COUNTED = {"kills": 1, **dict.fromkeys(COUNTS[2:], 0)}
 )
 def test_a_killed_command_damages_nothing_and_runs_again(tmp_path: Path, command: Writing) -> None:
     prepare(tmp_path, [command])
-    sent = signal.SIGTERM if command.name == "trials" else signal.SIGKILL
+    sent = signal.SIGTERM if command.name == "convert-taxels" else signal.SIGKILL
     found = kill_at_random(command, tmp_path, 1, np.random.default_rng(SEED), (sent,))
     del found["finished"]
     assert found == COUNTED | {"kills": 1}

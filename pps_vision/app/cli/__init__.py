@@ -14,7 +14,7 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from pps_vision.errors import InputError
 
 COMMANDS = (
-    *("render", "info", "calibrate", "track", "track2d", "batch", "evaluate", "truth", "learn", "joints", "trials"),
+    *("render", "info", "calibrate", "track", "track2d", "batch", "evaluate", "truth", "learn", "joints"),
     *("report", "show", "convert-taxels", "reach", "demo", "bench"),
 )
 _WHAT = "Stereo vision for robots that feel what is about to touch them. `pps-vision --version` says which version."

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learning.pps.memory import MemoryParams, count_samples
-from learning.pps.offsets import orthogonal_line
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
-from learning.pps.trials import load_trials
 from pps_vision.experiments.baselines.single_taxel import empty_map, from_landing
+from pps_vision.experiments.pps.taxel_offsets import orthogonal_line
+from pps_vision.experiments.pps.taxel_trials import load_trials
 from pps_vision.experiments.study import DATA, Study
 from pps_vision.experiments.tables import Table
 from pps_vision.types import Array, Mask

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.pps.scores import auroc, brier, brier_gain, expected_calibration_error
 from pps_vision.experiments import charts
 from pps_vision.experiments.pps.perceived import HORIZON_S, in_taxel_frames
 from pps_vision.experiments.pps.predictors import (
@@ -14,15 +13,14 @@ from pps_vision.experiments.pps.predictors import (
     Score,
     Trials,
     by_base_rate,
-    by_displacement,
     by_fine_map,
     by_landing,
     by_map,
-    combined,
     corrected,
     outcomes,
     score_interval,
 )
+from pps_vision.experiments.pps.scores import auroc, brier, expected_calibration_error
 from pps_vision.experiments.pps.trials import SessionStudy
 from pps_vision.experiments.study import percent_of
 from pps_vision.experiments.tables import Table, estimate
@@ -30,17 +28,14 @@ from pps_vision.types import Array, Mask
 
 HELD_OUT, BINS = 40, 10
 AUROC_GOAL, ERROR_GOAL = 0.95, 0.05
-COMBINATION = "fine map, displacement, landing, corrected"
 METHODS: dict[str, Predictor] = {
     "base rate": by_base_rate,
     "R's map": by_map,
     "R's map, corrected": corrected(by_map),
     "fine map, corrected": corrected(by_fine_map),
-    "displacement": by_displacement,
     "landing point": by_landing,
-    COMBINATION: corrected(combined(by_fine_map, by_displacement, by_landing)),
 }
-SHOWN = ("R's map", COMBINATION)
+SHOWN = ("R's map", "fine map, corrected")
 
 
 @dataclass(frozen=True)
@@ -57,7 +52,7 @@ class Calibration(SessionStudy):
         return {"n": len(test), "methods": evaluate(in_taxel_frames(training), in_taxel_frames(test))}
 
     def chart(self, numbers: dict[str, Any]) -> Figure:
-        """Draw the reliability of R's map and of the combination."""
+        """Draw the reliability of R's map and of the corrected fine map."""
         figure, (axis,) = charts.panels(1, width=5.2)
         stated = 100 * (np.arange(BINS) + 0.5) / BINS
         charts.calibration(
@@ -67,39 +62,26 @@ class Calibration(SessionStudy):
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the scores, and how far each Brier score is above the combination's."""
-        keys, rows = ("auroc", "brier", "calibration_error", "above_combination"), []
+        """Return the scores by method."""
+        keys, rows = ("auroc", "brier", "calibration_error"), []
         for method, of in numbers["methods"].items():
             scores = of["scores"]
             meets = scores["auroc"][0] >= AUROC_GOAL and scores["calibration_error"][0] <= ERROR_GOAL
             rows.append([method, *(estimate(scores[key]) for key in keys), "yes" if meets else "no"])
-        header = [
-            "AUROC",
-            "Brier score",
-            "calibration error",
-            "Brier score above the combination's",
-            "meets both goals",
-        ]
-        return {"": Table(["", *header], rows)}
+        return {"": Table(["", "AUROC", "Brier score", "calibration error", "meets both goals"], rows)}
 
 
 def evaluate(training: Trials, test: Trials) -> dict[str, dict[str, Any]]:
     """Return the scores of every method, and the share touched by tenths of the probability."""
     touched, p = outcomes(test), {name: predict(training, test, HORIZON_S) for name, predict in METHODS.items()}
-    return {
-        name: {"scores": scores(touched, of, p[COMBINATION]), "touched_percent": shares(touched, of)}
-        for name, of in p.items()
-    }
+    return {name: {"scores": scores(touched, of), "touched_percent": shares(touched, of)} for name, of in p.items()}
 
 
-def scores(touched: Mask, p: Array, combination: Array) -> dict[str, list[float]]:
-    """Return AUROC, Brier score, expected calibration error, and the Brier score above that of another prediction.
-
-    Each with its 95 % interval over the trials; arguments (trials, taxels).
-    """
-    of: dict[str, Score] = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
-    found = {name: score_interval(score, touched, p) for name, score in of.items()}
-    return {**found, "above_combination": list(brier_gain(touched, combination, p))}
+def scores(touched: Mask, p: Array) -> dict[str, list[float]]:
+    """Return AUROC, Brier score and expected calibration error of probabilities (trials, taxels), each with its 95 %
+    interval over the trials."""
+    functions: dict[str, Score] = {"auroc": auroc, "brier": brier, "calibration_error": expected_calibration_error}
+    return {name: score_interval(score, touched, p) for name, score in functions.items()}
 
 
 def shares(touched: Mask, p: Array) -> list[list[float] | None]:

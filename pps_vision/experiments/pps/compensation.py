@@ -1,8 +1,7 @@
 """What a robot's errors cost its predictions, and what learning with them recovers, for each of R's error sources.
 
-D and TTC do not contain an error across the approach. Two remedies stand beside R's map: the displacement from each
-taxel, in which a constant error cancels (`learning/pps/contact.py`), and encoder offsets estimated from the same
-touches (`learning/pps/joint_offsets.py`).
+D and TTC do not contain an error across the approach. The remedy beside R's map is to estimate the encoder offsets from
+the same touches (`learning/pps/joint_offsets.py`).
 """
 
 from collections.abc import Mapping
@@ -17,7 +16,7 @@ from learning.pps.trials import TouchTrial
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.movements import TRIALS
 from pps_vision.experiments.pps.perceived import in_taxel_frames
-from pps_vision.experiments.pps.predictors import Predictor, Trials, by_displacement, by_map, scored
+from pps_vision.experiments.pps.predictors import Trials, by_map, scored
 from pps_vision.experiments.pps.robot_errors import SOURCES, ErringRobot, ErrorSources, only
 from pps_vision.experiments.pps.trials import exact_trials
 from pps_vision.experiments.study import SampledStudy
@@ -26,7 +25,6 @@ from pps_vision.experiments.tables import Table, estimate
 Sets = tuple[Trials, Trials]
 """Training and test trials."""
 CASES = ("no errors", "errors, map trained without", "errors, map trained with", "encoder offsets estimated too")
-METHODS: dict[str, Predictor] = {"map": by_map, "displacement": by_displacement}
 
 
 @dataclass(frozen=True)
@@ -44,15 +42,14 @@ class Compensation(SampledStudy):
     """Robots for each source alone."""
 
     def run(self) -> dict[str, Any]:
-        """Return scores by source, method and case, with 95 % over robots."""
+        """Return scores by source and case, with 95 % over robots."""
         training, test = (in_taxel_frames(exact_trials("inner", TRIALS["inner"], self.seed + i)) for i in (0, 1))
         sources = {**{name: only(name) for name in SOURCES}, "all": ErrorSources()}
         found: dict[str, Any] = {}
         for name, of in tqdm(sources.items(), desc="errors", unit="source", disable=None):
             robots = [self._observed(of, k) for k in range(self.n if name == "all" else self.n_single)]
             found[name] = {
-                method: {case: scored(predict, [cases((training, test), *r)[case] for r in robots]) for case in CASES}
-                for method, predict in METHODS.items()
+                case: scored(by_map, [cases((training, test), *robot)[case] for robot in robots]) for case in CASES
             }
         return {"sources": found}
 
@@ -73,26 +70,24 @@ class Compensation(SampledStudy):
         training, test = (exact_trials("inner", TRIALS["inner"], self.seed + i) for i in (0, 1))
         return [robot.observe(t, True, rng) for t in training], [robot.observe(t, True, rng) for t in test]
 
-    def chart(self, numbers: dict[str, Any]) -> dict[str, Figure]:
-        """Draw AUROC by source and case, for each method."""
-        figures = {}
-        for method in METHODS:
-            figures[method], (axis,) = panels(1, width=9.0)
-            series = {case: [of[method][case]["auroc"] for of in numbers["sources"].values()] for case in CASES}
-            bars(axis, list(numbers["sources"]), series, "AUROC (95 % over robots)")
-            axis.set_ylim(0.5, 1)
-            axis.legend(fontsize=8, ncols=2)
-        return figures
+    def chart(self, numbers: dict[str, Any]) -> Figure:
+        """Draw AUROC by source and case."""
+        figure, (axis,) = panels(1, width=9.0)
+        series = {case: [scores[case]["auroc"] for scores in numbers["sources"].values()] for case in CASES}
+        bars(axis, list(numbers["sources"]), series, "AUROC (95 % over robots)")
+        axis.set_ylim(0.5, 1)
+        axis.legend(fontsize=8, ncols=2)
+        return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
         """Return both scores with all sources together, and the Brier score above that without errors."""
+        scores = numbers["sources"]["all"]
+        best = scores["no errors"]["brier"][0]
         rows = []
-        for method, of in numbers["sources"]["all"].items():
-            best = of["no errors"]["brier"][0]
-            for case in CASES:
-                auroc, brier = (of[case][key] for key in ("auroc", "brier"))
-                above = "–" if case == "no errors" else estimate([value - best for value in brier], 2)
-                rows.append([f"{method}: {case}", estimate(auroc), estimate(brier), above])
+        for case in CASES:
+            brier = scores[case]["brier"]
+            above = "–" if case == "no errors" else estimate([value - best for value in brier], 2)
+            rows.append([case, estimate(scores[case]["auroc"]), estimate(brier), above])
         return {"": Table(["all five sources", "AUROC", "Brier score", "above that without errors"], rows)}
 
 

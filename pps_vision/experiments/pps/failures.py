@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, activation
-from learning.pps.scores import auroc
 from pps_vision.experiments.baselines.single_taxel import (
     Paths,
     Simulation,
@@ -19,6 +18,7 @@ from pps_vision.experiments.baselines.single_taxel import (
     sample_paths,
 )
 from pps_vision.experiments.charts import severities
+from pps_vision.experiments.pps.scores import auroc
 from pps_vision.experiments.study import Axis, Break, Metric, SampledStudy, Values, compare_severities, mean
 from pps_vision.experiments.tables import Table, break_points
 from pps_vision.types import Array, Mask

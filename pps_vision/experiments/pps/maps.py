@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from learning.pps.memory import Counts, MemoryParams
-from learning.pps.offsets import orthogonal_line
 from pps_vision.app.report.figures import draw_landscape
 from pps_vision.experiments.charts import panels
+from pps_vision.experiments.pps.taxel_offsets import orthogonal_line
 
 FINE = MemoryParams(bins=(120, 60))
 """Bins of 2.5 mm and 50 ms, in which the ridge is measured."""

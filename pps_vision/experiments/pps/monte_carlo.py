@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, PPSMemory
-from learning.pps.offsets import offsets
 from pps_vision.app.report.figures import landscape
 from pps_vision.experiments.baselines.single_taxel import Reference, Simulation, simulate_map
 from pps_vision.experiments.pps.maps import FINE, landscape_chart, ridge_width
+from pps_vision.experiments.pps.taxel_offsets import offsets
 from pps_vision.experiments.study import SampledStudy
 
 _EXACT = Simulation()

@@ -13,13 +13,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
-from learning.pps.offsets import offsets
-from learning.pps.trials import TouchTrial, Trial
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.charts import bars, panels
 from pps_vision.experiments.pps.movements import TRIALS, SessionName
 from pps_vision.experiments.pps.perceived import Session, perceive, train_memory
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
+from pps_vision.experiments.pps.taxel_offsets import offsets
+from pps_vision.experiments.pps.taxel_trials import Trial
 from pps_vision.experiments.pps.trials import exact_trials
 from pps_vision.experiments.study import SampledStudy, interval, mean, median, percent
 from pps_vision.experiments.tables import Table, estimate

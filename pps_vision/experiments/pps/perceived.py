@@ -7,9 +7,10 @@ import numpy as np
 
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
 from learning.pps.receptive_field import ReceptiveField, distance_and_ttc
-from learning.pps.trials import TouchTrial, Trial
+from learning.pps.trials import TouchTrial
 from pps_vision.experiments.baselines.single_taxel import empty_map
 from pps_vision.experiments.pps.movements import AIMED, SessionName
+from pps_vision.experiments.pps.taxel_trials import Trial
 from pps_vision.robot.icub import load_icub
 from pps_vision.robot.model import Robot
 from pps_vision.robot.skin import Skin, SkinPart, icub_skin, taxel_frame

@@ -1,25 +1,22 @@
-"""Predictors of touch: the base rate, maps of D and TTC, the displacement from each taxel, and the landing point.
+"""Predictors of touch: the base rate, maps of D and TTC, trees, and the landing point.
 
 A `Predictor` learns from some trials and returns the probabilities (trials, taxels) that other trials touch each taxel,
 from what is known `horizon_s` before their end.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.isotonic import IsotonicRegression
 
-from learning.pps.contact import learn_contact, predict_contact, predict_session
 from learning.pps.memory import MemoryParams, activation, windows
 from learning.pps.receptive_field import ReceptiveField
-from learning.pps.scores import auroc, brier
-from learning.pps.trials import Trial, touch_rates
 from pps_vision.experiments.pps.perceived import HORIZON_S, at_horizon, known_at, perceive, train_memory
+from pps_vision.experiments.pps.scores import auroc, brier
+from pps_vision.experiments.pps.taxel_trials import Trial, touch_rates
 from pps_vision.experiments.study import interval
 from pps_vision.types import Array, Mask
 
@@ -143,23 +140,6 @@ def _rows(trials: Trials, horizon_s: float) -> Array:
     return np.concatenate([np.stack([taxel, D, TTC], axis=-1), d], axis=-1).reshape(-1, 6)
 
 
-def by_displacement(training: Trials, test: Trials, horizon_s: float) -> Array:
-    """Predict from where the path passes each taxel (`learning/pps/contact.py`)."""
-    return predict_contact(horizon_s, learn_contact(horizon_s, tuple(training)), tuple(test)).probability
-
-
-def by_displacement_of_session(training: Trials, test: Trials, horizon_s: float) -> Array:
-    """Predict as `by_displacement`, the test trials taken for another session with an offset of its own."""
-    return predict_session(horizon_s, learn_contact(horizon_s, tuple(training)), tuple(test)).probability
-
-
-def by_displacement_along_skin(training: Trials, test: Trials, horizon_s: float) -> Array:
-    """Predict from where the path passes each taxel, without the distance from the skin."""
-    along = np.array([1.0, 1.0, 0.0])
-    training, test = ([replace(trial, d_m=trial.d_m * along) for trial in trials] for trials in (training, test))
-    return by_displacement(training, test, horizon_s)
-
-
 def by_landing(training: Trials, test: Trials, horizon_s: float) -> Array:
     """Predict from the distance between each taxel and the object where the path, continued straight, lands."""
     gaps = [np.minimum([landing_gap(trial, horizon_s) for trial in trials], _FAR_M) for trials in (training, test)]
@@ -178,16 +158,6 @@ def landing_gap(trial: Trial, horizon_s: float) -> Array:
     nearest = gaps.min(axis=1)
     landed: Array = gaps[(nearest <= 0).argmax() if (nearest <= 0).any() else nearest.argmin()]
     return landed
-
-
-def combined(*predictors: Predictor) -> Predictor:
-    """Return the mean of log-odds, each limited to 1 : 49."""
-
-    def predict(training: Trials, test: Trials, horizon_s: float) -> Array:
-        odds = [logit(np.clip(p(training, test, horizon_s), 0.02, 0.98)) for p in predictors]
-        return np.asarray(expit(np.mean(odds, axis=0)))
-
-    return predict
 
 
 def corrected(predictor: Predictor) -> Predictor:

@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from learning.pps.scores import auroc, brier, brier_gain, expected_calibration_error
-from learning.pps.trials import load_trials
 from pps_vision.experiments.pps.movements import TRIALS
 from pps_vision.experiments.pps.perceived import HORIZON_S, Session, in_taxel_frames
 from pps_vision.experiments.pps.predictors import (
     Predictor,
     Trials,
     by_base_rate,
-    by_displacement,
     by_half_windows,
     by_map,
     by_shrunk_map,
@@ -30,19 +27,20 @@ from pps_vision.experiments.pps.predictors import (
     outcomes,
 )
 from pps_vision.experiments.pps.robot_errors import ErringRobot, ErrorSources
+from pps_vision.experiments.pps.scores import auroc, brier, brier_gain, expected_calibration_error
+from pps_vision.experiments.pps.taxel_trials import load_trials
 from pps_vision.experiments.pps.trials import SessionStudy, exact_trials
 from pps_vision.experiments.study import DATA
 from pps_vision.experiments.tables import Table, estimate
 from pps_vision.experiments.timing import timed
 from pps_vision.types import Array
 
-BASE_RATE, CONTACT_MODEL = "base rate", "displacement (contact model)"
+BASE_RATE = "base rate"
 METHODS: dict[str, Predictor] = {
     BASE_RATE: by_base_rate,
     "R's map, 8×4": by_map,
     "16×8, half the window": by_half_windows,
     "R's map, shrunk to the base rate": by_shrunk_map,
-    CONTACT_MODEL: by_displacement,
     "gradient-boosted trees": by_trees,
     "gradient-boosted trees, D and TTC only": by_trees_of_distance_and_ttc,
 }
@@ -119,8 +117,7 @@ class Representations(SessionStudy):
         return figure
 
     def tables(self, numbers: dict[str, Any]) -> dict[str, Table]:
-        """Return the gain on the base rate and the calibration by source, and the times; "paired": the contact model
-        against each other method."""
+        """Return the gain on the base rate and the calibration by source, and the times."""
         sources = numbers["sources"]
         rows = []
         for name in numbers["ms"]:
@@ -132,15 +129,7 @@ class Representations(SessionStudy):
             ms = numbers["ms"][name]
             rows.append([name, *cells, f"{ms['learn']:.3g}", f"{ms['predict']:.3g}"])
         head = [f"{source}: {what}" for source in sources for what in ("below the base rate's", "calibration error")]
-        others = [name for name in numbers["ms"] if name != CONTACT_MODEL]
-        above = [
-            [name, *(estimate(of["methods"][name]["above_contact_model"]) for of in sources.values())]
-            for name in others
-        ]
-        return {
-            "": Table(["Brier score, by quarters", *head, "learn 40 trials (ms)", "predict one (ms)"], rows),
-            "paired": Table(["Brier score above the contact model's", *sources], above),
-        }
+        return {"": Table(["Brier score, by quarters", *head, "learn 40 trials (ms)", "predict one (ms)"], rows)}
 
 
 _TIMED = 5
@@ -167,7 +156,6 @@ def _scores(sessions: list[Trials]) -> dict[str, dict[str, Any]]:
             "brier": brier(touched, p),
             "auroc": auroc(touched, p),
             "gain": gain(p, predicted[BASE_RATE]),
-            "above_contact_model": gain(predicted[CONTACT_MODEL], p),
             "calibration_error": expected_calibration_error(touched, p),
             "later": [_later(METHODS[name], sessions, size) for size in SIZES],
         }

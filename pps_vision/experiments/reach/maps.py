@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
-from learning.pps.scores import expected_calibration_error, reliability
 from learning.reach.labels import ReachOracle
 from learning.reach.lattice import Lattice, isotropic
 from learning.reach.map import ReachableMap
 from learning.reach.params import MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.experiments import charts
+from pps_vision.experiments.pps.scores import expected_calibration_error, reliability
 from pps_vision.experiments.reach import jamone
 from pps_vision.experiments.reach.map_truth import SCORES, MapTruth, rates
 from pps_vision.experiments.study import SeededStudy

@@ -6,7 +6,7 @@ from data import SEED
 from scipy.optimize import minimize
 
 from learning.pps.memory import MemoryParams, PPSMemory, count_samples
-from learning.pps.offsets import offsets, orthogonal_line
+from pps_vision.experiments.pps.taxel_offsets import offsets, orthogonal_line
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu, ttest_rel
 
-from learning.pps.scores import auroc, brier, brier_gain, expected_calibration_error, reliability
+from pps_vision.experiments.pps.scores import auroc, brier, brier_gain, expected_calibration_error, reliability
 
 
 @pytest.mark.parametrize("levels", [3, 1000])
