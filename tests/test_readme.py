@@ -60,9 +60,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if file.suffix == ".mcap":
             file.rename(folder / "drive.mcap")
     main([*RENDERED.split(), "--out", str(folder / "rec")])
-    copies = {"left.mp4": ("l.mp4", "video.mp4"), "right.mp4": ("r.mp4",), "train.npz": ("TRAIN.npz",)}
+    copies = {"left.mp4": ("l.mp4", "video.mp4"), "right.mp4": ("r.mp4",)}
     shutil.rmtree(folder / "recs")
-    for source, names in (copies | {"test.npz": ("TEST.npz",), "rec": ("rec1", "rec2", "recs/a", "recs/b")}).items():
+    for source, names in (copies | {"rec": ("rec1", "rec2", "recs/a", "recs/b")}).items():
         for name in names:
             (shutil.copytree if source == "rec" else shutil.copy)(folder / source, folder / name)
     trimesh.creation.cylinder(30, 80).export(folder / "cup.stl")

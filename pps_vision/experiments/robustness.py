@@ -37,7 +37,7 @@ class Robustness(Study):
     a file that is damaged.
     """
 
-    SHORT: ClassVar[Mapping[str, Any]] = {"commands": ("track2d", "trials"), "mutants": 3}
+    SHORT: ClassVar[Mapping[str, Any]] = {"commands": ("track2d", "convert-taxels"), "mutants": 3}
 
     n: int = 4
     """Kills of each command that strike it while it runs."""

@@ -96,7 +96,7 @@ def test_a_claim_marks_what_misses_its_goal(study: str, place: Place, met: float
 def test_a_calibration_meets_both_goals_or_not(auroc: float, error: float, meets: str) -> None:
     numbers = changed("pps_calibration", ("methods", "fine map, corrected", "scores", "auroc"), auroc)
     numbers["methods"]["fine map, corrected"]["scores"]["calibration_error"] = [error] * 3
-    rows = load(KNOWN["pps_calibration"])().tables(numbers)[""].rows
+    rows = KNOWN["pps_calibration"]().tables(numbers)[""].rows
     assert {row[0]: row[-1] for row in rows}["fine map, corrected"] == meets
 
 
