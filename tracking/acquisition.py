@@ -6,7 +6,7 @@ the object.  A marker is searched by its hue (`marker_acquisition`).
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -162,7 +162,7 @@ class Acquisition:
         return None if own_body is None or joints is None else lambda: own_body(joints, camera.view)
 
     def _candidates(self, eye: int, camera: CameraFrame, regions: list[Region2D]) -> list[Candidate]:
-        """The objects of one eye's motion regions, those of several colours also as one."""
+        """The objects of one eye's motion regions."""
         background, trigger = self._backgrounds[eye], self._triggers[eye]
         then = trigger.image_before(camera.view, camera.stamp_s)
         change: Change | None = None
@@ -173,7 +173,6 @@ class Acquisition:
             change = ChangeOfMovingEye(background, camera.view, before, camera.image)
         found = (segment(camera.image, one, self._optics[eye], change) for one in regions)
         parts = [candidate for candidate in found if candidate is not None]
-        parts += joined(camera.image, parts, self._optics[eye])
         if then is None and eye == 0:  # the eye moves: flow tells whether what has a motion region's colours moves too
             parts = [one for one in parts if not one.by_color or trigger.moves(one.mask, one.box)]
         return parts
@@ -261,36 +260,6 @@ def segment(image: Image, region: Region2D, optics: Optics, change: Change | Non
         return None
     evidence = region.evidence * (1 - model.similarity(model.background) if by_color else 1.0)
     return Candidate(shape, model, evidence, region.flow, by_color, mask, box, emerges)
-
-
-def joined(image: Image, parts: Sequence[Candidate], optics: Optics) -> list[Candidate]:
-    """Candidates that touch, as one object of several colours; each comes from a motion region of its own."""
-    colored = [one for one in parts if one.by_color]
-    if len(colored) < 2:
-        return []
-    boxes = np.array([one.box for one in colored])
-    x0, y0, x1, y1 = box = (*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
-    whole = np.zeros((y1 - y0, x1 - x0), bool)
-    for one in colored:
-        left, top, right, bottom = one.box
-        whole[top - y0 : bottom - y0, left - x0 : right - x0] |= one.mask
-    _, labels = cv2.connectedComponents(masks.closed(whole, masks.square(1)).view(np.uint8))
-    groups: dict[int, list[Candidate]] = {}
-    for one in colored:
-        row, column = np.argwhere(one.mask)[0] + (one.box[1] - y0, one.box[0] - x0)
-        groups.setdefault(int(labels[row, column]), []).append(one)
-    bins, found = color_bins(image[y0:y1, x0:x1]), []
-    for label, group in groups.items():
-        if len(group) < 2:
-            continue
-        mask = masks.filled(np.asarray(labels == label))
-        model, shape = _model(bins, mask), _object_outline(image, mask, box, optics)
-        likeness = model.similarity(model.background)
-        if shape is not None and likeness <= _MAX_LIKENESS:
-            evidence = sum(one.evidence for one in group)
-            flow = next((one.flow for one in group if one.flow is not None), None)
-            found.append(Candidate(shape, model, evidence, flow, True, mask, box))
-    return found
 
 
 def _sine(a: Array, b: Array) -> float:

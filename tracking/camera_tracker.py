@@ -31,7 +31,6 @@ _EMPTY = 0.25  # sum of `learned_edge` beyond `LEARNED_EDGE` that makes a place 
 _SURE = -3.0  # least such sum
 _MIN_STD_PX = 0.7  # of a prior
 _MAX_STD_PX = 40.0
-WHOLE = 1.5  # times the area of what is followed, from which another region is the whole of which that is a part
 
 
 class CameraState(NamedTuple):
@@ -159,22 +158,6 @@ class CameraTracker:
         differs = background.differs(camera.image, camera.view, box)
         mask = masks.component(differs, masks.ellipse(box, found.outline.center_px, w, h))
         return None if mask is None else (mask, box)
-
-    def is_part(self, state: CameraState, camera: CameraFrame, found: ImageDetection) -> bool:
-        """Whether the object, followed by its colours, is a part of a larger solid region that differs from the
-        background; not if it is a disc, since a disc is whole."""
-        outline = found.outline
-        background = None if outline.is_disc or state.by_background else self._known_background(camera)
-        if background is None:
-            return False
-        half = 2.0 * max(outline.box_px[2:])
-        box = self.image_tracker.region(outline.center_px, half, half)
-        evidence = background.evidence(camera.image, camera.view, box)
-        around = masks.ellipse(box, outline.center_px, *outline.box_px[2:])
-        whole = masks.component(np.asarray(evidence > 0.5), around)
-        if whole is None or np.count_nonzero(whole) < WHOLE * outline.area_px:
-            return False
-        return not masks.is_cut(whole, box, camera.image) and masks.solidity(whole) > masks.SOLID
 
     def absorb(self, camera: CameraFrame, found: ImageDetection) -> None:
         """Learn what an object's place shows as background."""

@@ -14,12 +14,11 @@ from tracking import masks
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.ego_motion import Box
 from tracking.outline import Optics, Outline, fit_outline
-from tracking.particle_filter import SHARPNESS, Cloud, Prior, propagate, resample, spawn, weigh
+from tracking.particle_filter import Cloud, Prior, propagate, resample, spawn, weigh
 
 Evidence = Callable[[Box], NDArray[np.float32] | Mask]
 """(h, w) probability that each pixel of a box is not the background, or whether it differs from it."""
 BoxPx = tuple[float, float, float, float]  # x, y of the top-left corner, width, height
-_WIDE_PRIOR = 0.5  # of the object's size: with a wider prior few particles would fall on the object
 _GAP = 0.05  # of the object's size: gaps up to twice as wide are closed in what differs from the background
 _THIN = 0.22  # of the object's size: radius of the disc that opens its mask
 MIN_SCORE = 0.4  # below which the object counts as not seen
@@ -137,8 +136,6 @@ class ImageTracker:
 
         if prior:
             s = replace(s, size=s.size * prior.growth)
-            if prior.std_px > _WIDE_PRIOR * s.size:
-                prior = self._narrowed(s, prior, likelihood_in)
         cloud = propagate(s.cloud, prior, self.rng)
         middle, reach = cloud.now[:, :2].mean(axis=0), 2.0 * cloud.now[:, :2].std(axis=0)
         half = _REACH * s.size * np.array(s.shape) / 2 + reach + 4
@@ -147,7 +144,7 @@ class ImageTracker:
             return s, None
         bins, likelihood = likelihood_in(roi)
         weights = weigh(cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
-        center = _mode(cloud, weights, s.size)
+        center = weights @ cloud.now[:, :2]
         s = replace(s, cloud=resample(cloud, weights, self.rng))
         backdrop = s.model.backdrop()[bins] if evidence is None else None
         seen = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.fill)
@@ -180,23 +177,6 @@ class ImageTracker:
         """The target moved to an outline that was found without it; its colours stay."""
         size = float(np.sqrt(outline.area_px / target.fill))
         return replace(target, cloud=_moved_to(target.cloud, outline.center_px, size), size=size)
-
-    def _narrowed(
-        self, s: Target, prior: Prior, likelihood_in: Callable[[Box], tuple[NDArray[np.uint8], NDArray[np.float32]]]
-    ) -> Prior:
-        """Instead of a wide prior, one around the place in it where something of the object's size stands out most
-        from its surroundings."""
-        w, h = (s.size * side for side in s.shape)
-        roi = self.region(prior.center_px, 2 * prior.std_px + w, 2 * prior.std_px + h)
-        if roi[2] <= roi[0] or roi[3] <= roi[1]:
-            return prior
-        likelihood = likelihood_in(roi)[1]
-        inside, wider = (_box_mean(likelihood, w * k, h * k) for k in (1, 2))
-        x, y = (np.arange(roi[k], roi[k + 2]) - prior.center_px[k] for k in (0, 1))
-        far = (x * x)[None, :] + (y * y)[:, None]
-        log = SHARPNESS * 4 / 3 * (inside - wider) - far / (2 * prior.std_px**2)
-        row, column = np.unravel_index(int(np.argmax(log)), log.shape)
-        return Prior(np.array([roi[0] + column, roi[1] + row]), 0.25 * s.size, prior.growth)
 
     def _learn(
         self, s: Target, bins: NDArray[np.uint8], mask: Mask, outline: Outline, score: float, ratio: float
@@ -281,19 +261,6 @@ def _moved_to(cloud: Cloud, center_px: Array, size: float) -> Cloud:
     now[:, :2] += center_px - now[:, :2].mean(axis=0)
     now[:, 2] *= size / now[:, 2].mean()
     return Cloud(now, cloud.before)
-
-
-def _mode(cloud: Cloud, weights: Array, size: float) -> Array:
-    """Weighted mean of the particles around the best one; the mean of all may lie between two candidates."""
-    away = cloud.now[:, :2] - cloud.now[np.argmax(weights), :2]
-    near = weights * (np.vecdot(away, away) < (0.5 * size) ** 2)
-    mean: Array = near @ cloud.now[:, :2] / near.sum()
-    return mean
-
-
-def _box_mean(values: NDArray[np.float32], width: float, height: float) -> NDArray[np.float32]:
-    sides = (2 * int(width / 2) + 1, 2 * int(height / 2) + 1)
-    return np.asarray(cv2.boxFilter(values, cv2.CV_32F, sides, borderType=cv2.BORDER_CONSTANT), dtype=np.float32)
 
 
 def _integral(values: NDArray[np.float32]) -> NDArray[np.float64]:

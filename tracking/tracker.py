@@ -17,7 +17,7 @@ from tracking import FollowedBy, Mode, frame_checks, kalman
 from tracking.acquisition import Acquisition, Candidate, OwnBody, SearchCounts, Stages
 from tracking.appearance import ColorModel, is_same_object
 from tracking.camera_pose import CameraMotion, CameraPoses, PoseEstimator
-from tracking.camera_tracker import WHOLE, CameraState, CameraTracker
+from tracking.camera_tracker import CameraState, CameraTracker
 from tracking.frame_checks import Fingerprints, Stamps
 from tracking.image_tracker import ImageDetection, ImageTrackerParams
 from tracking.kalman import Belief, KalmanParams
@@ -30,10 +30,6 @@ from tracking.stereo import Association, CameraFrames, Found, StereoParams, came
 Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
 _RADIUS_MEMORY = 30  # frames over which the radius is averaged
-_MAX_SIZE_CHANGE = 1.5  # of an object's radius
-_CHECK_EVERY, _SEARCH_FOR = 10, 6  # frames: period of the check whether only a part is followed; of it, with a search
-_SURELY_PART = 2  # checks in a row that say so, from which the whole is searched
-_MAX_REFUSED = 6  # pairs of detections in a row that are no one object: the cameras follow different things
 _NOTHING: Detections = (None, None)
 _NO_MODELS = (None, None)
 
@@ -117,10 +113,6 @@ class TrackerState(NamedTuple):
     """Frames in which the object was observed."""
     observed_s: float = -math.inf
     """Stamp of the last observation."""
-    part: int = 0
-    """Checks in a row that say that only a part of the object is followed."""
-    refused: int = 0
-    """Frames in a row in which both cameras detected something, but not one object."""
     stamps_s: Stamps = (-math.inf, -math.inf)
     """Of the last frame, as are `images` and `view`."""
     images: Fingerprints | None = None
@@ -252,26 +244,12 @@ class Tracker:
                     if one is not None:
                         tracker.absorb(camera, one)
                 return self._initial, None, _NOTHING
-        if None not in detections and self.params.mode == "generic":
-            state = self._checked_for_part(state, cameras, detections)
-            if state.part >= _SURELY_PART and state.hits % _CHECK_EVERY < _SEARCH_FOR:
-                acquired, whole = self._acquire(state, cameras, view, stamp_s)
-                if _is_whole_of(whole, detections):
-                    return acquired._replace(hits=0, part=0), None, whole
         passing = any(one.target is not None and one.target.touched for one in state.cameras)
         if None in detections and state.hits >= self.params.confirm_frames and not passing:
             acquired, elsewhere = self._acquire(state, cameras, view, stamp_s, predicted)
             if elsewhere[0] is not None:
                 return acquired._replace(hits=0), None, elsewhere
         return state, predicted, detections
-
-    def _checked_for_part(self, state: TrackerState, cameras: CameraFrames, detections: Detections) -> TrackerState:
-        """The state after a check, if one is due, whether only a part of the object is followed (one of stripes)."""
-        if state.hits % _CHECK_EVERY:
-            return state
-        each = zip(self._cameras, state.cameras, cameras, detections, strict=True)
-        is_part = all(tracker.is_part(known, camera, one) for tracker, known, camera, one in each if one is not None)
-        return state._replace(part=state.part + 1 if is_part else 0)
 
     def _follow(self, state: TrackerState, predicted: Belief, cameras: CameraFrames) -> tuple[TrackerState, Detections]:
         """The object near where the track predicts it."""
@@ -370,7 +348,7 @@ class Tracker:
         """
         left, right = detections
         if left is None or right is None:
-            return state._replace(refused=0), None
+            return state, None
         shift, view = None, poses.view
         if predicted is not None and len(predicted.mean) > 1 and cameras[0].stamp_s != cameras[1].stamp_s:
             p, v = predicted.mean[0], predicted.mean[1]
@@ -379,9 +357,8 @@ class Tracker:
             )
             shift = shift_left, shift_right
         observation = state.association.observe(view, left.outline, right.outline, stamp_s, shift)
-        if observation is None or not self._has_its_size(state, observation):
-            return state._replace(refused=state.refused + 1), None
-        state = state._replace(refused=0)
+        if observation is None:
+            return state, None
         if predicted is not None:
             learned = state.association.learned(poses.view, observation, left.outline, right.outline)
             state = state._replace(association=learned)
@@ -390,13 +367,6 @@ class Tracker:
             dt_s = stamp_s - 0.5 * sum(state.stamps_s)
             observation = with_pose_error(observation, state.view, view, dt_s, poses.stamp_error_s)
         return state, observation
-
-    def _has_its_size(self, state: TrackerState, observation: Observation3D) -> bool:
-        """Whether a confirmed object has about the radius that it had."""
-        if state.hits < self.params.confirm_frames:
-            return True
-        ratio = observation.radius_m / state.radius_m
-        return max(ratio, 1 / ratio) < _MAX_SIZE_CHANGE
 
     def _update(
         self,
@@ -440,7 +410,7 @@ class Tracker:
         confirmed = state.hits >= self.params.confirm_frames
         if observation is not None:
             state = _with_radius(state._replace(hits=state.hits + 1, observed_s=stamp_s), observation)
-        elif stamp_s - state.observed_s > self.params.lost_after_s or state.refused >= _MAX_REFUSED:
+        elif stamp_s - state.observed_s > self.params.lost_after_s:
             return self._initial, Track3D.unknown(stamp_s, Status.LOST if confirmed else Status.SEARCHING)
         elif not confirmed and not blind:
             return self._initial, Track3D.unknown(stamp_s)
@@ -493,17 +463,6 @@ def _whole_box(outline: Outline) -> tuple[float, float, float, float]:
     left = x + w - side if x <= 0 else x
     top = y + h - side if y <= 0 else y
     return (left, y, side, h) if w < h else (x, top, w, side)
-
-
-def _is_whole_of(whole: Detections, parts: Detections) -> bool:
-    """Whether in both images the one is `WHOLE` times as large as the other, whose centre its box holds."""
-    for one, part in zip(whole, parts, strict=True):
-        if one is None or part is None or one.outline.area_px < WHOLE * part.outline.area_px:
-            return False
-        (x, y, w, h), (u, v) = one.box_px, part.outline.center_px.tolist()
-        if not (x <= u < x + w and y <= v < y + h):
-            return False
-    return True
 
 
 def _detections(left: Outline, right: Outline) -> Detections:
