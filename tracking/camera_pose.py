@@ -17,10 +17,6 @@ from tracking.registration import Misalignment, Reference
 _ROOM_STD = 0.5  # 1/m: standard deviation of the background's inverse distance
 _REST_PX, _SAME_PX = 0.1, 0.5  # a smaller rotation is none; both eyes' rotations may differ by so much
 _JITTER_MEMORY_S = 1.0  # over which a rotation's rate, and the jitter of joints, are averaged
-# A mean is taken for the nominal pose as far as twice its standard error is below the jitter.  Simulated rigs that
-# shake (1-12 Hz), sway (0.1-0.5 Hz), do both, drift or are knocked: the ellipse of 95 % covers 86-100 % after 0.5-4 s;
-# with 1 instead of 4, 4 % where both sway and shake.
-_UNSURE = 4.0
 _RENEWED_S = 0.5  # a reference in which nothing is found again for so long is replaced
 _APART_S = 0.12  # time between the images that tell a delay
 _GAP_S = 0.25  # frames farther apart tell no velocity
@@ -93,16 +89,16 @@ class PoseEstimator:
 class _FixedRig:
     """Rotation of a rig that is said to be fixed, from its first image on.
 
-    The first image is taken from the nominal pose, but for the jitter that it has as all others (`Jitter`).  Both eyes
-    must turn alike.  The first image stays the reference as long as half of its corners are in view, so that a rig that
-    swings back does not drift; else the last one that replaced it.
+    The rotation of the first image from the nominal pose is unknown; its variance is that of the jitter from image to
+    image.  Both eyes must turn alike.  The first image stays the reference as long as half of its corners are in view,
+    so that a rig that swings back does not drift; else the last one that replaced it.
     """
 
     def __init__(self) -> None:
         self.rotation: Array = np.zeros(3)
         self.rate_rad_s = 0.0
-        self._jitter, self._first_var = Jitter(), 0.0
-        self._first_rad: Array = np.zeros(3)
+        self._n_changes = 0
+        self._changes_rad2 = 0.0  # sum of the squared changes of the rotation
         self._error_rad2, self._known_s = 0.0, -math.inf
         self._references: list[tuple[Reference, Reference]] = []
 
@@ -119,11 +115,12 @@ class _FixedRig:
         if dt_s > 0:
             share = min(dt_s / _JITTER_MEMORY_S, 1.0)
             self.rate_rad_s += share * (math.dist(rotation, self.rotation) / dt_s - self.rate_rad_s)
+            self._n_changes += 1
+            self._changes_rad2 += math.dist(rotation, self.rotation) ** 2
         self.rotation, self._known_s = rotation, stamp_s
-        self._jitter.add(rotation)
-        if rotation.any():  # a rig that rests has one pose
-            self._first_rad, self._first_var = self._jitter.first()
-        return CameraPoses(self._corrected(nominal), rotation_std_rad=math.sqrt(self._first_var + self._error_rad2))
+        first_rad2 = self._changes_rad2 / max(self._n_changes, 1) / 6  # a change is of two images, about three axes
+        std_rad = math.sqrt(first_rad2 + self._error_rad2)
+        return CameraPoses(self._corrected(nominal), rotation_std_rad=std_rad)
 
     def _renew(self, images: tuple[Image, Image], nominal: StereoView, stamp_s: float) -> None:
         """Take the present images for the last reference."""
@@ -158,7 +155,7 @@ class _FixedRig:
 
     def _corrected(self, nominal: StereoView) -> StereoView:
         """The nominal view, turned as the rig is now."""
-        return _turned(nominal, self.rotation + self._first_rad)
+        return _turned(nominal, self.rotation)
 
 
 def _turned(nominal: StereoView, rotation: Array) -> StereoView:
@@ -168,70 +165,6 @@ def _turned(nominal: StereoView, rotation: Array) -> StereoView:
     R, middle = np.asarray(cv2.Rodrigues(rotation)[0], float), nominal.midpoint
     T = transform(R, middle - R @ middle)
     return StereoView(*(View(one.camera, T @ one.T_root_camera) for one in (nominal.left, nominal.right)))
-
-
-class Jitter:
-    """By how much the first of a series of poses was off, from the rotations since then.
-
-    Half the mean square change from one image to the next is the variance J of the jitter, and so of the first image.
-    What jitters about the nominal pose has its mean there, so that the first image was off by the mean's opposite.  The
-    variance V of that mean is the largest that means of 1, 2, 4, … rotations tell (Flyvbjerg and Petersen 1989): a
-    slow turn, which may have begun at the nominal pose, makes it large.
-    """
-
-    def __init__(self) -> None:
-        self._last: Array | None = None
-        self._changes = 0.0  # sum of their squares
-        self._levels: list[_Means] = []
-
-    def add(self, rotation: Array) -> None:
-        """Take the next rotation (3,) rad since the first image in."""
-        if self._last is not None:
-            self._changes += float((rotation - self._last) @ (rotation - self._last))
-        self._last = rotation
-        mean, level = rotation, 0
-        while True:
-            if level == len(self._levels):
-                self._levels.append(_Means())
-            pair = self._levels[level].add(mean)
-            if pair is None:
-                return
-            mean, level = pair, level + 1
-
-    def first(self) -> tuple[Array, float]:
-        """Rotation (3,) rad of the first image from the nominal pose, and its variance about each axis, rad²."""
-        n = self._levels[0].n if self._levels else 0
-        if n < 2:
-            return np.zeros(3), 0.0
-        var = self._changes / (n - 1) / 6  # two images, three axes
-        of_mean = max(one.var / one.n for one in self._levels if one.n > 1)
-        share = max(1 - _UNSURE * of_mean / var, 0.0) if var > 0 else 0.0
-        return -share * self._levels[0].mean, (1 - share) ** 2 * var + share**2 * of_mean
-
-
-class _Means:
-    """Mean (3,) and variance about each axis of `n` rotations, each the mean of as many."""
-
-    def __init__(self) -> None:
-        self.n, self._squares = 0, 0.0
-        self.mean: Array = np.zeros(3)
-        self._waiting: Array = self.mean
-
-    def add(self, rotation: Array) -> Array | None:
-        """Take a rotation (3,) in.  Returns the mean of it and the one before at every second, else None."""
-        self.n += 1
-        off = rotation - self.mean
-        self.mean = self.mean + off / self.n
-        self._squares += float(off @ (rotation - self.mean))
-        if self.n % 2:
-            self._waiting = rotation
-            return None
-        pair: Array = 0.5 * (self._waiting + rotation)
-        return pair
-
-    @property
-    def var(self) -> float:
-        return self._squares / max(self.n - 1, 1) / 3
 
 
 class _LateJoints:

@@ -21,7 +21,6 @@ from tracking.acquisition import (
     _model,
     _sine,
     _with_both_colors,
-    joined,
     segment,
 )
 from tracking.appearance import ColorModel, color_bins
@@ -256,26 +255,6 @@ def test_what_emerges_in_one_eye_is_found_where_the_other_sees_the_whole(robot: 
             errors.append(pair[0].outline.center_px - (u, v))
     assert min(shares) < 0.75
     assert np.abs(errors).max() < 2.5
-
-
-@pytest.mark.parametrize(("apart_px", "is_one"), [(0, True), (12, False)])
-def test_parts_of_two_colours_that_touch_are_one_object(
-    apart_px: int, is_one: bool, rng: np.random.Generator, rig: StereoRig
-) -> None:
-    """A violet half above an orange one; a motion region in each."""
-    image = rng.integers(60, 120, (240, 320, 1), np.uint8).repeat(3, axis=2)
-    image[80:100, 140:180] = (120, 20, 220)
-    image[100 + apart_px : 120 + apart_px, 140:180] = (240, 120, 10)
-    optics = Optics(rig.left)
-    regions = [Region2D((150, y, 20, 6), np.ones((6, 20), bool), 1.0) for y in (84, 106 + apart_px)]
-    parts = [segment(image, region, optics) for region in regions]
-    violet, orange = (part for part in parts if part is not None)
-    found = joined(image, [violet, orange], optics)
-    assert bool(found) == is_one
-    if is_one:
-        assert found[0].outline.center_px == pytest.approx([159.5, 99.5], abs=0.5)
-        assert found[0].evidence == violet.evidence + orange.evidence
-        assert not found[0].emerges
 
 
 @pytest.mark.parametrize(("side_px", "is_one"), [(5, True), (3, False)])

@@ -11,7 +11,7 @@ import pytest
 from pps_vision.geometry.camera import Camera, StereoRig
 from pps_vision.geometry.se3 import transform
 from pps_vision.types import Array, Image, StereoFrame
-from tracking.camera_pose import Jitter, PoseEstimator, _LateJoints, exact_or_late
+from tracking.camera_pose import PoseEstimator, _LateJoints, exact_or_late
 from tracking.registration import Misalignment
 
 PRIOR_S = 0.02
@@ -173,26 +173,6 @@ def test_poses_that_no_image_corrects_are_those_that_are_told() -> None:
             assert np.array_equal(found.view.right.T_root_camera, posed(0.1)[1])
 
 
-def test_the_first_rotation_of_an_alternating_series_by_hand() -> None:
-    """c + a, c - a, c + a, …: two images differ by 2a, of which one has half the square; the mean of nine is c + a/9,
-    and the variance of that (9 - 1/9)/(9·8) of a's square, a third about each axis."""
-    a, c, jitter = np.array([1.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0]), Jitter()
-    for k in range(9):
-        rotation, var = jitter.first()
-        if k < 2:
-            assert not rotation.any()
-            assert var == 0
-        if k == 2:  # of which the mean is as uncertain as one of both
-            assert not rotation.any()
-            assert var == pytest.approx(4 / 6)
-        jitter.add(c + a if k % 2 == 0 else c - a)
-    of_one, of_mean = 4 / 6, (9 - 1 / 9) / (9 * 8) / 3
-    share = 1 - 4 * of_mean / of_one  # twice the standard error
-    rotation, var = jitter.first()
-    np.testing.assert_allclose(rotation, -share * (c + a / 9))
-    assert var == pytest.approx((1 - share) ** 2 * of_one + share**2 * of_mean)
-
-
 @cache
 def far_wall() -> Image:
     """(480, 640, 3) blobs of all sizes."""
@@ -247,58 +227,14 @@ def test_a_rig_that_rests_stays_where_it_is_told_to_be(rng: np.random.Generator)
 
 
 def test_the_first_image_of_a_shaking_rig_is_not_at_the_told_pose(rng: np.random.Generator) -> None:
-    """0.3° about each axis: after 1.3 s the first image is known to 0.1°; a rig that rests again has one pose."""
-    poses, turns = PoseEstimator(FIXED, 0.0), np.deg2rad(rng.normal(0, 0.3, (40, 3)))
-    turns[0] = np.deg2rad([0.4, -0.4, 0.3])
+    """0.3° about each axis: the stated standard deviation is that of the shaking, and covers the error."""
+    poses = PoseEstimator(FIXED, 0.0)
+    turns = np.deg2rad(rng.normal(0, 0.3, (40, 3)))
     for k, turn in enumerate(turns):
         found = poses.step(StereoFrame(seen(turn, rng), seen(turn, rng), k / 30, k / 30))
-    off = cv2.Rodrigues(cv2.Rodrigues(turn)[0].T @ found.view.left.T_root_camera[:3, :3])[0].ravel()
-    assert np.linalg.norm(off) < np.deg2rad(0.2)
-    assert np.linalg.norm(off) < 3.4 * found.rotation_std_rad  # the 99 % quantile of three axes
-    assert found.rotation_std_rad < np.deg2rad(0.1)
-    rest = [
-        poses.step(StereoFrame(seen(turns[0], rng), seen(turns[0], rng), t, t)).view.left.T_root_camera
-        for t in (1.5, 1.6, 1.7)
-    ]
-    assert np.array_equal(rest[1], rest[0])
-    assert np.array_equal(rest[2], rest[0])
-
-
-def shaken(rng: np.random.Generator) -> Array:
-    """(120, 3) eight sines of 1 to 12 Hz about each axis, 1 in total, at 30 fps."""
-    hz, phase, t = rng.uniform(1, 12, (3, 8)), rng.uniform(0, 2 * np.pi, (3, 8)), np.arange(120) / 30
-    total: Array = 0.5 * np.sin(2 * np.pi * hz * t[:, None, None] + phase).sum(axis=2)
-    return total
-
-
-def swaying(rng: np.random.Generator) -> Array:
-    """(120, 3) ten times as far, slowly, from the told pose on."""
-    t = np.arange(120) / 30
-    return np.outer(10 * np.sin(2 * np.pi * rng.choice([0.1, 0.25, 0.5]) * t), [0.0, 1.0, 0.0])
-
-
-def drifting(rng: np.random.Generator) -> Array:
-    """(120, 3) a random walk from the told pose on."""
-    return np.vstack([np.zeros(3), rng.normal(0, 0.2, (119, 3)).cumsum(axis=0)])
-
-
-@pytest.mark.parametrize("frames", [30, 60, 120])
-@pytest.mark.parametrize("motion", ["shaken", "shaken and swaying", "swaying", "drifting"])
-def test_the_first_rotation_is_as_uncertain_as_stated(motion: str, frames: int, rng: np.random.Generator) -> None:
-    """However the rig moves: the sphere of 95 % holds 85 % and more of 60 truths."""
-    parts = {"shaken": shaken, "swaying": swaying, "drifting": drifting}
-    inside, off = [], []
-    for _ in range(60):
-        turns = np.sum([parts[name](rng) for name in motion.split(" and ")], axis=0)
-        jitter = Jitter()
-        for turn in turns[:frames]:
-            jitter.add(turn - turns[0])
-        first, var = jitter.first()
-        off.append(np.linalg.norm(first - turns[0]))
-        inside.append(off[-1] ** 2 <= 7.815 * var)
-    assert np.mean(inside) >= 0.85
-    if motion == "shaken":
-        assert np.sqrt(np.mean(np.square(off))) < 0.6 * np.sqrt(3)  # less than the shaking itself
+    R_error = cv2.Rodrigues(turn)[0].T @ found.view.left.T_root_camera[:3, :3]
+    assert np.linalg.norm(cv2.Rodrigues(R_error)[0]) < 3.4 * found.rotation_std_rad  # 99 % quantile of three axes
+    assert found.rotation_std_rad == pytest.approx(np.deg2rad(0.3), rel=0.2)
 
 
 def test_eyes_that_turn_apart_tell_no_rotation_of_the_rig(rng: np.random.Generator) -> None:

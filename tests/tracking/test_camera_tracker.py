@@ -298,42 +298,8 @@ def test_of_a_place_without_a_background_nothing_is_known(rng: np.random.Generat
     assert tracker._emptiness(CameraState(emptiness=0.2), camera, tracker.image_tracker.start(camera.image, BOX), found)
     tracker.absorb(camera, found)
     assert not tracker.background.is_known(VIEW)
-    assert not tracker.is_part(CameraState(), camera, replace_box(found, 36.0, 20.0))
     moved = View(LEFT_EYE, transform(translation=(0.01, 0.0, 0.0)))
     assert learned(rng, MarkerParams())._known_background(seen_from(camera.image, moved)) is None
     at_rest, moving = learned(rng), learned(rng)
     assert at_rest._known_background(camera) is at_rest.background
     assert moving._known_background(seen_from(camera.image, moved)) is moving.background.moving
-
-
-def replace_box(found: ImageDetection, w: float, h: float) -> ImageDetection:
-    """The same of a box of that size about its centre."""
-    x, y = found.outline.center_px.tolist()
-    box = (x - w / 2, y - h / 2, w, h)
-    return found._replace(outline=replace(found.outline, box_px=box, area_px=np.pi / 4 * w * h))
-
-
-def test_a_part_belongs_to_something_larger_and_solid_that_differs_from_the_background(
-    rng: np.random.Generator,
-) -> None:
-    """The left quarter of a red and blue ellipse is a part of it; a disc is whole, as is what is followed by the
-    background, what is nearly all of it, what is joined with an arm, and what goes on beyond what is looked at."""
-    tracker = learned(rng)
-    whole = np.hypot((_U - 150) / 30, (_V - 110) / 20) < 1
-    part = replace_box(ImageDetection(of_size(36.0, (134.0, 110.0)), BOX, 1.0), 20.0, 32.0)
-    two = (whole, RED), (whole & (_U < 144), BLUE)
-    arm = (whole | ((np.abs(_V - 110) < 4) & (_U > 150) & (_U < 240)), RED)
-    long = ((np.abs(_V - 110) < 20) & (_U > 120), RED)
-
-    def is_part(*parts: tuple[Mask, tuple[float, float, float]], **of_state: bool) -> bool:
-        return tracker.is_part(CameraState(**of_state), seen_from(picture(rng, *parts)), part)  # type: ignore[arg-type]
-
-    assert is_part(*two)
-    assert not is_part(*two, by_background=True)
-    assert not tracker.is_part(
-        CameraState(), seen_from(picture(rng, *two)), ImageDetection(of_size(30.0, (134.0, 110.0)), BOX, 1.0)
-    )
-    assert not is_part((np.hypot((_U - 134) / 11, (_V - 110) / 17) < 1, BLUE))
-    assert not is_part(arm)
-    assert not is_part(long)
-    assert not is_part()

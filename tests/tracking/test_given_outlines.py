@@ -26,7 +26,6 @@ from tracking.tracker import (
     TrackerState,
     TrackerStep,
     _enlarged,
-    _is_whole_of,
     _whole_box,
     _with_radius,
 )
@@ -158,31 +157,12 @@ def statuses(shapes: list[Pair], **params: float) -> list[Status]:
     return [track.status for track in tracks(shapes, TrackerParams(**params))]  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("ratio", "is_same"), [(1.4, True), (1.6, False), (1 / 1.4, True), (1 / 1.6, False)])
-def test_a_confirmed_object_does_not_change_its_size_by_half(ratio: float, is_same: bool) -> None:
-    """From the frame after the third on; of what is not yet confirmed the size is not known."""
-    other = both(radius_m=ratio * RADIUS_M)
-    after = Status.TRACKING if is_same else Status.COASTING
-    assert statuses([both()] * 3 + [other])[2:] == [Status.TRACKING, after]
-    assert statuses([both()] * 2 + [other])[2] == Status.TRACKING
-
-
 def test_what_was_seen_just_often_enough_is_an_object_that_may_hide() -> None:
     found = statuses([both()] * 3 + [NOTHING] * 12)
     hidden = found.count(Status.COASTING)
     assert hidden in (9, 10)  # half a second
     assert found[2 : 4 + hidden] == [Status.TRACKING, *[Status.COASTING] * hidden, Status.LOST]
     assert statuses([both()] * 2, confirm_frames=1) == [Status.TRACKING] * 2
-
-
-def test_only_pairs_that_are_refused_in_a_row_lose_the_track() -> None:
-    """Six of them; nothing seen in between counts them anew, as does an object."""
-    wrong = both(radius_m=2 * RADIUS_M)
-    seen = [both()] * 4
-    for between in (NOTHING, both()):
-        found = statuses([*seen, *[wrong] * 5, between, *[wrong] * 5], lost_after_s=2.0)
-        assert Status.LOST not in found
-    assert statuses([*seen, *[wrong] * 6], lost_after_s=2.0)[-2:] == [Status.COASTING, Status.LOST]
 
 
 def frames(n: int, is_turning: bool = False) -> list[StereoFrame]:
@@ -373,68 +353,11 @@ def test_where_an_eye_sees_the_object_beside_its_track_is_learned_from_pairs_onl
     assert offsets[6] == offsets[5]
 
 
-@pytest.mark.parametrize(("mode", "is_part"), [("generic", True), ("generic", False), ("marker", True)])
-def test_the_whole_is_searched_after_two_checks_that_say_that_a_part_is_followed(mode: str, is_part: bool) -> None:
-    """Every tenth frame from the first on, in six of ten frames after; both eyes must say so; a marker is whole."""
-    params = TrackerParams(mode=mode)  # type: ignore[arg-type]
-    tracker, asked, searched = Tracker(params, RIG, np.random.default_rng(3)), [], []
-    for frame in frames(45):
-        with pytest.MonkeyPatch.context() as patch:
-            given(tracker, patch, both())
-            hits, is_first = tracker.state.hits, tracker.state.belief is None
-            patch.setattr(
-                CameraTracker,
-                "is_part",
-                lambda self, *_, hits=hits: asked.append(hits) or (is_part or self.name == "left"),
-            )
-            if not is_first:
-                patch.setattr(
-                    tracker, "_acquire", lambda state, *_, hits=hits: searched.append(hits) or (state, NOTHING)
-                )
-            status = tracker.step(frame).track.status
-    assert status == Status.TRACKING
-    assert asked == ([] if mode == "marker" else [h for h in (10, 20, 30, 40) for _ in range(2)])
-    expected = [*range(20, 26), *range(30, 36), *range(40, 45)]
-    assert searched == (expected if is_part and mode == "generic" else [])
-
-
-def test_the_whole_takes_the_place_of_its_part_and_is_confirmed_anew() -> None:
-    """Where it is half as large again in area, and holds the part's middle."""
-    large = tuple(one and replace(one, area_px=2.0 * one.area_px) for one in both())
-    for whole, takes in ((large, True), (both(), False), ((large[0], None), False)):
-        tracker, status = Tracker(TrackerParams(), RIG, np.random.default_rng(3)), []
-        for k, frame in enumerate(frames(24)):
-            with pytest.MonkeyPatch.context() as patch:
-                given(tracker, patch, both())
-                patch.setattr(CameraTracker, "is_part", lambda *_: True)
-                found = tuple(one and ImageDetection(one, one.box_px, 1.0) for one in whole)
-                if k == 20:
-                    patch.setattr(tracker, "_acquire", lambda state, *_, found=found: (state, found))
-                elif k > 0:
-                    patch.setattr(tracker, "_acquire", lambda state, *_: (state, NOTHING))
-                status.append(tracker.step(frame).track.status)
-        again = [Status.LOST, Status.SEARCHING, Status.TRACKING, Status.TRACKING]
-        assert status[20:] == (again if takes else [Status.TRACKING] * 4)
-        assert tracker.state.part == (0 if takes else 2)
-
-
 def of_area(
     area_px: float, box_px: tuple[float, float, float, float], center_px: tuple[float, float]
 ) -> ImageDetection:
     one = Outline(np.array(center_px), 0.01 * np.eye(2), 0.05, 1e-6, box_px, area_px, False)
     return ImageDetection(one, box_px, 1.0)
-
-
-def test_a_whole_is_half_as_large_again_and_holds_the_middle_of_its_part() -> None:
-    part, box = of_area(100.0, (20.0, 20.0, 10.0, 10.0), (24.0, 25.0)), (10.0, 12.0, 30.0, 20.0)
-    large = of_area(160.0, box, (25.0, 22.0))
-    assert _is_whole_of((large, large), (part, part))
-    assert not _is_whole_of((large, None), (part, part))
-    assert not _is_whole_of((large, large), (part, None))
-    assert not _is_whole_of((large, of_area(140.0, box, (25.0, 22.0))), (part, part))
-    for u, v, holds in ((9, 15, 0), (11, 15, 1), (39, 15, 1), (41, 15, 0), (15, 11, 0), (15, 13, 1), (15, 31, 1)):
-        assert _is_whole_of((large, large), (of_area(100.0, box, (u, v)), part)) == bool(holds)
-    assert not _is_whole_of((large, large), (part, of_area(100.0, box, (15, 33))))
 
 
 @pytest.mark.parametrize(

@@ -19,16 +19,14 @@ from tracking.image_tracker import (
     ImageDetection,
     ImageTracker,
     ImageTrackerParams,
-    _box_mean,
     _is_off,
-    _mode,
     _without_thin_parts,
 )
 from tracking.kalman import Belief, KalmanParams, predict
 from tracking.marker import MarkerParams
 from tracking.motion_trigger import Region2D
 from tracking.outline import Optics, Outline
-from tracking.particle_filter import Cloud, Prior
+from tracking.particle_filter import Prior
 from tracking.stereo import CameraFrame
 
 BLUE, RED = (30.0, 60.0, 210.0), (200.0, 40.0, 40.0)
@@ -251,13 +249,6 @@ def test_what_colours_join_is_searched_once_more_in_what_differs_from_the_backgr
     _, seen = eye.step(target, _discs(rng, (150, 110, 18)), prior, if_joined=differs)
     assert seen is not None
     assert not asked  # nothing is joined
-
-
-def test_of_two_candidates_the_mean_lies_at_one() -> None:
-    """Particles up to half a size of 20 px apart count together, those farther do not, for all their weight."""
-    now = np.array([[100.0, 50.0, 20.0], [109.0, 50.0, 20.0], [111.0, 50.0, 20.0], [100.0, 61.0, 20.0]])
-    mode = _mode(Cloud(now, now), np.array([0.3, 0.2, 0.25, 0.25]), 20.0)
-    np.testing.assert_allclose(mode, [103.6, 50.0])
 
 
 def test_in_a_wide_prior_what_lies_as_the_object_does_is_taken(rng: np.random.Generator) -> None:
@@ -492,35 +483,6 @@ def test_of_two_that_touch_one_is_off_by_three_deviations_and_a_twentieth_of_its
     outline = Outline(np.array([90.0, 70.0]), np.eye(2), 0.1, 1e-6, (65.0, 45.0, 40.0, 40.0), 1500.0, False)
     for way in ((1, 0), (0, -1), (-0.6, 0.8)):
         assert _is_off(outline, Prior(outline.center_px + off_px * np.array(way), 1.0, 1.0), 40.0) == is_off
-
-
-@pytest.mark.parametrize(("apart", "near", "found"), [(41, 0.8, 41), (46, 0.8, 0), (46, 0.0, 46), (75, 0.0, 0)])
-def test_in_a_wide_prior_what_stands_out_more_may_be_farther_away(
-    apart: int, near: float, found: int, rng: np.random.Generator
-) -> None:
-    """Things of 20 px, σ = 20 px: one of probability 1 has e^2.4 times the likelihood of one of 0.8, which is that of
-    2.2 σ.  Beyond two σ and a size nothing is searched."""
-    eye = _eye(rng)
-    target = eye.start(_discs(rng, (150, 110, 10)), (140.0, 100.0, 20.0, 20.0))
-    likelihood = near * _blocks((150, 110, 171, 131)) + _blocks((150 + apart, 110, 171 + apart, 131))
-    prior = eye._narrowed(
-        target,
-        Prior(np.array([160.0, 120.0]), 20.0, 1.1),
-        lambda roi: (np.zeros((1, 1), np.uint8), likelihood[roi[1] : roi[3], roi[0] : roi[2]]),
-    )
-    assert abs(prior.center_px[0] - 160 - found) <= 2
-    assert abs(prior.center_px[1] - 120) <= 1
-    assert (prior.std_px, prior.growth) == (5, 1.1)
-
-
-def test_a_box_s_mean_is_over_an_odd_number_of_pixels() -> None:
-    dot = _blocks((100, 80, 101, 81))
-    for width, height, across, down in ((4.0, 6.5, 5, 7), (5.9, 3.0, 5, 3)):
-        mean = _box_mean(dot, width, height)
-        rows, columns = np.nonzero(mean)
-        assert (np.ptp(columns) + 1, np.ptp(rows) + 1) == (across, down)
-        assert (columns.mean(), rows.mean()) == (100, 80)
-        assert mean.max() == pytest.approx(1 / (across * down))
 
 
 @pytest.mark.parametrize(
