@@ -144,7 +144,7 @@ class ImageTracker:
             return s, None
         bins, likelihood = likelihood_in(roi)
         weights = weigh(cloud, _integral(2 * likelihood - 1), roi[:2], s.shape)
-        center = weights @ cloud.now[:, :2]
+        center: Array = weights @ cloud.now[:, :2]
         s = replace(s, cloud=resample(cloud, weights, self.rng))
         backdrop = s.model.backdrop()[bins] if evidence is None else None
         seen = self._mask(likelihood, backdrop, roi, center, s.size, s.shape, s.fill)

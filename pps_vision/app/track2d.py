@@ -8,35 +8,38 @@ from pps_vision.app.progress import progress
 from pps_vision.errors import InputError
 from pps_vision.recordings.image_sequence import ImageSequence
 from pps_vision.recordings.tables import Box
-from tracking.box_tracker import ALIKE, Appearance, BoxTracker
+from pps_vision.types import Image
 from tracking.image_tracker import ImageTrackerParams
+from tracking.track2d import MAX_SIMILARITY, BoxTracker, ColorTracker, CsrtTracker, TrackerName
 
 
-def follow(
-    sequence: ImageSequence, init: Box, seed: int, appearance: Appearance | None, report: Callable[[str], None]
+def track_boxes(
+    sequence: ImageSequence, init: Box, name: TrackerName, seed: int, report: Callable[[str], None]
 ) -> list[tuple[int, Box, float]]:
     """Frame number, box and score of every readable frame; `init` is the box in the first.
 
-    What the object is followed by (None: the cheapest that tells it apart) is reported at the first frame, with a
-    warning where object and surroundings look alike.
+    `report` is called with a warning if the object's colours do not separate it from its surroundings.
     """
-    tracker = BoxTracker(ImageTrackerParams(), np.random.default_rng(seed), appearance)
+    tracker: BoxTracker | None = None
     rows: list[tuple[int, Box, float]] = []
     for number, image in progress(sequence, total=len(sequence), desc="track2d", unit="frame"):
-        if rows:
-            found = tracker.step(image)
-        elif sequence.problems:
+        if tracker is not None:
+            rows.append((number, *tracker.step(image)))
+            continue
+        if sequence.problems:
             raise InputError("track2d", f"--init is the box in that image: {sequence.problems[0]}")
-        else:
-            found = tracker.start(image, init)
-            report(_summary(tracker))
-        rows.append((number, found.box_px, found.score))
+        tracker = _start(name, image, init, seed, report)
+        rows.append((number, init, 1.0))
     return rows
 
 
-def _summary(tracker: BoxTracker) -> str:
-    by = "its colours" if tracker.appearance == "colour" else "a spatial template and its colours"
-    text = f"the object is followed by {by} (similarity to its surroundings' colours {tracker.similarity:.2f})"
-    if tracker.similarity < ALIKE:
-        return text
-    return f"warning: object and surroundings look alike, so it may be lost; {text}"
+def _start(name: TrackerName, image: Image, init: Box, seed: int, report: Callable[[str], None]) -> BoxTracker:
+    if name == "csrt":
+        return CsrtTracker(image, init)
+    tracker = ColorTracker(image, init, ImageTrackerParams(), np.random.default_rng(seed))
+    if tracker.similarity > MAX_SIMILARITY:
+        report(
+            f"warning: the object's colours and those of its surroundings are alike (similarity "
+            f"{tracker.similarity:.2f} > {MAX_SIMILARITY:g}), so it may be lost; try --tracker csrt"
+        )
+    return tracker

@@ -25,7 +25,7 @@ from tracking.tracker import TrackerParams
 
 FACTORS = (0.7, 1.4)
 JUDGED = {"right": "right_percent", "false claims": "false_percent", "95 % ellipsoid": "covered_percent"}
-_OTHER_METHODS = ("tracking.box_tracker", "tracking.template", "tracking.batch", "tracking.smoother")
+_OTHER_METHODS = ("tracking.track2d", "tracking.batch", "tracking.smoother")
 _LAYOUT = ("appearance.N_BINS", "appearance._BITS")  # of tables that other numbers must fit
 FILMED = (  # of each kind of difficulty one; with more films the study takes more than half an hour
     "vivid, red",

@@ -39,10 +39,10 @@ from pps_vision.experiments.timing import timed_steps
 from pps_vision.recordings.image_sequence import open_frames
 from pps_vision.types import Image
 from rendering.names import MotionName
-from tracking.box_tracker import LEAST_SCORE, LOST_SCORE, Appearance, BoxTracker, assumed_optics
-from tracking.image_tracker import ImageTrackerParams
+from tracking.image_tracker import MIN_SCORE, ImageTrackerParams
 from tracking.marker import MarkerParams, find_markers
 from tracking.outline import Optics
+from tracking.track2d import ColorTracker, assumed_optics
 
 COUNTS = (50, 100, 500, 1000)
 MOTIONS: tuple[MotionName, ...] = ("circle", "figure8", "linear", "jerk")
@@ -57,6 +57,7 @@ _METRICS = {
     "high_when_on_percent": Metric("high_when_on", percent),
 }
 _OFF, _ON = 0.1, 0.5  # overlaps below and above which a box does not, or does, hold the object
+_SURE = 0.5  # score from which a box counts as sure
 _FILM_FPS = 40
 
 
@@ -125,7 +126,7 @@ class ImageTracker(TrackingStudy):
             [kind, *(estimate(cell[DEFAULT][key]) for key in ("low_when_off_percent", "high_when_on_percent"))]
             for kind, cell in cells.items()
         ]
-        off, on = f"score < {LOST_SCORE:g} where IoU < {_OFF:g} (%)", f"≥ {LEAST_SCORE:g} where IoU ≥ {_ON:g} (%)"
+        off, on = f"score < {MIN_SCORE:g} where IoU < {_OFF:g} (%)", f"≥ {_SURE:g} where IoU ≥ {_ON:g} (%)"
         header = ["scenes", off, on]
         return {"": Table(["1 − mean IoU", *cells], rows), "scores": Table(header, scores)}
 
@@ -162,19 +163,22 @@ class _OneEye(Protocol):
 class Particles:
     """Our particle filter with the interface of the baselines."""
 
-    def __init__(self, count: int, seed: int, appearance: Appearance | None = None) -> None:
-        self._tracker = BoxTracker(ImageTrackerParams(particles=count), np.random.default_rng(seed), appearance)
+    def __init__(self, count: int, seed: int) -> None:
+        self._params, self._rng = ImageTrackerParams(particles=count), np.random.default_rng(seed)
+        self._tracker: ColorTracker | None = None
         self.scores: list[float] = []
 
     def start(self, image: Image, box: BoxPx) -> None:
         """Learn what is in the box."""
-        self._tracker.start(image, box)
+        self._tracker = ColorTracker(image, box, self._params, self._rng)
 
     def step(self, image: Image) -> BoxPx | None:
         """Return the box; None where the object is not seen."""
-        seen = self._tracker.step(image)
-        self.scores.append(seen.score)
-        return seen.box_px if seen.score >= LOST_SCORE else None
+        if self._tracker is None:
+            raise ValueError("step before start; the tracker needs a first image and box")
+        detection = self._tracker.step(image)
+        self.scores.append(detection.score)
+        return detection.box_px if detection.score > 0 else None
 
 
 @dataclass
@@ -211,10 +215,6 @@ def methods() -> dict[str, Method]:
     ours: dict[str, Method] = {f"{n} particles": partial(_run, lambda _, seed, n=n: Particles(n, seed)) for n in COUNTS}
     count = ImageTrackerParams().particles
     default: dict[str, Method] = {DEFAULT: partial(_run, lambda _, seed: Particles(count, seed))}
-    default |= {
-        f"{name} alone": partial(_run, lambda _, seed, name=name: Particles(count, seed, name))
-        for name in get_args(Appearance)
-    }
     blob: dict[str, Method] = {"marker blob": partial(_run, lambda view, _: HueBlob(view.hue_deg))}
     return ours | default | blob | {name: partial(_run, lambda _, __, n=name: image_tracker(n)) for name in BASELINES}
 
@@ -239,5 +239,5 @@ def _run(make: Any, view: View, seed: int) -> Values:
     if scores:
         score = np.array([one for one, true in zip(scores, view.boxes[1:], strict=True) if true is not None])
         off, on = np.array(iou) < _OFF, np.array(iou) >= _ON
-        values |= {"low_when_off": score[off] < LOST_SCORE, "high_when_on": score[on] >= LEAST_SCORE}
+        values |= {"low_when_off": score[off] < MIN_SCORE, "high_when_on": score[on] >= _SURE}
     return values

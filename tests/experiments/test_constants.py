@@ -17,7 +17,7 @@ def test_constants_are_numbers_that_no_compiled_function_has_built_in() -> None:
     found = module_constants()
     assert found["change._WITHIN"] == tracking.change._WITHIN
     assert "kernels._MASK_VAR" not in found  # in a compiled function
-    assert not any(name.startswith("box_tracker.") for name in found)
+    assert not any(name.startswith("track2d.") for name in found)
 
 
 def test_a_constant_is_changed_wherever_it_is_imported_and_then_restored() -> None:

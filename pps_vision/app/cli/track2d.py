@@ -1,4 +1,4 @@
-"""`pps-vision track2d`: follow an object in one view."""
+"""`pps-vision track2d`: track an object in the images of one camera."""
 
 import sys
 from dataclasses import dataclass
@@ -12,35 +12,33 @@ from pps_vision.app.cli.options import print_skipped
 
 @dataclass(frozen=True)
 class Track2d:
-    """Follow an object through the images of a folder or a video, given its box in the first."""
+    """Track an object through the images of a folder or a video, given its box in the first."""
 
     frames_dir: Positional[Path]
     """Folder of images, taken in the natural order of their names, or a video; the first image is frame 1."""
     init: tuple[float, float, float, float]
     """X Y W H of the object in the first image: top-left corner and size, pixels."""
     out: Path
-    """Where to write frame,x,y,w,h,score; the score is the probability that the box holds the object."""
-    appearance: Literal["auto", "colour", "template"] = "auto"
-    """Follow the object by its colours, or by a spatial template and its colours; auto: the cheapest that tells it from
-    its surroundings."""
+    """Where to write frame,x,y,w,h,score. The score is 0 where the object is not detected; else, of colour, how well
+    colours and area fit (0–1), of csrt, 1."""
+    tracker: Literal["colour", "csrt"] = "colour"
+    """Colour particle filter, or OpenCV's CSRT, for objects that colour does not separate from their surroundings."""
     form: Literal["csv", "mot", "coco"] = "csv"
     """What to write: csv as said, or the form of MOTChallenge or COCO."""
     seed: int = 0
     """Seed of the particles."""
 
     def run(self) -> None:
-        """Track through all frames; what could not be read is reported and left out."""
-        from pps_vision.app.track2d import follow
+        """Track through all frames; unreadable frames are reported and skipped."""
+        from pps_vision.app.track2d import track_boxes
         from pps_vision.recordings.exchange import SeenBox, open_coco, write_mot
         from pps_vision.recordings.image_sequence import open_frames
         from pps_vision.recordings.outputs import whole_file
         from pps_vision.recordings.tables import write_boxes
-        from tracking.box_tracker import LOST_SCORE
 
         with whole_file(self.out, [self.frames_dir]) as partial:
             sequence = open_frames(self.frames_dir)
-            appearance = None if self.appearance == "auto" else self.appearance
-            rows = follow(sequence, self.init, self.seed, appearance, lambda line: print(line, file=sys.stderr))
+            rows = track_boxes(sequence, self.init, self.tracker, self.seed, lambda line: print(line, file=sys.stderr))
             boxes = [SeenBox(frame, 1, box, score) for frame, box, score in rows]
             if self.form == "csv":
                 write_boxes(partial, rows)
@@ -52,4 +50,4 @@ class Track2d:
                     for frame, file in enumerate(sequence.files, start=1):
                         add("", frame, file.path, [seen[frame]] if frame in seen else [])
         print_skipped(sequence.problems)
-        print(f"found in {sum(score >= LOST_SCORE for _, _, score in rows)} of {len(rows)} frames → {self.out}")
+        print(f"found in {sum(score > 0 for _, _, score in rows)} of {len(rows)} frames → {self.out}")
