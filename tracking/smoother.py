@@ -1,4 +1,9 @@
-"""Rauch–Tung–Striebel smoother: the path given all measurements, later ones too."""
+"""Rauch–Tung–Striebel smoother: the path given all measurements, later ones too.
+
+    x_k|n = x_k + G (x_k+1|n − x′_k+1)    P_k|n = P_k + G (P_k+1|n − P′_k+1) Gᵀ    G = P_k Fᵀ P′_k+1⁻¹
+
+x′ and P′ are predicted by the filter, and P_k Fᵀ is their cross-covariance with the step before.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +12,7 @@ import numpy as np
 
 from pps_vision.types import Array, Track3D
 from tracking import kalman
-from tracking.kalman import Belief, KalmanParams, gate, update
+from tracking.kalman import Belief, KalmanParams
 from tracking.tracker import TrackerStep
 
 LAG = 400
@@ -16,8 +21,8 @@ LAG = 400
 
 @dataclass(frozen=True)
 class Measurement:
-    """A position (3,) m with its covariance (3, 3) m², or None where nothing was seen, at a stamp; and the part of the
-    covariance that is known to last (None: 0)."""
+    """Position (3,) m with covariance (3, 3) m² at a stamp, None if nothing was measured, and the part of the
+    covariance that is known to be correlated from frame to frame (None: 0)."""
 
     stamp_s: float
     position: Array | None = None
@@ -26,117 +31,131 @@ class Measurement:
 
 
 @dataclass(frozen=True)
-class Passage:
-    """A filter's belief after a stamp; and the predicted belief (inflated, if the motion jumped) with the covariance of
-    that state with the one before it, None where the filter started (again)."""
+class FilterStep:
+    """The filter's belief after a stamp, and the prediction that led to it: the belief (inflated, if the motion jumped)
+    and its cross-covariance with the step before; None where the filter started or restarted."""
 
     belief: Belief
-    expected: tuple[Belief, Array] | None
+    prediction: tuple[Belief, Array] | None
 
 
-def follow(params: KalmanParams, begin: Belief, measured: Sequence[Measurement]) -> list[Passage]:
+def follow(params: KalmanParams, first: Belief, measurements: Sequence[Measurement]) -> list[FilterStep]:
     """Run the filter from a first belief through later measurements in the order of their stamps."""
-    passages = [Passage(begin, None)]
-    for one in measured:
-        expected, cross = kalman.forecast(params, passages[-1].belief, one.stamp_s)
-        if one.position is None or one.cov is None:
-            passages.append(Passage(expected, (expected, cross)))
+    steps = [FilterStep(first, None)]
+    for measurement in measurements:
+        predicted, cross = kalman.forecast(params, steps[-1].belief, measurement.stamp_s)
+        if measurement.position is None or measurement.cov is None:
+            steps.append(FilterStep(predicted, (predicted, cross)))
             continue
-        measurement = one.position, one.cov, one.correlated
-        belief, gated = update(params, expected, *measurement), gate(params, expected, *measurement)
+        arguments = (params, predicted, measurement.position, measurement.cov, measurement.correlated)
+        gated = kalman.gate(*arguments)
+        belief = kalman.update(*arguments)
         restarted = gated is None and belief.rejections == 0
-        before = gated.belief if gated else expected
-        passages.append(Passage(belief, None if restarted else (before, cross)))
-    return passages
+        prior = gated.belief if gated else predicted
+        steps.append(FilterStep(belief, None if restarted else (prior, cross)))
+    return steps
 
 
-def smooth(passages: Sequence[Passage]) -> list[Belief]:
-    """Each belief given all measurements, later ones too."""
-    smoothed = [passages[-1].belief]
-    for here, after in zip(reversed(passages[:-1]), reversed(passages[1:]), strict=True):
-        belief = here.belief
-        if after.expected is None:  # restarted: later measurements say nothing of it
-            smoothed.append(belief)
-            continue
-        expected, cross = after.expected
-        gain = np.linalg.solve(expected.cov, cross.T).T
-        change = gain @ (smoothed[-1].mean - expected.mean).ravel()
-        P = belief.cov + gain @ (smoothed[-1].cov - expected.cov) @ gain.T
-        smoothed.append(belief._replace(mean=belief.mean + change.reshape(belief.mean.shape), cov=0.5 * (P + P.T)))
+def smooth(steps: Sequence[FilterStep]) -> list[Belief]:
+    """Return each belief given all measurements, later ones too."""
+    smoothed = [steps[-1].belief]
+    for step, next_step in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
+        belief = step.belief
+        if next_step.prediction is not None:  # else the filter restarted, and later measurements tell nothing about it
+            predicted, cross = next_step.prediction
+            G = np.linalg.solve(predicted.cov, cross.T).T
+            mean = belief.mean.ravel() + G @ (smoothed[-1].mean - predicted.mean).ravel()
+            P = belief.cov + G @ (smoothed[-1].cov - predicted.cov) @ G.T
+            belief = belief._replace(mean=mean.reshape(belief.mean.shape), cov=0.5 * (P + P.T))
+        smoothed.append(belief)
     return smoothed[::-1]
 
 
 def smoothed_steps(params: KalmanParams, steps: Iterable[TrackerStep]) -> Iterator[TrackerStep]:
-    """Yield a tracker's steps (`params` its filter's) with their tracks smoothed where they are known.
+    """Yield a tracker's steps (`params` of its filter) with their tracks smoothed where they are known.
 
-    The correlated error that the track adds to the filter's covariance stays.  A step comes once `LAG` more
-    are there or its track has ended; how many are held does not depend on how many there are.
+    The correlated error that the track adds to the filter's covariance stays.  A step is yielded when `LAG` more have
+    been read or its track has ended, so that the memory does not grow with the recording.
     """
-    run: _Run | None = None
+    segment: _Segment | None = None
     for step in steps:
-        if run is None or not run.continues_with(step):
-            if run is not None:
-                yield from run.pop(len(run.steps))
-            run = _Run(params, step)
+        if segment is None or not segment.continues_with(step):
+            if segment is not None:
+                yield from segment.pop(len(segment.steps))
+            segment = _Segment(params, step)
             continue
-        run.steps.append(step)
-        if len(run.steps) == 2 * LAG:
-            yield from run.pop(LAG)
-    if run is not None:
-        yield from run.pop(len(run.steps))
+        segment.steps.append(step)
+        if len(segment.steps) == 2 * LAG:
+            yield from segment.pop(LAG)
+    if segment is not None:
+        yield from segment.pop(len(segment.steps))
 
 
-class _Run:
-    """Steps of one track, from the first of the unbroken observations that led to it, which later measurements may
-    still change; a step without a track and an observation is one by itself."""
+class _Segment:
+    """Unfinished steps of one track, from the first of the unbroken observations that led to it.
+
+    A step without a track and an observation is a segment of its own.
+    """
 
     def __init__(self, params: KalmanParams, first: TrackerStep) -> None:
         self.steps = [first]
-        self._begin: Belief | None = None
-        if first.observation is not None:
-            distance_m = float(np.linalg.norm(first.observation.p_root - first.midpoint_root))
+        self._start: Belief | None = None
+        if (observation := first.observation) is not None:
+            distance_m = float(np.linalg.norm(observation.p_root - first.midpoint_root))
             self._params = kalman.scaled(params, distance_m)
-            self._begin = kalman.start(
-                *(self._params, first.track.stamp_s, first.observation.p_root, first.observation.cov_root),
-                correlated=first.observation.correlated_cov_root,
+            self._start = kalman.start(
+                self._params,
+                first.track.stamp_s,
+                observation.p_root,
+                observation.cov_root,
+                correlated=observation.correlated_cov_root,
             )
 
     def continues_with(self, step: TrackerStep) -> bool:
         """Whether the step is of this track, or one more observation that may lead to it."""
         last = self.steps[-1]
         if step.track.is_known:
-            return last.track.is_known or _is_sighting(last)
-        return _is_sighting(last) and _is_sighting(step)
+            return last.track.is_known or _is_unconfirmed(last)
+        return _is_unconfirmed(last) and _is_unconfirmed(step)
 
     def pop(self, n: int) -> list[TrackerStep]:
         """Remove the first `n` steps and return them smoothed."""
-        steps, self.steps = self.steps, self.steps[n:]
-        if self._begin is None:
+        steps = self.steps
+        self.steps = steps[n:]
+        if self._start is None:
             return steps[:n]
-        seen = [(step.track.stamp_s, step.observation) for step in steps[1:]]
-        measured = [
-            Measurement(t) if one is None else Measurement(t, one.p_root, one.cov_root, one.correlated_cov_root)
-            for t, one in seen
-        ]
-        passages = follow(self._params, self._begin, measured)
+        filtered = follow(self._params, self._start, [_measurement(step) for step in steps[1:]])
+        smoothed = smooth(filtered)
         if self.steps:
-            self._begin = passages[n].belief
+            self._start = filtered[n].belief
         return [
-            replace(step, track=_replaced(step.track, passage.belief, belief)) if step.track.is_known else step
-            for step, passage, belief in zip(steps[:n], passages, smooth(passages), strict=False)
+            replace(steps[k], track=_smoothed_track(steps[k].track, filtered[k].belief, smoothed[k]))
+            if steps[k].track.is_known
+            else steps[k]
+            for k in range(n)
         ]
 
 
-def _is_sighting(step: TrackerStep) -> bool:
-    """Whether something was observed that is not yet tracked."""
+def _measurement(step: TrackerStep) -> Measurement:
+    observation = step.observation
+    if observation is None:
+        return Measurement(step.track.stamp_s)
+    return Measurement(step.track.stamp_s, observation.p_root, observation.cov_root, observation.correlated_cov_root)
+
+
+def _is_unconfirmed(step: TrackerStep) -> bool:
+    """Whether an object was observed that is not tracked yet."""
     return not step.track.is_known and step.observation is not None
 
 
-def _replaced(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
-    mean, cov, n = track.mean.copy(), np.zeros((12, 12)), len(smoothed.mean)
-    mean[:n], cov[: 3 * n, : 3 * n] = smoothed.mean, smoothed.cov
-    beyond: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
-    if np.linalg.eigvalsh(beyond)[0] < 0:  # the tracker had restarted with another filter
-        beyond = filtered.correlated_cov
-    cov[:3, :3] += beyond
+def _smoothed_track(track: Track3D, filtered: Belief, smoothed: Belief) -> Track3D:
+    n = len(smoothed.mean)
+    mean = track.mean.copy()
+    mean[:n] = smoothed.mean
+    cov = np.zeros((12, 12))
+    cov[: 3 * n, : 3 * n] = smoothed.cov
+    correlated: Array = track.cov[:3, :3] - filtered.cov[:3, :3]
+    if np.linalg.eigvalsh(correlated)[0] < 0:  # the tracker had restarted with another filter
+        correlated = filtered.correlated_cov
+    cov[:3, :3] += correlated
     return replace(track, mean=mean, cov=cov)

@@ -343,7 +343,7 @@ class Pipeline:
         if not self.robot.names.gaze_joints:
             return None, self._still(stamp_s)
         if track.is_known:
-            p, v = kalman.ahead(KalmanParams(), track, params.latency_s, self._since_last(stamp_s))
+            p, v = kalman.extrapolate(KalmanParams(), track, params.latency_s, self._since_last(stamp_s))
             v = v - self._carried(posture, p, stamp_s)
             target = posture, p, v, params.hold_s, stamp_s
             if isinstance(params.fixation, NeckAndEyesParams):

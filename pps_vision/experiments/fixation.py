@@ -188,7 +188,7 @@ class _Robot:
         if belief is None:
             return None
         track = Track3D(t, belief.mean, belief.cov, _RADIUS_M, 0.0, Status.TRACKING)  # the default filter is of order 4
-        return kalman.ahead(KalmanParams(), track, latency_s if method.compensates else 0.0, _DT_S)
+        return kalman.extrapolate(KalmanParams(), track, latency_s if method.compensates else 0.0, _DT_S)
 
 
 @dataclass(frozen=True)

@@ -468,15 +468,15 @@ def test_a_motion_is_followed_ahead_by_how_certain_it_is() -> None:
     belief = start(KalmanParams(), 0.0, mean[0], 1e-6 * np.eye(3))._replace(mean=mean)
     for std, share in ((1e-6, 1.0), (0.2, 0.0)):
         track = Track3D(0.0, mean, std**2 * np.eye(12), 0.03, 0.0, Status.TRACKING)
-        p, v = kalman.ahead(KalmanParams(), track, 0.1, 0.05)
+        p, v = kalman.extrapolate(KalmanParams(), track, 0.1, 0.05)
         then, midway = predict(KalmanParams(), belief, 0.1).mean, predict(KalmanParams(), belief, 0.125).mean
         np.testing.assert_allclose(p, mean[0] + share * (then[0] - mean[0]), atol=1e-6)
         np.testing.assert_allclose(v, share * midway[1], atol=1e-6)
-    v = kalman.ahead(KalmanParams(), replace(track, cov=1e-12 * np.eye(12)), 0.125)[1]
+    v = kalman.extrapolate(KalmanParams(), replace(track, cov=1e-12 * np.eye(12)), 0.125)[1]
     np.testing.assert_allclose(v, midway[1], atol=1e-6)
     # at twice the χ² that rest has in 99 % of cases, half
     std = float(np.linalg.norm(mean[1])) / math.sqrt(2 * chi2.isf(0.01, 3))
-    p, _ = kalman.ahead(KalmanParams(), replace(track, cov=std**2 * np.eye(12)), 0.1)
+    p, _ = kalman.extrapolate(KalmanParams(), replace(track, cov=std**2 * np.eye(12)), 0.1)
     np.testing.assert_allclose(p, mean[0] + 0.5 * (then[0] - mean[0]), atol=1e-3)
 
 
@@ -485,7 +485,7 @@ def test_without_a_velocity_a_motion_is_not_followed() -> None:
     cov = np.zeros((12, 12))
     cov[:3, :3] = 1e-6 * np.eye(3)
     track = Track3D(0.0, np.array([[0.3, -0.1, 0.2], *np.zeros((3, 3))]), cov, 0.03, 0.0, Status.TRACKING)
-    p, v = kalman.ahead(KalmanParams(), track, 0.1)
+    p, v = kalman.extrapolate(KalmanParams(), track, 0.1)
     np.testing.assert_array_equal([p, v], [track.position, np.zeros(3)])
 
 
