@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from ball_scenes import Sphere, frame, look
+from ball_scenes import Sphere, frame
 
 from pps_vision.geometry.camera import StereoRig
 from pps_vision.robot.icub import home
@@ -15,7 +15,7 @@ from pps_vision.types import Status, StereoFrame
 from tracking import batch
 from tracking.appearance import ColorModel, color_bins, histogram
 from tracking.batch import BatchTracker
-from tracking.marker import MarkerParams, find_markers, threshold
+from tracking.marker import MarkerParams, threshold
 from tracking.outline import Optics
 from tracking.tracker import Tracker, TrackerParams, TrackerStep
 
@@ -37,37 +37,6 @@ def test_masks_are_those_of_frame_by_frame(device: torch.device, rng: np.random.
     assert np.array_equal(generic[abs(smooth - 0.5) > 1e-5], (smooth > 0.5)[abs(smooth - 0.5) > 1e-5])
     assert 0.01 < marker.mean() < 0.99
     assert 0.01 < generic.mean() < 0.99
-
-
-@on_every_device
-def test_spheres_are_where_the_rays_meet_the_image(
-    rig: StereoRig, robot: Robot, device: torch.device, rng: np.random.Generator
-) -> None:
-    """As many as there are, and each as it is found frame by frame."""
-    view, params = rig.view(home(robot)).left, MarkerParams()
-    points = [view.center + rng.uniform(0.3, 0.6) * view.rays(rng.uniform((60, 60), (260, 180))) for _ in range(10)]
-    images = [look(view, [Sphere(p, 0.006 + 0.001 * k, GREEN)], rng) for k, p in enumerate(points)]
-    others = [Sphere(view.center + 0.4 * view.rays([u, 120.0]), 0.01, GREEN) for u in (80.0, 240.0)]
-    *found, none, two = batch.find(
-        params, [*images, look(view, [], rng), look(view, others, rng)], Optics(rig.left), device
-    )
-    for p, image, outlines in zip(points, images, found, strict=True):
-        assert outlines is not None
-        (one,) = outlines
-        alone = find_markers(params, image, Optics(rig.left))[0]
-        assert np.linalg.norm(one.center_px - view.project(p)) < 0.2
-        assert np.allclose(one.center_px, alone.center_px, rtol=1e-9)
-        assert one.angular_radius_rad == pytest.approx(alone.angular_radius_rad, rel=1e-9)
-    assert none == []
-    assert two is not None
-    assert sorted(round(one.center_px[0], -1) for one in two) == [80, 240]
-
-
-def test_images_of_another_camera_are_refused_by_the_tracker(rig: StereoRig, robot: Robot) -> None:
-    image, q = np.zeros((100, 100, 3), np.uint8), home(robot)
-    tracker = Tracker(TrackerParams("marker"), rig, np.random.default_rng(0))
-    with pytest.raises(ValueError, match="left image"):
-        BatchTracker(tracker, DEVICES[0]).steps([StereoFrame(image, image, 0.0, 0.0, q, q)])
 
 
 def _film(
@@ -119,18 +88,6 @@ def test_the_track_is_that_of_frame_by_frame_whatever_the_batch(
         assert np.allclose(means, first, rtol=0, atol=1e-7, equal_nan=True)
 
 
-def test_a_confirmed_ball_is_found_in_batches_without_its_particles(
-    rig: StereoRig, robot: Robot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frames, tracker = _film(rig, robot, BLUE, rng)[:14], Tracker(TrackerParams(), rig, np.random.default_rng(0))
-    batches = BatchTracker(tracker, DEVICES[0])
-    batches.steps(frames[:6])
-    assert tracker.appearance is not None
-    monkeypatch.setattr("tracking.image_tracker.ImageTracker.step", lambda *_: pytest.fail("searched frame by frame"))
-    for step in batches.steps(frames[6:8]):
-        assert len(step.detections) == 2
-
-
 def test_a_lost_balls_colours_are_no_longer_searched(rig: StereoRig, robot: Robot, rng: np.random.Generator) -> None:
     q, frames = home(robot), _film(rig, robot, BLUE, rng)[:8]
     empty = [frame(rig, q, [], 0.05 * (8 + k), rng) for k in range(14)]
@@ -143,16 +100,6 @@ def test_a_lost_balls_colours_are_no_longer_searched(rig: StereoRig, robot: Robo
     assert Status.LOST in statuses
     assert tracker.appearance is None
     assert marker.appearance is not None  # a marker's hue is known all along
-
-
-def test_process_wide_state_is_left_alone(rig: StereoRig) -> None:
-    before = torch.random.get_rng_state(), torch.get_num_threads(), torch.get_default_dtype()
-    batch.find(
-        MarkerParams(), [np.full((rig.left.height, rig.left.width, 3), 90, np.uint8)], Optics(rig.left), DEVICES[0]
-    )
-    after = torch.random.get_rng_state(), torch.get_num_threads(), torch.get_default_dtype()
-    assert torch.equal(before[0], after[0])
-    assert before[1:] == after[1:]
 
 
 def test_images_of_another_size_are_left_to_the_search_frame_by_frame(rig: StereoRig) -> None:

@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from pps_vision.robot.icub import LEFT_EYE
 from pps_vision.types import Array, Image, Mask
-from tracking.kernels import UNIT, covered, harmonics, moments
+from tracking.kernels import UNIT, covered, moments
 from tracking.outline import Optics
 
 
@@ -80,42 +80,6 @@ def test_moments_are_sums_over_all_pixels(kind: str, rng: np.random.Generator) -
     assert seen.area == pytest.approx(alpha.sum(dtype=float))
     rows, columns = np.nonzero(alpha > 0.5)
     assert seen.box == (columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1)
-
-
-def test_nothing_has_no_moments() -> None:
-    nothing = np.zeros((5, 6), np.float32)
-    seen = moments(nothing, nothing, Optics(LEFT_EYE).weights, 10, 10)
-    assert (seen.area, seen.omega, seen.box[2:]) == (0, 0, (0, 0))
-
-
-def test_a_part_of_another_colour_is_covered_as_the_mask_says(rng: np.random.Generator) -> None:
-    """Thin arms have no inner pixels: their colour is no mixture of the body's and the background's."""
-    v, u = np.mgrid[:41, :41]
-    body, arm = np.hypot(v - 20, u - 20) < 8, (abs(v - 20) <= 1) & (u >= 20) & (u < 36)
-    image = np.where(body[..., None], (120, 20, 220), np.where(arm[..., None], (240, 120, 10), (110, 90, 70)))
-    image = np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
-    alpha, _ = covered(image, body | arm, 2)
-    assert alpha[arm & ~body].mean() > 0.7
-    assert abs(np.sum(alpha * u) / np.sum(alpha) - u[body | arm].mean()) < 0.4
-
-
-@pytest.mark.parametrize("turned_deg", [0.0, 30.0])
-def test_harmonics_are_those_of_an_outline_that_was_drawn(turned_deg: float) -> None:
-    """An edge at r(1 + 0.06 cos 2θ + 0.04 cos 3θ) in the plane across its own axis, near the middle of the image."""
-    turn, r = np.deg2rad(turned_deg), 0.12
-    axis = LEFT_EYE.bearing_map[120, 160]
-    across = np.cross([0.0, 1.0, 0.0], axis)
-    across /= np.linalg.norm(across)
-    on_plane = LEFT_EYE.bearing_map / (LEFT_EYE.bearing_map @ axis)[..., None]
-    x, y = on_plane @ across, on_plane @ np.cross(axis, across)
-    angle = np.arctan2(y, x) - turn
-    edge = r * (1 + 0.06 * np.cos(2 * angle) + 0.04 * np.cos(3 * angle))
-    alpha = np.asarray(np.hypot(x, y) < edge, dtype=np.float32)
-    omega = float((LEFT_EYE.solid_angle_map * alpha).sum(dtype=float))
-    (c2, s2, c3, s3), excess = harmonics(alpha, Optics(LEFT_EYE).weights, 0, 0, tuple(axis), omega)
-    expected = [0.06 * np.cos(2 * turn), 0.06 * np.sin(2 * turn), 0.04 * np.cos(3 * turn), 0.04 * np.sin(3 * turn)]
-    np.testing.assert_allclose([abs(c2), abs(s2), abs(c3), abs(s3)], np.abs(expected), atol=0.012)
-    assert abs(excess) < 0.06
 
 
 def test_where_nothing_tells_the_colours_apart_the_mask_decides() -> None:

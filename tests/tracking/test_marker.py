@@ -44,11 +44,6 @@ def test_pale_and_dark_colours_do_not_count() -> None:
     assert [threshold(params, plain(120.0, 1.0, v)).item() for v in (0.10, 0.14, 1.0)] == [0, 255, 255]
 
 
-def test_a_marker_is_green_unless_another_hue_is_given() -> None:
-    for hue_deg, counts in ((81.0, False), (88.0, True), (120.0, True), (152.0, True), (159.0, False)):
-        assert (threshold(MarkerParams(), plain(hue_deg)).item() == 255) == counts
-
-
 @pytest.mark.parametrize("change", [(-1.0, 35.0), (360.0, 35.0), (120.0, 0.0), (120.0, 91.0), (np.nan, 35.0)])
 def test_a_hue_or_tolerance_that_is_none_is_refused(change: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="expected a hue in"):
@@ -102,14 +97,6 @@ def test_only_the_square_that_is_asked_for_is_searched() -> None:
         assert found.center_px == pytest.approx(expected, abs=0.3)
 
 
-def test_a_marker_in_the_corner_is_searched_up_to_the_border() -> None:
-    """Of the upper left and the lower right one, whose last pixels count too."""
-    for corner, box in (((0, 0), (0, 0, 9, 9)), ((159, 119), (151, 111, 9, 9))):
-        (found,) = find_markers(MarkerParams(), drawn((*corner, 8)), OPTICS, near=(*corner, 20))
-        assert found.box_px == box
-        assert found.is_partial
-
-
 def test_what_does_not_differ_from_the_background_is_left_out() -> None:
     image = drawn((40, 60, 6), (110, 60, 6))
     boxes = []
@@ -144,17 +131,6 @@ def test_no_more_than_the_forty_largest_are_judged() -> None:
     image = drawn(*places, (152, 8, 4), (152, 110, 4))
     find_markers(MarkerParams(), image, OPTICS, is_candidate=lambda x, y, w, h: widths.append(w) is not None)
     assert widths == [9, 9] + [7] * 38
-
-
-def test_nothing_stands_out_of_what_is_of_the_full_saturation() -> None:
-    image = np.full((120, 160, 3), (0, 220, 0), np.uint8)
-    cv2.circle(image, (80, 60), 12, GREEN, cv2.FILLED)
-    assert find_vivid_markers(MarkerParams(120.0), image, OPTICS) == []
-    noise = np.random.default_rng(3).integers(-4, 5, (120, 160, 3))
-    pale = (np.array([80, 200, 80]) + noise).astype(np.uint8)
-    cv2.circle(pale, (80, 60), 12, (0, 220, 0), cv2.FILLED)
-    (one,) = find_vivid_markers(MarkerParams(120.0), pale, OPTICS)
-    assert one.center_px == pytest.approx((80, 60), abs=0.2)
 
 
 def _common_hue(rng: np.random.Generator, more: float, share: float) -> Image:

@@ -32,18 +32,6 @@ def test_closing_fills_gaps_narrower_than_the_element(gap: int, is_closed: bool)
     assert np.array_equal(found, rectangle(10, 10, 50, 40) if is_closed else two)
 
 
-def test_opening_removes_what_is_thinner_than_the_disc_and_keeps_the_rest() -> None:
-    body, handle = rectangle(20, 15, 50, 45), rectangle(50, 28, 75, 32)  # the handle is 4 px thick
-    found = masks.opened(body | handle, 4)
-    assert not found[:, 56:].any()
-    assert (found & ~(body | handle)).sum() == 0
-    assert (body & ~found).sum() < 4 * 10  # corners alone
-    assert masks.opened(body | handle, 1)[:, 56:74].any()
-    assert not masks.opened(handle, 4).any()
-    at_border = rectangle(0, 20, 10, 30)  # may go on beyond the image
-    assert np.array_equal(masks.opened(at_border, 4)[22:28, :6], at_border[22:28, :6])
-
-
 @pytest.mark.parametrize("radius", [0, 3, 12, 40])
 def test_opening_keeps_what_a_disc_reaches_that_fits_up_to_the_images_border(radius: int) -> None:
     """By OpenCV's exact distances to the nearest pixel outside, and to the nearest centre of a disc that fits."""
@@ -131,8 +119,3 @@ def test_solidity_is_the_share_of_the_convex_hull() -> None:
     assert masks.solidity(square) == pytest.approx(1, abs=0.05)
     assert masks.solidity(square & ~quarter) == pytest.approx(6 / 7, abs=0.05)
     assert masks.solidity(rectangle(3, 3, 4, 4)) == 1
-
-
-def test_an_empty_region_has_no_pixels_of_an_ellipse() -> None:
-    assert masks.ellipse((10, 10, 5, 20), np.array([8.0, 15.0]), 4.0, 4.0).shape == (10, 0)
-    assert masks.ellipse((10, 20, 15, 10), np.array([8.0, 15.0]), 4.0, 4.0).shape == (0, 5)

@@ -5,14 +5,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from ball_scenes import ROOM_M, Sphere, look
+from ball_scenes import Sphere, look
 
 from pps_vision.geometry.camera import Camera, StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
-from tracking.ego_motion import EgoMotion
-from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams, _median, _surroundings
+from tracking.motion_trigger import MotionTrigger, Region2D, TriggerParams
 
 RED = (210.0, 45.0, 40.0)
 DT = 0.05
@@ -20,18 +19,6 @@ DT = 0.05
 
 def _gaze(robot: Robot, t: float, speed_rad_s: float) -> np.ndarray:
     return set_gaze(robot, home(robot), yaw=0.2 * np.sin(speed_rad_s / 0.2 * t), pitch=-0.1 + 0.4 * speed_rad_s * t)
-
-
-def test_an_older_image_looks_as_the_eye_would_see_it_now(robot: Robot, rig: StereoRig) -> None:
-    then, now = (rig.view(_gaze(robot, t, 0.3)).left for t in (0.0, 0.3))
-    ego = EgoMotion(LEFT_EYE)
-    old, new = (look(view, []).mean(axis=2).astype(np.uint8) for view in (then, now))
-    warped = ego.warp(old, then, now, 1 / ROOM_M)
-    inside = np.s_[30:210, 40:280]
-    assert np.abs(old[inside].astype(float) - new[inside]).mean() > 5
-    assert np.abs(warped[inside].astype(float) - new[inside]).mean() < 2
-    part = ego.warp(old, then, now, 1 / ROOM_M, (43, 31, 150, 98))
-    np.testing.assert_array_equal(part, warped[31:98, 43:150])
 
 
 @pytest.mark.parametrize("speed_deg_s", [10.0, 20.0])
@@ -80,18 +67,6 @@ def test_ones_own_body_and_exposure_are_no_stimulus(robot: Robot, rig: StereoRig
         assert own.step(image, view, DT * k, lambda arm=arm: arm) == []
         saw += len(open_eyes.step(image, view, DT * k))
     assert saw > 0
-
-
-def test_an_image_that_was_only_remembered_is_compared_with(
-    rig: StereoRig, robot: Robot, rng: np.random.Generator
-) -> None:
-    view = rig.view(home(robot)).left
-    trigger = MotionTrigger(TriggerParams(), LEFT_EYE)
-    balls = [(view.T_root_camera @ np.array([0.01 * k, 0.0, 0.5, 1.0]))[:3] for k in range(2)]
-    empty, first, second = (look(view, [Sphere(p, 0.03, RED)] if p is not None else [], rng) for p in (None, *balls))
-    trigger.remember(empty, view, 0.0)
-    trigger.remember(first, view, DT)
-    assert len(trigger.step(second, view, 2 * DT)) == 1
 
 
 def test_an_image_that_is_filled_anew_changes_nothing_that_was_remembered() -> None:
@@ -163,16 +138,6 @@ def test_what_is_too_small_is_no_region() -> None:
     assert not any(seen(GATE, moving(100, 100, 1, 1, 160.0)))
     beside = [[]] * 5 + [[(100, 100, 20, 20, 200.0), (135, 110, 2, 2, 150.0)]]
     assert [len(seen(params, beside)[-1]) for params in (GATE, replace(GATE, min_area_px=8))] == [1, 2]
-
-
-def test_a_strip_one_pixel_wide_is_no_region() -> None:
-    residual = np.zeros((50, 60), np.uint8)
-    residual[5, 5:45] = residual[20:40, 50] = 90
-    residual[30:32, 10:40] = 90
-    residual[31, 20] = 0
-    (region,) = MotionTrigger(GATE, LEFT_EYE)._split((100, 80, 160, 130), residual)
-    assert region.box_px == (110, 110, 30, 2)
-    assert np.count_nonzero(region.mask) == 58  # above the hole it is one pixel wide
 
 
 def test_what_hardly_differs_is_no_region() -> None:
@@ -330,13 +295,6 @@ def test_only_the_strongest_regions_are_measured() -> None:
         assert len(found) == most
 
 
-def test_bad_parameters_are_named() -> None:
-    with pytest.raises(ValueError, match=r"central=1\.5"):
-        TriggerParams(central=1.5)
-    with pytest.raises(ValueError, match=r"min_moving=0"):
-        TriggerParams(min_moving=0.0)
-
-
 @pytest.mark.parametrize(
     ("good", "bad"),
     [
@@ -372,35 +330,6 @@ def test_a_mask_moves_if_most_of_its_points_do_or_flow_is_off(px: int, flow: boo
         around = np.zeros((60, 60), bool)
         around[2:14, 2:50] = True
         assert not trigger.moves(around, (80, 80, 140, 140))
-
-
-def test_images_are_kept_for_twice_the_long_interval() -> None:
-    trigger, image = MotionTrigger(TriggerParams(), LEFT_EYE), np.zeros((240, 320, 3), np.uint8)
-    for k in range(60):
-        trigger.remember(image, FIXED, DT * k)
-    assert 24 <= len(trigger._past) <= 26  # 1.2 s
-
-
-def test_around_each_blob_of_a_coarse_residual_a_part_of_the_field_is_compared() -> None:
-    """24 px more to all sides, within the field; what overlaps is one part; the largest comes first."""
-    field, residual = (10, 12, 300, 230), np.zeros((100, 150), np.uint8)
-    residual[40:46, 20:30] = 9  # of the box at (2, 3): from (44, 86) to (64, 98) px
-    residual[70:72, 120:123] = 9
-    residual[90, 5:8] = 9  # too small
-    first, second = (20, 62, 88, 122), (220, 122, 274, 174)
-    assert _surroundings((2, 3, 152, 103), residual, field, 4) == [first, second]
-    residual[55:58, 22:30] = 9  # from (48, 116) to (64, 122) px
-    assert _surroundings((2, 3, 152, 103), residual, field, 4) == [(20, 62, 88, 146), second]
-    residual[:] = 0
-    residual[1:4, 1:4] = residual[97:, 146:149] = 9
-    corners = [(272, 176, 300, 230), (10, 12, 36, 38)]
-    assert _surroundings((2, 3, 152, 103), residual, field, 4) == corners
-
-
-def test_the_upper_median_of_an_even_number_of_values(rng: np.random.Generator) -> None:
-    for n in (1, 2, 7, 10):
-        values = rng.integers(-50, 50, (n, 3))
-        assert _median(values) == np.sort(values.ravel())[3 * n // 2]
 
 
 # The residual of a plane at a known distance, seen through a pinhole by an eye that shifts.
@@ -463,38 +392,3 @@ def test_a_change_of_exposure_is_no_residual() -> None:
     assert mask[104:136, 144:176].mean() > 0.3
     mask[96:144, 136:184] = False
     assert not mask.any()
-
-
-def test_parallax_is_focal_length_times_shift_over_distance() -> None:
-    """In any direction of the shift, against OpenCV's projection."""
-    ego = EgoMotion(PINHOLE)
-    for shift in ([0.03, 0.0, 0.0], [0.02, 0.02, 0.0]):
-        now = View(PINHOLE, transform(translation=shift))
-        points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 1e9]])
-        pixels = cv2.projectPoints(points, np.zeros(3), -np.array(shift), PINHOLE.K, np.zeros(5))[0][:, 0]
-        shifted_px = float(np.linalg.norm(pixels[0] - pixels[1]))
-        assert ego.parallax_px_m(View(PINHOLE, transform()), now) / 0.5 == pytest.approx(shifted_px)
-
-
-def test_the_warp_is_exact_to_a_twentieth_of_a_pixel() -> None:
-    """Against OpenCV's projection of the present image's rays; beyond the older view there is nothing."""
-    turned = View(
-        LEFT_EYE, transform(rotation=cv2.Rodrigues(np.array([0.03, -0.05, 0.02]))[0], translation=(0.01, 0, 0))
-    )
-    maps = EgoMotion(LEFT_EYE).maps(turned, FIXED, 1 / 0.8)
-    u, v = np.meshgrid(np.arange(20, 300, 20), np.arange(20, 220, 20))
-    rays = cv2.undistortPointsIter(
-        np.stack([u, v], -1).reshape(-1, 1, 2).astype(float),
-        LEFT_EYE.K,
-        LEFT_EYE.lens,
-        np.eye(3),
-        np.eye(3),
-        (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-10),
-    )[:, 0]
-    points = np.column_stack([rays, np.ones(len(rays))])
-    points *= 0.8 / np.linalg.norm(points, axis=1, keepdims=True)
-    T = np.linalg.inv(turned.T_root_camera)
-    expected = cv2.projectPoints(points, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], LEFT_EYE.K, LEFT_EYE.lens)[0][:, 0]
-    np.testing.assert_allclose(maps[v.ravel(), u.ravel()], expected, atol=0.05)
-    behind = View(LEFT_EYE, transform(rotation=cv2.Rodrigues(np.array([0.0, np.pi, 0.0]))[0]))
-    assert not EgoMotion(LEFT_EYE).warp(np.full((240, 320), 200, np.uint8), behind, FIXED, 0.0).any()

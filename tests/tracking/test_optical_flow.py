@@ -1,7 +1,5 @@
 """Flow of regions on drawn images whose motion is known, and the velocity that it starts a track with."""
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 import pytest
@@ -11,21 +9,15 @@ from pps_vision.geometry.camera import StereoRig, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE, home, set_gaze
 from pps_vision.robot.model import Robot
-from tracking import optical_flow
 from tracking.ego_motion import EgoMotion
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import (
     Flow2D,
     GreyImage,
     Match,
-    _grid,
-    _median,
-    _most_alike,
-    _surroundings,
     match,
     velocity,
 )
-from tracking.particle_filter import propagate, spawn
 from tracking.tracker import Tracker, TrackerParams
 
 VIEW = View(LEFT_EYE, transform())
@@ -260,107 +252,3 @@ def test_a_track_begins_with_the_velocity_of_its_flow(rig: StereoRig, robot: Rob
     assert error @ np.linalg.inv(tracks["flow"].cov[3:6, 3:6]) @ error < 16
     # flow outweighs none of the positions that follow, which the tracker takes to err by over a pixel each
     assert np.sqrt(np.linalg.eigvalsh(tracks["flow"].cov[3:6, 3:6]).min()) > 1.0 * 0.5 / rig.left.focal_px / DT
-
-
-def test_particles_begin_with_the_image_motion(rng: np.random.Generator) -> None:
-    for shift in (None, np.array([12.0, -5.0])):
-        cloud = propagate(spawn(120, np.array([100.0, 80.0]), 10.0, 0.5, rng, shift), None, rng)
-        expected = np.array([100.0, 80.0]) + (0 if shift is None else shift)
-        np.testing.assert_allclose(cloud.now[:, :2].mean(axis=0), expected, atol=1.0)
-
-
-def test_points_lie_on_a_square_grid_about_forty_of_them_at_most() -> None:
-    """Of what is smaller all; where a thin mask misses the grid, its first forty pixels."""
-    small, large, thin = (np.zeros((60, 90), bool) for _ in range(3))
-    small[3:8, 4:12] = True
-    assert sorted(map(tuple, _grid(small))) == [(x, y) for x in range(4, 12) for y in range(3, 8)]
-    large[:] = True
-    points = _grid(large)  # 5400 / 40 is 11.6²
-    assert sorted(map(tuple, points)) == [(x, y) for x in range(0, 90, 12) for y in range(0, 60, 12)]
-    thin[25] = True  # 90 pixels in an odd row, of which the grid has none
-    assert _grid(thin).tolist() == [[float(x), 25.0] for x in range(40)]
-
-
-@pytest.mark.parametrize(
-    ("boxes", "around"),
-    [
-        ([(100, 80, 10, 20)], (80, 60, 130, 120)),
-        ([(100, 80, 10, 20), (150, 100, 50, 10)], (50, 30, 250, 160)),
-        ([(5, 3, 10, 20)], (0, 0, 35, 43)),
-        ([(300, 230, 10, 8)], (280, 210, 320, 240)),
-        ([(100, 40, 20, 80)], (60, 0, 160, 160)),
-    ],
-)
-def test_the_surroundings_are_half_as_wide_as_all_regions_and_twenty_pixels_at_least(
-    boxes: list[tuple[int, int, int, int]], around: tuple[int, int, int, int]
-) -> None:
-    assert _surroundings(boxes, (240, 320)) == around
-
-
-def test_the_surroundings_flow_is_a_median_of_four_points_or_more(rng: np.random.Generator) -> None:
-    flow = np.array([2.0, -1.0]) + 0.3 * rng.standard_normal((4000, 2))
-    flow[:400] += 20
-    median, std = _median(flow)
-    np.testing.assert_allclose(median, [2.0, -1.0], atol=0.1)
-    assert std == pytest.approx(0.3, rel=0.2)
-    assert _median(flow[400:404])[1] > 0
-    assert not any(np.any(one) for one in _median(flow[400:403]))
-
-
-def test_points_move_alike_that_one_shift_and_expansion_explain() -> None:
-    """Up to half a pixel and 15 % of the flow; of two motions that of more points."""
-    x, y = np.meshgrid(np.arange(0, 60, 10.0), np.arange(0, 60, 10.0))
-    points, all_move = np.column_stack([x.ravel(), y.ravel()]), np.ones(36, bool)
-    grown = 0.1 * (points - 25.0) + [2.0, 0.0]
-    assert _most_alike(points, grown, all_move).all()
-    several = np.where((points[:, :1] < 20), [4.0, 0.0], [0.0, 4.0])
-    assert np.array_equal(_most_alike(points, several, all_move), points[:, 0] >= 20)
-    for off, alike in ((1.0, True), (2.5, False)):  # 0.5 + 0.6 px beside 4 px, of both together twice that
-        flow = np.broadcast_to([4.0, 0.0], (36, 2)).copy()
-        flow[7, 1] = off
-        assert _most_alike(points, flow, all_move)[7] == alike
-    assert not _most_alike(points, grown, ~all_move).any()
-    assert np.array_equal(_most_alike(points, grown, points[:, 1] > 20), points[:, 1] > 20)
-
-
-def matched_with(flow: Callable[[np.ndarray], np.ndarray], tolerance_px: float, then: View = VIEW) -> Match:
-    """`measured` of plain images, if `flow` gives the flow of points (n, 2) of the cut, all of them matched."""
-    images = [np.zeros((240, 320), np.uint8)] * 2
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            optical_flow, "_lucas_kanade", lambda _new, _old, points: (flow(points), np.ones(len(points), bool))
-        )
-        return measured(images, then, tolerance_px)
-
-
-@pytest.mark.parametrize(
-    ("spread_px", "tolerance_px", "moves_px", "moves"),
-    [(1.0, 0.5, 4.3, False), (1.0, 0.5, 4.6, True), (0.1, 0.9, 0.85, False), (0.1, 0.9, 0.95, True)],
-)
-def test_points_move_that_differ_from_the_surroundings_by_three_standard_deviations_and_the_tolerance(
-    spread_px: float, tolerance_px: float, moves_px: float, moves: bool
-) -> None:
-    """Two of three points of the surroundings are off by a spread in each coordinate; of a normal distribution with
-    that median the standard deviation is 1.4826 times as large."""
-
-    def flow(points: np.ndarray) -> np.ndarray:
-        of_region = ((points >= 20) & (points < 50)).all(axis=1)
-        assert not ((points >= 16) & (points < 54)).all(axis=1)[~of_region].any()  # none beside the region
-        off = spread_px * (np.arange(len(points))[:, None] % 3 - 1) * [1.0, -1.0]
-        return np.array([7.0, -3.0]) + np.where(of_region[:, None], [0.6 * moves_px, -0.8 * moves_px], off)
-
-    found = matched_with(flow, tolerance_px)
-    assert (found.moving, found.unmatched) == (float(moves), 0.0)
-    if moves:
-        assert found.flow is not None
-        shift = np.array([0.6, -0.8]) * moves_px
-        np.testing.assert_allclose(found.flow.velocity_px_s, shift / DT)
-        np.testing.assert_allclose(found.flow.now_px, [162.5, 122.5])  # the middle of every sixth pixel
-        np.testing.assert_allclose(found.flow.now_px - found.flow.then_px, shift)
-        np.testing.assert_allclose(found.flow.cov, (0.1 / DT) ** 2 * np.eye(2), atol=1e-9)
-        assert found.flow.interval_s == pytest.approx(DT)
-        beside = View(LEFT_EYE, transform(translation=(0.02, 0.0, 0.0)))  # 0.4: of a wall's inverse distance
-        moved = matched_with(flow, tolerance_px, beside).flow
-        assert moved is not None
-        shift_px = 0.4 * LEFT_EYE.focal_px * 0.02 / 1.2
-        np.testing.assert_allclose((moved.cov - found.flow.cov) * DT**2, shift_px**2 * np.eye(2), atol=1e-9)

@@ -7,9 +7,8 @@ from ball_scenes import Sphere, look
 from pps_vision.geometry.camera import Camera, View
 from pps_vision.geometry.se3 import transform
 from pps_vision.robot.icub import LEFT_EYE
-from pps_vision.types import Array
-from tracking.marker import MarkerParams, find_markers, threshold
-from tracking.outline import Coverage, Optics, Outline, _fit_circle, cover, fit_outline, outline
+from tracking.marker import MarkerParams, threshold
+from tracking.outline import Coverage, Optics, Outline, cover, fit_outline, outline
 
 RED, GREEN = (210.0, 45.0, 40.0), (25.0, 200.0, 60.0)
 FULL = (0, 0, LEFT_EYE.width, LEFT_EYE.height)
@@ -97,28 +96,6 @@ def test_the_share_of_a_covariance_that_pixels_cause_is_what_sampling_finds(rng:
     assert abs(sampled[0, 1]) > 2 * bound[0, 1]  # or the test could not tell
 
 
-def test_covariance_is_carried_through_a_lens_that_distorts(optics: Optics) -> None:
-    """Far off the axis: 2 J S Jᵀ, by finite differences of the projection, beyond that of a certain outline."""
-    y, x = np.mgrid[:40, :40] - 19.5
-    alpha = np.clip(12 - np.hypot(x, 1.4 * y), 0, 1).astype(np.float32)
-    variance = np.where((alpha > 0) & (alpha < 1), 0.05 + 0.001 * x, 0).astype(np.float32)
-    left, top = 270, 10
-    stated, certain = (
-        outline(Coverage(alpha, v, (left, top, left + 40, top + 40)), optics) for v in (variance, 0 * variance)
-    )
-    assert stated is not None
-    assert certain is not None
-    crop = np.s_[top : top + 40, left : left + 40]
-    rays = LEFT_EYE.bearing_map[crop] * LEFT_EYE.solid_angle_map[crop][..., None]
-    S = np.einsum("vu,vui,vuj", variance.astype(float), rays, rays)
-    direction = np.einsum("vu,vui", alpha.astype(float), rays)
-    h = 1e-5 * np.linalg.norm(direction)
-    J = np.array(
-        [(LEFT_EYE.project(direction + d) - LEFT_EYE.project(direction - d)) / (2 * h) for d in h * np.eye(3)]
-    ).T
-    np.testing.assert_allclose(stated.cov_px - certain.cov_px, 2 * J @ S @ J.T, rtol=1e-4)
-
-
 def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
     """Wide aside and near, the plain centroid of a sphere's image is off by over half a pixel."""
     sphere = Sphere(np.array([-0.12, 0.06, 0.2]), 0.035, RED)
@@ -129,20 +106,6 @@ def test_perspective_does_not_pull_the_center(optics: Optics) -> None:
     shape = outline(cover(look(View(LEFT_EYE, np.eye(4)), [sphere]), hard, FULL), optics)
     assert shape is not None
     assert np.linalg.norm(shape.center_px - true) < 0.12
-
-
-def test_a_small_window_is_as_good_as_the_whole_image(optics: Optics, rng: np.random.Generator) -> None:
-    for center in ((0.02, 0.01, 0.4), (-0.05, 0.03, 0.45)):
-        sphere = Sphere(np.array(center), 0.02, GREEN)
-        image = look(View(LEFT_EYE, np.eye(4)), [sphere], rng)
-        x, y = LEFT_EYE.project(sphere.center)
-        (one,) = find_markers(MarkerParams(), image, optics, (float(x), float(y), 25.0))
-        other = outline(cover(image, threshold(MarkerParams(), image) > 0, FULL), optics)
-        assert other is not None
-        np.testing.assert_allclose(one.center_px, other.center_px, atol=1e-6)
-        assert (one.box_px, one.is_partial) == (other.box_px, other.is_partial)
-        assert one.area_px == pytest.approx(other.area_px, rel=1e-6)
-        assert one.angular_radius_rad == pytest.approx(other.angular_radius_rad, rel=1e-6)
 
 
 def test_harmonics_are_those_of_the_edge() -> None:
@@ -211,45 +174,6 @@ def test_a_disc_or_an_outline_of_the_expected_area_is_whole(optics: Optics, rng:
     assert (whole.is_partial, free.is_partial, smaller.is_partial, hidden.is_partial) == (False, False, False, True)
     np.testing.assert_array_equal(whole.cov_px, free.cov_px)
     assert hidden.cov_px[0, 0] > 10 * whole.cov_px[0, 0]
-
-
-def _on_circle(n: int, first: float, last: float, radius: float = 20.0) -> Array:
-    """(n, 2) evenly on an arc, degrees, around (50, 40)."""
-    angle = np.deg2rad(np.linspace(first, last, n, endpoint=False))
-    return np.array([50.0, 40.0]) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-@pytest.mark.parametrize(("others_radius", "share"), [(15.0, 0.7), (19.5, 1.0), (20.5, 1.0), (25.0, 0.4)])
-def test_a_circle_is_voted_for_by_what_lies_on_it_and_against_by_what_lies_outside(
-    others_radius: float, share: float
-) -> None:
-    """Of 100 points 70 lie on it; the others within it, within a pixel of it, or outside."""
-    edge = np.concatenate([_on_circle(70, 0, 252), _on_circle(30, 252, 360, others_radius)])
-    x, y, *_, found = _fit_circle(edge, 20.0)
-    assert found == pytest.approx(share)
-    np.testing.assert_allclose([x, y], [50, 40], atol=0.3)
-
-
-@pytest.mark.parametrize("last", [360.0, 200.0, 120.0])
-def test_a_circle_s_centre_is_as_uncertain_as_its_edge_and_its_radius(last: float) -> None:
-    """Edge points err by 0.3 px, two and two alike; the radius by 3 %, which moves the centre of an arc."""
-    edge, h = _on_circle(90, 0, last), 0.01
-    x, y, uu, uv, vv, share = _fit_circle(edge, 20.0)
-    larger, smaller = (np.array(_fit_circle(edge, 20.0 + d)[:2]) for d in (h, -h))
-    by_radius = (larger - smaller) / (2 * h)
-    normals = (edge - [50, 40]) / 20
-    expected = 2 * 0.3**2 * np.linalg.inv(normals.T @ normals) + np.outer(by_radius, by_radius) * (0.03 * 20) ** 2
-    np.testing.assert_allclose([x, y], [50, 40], atol=1e-6)
-    np.testing.assert_allclose([[uu, uv], [uv, vv]], expected, rtol=0.02, atol=1e-4)
-    assert share == 1
-
-
-def test_no_circle_is_fitted_to_what_lies_on_none() -> None:
-    """A straight line; points that are all too near each other, or too far apart, for its radius."""
-    line = np.stack([np.arange(60.0), np.full(60, 10.0)], axis=-1)
-    assert _fit_circle(line, 8.0)[5] < 0.5
-    for radius in (100.0, 5.0):
-        assert _fit_circle(_on_circle(60, 0, 360), radius)[5] <= 0.5
 
 
 def test_a_disc_s_box_is_as_wide_as_high_and_filled_like_one() -> None:
