@@ -20,7 +20,7 @@ from pps_vision.types import Image, StereoFrame
 from tracking.appearance import all_colors, color_bins
 from tracking.marker import MarkerParams, blob_outlines, threshold
 from tracking.outline import Optics
-from tracking.stereo import Found
+from tracking.stereo import Outlines
 from tracking.tracker import Appearance, Tracker, TrackerStep
 
 _BLUR_PX = (2 * np.log(2)) ** -0.5  # its three weights are ¼, ½, ¼, as those of `ImageTracker`
@@ -56,7 +56,7 @@ class BatchTracker:
 
 
 @torch.inference_mode()
-def find(appearance: Appearance, images: Sequence[Image], optics: Optics, device: torch.device) -> list[Found]:
+def find(appearance: Appearance, images: Sequence[Image], optics: Optics, device: torch.device) -> list[Outlines]:
     """Outlines of what may be the object in each of the RGB images (h, w, 3) of one camera; None for all, if they are
     not that camera's.
 

@@ -88,10 +88,10 @@ class CameraTracker:
     def find(
         self, state: CameraState, camera: CameraFrame, prior: Prior | None
     ) -> tuple[CameraState, ImageDetection | None]:
-        """The object near its prior, None where it is not found: one of `camera.found` (`batch`), else searched."""
+        """The object near its prior, None where it is not found: one of `camera.outlines` (`batch`), else searched."""
         if prior is None:
             return state, None
-        given = None if state.by_background else self._given(state, camera.found or [], prior)
+        given = None if state.by_background else self._given(state, camera.outlines or [], prior)
         if given is None and self.marker is not None:
             given, is_hue_there = self._find_marker(self.marker, state, camera, prior)
             if given is None and not is_hue_there:

@@ -37,10 +37,10 @@ def moved_markers(params: MarkerParams, camera: CameraFrame, optics: Optics, bac
             refused.append((x, y, x + w, y + h))
         return moved
 
-    if camera.found is None:
+    if camera.outlines is None:
         found = find_markers(params, camera.image, optics, is_candidate=may_be)
     else:
-        found = [one for one in camera.found if may_be(*(round(value) for value in one.box_px))]
+        found = [one for one in camera.outlines if may_be(*(round(value) for value in one.box_px))]
     vivid = find_vivid_markers(params, camera.image, optics, is_candidate=may_be)
     found = [one for one in found if not any(_holds(one, other) for other in vivid)] + vivid
     if not found and refused and background.is_known(camera.view):

@@ -25,7 +25,7 @@ from tracking.marker import MarkerParams
 from tracking.motion_trigger import TriggerParams
 from tracking.optical_flow import velocity
 from tracking.outline import Optics, Outline
-from tracking.stereo import Association, CameraFrames, Found, StereoParams, camera_frames, with_pose_error
+from tracking.stereo import Association, CameraFrames, Outlines, StereoParams, camera_frames, with_pose_error
 
 Appearance = MarkerParams | ColorModel
 Detections = tuple[ImageDetection | None, ImageDetection | None]
@@ -160,12 +160,12 @@ class Tracker:
         """Error of the cameras' nominal poses at the last frame."""
         return self._poses.motion
 
-    def step(self, frame: StereoFrame, found: tuple[Found, Found] = (None, None)) -> TrackerStep:
+    def step(self, frame: StereoFrame, outlines: tuple[Outlines, Outlines] = (None, None)) -> TrackerStep:
         """The track after this frame.
 
         Args:
             frame: The next stereo frame.
-            found: The object's outlines in the left and the right image as searched, if they were found beforehand
+            outlines: The object's outlines in the left and the right image as searched, if they were found beforehand
                 (`batch`).
 
         Raises:
@@ -173,7 +173,7 @@ class Tracker:
                 has changed then.
         """
         frame_checks.check(frame, self.rig, self.state.stamps_s)
-        self.state, result = self._advance(self.state, self.searched(frame), found)
+        self.state, result = self._advance(self.state, self.searched(frame), outlines)
         return result if self.params.reduction == 1 else _enlarged(result, self.params.reduction)
 
     def searched(self, frame: StereoFrame) -> StereoFrame:
@@ -184,14 +184,14 @@ class Tracker:
         return replace(frame, left=reduced_image(frame.left, k), right=reduced_image(frame.right, k))
 
     def _advance(
-        self, state: TrackerState, frame: StereoFrame, found: tuple[Found, Found]
+        self, state: TrackerState, frame: StereoFrame, outlines: tuple[Outlines, Outlines]
     ) -> tuple[TrackerState, TrackerStep]:
         """Detect, associate, update, initiate or delete."""
         images = frame_checks.fingerprints(frame)
         blind = frame_checks.is_blind(images, state.images)
         poses = self._poses.nominal(frame) if blind else self._poses.step(frame)
         view, blind = poses.view, blind or not poses.is_known
-        cameras, stamp_s = camera_frames(frame, view, found), frame.stamp_s
+        cameras, stamp_s = camera_frames(frame, view, outlines), frame.stamp_s
         predicted = None if state.belief is None else kalman.predict(state.kalman, state.belief, stamp_s)
         was_tracked = predicted is not None and state.hits >= self.params.confirm_frames
         state, predicted, detections = self._detect(state, predicted, cameras, view, stamp_s, blind=blind)

@@ -488,7 +488,7 @@ def test_before_an_eye_at_rest_a_marker_is_what_has_moved(rig: StereoRig, robot:
     np.testing.assert_allclose(found.center_px, [159.5, 109.5], atol=0.3)
     both = find_markers(params, camera.image, optics)
     assert len(both) == 2
-    (again,) = moved_markers(params, camera._replace(found=both), optics, background)
+    (again,) = moved_markers(params, camera._replace(outlines=both), optics, background)
     np.testing.assert_allclose(again.center_px, [159.5, 109.5], atol=0.3)
     wall = learned_from(lambda: green((0, 0, 320, 240), of=(60, 140, 75)), view)
     before = green((0, 0, 320, 240), of=(60, 140, 75))

@@ -150,7 +150,7 @@ def test_an_outline_that_was_found_beforehand_is_near_and_as_large_as_expected(
 ) -> None:
     """Its centre within the object's radius, two standard deviations and 4 px: 26 px; its size within 3 %."""
     tracker, one = camera_tracker(rng), of_size(size_px, (150.0 + off_px[0], 110.0 + off_px[1]))
-    camera = seen_from(picture(rng))._replace(found=[one])
+    camera = seen_from(picture(rng))._replace(outlines=[one])
     state = CameraState(size_px=36.0)
     _, found = tracker.find(state, camera, Prior(np.array([150.0, 110.0]), 2.0, 1.0))
     assert (found is not None) == is_it

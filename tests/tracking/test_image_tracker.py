@@ -371,7 +371,7 @@ def test_what_moves_is_expected_where_it_is_when_the_eye_looks(
     prior = prior._replace(std_px=2.0)
     here, elsewhere = (replace(seen, center_px=prior.center_px + np.array([off, 0.0])) for off in (3.0, 60.0))
     for given, taken in (([elsewhere, here], here), ([elsewhere], None)):
-        found = tracker.find(state, camera(0.05)._replace(found=given), prior)[1]
+        found = tracker.find(state, camera(0.05)._replace(outlines=given), prior)[1]
         assert (found and found.outline) is taken
 
 
