@@ -1,287 +1,508 @@
-"""Move away from what the skin predicts to touch it, or reach for it (R eq. 6), and return home.
+"""Move an arm away from an object that is predicted to touch its skin, and return home (R, "Avoidance and reaching").
 
-Beyond R: an arm at rest does not respond to what will pass or has not come nearer, taxels leave the path of an object
-that withdrawal along their normals is not predicted to escape, and reaching aims at the object, with the taxel that
-touches it first at the speeds that the constraints allow.
+Every taxel above the activation threshold withdraws against its normal.  Beyond R: an arm at rest responds only to an
+object that approaches; links without taxels keep clear; and where withdrawal is predicted to leave too little
+clearance, the taxels leave the object's path sideways.  `control_point` is R eq. 6 itself.
 """
 
-from dataclasses import replace
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from control import reaching
-from control.arm import MovingPoint
-from control.avoidance_params import AvoidanceParams, AvoidanceState, Response
-from control.avoidance_response import (
-    LINK_CLEARANCE_M,
-    RespondingArm,
-    angles_from_home,
-    at_home,
-    kept_clear,
-    respond,
-    return_home,
-)
-from control.limits import MAX_HOLD_S, check_times
-from control.reaching import HORIZON_S, distances_ahead, radius_m
+from control.arm import ArmConstraints, ArmParams, KeepIn, MovingPoint, arm_constraints, arm_velocity
+from control.limits import MAX_HOLD_S, LimitParams, check_times
 from pps_vision.errors import InputError
-from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.geometry.se3 import inverse, move_points, rotation_to
 from pps_vision.robot.bare_links import BareLinks, Near
 from pps_vision.robot.model import Posture
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import Skin
 from pps_vision.types import Array, JointVelocity, Track3D
 
-__all__ = ["AvoidanceParams", "AvoidanceState", "ControlPoint", "Response", "control_points", "step"]
+HORIZON_S = 3.0
+"""Prediction horizon of the object's motion: R's longest time to contact."""
+_HISTORY_S = 0.5  # duration of the object's position history
+_LOST_WAIT_S = 1.0  # the arm holds still for this time after the object is lost, then returns home
+_UNBLOCKED_M = 0.05  # an object that interrupted the return must move by this before the arm returns again
+_AT_HOME_RAD = np.deg2rad(0.2)  # largest joint angle from home that counts as being there
+_MAX_RETURN_S = 6.0  # longest return: a joint that is stuck never gets home
+_RETURN_PER_S = 3.0  # rate of the return, of the angles from home
+_EASE_IN_S = 0.3  # time in which the return speeds up
+_LINK_CLEARANCE_M = 0.03  # smallest distance that links without taxels approach the object to
+_LINK_LEAD_S = 0.5  # prediction horizon for links without taxels
+_ESCAPE_DIRECTIONS = 8  # directions across the object's path that are compared
+_ESCAPE_GAIN_M = 0.01  # clearance by which another direction must exceed the present one
+_MIN_PATH_SPEED_M_S = 0.01  # a slower object has no path
+_PREDICTION_INSTANTS = 12
+_PASSED_M = 0.05  # the prediction ends when the object is this far beyond the last taxel
 
-_REACH_FOR_S = 3.0  # for which reaching outlasts the activation: an object that waits to be touched has no TTC
-# Positions of the object are compared over this time.
-_COME_WITHIN_S = 0.5
-_WAIT_S = 1.0  # for which the arm stays where it is when the object is lost, before it goes home
-# An object that interrupted the return must move by so much before the arm returns again: it does not swing before an
-# object at rest.
-_GONE_M = 0.05
-_LINK_LEAD_S = 0.5  # links without taxels respond if the object is to come nearer within it and no taxel is active
-_AT_HOME_RAD = np.deg2rad(0.2)  # largest angle from home that counts as being there
-_GIVE_UP_S = 6.0  # longest return: a joint that is stuck never gets home
-_FULL_SPEED_NORMAL = 0.5  # a mean normal that is shorter (60° from all normals to it, or more) slows the response
+Mode = Literal["idle", "avoid", "reach", "hold", "return"]
 
 
-def step(
-    params: AvoidanceParams,
-    state: AvoidanceState,
-    posture: Posture,
-    skin: Skin,
-    activations: ArrayLike,
-    stamp_s: float,
-    may_reach: bool = False,
-    hold_s: float = MAX_HOLD_S,
-    self_collision: SelfCollision | None = None,
-    track: Track3D | None = None,
-    bare_links: BareLinks | None = None,
-) -> tuple[AvoidanceState, JointVelocity, Response]:
-    """One control step from the activations (n,) of `skin`, the taxels this arm carries.
+@dataclass(frozen=True)
+class ResponseParams:
+    """The arm, and when it responds to its skin; shared by avoidance and reaching."""
 
-    The arm reaches only while `may_reach`: while the reachable-space map calls the object reachable; it avoids in any
-    case.  It reaches with the body part that is most likely to be touched, also after the object has stopped, and
-    withdraws all parts at once.  The command may be held for `hold_s`; the response keeps clear of the bodies of
-    `self_collision`.  Of a `track` (None: unknown) an arm that avoids keeps the `bare_links`, which have no taxels,
-    clear too, and when it is lost the arm holds still, then goes home.  InputError if an activation is not in [0, 1],
-    if there is not one per taxel, or if the stamp is not finite or before the last one.
+    mode: ClassVar[Mode]
+    home_arm_rad: tuple[float, ...]
+    """(k,) the arm's joints at home."""
+    side: Literal["left", "right"] = "left"
+    """The arm."""
+    threshold: float = 0.4
+    """Activation above which a taxel responds."""
+    speed_m_s: float = 0.10
+    """Largest speed of the taxels that respond."""
+    radius_m: float = 0.20
+    """Largest distance of the palm from its place at home."""
+    miss_distance_m: float = 0.05
+    """Respond only if the extrapolated path passes within this distance of the skin (inf: respond to any activation,
+    as in R)."""
+    min_approach_m: float = 0.01
+    """Respond only if the object has come this much nearer within half a second, and then at once; 0: extrapolate the
+    estimated velocity instead.  The velocity of an object that stops overshoots and points back for a quarter of a
+    second; the positions do not."""
+    confirmation_s: float = 0.15
+    """Time above threshold before the arm responds to an object that has not come nearer."""
+    persist_s: float = 0.3
+    """Time for which the response outlasts the activation."""
+    arm: ArmParams = field(default_factory=ArmParams)
+    """Limits and damping of the arm."""
+
+    def __post_init__(self) -> None:
+        if self.side not in ("left", "right"):
+            raise InputError("arm", f"side {self.side!r}; expected left or right")
+        if not self.home_arm_rad or not np.isfinite(self.home_arm_rad).all():
+            raise InputError("arm", f"home_arm_rad {self.home_arm_rad}; expected an angle for each joint")
+        positive = self.threshold, self.speed_m_s, self.radius_m, self.miss_distance_m
+        durations = self.confirmation_s, self.persist_s, self.min_approach_m
+        if not (min(positive) > 0 and min(durations) >= 0 and self.threshold <= 1):
+            expected = "expected positive numbers, a threshold of at most 1, times and approach of at least 0"
+            raise InputError("arm", f"{self}; {expected}")
+
+
+@dataclass(frozen=True)
+class AvoidanceParams(ResponseParams):
+    """Parameters of avoidance."""
+
+    mode: ClassVar[Mode] = "avoid"
+    escape_clearance_m: float = 0.05
+    """Taxels leave the object's path sideways where withdrawal along the normals is predicted to leave less than this
+    between skin and object, and moving sideways to leave more; 0: never (R)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.escape_clearance_m >= 0:
+            raise InputError("arm", f"escape_clearance_m {self.escape_clearance_m}; expected at least 0")
+
+
+@dataclass(frozen=True, slots=True)
+class ArmInput:
+    """Input of one control step of an arm."""
+
+    stamp_s: float
+    """Stamp of the command."""
+    posture: Posture
+    """The robot when the command takes effect."""
+    skin: Skin
+    """The n taxels that the arm carries."""
+    activations: Array
+    """(n,) predicted touch, in [0, 1]."""
+    track: Track3D
+    """The attended object, or an unknown track."""
+    hold_s: float = MAX_HOLD_S
+    """Time for which the command may be held."""
+    self_collision: SelfCollision | None = None
+    """Distances between the robot's bodies; None: they are not limited."""
+    bare_links: BareLinks | None = None
+    """Links of the arm without taxels; None: they do not keep clear."""
+
+    @property
+    def object_radius_m(self) -> float:
+        """Radius of the object, 0 where it is unknown."""
+        return self.track.radius_m if np.isfinite(self.track.radius_m) else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ArmState:
+    """State of an arm that avoids or reaches."""
+
+    mode: Mode = "idle"
+    since_s: float = 0.0
+    """Stamp of the last activation responded to, or of the begin of a hold or return."""
+    active_since_s: float = np.inf
+    """Begin of the uninterrupted activation of any taxel; inf without one."""
+    points: tuple[MovingPoint, ...] = ()
+    """Control points with their commanded velocities, the most activated first."""
+    blocked_by: Array | None = None
+    """(3,) m, position of the object that interrupted the return."""
+    escape_direction: Array | None = None
+    """(3,) direction across the object's path in which the control points move; None: against the normals."""
+    target_taxel: int | None = None
+    """Number of the taxel that the object's path passes nearest, for an arm that reaches."""
+    positions: tuple[tuple[float, Array], ...] = ()
+    """Stamps and positions (3,) m of the object in the last half second."""
+    stamp_s: float = -np.inf
+    """Stamp of the last step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Output of one control step of an arm."""
+
+    mode: Mode
+    command: JointVelocity
+    """Rates of the arm's joints."""
+    velocity_root: Array
+    """(3,) m/s, velocity of the most activated control point; zero unless the arm avoids or reaches."""
+    point_root: Array
+    """(3,) m, that control point; NaN unless the arm avoids or reaches."""
+
+
+def step(params: AvoidanceParams, state: ArmState, arm: ArmInput) -> tuple[ArmState, Response]:
+    """Advance avoidance by one control step.
+
+    InputError if an activation is not in [0, 1], their number is not that of the taxels, or the stamp is not finite or
+    before the last one.
     """
-    check_times("avoidance", stamp_s, hold_s, state.stamp_s)
-    last, a = state, np.asarray(activations, dtype=float)
-    seen = _seen(params, last, stamp_s, track)
-    known = track if track is not None and track.is_known else None
-    found, came, near = _candidates(params, last, posture, skin, a, known, seen, bare_links)
-    allowed = may_reach or params.behaviour == "avoid"
-    state = _next(params, last, posture, found if allowed else [], stamp_s, allowed, track, came)
-    if state.mode == "reach" and known is not None:
-        state = _aimed(params, last, state, posture, skin, known, seen)
-        near = reaching.other_parts(posture, skin, state.points[0].frame, known)
-    so_far = last.aside if last.mode == state.mode == "avoid" else None
-    state = replace(state, stamp_s=stamp_s, seen=seen, aside=so_far)
-    dq, response = 0 * posture.q_rad, Response(state.mode, np.zeros(3), np.full(3, np.nan))
-    if state.mode in ("avoid", "reach"):
-        follows = state.mode == "reach" or state.since_s == stamp_s
-        arm = RespondingArm.of(params, posture, hold_s, self_collision, kept_clear(posture, near, hold_s))
-        state, dq = respond(arm, state, skin, known if follows else None)
-        first = state.points[0]
-        response = Response(state.mode, np.asarray(first.velocity_root), posture.point(first.frame, first.point))
+    state = observed(state, arm)
+    points = _active_taxels(params, arm)
+    has_approached, is_threatened = approach(params, arm, state)
+    if state.mode == "idle" and not is_threatened:
+        points = ()
+    link_points, approached_links = _bare_links(params, arm)
+    threats = points or _link_points(params, arm, approached_links)
+    last_mode = state.mode
+    state = next_state(params, state, arm, bool(threats), has_approached and bool(points))
+    clearance = clearance_rows(arm, link_points)
+    dq = np.zeros_like(arm.posture.q_rad)
+    if state.mode == "avoid":
+        state = replace(state, points=threats or state.points)
+        escape = state.escape_direction if last_mode == "avoid" else None
+        motion = ArmMotion.of(params, arm, clearance)
+        if threats and arm.track.is_known and arm.skin.parts and params.escape_clearance_m > 0:
+            escape = _escape_direction(motion, state.points, escape, params.escape_clearance_m)
+        state = replace(state, escape_direction=escape, points=_redirected(state.points, escape))
+        dq = motion.rates(state.points)
     elif state.mode == "return":
-        dq = return_home(params, posture, stamp_s - state.since_s, kept_clear(posture, near, hold_s))
-    return state, JointVelocity(stamp_s, dq, hold_s), response
+        dq = return_home(params, arm, arm.stamp_s - state.since_s, clearance)
+    return state, response(state, arm, dq)
 
 
 class ControlPoint(NamedTuple):
-    """P and N of one body part, or of one taxel (R eq. 6)."""
+    """P and N of R eq. 6."""
 
     frame: str
-    """The frame that carries P."""
-    point_root: Array
-    """(3,) P, m."""
+    """The frame that carries P: that of the body part with the largest Σ a."""
+    point: Array
+    """(3,) P in `frame`, m."""
     direction: Array
-    """(3,) N; of length 1 at full speed, shorter where normals cancel or, by weighting, for a lower activation."""
-    weight: float
-    """Σ a over the taxels above threshold."""
-    likeliest: float
-    """The largest a."""
+    """(3,) N in the root frame; its length is the mean activation where the normals agree."""
 
 
-def control_points(
-    threshold: float,
-    posture: Posture,
-    skin: Skin,
-    activations: Array,
-    weighting: Literal["sum", "count"] = "sum",
-    each: bool = False,
-) -> list[ControlPoint]:
-    """R eq. 6 for each body part with taxels above threshold, or for `each` of these, that with the largest Σ a first.
+def control_point(threshold: float, posture: Posture, skin: Skin, activations: Array) -> ControlPoint | None:
+    """P = Σ aᵢpᵢ / Σ aᵢ and N = Σ aᵢnᵢ / k over the k taxels above `threshold` (R eq. 6); None if k = 0.
 
-    P = Σ a p / Σ a; N = Σ a n / Σ a made a unit vector, but shorter where normals cancel, or N = Σ a n / k.
+    P is divided by Σ aᵢ as in R's code: as printed, divided by k, it is no point of the arm.
     """
-    n = len(skin.taxel_ids)
-    if activations.shape != (n,) or not np.all((activations >= 0) & (activations <= 1)):
-        raise InputError("avoidance", f"activations {activations}; expected {n} numbers in [0, 1], one a taxel")
-    active = np.flatnonzero(activations > threshold)
-    if not len(active):
-        return []
+    a = np.where(activations > threshold, activations, 0.0)
+    if not a.any():
+        return None
     positions, normals = skin.at(posture)
-    found = []
-    ends = np.arange(1, len(active)) if each else np.flatnonzero(np.diff(skin.part_index[active])) + 1
-    for group in np.split(active, ends):
-        a, total = activations[group], float(activations[group].sum())
-        mean: Array = a @ normals[group] / total
-        by_sum = mean / max(float(np.linalg.norm(mean)), _FULL_SPEED_NORMAL)
-        direction = by_sum if weighting == "sum" else a @ normals[group] / len(group)
-        frame = skin.parts[skin.part_index[group[0]]].frame
-        found.append(ControlPoint(frame, a @ positions[group] / total, direction, total, float(a.max())))
-    return sorted(found, key=lambda one: -one.weight)
+    by_part = np.bincount(skin.part_index, a, len(skin.parts))
+    frame = skin.parts[int(by_part.argmax())].frame
+    T = posture.T_root(frame)
+    point = (a @ positions / a.sum() - T[:3, 3]) @ T[:3, :3]
+    return ControlPoint(frame, point, a @ normals / np.count_nonzero(a))
 
 
-def _candidates(
-    params: AvoidanceParams,
-    state: AvoidanceState,
-    posture: Posture,
-    skin: Skin,
-    activations: Array,
-    track: Track3D | None,
-    seen: tuple[tuple[float, Array], ...],
-    bare_links: BareLinks | None,
-) -> tuple[list[ControlPoint], bool, list[Near]]:
-    """Control points that the arm may respond with, whether the object of a `track` has come nearer to one of the skin,
-    and the nearest points of links without taxels."""
-    found = control_points(params.threshold, posture, skin, activations, params.weighting, each=params.each_taxel)
-    came = False
-    if track is not None and skin.parts:
-        came, comes = _comes(params, posture, skin, track, seen)
-        found = found if comes or state.mode != "idle" else []
-    came = came and bool(found)  # what threatens links without taxels has to last
-    if params.behaviour == "reach":
-        return sorted(found, key=lambda one: -one.likeliest)[:1], came, []
-    if bare_links is None or track is None:
-        return found, came, []
-    near, threatened = _near(params, bare_links, posture, track)
-    return found or [_of_link(one) for one in threatened], came, near
+def observed(state: ArmState, arm: ArmInput) -> ArmState:
+    """Check an input and append the object's position to the history.  InputError as in `step`."""
+    check_times("arm", arm.stamp_s, arm.hold_s, state.stamp_s)
+    n = len(arm.skin.taxel_ids)
+    a = arm.activations
+    if a.shape != (n,) or not np.all((a >= 0) & (a <= 1)):
+        raise InputError("arm", f"activations {a}; expected {n} numbers in [0, 1], one a taxel")
+    begin_s = arm.stamp_s - _HISTORY_S - 1e-9
+    positions = tuple(entry for entry in state.positions if entry[0] >= begin_s)
+    if arm.track.is_known:
+        positions = (*positions, (arm.stamp_s, arm.track.position))
+    return replace(state, positions=positions, stamp_s=arm.stamp_s)
 
 
-def _seen(
-    params: AvoidanceParams, state: AvoidanceState, stamp_s: float, track: Track3D | None
-) -> tuple[tuple[float, Array], ...]:
-    """Where the object was in the last `_COME_WITHIN_S`, and is."""
-    kept = tuple(one for one in state.seen if one[0] >= stamp_s - _COME_WITHIN_S - 1e-9)
-    return (*kept, (stamp_s, track.position)) if track is not None and track.is_known else kept
-
-
-def _comes(
-    params: AvoidanceParams, posture: Posture, skin: Skin, track: Track3D, seen: tuple[tuple[float, Array], ...]
-) -> tuple[bool, bool]:
-    """Whether the object has come nearer, by `come_m`, to where the skin is now, and whether it then comes within
-    `path_m` of a taxel if it moves on as it has since it was farthest away; without `come_m`, at its velocity."""
-    taxels, _ = skin.at(posture)
-    times, places = np.array([at_s for at_s, _ in seen]), np.array([position for _, position in seen])
-    distance = np.linalg.norm(places[:, None] - taxels, axis=2).min(axis=1)
+def approach(params: ResponseParams, arm: ArmInput, state: ArmState) -> tuple[bool, bool]:
+    """Whether the object has come nearer to the skin by `min_approach_m`, and whether an arm at rest may respond: if
+    the object then passes within `miss_distance_m` of a taxel on the path since it was farthest away (without
+    `min_approach_m`: at its velocity), or if its position is unknown."""
+    if not arm.track.is_known or not arm.skin.parts:
+        return False, True
+    taxels, _ = arm.skin.at(arm.posture)
+    stamps = np.array([stamp_s for stamp_s, _ in state.positions])
+    positions = np.array([position for _, position in state.positions])
+    distance = np.linalg.norm(positions[:, None] - taxels, axis=2).min(axis=1)
     k = int(distance.argmax())
-    came = bool(times[-1] > times[k] and 0 < params.come_m <= distance[k] - distance[-1])
-    velocity = (places[-1] - places[k]) / (times[-1] - times[k]) if came else track.velocity
-    nearest_m = distances_ahead(taxels, track.position, velocity, HORIZON_S).min() - radius_m(track)
-    return came, bool((came or params.come_m == 0) and nearest_m < params.path_m)
+    has_approached = bool(stamps[-1] > stamps[k] and 0 < params.min_approach_m <= distance[k] - distance[-1])
+    velocity = arm.track.velocity
+    if has_approached:
+        velocity = (positions[-1] - positions[k]) / (stamps[-1] - stamps[k])
+    miss_distance = passing_distances(taxels, arm.track.position, velocity, HORIZON_S).min() - arm.object_radius_m
+    comes_near = bool(miss_distance < params.miss_distance_m)
+    return has_approached, comes_near and (has_approached or params.min_approach_m == 0)
 
 
-def _aimed(
-    params: AvoidanceParams,
-    last: AvoidanceState,
-    state: AvoidanceState,
-    posture: Posture,
-    skin: Skin,
-    track: Track3D,
-    seen: tuple[tuple[float, Array], ...],
-) -> AvoidanceState:
-    """The state of an arm that reaches for an object, with its control points moving to it, and the taxel that the
-    object comes to; the last one once none is active."""
-    state = replace(state, points=tuple(reaching.aimed(params.speed_m_s, one, posture, track) for one in state.points))
-    if not params.each_taxel:
-        return state
-    aimed_at = last.aimed_at if last.mode == "reach" else None
-    if aimed_at is None or state.since_s > last.since_s:
-        aimed_at = reaching.taxel_to_touch(skin, at_home(params, posture), track, seen)
-    frame = skin.parts[skin.part_index[aimed_at]].frame
-    return replace(state, aimed_at=aimed_at, points=(state.points[0]._replace(frame=frame),))
+def passing_distances(points: Array, position: Array, velocity: Array, horizon_s: float) -> Array:
+    """Smallest distances (n,) m of points (n, 3) from a position (3,) that moves at a velocity (3,) for a time."""
+    d = points - position
+    nearest_s = np.clip(d @ velocity / max(float(velocity @ velocity), 1e-12), 0.0, horizon_s)
+    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * velocity, axis=1))
 
 
-def _near(params: AvoidanceParams, links: BareLinks, posture: Posture, track: Track3D) -> tuple[list[Near], list[Near]]:
-    """The nearest points of links without taxels, and those of them to which the object comes within the lead time."""
-    radius = radius_m(track)
-    near, *later = (
-        links.near(posture, track.position + after_s * track.velocity, radius)
-        for after_s in (0.0, 0.5 * _LINK_LEAD_S, _LINK_LEAD_S)
-    )
-    nearest = np.min([[one.distance_m for one in then] for then in later], axis=0)
-    nearer_m = 0.1 * params.speed_m_s * _LINK_LEAD_S  # by the noise of its velocity what is at rest comes nearer
-    comes = [
-        distance < min(one.distance_m - nearer_m, LINK_CLEARANCE_M) for one, distance in zip(near, nearest, strict=True)
-    ]
-    return near, [one for one, it_comes in zip(near, comes, strict=True) if it_comes]
+def next_state(
+    params: ResponseParams,
+    state: ArmState,
+    arm: ArmInput,
+    is_active: bool,
+    has_approached: bool,
+    may_respond: bool = True,
+) -> ArmState:
+    """Respond to a confirmed activation, keep responding for a while, return home, then rest.
 
-
-def _of_link(near: Near) -> ControlPoint:
-    """The nearest point of a link without taxels, as if a taxel there were fully activated."""
-    return ControlPoint(near.frame, near.point_root, near.normal, 1.0, 1.0)
-
-
-def _next(
-    params: AvoidanceParams,
-    state: AvoidanceState,
-    posture: Posture,
-    found: list[ControlPoint],
-    stamp_s: float,
-    allowed: bool,
-    track: Track3D | None,
-    confirmed: bool,
-) -> AvoidanceState:
-    """Respond to a confirmed activation while allowed, keep responding for a while, then return, then rest.
-
-    Before the return, hold when the object is lost, or has interrupted a return and not moved since.
+    Hold before the return while the object is lost, or while it stays where it interrupted a return.
     """
-    active_since_s = min(state.active_since_s, stamp_s) if found else np.inf
-    mode, since_s, blocked_by = state.mode, stamp_s - state.since_s, state.blocked_by
-    responding, position = mode in ("avoid", "reach"), track.position if track and track.is_known else None
-    confirmed = confirmed or stamp_s - active_since_s > params.confirm_s - 1e-6
-    if found and (responding or mode == "hold" or confirmed):
-        by = position if mode == "return" else blocked_by
-        points = _moving(params, posture, found)
-        if mode == "reach" and position is not None:  # with a point that is no farther from the object than the last
-            points = min((state.points, points), key=lambda one: reaching.distance(posture, one[0], position))
-        return AvoidanceState(params.behaviour, stamp_s, active_since_s, points, by)
-    blocked = False
-    if blocked_by is not None and position is not None:
-        blocked = float(np.linalg.norm(position - blocked_by)) < _GONE_M
-    lost = track is not None and position is None
-    lasts_s = _REACH_FOR_S if mode == "reach" else params.persist_s
-    ended = responding and (lost or not allowed or since_s > lasts_s)
-    if ended and (lost or blocked):
-        return AvoidanceState("hold", stamp_s, blocked_by=blocked_by)
-    if ended or (mode == "hold" and not blocked and (not lost or since_s > _WAIT_S)):
-        return AvoidanceState("return", stamp_s, active_since_s)
-    if mode == "return":
-        is_home = np.abs(angles_from_home(params, posture)).max() < _AT_HOME_RAD
-        if is_home or since_s > _GIVE_UP_S:
-            return AvoidanceState("idle", stamp_s, active_since_s)
-    return replace(state, active_since_s=active_since_s)
+    is_active = is_active and may_respond
+    is_known = arm.track.is_known
+    elapsed_s = arm.stamp_s - state.since_s
+    active_since_s = min(state.active_since_s, arm.stamp_s) if is_active else np.inf
+    is_confirmed = has_approached or arm.stamp_s - active_since_s > params.confirmation_s - 1e-6
+    state = replace(state, active_since_s=active_since_s)
+    responding = state.mode == params.mode
+    if is_active and (responding or state.mode == "hold" or is_confirmed):
+        blocked_by = state.blocked_by
+        if state.mode == "return":
+            blocked_by = arm.track.position if is_known else None
+        return replace(state, mode=params.mode, since_s=arm.stamp_s, blocked_by=blocked_by)
+    is_blocked = False
+    if state.blocked_by is not None and is_known:
+        is_blocked = float(np.linalg.norm(arm.track.position - state.blocked_by)) < _UNBLOCKED_M
+    has_ended = responding and (not is_known or not may_respond or elapsed_s > params.persist_s)
+    if has_ended and (not is_known or is_blocked):
+        return replace(state, mode="hold", since_s=arm.stamp_s)
+    if has_ended or (state.mode == "hold" and not is_blocked and (is_known or elapsed_s > _LOST_WAIT_S)):
+        return replace(state, mode="return", since_s=arm.stamp_s, blocked_by=None)
+    if state.mode == "return":
+        is_home = np.abs(_angles_from_home(params, arm.posture)).max() < _AT_HOME_RAD
+        if is_home or elapsed_s > _MAX_RETURN_S:
+            return replace(state, mode="idle", since_s=arm.stamp_s)
+    return state
 
 
-def _moving(params: AvoidanceParams, posture: Posture, found: list[ControlPoint]) -> tuple[MovingPoint, ...]:
-    """The control points in their frames, with their velocities; their weights are shares of Σ a."""
-    speed = params.speed_m_s if params.behaviour == "reach" else -params.speed_m_s
-    total = sum(one.weight for one in found)
+def response(state: ArmState, arm: ArmInput, dq: Array) -> Response:
+    """The output for joint rates (n_joints,)."""
+    command = JointVelocity(arm.stamp_s, dq, arm.hold_s)
+    if state.mode not in ("avoid", "reach"):
+        return Response(state.mode, command, np.zeros(3), np.full(3, np.nan))
+    first = state.points[0]
+    return Response(state.mode, command, np.asarray(first.velocity_root), arm.posture.point(first.frame, first.point))
+
+
+def _active_taxels(params: AvoidanceParams, arm: ArmInput) -> tuple[MovingPoint, ...]:
+    """The taxels above threshold, moving against their normals; weighted by their shares of Σ a."""
+    active = np.flatnonzero(arm.activations > params.threshold)
+    if not active.size:
+        return ()
+    active = active[np.argsort(-arm.activations[active], kind="stable")]
+    _, normals = arm.skin.at(arm.posture)
+    shares = arm.activations[active] / arm.activations[active].sum()
+    return tuple(
+        MovingPoint(*arm.skin.taxel(k), -params.speed_m_s * normals[k], share, free_across=True)
+        for k, share in zip(active.tolist(), shares.tolist(), strict=True)
+    )
+
+
+def _bare_links(params: AvoidanceParams, arm: ArmInput) -> tuple[list[Near], list[Near]]:
+    """The nearest points of all links without taxels, and of the links that the object is predicted to approach."""
+    if arm.bare_links is None or not arm.track.is_known:
+        return [], []
+    now, *later = (
+        arm.bare_links.near(arm.posture, arm.track.position + ahead_s * arm.track.velocity, arm.object_radius_m)
+        for ahead_s in (0.0, 0.5 * _LINK_LEAD_S, _LINK_LEAD_S)
+    )
+    min_approach_m = 0.1 * params.speed_m_s * _LINK_LEAD_S  # an object at rest approaches by its velocity's noise
+    approached = []
+    for near, *predicted in zip(now, *later, strict=True):
+        distance_m = min(link.distance_m for link in predicted)
+        if distance_m < min(near.distance_m - min_approach_m, _LINK_CLEARANCE_M):
+            approached.append(near)
+    return now, approached
+
+
+def _link_points(params: AvoidanceParams, arm: ArmInput, links: list[Near]) -> tuple[MovingPoint, ...]:
+    """The nearest points of links, moving away from the object as fully activated taxels would."""
     return tuple(
         MovingPoint(
-            one.frame,
-            move_points(inverse(posture.T_root(one.frame)), one.point_root),
-            speed * one.direction,
-            one.weight / total,
-            free_across=params.each_taxel and params.behaviour == "avoid",
+            link.frame,
+            move_points(inverse(arm.posture.T_root(link.frame)), link.point_root),
+            -params.speed_m_s * link.normal,
+            1 / len(links),
+            free_across=True,
         )
-        for one in found
+        for link in links
     )
+
+
+@dataclass(frozen=True)
+class ArmMotion:
+    """Joint rates of an arm within its constraints in one control step."""
+
+    params: ResponseParams
+    arm: ArmInput
+    constraints: ArmConstraints
+
+    @classmethod
+    def of(cls, params: ResponseParams, arm: ArmInput, clearance: tuple[Array, Array]) -> "ArmMotion":
+        """The palm stays within its sphere, rates within the `clearance` rows."""
+        palm = arm.posture.robot.names.palm(params.side)
+        keep_in = KeepIn(palm, at_home(params, arm.posture).point(palm), params.radius_m)
+        constraints = arm_constraints(
+            params.arm,
+            arm.posture,
+            params.side,
+            params.home_arm_rad,
+            keep_in=keep_in,
+            hold_s=arm.hold_s,
+            self_collision=arm.self_collision,
+            more_rows=clearance,
+        )
+        return cls(params, arm, constraints)
+
+    def rates(self, points: tuple[MovingPoint, ...], arm_params: ArmParams | None = None) -> Array:
+        """Joint rates (n_joints,) that move control points as commanded, none faster than `speed_m_s`."""
+        posture = self.arm.posture
+        dq = arm_velocity(arm_params or self.params.arm, posture, self.constraints, points)
+        fastest = max(float(np.linalg.norm(posture.jacobian(point.frame, point.point)[:3] @ dq)) for point in points)
+        return dq * min(1.0, self.params.speed_m_s / max(fastest, 1e-9))
+
+    def unhindered_share(self, rates: Array) -> float:
+        """Share of rates (k,) that the self-collision check of the last stage (`limits`) lets through."""
+        if self.arm.self_collision is None:
+            return 1.0
+        change = np.zeros_like(self.arm.posture.q_rad)
+        change[self.constraints.columns] = self.arm.hold_s * rates
+        return self.arm.self_collision.clear_share(self.arm.posture.q_rad, change, LimitParams().clearance_m)
+
+
+def _redirected(points: tuple[MovingPoint, ...], direction: Array | None) -> tuple[MovingPoint, ...]:
+    """Control points that move in a direction (3,), if there is one, at their speeds."""
+    if direction is None:
+        return points
+    return tuple(
+        point._replace(velocity_root=float(np.linalg.norm(point.velocity_root)) * direction) for point in points
+    )
+
+
+def _escape_direction(
+    motion: ArmMotion, points: tuple[MovingPoint, ...], current: Array | None, clearance_m: float
+) -> Array | None:
+    """Direction (3,) across the object's path in which control points leave the largest predicted distance, as in the
+    dynamic window of Fox et al. (1997); None: against the normals.
+
+    Args:
+        motion: The arm and its constraints.
+        points: Control points that move against the normals.
+        current: The direction of the last step; kept unless another one leaves 1 cm more.
+        clearance_m: No other direction is taken while withdrawal against the normals leaves this much.
+    """
+    velocity = motion.arm.track.velocity
+    speed = float(np.linalg.norm(velocity))
+    if speed < _MIN_PATH_SPEED_M_S:
+        return None
+    columns = motion.constraints.columns
+
+    def distances(rates: Array) -> Array:
+        return predicted_distances(motion.arm, columns, rates)
+
+    withdrawal = motion.rates(points)[columns]
+    withdrawal = motion.unhindered_share(withdrawal) * withdrawal
+    if current is None and distances(withdrawal[None])[0] > clearance_m:
+        return None
+    across = rotation_to(velocity / speed)[:, :2]
+    angles = 2 * np.pi * np.arange(_ESCAPE_DIRECTIONS) / _ESCAPE_DIRECTIONS
+    directions = [None, *(np.column_stack([np.cos(angles), np.sin(angles)]) @ across.T)]
+    if current is not None:
+        directions.append(current)
+    rates = np.array([withdrawal, *(motion.rates(_redirected(points, d))[columns] for d in directions[1:])])
+    bonus_m = np.zeros(len(rates))
+    bonus_m[0 if current is None else -1] = _ESCAPE_GAIN_M
+    scores = bonus_m + distances(rates)
+    checked = {0}  # of the best direction the body may slow the arm: its distance is that of the slowed motion
+    while (best := int(scores.argmax())) not in checked:
+        checked.add(best)
+        if (share := motion.unhindered_share(rates[best])) < 1:
+            scores[best] = bonus_m[best] + distances(share * rates[best][None])[0]
+    return directions[best]
+
+
+def predicted_distances(arm: ArmInput, columns: list[int], rates: Array) -> Array:
+    """Smallest distances (m,) m from the object's surface to the taxels' centres while the object moves on.
+
+    Args:
+        arm: The posture, the skin and the object, which moves.
+        columns: Where the k joints of `rates` are in the configuration vector.
+        rates: (m, k) rad/s, each held until a joint limit stops it; taxels follow their Jacobians.
+    """
+    posture = arm.posture
+    position = arm.track.position
+    velocity = arm.track.velocity
+    taxels, _ = arm.skin.at(posture)
+    J = arm.skin.jacobians(posture, columns)
+    speed = float(np.linalg.norm(velocity))
+    last_m = float(((taxels - position) @ velocity).max()) / speed + _PASSED_M
+    times = np.linspace(0.0, np.clip(last_m / speed, 0.1, HORIZON_S), _PREDICTION_INSTANTS + 1)[1:]
+    q = posture.q_rad[columns]
+    lower = np.minimum(posture.robot.lower_rad[columns], q)
+    upper = np.maximum(posture.robot.upper_rad[columns], q)
+    turned = np.clip(q + times[:, None] * rates[:, None], lower, upper) - q
+    d = np.einsum("ndk,mtk->mtnd", J, turned) + taxels - (position + times[:, None] * velocity)[:, None]
+    return np.asarray(np.sqrt(np.sum(d * d, axis=3).min(axis=(1, 2))) - arm.object_radius_m)
+
+
+def clearance_rows(arm: ArmInput, near: list[Near]) -> tuple[Array, Array]:
+    """Constraints that keep points of links 3 cm from the object: their speeds (m, n_joints) towards it per joint rate,
+    and the largest ones (m,) m/s."""
+    near = [link for link in near if np.isfinite(link.distance_m)]
+    rows = np.empty((len(near), arm.posture.robot.n_joints))
+    for k, link in enumerate(near):
+        point = move_points(inverse(arm.posture.T_root(link.frame)), link.point_root)
+        rows[k] = link.normal @ arm.posture.jacobian(link.frame, point)[:3]
+    return rows, np.array([max(link.distance_m - _LINK_CLEARANCE_M, 0.0) / arm.hold_s for link in near])
+
+
+def return_home(params: ResponseParams, arm: ArmInput, elapsed_s: float, clearance: tuple[Array, Array]) -> Array:
+    """Joint rates (n_joints,) towards home: eased in and out, the palm no faster than `speed_m_s`, links no faster
+    towards the object than the `clearance` rows allow."""
+    posture = arm.posture
+    dq = np.zeros_like(posture.q_rad)
+    dq[_columns(params, posture)] = -_RETURN_PER_S * _angles_from_home(params, posture)
+    palm_speed = np.linalg.norm(posture.jacobian(posture.robot.names.palm(params.side))[:3] @ dq)
+    excess = max(palm_speed / params.speed_m_s, np.abs(dq).max() / params.arm.max_rate_rad_s, 1.0)
+    dq *= min(elapsed_s / _EASE_IN_S, 1.0) / excess
+    rows, largest = clearance
+    towards = rows @ dq
+    return dq * np.min(largest[towards > 0] / towards[towards > 0], initial=1.0)
+
+
+def at_home(params: ResponseParams, posture: Posture) -> Posture:
+    """The robot with the arm at home."""
+    q = posture.q_rad.copy()
+    q[_columns(params, posture)] = params.home_arm_rad
+    return posture.robot.at(q)
+
+
+def _columns(params: ResponseParams, posture: Posture) -> list[int]:
+    """Where the arm's joints are in the configuration vector."""
+    return posture.robot.indices(posture.robot.names.arm(params.side))
+
+
+def _angles_from_home(params: ResponseParams, posture: Posture) -> Array:
+    """(k,) rad."""
+    return np.asarray(posture.q_rad[_columns(params, posture)] - params.home_arm_rad)

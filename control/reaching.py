@@ -1,106 +1,147 @@
-"""Reach for an object: which side of the arm it comes to, and with which of its taxels the arm touches it first."""
+"""Reach for an object that is predicted to touch the arm, with the taxel that touches it first (R, eq. 6 with +).
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+Beyond R: the taxel moves towards the object instead of along its normal, and goes on when the object stops.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from control.arm import MovingPoint
+from control.arm import ArmParams, MovingPoint
+from control.avoidance import (
+    ArmInput,
+    ArmMotion,
+    ArmState,
+    Mode,
+    Response,
+    ResponseParams,
+    approach,
+    at_home,
+    clearance_rows,
+    next_state,
+    observed,
+    passing_distances,
+    response,
+    return_home,
+)
 from control.limits import MAX_HOLD_S
-from pps_vision.geometry.se3 import inverse, move_points
+from pps_vision.errors import InputError
 from pps_vision.robot.bare_links import Near
-from pps_vision.robot.model import Posture
-from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin
-from pps_vision.types import Array, Track3D
+from pps_vision.robot.skin import TOUCH_RADIUS_M
+from pps_vision.types import Array
 
-AT_REST_M_S = 1e-6
-"""A slower control point never arrives."""
-HORIZON_S = 3.0
-"""How long an object is expected to go on as it goes: R's longest time to contact."""
-_FAR_AHEAD_S = 10.0  # of the object's path: at 5 cm/s, R's slowest, it comes from half a metre
+_MIN_SPEED_M_S = 1e-6  # a slower control point never arrives
+_PATH_HORIZON_S = 10.0  # of the object's path: at 5 cm/s, R's slowest, it covers half a metre
 
 
-class Way(NamedTuple):
-    """One way to touch the object."""
+@dataclass(frozen=True)
+class ReachingParams(ResponseParams):
+    """Parameters of reaching."""
 
-    touches_s: float
-    """When it touches if the speed stays."""
+    mode: ClassVar[Mode] = "reach"
+    persist_s: float = 3.0
+    """Time for which reaching outlasts the activation: an object that waits to be touched has no time to contact."""
+    damping_m: float = 0.03
+    """Second damping, tried beside that of `arm`: with little damping joints turn fast against each other, and the
+    last stage, which proves the whole motion clear of the body, slows them all; with more the arm stops at singular
+    postures."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.damping_m > 0:
+            raise InputError("arm", f"damping_m {self.damping_m}; expected a positive number")
+
+
+class TaxelMotion(NamedTuple):
+    """A motion of one taxel to the object."""
+
+    contact_s: float
+    """Time to the touch at the present speed."""
     point: MovingPoint
     """The taxel."""
     dq: Array
     """(n_joints,) rad/s."""
 
 
-def radius_m(track: Track3D) -> float:
-    """The radius of the object, 0 where it is not known."""
-    return track.radius_m if np.isfinite(track.radius_m) else 0.0
+def step(params: ReachingParams, state: ArmState, arm: ArmInput, is_reachable: bool) -> tuple[ArmState, Response]:
+    """Advance reaching by one control step; `is_reachable`: the reachable-space map's verdict on the object.
 
-
-def distance(posture: Posture, point: MovingPoint, position: Array) -> float:
-    """m from a control point to a position (3,) in the root frame."""
-    return float(np.linalg.norm(position - posture.point(point.frame, point.point)))
-
-
-def distances_ahead(points: Array, position: Array, velocity: Array, horizon_s: float) -> Array:
-    """How near (n,) an object comes to points (n, 3) if it moves on from a position (3,) at a velocity (3,), m."""
-    d = points - position
-    nearest_s = np.clip(d @ velocity / max(float(velocity @ velocity), 1e-12), 0.0, horizon_s)
-    return np.asarray(np.linalg.norm(d - nearest_s[:, None] * velocity, axis=1))
-
-
-def taxel_to_touch(skin: Skin, home: Posture, track: Track3D, seen: Sequence[tuple[float, Array]]) -> int:
-    """Number of the taxel that the object comes to: the nearest to its path with the arm at `home`, since the arm's own
-    motion does not change where the object goes.
-
-    The path leads on from where the object was `seen` (stamps and positions (3,) m, the last one now): its estimated
-    velocity overshoots when it stops.
+    The arm reaches with the body part that the object's path ends at, also after the object has stopped, and returns
+    home once the object is lost or out of reach.  InputError as in `avoidance.step`.
     """
-    taxels, _ = skin.at(home)
-    (first_s, first), (last_s, last) = seen[0], seen[-1]
-    velocity = (last - first) / (last_s - first_s) if last_s > first_s else track.velocity
-    return int(distances_ahead(taxels, track.position, velocity, _FAR_AHEAD_S).argmin())
+    state = observed(state, arm)
+    has_approached, is_threatened = approach(params, arm, state)
+    is_active = arm.track.is_known and bool(np.any(arm.activations > params.threshold))
+    is_active = is_active and (is_threatened or state.mode != "idle")
+    last_mode = state.mode
+    state = next_state(params, state, arm, is_active, has_approached and is_active, is_reachable)
+    dq = np.zeros_like(arm.posture.q_rad)
+    if state.mode == "reach":
+        target = state.target_taxel if last_mode == "reach" else None
+        if target is None or is_active:
+            target = target_taxel(params, arm, state)
+        motion = ArmMotion.of(params, arm, clearance_rows(arm, other_parts(arm, target)))
+        touch = _fastest_touch(params, motion, target)
+        state = replace(state, target_taxel=target, points=(touch.point,))
+        dq = touch.dq
+    elif state.mode == "return":
+        dq = return_home(params, arm, arm.stamp_s - state.since_s, clearance_rows(arm, []))
+    return state, response(state, arm, dq)
 
 
-def first_to_touch(
-    speed_m_s: float,
-    aimed_at: int,
-    posture: Posture,
-    skin: Skin,
-    track: Track3D,
-    velocity: Callable[[tuple[MovingPoint, ...]], Array],
-) -> Way:
-    """With which taxel of the same part and side as the taxel `aimed_at` the arm touches the object first, at the speed
-    towards it that the constraints allow now; `velocity`: joint rates (n_joints,) of control points within them."""
-    positions, normals = skin.at(posture)
-    part = skin.part_index[aimed_at]
-    taxels = positions[(skin.part_index == part) & (normals @ normals[aimed_at] > 0)]
-    frame, d = skin.parts[part].frame, track.position - taxels
+def target_taxel(params: ReachingParams, arm: ArmInput, state: ArmState) -> int:
+    """Number of the taxel that the object's path passes nearest with the arm at home, since the arm's own motion does
+    not change the path.
+
+    The path continues the position history: the estimated velocity overshoots when the object stops.
+    """
+    taxels, _ = arm.skin.at(at_home(params, arm.posture))
+    first_s, first = state.positions[0]
+    last_s, last = state.positions[-1]
+    velocity = (last - first) / (last_s - first_s) if last_s > first_s else arm.track.velocity
+    return int(passing_distances(taxels, arm.track.position, velocity, _PATH_HORIZON_S).argmin())
+
+
+def _fastest_touch(params: ReachingParams, motion: ArmMotion, target: int) -> TaxelMotion:
+    """The touch with the taxel and the damping that make contact first, behind the last stage."""
+    touches = []
+    for arm_params in (replace(params.arm, damping_m=params.damping_m), params.arm):
+        touch = first_touch(motion, arm_params, target)
+        share = motion.unhindered_share(touch.dq[motion.constraints.columns])
+        touches.append(touch._replace(contact_s=touch.contact_s / max(share, _MIN_SPEED_M_S)))
+    return min(touches, key=lambda touch: touch.contact_s)
+
+
+def first_touch(motion: ArmMotion, arm_params: ArmParams, target: int) -> TaxelMotion:
+    """The earliest touch with a taxel of the same part and side as the taxel `target`, at the speed towards the object
+    that the constraints allow now."""
+    arm = motion.arm
+    positions, normals = arm.skin.at(arm.posture)
+    same_part = arm.skin.part_index == arm.skin.part_index[target]
+    touches = []
+    for k in np.flatnonzero(same_part & (normals @ normals[target] > 0)).tolist():
+        d = arm.track.position - positions[k]
+        distance = float(np.linalg.norm(d))
+        gap = max(distance - arm.object_radius_m, 0.0)
+        velocity = min(motion.params.speed_m_s, gap / MAX_HOLD_S) * d / max(distance, 1e-9)  # stops at the surface
+        point = MovingPoint(*arm.skin.taxel(k), velocity)
+        dq = motion.rates((point,), arm_params)
+        speed = float(d @ arm.posture.jacobian(point.frame, point.point)[:3] @ dq) / max(distance, 1e-9)
+        contact_s = max(gap - TOUCH_RADIUS_M, 0.0) / max(speed, _MIN_SPEED_M_S)
+        touches.append(TaxelMotion(contact_s, point, dq))
+    return min(touches, key=lambda touch: touch.contact_s)
+
+
+def other_parts(arm: ArmInput, target: int) -> list[Near]:
+    """The taxel nearest to the object of each body part but that of the taxel `target`."""
+    d = arm.track.position - arm.skin.at(arm.posture)[0]
     distances = np.linalg.norm(d, axis=1)
-    ways = []
-    for k, point in enumerate(move_points(inverse(posture.T_root(frame)), taxels)):
-        one = aimed(speed_m_s, MovingPoint(frame, point, np.zeros(3)), posture, track)
-        dq = velocity((one,))
-        towards_m_s = float(d[k] @ posture.jacobian(frame, point)[:3] @ dq) / max(distances[k], 1e-9)
-        gap = max(distances[k] - radius_m(track) - TOUCH_RADIUS_M, 0.0)
-        ways.append(Way(gap / max(towards_m_s, AT_REST_M_S), one, dq))
-    return min(ways, key=lambda way: way.touches_s)
-
-
-def aimed(speed_m_s: float, point: MovingPoint, posture: Posture, track: Track3D) -> MovingPoint:
-    """The control point on its way to the surface of the object, where it stops."""
-    d, far_m = track.position - posture.point(point.frame, point.point), distance(posture, point, track.position)
-    gap = max(far_m - radius_m(track), 0.0)
-    return point._replace(velocity_root=min(speed_m_s, gap / MAX_HOLD_S) * d / max(far_m, 1e-9))
-
-
-def other_parts(posture: Posture, skin: Skin, frame: str, track: Track3D) -> list[Near]:
-    """The taxel nearest to the object of each body part but that of `frame`, which is to touch it."""
-    d = track.position - skin.at(posture)[0]
-    distances = np.linalg.norm(d, axis=1)
+    target_frame, _ = arm.skin.taxel(target)
     near = []
-    for k, part in enumerate(skin.parts):
-        if part.frame != frame:
-            i = int(np.argmin(np.where(skin.part_index == k, distances, np.inf)))
-            gap = float(distances[i]) - radius_m(track)
-            near.append(Near(part.frame, track.position - d[i], d[i] / max(distances[i], 1e-9), gap))
+    for k, part in enumerate(arm.skin.parts):
+        if part.frame != target_frame:
+            i = int(np.argmin(np.where(arm.skin.part_index == k, distances, np.inf)))
+            gap = float(distances[i]) - arm.object_radius_m
+            near.append(Near(part.frame, arm.track.position - d[i], d[i] / max(distances[i], 1e-9), gap))
     return near

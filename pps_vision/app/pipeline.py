@@ -9,14 +9,15 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from control import arbiter, avoidance, fixation, lean, limits, neck_and_eyes, search
-from control.avoidance import AvoidanceParams, AvoidanceState
+from control import arbiter, avoidance, fixation, lean, limits, neck_and_eyes, reaching, search
+from control.avoidance import ArmInput, ArmState, AvoidanceParams, Response
 from control.fixation import FixationParams
 from control.head import carried_velocity, gaze_of
 from control.latency import posture_after
 from control.lean import LeanParams
 from control.limits import MAX_HOLD_S, LimitParams
 from control.neck_and_eyes import NeckAndEyesParams
+from control.reaching import ReachingParams
 from control.search import SearchParams, SearchState
 from learning.pps import learner
 from learning.pps.buffer import EventBuffer
@@ -37,7 +38,7 @@ from tracking import kalman
 from tracking.kalman import KalmanParams
 from tracking.tracker import Tracker, TrackerStep
 
-_LARGEST = 1e6  # m and m/s: what is farther or faster is no measurement
+_MAX_MAGNITUDE = 1e6  # m and m/s: larger values are no measurement
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,12 @@ class PipelineParams:
     """Gaze control of a tracked object: J IV.1, or six joints."""
     search: SearchParams = SearchParams()
     """Gaze control after the object was lost (J IV.B)."""
-    avoidance: AvoidanceParams = AvoidanceParams(HOME_ARM_RAD)
-    """Response of the arm to its skin (R eq. 6)."""
+    arm: AvoidanceParams | ReachingParams = AvoidanceParams(HOME_ARM_RAD)
+    """Response of the arm to its skin: it avoids the object or reaches for it."""
     other_arm: AvoidanceParams | None = None
-    """The same of the other arm, if both respond at once; it may only avoid."""
+    """Avoidance of the other arm; None: it keeps still."""
     lean: LeanParams | None = LeanParams()
-    """How the torso leans where an arm that reaches is to reach what the map calls unreachable; None: not at all."""
+    """Lean of the torso towards an object that the arm is to reach for and the map calls unreachable; None: no lean."""
     limits: LimitParams = LimitParams()
     """Limits of every command."""
 
@@ -73,7 +74,7 @@ class PipelineParams:
     def of(cls, setup: RobotSetup, side: Literal["left", "right"] | None = None) -> "PipelineParams":
         """Parameters for any robot, whose arm of a `side` avoids; by default its first arm."""
         side = side or setup.side
-        return cls(avoidance=AvoidanceParams(setup.home_arm(side), side))
+        return cls(arm=AvoidanceParams(setup.home_arm(side), side))
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,8 @@ class PipelineState:
 
     learning: LearnerState
     """The PPS memory and the samples since the last contact."""
-    arms: tuple[AvoidanceState, ...]
-    """Response of each arm under way."""
+    arms: tuple[ArmState, ...]
+    """State of each arm that responds."""
     leaning: "_Leaning | None" = None
     """The lean under way."""
     searching: SearchState | None = None
@@ -107,40 +108,63 @@ class PipelineStep:
     events: TaxelEvents
     activation: Activation
     reachability: Reachability | None
-    responses: tuple[avoidance.Response, ...]
+    responses: tuple[Response, ...]
     command: JointVelocity
 
     @property
-    def response(self) -> avoidance.Response:
-        """Response of the arm of `PipelineParams.avoidance`; the second of `responses` is the other arm's, if any."""
+    def response(self) -> Response:
+        """Response of `PipelineParams.arm`; the second of `responses` is that of `other_arm`, if any."""
         return self.responses[0]
+
+
+class Taxels(NamedTuple):
+    """The skin's n taxels in the root frame."""
+
+    positions: Array
+    """(n, 3) m."""
+    normals: Array
+    """(n, 3) unit normals."""
+    velocities: Array
+    """(n, 3) m/s."""
 
 
 class _Leaning(NamedTuple):
     """A torso that leans towards an object, or back."""
 
     home_rad: Array
-    """The torso's joints before it leaned."""
-    back: bool = False
-    """Whether it returns there."""
+    """The torso's joints before the lean."""
+    is_returning: bool = False
+    """Whether the torso turns back to them."""
 
 
 class _Arm(NamedTuple):
-    """One arm that responds to its skin."""
+    """An arm that responds to its skin."""
 
-    params: AvoidanceParams
+    params: AvoidanceParams | ReachingParams
     skin: Skin
     on_arm: Mask
     """(n,) which of the robot's taxels it carries."""
     bare_links: BareLinks
 
 
+class _ControlInput(NamedTuple):
+    """Input of all controllers in one frame."""
+
+    posture: Posture
+    """The robot when the command takes effect."""
+    track: Track3D
+    activation: Activation
+    touched: Mask
+    is_reachable: bool
+    """Whether the reachable-space map calls the object reachable; False without a map."""
+
+
 class Pipeline:
     """Tracker, learner and controllers of one robot; `step` turns a frame into joint velocities.
 
-    Each contact reported to it is learned into its `memory`.  With a reachable-space map (`ReachableMap.load` reads
-    what `pps-vision reach train` writes) each step says whether the tracked object is reachable.  `behaviour="reach"`
-    requires a map of the arm's side.
+    Every contact passed to `step` updates `memory`.  With a reachable-space map (`ReachableMap.load` reads the file of
+    `pps-vision reach train`) each step says whether the tracked object is reachable.  `ReachingParams` require a map of
+    the arm's side.
     """
 
     def __init__(
@@ -154,23 +178,23 @@ class Pipeline:
         reachable_map: ReachableMap | None = None,
     ) -> None:
         check_memory(memory, skin)
-        side, map_side = params.avoidance.side, reachable_map.side if reachable_map else "no arm"
-        other = params.other_arm
-        if other is not None and (other.side == side or other.behaviour != "avoid"):
-            raise InputError(
-                "pipeline", f"other arm {other.side}, to {other.behaviour}; expected one to avoid, not {side}"
-            )
-        if params.avoidance.behaviour == "reach" and map_side != side:
-            raise InputError(
-                "pipeline", f"reachable-space map of {map_side}; expected one of the {side} arm, which is to reach"
-            )
-        self.params, self.robot, self.skin, self.tracker, self._rng = params, robot, skin, tracker, rng
-        self._arms = [self._arm(one) for one in (params.avoidance, other) if one is not None]
+        side = params.arm.side
+        map_side = reachable_map.side if reachable_map else "no arm"
+        if params.other_arm is not None and params.other_arm.side == side:
+            raise InputError("pipeline", f"other arm {side}; expected the arm that is not {side}")
+        if isinstance(params.arm, ReachingParams) and map_side != side:
+            raise InputError("pipeline", f"reachable-space map of {map_side}; expected one of the {side} arm")
+        self.params = params
+        self.robot = robot
+        self.skin = skin
+        self.tracker = tracker
+        self._rng = rng
+        self._arms = [self._arm(arm) for arm in (params.arm, params.other_arm) if arm is not None]
         self._reachability: TrackReachability | None = None
         if reachable_map is not None:
             self._reachability = TrackReachability(robot, reachable_map, params.max_false_positives)
         self._self_collision = SelfCollision(robot)
-        self._state = PipelineState(LearnerState(memory, EventBuffer()), (AvoidanceState(),) * len(self._arms))
+        self._state = PipelineState(LearnerState(memory, EventBuffer()), (ArmState(),) * len(self._arms))
 
     def step(self, frame: StereoFrame, touched: Mask | None = None) -> PipelineStep:
         """Process one frame and the taxels `touched` (n,) that the skin reports with it.
@@ -179,50 +203,42 @@ class Pipeline:
             InputError: The frame has no joints, or the images or `touched` do not fit this robot; the state is
                 unchanged.
         """
-        params, state, stamp_s = self.params, self._state, frame.stamp_s
+        state = self._state
+        stamp_s = frame.stamp_s
         touched = self._checked(touched)
         posture = self.robot.at(joints_of(frame))
-        taxels, normals = self.skin.at(posture)
-        then = self._posture_then(posture, stamp_s)
+        taxels = _taxels_at(self.skin, posture, stamp_s, state.last_taxels)
         tracking = self.tracker.step(frame)
         track = tracking.track
         check_track(track)
-        moving = _velocity(state.last_taxels, stamp_s, taxels)
-        events = self._perceive(track, taxels, normals, moving, touched)
+        events = self._perceive(track, taxels, touched)
         learned = learner.step(state.learning, events)
-        field = params.receptive_field
-        probability = activation_by(field, learned.memory, track, taxels, normals, moving)
-        active = Activation(stamp_s, self.skin.taxel_ids, probability)
+        probability = activation_by(self.params.receptive_field, learned.memory, track, taxels)
+        activation = Activation(stamp_s, self.skin.taxel_ids, probability)
         reachability = self._reachability(posture.q_rad, track) if self._reachability else None
-        may_reach = reachability is not None and reachability.is_reachable
-        leaning, torso_command = self._lean(state, then, active, may_reach, track, touched)
-        found = [
-            avoidance.step(
-                one.params if leaning is None else replace(one.params, path_m=np.inf, come_m=0.0),
-                before,
-                then,
-                one.skin,
-                self._wanted(one, active, leaning, then, track),
-                stamp_s,
-                may_reach,
-                params.hold_s,
-                self._self_collision,
-                track,
-                one.bare_links,
-            )
-            for one, before in zip(self._arms, state.arms, strict=True)
-        ]
-        arms, arm_commands, responses = zip(*found, strict=True)
-        searching, gaze_command = self._move_gaze(state, then, track)
-        last_known_s = stamp_s if track.is_known else state.last_known_s
-        wanted = arbiter.combine((*arm_commands, torso_command, gaze_command))
-        last = self._last_command, state.last_q_rad
-        command = limits.limit(params.limits, self._self_collision, then, wanted, *last)
-        since_s = stamp_s - params.latency_s - MAX_HOLD_S
-        commands = (*(one for one in state.commands if one.stamp_s > since_s), command)
-        since = searching, last_known_s, (stamp_s, taxels), commands, then.q_rad
-        self._state = PipelineState(learned, arms, leaning, *since)
-        return PipelineStep(posture, tracking, events, active, reachability, responses, command)
+        inputs = _ControlInput(
+            posture=self._posture_at_effect(posture, stamp_s),
+            track=track,
+            activation=activation,
+            touched=touched,
+            is_reachable=reachability is not None and reachability.is_reachable,
+        )
+        leaning, torso_command = self._lean(state.leaning, inputs)
+        arms, responses = self._move_arms(state.arms, leaning, inputs)
+        searching, gaze_command = self._move_gaze(state, inputs)
+        wanted = arbiter.combine([*(response.command for response in responses), torso_command, gaze_command])
+        command = self._limited(inputs.posture, wanted)
+        self._state = PipelineState(
+            learning=learned,
+            arms=arms,
+            leaning=leaning,
+            searching=searching,
+            last_known_s=stamp_s if track.is_known else state.last_known_s,
+            last_taxels=(stamp_s, taxels.positions),
+            commands=self._obeyed(command),
+            last_q_rad=inputs.posture.q_rad,
+        )
+        return PipelineStep(posture, tracking, events, activation, reachability, responses, command)
 
     def finish(self) -> PPSMemory:
         """Learn a contact that is still going on, and return the memory."""
@@ -248,13 +264,24 @@ class Pipeline:
     def _last_command(self) -> JointVelocity | None:
         return self._state.commands[-1] if self._state.commands else None
 
-    def _posture_then(self, posture: Posture, stamp_s: float) -> Posture:
-        """Where the robot will be when this frame's command takes effect."""
+    def _posture_at_effect(self, posture: Posture, stamp_s: float) -> Posture:
+        """The robot when this frame's command takes effect."""
         latency_s = self.params.latency_s
         if latency_s == 0:
             return posture
         until_s = stamp_s + latency_s
         return self.robot.at(posture_after(posture.q_rad, self._state.commands, stamp_s, until_s, latency_s))
+
+    def _limited(self, posture: Posture, wanted: JointVelocity) -> JointVelocity:
+        """The last stage of every command."""
+        return limits.limit(
+            self.params.limits, self._self_collision, posture, wanted, self._last_command, self._state.last_q_rad
+        )
+
+    def _obeyed(self, command: JointVelocity) -> tuple[JointVelocity, ...]:
+        """The commands that may still be obeyed, the new one last."""
+        begin_s = command.stamp_s - self.params.latency_s - MAX_HOLD_S
+        return (*(earlier for earlier in self._state.commands if earlier.stamp_s > begin_s), command)
 
     def _checked(self, touched: Mask | None) -> Mask:
         n = len(self.skin.taxel_ids)
@@ -264,102 +291,142 @@ class Pipeline:
             raise InputError("pipeline", f"touched {touched.shape}; expected the skin's {n} taxels")
         return touched
 
-    def _perceive(
-        self, track: Track3D, taxels: Array, normals: Array, taxel_velocity: Array, touched: Mask
-    ) -> TaxelEvents:
+    def _perceive(self, track: Track3D, taxels: Taxels, touched: Mask) -> TaxelEvents:
         """D and TTC (R eqs 1 and 2) of the track for every taxel, NaN without a track.
 
-        TTC is the sooner of two: with the taxel's own velocity, and with the taxel at rest, so that the activation
-        stays while the arm withdraws.
+        TTC is the earlier of two: with the taxel's own velocity, and with the taxel at rest, so that the activation
+        persists while the arm withdraws.
         """
-        D, ttc = np.full((2, len(taxels)), np.nan)
+        D, ttc = np.full((2, len(touched)), np.nan)
         if track.is_known:
             stimulus = track.position, track.velocity, track.radius_m, track.cov[3:6, 3:6]
-            velocities = np.stack([np.zeros_like(taxel_velocity), taxel_velocity])
-            both = perceive(self.params.receptive_field, taxels, normals, *stimulus, velocities)
-            D, ttc = both[0][0], sooner(*both[1])
+            velocities = np.stack([np.zeros_like(taxels.velocities), taxels.velocities])
+            distances, times = perceive(
+                self.params.receptive_field, taxels.positions, taxels.normals, *stimulus, velocities
+            )
+            D = distances[0]
+            ttc = earliest_future(*times)
         return TaxelEvents(track.stamp_s, self.skin.taxel_ids, D, ttc, touched)
 
-    def _arm(self, params: AvoidanceParams) -> _Arm:
+    def _arm(self, params: AvoidanceParams | ReachingParams) -> _Arm:
         n = len(self.robot.names.arm(params.side))
         if len(params.home_arm_rad) != n:
-            found = f"home_arm_rad {params.home_arm_rad}"
-            raise InputError("pipeline", f"{found}; expected the {n} joints of the {params.side} arm")
+            message = f"home_arm_rad {params.home_arm_rad}; expected the {n} joints of the {params.side} arm"
+            raise InputError("pipeline", message)
         skin = self.skin.on_arm(self.robot, params.side)
         on_arm = np.isin(self.skin.taxel_ids, skin.taxel_ids)
         return _Arm(params, skin, on_arm, BareLinks(self.robot, skin, params.side))
 
-    def _lean(
-        self, state: PipelineState, posture: Posture, active: Activation, may_reach: bool, track: Track3D, touched: Mask
-    ) -> tuple[_Leaning | None, JointVelocity]:
+    def _lean(self, leaning: _Leaning | None, inputs: _ControlInput) -> tuple[_Leaning | None, JointVelocity]:
         """Lean until an object that the arm is to reach for is reachable; back when it is touched, lost, or cannot be.
 
-        The map is asked: what it calls reachable may still be touched by a part before the hand is there.
+        The map alone decides: an object that it calls reachable may still be touched by another part than the hand.
         """
-        params, arm, found, leaning = self.params.lean, self._arms[0], self._reachability, state.leaning
+        params = self.params.lean
+        arm = self._arms[0]
+        reachability = self._reachability
+        track = inputs.track
         still = self._still(track.stamp_s)
         torso = self.robot.indices(self.robot.names.torso)
-        if params is None or found is None or not torso or arm.params.behaviour != "reach":
+        if params is None or reachability is None or not torso or not isinstance(arm.params, ReachingParams):
             return None, still
         if leaning is None:
-            is_active = bool(np.any(active.probability[arm.on_arm] > arm.params.threshold))
-            if may_reach or not is_active:  # without a track nothing is active
+            is_active = bool(np.any(inputs.activation.probability[arm.on_arm] > arm.params.threshold))
+            if inputs.is_reachable or not is_active:  # without a track nothing is active
                 return None, still
-            leaning = _Leaning(posture.q_rad[torso])
-        elif not track.is_known or touched[arm.on_arm].any():
-            leaning = leaning._replace(back=True)
-        if leaning.back:
-            command = lean.upright(params, posture, leaning.home_rad, self.params.hold_s, track.stamp_s)
+            leaning = _Leaning(inputs.posture.q_rad[torso])
+        elif not track.is_known or inputs.touched[arm.on_arm].any():
+            leaning = leaning._replace(is_returning=True)
+        if leaning.is_returning:
+            command = lean.upright(params, inputs.posture, leaning.home_rad, self.params.hold_s, track.stamp_s)
             return (leaning if np.any(command.dq_rad_s) else None), command
-        if may_reach:
+        if inputs.is_reachable:
             return leaning, still
-        of, wanted = (found.gaze_model, found.map.limits, found.reachable), (posture, track.position)
-        status, command = lean.step(params, *of, *wanted, self.params.hold_s, track.stamp_s)
-        return leaning._replace(back=status == "out of reach"), command
+        status, command = lean.step(
+            params,
+            reachability.gaze_model,
+            reachability.map.limits,
+            reachability.reachable,
+            inputs.posture,
+            track.position,
+            self.params.hold_s,
+            track.stamp_s,
+        )
+        return leaning._replace(is_returning=status == "out of reach"), command
 
-    def _wanted(
-        self, arm: _Arm, active: Activation, leaning: _Leaning | None, posture: Posture, track: Track3D
-    ) -> Array:
-        """Activations (n,) that an arm responds to: those of its taxels; and that of the palm's taxel (of any, if it
-        has none) nearest to an object that the torso leans for counts as 1, as the object need not be near."""
-        probability = active.probability[arm.on_arm]
-        if leaning is None or leaning.back or arm is not self._arms[0]:
+    def _move_arms(
+        self, states: tuple[ArmState, ...], leaning: _Leaning | None, inputs: _ControlInput
+    ) -> tuple[tuple[ArmState, ...], tuple[Response, ...]]:
+        """Advance every arm; while the torso leans, an arm responds to any activation."""
+        next_states = []
+        responses = []
+        for arm, state in zip(self._arms, states, strict=True):
+            params = arm.params
+            if leaning is not None:
+                params = replace(params, miss_distance_m=np.inf, min_approach_m=0.0)
+            arm_input = ArmInput(
+                stamp_s=inputs.track.stamp_s,
+                posture=inputs.posture,
+                skin=arm.skin,
+                activations=self._arm_activations(arm, leaning, inputs),
+                track=inputs.track,
+                hold_s=self.params.hold_s,
+                self_collision=self._self_collision,
+                bare_links=arm.bare_links,
+            )
+            if isinstance(params, ReachingParams):
+                state, response = reaching.step(params, state, arm_input, inputs.is_reachable)
+            else:
+                state, response = avoidance.step(params, state, arm_input)
+            next_states.append(state)
+            responses.append(response)
+        return tuple(next_states), tuple(responses)
+
+    def _arm_activations(self, arm: _Arm, leaning: _Leaning | None, inputs: _ControlInput) -> Array:
+        """Activations (n,) of an arm's taxels.
+
+        While the torso leans towards an object, the taxel nearest to it of the palm (of the arm, if the palm has none)
+        counts as fully activated: the object need not be near.
+        """
+        probability = inputs.activation.probability[arm.on_arm]
+        if leaning is None or leaning.is_returning or arm is not self._arms[0]:
             return probability
         palm = self.robot.names.palm(arm.params.side)
-        of_palm = [part.frame == palm for part in arm.skin.parts]
-        distance = np.linalg.norm(arm.skin.at(posture)[0] - track.position, axis=1)
-        if any(of_palm):
-            distance[~np.array(of_palm)[arm.skin.part_index]] = np.inf
+        of_palm = np.array([part.frame == palm for part in arm.skin.parts])
+        distance = np.linalg.norm(arm.skin.at(inputs.posture)[0] - inputs.track.position, axis=1)
+        if of_palm.any():
+            distance[~of_palm[arm.skin.part_index]] = np.inf
         probability = probability.copy()
         probability[distance.argmin()] = 1.0
         return probability
 
-    def _move_gaze(
-        self, state: PipelineState, posture: Posture, track: Track3D
-    ) -> tuple[SearchState | None, JointVelocity]:
-        """Fixate a known object, search for `search_for_s` after it was lost, otherwise keep still; as fixed cameras
-        always do."""
-        params, stamp_s = self.params, track.stamp_s
+    def _move_gaze(self, state: PipelineState, inputs: _ControlInput) -> tuple[SearchState | None, JointVelocity]:
+        """Fixate a known object; search for `search_for_s` after it was lost; otherwise, and with fixed cameras, keep
+        still."""
+        params = self.params
+        track = inputs.track
+        stamp_s = track.stamp_s
         if not self.robot.names.gaze_joints:
             return None, self._still(stamp_s)
         if track.is_known:
             p, v = kalman.extrapolate(KalmanParams(), track, params.latency_s, self._since_last(stamp_s))
-            v = v - self._carried(posture, p, stamp_s)
-            target = posture, p, v, params.hold_s, stamp_s
+            v = v - self._carried(inputs.posture, p, stamp_s)
+            target = inputs.posture, p, v, params.hold_s, stamp_s
             if isinstance(params.fixation, NeckAndEyesParams):
                 return None, neck_and_eyes.step(params.fixation, *target, self._last_command)
             return None, fixation.step(params.fixation, *target)
         if stamp_s - state.last_known_s < params.search_for_s:
-            searching = state.searching or SearchState(gaze_of(posture))
-            return search.step(params.search, searching, posture, params.hold_s, self._rng, stamp_s)
+            searching = state.searching or SearchState(gaze_of(inputs.posture))
+            return search.step(params.search, searching, inputs.posture, params.hold_s, self._rng, stamp_s)
         return None, self._still(stamp_s)
 
     def _still(self, stamp_s: float) -> JointVelocity:
         return JointVelocity(stamp_s, np.zeros(self.robot.n_joints), self.params.hold_s)
 
     def _carried(self, posture: Posture, p_root: Array, stamp_s: float) -> Array:
-        """(3,) m/s velocity of a point that moves with the trunk, as that has turned since the last frame."""
-        elapsed_s, q = self._since_last(stamp_s), self._state.last_q_rad
+        """(3,) m/s velocity of a point that moves with the trunk, as the trunk has turned since the last frame."""
+        elapsed_s = self._since_last(stamp_s)
+        q = self._state.last_q_rad
         if q is None or elapsed_s == 0:
             return np.zeros(3)
         return carried_velocity(posture, p_root, (posture.q_rad - q) / elapsed_s)
@@ -371,43 +438,45 @@ class Pipeline:
 
 
 class TrackActivation:
-    """Activation of a robot's skin by what is tracked, frame by frame, as in `Pipeline`, of a memory that stays."""
+    """Activation of a robot's skin by a track, frame by frame, as in `Pipeline`, by a memory that stays unchanged."""
 
     def __init__(self, robot: Robot, skin: Skin, memory: PPSMemory) -> None:
         """The memory is one of this skin (`check_memory`)."""
-        self.robot, self.skin, self.memory = robot, skin, memory
+        self.robot = robot
+        self.skin = skin
+        self.memory = memory
         self._last: tuple[float, Array] | None = None
 
     def __call__(self, q_rad: Array, track: Track3D) -> tuple[Activation, Array]:
         """Activation by a track, and the taxels' positions (n, 3), in the root frame with the robot at configuration
         `q_rad` (n_joints,); frames come in the order of time."""
-        taxels, normals = self.skin.at(self.robot.at(q_rad))
-        moving, self._last = _velocity(self._last, track.stamp_s, taxels), (track.stamp_s, taxels)
-        field = PipelineParams.receptive_field
-        probability = activation_by(field, self.memory, track, taxels, normals, moving)
-        return Activation(track.stamp_s, self.skin.taxel_ids, probability), taxels
+        taxels = _taxels_at(self.skin, self.robot.at(q_rad), track.stamp_s, self._last)
+        self._last = track.stamp_s, taxels.positions
+        probability = activation_by(PipelineParams.receptive_field, self.memory, track, taxels)
+        return Activation(track.stamp_s, self.skin.taxel_ids, probability), taxels.positions
 
 
 def check_memory(memory: PPSMemory, skin: Skin, source: Path | str = "pipeline") -> None:
     """InputError, naming the source, unless the memory has exactly the skin's taxels."""
     if memory.taxel_ids != skin.taxel_ids:
-        n, m = len(memory.taxel_ids), len(skin.taxel_ids)
-        raise InputError(source, f"memory has {n} taxels but the skin has {m}; expected a memory of this skin")
+        sizes = f"memory has {len(memory.taxel_ids)} taxels but the skin has {len(skin.taxel_ids)}"
+        raise InputError(source, f"{sizes}; expected a memory of this skin")
 
 
 def check_track(track: Track3D) -> None:
-    """InputError for a known track whose position, velocity or velocity covariance cannot be acted on."""
+    """InputError for a known track whose position, velocity or velocity covariance is unusable."""
     if not track.is_known:
         return
-    motion, cov = track.mean[:2], track.cov[3:6, 3:6]
-    if not np.all(np.abs(motion) < _LARGEST):
-        raise InputError("pipeline", f"track at {motion[0]} m moving {motion[1]} m/s; expected finite numbers")
+    position, velocity = track.mean[:2]
+    if not np.all(np.abs(track.mean[:2]) < _MAX_MAGNITUDE):
+        raise InputError("pipeline", f"track at {position} m moving {velocity} m/s; expected finite numbers")
+    cov = track.cov[3:6, 3:6]
     if not np.isfinite(cov).all() or (variances := np.linalg.eigvalsh(cov))[0] < -1e-9 * variances[-1]:
         raise InputError("pipeline", f"velocity covariance {cov.tolist()}; expected a positive semi-definite one")
 
 
 def joints_of(frame: StereoFrame) -> Array:
-    """(n_joints,) rad, the mean of the joints at the two images, which is that at the frame's stamp.
+    """(n_joints,) rad at the frame's stamp: the mean of the joints at the two images.
 
     Raises:
         InputError: The frame has no joints.
@@ -418,30 +487,27 @@ def joints_of(frame: StereoFrame) -> Array:
     return joints
 
 
-def activation_by(
-    field: ReceptiveField, memory: PPSMemory, track: Track3D, taxels: Array, normals: Array, taxel_velocity: Array
-) -> Array:
-    """(n,) activation of every taxel, its mean over the velocities that the track may have; 0 without a track.
-
-    Positions, unit normals and velocities of the taxels are (n, 3) in the root frame.
-    """
+def activation_by(field: ReceptiveField, memory: PPSMemory, track: Track3D, taxels: Taxels) -> Array:
+    """(n,) activation of every taxel, averaged over the likely velocities of the track; 0 without a track."""
     if not track.is_known:
-        return np.zeros(len(taxels))
+        return np.zeros(len(taxels.positions))
+    likely = likely_velocities(taxels.positions, track.position, track.cov[3:6, 3:6])
+    velocities = np.stack([likely, taxels.velocities + likely])
     stimulus = track.position, track.velocity, track.radius_m, None
-    likely = likely_velocities(taxels, track.position, track.cov[3:6, 3:6])
-    velocities = np.stack([likely, taxel_velocity + likely])
-    D, ttc = perceive(field, taxels, normals, *stimulus, velocities)
-    mean: Array = activation(memory, D[0], sooner(*ttc)).mean(axis=0)
+    D, ttc = perceive(field, taxels.positions, taxels.normals, *stimulus, velocities)
+    mean: Array = activation(memory, D[0], earliest_future(*ttc)).mean(axis=0)
     return mean
 
 
-def sooner(a: Array, b: Array) -> Array:
-    """The smaller of two times to contact where both are ahead (≥ 0), the one that is, or else `b`."""
+def earliest_future(a: Array, b: Array) -> Array:
+    """The smaller of two times to contact where both are in the future (≥ 0), else the one that is, else `b`."""
     return np.where(a >= 0, np.where(b >= 0, np.minimum(a, b), a), b)
 
 
-def _velocity(last: tuple[float, Array] | None, stamp_s: float, positions: Array) -> Array:
-    """(n, 3) m/s of the taxels since the last frame, 0 where there is none or its stamp is not earlier."""
-    if last is None or stamp_s <= last[0]:
-        return np.zeros_like(positions)
-    return (positions - last[1]) / (stamp_s - last[0])
+def _taxels_at(skin: Skin, posture: Posture, stamp_s: float, last: tuple[float, Array] | None) -> Taxels:
+    """The taxels, with their mean velocities since the last frame's stamp and positions; 0 without an earlier one."""
+    positions, normals = skin.at(posture)
+    velocities = np.zeros_like(positions)
+    if last is not None and stamp_s > last[0]:
+        velocities = (positions - last[1]) / (stamp_s - last[0])
+    return Taxels(positions, normals, velocities)

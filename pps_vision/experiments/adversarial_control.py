@@ -16,6 +16,7 @@ from scipy.special import chdtri
 
 from control.avoidance import AvoidanceParams
 from control.limits import LimitParams
+from control.reaching import ReachingParams
 from learning.pps.memory import PPSMemory
 from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep
 from pps_vision.errors import InputError
@@ -179,15 +180,15 @@ class _Episode:
         self.q = self._start()
         behaviour = str(rng.choice(("avoid", "reach")))
         self.tracker = AdversarialTracker(Track3D.unknown(0.0))
-        waits = {"confirm_s": float(rng.choice((0.0, 0.15))), "come_m": float(rng.choice((0.0, 0.01)))}
+        waits = {"confirmation_s": float(rng.choice((0.0, 0.15))), "min_approach_m": float(rng.choice((0.0, 0.01)))}
         arm = AvoidanceParams(HOME_ARM_RAD, side=side, **waits)  # type: ignore[arg-type]
         other = replace(arm, side="right" if side == "left" else "left") if rng.random() < 0.3 else None
-        params = PipelineParams(avoidance=arm, other_arm=other, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
+        params = PipelineParams(arm=arm, other_arm=other, hold_s=float(rng.choice((0.5, 0.5, 0.2, 0.05))))
         self.pipeline = Pipeline(params, robot, skin, self.tracker, _anxious(skin), rng)  # type: ignore[arg-type]
         self.pipeline._self_collision = of_pipeline  # making one takes as long as twenty frames
         if behaviour == "reach":  # as with a map that calls everything reachable
             first, *others = self.pipeline._arms
-            self.pipeline._arms = [first._replace(params=replace(arm, behaviour="reach")), *others]
+            self.pipeline._arms = [first._replace(params=ReachingParams(HOME_ARM_RAD, side=side, **waits)), *others]  # type: ignore[arg-type]
             anywhere = Reachability(0.0, np.zeros(3), 1.0, 1.0, ReachStatus.REACHABLE)
             self.pipeline._reachability = lambda q, track: anywhere  # type: ignore[assignment]
         self.stamp_s, self.command = 0.0, JointVelocity(-10.0, np.zeros(robot.n_joints), params.hold_s)

@@ -85,6 +85,12 @@ class Skin:
             raise InputError("skin", f"no taxel {taxel_id!r}; this skin has {', '.join(self.taxel_ids)}")
         return self.taxel_ids.index(taxel_id)
 
+    def taxel(self, index: int) -> tuple[str, Array]:
+        """The frame that carries a taxel, and its position (3,) m in that frame."""
+        part = self.parts[self.part_index[index]]
+        first = int(np.searchsorted(self.part_index, self.part_index[index]))
+        return part.frame, part.positions_m[index - first]
+
     def on_arm(self, robot: Robot, side: str) -> "Skin":
         """The body parts that joints of the "left" or "right" arm move."""
         joints = set(robot.names.arm(side))

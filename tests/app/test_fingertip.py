@@ -37,7 +37,7 @@ def touch(memory: PPSMemory, movement: DoubleTouch, obeys: bool) -> tuple[PPSMem
 
     Returns the memory afterwards, the smallest distance of fingertip and taxels, and that at the first command."""
     home = tuple(movement.joints_rad[0][ARM])
-    params = PipelineParams(avoidance=AvoidanceParams(home, confirm_s=0.1))
+    params = PipelineParams(arm=AvoidanceParams(home, confirmation_s=0.1))
     pipeline = Pipeline(params, ROBOT, SKIN, FingertipTracker(ROBOT), memory, np.random.default_rng(0))  # type: ignore[arg-type]
     aside, nearest, first = np.zeros(ROBOT.n_joints), np.inf, np.nan
     for k, planned in enumerate(movement.joints_rad):

@@ -12,7 +12,7 @@ from control.avoidance import AvoidanceParams
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.neck_and_eyes import NeckAndEyesParams
 from learning.pps.memory import PPSMemory
-from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, sooner
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, earliest_future
 from pps_vision.errors import InputError
 from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, icub_setup, load_icub
 from pps_vision.robot.skin import icub_skin
@@ -205,7 +205,7 @@ def test_time_to_contact_is_the_sooner_of_that_of_the_resting_and_of_the_moving_
 @given(st.floats(-9, 9) | st.just(np.inf), st.floats(-9, 9) | st.just(np.inf))
 def test_the_sooner_of_two_times_to_contact(a: float, b: float) -> None:
     ahead = [t for t in (a, b) if t >= 0]
-    assert sooner(np.array([a]), np.array([b]))[0] == (min(ahead) if ahead else b)
+    assert earliest_future(np.array([a]), np.array([b]))[0] == (min(ahead) if ahead else b)
 
 
 def test_a_frame_that_is_refused_changes_nothing() -> None:
@@ -387,8 +387,8 @@ def test_what_lasted_more_than_half_a_second_is_no_rate() -> None:
 
 def test_an_arm_avoids_as_its_side_is_asked_to() -> None:
     setup = icub_setup()
-    assert PipelineParams.of(setup).avoidance.side == "left"
-    right = PipelineParams.of(setup, "right").avoidance
+    assert PipelineParams.of(setup).arm.side == "left"
+    right = PipelineParams.of(setup, "right").arm
     assert (right.side, right.home_arm_rad) == ("right", tuple(setup.home_arm("right")))
 
 
@@ -433,16 +433,15 @@ def test_both_arms_avoid_if_both_are_asked_to(side: str) -> None:
     assert list(moved.values()) == [0.0]
 
 
-def test_the_other_arm_may_only_avoid_and_is_another() -> None:
+def test_the_other_arm_is_another() -> None:
     skin, rng = icub_skin(("right_forearm", "left_forearm")), np.random.default_rng(0)
-    for other in (AvoidanceParams(HOME_ARM_RAD, "left"), AvoidanceParams(HOME_ARM_RAD, "right", "reach")):
-        params, tracker = PipelineParams(other_arm=other), KnownTrack(lambda t: None)
-        with pytest.raises(InputError, match="other arm"):
-            Pipeline(params, ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]
+    params, tracker = PipelineParams(other_arm=AvoidanceParams(HOME_ARM_RAD, "left")), KnownTrack(lambda t: None)
+    with pytest.raises(InputError, match="other arm"):
+        Pipeline(params, ROBOT, skin, tracker, PPSMemory.empty(skin), rng)  # type: ignore[arg-type]
 
 
 def test_home_angles_of_another_arm_are_refused() -> None:
     """The iCub's arm has seven joints."""
-    params = PipelineParams(avoidance=AvoidanceParams(HOME_ARM_RAD[:6]))
+    params = PipelineParams(arm=AvoidanceParams(HOME_ARM_RAD[:6]))
     with pytest.raises(InputError, match="expected the 7 joints of the left arm"):
         pipeline(("left_forearm",), ("left_forearm",), params)

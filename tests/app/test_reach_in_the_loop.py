@@ -13,12 +13,13 @@ from tracks import track_at
 
 from control.avoidance import AvoidanceParams
 from control.lean import LeanParams
+from control.reaching import ReachingParams
 from learning.pps.memory import PPSMemory
 from learning.reach.map import ReachableMap
 from learning.reach.params import ArmLimits, MapParams
 from learning.reach.training import train_reachable_map
 from pps_vision.app import pipeline as module
-from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, _Leaning
+from pps_vision.app.pipeline import Pipeline, PipelineParams, PipelineStep, _ControlInput, _Leaning
 from pps_vision.experiments.baselines.spherical_arm import SphericalArm
 from pps_vision.robot.gaze import GazeLimits
 from pps_vision.robot.icub import HOME_ARM_RAD, home, load_icub
@@ -30,7 +31,8 @@ ARM = ROBOT.indices(ROBOT.names.arm("left"))
 TRUTH = SphericalArm.of(
     ROBOT.chain(ROBOT.names.arm("left")[:4], "left_palm"), ArmLimits().lower_rad, ArmLimits().upper_rad
 )
-REACH, AVOID = AvoidanceParams(HOME_ARM_RAD, behaviour="reach"), AvoidanceParams(HOME_ARM_RAD)
+REACH = ReachingParams(HOME_ARM_RAD)
+AVOID = AvoidanceParams(HOME_ARM_RAD)
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +50,14 @@ def anxious() -> PPSMemory:
 
 
 def pipeline(
-    motion, avoidance: AvoidanceParams, reachable_map: ReachableMap | None, max_fp: float = 1e-3, leans: bool = False
+    motion,
+    arm: AvoidanceParams | ReachingParams,
+    reachable_map: ReachableMap | None,
+    max_fp: float = 1e-3,
+    leans: bool = False,
 ) -> Pipeline:
     lean = LeanParams() if leans else None
-    params, rng = PipelineParams(avoidance=avoidance, lean=lean, max_false_positives=max_fp), np.random.default_rng(0)
+    params, rng = PipelineParams(arm=arm, lean=lean, max_false_positives=max_fp), np.random.default_rng(0)
     return Pipeline(params, ROBOT, SKIN, KnownTrack(motion), anxious(), rng, reachable_map)  # type: ignore[arg-type]
 
 
@@ -154,13 +160,14 @@ def test_a_lean_goes_on_until_the_object_is_reached_lost_or_out_of_reach(
     track = track_at((-0.3, 0.0, 0.2)) if known else Track3D.unknown(0.0)
     state = replace(one._state, leaning=None if leaning is None else _Leaning(begun, leaning))
     active = Activation(0.0, SKIN.taxel_ids, probability)
-    found, command = one._lean(state, ROBOT.at(q), active, may_reach, track, touched)
-    assert (found and found.back) == then
+    inputs = _ControlInput(ROBOT.at(q), track, active, touched, may_reach)
+    found, command = one._lean(state.leaning, inputs)
+    assert (found and found.is_returning) == then
     assert found is None or found.home_rad.tolist() == begun.tolist()
     assert command.dq_rad_s.tolist() == [rates.get(moves or "", 0.0)] * ROBOT.n_joints
     said["back"] = JointVelocity(0.0, np.zeros(ROBOT.n_joints), 0.5)
     if moves == "back":
-        assert one._lean(state, ROBOT.at(q), active, may_reach, track, touched)[0] is None
+        assert one._lean(state.leaning, inputs)[0] is None
 
 
 def test_the_palm_goes_to_what_the_torso_leans_for(left: ReachableMap) -> None:
@@ -171,8 +178,9 @@ def test_the_palm_goes_to_what_the_torso_leans_for(left: ReachableMap) -> None:
     active = Activation(0.0, SKIN.taxel_ids, np.full(len(points), 0.25))
     palm = [k for k, name in enumerate(SKIN.taxel_ids) if name.startswith("left_palm")]
     nearest = palm[int(np.linalg.norm(points[palm] - track.position, axis=1).argmin())]
-    for leaning, at in ((_Leaning(np.zeros(3)), [nearest]), (_Leaning(np.zeros(3), back=True), []), (None, [])):
-        wanted = one._wanted(one._arms[0], active, leaning, posture, track)
+    for leaning, at in ((_Leaning(np.zeros(3)), [nearest]), (_Leaning(np.zeros(3), is_returning=True), []), (None, [])):
+        inputs = _ControlInput(posture, track, active, np.zeros(len(points), bool), True)
+        wanted = one._arm_activations(one._arms[0], leaning, inputs)
         assert np.flatnonzero(wanted != 0.25).tolist() == at
         assert wanted[nearest] == (1.0 if at else 0.25)
     assert (active.probability == 0.25).all()
@@ -186,7 +194,9 @@ def test_of_a_palm_without_skin_the_taxel_nearest_to_the_object_goes(left: Reach
     points, normals = forearm.at(posture)
     active = Activation(0.0, forearm.taxel_ids, np.zeros(len(points)))
     for k in (1, len(points) - 2):
-        wanted = one._wanted(bare, active, _Leaning(np.zeros(3)), posture, track_at(points[k] + 1e-3 * normals[k]))
+        track = track_at(points[k] + 1e-3 * normals[k])
+        inputs = _ControlInput(posture, track, active, np.zeros(len(points), bool), True)
+        wanted = one._arm_activations(bare, _Leaning(np.zeros(3)), inputs)
         assert np.flatnonzero(wanted).tolist() == [k]
 
 

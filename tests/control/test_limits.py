@@ -7,7 +7,7 @@ import pytest
 
 from control import fixation, lean, search
 from control.arm import ArmParams, MovingPoint, arm_constraints, arm_velocity
-from control.avoidance import AvoidanceParams, AvoidanceState
+from control.avoidance import ArmInput, ArmState, AvoidanceParams
 from control.avoidance import step as avoid
 from control.head import gaze_of
 from control.limits import LimitParams, limit
@@ -17,7 +17,7 @@ from pps_vision.robot.icub import HOME_ARM_RAD, home
 from pps_vision.robot.model import Robot
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Array, JointVelocity
+from pps_vision.types import Array, JointVelocity, Track3D
 
 PARAMS, HOLD_S, DT, DEG = LimitParams(), 0.5, 0.05, np.pi / 180
 SKIN = icub_skin(("left_forearm",))
@@ -54,7 +54,11 @@ def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot: Robot
     with pytest.raises(InputError, match="command held for"):
         lean.step(lean.LeanParams(), model, GazeLimits(), lambda gaze: gaze[:, 0] > 0, posture, np.zeros(3), dt_s, 0.0)
     with pytest.raises(InputError, match="command held for"):
-        avoid(AvoidanceParams(HOME_ARM_RAD), AvoidanceState(), posture, SKIN, np.zeros(12), 0.0, hold_s=dt_s)
+        avoid(
+            AvoidanceParams(HOME_ARM_RAD),
+            ArmState(),
+            ArmInput(0.0, posture, SKIN, np.zeros(12), Track3D.unknown(0.0), hold_s=dt_s),
+        )
     with pytest.raises(InputError, match="command held for"):
         limit(PARAMS, SelfCollision(robot), posture, command(robot, hold_s=dt_s))
 
@@ -63,15 +67,17 @@ def test_a_holding_time_out_of_range_is_refused_by_every_controller(robot: Robot
 def test_stamps_that_are_not_finite_or_go_back_are_refused_and_change_nothing(
     robot: Robot, bodies: SelfCollision, stamp_s: float
 ) -> None:
-    params, posture, on = AvoidanceParams(HOME_ARM_RAD, confirm_s=0.0), robot.at(home(robot)), np.eye(12)[0]
-    state, last, _ = avoid(params, AvoidanceState(), posture, SKIN, on, 1.0)
+    params = AvoidanceParams(HOME_ARM_RAD, confirmation_s=0.0)
+    arm = ArmInput(1.0, robot.at(home(robot)), SKIN, np.eye(12)[0], Track3D.unknown(1.0))
+    state, first = avoid(params, ArmState(), arm)
+    last = first.command
     with pytest.raises(InputError, match="does not go back"):
-        avoid(params, state, posture, SKIN, on, stamp_s)
+        avoid(params, state, replace(arm, stamp_s=stamp_s))
     with pytest.raises(InputError, match="does not go back"):
-        limit(PARAMS, bodies, posture, replace(last, stamp_s=stamp_s), last)
-    again, repeated, _ = avoid(params, state, posture, SKIN, on, 1.0)
-    assert again.mode == "avoid"
-    np.testing.assert_array_equal(repeated.dq_rad_s, last.dq_rad_s)
+        limit(PARAMS, bodies, arm.posture, replace(last, stamp_s=stamp_s), last)
+    _, repeated = avoid(params, state, arm)
+    assert repeated.mode == "avoid"
+    np.testing.assert_array_equal(repeated.command.dq_rad_s, last.dq_rad_s)
 
 
 @pytest.mark.parametrize("rates", [np.full(23, np.nan), np.r_[np.zeros(22), np.inf], np.zeros(22)])

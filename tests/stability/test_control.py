@@ -5,14 +5,13 @@ Kinematic closed loops at 20 Hz through the whole pipeline but for the tracker, 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
 
 import numpy as np
 import pytest
 from known_track import DT, KnownTrack, frame_at
 
 from control import avoidance, limits
-from control.avoidance import AvoidanceParams, AvoidanceState
+from control.avoidance import ArmInput, ArmState, AvoidanceParams
 from control.fixation import FixationParams, fixation_error, gaze_at
 from control.limits import LimitParams
 from control.neck_and_eyes import NeckAndEyesParams
@@ -21,7 +20,7 @@ from pps_vision.app.pipeline import Pipeline, PipelineParams
 from pps_vision.robot.icub import HOME_ARM_RAD, home, icub_rig, load_icub
 from pps_vision.robot.self_collision import SelfCollision
 from pps_vision.robot.skin import icub_skin
-from pps_vision.types import Array
+from pps_vision.types import Array, Track3D
 
 ROBOT, SKIN, DEG = load_icub(), icub_skin(("left_forearm", "left_palm")), np.pi / 180
 BODIES, ARM = SelfCollision(ROBOT), ROBOT.indices(ROBOT.names.arm("left"))
@@ -221,15 +220,15 @@ def test_a_target_where_no_eye_can_follow(gaze: str, place: str) -> None:
         assert np.abs(np.diff(np.sign(np.where(np.abs(late) > 2 * DEG, late, 0)), axis=0)).sum() == 0, "a limit cycle"
 
 
-def drive(activations: Callable[[int], Array], steps: int = 200, **params: Any) -> Log:
-    """An arm that feels what it is told."""
-    q, state, log, given = home(ROBOT), AvoidanceState(), Log(), AvoidanceParams(HOME_ARM_RAD, **params)
-    last, last_q = None, None
+def drive(activations: Callable[[int], Array], steps: int = 200) -> Log:
+    """An arm with these activations by an object of unknown position."""
+    q, state, log, last, last_q = home(ROBOT), ArmState(), Log(), None, None
+    params = AvoidanceParams(HOME_ARM_RAD)
     for k in range(steps):
-        posture = ROBOT.at(q)
-        a = activations(k)
-        state, wanted, response = avoidance.step(given, state, posture, SKIN, a, k * DT, self_collision=BODIES)
-        command = limits.limit(LimitParams(), BODIES, posture, wanted, last, last_q)
+        posture, track = ROBOT.at(q), Track3D.unknown(k * DT)
+        arm = ArmInput(k * DT, posture, SKIN, activations(k), track, self_collision=BODIES)
+        state, response = avoidance.step(params, state, arm)
+        command = limits.limit(LimitParams(), BODIES, posture, response.command, last, last_q)
         log.add(response.mode, q, command.dq_rad_s)
         last, last_q, q = command, q, q + DT * command.dq_rad_s
     return log
@@ -255,24 +254,19 @@ def test_all_taxels_active() -> None:
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.999])
-@pytest.mark.parametrize(("withdraws", "reversals"), [("point", 2), ("taxels", 3)])
-def test_opposite_normals_cancel(ratio: float, withdraws: Literal["point", "taxels"], reversals: int) -> None:
-    """Two stimuli on opposite sides: the speed falls with the mean normal and does not change sides with its noise."""
-    posture = ROBOT.at(home(ROBOT))
-    normals = SKIN.at(posture)[1]
-    one = SKIN.index("left_forearm:3")
-    other = int(np.argmin(normals[:12] @ normals[one]))
+def test_opposite_normals_cancel(ratio: float) -> None:
+    """Two stimuli on opposite sides: the arm does not change sides with their noise."""
+    normals = SKIN.at(ROBOT.at(home(ROBOT)))[1]
+    near = SKIN.index("left_forearm:3")
+    opposite = int(np.argmin(normals[:12] @ normals[near]))
+    assert np.linalg.norm(normals[near] + normals[opposite]) < 1.0, "else this is no test"
     rng = np.random.default_rng(0)
 
-    def both(k: int) -> Array:
+    def activations(k: int) -> Array:
         a = np.zeros(16)
-        a[[one, other]] = np.array([0.9, 0.9 * ratio]) + 0.01 * rng.standard_normal(2)
+        a[[near, opposite]] = np.array([0.9, 0.9 * ratio]) + 0.01 * rng.standard_normal(2)
         return a * (k < 60)
 
-    log = drive(both, withdraws=withdraws)
-    mean = 0.5 * np.linalg.norm(normals[one] + normals[other])
-    assert mean < 0.5, "else this is no test"
-    velocity = [np.linalg.norm(one.direction) for one in avoidance.control_points(0.4, posture, SKIN, both(0))]
-    assert velocity[0] == pytest.approx(2 * mean, abs=0.05)
+    log = drive(activations)
     log.at_rest_at_home()
-    assert log.reversals() <= reversals
+    assert log.reversals() <= 3

@@ -12,15 +12,16 @@ from typing import Literal
 
 import numpy as np
 
-from control import avoidance
+from control import avoidance, reaching
 from control.arm import ArmParams
-from control.avoidance import AvoidanceParams, AvoidanceState
+from control.avoidance import ArmInput, ArmState, AvoidanceParams, control_point
 from control.differential_kinematics import rate_limits, solve_rates
 from control.limits import MAX_HOLD_S, LimitParams
+from control.reaching import ReachingParams
 from learning.pps.memory import PPSMemory
 from learning.reach.track_reachability import TrackReachability
 from pps_vision.app.encounters.training import FIELD
-from pps_vision.app.pipeline import activation_by
+from pps_vision.app.pipeline import Taxels, activation_by
 from pps_vision.app.simulation import Side
 from pps_vision.robot.bare_links import BareLinks
 from pps_vision.robot.model import Posture, Robot
@@ -82,18 +83,29 @@ def ours(setting: Setting, resting: int = 0, numbers: Numbers | None = None) -> 
     `resting`: how many of the arm's last joints stay at rest; `numbers`: other parameters than the defaults.
     """
     home = tuple(setting.home_rad[setting.arm].tolist())
-    joints = ArmParams(resting=resting)
-    params = AvoidanceParams(home, setting.side, setting.behaviour, radius_m=RADIUS_M, arm=joints)
+    params_of = ReachingParams if setting.behaviour == "reach" else AvoidanceParams
+    params = params_of(home, setting.side, radius_m=RADIUS_M, arm=ArmParams(resting=resting))
     params = replace(params, **(numbers or {}))  # type: ignore[arg-type]
-    state, bare_links = AvoidanceState(), BareLinks(setting.robot, setting.skin, setting.side)
+    bare_links = BareLinks(setting.robot, setting.skin, setting.side)
+    state = ArmState()
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal state
-        seen = posture, setting.skin, activations, track.stamp_s
-        on = {"self_collision": setting.self_collision, "track": track, "bare_links": bare_links}
-        may_reach = setting.reachability is None or setting.reachability(posture.q_rad, track).is_reachable
-        state, command, _ = avoidance.step(params, state, *seen, may_reach, **on)  # type: ignore[arg-type]
-        return command.dq_rad_s
+        arm = ArmInput(
+            track.stamp_s,
+            posture,
+            setting.skin,
+            activations,
+            track,
+            self_collision=setting.self_collision,
+            bare_links=bare_links,
+        )
+        if isinstance(params, ReachingParams):
+            may_reach = setting.reachability is None or setting.reachability(posture.q_rad, track).is_reachable
+            state, response = reaching.step(params, state, arm, may_reach)
+        else:
+            state, response = avoidance.step(params, state, arm)
+        return response.command.dq_rad_s
 
     return act
 
@@ -112,8 +124,7 @@ def none(setting: Setting) -> Controller:
 def paper(setting: Setting, numbers: Numbers) -> Controller:
     """Return R's own controller: eq. 6, a Cartesian controller, the response lasting and the arm going home.
 
-    N = Σ aᵢnᵢ/k, so that an activation of 1 gives 10 cm/s (R Fig 10); P = Σ aᵢpᵢ/Σaᵢ, as R's code has it, since the
-    printed Σ aᵢpᵢ/k is no point of the arm. `numbers`: threshold; confirm_s, persist_s.
+    An activation of 1 gives 10 cm/s (R Fig 10). `numbers`: threshold; confirmation_s, persist_s.
     """
     sign = 1.0 if setting.behaviour == "reach" else -1.0
     active_since_s, home = np.inf, Home(setting)
@@ -121,15 +132,11 @@ def paper(setting: Setting, numbers: Numbers) -> Controller:
 
     def act(activations: Array, track: Track3D, posture: Posture) -> Array:
         nonlocal active_since_s, last
-        a, t = np.where(activations > numbers["threshold"], activations, 0.0), track.stamp_s
-        active_since_s = min(active_since_s, t) if a.any() else np.inf
-        if t - active_since_s >= numbers["confirm_s"] - 1e-9:
-            positions, normals = setting.skin.at(posture)
-            by_part = np.bincount(setting.skin.part_index, a, len(setting.skin.parts))
-            frame = setting.skin.parts[int(by_part.argmax())].frame
-            T = posture.T_root(frame)
-            point = (a @ positions / a.sum() - T[:3, 3]) @ T[:3, :3]
-            last = t, frame, point, sign * SPEED_M_S * (a @ normals) / np.count_nonzero(a)
+        t = track.stamp_s
+        point = control_point(numbers["threshold"], posture, setting.skin, activations)
+        active_since_s = np.inf if point is None else min(active_since_s, t)
+        if point is not None and t - active_since_s >= numbers["confirmation_s"] - 1e-9:
+            last = t, point.frame, point.point, sign * SPEED_M_S * point.direction
         if last is not None and t - last[0] <= numbers["persist_s"] + 1e-9:
             home.left = True
             return move_point(setting, posture, *last[1:])
@@ -151,7 +158,7 @@ def distance_only(setting: Setting, numbers: Numbers) -> Controller:
 def felt_by_distance(skin: Skin, of_distance: PPSMemory, track: Track3D, posture: Posture) -> Array:
     """Return the activations (n,) of a memory that knows D only."""
     taxels, normals = skin.at(posture)
-    return activation_by(FIELD, of_distance, track, taxels, normals, np.zeros_like(taxels))
+    return activation_by(FIELD, of_distance, track, Taxels(taxels, normals, np.zeros_like(taxels)))
 
 
 def move_point(setting: Setting, posture: Posture, frame: str, point: Array, velocity: Array) -> Array:

@@ -13,7 +13,7 @@ from learning.reach.track_reachability import TrackReachability
 from pps_vision.app.encounters.controllers import RADIUS_M, Controller, Setting
 from pps_vision.app.encounters.encounter import Arena, Encounter
 from pps_vision.app.encounters.training import FIELD, Memories
-from pps_vision.app.pipeline import activation_by
+from pps_vision.app.pipeline import Taxels, activation_by
 from pps_vision.app.simulation import PERIOD_S, own_rate
 from pps_vision.robot.skin import INNER_FOREARM, TOUCH_RADIUS_M
 from pps_vision.types import Array, JointVelocity, Track3D
@@ -169,7 +169,7 @@ def meet(
     watch.posture(q)
     for track in tracks:
         t = track.stamp_s
-        activations = activation_by(FIELD, memories.of_both, track, taxels, normals, velocities)
+        activations = activation_by(FIELD, memories.of_both, track, Taxels(taxels, normals, velocities))
         wanted = act(activations, track, posture)
         command: JointVelocity | None = None
         if np.any(wanted) or (last is not None and np.any(last.dq_rad_s)):

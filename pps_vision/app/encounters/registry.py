@@ -39,7 +39,7 @@ class Baseline(NamedTuple):
     """Uniform; of `gain` the logarithm is."""
 
 
-_OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirm_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
+_OF_ACTIVATION = {"threshold": (0.2, 0.7), "confirmation_s": (0.0, 0.2), "persist_s": (0.0, 0.6)}
 _HOME_PER_S = (0.3, 3.0)
 BASELINES = {
     "R eq. 6": Baseline(paper, _OF_ACTIVATION),
@@ -54,10 +54,10 @@ BASELINES = {
 }
 _OURS_RANGES = {
     "threshold": (0.2, 0.7),
-    "path_m": (0.02, 0.1),
-    "come_m": (0.003, 0.03),
-    "confirm_s": (0.0, 0.3),
-    "clear_m": (0.0, 0.1),
+    "miss_distance_m": (0.02, 0.1),
+    "min_approach_m": (0.003, 0.03),
+    "confirmation_s": (0.0, 0.3),
+    "escape_clearance_m": (0.0, 0.1),
     "persist_s": (0.0, 0.6),
 }
 TUNABLE = {**BASELINES, OURS: Baseline(lambda setting, numbers: ours(setting, numbers=numbers), _OURS_RANGES)}

@@ -33,7 +33,7 @@ def test_a_session_shows_what_moves_the_arm(arena: Arena, memories: dict[Side, M
     since = int(np.argmax(np.array(shown["activations"]).max(axis=1) > TUNED["distance only"]["threshold"]))
     waits_s = shown["t_s"][first] - shown["t_s"][since]
     if name == "distance only":
-        assert waits_s == pytest.approx(TUNED[name]["confirm_s"], abs=0.051)
+        assert waits_s == pytest.approx(TUNED[name]["confirmation_s"], abs=0.051)
         assert found["paths_mm"] == {}
         return
     assert 0 <= waits_s < 0.5, "until the object has come nearer"

@@ -1,0 +1,247 @@
+"""An arm that reaches touches the object with the part that the object comes to, and with no other."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tracks import track_at
+
+from control.arm import ArmParams, MovingPoint
+from control.avoidance import ArmInput, ArmMotion, ArmState, passing_distances
+from control.limits import MAX_HOLD_S, LimitParams, limit
+from control.reaching import ReachingParams, first_touch, other_parts, step, target_taxel
+from pps_vision.errors import InputError
+from pps_vision.robot.icub import HOME_ARM_RAD, home
+from pps_vision.robot.model import Robot
+from pps_vision.robot.self_collision import SelfCollision
+from pps_vision.robot.skin import TOUCH_RADIUS_M, Skin, SkinPart, icub_skin
+from pps_vision.types import Array, JointVelocity, Track3D
+
+DT = 0.05
+BALL_M = 0.035
+SKIN = icub_skin(("left_forearm", "left_palm"))
+PARAMS = ReachingParams(HOME_ARM_RAD, min_approach_m=0.0)
+AT_ONCE = replace(PARAMS, confirmation_s=0.0)
+NO_ROWS = np.empty((0, 23)), np.empty(0)
+
+
+def felt_by(*taxels: str, probability: float = 0.9) -> Array:
+    a = np.zeros(len(SKIN.taxel_ids))
+    a[[SKIN.index(taxel) for taxel in taxels]] = probability
+    return a
+
+
+def ball(position: Array, velocity: Array | Sequence[float] = (0.0, 0.0, 0.0), stamp_s: float = 0.0) -> Track3D:
+    return track_at(position, velocity, stamp_s, radius_m=BALL_M)
+
+
+def test_an_arm_that_may_not_reach_does_not_begin_and_gives_up_at_once(robot: Robot) -> None:
+    """An activation before it was allowed does not count for the confirmation."""
+    params = replace(PARAMS, confirmation_s=0.1)
+    posture, state, modes = robot.at(home(robot)), ArmState(), []
+    points, normals = SKIN.at(posture)
+    track = ball(points[0] + 0.1 * normals[0], -0.05 * normals[0])
+    for k, is_reachable in enumerate([False] * 4 + [True] * 4 + [False] + [True] * 3):
+        arm = ArmInput(k * DT, posture, SKIN, felt_by("left_forearm:27"), track)
+        state, response = step(params, state, arm, is_reachable)
+        modes.append(response.mode)
+        assert response.mode == "reach" or not response.command.dq_rad_s.any()
+    assert modes == ["idle"] * 6 + ["reach"] * 2 + ["return"] + ["idle"] * 2 + ["reach"]
+
+
+@pytest.mark.parametrize(("elapsed_s", "mode"), [(2.9, "reach"), (3.1, "return")])
+def test_reaching_outlasts_the_activation_by_three_seconds(robot: Robot, elapsed_s: float, mode: str) -> None:
+    point = MovingPoint("left_palm", np.zeros(3), np.zeros(3))
+    state = ArmState("reach", 100.0, points=(point,), target_taxel=0)
+    at = SKIN.at(robot.at(home(robot)))[0][0] + 0.1
+    arm = ArmInput(100.0 + elapsed_s, robot.at(home(robot)), SKIN, felt_by(), ball(at))
+    assert step(PARAMS, state, arm, is_reachable=True)[1].mode == mode
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_lost_object_is_reached_for_no_more(robot: Robot, lost: bool) -> None:
+    state = ArmState("reach", 0.0, target_taxel=0)
+    track = Track3D.unknown(0.1) if lost else ball(SKIN.at(robot.at(home(robot)))[0][0] + 0.1)
+    arm = ArmInput(0.1, robot.at(home(robot)), SKIN, felt_by(), track)
+    assert step(PARAMS, state, arm, is_reachable=True)[1].mode == ("hold" if lost else "reach")
+
+
+def test_the_part_that_the_object_comes_to_touches_it_and_no_other(robot: Robot) -> None:
+    """A ball comes to the forearm for 0.3 s and waits beside the palm, whose taxels are activated more."""
+    q, state = home(robot), ArmState()
+    points, normals = SKIN.at(robot.at(q))
+    k = SKIN.index("left_forearm:3")
+    at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * normals[k]
+    a = np.maximum(felt_by("left_forearm:3", probability=0.6), felt_by("left_palm:101"))
+    smallest = np.full(2, np.inf)
+    for i in range(60):
+        arm = ArmInput(i * DT, robot.at(q), SKIN, a, ball(at, -0.1 * normals[k] * (i < 6)), hold_s=DT)
+        state, response = step(PARAMS, state, arm, is_reachable=True)
+        q = q + DT * response.command.dq_rad_s
+        gaps = np.linalg.norm(SKIN.at(robot.at(q))[0] - at, axis=1) - BALL_M - TOUCH_RADIUS_M
+        smallest = np.minimum(smallest, [gaps[SKIN.part_index == part].min() for part in (0, 1)])
+    assert smallest[0] < 0 < smallest[1]
+
+
+def test_reaching_goes_on_to_an_object_that_waits_beside_the_normal(robot: Robot) -> None:
+    """Activation lasts for 0.3 s, while the ball comes; it waits 5 cm from the skin, 40° from the normal."""
+    q, state, gaps = home(robot), ArmState(), []
+    points, normals = SKIN.at(robot.at(q))
+    k = SKIN.index("left_forearm:27")
+    out = np.cos(0.7) * normals[k] + np.sin(0.7) * np.cross(normals[k], [0.0, 0.0, 1.0])
+    at = points[k] + (BALL_M + TOUCH_RADIUS_M + 0.05) * out / np.linalg.norm(out)
+    for i in range(60):
+        a = felt_by("left_forearm:27") * (i < 6)
+        arm = ArmInput(i * DT, robot.at(q), SKIN, a, ball(at, -0.1 * out * (i < 6)), hold_s=DT)
+        state, response = step(PARAMS, state, arm, is_reachable=True)
+        q = q + DT * response.command.dq_rad_s
+        gaps.append(np.linalg.norm(SKIN.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)
+        assert np.linalg.norm(response.velocity_root) < 0.1 + 1e-9
+    assert gaps[0] > TOUCH_RADIUS_M + 0.04
+    assert -0.01 < min(gaps) < TOUCH_RADIUS_M  # it stops at the surface
+
+
+@pytest.mark.parametrize("active", ["left_forearm:3", "left_palm:101"])
+def test_the_target_is_the_taxel_that_the_path_passes_nearest(robot: Robot, active: str) -> None:
+    """Whichever taxel is active; it changes only while one is."""
+    posture, state = robot.at(home(robot)), ArmState()
+    points, normals = SKIN.at(posture)
+    first, second = SKIN.index("left_forearm:3"), SKIN.index("left_palm:101")
+    for i, (k, a) in enumerate([(first, felt_by(active)), (second, felt_by()), (second, felt_by(active))]):
+        track = ball(points[k] + 0.2 * normals[k], -0.05 * normals[k])
+        state, response = step(
+            AT_ONCE, replace(state, positions=()), ArmInput(i * DT, posture, SKIN, a, track), is_reachable=True
+        )
+        assert response.mode == "reach"
+        assert state.target_taxel == (second if i == 2 else first)
+        assert state.points[0].frame == ("left_palm" if i == 2 else "left_forearm")
+
+
+def test_the_position_history_decides_which_taxel_an_object_comes_to(robot: Robot) -> None:
+    """Not its velocity, which overshoots, unless there is only one position; extrapolated for ten seconds."""
+    posture = robot.at(home(robot))
+    points, normals = SKIN.at(posture)
+    first, second = SKIN.index("left_forearm:3"), SKIN.index("left_forearm:159")
+    at = points[first] + 0.45 * normals[first]
+    to_second = points[second] - at
+    at_5_cm_s = at + 0.05 * 0.5 * normals[first]  # half a second earlier
+    for velocity, positions, expected in (
+        (0.2 * to_second, ((100.0, at_5_cm_s), (100.5, at)), first),
+        (0.2 * to_second, ((100.5, at),), second),
+        (-0.05 * normals[first], ((100.0, at - 0.1 * to_second), (100.5, at)), second),
+    ):
+        arm = ArmInput(100.5, posture, SKIN, felt_by(), ball(at, velocity))
+        assert target_taxel(PARAMS, arm, ArmState(positions=positions)) == expected
+
+
+def test_how_near_an_object_passes_by_hand() -> None:
+    """It flies along x for two seconds, past one point, short of another, and away from a third."""
+    points = np.array([[0.1, 0.03, 0.04], [0.5, 0.0, 0.0], [-0.1, 0.0, 0.0]])
+    passing = passing_distances(points, np.zeros(3), np.array([0.2, 0.0, 0.0]), 2.0)
+    np.testing.assert_allclose(passing, [0.05, 0.1, 0.1])
+    np.testing.assert_allclose(passing_distances(points, np.zeros(3), np.zeros(3), 2.0), [np.sqrt(0.0125), 0.5, 0.1])
+
+
+def test_the_other_parts_nearest_taxels_keep_clear(robot: Robot) -> None:
+    """The object's radius counts where it is known."""
+    posture = robot.at(home(robot))
+    k = SKIN.index("left_palm:99")
+    point, way = SKIN.at(posture)[0][k], np.array([0.6, 0.0, 0.8])
+    for radius_m in (BALL_M, np.nan):
+        arm = ArmInput(0.0, posture, SKIN, felt_by(), track_at(point - 0.01 * way, radius_m=radius_m))
+        (near,) = other_parts(arm, SKIN.index("left_forearm:27"))
+        assert near.frame == "left_palm"
+        np.testing.assert_allclose(near.point_root, point)
+        np.testing.assert_allclose(near.normal, -way)
+        assert near.distance_m == pytest.approx(0.01 - (BALL_M if np.isfinite(radius_m) else 0.0))
+
+
+def test_the_taxel_that_touches_first_at_the_speeds_allowed_is_chosen(robot: Robot, rng: np.random.Generator) -> None:
+    """Gaps by the speeds at which they close, by finite differences; all taxels are moved by the same joint rates."""
+    q = home(robot)
+    posture, target = robot.at(q), SKIN.index("left_forearm:3")
+    positions, normals = SKIN.at(posture)
+    side = [i for i in np.flatnonzero(SKIN.part_index == 0) if normals[i] @ normals[target] > 0]
+    others = 0
+
+    class SameRates(ArmMotion):
+        def rates(self, points: tuple[MovingPoint, ...], arm_params: ArmParams | None = None) -> Array:
+            return dq
+
+    for _ in range(20):
+        at = positions[target] + 0.1 * normals[target] + rng.uniform(-0.03, 0.03, 3)
+        dq = np.zeros(robot.n_joints)
+        dq[robot.indices(robot.names.arm("left"))] = rng.uniform(-0.3, 0.3, 7)
+        gaps, later = (
+            np.linalg.norm(SKIN.at(robot.at(q + s * dq))[0][side] - at, axis=1) - BALL_M - TOUCH_RADIUS_M
+            for s in (0.0, 1e-6)
+        )
+        closing = (gaps - later) / 1e-6
+        if closing.max() < 1e-3:
+            continue
+        best = side[int(np.where(closing > 0, gaps / closing, np.inf).argmin())]
+        arm = ArmInput(0.0, posture, SKIN, felt_by(), ball(at))
+        touch = first_touch(SameRates.of(PARAMS, arm, NO_ROWS), PARAMS.arm, target)  # type: ignore[arg-type]
+        np.testing.assert_allclose(posture.point(touch.point.frame, touch.point.point), positions[best], atol=1e-9)
+        others += best != side[int(gaps.argmin())]
+    assert others > 3
+
+
+# Joints (degrees) of a robot whose right forearm is 3.6 cm from its chest, and where a ball ends that comes to it.
+BESIDE_CHEST_DEG = (0, 6, -1, 0, 15, 0, 20, 0, 0, 0, -40, -7, 22, -35, 4, -4, -37, 9, -13, 58, -41, -1, 14)
+BALL_ENDS, BALL_VELOCITY = np.array([-0.157, 0.031, -0.046]), np.array([-0.021, 0.181, 0.179])
+
+
+@pytest.mark.parametrize(("damping_m", "touches"), [(ReachingParams.damping_m, True), (0.003, False)])
+def test_an_arm_beside_the_chest_reaches_a_ball_while_it_waits(robot: Robot, damping_m: float, touches: bool) -> None:
+    """Through the last stage, 0.7 s of approach and 2 s of waiting; with little damping alone the arm is too slow."""
+    skin, bodies = icub_skin(("right_forearm", "right_palm")), SelfCollision(robot)
+    q, state, last, last_q, gaps = np.deg2rad(BESIDE_CHEST_DEG), ArmState(), None, None, []
+    home_rad = tuple(q[robot.indices(robot.names.arm("right"))])
+    params = ReachingParams(home_rad, "right", min_approach_m=0.0, damping_m=damping_m)
+    for i in range(54):
+        t, coming = i * DT, i < 14
+        at = BALL_ENDS - max(0.7 - t, 0.0) * BALL_VELOCITY
+        a = np.zeros(len(skin.taxel_ids))
+        a[skin.index("right_forearm:159")] = 0.9 * coming
+        track = ball(at, BALL_VELOCITY * coming, t)
+        state, response = step(params, state, ArmInput(t, robot.at(q), skin, a, track, self_collision=bodies), True)
+        wanted = JointVelocity(t, response.command.dq_rad_s, MAX_HOLD_S)
+        last, last_q = limit(LimitParams(), bodies, robot.at(q), wanted, last, last_q), q
+        q = q + DT * last.dq_rad_s
+        assert bodies.distance_m(q) > LimitParams().clearance_m
+        gaps.append(np.linalg.norm(skin.at(robot.at(q))[0] - at, axis=1).min() - BALL_M)
+    assert (min(gaps) < TOUCH_RADIUS_M) == touches
+
+
+@pytest.mark.parametrize(("shares", "chosen"), [((1.0, 1.0), 1), ((1.0, 0.5), 0), ((0.5, 1.0), 1)])
+def test_an_arm_reaches_with_the_damping_that_touches_first(
+    robot: Robot, shares: tuple[float, float], chosen: int
+) -> None:
+    """With one joint, a taxel at r from its axis, and dampings d of 3 cm and 3 mm: rates as 1/(r² + d²), slowed by the
+    share that the last stage lets through."""
+    changes = list[Array]()
+
+    class Watched(SelfCollision):
+        def clear_share(self, q_rad: Array, change_rad: Array, clearance_m: float) -> float:
+            assert clearance_m == LimitParams().clearance_m
+            changes.append(change_rad)
+            return shares[len(changes) - 1]
+
+    posture, part, (pitch,) = robot.at(home(robot)), SKIN.parts[0], robot.indices(("left_shoulder_pitch",))
+    skin = Skin((SkinPart("forearm", part.frame, (0,), part.positions_m[:1], part.normals[:1]),))
+    moves = posture.jacobian(part.frame, part.positions_m[0])[:3, pitch]
+    at = skin.at(posture)[0][0] + 0.2 * moves / np.linalg.norm(moves)
+    params = replace(AT_ONCE, miss_distance_m=np.inf, arm=ArmParams(resting=6))
+    arm = ArmInput(0.0, posture, skin, np.ones(1), ball(at), hold_s=0.4, self_collision=Watched(robot))
+    _, response = step(params, ArmState(), arm, is_reachable=True)
+    rates = np.array(changes)[:, pitch] / 0.4
+    r2 = moves @ moves
+    np.testing.assert_allclose(rates, 0.1 * np.sqrt(r2) / (r2 + np.array([0.03, 0.003]) ** 2), rtol=1e-3)
+    assert response.command.dq_rad_s[pitch] == pytest.approx(rates[chosen], rel=1e-6)
+
+
+def test_a_damping_of_zero_is_refused() -> None:
+    with pytest.raises(InputError, match="damping_m 0; expected a positive number"):
+        replace(PARAMS, damping_m=0)
